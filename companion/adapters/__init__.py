@@ -1,0 +1,1 @@
+"""One small module per autopilot kind: telemetry in, setpoint out."""

@@ -1,0 +1,57 @@
+"""One-line errors for bad input, and the exit statuses that all three programs share.
+
+A user's mistake (a bad file, a wrong key, an unknown name) must never end in a traceback: whatever finds it raises
+InputError with a message naming file, key, value and what is allowed, and `run_program` prints that one line.
+"""
+
+from __future__ import annotations
+
+import difflib
+import sys
+from collections.abc import Iterable
+
+import click
+
+EXIT_DONE = 0
+EXIT_FAILED = 1
+"""The mission or the check failed."""
+EXIT_UNUSABLE = 2
+"""Unusable input."""
+EXIT_INTERRUPTED = 130
+"""Stopped from the keyboard: 128 + SIGINT, as shells count."""
+
+
+class InputError(Exception):
+    """Unusable input; the message is one line for the user."""
+
+
+def nearest_hint(word: str, known: Iterable[str]) -> str:
+    """Return "; did you mean 'x'?" for the known word nearest to `word`, or an empty string."""
+    matches = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+    return f"; did you mean '{matches[0]}'?" if matches else ""
+
+
+def one_line(text: str) -> str:
+    """Fold any white space, so that a message from a library stays on one line."""
+    return " ".join(text.split())
+
+
+def run_program(command: click.Command, name: str) -> None:
+    """Run a command line and exit with its status; usage errors and InputError print one line on stderr.
+
+    A command returns its exit status (None counts as 0).
+    """
+    try:
+        status = command.main(prog_name=name, standalone_mode=False)
+    except click.UsageError as error:
+        message, status = error.format_message(), EXIT_UNUSABLE
+    except click.ClickException as error:
+        message, status = error.format_message(), EXIT_UNUSABLE
+    except InputError as error:
+        message, status = str(error), EXIT_UNUSABLE
+    except click.Abort:
+        message, status = "interrupted", EXIT_INTERRUPTED
+    else:
+        sys.exit(status if isinstance(status, int) else EXIT_DONE)
+    print(f"{name}: {one_line(message)}", file=sys.stderr)
+    sys.exit(status)

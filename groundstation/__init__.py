@@ -1,0 +1,1 @@
+"""The command centre: picture of the world, assignment, one-way broadcast."""
