@@ -1,0 +1,183 @@
+"""The vehicle's configuration file: which agent it is, what it may do, and where its links are."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, Strict, model_validator
+
+from companion.adapters import ADAPTERS
+from companion.errors import InputError, nearest_hint
+from companion.mission import (
+    Coordinate,
+    CostWeights,
+    Identity,
+    Mission,
+    NotNegative,
+    Positive,
+    Speed,
+)
+from companion.transport import parse_link
+from companion.yamlfile import Section, parse_yaml, read_text_file, validated
+
+Law = Literal["seed", "ramp", "step"]
+"""The paper's law on its surrogate, on the polygon F~, and on F itself, whose gradient is nothing."""
+LAWS: tuple[Law, ...] = ("seed", "ramp", "step")
+Height = Annotated[float, Strict(), Field(ge=0, le=20_000, allow_inf_nan=False)]
+
+
+class AutopilotSection(Section):
+    """The one autopilot this companion steers."""
+
+    kind: Annotated[str, Strict()]
+    link: Annotated[str, Strict()]
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        if self.kind not in ADAPTERS:
+            hint = nearest_hint(self.kind, ADAPTERS)
+            raise ValueError(f"kind: '{self.kind}'{hint}; allowed: {', '.join(ADAPTERS)}")
+        _check_link(self.link)
+        return self
+
+
+class BroadcastSection(Section):
+    """Where the broadcast is heard."""
+
+    link: Annotated[str, Strict()]
+
+    @model_validator(mode="after")
+    def _listens(self) -> Self:
+        _check_link(self.link)
+        if not self.link.startswith("udpin:"):
+            raise ValueError(f"link: '{self.link}'; allowed: udpin:HOST:PORT, the companion never writes to it")
+        return self
+
+
+class LimitsSection(Section):
+    """What the vehicle may do; heights are above home."""
+
+    speed_m_s: Speed = 5.0
+    n_max: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)] = 0.25
+    range_m: Positive = 5_000.0
+    height_min_m: Height = 5.0
+    height_max_m: Height = 120.0
+    braking_m_s2: Positive = 2.0
+    fence: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.height_min_m > self.height_max_m:
+            raise ValueError(
+                f"height_min_m: {self.height_min_m:g}; allowed: at most height_max_m {self.height_max_m:g}"
+            )
+        return self
+
+
+class StalenessSection(Section):
+    """Ages of the picture at which each stage begins."""
+
+    coasting_after_s: Positive = 15.0
+    loitering_after_s: Positive = 60.0
+    blind_after_s: Positive = 300.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.coasting_after_s <= self.loitering_after_s <= self.blind_after_s:
+            raise ValueError("allowed: coasting_after_s <= loitering_after_s <= blind_after_s")
+        return self
+
+
+class Config(Section):
+    """A companion's whole configuration. Angles in degrees, lengths in metres, times in seconds, as the names say."""
+
+    agent_id: Identity
+    autopilot: AutopilotSection | None = None
+    broadcast: BroadcastSection | None = None
+    limits: LimitsSection = LimitsSection()
+    height_m: Height = 30.0
+    law: Law = "seed"
+    surrogate: Literal["pairwise", "analytic"] = "pairwise"
+    keep_out: Literal["attack", "detection"] = "attack"
+    weights: CostWeights = CostWeights()
+    separation_m: Positive = 100.0
+    arrival_radius_m: Positive = 300.0
+    guidance_step_s: Annotated[float, Strict(), Field(gt=0, le=10, allow_inf_nan=False)] = 0.5
+    telemetry_timeout_s: Positive = 2.0
+    range_policy: Literal["return", "arrive"] = "return"
+    staleness: StalenessSection = StalenessSection()
+    peer_memory_s: NotNegative = 30.0
+    log_dir: Annotated[str, Strict(), Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _within_band(self) -> Self:
+        if not self.limits.height_min_m <= self.height_m <= self.limits.height_max_m:
+            raise ValueError(
+                f"height_m: {self.height_m:g}; allowed: limits.height_min_m {self.limits.height_min_m:g} "
+                f"to limits.height_max_m {self.limits.height_max_m:g}"
+            )
+        return self
+
+
+def packaged_configs() -> tuple[str, ...]:
+    """Return the names of the configurations that ship with the project."""
+    folder = resources.files("companion") / "configs"
+    return tuple(sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml")))
+
+
+def load_config(name_or_path: str) -> Config:
+    """Load a configuration for flying: one whose links are given.
+
+    Raises:
+        InputError: the file cannot be read, is not YAML, or breaks a rule.
+
+    """
+    if name_or_path in packaged_configs():
+        text = (resources.files("companion") / "configs" / f"{name_or_path}.yaml").read_text(encoding="utf-8")
+    else:
+        path = Path(name_or_path)
+        if not path.exists():
+            hint = nearest_hint(name_or_path, packaged_configs())
+            raise InputError(
+                f"{name_or_path}: no such configuration file or packaged one{hint}; "
+                f"packaged: {', '.join(packaged_configs())}"
+            )
+        text = read_text_file(path)
+    config = validated(Config, parse_yaml(text, name_or_path), name_or_path)
+    for key in ("autopilot", "broadcast"):
+        if getattr(config, key) is None:
+            raise InputError(f"{name_or_path}: {key}: missing; `companion run` needs its link")
+    return config
+
+
+def config_for_agent(mission: Mission, agent_id: int, law: Law) -> Config:
+    """Return the configuration a mission implies for one of its agents; links are left to the caller."""
+    agent = next(agent for agent in mission.agents if agent.id == agent_id)
+    if mission.surrogate == "monolithic":
+        raise InputError("surrogate: 'monolithic' does not fly; allowed: pairwise, analytic")
+    return Config(
+        agent_id=agent.id,
+        limits=LimitsSection(speed_m_s=agent.speed_m_s, n_max=agent.n_max, range_m=agent.range_m, fence=mission.fence),
+        law=law,
+        surrogate=mission.surrogate,
+        weights=mission.weights,
+        separation_m=mission.separation_m,
+        arrival_radius_m=mission.arrival_radius_m,
+        guidance_step_s=mission.guidance_step_s,
+        range_policy=mission.range_policy,
+        peer_memory_s=mission.lost_after_s,
+        staleness=StalenessSection(
+            coasting_after_s=3.0 * mission.broadcast_period_s,
+            loitering_after_s=max(60.0, 12.0 * mission.broadcast_period_s),
+            blind_after_s=max(300.0, 60.0 * mission.broadcast_period_s),
+        ),
+    )
+
+
+def _check_link(text: str) -> None:
+    try:
+        parse_link(text)
+    except InputError as error:
+        raise ValueError(str(error)) from error

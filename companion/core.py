@@ -1,0 +1,276 @@
+"""The companion without sockets: frames and time in, a setpoint frame and the reasons for it out.
+
+The shell (`companion run`) and the lockstep simulator run this same object. Each tick walks one line: telemetry ->
+picture -> what to do (target, loiter, return) -> direction -> turn limit -> guard -> adapter.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from companion.adapters import ADAPTERS
+from companion.adapters.base import Adapter, Telemetry
+from companion.config import Config
+from companion.cost import Weights
+from companion.geodesy import LocalFrame
+from companion.guard import Discs, Limits, Motion, Setpoint, Verdict, check
+from companion.guidance import (
+    APPROACH_GAIN_1_S,
+    Pull,
+    attraction,
+    direction,
+    limit_turn,
+    loiter_attraction,
+    loiter_place,
+    loiter_radius_m,
+    loiter_spacing_m,
+)
+from companion.picture import Picture, View
+from companion.staleness import Stage, Thresholds, stage_of
+from companion.surrogate import HALF_WIDTH, PolygonProfile, RadialProfile, StepProfile, profile_by_name
+from companion.wire import Directive, FrameReader, MotionFrame, StateFrame
+
+ARRIVAL_SHARE = 0.8
+"""A target may have moved since it was heard of: arriving means being within this share of the arrival radius of where
+it was, and stays true until outside the whole of it."""
+SETTLED_M = 1.0
+"""A vehicle that can stop stands still within this distance of its loiter place."""
+RANGE_RESERVE = 1.1
+"""The way home is counted this much longer than the straight line."""
+HEARTBEAT_PERIOD_S = 1.0
+COURSE_SPEED_M_S = 1.0
+"""Below this ground speed the course over ground says nothing and the yaw is used."""
+
+
+class Purpose(Enum):
+    """What the companion is doing."""
+
+    IDLE = "idle"
+    """Not steering: no telemetry, or a person has the vehicle."""
+    TARGET = "target"
+    LOITER = "loiter"
+    RETURN = "return"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One tick's decision and why (DESIGN.md, rule 6). Headings are from grid north."""
+
+    t_s: float
+    purpose: Purpose
+    reason: str
+    stage: Stage
+    picture_age_s: float | None
+    target_id: int | None = None
+    wanted_heading_rad: float = math.nan
+    """Before the turn limit."""
+    turn_limited: bool = False
+    setpoint: Setpoint | None = None
+    guard_changes: tuple[str, ...] = ()
+
+
+class Companion:
+    """Steers one vehicle by what it last heard. Times are Unix seconds by this vehicle's clock, given by the caller."""
+
+    def __init__(self, config: Config, adapter: Adapter | None = None) -> None:
+        if adapter is None:
+            adapter = ADAPTERS[config.autopilot.kind if config.autopilot else "kinematic"]()
+        self.config = config
+        self.adapter = adapter
+        self.reader = FrameReader()
+        self.picture = Picture(config.agent_id, config.peer_memory_s)
+        self._profile = _profile(config)
+        self._weights = Weights(**config.weights.model_dump())
+        self._limits = _limits(config, adapter.can_stop)
+        self._thresholds = Thresholds(
+            config.staleness.coasting_after_s, config.staleness.loitering_after_s, config.staleness.blind_after_s
+        )
+        self._loiter_radius_m = loiter_radius_m(config.limits.speed_m_s, config.limits.n_max, config.guidance_step_s)
+        self._frame: LocalFrame | None = None
+        self._frame_origin_deg: tuple[float, float] | None = None
+        self._start_deg: tuple[float, float] | None = None
+        self._place_ned_m: tuple[float, float] | None = None
+        self._arrived = False
+        self._flown_m = 0.0
+        self._out_of_range = False
+        self._last_position_ned_m: tuple[float, float] | None = None
+        self._last_heading_rad = 0.0
+        self._next_heartbeat_s = -math.inf
+
+    def hear(self, datagram: bytes, now_s: float) -> None:
+        """Take in bytes from the broadcast link; never raises, whatever the bytes."""
+        for frame in self.reader.read(datagram):
+            if isinstance(frame, StateFrame):
+                self.picture.take_state(frame, now_s)
+            elif isinstance(frame, MotionFrame):
+                self.picture.take_motion(frame, now_s)
+
+    def receive(self, datagram: bytes, now_s: float) -> None:
+        """Take in bytes from the autopilot link; never raises, whatever the bytes."""
+        self.adapter.receive(datagram, now_s)
+
+    def tick(self, now_s: float) -> tuple[Decision, list[bytes]]:
+        """Decide for the next guidance step; return the decision and the frames for the autopilot."""
+        datagrams = []
+        if now_s >= self._next_heartbeat_s:
+            datagrams.append(self.adapter.heartbeat())
+            self._next_heartbeat_s = now_s + HEARTBEAT_PERIOD_S
+        decision, setpoint = self._decide(now_s)
+        if setpoint is not None:
+            datagrams.append(setpoint)
+        return decision, datagrams
+
+    def _decide(self, now_s: float) -> tuple[Decision, bytes | None]:
+        age_s = self.picture.age_s(now_s)
+        stage = stage_of(age_s, self._thresholds)
+        telemetry = self.adapter.telemetry
+        idle = self._why_idle(telemetry, now_s)
+        if idle is not None:
+            self._disengage()
+            return Decision(now_s, Purpose.IDLE, idle, stage, age_s), None
+        motion, convergence_rad, home_ned_m = self._motion(telemetry)
+        view = self.picture.view(now_s)
+        purpose, reason = self._purpose(stage, age_s, motion, home_ned_m, view)
+        goal_ned_m = view.target_ned_m if purpose is Purpose.TARGET else home_ned_m
+        pull, speed_m_s = self._pull(None if purpose is Purpose.LOITER else goal_ned_m, motion, view)
+        wanted = direction(
+            pull, self._profile, (motion.north_m, motion.east_m), view, self.config.separation_m, self._weights
+        )
+        settled = self.adapter.can_stop and speed_m_s == 0.0 and wanted.strength_m <= SETTLED_M
+        wanted_rad = motion.heading_rad if settled or wanted.strength_m == 0.0 else wanted.heading_rad
+        if self.adapter.can_stop and purpose is not Purpose.TARGET and not settled:
+            speed_m_s = min(self.config.limits.speed_m_s, APPROACH_GAIN_1_S * wanted.strength_m)
+        heading_rad, limited = limit_turn(
+            motion.heading_rad, wanted_rad, motion.speed_m_s, self.config.limits.n_max, self.config.guidance_step_s
+        )
+        verdict = self._guarded(Setpoint(heading_rad, speed_m_s, self.config.height_m), motion, view)
+        decision = Decision(
+            t_s=now_s,
+            purpose=purpose,
+            reason=reason,
+            stage=stage,
+            picture_age_s=age_s,
+            target_id=self.picture.target_id if purpose is Purpose.TARGET else None,
+            wanted_heading_rad=wanted_rad,
+            turn_limited=limited,
+            setpoint=verdict.setpoint,
+            guard_changes=verdict.changes,
+        )
+        if verdict.setpoint is None:
+            return decision, None
+        return decision, self.adapter.encode(verdict.setpoint, convergence_rad, now_s)
+
+    def _why_idle(self, telemetry: Telemetry, now_s: float) -> str | None:
+        if telemetry.system_id is None:
+            return "no autopilot heard"
+        if not self.adapter.steerable:
+            return "not armed and in the guided mode"
+        if telemetry.position_at_s is None:
+            return "no position yet"
+        if now_s - telemetry.position_at_s > self.config.telemetry_timeout_s:
+            return "position too old"
+        return None
+
+    def _disengage(self) -> None:
+        """Forget what was latched: it belongs to the last engagement, and a person has the vehicle."""
+        self._place_ned_m = None
+        self._arrived = False
+        self._last_position_ned_m = None
+
+    def _motion(self, telemetry: Telemetry) -> tuple[Motion, float, tuple[float, float]]:
+        """Return the vehicle's motion, the convergence there, and home, on the plane of the picture."""
+        origin_deg = self.picture.origin_deg or self._frame_origin_deg or (telemetry.lat_deg, telemetry.lon_deg)
+        if self._frame is None or self._frame_origin_deg != origin_deg:
+            self._frame, self._frame_origin_deg = LocalFrame(*origin_deg), origin_deg
+            self._place_ned_m = self._last_position_ned_m = None
+        north_m, east_m, convergence_rad = self._frame.to_local_with_convergence(telemetry.lat_deg, telemetry.lon_deg)
+        speed_m_s = math.hypot(telemetry.velocity_north_m_s, telemetry.velocity_east_m_s)
+        if speed_m_s >= COURSE_SPEED_M_S:
+            self._last_heading_rad = math.atan2(telemetry.velocity_east_m_s, telemetry.velocity_north_m_s)
+        elif telemetry.yaw_rad is not None:
+            self._last_heading_rad = telemetry.yaw_rad
+        if self._start_deg is None:
+            self._start_deg = (telemetry.lat_deg, telemetry.lon_deg)
+        if self._last_position_ned_m is not None:
+            self._flown_m += math.dist(self._last_position_ned_m, (north_m, east_m))
+        self._last_position_ned_m = (north_m, east_m)
+        heading_rad = (self._last_heading_rad - convergence_rad) % math.tau
+        home_ned_m = self._frame.to_local(*(telemetry.home_deg or self._start_deg))
+        return Motion(north_m, east_m, heading_rad, speed_m_s), convergence_rad, home_ned_m
+
+    def _purpose(
+        self, stage: Stage, age_s: float | None, motion: Motion, home_ned_m: tuple[float, float], view: View
+    ) -> tuple[Purpose, str]:
+        position = (motion.north_m, motion.east_m)
+        home_m = math.dist(position, home_ned_m)
+        homing = self._why_home(stage, home_m)
+        if homing is not None:
+            if home_m <= self.config.arrival_radius_m:
+                return Purpose.LOITER, f"{homing}: home"
+            return Purpose.RETURN, homing
+        if stage is Stage.LOITERING:
+            return Purpose.LOITER, "no picture" if age_s is None else "picture too old"
+        if self.picture.directive is Directive.HOLD:
+            return Purpose.LOITER, "directive hold"
+        if view.target_ned_m is None:
+            return Purpose.LOITER, "no target"
+        within_m = self.config.arrival_radius_m * (1.0 if self._arrived else ARRIVAL_SHARE)
+        self._arrived = math.dist(position, view.target_ned_m) <= within_m
+        if self._arrived:
+            return Purpose.LOITER, "arrived"
+        return Purpose.TARGET, "assigned"
+
+    def _why_home(self, stage: Stage, home_m: float) -> str | None:
+        if stage is Stage.RETURNING:
+            return "blind"
+        if self.picture.directive is Directive.RETURN:
+            return "directive return"
+        range_m = self.config.limits.range_m
+        if self.config.range_policy == "return" and not self._out_of_range:
+            # Beyond the budget there is no way home any more: then the target is as good as anywhere.
+            self._out_of_range = self._flown_m + home_m <= range_m < self._flown_m + RANGE_RESERVE * home_m
+        return "range" if self._out_of_range else None
+
+    def _pull(self, goal_ned_m: tuple[float, float] | None, motion: Motion, view: View) -> tuple[Pull, float]:
+        """Return what attracts the vehicle now, and the speed it shall have; without a goal it loiters."""
+        position = (motion.north_m, motion.east_m)
+        cruise_m_s = self.config.limits.speed_m_s
+        if goal_ned_m is not None:
+            self._place_ned_m = None
+            return attraction(position, goal_ned_m), cruise_m_s
+        if self._place_ned_m is None:
+            # A settled peer that cannot stop is somewhere on its circle, not at its centre.
+            radius_m = 0.0 if self.adapter.can_stop else self._loiter_radius_m
+            spacing_m = loiter_spacing_m(self.config.separation_m, radius_m) + radius_m
+            self._place_ned_m = loiter_place(position, view.settled_ned_m, spacing_m)
+        if not self.adapter.can_stop:
+            return loiter_attraction(position, self._place_ned_m, self._loiter_radius_m), cruise_m_s
+        pull = attraction(position, self._place_ned_m)
+        return pull, 0.0 if pull.strength_m <= SETTLED_M else cruise_m_s
+
+    def _guarded(self, wanted: Setpoint, motion: Motion, view: View) -> Verdict:
+        radii_m = view.attack_radius_m if self.config.keep_out == "attack" else view.detection_radius_m
+        discs = Discs(view.threats_ned_m, radii_m, view.threat_speed_m_s)
+        return check(wanted, motion, discs, self._limits, self.config.guidance_step_s)
+
+
+def _profile(config: Config) -> RadialProfile:
+    if config.law == "ramp":
+        return PolygonProfile(HALF_WIDTH)
+    if config.law == "step":
+        return StepProfile()
+    return profile_by_name(config.surrogate)
+
+
+def _limits(config: Config, can_stop: bool) -> Limits:
+    return Limits(
+        speed_min_m_s=0.0 if can_stop else config.limits.speed_m_s,
+        speed_max_m_s=config.limits.speed_m_s,
+        n_max=config.limits.n_max,
+        altitude_min_m=config.limits.height_min_m,
+        altitude_max_m=config.limits.height_max_m,
+        braking_m_s2=config.limits.braking_m_s2 if can_stop else None,
+        fence_ned_m=config.limits.fence,
+    )

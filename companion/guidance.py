@@ -1,0 +1,138 @@
+"""From the picture to a wanted heading: direction, turn limit, loiter (METHOD.md section 1, items 3 to 5)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.cost import Weights
+from companion.picture import View
+from companion.surrogate import RadialProfile, gradient_for_agent
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+"""CGPM 1901; the paper writes 9.8."""
+PIVOT_SPEED_M_S = 0.5
+"""A vehicle slower than this turns on the spot: its turn rate is that of this speed."""
+LOITER_RADII = 1.5
+"""A loiter circle is this many least turn radii wide, so that the turn limit leaves something to correct with."""
+LOITER_STEPS = 2.0
+"""And at least this many guidance steps long, so that a step's chord does not leave the circle."""
+LOITER_CAPTURE = 2.0
+"""Gain of the pull onto the loiter circle, per radius of error."""
+APPROACH_GAIN_1_S = 0.5
+"""A vehicle that can stop nears its loiter place at this fraction of the distance per second."""
+
+
+@dataclass(frozen=True)
+class Pull:
+    """A wanted direction: its heading, and whether the surrogate's gradient outweighs the attraction."""
+
+    north_m: float
+    east_m: float
+
+    @property
+    def heading_rad(self) -> float:
+        """Heading of the pull, clockwise from north, in [0, 2 pi)."""
+        return math.atan2(self.east_m, self.north_m) % math.tau
+
+    @property
+    def strength_m(self) -> float:
+        """Length of the pull."""
+        return math.hypot(self.north_m, self.east_m)
+
+
+def turn_rate_rad_s(speed_m_s: float, n_max: float) -> float:
+    """Return omega = n_max g / v, the greatest turn rate (paper: constraint)."""
+    return n_max * STANDARD_GRAVITY_M_S2 / max(speed_m_s, PIVOT_SPEED_M_S)
+
+
+def limit_turn(
+    heading_rad: float, wanted_rad: float, speed_m_s: float, n_max: float, dt_s: float
+) -> tuple[float, bool]:
+    """Return the heading reachable in a step towards the wanted one, and whether the limit was active.
+
+    Turns by at most omega·dt, by the shorter side; exactly opposite is always decided to the right (clockwise), and
+    after a step to the right the right is the shorter side, so it is decided once (paper: unitdirect).
+    """
+    wanted_turn_rad = math.remainder(wanted_rad - heading_rad, math.tau)
+    if wanted_turn_rad == -math.pi:
+        wanted_turn_rad = math.pi
+    greatest_turn_rad = turn_rate_rad_s(speed_m_s, n_max) * dt_s
+    if abs(wanted_turn_rad) <= greatest_turn_rad:
+        return wanted_rad % math.tau, False
+    return (heading_rad + math.copysign(greatest_turn_rad, wanted_turn_rad)) % math.tau, True
+
+
+def attraction(position_ned_m: tuple[float, float], target_ned_m: tuple[float, float]) -> Pull:
+    """Return -(U - T), the negative gradient of f1 (paper: fun1, direct1)."""
+    return Pull(target_ned_m[0] - position_ned_m[0], target_ned_m[1] - position_ned_m[1])
+
+
+def loiter_radius_m(speed_m_s: float, n_max: float, dt_s: float) -> float:
+    """Return the radius at which a vehicle that cannot stop circles its loiter place."""
+    turn_radius_m = speed_m_s / turn_rate_rad_s(speed_m_s, n_max)
+    return max(LOITER_RADII * turn_radius_m, LOITER_STEPS * speed_m_s * dt_s)
+
+
+def loiter_attraction(position_ned_m: tuple[float, float], place_ned_m: tuple[float, float], radius_m: float) -> Pull:
+    """Return the pull that leads onto a clockwise circle about a place; as strong as the distance to the place.
+
+    On the circle it points along it; far outside, at the place; inside, outwards.
+    """
+    north_m, east_m = position_ned_m[0] - place_ned_m[0], position_ned_m[1] - place_ned_m[1]
+    distance_m = math.hypot(north_m, east_m)
+    bearing_rad = math.atan2(east_m, north_m)
+    excess = (distance_m - radius_m) / radius_m
+    course_rad = bearing_rad + math.pi / 2 + math.atan(LOITER_CAPTURE * excess)
+    strength_m = max(distance_m, radius_m)
+    return Pull(strength_m * math.cos(course_rad), strength_m * math.sin(course_rad))
+
+
+def loiter_spacing_m(separation_m: float, radius_m: float) -> float:
+    """Return how far apart loiter places must be: 2 D_safe, or more if the circles themselves would come closer."""
+    return max(2.0 * separation_m, separation_m + 2.0 * radius_m)
+
+
+def loiter_place(
+    position_ned_m: tuple[float, float],
+    peers_ned_m: np.ndarray,  # (P, 2) m
+    spacing_m: float,
+) -> tuple[float, float]:
+    """Return the place nearest to a position that keeps the spacing from every peer that is itself near.
+
+    Candidates are the position and rings about it; peers farther off than two rings do not matter.
+    """
+    north_m, east_m = position_ned_m
+    rings = [(0.0, 1)] + [(spacing_m * k / 2, 12) for k in range(1, 9)]
+    for ring_m, count in rings:
+        for index in range(count):
+            angle_rad = math.tau * index / count
+            place = (north_m + ring_m * math.cos(angle_rad), east_m + ring_m * math.sin(angle_rad))
+            apart_m = np.hypot(peers_ned_m[:, 0] - place[0], peers_ned_m[:, 1] - place[1])
+            if np.all(apart_m >= spacing_m):
+                return place
+    return position_ned_m
+
+
+def direction(
+    pull: Pull,
+    profile: RadialProfile,
+    position_ned_m: tuple[float, float],
+    view: View,
+    separation_m: float,
+    weights: Weights,
+) -> Pull:
+    """Return d = -dF*/dU + attraction (paper: direct1), the surrogate's gradient by `profile`."""
+    gradient_m = gradient_for_agent(
+        profile,
+        np.array(position_ned_m),
+        view.threats_ned_m,
+        view.detection_radius_m,
+        view.attack_radius_m,
+        view.peers_ned_m,
+        separation_m,
+        weights,
+    )
+    return Pull(pull.north_m - float(gradient_m[0]), pull.east_m - float(gradient_m[1]))

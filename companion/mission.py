@@ -1,0 +1,568 @@
+"""The mission file: one YAML document that all three programs read, check, resolve and write back.
+
+A mission is validated as a whole when it is loaded. Whatever it leaves to chance (counts under `draw`, positions or
+headings left out) is drawn from a seed by `resolve`, after which everything is listed and the start is checked for
+legality. Every fault is an InputError on one line naming file, key, value and what is allowed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal, Self, TypeVar
+
+import numpy as np
+import yaml
+from pydantic import Discriminator, Field, Strict, Tag, ValidationError, model_validator
+
+from companion.errors import InputError, nearest_hint
+from companion.yamlfile import Section, parse_yaml, read_text_file, validated
+
+MAX_ID = 65_535
+"""Agent, target and threat ids travel as 16 bits on the wire."""
+MAX_COORDINATE_M = 1.0e6
+"""Beyond this the plane about the origin is no longer a map anyone would steer by."""
+MAX_SPEED_M_S = 1.0e3
+MAX_ITEMS = 2_000
+DRAW_CLEARANCE = 0.5
+"""Drawn agents and targets keep this fraction of R_d clear of every detection disc: the repulsion of F* balances the
+attraction 2 to 3.5 km outside R_d at the paper's numbers (METHOD.md 2.2), so nearer targets cannot be approached."""
+DRAW_TRIES = 10_000
+DRAW_DECIMALS = 1
+"""Drawn positions are rounded to 0.1 m and headings to 0.1 degrees, so that the resolved file reads well."""
+DRAW_STREAM = 1
+"""The seed's random stream used for drawing; motion, link and the rest use others, so that a resolved mission flown
+again with the same seed repeats the flight."""
+
+Finite = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)]
+Probability = Annotated[float, Strict(), Field(ge=0, le=1, allow_inf_nan=False)]
+Coordinate = Annotated[float, Strict(), Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M, allow_inf_nan=False)]
+Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)]
+Speed = Annotated[float, Strict(), Field(gt=0, le=MAX_SPEED_M_S, allow_inf_nan=False)]
+SpeedBound = Annotated[float, Strict(), Field(ge=0, le=MAX_SPEED_M_S, allow_inf_nan=False)]
+Identity = Annotated[int, Strict(), Field(ge=1, le=MAX_ID)]
+Count = Annotated[int, Strict(), Field(ge=0, le=MAX_ITEMS)]
+
+
+SpecT = TypeVar("SpecT", "AgentSpec", "TargetSpec", "ThreatSpec")
+
+
+class Origin(Section):
+    """WGS84 position of the plane's (0, 0)."""
+
+    lat_deg: Annotated[float, Strict(), Field(ge=-90, le=90, allow_inf_nan=False)] = 47.0
+    lon_deg: Annotated[float, Strict(), Field(ge=-180, le=180, allow_inf_nan=False)] = 8.0
+    alt_m: Annotated[float, Strict(), Field(ge=-1_000, le=20_000, allow_inf_nan=False)] = 500.0
+
+
+class Area(Section):
+    """The box things are drawn in; the origin is its south-west corner."""
+
+    north: Annotated[float, Strict(), Field(gt=0, le=MAX_COORDINATE_M, allow_inf_nan=False)] = 200_000.0
+    east: Annotated[float, Strict(), Field(gt=0, le=MAX_COORDINATE_M, allow_inf_nan=False)] = 200_000.0
+
+
+class SteadyMotion(Section):
+    """A straight line at constant speed."""
+
+    heading_deg: Degrees
+    speed_m_s: SpeedBound
+
+
+class PathMotion(Section):
+    """Way points [t_s, north_m, east_m] in order of time, straight lines between them."""
+
+    path: Annotated[tuple[tuple[NotNegative, Coordinate, Coordinate], ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        times_s = [point[0] for point in self.path]
+        if any(later <= earlier for earlier, later in zip(times_s, times_s[1:], strict=False)):
+            raise ValueError("path: times must increase from point to point")
+        return self
+
+
+def _motion_kind(value: object) -> str:
+    if isinstance(value, PathMotion) or (isinstance(value, Mapping) and "path" in value):
+        return "kind:path"
+    return "kind:steady" if isinstance(value, Mapping | SteadyMotion) else "kind:word"
+
+
+Motion = Annotated[
+    Annotated[Literal["static", "random"], Tag("kind:word")]
+    | Annotated[SteadyMotion, Tag("kind:steady")]
+    | Annotated[PathMotion, Tag("kind:path")],
+    Discriminator(_motion_kind),
+]
+
+
+class AgentSpec(Section):
+    """A vehicle under guidance. A position or heading left out is drawn."""
+
+    id: Identity
+    north_m: Coordinate | None = None
+    east_m: Coordinate | None = None
+    heading_deg: Degrees | None = None
+    speed_m_s: Speed = 60.0
+    n_max: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)] = 10.0
+    range_m: Positive = 500_000.0
+
+    @property
+    def position_ned_m(self) -> tuple[float, float]:
+        """(north, east) of a resolved agent."""
+        return _located(self.north_m, self.east_m)
+
+
+class _Moving(Section):
+    id: Identity
+    north_m: Coordinate | None = None
+    east_m: Coordinate | None = None
+    speed_bound_m_s: SpeedBound = 10.0
+    motion: Motion = "static"
+
+    @property
+    def position_ned_m(self) -> tuple[float, float]:
+        """(north, east) of a resolved target or threat."""
+        return _located(self.north_m, self.east_m)
+
+    @model_validator(mode="after")
+    def _within_bound(self) -> Self:
+        if isinstance(self.motion, PathMotion) and self.north_m is not None and self.motion.path[0][0] == 0:
+            if (self.north_m, self.east_m) != self.motion.path[0][1:]:
+                raise ValueError("motion.path: starts elsewhere than north_m, east_m; allowed: the same point")
+        speed_m_s = _greatest_speed_m_s(self.motion, self.north_m, self.east_m)
+        if speed_m_s > self.speed_bound_m_s + 1e-9:
+            raise ValueError(
+                f"motion: {speed_m_s:g} m/s is faster than speed_bound_m_s {self.speed_bound_m_s:g}; "
+                "allowed: at most the bound"
+            )
+        return self
+
+
+class TargetSpec(_Moving):
+    """A place to reach; the wire says where it is, never where it will be."""
+
+
+class ThreatSpec(_Moving):
+    """A moving keep-out disc."""
+
+    detection_radius_m: Positive
+    attack_radius_m: Positive
+
+    @model_validator(mode="after")
+    def _nested(self) -> Self:
+        if self.attack_radius_m >= self.detection_radius_m:
+            raise ValueError(
+                f"attack_radius_m: {self.attack_radius_m:g}; allowed: less than detection_radius_m "
+                f"{self.detection_radius_m:g}"
+            )
+        return self
+
+
+class Draw(Section):
+    """How many of each are drawn beside the listed ones."""
+
+    agents: Count = 0
+    targets: Count = 0
+    threats: Count = 0
+
+
+class AgentDefaults(Section):
+    """What an agent has unless it says otherwise."""
+
+    heading_deg: Degrees | None = None
+    speed_m_s: Speed | None = None
+    n_max: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)] | None = None
+    range_m: Positive | None = None
+
+
+class TargetDefaults(Section):
+    """What a target has unless it says otherwise."""
+
+    speed_bound_m_s: SpeedBound | None = None
+    motion: Motion | None = None
+
+
+class ThreatDefaults(Section):
+    """What a threat has unless it says otherwise."""
+
+    detection_radius_m: Positive | None = None
+    attack_radius_m: Positive | None = None
+    speed_bound_m_s: SpeedBound | None = None
+    motion: Motion | None = None
+
+
+class Defaults(Section):
+    """Per kind, for drawn and listed alike."""
+
+    agent: AgentDefaults = AgentDefaults()
+    target: TargetDefaults = TargetDefaults()
+    threat: ThreatDefaults = ThreatDefaults()
+
+
+class CostWeights(Section):
+    """Penalties of the cost in m^2 (paper: 1e5 and 1e4 km^2)."""
+
+    k_d: NotNegative = 1.0e11
+    k_a: NotNegative = 1.0e11
+    k_c: NotNegative = 1.0e10
+    k_l: NotNegative = 1.0e10
+
+
+class Burst(Section):
+    """Gilbert-Elliott losses: chances per frame of going bad and good again, and the loss while bad."""
+
+    enter: Probability
+    leave: Annotated[float, Strict(), Field(gt=0, le=1, allow_inf_nan=False)]
+    loss: Probability = 1.0
+
+
+class LinkSpec(Section):
+    """What the broadcast link does to each frame on its way to each vehicle."""
+
+    loss: Probability = 0.0
+    burst: Burst | None = None
+    delay_s: NotNegative = 0.1
+    jitter_s: NotNegative = 0.0
+    duplicate: Probability = 0.0
+    reorder: Probability = 0.0
+
+
+class Wind(Section):
+    """Mean wind and gusts."""
+
+    from_deg: Degrees = 270.0
+    speed_m_s: NotNegative = 0.0
+    gust_m_s: NotNegative = 0.0
+
+
+class Loss(Section):
+    """An agent that breaks down at a given time."""
+
+    agent: Identity
+    t_s: NotNegative
+
+
+class Mission(Section):
+    """A whole mission, as in the file. Units are in the names; metres and seconds where a name has none."""
+
+    name: Annotated[str, Strict(), Field(min_length=1, max_length=80)] = "mission"
+    origin: Origin = Origin()
+    area_m: Area = Area()
+    fence: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3)] | None = None
+    agents: Annotated[tuple[AgentSpec, ...], Field(max_length=MAX_ITEMS)] = ()
+    targets: Annotated[tuple[TargetSpec, ...], Field(max_length=MAX_ITEMS)] = ()
+    threats: Annotated[tuple[ThreatSpec, ...], Field(max_length=MAX_ITEMS)] = ()
+    draw: Draw = Draw()
+    defaults: Defaults = Defaults()
+    weights: CostWeights = CostWeights()
+    guidance_step_s: Positive = 0.5
+    integration_step_s: Positive = 0.5
+    broadcast_period_s: Positive = 5.0
+    assignment_period_s: Positive = 25.0
+    arrival_radius_m: Positive = 300.0
+    separation_m: Positive = 100.0
+    detector_range_m: NotNegative = 2_000.0
+    heading_hold_s: Positive = 5.0
+    lost_after_s: Positive = 30.0
+    case: Literal["I", "II"] = "I"
+    range_policy: Literal["return", "arrive"] = "return"
+    objective: Literal["distance", "inverse-distance", "route"] = "distance"
+    surrogate: Literal["pairwise", "analytic", "monolithic"] = "pairwise"
+    link: LinkSpec = LinkSpec()
+    wind: Wind = Wind()
+    losses: tuple[Loss, ...] = ()
+    max_time_s: Positive = 20_000.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _apply_defaults(cls, data: object) -> object:
+        if not isinstance(data, Mapping):
+            return data
+        merged = dict(data)
+        try:
+            defaults = Defaults.model_validate(data.get("defaults", {}))
+        except ValidationError:
+            return data  # the field's own validation reports it, under its full name
+        for key, part in (("agents", defaults.agent), ("targets", defaults.target), ("threats", defaults.threat)):
+            given = part.model_dump(exclude_none=True)
+            items = data.get(key)
+            if isinstance(items, Sequence) and not isinstance(items, str):
+                merged[key] = [{**given, **item} if isinstance(item, Mapping) else item for item in items]
+        return merged
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for key, items in (("agents", self.agents), ("targets", self.targets), ("threats", self.threats)):
+            _refuse_duplicates(key, [item.id for item in items])
+        _refuse_duplicates("losses", [loss.agent for loss in self.losses])
+        number_of_agents = len(self.agents) + self.draw.agents
+        number_of_targets = len(self.targets) + self.draw.targets
+        if number_of_agents < 1:
+            raise ValueError("agents: none; allowed: at least one, listed or under draw")
+        if number_of_targets < 1:
+            raise ValueError("targets: none; allowed: at least one, listed or under draw")
+        if number_of_targets > number_of_agents:
+            raise ValueError(
+                f"targets: {number_of_targets} for {number_of_agents} agents; allowed: no more targets than agents"
+            )
+        if self.draw.threats:
+            for radius in ("detection_radius_m", "attack_radius_m"):
+                if getattr(self.defaults.threat, radius) is None:
+                    raise ValueError(f"draw.threats: {self.draw.threats}; allowed: only with defaults.threat.{radius}")
+        ratio = self.guidance_step_s / self.integration_step_s
+        if round(ratio) < 1 or not math.isclose(ratio, round(ratio), rel_tol=1e-9):
+            raise ValueError(
+                f"guidance_step_s: {self.guidance_step_s:g}; allowed: a whole multiple of integration_step_s "
+                f"{self.integration_step_s:g}"
+            )
+        return self
+
+    @property
+    def resolved(self) -> bool:
+        """Whether everything is listed and placed."""
+        return (
+            self.draw == Draw()
+            and all(agent.heading_deg is not None for agent in self.agents)
+            and all(item.north_m is not None and item.east_m is not None for item in self._placed())
+        )
+
+    def _placed(self) -> tuple[AgentSpec | TargetSpec | ThreatSpec, ...]:
+        return (*self.agents, *self.targets, *self.threats)
+
+
+def packaged_missions() -> tuple[str, ...]:
+    """Return the names of the missions that ship with the project."""
+    folder = resources.files("companion") / "missions"
+    return tuple(sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml")))
+
+
+def load_mission(name_or_path: str | Path) -> Mission:
+    """Load a mission by its packaged name or from a YAML file.
+
+    Raises:
+        InputError: the file cannot be read, is not YAML, or breaks a rule of the mission file.
+
+    """
+    text = str(name_or_path)
+    if text in packaged_missions():
+        source = resources.files("companion") / "missions" / f"{text}.yaml"
+        return parse_mission(source.read_text(encoding="utf-8"), text)
+    path = Path(name_or_path)
+    if not path.exists():
+        hint = nearest_hint(text, packaged_missions())
+        raise InputError(
+            f"{text}: no such mission file or packaged mission{hint}; packaged: {', '.join(packaged_missions())}"
+        )
+    return parse_mission(read_text_file(path), text)
+
+
+def parse_mission(text: str, source: str) -> Mission:
+    """Parse and validate the YAML text of a mission; `source` names it in errors.
+
+    Raises:
+        InputError: not YAML, empty, or against a rule of the mission file.
+
+    """
+    return validated(Mission, parse_yaml(text, source), source)
+
+
+def _refuse_duplicates(key: str, ids: Sequence[int]) -> None:
+    for index, identity in enumerate(ids):
+        if identity in ids[:index]:
+            raise ValueError(f"{key}[{index}]: id {identity} is given twice; allowed: each id once")
+
+
+def _located(north_m: float | None, east_m: float | None) -> tuple[float, float]:
+    if north_m is None or east_m is None:
+        raise ValueError("the mission is not resolved: a position is still to be drawn")
+    return north_m, east_m
+
+
+def _greatest_speed_m_s(motion: Motion, north_m: float | None, east_m: float | None) -> float:
+    if isinstance(motion, SteadyMotion):
+        return motion.speed_m_s
+    if not isinstance(motion, PathMotion):
+        return 0.0
+    points = list(motion.path)
+    if points[0][0] > 0 and north_m is not None and east_m is not None:
+        points.insert(0, (0.0, north_m, east_m))
+    legs = zip(points, points[1:], strict=False)
+    return max((math.hypot(b[1] - a[1], b[2] - a[2]) / (b[0] - a[0]) for a, b in legs), default=0.0)
+
+
+def random_stream(seed: int, *stream: int) -> np.random.Generator:
+    """Return the generator of one of a seed's independent streams."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *stream])))
+
+
+def resolve(mission: Mission, seed: int, source: str | None = None) -> Mission:
+    """Return the mission with everything drawn from the seed listed, after checking that the start is legal.
+
+    Threats are drawn anywhere in the area; targets and agents inside the area and the fence, DRAW_CLEARANCE·R_d clear
+    of every detection disc, agents at least two separations apart. The drawing depends on nothing but mission and seed.
+
+    Raises:
+        InputError: no legal place was found, or a listed start is illegal.
+
+    """
+    name = source or mission.name
+    generator = random_stream(seed, DRAW_STREAM)
+    threats = [*mission.threats]
+    given = mission.defaults.threat.model_dump(exclude_none=True)
+    threats += [ThreatSpec(id=identity, **given) for identity in _free_ids(mission.threats, mission.draw.threats)]
+    placed_threats = [
+        threat if _is_placed(threat) else _placed_at(threat, _path_start(threat) or _random_point(mission, generator))
+        for threat in threats
+    ]
+    discs = np.array([(*t.position_ned_m, t.detection_radius_m * (1 + DRAW_CLEARANCE)) for t in placed_threats])
+    discs = discs.reshape(-1, 3)
+
+    given = mission.defaults.target.model_dump(exclude_none=True)
+    targets = [*mission.targets]
+    targets += [TargetSpec(id=identity, **given) for identity in _free_ids(mission.targets, mission.draw.targets)]
+    nobody = np.empty((0, 2))
+    placed_targets = [
+        target
+        if _is_placed(target)
+        else _placed_at(
+            target,
+            _path_start(target) or _legal_point(mission, generator, discs, nobody, f"{name}: target {target.id}"),
+        )
+        for target in targets
+    ]
+
+    given = mission.defaults.agent.model_dump(exclude_none=True)
+    agents = [*mission.agents]
+    agents += [AgentSpec(id=identity, **given) for identity in _free_ids(mission.agents, mission.draw.agents)]
+    taken = [agent.position_ned_m for agent in agents if _is_placed(agent)]
+    placed_agents = []
+    for agent in agents:
+        placed = agent
+        if not _is_placed(agent):
+            others = np.array(taken).reshape(-1, 2)
+            point = _legal_point(mission, generator, discs, others, f"{name}: agent {agent.id}")
+            placed = _placed_at(agent, point)
+            taken.append(point)
+        if placed.heading_deg is None:
+            heading_deg = round(float(generator.uniform(0.0, 360.0)), DRAW_DECIMALS)
+            placed = placed.model_copy(update={"heading_deg": heading_deg})
+        placed_agents.append(placed)
+
+    resolved = mission.model_copy(
+        update={
+            "agents": tuple(placed_agents),
+            "targets": tuple(placed_targets),
+            "threats": tuple(placed_threats),
+            "draw": Draw(),
+            "defaults": Defaults(),
+        }
+    )
+    check_start(resolved, name)
+    return resolved
+
+
+def check_start(mission: Mission, source: str) -> None:
+    """Raise InputError if a resolved mission starts illegally.
+
+    Illegal are: an agent or target inside an attack radius, an agent or target outside the fence, two agents closer
+    than the separation, and a loss of an agent that does not exist.
+    """
+    starts: list[tuple[str, AgentSpec | TargetSpec]] = []
+    starts += [(f"agents[{index}]", agent) for index, agent in enumerate(mission.agents)]
+    starts += [(f"targets[{index}]", target) for index, target in enumerate(mission.targets)]
+    for key, item in starts:
+        for threat in mission.threats:
+            distance_m = math.dist(item.position_ned_m, threat.position_ned_m)
+            if distance_m <= threat.attack_radius_m:
+                raise InputError(
+                    f"{source}: {key}: id {item.id} starts {distance_m:.1f} m from threat {threat.id}; "
+                    f"allowed: outside its attack_radius_m {threat.attack_radius_m:g}"
+                )
+        if mission.fence is not None and not inside_polygon(item.position_ned_m, mission.fence):
+            raise InputError(
+                f"{source}: {key}: id {item.id} starts at {item.position_ned_m}; allowed: inside the fence"
+            )
+    positions_ned_m = [agent.position_ned_m for agent in mission.agents]
+    for index, position in enumerate(positions_ned_m):
+        for other in range(index):
+            distance_m = math.dist(position, positions_ned_m[other])
+            if distance_m < mission.separation_m:
+                raise InputError(
+                    f"{source}: agents[{index}]: id {mission.agents[index].id} starts {distance_m:.1f} m from agent "
+                    f"{mission.agents[other].id}; allowed: at least separation_m {mission.separation_m:g}"
+                )
+    known = [agent.id for agent in mission.agents]
+    for index, loss in enumerate(mission.losses):
+        if loss.agent not in known:
+            raise InputError(
+                f"{source}: losses[{index}].agent: {loss.agent}; allowed: one of {', '.join(map(str, known))}"
+            )
+
+
+def inside_polygon(point_ned_m: tuple[float, float], polygon_ned_m: Sequence[tuple[float, float]]) -> bool:
+    """Return whether a point lies inside a simple polygon (even-odd rule)."""
+    north_m, east_m = point_ned_m
+    inside = False
+    previous_north_m, previous_east_m = polygon_ned_m[-1]
+    for corner_north_m, corner_east_m in polygon_ned_m:
+        if (corner_north_m > north_m) != (previous_north_m > north_m):
+            share = (north_m - corner_north_m) / (previous_north_m - corner_north_m)
+            if east_m < corner_east_m + share * (previous_east_m - corner_east_m):
+                inside = not inside
+        previous_north_m, previous_east_m = corner_north_m, corner_east_m
+    return inside
+
+
+def dump_mission(mission: Mission) -> str:
+    """Return the mission as YAML text that `parse_mission` reads back to an equal mission."""
+    data = mission.model_dump(mode="json", exclude_defaults=False)
+    for key in ("draw", "defaults"):
+        if getattr(mission, key) == type(getattr(mission, key))():
+            del data[key]
+    return yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=1_000, allow_unicode=True)
+
+
+def _free_ids(listed: Sequence[AgentSpec | TargetSpec | ThreatSpec], count: int) -> list[int]:
+    used = {item.id for item in listed}
+    return [identity for identity in range(1, len(used) + count + 1) if identity not in used][:count]
+
+
+def _is_placed(item: AgentSpec | TargetSpec | ThreatSpec) -> bool:
+    return item.north_m is not None and item.east_m is not None
+
+
+def _placed_at(item: SpecT, point: tuple[float, float]) -> SpecT:
+    return item.model_copy(update={"north_m": point[0], "east_m": point[1]})
+
+
+def _path_start(item: TargetSpec | ThreatSpec) -> tuple[float, float] | None:
+    return item.motion.path[0][1:] if isinstance(item.motion, PathMotion) else None
+
+
+def _random_point(mission: Mission, generator: np.random.Generator) -> tuple[float, float]:
+    north_m, east_m = generator.uniform((0.0, 0.0), (mission.area_m.north, mission.area_m.east))
+    return round(float(north_m), DRAW_DECIMALS), round(float(east_m), DRAW_DECIMALS)
+
+
+def _legal_point(
+    mission: Mission,
+    generator: np.random.Generator,
+    discs: np.ndarray,  # (M, 3) north, east, radius to keep clear of
+    others_ned_m: np.ndarray,  # (P, 2) agents already placed
+    subject: str,
+) -> tuple[float, float]:
+    for _ in range(DRAW_TRIES):
+        point = _random_point(mission, generator)
+        if mission.fence is not None and not inside_polygon(point, mission.fence):
+            continue
+        if np.any(np.hypot(discs[:, 0] - point[0], discs[:, 1] - point[1]) <= discs[:, 2]):
+            continue
+        apart_m = np.hypot(others_ned_m[:, 0] - point[0], others_ned_m[:, 1] - point[1])
+        if np.all(apart_m >= 2 * mission.separation_m):
+            return point
+    raise InputError(f"{subject}: no legal start in {DRAW_TRIES} draws; allowed: an area_m with room outside the discs")

@@ -1,0 +1,122 @@
+"""Shell of `companion run`: sockets, the clock and the log files around the core.
+
+One autopilot link, which goes both ways, and the broadcast link, which is only ever heard. Setpoints leave on a fixed
+grid of the monotonic clock; the time given to the core is Unix time as it was at the start, carried on by the monotonic
+clock, so that a step of the system clock in flight changes no age.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+
+from companion.config import Config
+from companion.core import Companion, Decision
+from companion.errors import InputError
+from companion.tlog import TlogWriter
+from companion.transport import open_duplex, open_receiver, parse_link
+
+
+class SteadyClock:
+    """Unix time that never steps."""
+
+    def __init__(self) -> None:
+        self._offset_s = time.time() - time.monotonic()
+
+    def now_s(self) -> float:
+        """Return seconds since 1970 by the system clock at the start plus what the monotonic clock has counted."""
+        return self._offset_s + time.monotonic()
+
+
+async def run_companion(config: Config, stop: asyncio.Event) -> None:
+    """Steer until `stop` is set. Prints one line whenever what it does changes.
+
+    Raises:
+        InputError: a link cannot be opened or a log not written.
+
+    """
+    if config.autopilot is None or config.broadcast is None:
+        raise InputError("companion: autopilot and broadcast links are needed")
+    companion = Companion(config)
+    clock = SteadyClock()
+    with ExitStack() as stack:
+        vehicle_log, broadcast_log = _logs(config, stack)
+
+        def from_broadcast(datagram: bytes) -> None:
+            _record(broadcast_log, clock, datagram)
+            companion.hear(datagram, clock.now_s())
+
+        def from_autopilot(datagram: bytes) -> None:
+            _record(vehicle_log, clock, datagram)
+            companion.receive(datagram, clock.now_s())
+
+        receiver = await open_receiver(parse_link(config.broadcast.link), from_broadcast)
+        stack.callback(receiver.close)
+        autopilot = await open_duplex(parse_link(config.autopilot.link), from_autopilot)
+        stack.callback(autopilot.close)
+        click.echo(
+            f"companion: agent {config.agent_id}, {config.autopilot.kind} on {config.autopilot.link}, "
+            f"broadcast on {config.broadcast.link} (unsigned)"
+        )
+        said = ""
+        due_s = time.monotonic()
+        while not stop.is_set():
+            decision, frames = companion.tick(clock.now_s())
+            for frame in frames:
+                _record(vehicle_log, clock, frame)
+                autopilot.send(frame)
+            line = _line(decision)
+            if line != said:
+                click.echo(f"companion: {line}")
+                said = line
+            due_s = max(due_s + config.guidance_step_s, time.monotonic())
+            await _sleep_until(due_s, stop)
+
+
+def run_until_signal(config: Config) -> None:
+    """Run the companion until SIGINT or SIGTERM."""
+
+    async def run() -> None:
+        stop = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        await run_companion(config, stop)
+
+    asyncio.run(run())
+
+
+def _logs(config: Config, stack: ExitStack) -> tuple[TlogWriter | None, TlogWriter | None]:
+    if config.log_dir is None:
+        return None, None
+    folder = Path(config.log_dir)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"log_dir: '{folder}' cannot be made: {error.strerror}; allowed: a writable folder") from error
+    return (
+        stack.enter_context(TlogWriter(folder / f"vehicle-{config.agent_id}.tlog")),
+        stack.enter_context(TlogWriter(folder / f"broadcast-{config.agent_id}.tlog")),
+    )
+
+
+def _record(log: TlogWriter | None, clock: SteadyClock, datagram: bytes) -> None:
+    if log is not None:
+        log.write(clock.now_s(), datagram)
+
+
+def _line(decision: Decision) -> str:
+    target = f" target {decision.target_id}" if decision.target_id is not None else ""
+    changes = f", guard: {', '.join(decision.guard_changes)}" if decision.guard_changes else ""
+    return f"{decision.purpose.value}{target} ({decision.reason}), picture {decision.stage.value}{changes}"
+
+
+async def _sleep_until(due_s: float, stop: asyncio.Event) -> None:
+    try:
+        await asyncio.wait_for(stop.wait(), max(0.0, due_s - time.monotonic()))
+    except TimeoutError:
+        await asyncio.sleep(0.0)

@@ -1,0 +1,118 @@
+"""Telemetry logs that every MAVLink tool opens: per record a time stamp and one raw frame.
+
+A `.tlog` keeps what was on the wire, byte for byte, and survives a crash: only the record being written is lost.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self
+
+from companion.errors import InputError
+
+# The format, as MAVProxy and pymavlink write it: microseconds since 1970, big endian, then the frame.
+_STAMP = struct.Struct(">Q")
+_MICROSECONDS = 1e6
+_READ_BLOCK_BYTES = 1 << 20
+
+# The framing of MAVLink 1 and 2 (mavlink.io, "Packet Serialization").
+_MARKER_V1 = 0xFE
+_MARKER_V2 = 0xFD
+_HEAD_BYTES = 3
+"""Marker, payload length and, in version 2, the flags that say whether a signature follows."""
+_OVERHEAD_V1_BYTES = 8
+_OVERHEAD_V2_BYTES = 12
+_SIGNATURE_BYTES = 13
+_FLAG_SIGNED = 0x01
+
+
+class TlogWriter:
+    """Writes records to a path, or to a binary file that stays its owner's to close."""
+
+    def __init__(self, target: str | os.PathLike[str] | BinaryIO) -> None:
+        """Open the log, replacing an older one; raises InputError if the path cannot be written."""
+        self._owned = isinstance(target, str | os.PathLike)
+        if isinstance(target, str | os.PathLike):
+            try:
+                self._file: BinaryIO = Path(target).open("wb")
+            except OSError as error:
+                raise InputError(f"{os.fspath(target)}: cannot write the log: {error.strerror}") from error
+        else:
+            self._file = target
+
+    def write(self, t_unix_s: float, frame: bytes) -> None:
+        """Append one frame, stamped in seconds since 1970.
+
+        Raises ValueError if the bytes are not one whole frame: a reader finds the next record by the frame's length.
+        """
+        if _frame_length(frame) != len(frame):
+            raise ValueError("a tlog record holds exactly one whole MAVLink frame")
+        self._file.write(_STAMP.pack(round(t_unix_s * _MICROSECONDS)) + frame)
+
+    def flush(self) -> None:
+        """Hand what is buffered to the operating system."""
+        self._file.flush()
+
+    def close(self) -> None:
+        """Flush, and close the file if this writer opened it."""
+        if self._owned:
+            self._file.close()
+        else:
+            self._file.flush()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def read_tlog(path: str | os.PathLike[str]) -> Iterator[tuple[float, bytes]]:
+    """Return an iterator of (t_unix_s, frame); a truncated last record ends it.
+
+    Raises InputError at once for a file that cannot be opened, and while iterating where a record does not begin with
+    a MAVLink frame.
+    """
+    try:
+        file = Path(path).open("rb")
+    except OSError as error:
+        raise InputError(f"{os.fspath(path)}: cannot read the log: {error.strerror}") from error
+    return _records(file, os.fspath(path))
+
+
+def _records(file: BinaryIO, name: str) -> Iterator[tuple[float, bytes]]:
+    with file:
+        pending = b""
+        passed_bytes = 0
+        while block := file.read(_READ_BLOCK_BYTES):
+            pending += block
+            at = 0
+            while at + _STAMP.size + _HEAD_BYTES <= len(pending):
+                start = at + _STAMP.size
+                length = _frame_length(pending[start : start + _HEAD_BYTES])
+                if length is None:
+                    raise InputError(f"{name}: byte {passed_bytes + start}: not a MAVLink frame; is it a .tlog?")
+                if start + length > len(pending):
+                    break
+                yield _STAMP.unpack_from(pending, at)[0] / _MICROSECONDS, pending[start : start + length]
+                at = start + length
+            passed_bytes += at
+            pending = pending[at:]
+
+
+def _frame_length(head: bytes) -> int | None:
+    """Return the length in bytes that a frame's first three bytes announce, or None if no frame begins so."""
+    if len(head) < _HEAD_BYTES:
+        return None
+    marker, payload_bytes, flags = head[0], head[1], head[2]
+    if marker == _MARKER_V1:
+        return payload_bytes + _OVERHEAD_V1_BYTES
+    if marker == _MARKER_V2:
+        return payload_bytes + _OVERHEAD_V2_BYTES + (_SIGNATURE_BYTES if flags & _FLAG_SIGNED else 0)
+    return None

@@ -1,0 +1,560 @@
+"""Values <-> frames of the private dialect, and the checked reader of everything received.
+
+A frame is one MAVLink 2 message. Encoding chooses the resolution of positions per frame and rounds radii up, so that a
+receiver's disc always holds the true one; decoding trusts nothing: a message whose counts, ids, indices or ranges do
+not make sense is dropped and counted, never raised.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from companion.dialect import oneway
+
+AGENTS_PER_FRAME = 10
+TARGETS_PER_FRAME = 5
+THREATS_PER_FRAME = 4
+DETECTIONS_PER_FRAME = 14
+ID_SPAN = 256
+"""Ids in one frame lie within this of the least one: they travel as 8 bits above a 16-bit base."""
+SIGNATURE_BYTES = 64
+GROUND_SYSTEM = 254
+"""MAVLink system id of the ground station; 255/190 would be dropped by a receiver that is a ground station itself."""
+GROUND_COMPONENT = 190
+SENSOR_COMPONENT = 191
+
+_INT16_MAX = 32_767
+_UINT16_MAX = 65_535
+_UINT8_MAX = 255
+_UINT32_MAX = 4_294_967_295
+_UNKNOWN_HEADING = 65_535
+_MIN_RESOLUTION_CM = 1
+
+
+class Directive(IntEnum):
+    """What the ground station wants of every agent at once (ONEWAY_DIRECTIVE)."""
+
+    NORMAL = oneway.ONEWAY_DIRECTIVE_NORMAL
+    HOLD = oneway.ONEWAY_DIRECTIVE_HOLD
+    RETURN = oneway.ONEWAY_DIRECTIVE_RETURN
+
+
+class Kind(IntEnum):
+    """What a detection is of (ONEWAY_KIND)."""
+
+    AGENT = oneway.ONEWAY_KIND_AGENT
+    TARGET = oneway.ONEWAY_KIND_TARGET
+    THREAT = oneway.ONEWAY_KIND_THREAT
+
+
+class WireError(ValueError):
+    """Values that no frame can carry."""
+
+
+@dataclass(frozen=True)
+class AgentEntry:
+    """Where an agent is and which target it goes to (None: loiter)."""
+
+    id: int
+    north_m: float
+    east_m: float
+    target_id: int | None
+
+
+@dataclass(frozen=True)
+class TargetEntry:
+    """Where a target is."""
+
+    id: int
+    north_m: float
+    east_m: float
+
+
+@dataclass(frozen=True)
+class ThreatEntry:
+    """Where a threat is. The radii already hold what it may have moved since it was seen."""
+
+    id: int
+    north_m: float
+    east_m: float
+    detection_radius_m: float
+    attack_radius_m: float
+    speed_bound_m_s: float
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """Which broadcast a frame belongs to; the order of (epoch, sequence) is the order of age."""
+
+    epoch_s: int
+    time_ms: int
+    sequence: int
+    frame_index: int = 0
+    frame_count: int = 1
+
+    @property
+    def unix_s(self) -> float:
+        """Time of the frame as the sender's clock had it."""
+        return self.epoch_s + self.time_ms / 1000.0
+
+
+@dataclass(frozen=True)
+class StateFrame:
+    """ONEWAY_STATE: who goes where and where the threats are, on the plane about the origin."""
+
+    stamp: Stamp
+    origin_lat_deg: float
+    origin_lon_deg: float
+    directive: Directive
+    agents: tuple[AgentEntry, ...]
+    targets: tuple[TargetEntry, ...]
+    threats: tuple[ThreatEntry, ...]
+
+
+@dataclass(frozen=True)
+class AgentMotion:
+    """How an agent moves; heading_rad is None if unknown."""
+
+    id: int
+    heading_rad: float | None
+    speed_m_s: float
+    age_s: float
+
+
+@dataclass(frozen=True)
+class PointMotion:
+    """How a target or threat moves."""
+
+    id: int
+    velocity_north_m_s: float
+    velocity_east_m_s: float
+    age_s: float
+
+
+@dataclass(frozen=True)
+class MotionFrame:
+    """ONEWAY_MOTION: velocities, headings and ages."""
+
+    stamp: Stamp
+    agents: tuple[AgentMotion, ...]
+    targets: tuple[PointMotion, ...]
+    threats: tuple[PointMotion, ...]
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Something the centre's sensor saw."""
+
+    kind: Kind
+    id: int
+    north_m: float
+    east_m: float
+    velocity_north_m_s: float
+    velocity_east_m_s: float
+
+
+@dataclass(frozen=True)
+class DetectionsFrame:
+    """ONEWAY_DETECTIONS: one look of a sensor, or a part of one."""
+
+    epoch_s: int
+    time_ms: int
+    origin_lat_deg: float
+    origin_lon_deg: float
+    detections: tuple[Detection, ...]
+
+    @property
+    def unix_s(self) -> float:
+        """Time of the look as the sensor's clock had it."""
+        return self.epoch_s + self.time_ms / 1000.0
+
+
+Frame = StateFrame | MotionFrame | DetectionsFrame
+
+
+class FrameWriter:
+    """Encodes frames as one MAVLink component, numbering them as MAVLink does."""
+
+    def __init__(self, system: int = GROUND_SYSTEM, component: int = GROUND_COMPONENT) -> None:
+        self._mav = oneway.MAVLink(None, srcSystem=system, srcComponent=component)
+
+    def encode(self, frame: Frame, signature: bytes = bytes(SIGNATURE_BYTES)) -> bytes:
+        """Return the bytes of a frame; `signature` goes into its ed25519_signature field.
+
+        Raises:
+            WireError: the frame holds too many entries, or a value that does not fit its field.
+
+        """
+        if isinstance(frame, StateFrame):
+            message = _state_message(frame, signature)
+        elif isinstance(frame, MotionFrame):
+            message = _motion_message(frame, signature)
+        else:
+            message = _detections_message(frame)
+        data = bytes(message.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return data
+
+
+class FrameReader:
+    """Decodes datagrams into frames; anything else is dropped and counted by reason in `rejected`.
+
+    The parser starts afresh with every datagram, so that junk in one cannot swallow the next.
+    """
+
+    def __init__(self) -> None:
+        self.rejected: Counter[str] = Counter()
+        self.accepted = 0
+
+    def read(self, datagram: bytes) -> list[Frame]:
+        """Return the genuine frames in a datagram, in order. Never raises, whatever the bytes."""
+        parser = oneway.MAVLink(None)
+        parser.robust_parsing = True
+        frames: list[Frame] = []
+        messages = parser.parse_buffer(bytes(datagram)) or ()
+        if not messages:
+            self.rejected["incomplete"] += 1
+        for message in messages:
+            name = message.get_type()
+            if name == "BAD_DATA":
+                self.rejected["damaged"] += 1
+            elif name not in _DECODERS:
+                self.rejected["foreign"] += 1
+            else:
+                try:
+                    frames.append(_DECODERS[name](message))
+                except WireError as error:
+                    self.rejected[str(error)] += 1
+        self.accepted += len(frames)
+        return frames
+
+
+def _state_message(frame: StateFrame, signature: bytes) -> oneway.MAVLink_oneway_state_message:
+    entries: tuple[AgentEntry | TargetEntry | ThreatEntry, ...] = (*frame.agents, *frame.targets, *frame.threats)
+    points = [(entry.north_m, entry.east_m) for entry in entries]
+    radii_m = [threat.detection_radius_m for threat in frame.threats]
+    resolution_cm = _resolution_cm(points, radii_m)
+    unit_m = resolution_cm / 100.0
+    agent_base, agent_ids = _based_ids([agent.id for agent in frame.agents], AGENTS_PER_FRAME, "agents")
+    target_base, target_ids = _based_ids([target.id for target in frame.targets], TARGETS_PER_FRAME, "targets")
+    threat_base, threat_ids = _based_ids([threat.id for threat in frame.threats], THREATS_PER_FRAME, "threats")
+    place = {target.id: index + 1 for index, target in enumerate(frame.targets)}
+    assigned = []
+    for agent in frame.agents:
+        if agent.target_id is not None and agent.target_id not in place:
+            raise WireError(f"agent {agent.id} is assigned to target {agent.target_id}, which the frame lacks")
+        assigned.append(0 if agent.target_id is None else place[agent.target_id])
+
+    def coordinates(entries: Sequence[AgentEntry | TargetEntry | ThreatEntry], length: int) -> tuple[list[int], ...]:
+        north = _padded([round(entry.north_m / unit_m) for entry in entries], length)
+        east = _padded([round(entry.east_m / unit_m) for entry in entries], length)
+        return north, east
+
+    agent_north, agent_east = coordinates(frame.agents, AGENTS_PER_FRAME)
+    target_north, target_east = coordinates(frame.targets, TARGETS_PER_FRAME)
+    threat_north, threat_east = coordinates(frame.threats, THREATS_PER_FRAME)
+    rounding_m = unit_m * math.sqrt(0.5)
+
+    def radius_units(radius_m: float) -> int:
+        return math.ceil((radius_m + rounding_m) / unit_m)
+
+    return oneway.MAVLink_oneway_state_message(
+        epoch=_whole(frame.stamp.epoch_s, _UINT32_MAX, "epoch"),
+        time_ms=_whole(frame.stamp.time_ms, _UINT32_MAX, "time_ms"),
+        sequence=_whole(frame.stamp.sequence, _UINT32_MAX, "sequence"),
+        origin_lat=round(frame.origin_lat_deg * 1e7),
+        origin_lon=round(frame.origin_lon_deg * 1e7),
+        agent_north=agent_north,
+        agent_east=agent_east,
+        target_north=target_north,
+        target_east=target_east,
+        threat_north=threat_north,
+        threat_east=threat_east,
+        threat_detection=_padded([radius_units(t.detection_radius_m) for t in frame.threats], THREATS_PER_FRAME),
+        threat_attack=_padded([radius_units(t.attack_radius_m) for t in frame.threats], THREATS_PER_FRAME),
+        resolution=resolution_cm,
+        agent_id_base=agent_base,
+        target_id_base=target_base,
+        threat_id_base=threat_base,
+        directive=int(frame.directive),
+        frame_index=_whole(frame.stamp.frame_index, _UINT8_MAX, "frame_index"),
+        frame_count=_whole(frame.stamp.frame_count, _UINT8_MAX, "frame_count"),
+        agent_count=len(frame.agents),
+        target_count=len(frame.targets),
+        threat_count=len(frame.threats),
+        threat_speed_bound=_padded(
+            [_whole(math.ceil(t.speed_bound_m_s), _UINT8_MAX, "threat_speed_bound") for t in frame.threats],
+            THREATS_PER_FRAME,
+        ),
+        threat_id=threat_ids,
+        target_id=target_ids,
+        agent_id=agent_ids,
+        agent_target=_padded(assigned, AGENTS_PER_FRAME),
+        ed25519_signature=_signature(signature),
+    )
+
+
+def _motion_message(frame: MotionFrame, signature: bytes) -> oneway.MAVLink_oneway_motion_message:
+    agent_base, agent_ids = _based_ids([agent.id for agent in frame.agents], AGENTS_PER_FRAME, "agents")
+    target_base, target_ids = _based_ids([target.id for target in frame.targets], TARGETS_PER_FRAME, "targets")
+    threat_base, threat_ids = _based_ids([threat.id for threat in frame.threats], THREATS_PER_FRAME, "threats")
+
+    def velocities(entries: Sequence[PointMotion], length: int) -> tuple[list[int], list[int], list[int]]:
+        return (
+            _padded([_speed_cm_s(entry.velocity_north_m_s) for entry in entries], length),
+            _padded([_speed_cm_s(entry.velocity_east_m_s) for entry in entries], length),
+            _padded([min(_age_ds(entry.age_s), _UINT16_MAX) for entry in entries], length),
+        )
+
+    target_north, target_east, target_age = velocities(frame.targets, TARGETS_PER_FRAME)
+    threat_north, threat_east, threat_age = velocities(frame.threats, THREATS_PER_FRAME)
+    return oneway.MAVLink_oneway_motion_message(
+        epoch=_whole(frame.stamp.epoch_s, _UINT32_MAX, "epoch"),
+        time_ms=_whole(frame.stamp.time_ms, _UINT32_MAX, "time_ms"),
+        sequence=_whole(frame.stamp.sequence, _UINT32_MAX, "sequence"),
+        agent_heading=_padded([_heading_cdeg(agent.heading_rad) for agent in frame.agents], AGENTS_PER_FRAME),
+        agent_speed=_padded(
+            [_whole(round(agent.speed_m_s * 100), _UINT16_MAX, "agent_speed") for agent in frame.agents],
+            AGENTS_PER_FRAME,
+        ),
+        target_velocity_north=target_north,
+        target_velocity_east=target_east,
+        threat_velocity_north=threat_north,
+        threat_velocity_east=threat_east,
+        target_age=target_age,
+        threat_age=threat_age,
+        agent_id_base=agent_base,
+        target_id_base=target_base,
+        threat_id_base=threat_base,
+        frame_index=_whole(frame.stamp.frame_index, _UINT8_MAX, "frame_index"),
+        frame_count=_whole(frame.stamp.frame_count, _UINT8_MAX, "frame_count"),
+        agent_count=len(frame.agents),
+        target_count=len(frame.targets),
+        threat_count=len(frame.threats),
+        agent_age=_padded([min(_age_ds(agent.age_s), _UINT8_MAX) for agent in frame.agents], AGENTS_PER_FRAME),
+        threat_id=threat_ids,
+        target_id=target_ids,
+        agent_id=agent_ids,
+        ed25519_signature=_signature(signature),
+    )
+
+
+def _detections_message(frame: DetectionsFrame) -> oneway.MAVLink_oneway_detections_message:
+    seen = frame.detections
+    if len(seen) > DETECTIONS_PER_FRAME:
+        raise WireError(f"{len(seen)} detections; a frame holds {DETECTIONS_PER_FRAME}")
+    length = DETECTIONS_PER_FRAME
+    return oneway.MAVLink_oneway_detections_message(
+        epoch=_whole(frame.epoch_s, _UINT32_MAX, "epoch"),
+        time_ms=_whole(frame.time_ms, _UINT32_MAX, "time_ms"),
+        origin_lat=round(frame.origin_lat_deg * 1e7),
+        origin_lon=round(frame.origin_lon_deg * 1e7),
+        north=_padded([round(item.north_m * 100) for item in seen], length),
+        east=_padded([round(item.east_m * 100) for item in seen], length),
+        velocity_north=_padded([_speed_cm_s(item.velocity_north_m_s) for item in seen], length),
+        velocity_east=_padded([_speed_cm_s(item.velocity_east_m_s) for item in seen], length),
+        id=_padded([_whole(item.id, _UINT16_MAX, "id") for item in seen], length),
+        count=len(seen),
+        kind=_padded([int(item.kind) for item in seen], length),
+    )
+
+
+def _state_frame(message: oneway.MAVLink_oneway_state_message) -> StateFrame:
+    stamp = _stamp(message)
+    origin_lat_deg, origin_lon_deg = _origin(message)
+    if message.directive > max(Directive):
+        raise WireError("unknown directive")
+    unit_m = message.resolution / 100.0
+    if unit_m <= 0:
+        raise WireError("resolution is zero")
+    agent_ids = _ids(message.agent_id_base, message.agent_id, message.agent_count)
+    target_ids = _ids(message.target_id_base, message.target_id, message.target_count)
+    threat_ids = _ids(message.threat_id_base, message.threat_id, message.threat_count)
+    assigned = message.agent_target[: len(agent_ids)]
+    if any(place > len(target_ids) for place in assigned):
+        raise WireError("assigned to a target that is not there")
+    return StateFrame(
+        stamp=stamp,
+        origin_lat_deg=origin_lat_deg,
+        origin_lon_deg=origin_lon_deg,
+        directive=Directive(message.directive),
+        agents=tuple(
+            AgentEntry(identity, north * unit_m, east * unit_m, target_ids[place - 1] if place else None)
+            for identity, north, east, place in zip(
+                agent_ids, message.agent_north, message.agent_east, assigned, strict=False
+            )
+        ),
+        targets=tuple(
+            TargetEntry(identity, north * unit_m, east * unit_m)
+            for identity, north, east in zip(target_ids, message.target_north, message.target_east, strict=False)
+        ),
+        threats=tuple(_threat_entry(identity, message, index, unit_m) for index, identity in enumerate(threat_ids)),
+    )
+
+
+def _threat_entry(
+    identity: int, message: oneway.MAVLink_oneway_state_message, index: int, unit_m: float
+) -> ThreatEntry:
+    detection_units, attack_units = message.threat_detection[index], message.threat_attack[index]
+    if not 0 < attack_units <= detection_units:
+        raise WireError("radii out of range")
+    return ThreatEntry(
+        id=identity,
+        north_m=message.threat_north[index] * unit_m,
+        east_m=message.threat_east[index] * unit_m,
+        detection_radius_m=detection_units * unit_m,
+        attack_radius_m=attack_units * unit_m,
+        speed_bound_m_s=float(message.threat_speed_bound[index]),
+    )
+
+
+def _motion_frame(message: oneway.MAVLink_oneway_motion_message) -> MotionFrame:
+    agent_ids = _ids(message.agent_id_base, message.agent_id, message.agent_count)
+    target_ids = _ids(message.target_id_base, message.target_id, message.target_count)
+    threat_ids = _ids(message.threat_id_base, message.threat_id, message.threat_count)
+    headings_rad = [_heading_rad(value) for value in message.agent_heading[: len(agent_ids)]]
+    return MotionFrame(
+        stamp=_stamp(message),
+        agents=tuple(
+            AgentMotion(identity, heading_rad, speed / 100.0, age / 10.0)
+            for identity, heading_rad, speed, age in zip(
+                agent_ids, headings_rad, message.agent_speed, message.agent_age, strict=False
+            )
+        ),
+        targets=_point_motions(
+            target_ids, message.target_velocity_north, message.target_velocity_east, message.target_age
+        ),
+        threats=_point_motions(
+            threat_ids, message.threat_velocity_north, message.threat_velocity_east, message.threat_age
+        ),
+    )
+
+
+def _point_motions(
+    ids: Iterable[int], north: Iterable[int], east: Iterable[int], age: Iterable[int]
+) -> tuple[PointMotion, ...]:
+    return tuple(
+        PointMotion(identity, north_cm_s / 100.0, east_cm_s / 100.0, age_ds / 10.0)
+        for identity, north_cm_s, east_cm_s, age_ds in zip(ids, north, east, age, strict=False)
+    )
+
+
+def _detections_frame(message: oneway.MAVLink_oneway_detections_message) -> DetectionsFrame:
+    if message.count > DETECTIONS_PER_FRAME:
+        raise WireError("count out of range")
+    if any(kind > max(Kind) for kind in message.kind[: message.count]):
+        raise WireError("unknown kind")
+    origin_lat_deg, origin_lon_deg = _origin(message)
+    return DetectionsFrame(
+        epoch_s=message.epoch,
+        time_ms=message.time_ms,
+        origin_lat_deg=origin_lat_deg,
+        origin_lon_deg=origin_lon_deg,
+        detections=tuple(
+            Detection(
+                Kind(message.kind[index]),
+                message.id[index],
+                message.north[index] / 100.0,
+                message.east[index] / 100.0,
+                message.velocity_north[index] / 100.0,
+                message.velocity_east[index] / 100.0,
+            )
+            for index in range(message.count)
+        ),
+    )
+
+
+_DECODERS: dict[str, Callable[[Any], Frame]] = {
+    "ONEWAY_STATE": _state_frame,
+    "ONEWAY_MOTION": _motion_frame,
+    "ONEWAY_DETECTIONS": _detections_frame,
+}
+
+
+def _resolution_cm(points: Sequence[tuple[float, float]], radii_m: Sequence[float]) -> int:
+    """Return the finest resolution, in whole cm, at which every position and radius fits its 16 bits."""
+    reach_m = max((max(abs(north_m), abs(east_m)) for north_m, east_m in points), default=0.0)
+    radius_m = max(radii_m, default=0.0)
+    if not (math.isfinite(reach_m) and math.isfinite(radius_m)):
+        raise WireError("a position or radius is not finite")
+    # A radius gains up to sqrt(1/2) of a unit for the rounding of its centre and up to one for its own.
+    needed_cm = max(100 * reach_m / _INT16_MAX, 100 * radius_m / (_UINT16_MAX - 2))
+    resolution_cm = max(_MIN_RESOLUTION_CM, math.ceil(needed_cm))
+    if resolution_cm > _UINT16_MAX:
+        raise WireError(f"a position {reach_m:.0f} m from the origin does not fit a frame")
+    return resolution_cm
+
+
+def _based_ids(ids: Sequence[int], length: int, what: str) -> tuple[int, list[int]]:
+    if len(ids) > length:
+        raise WireError(f"{len(ids)} {what}; a frame holds {length}")
+    if not ids:
+        return 0, [0] * length
+    base = min(ids)
+    if max(ids) - base >= ID_SPAN:
+        raise WireError(f"{what}: ids {base} and {max(ids)} are too far apart for one frame")
+    return _whole(base, _UINT16_MAX, f"{what} id"), _padded([identity - base for identity in ids], length)
+
+
+def _ids(base: int, offsets: Sequence[int], count: int) -> list[int]:
+    if count > len(offsets):
+        raise WireError("count out of range")
+    ids = [base + offset for offset in offsets[:count]]
+    if len(set(ids)) != count or any(identity > _UINT16_MAX for identity in ids):
+        raise WireError("ids out of range")
+    return ids
+
+
+def _stamp(message: oneway.MAVLink_oneway_state_message | oneway.MAVLink_oneway_motion_message) -> Stamp:
+    if message.frame_index >= message.frame_count:
+        raise WireError("frame index out of range")
+    return Stamp(message.epoch, message.time_ms, message.sequence, message.frame_index, message.frame_count)
+
+
+def _origin(
+    message: oneway.MAVLink_oneway_state_message | oneway.MAVLink_oneway_detections_message,
+) -> tuple[float, float]:
+    if abs(message.origin_lat) > 900_000_000 or abs(message.origin_lon) > 1_800_000_000:
+        raise WireError("origin out of range")
+    return message.origin_lat / 1e7, message.origin_lon / 1e7
+
+
+def _padded(values: list[int], length: int) -> list[int]:
+    return values + [0] * (length - len(values))
+
+
+def _whole(value: int, greatest: int, what: str) -> int:
+    if not 0 <= value <= greatest:
+        raise WireError(f"{what} {value} does not fit its field; allowed: 0 to {greatest}")
+    return value
+
+
+def _speed_cm_s(speed_m_s: float) -> int:
+    return max(-_INT16_MAX, min(_INT16_MAX, round(speed_m_s * 100)))
+
+
+def _age_ds(age_s: float) -> int:
+    return math.ceil(round(age_s * 10, 6))
+
+
+def _heading_cdeg(heading_rad: float | None) -> int:
+    return _UNKNOWN_HEADING if heading_rad is None else round(math.degrees(heading_rad) * 100) % 36_000
+
+
+def _heading_rad(value_cdeg: int) -> float | None:
+    if value_cdeg == _UNKNOWN_HEADING:
+        return None
+    if value_cdeg >= 36_000:
+        raise WireError("heading out of range")
+    return math.radians(value_cdeg / 100.0)
+
+
+def _signature(signature: bytes) -> list[int]:
+    if len(signature) != SIGNATURE_BYTES:
+        raise WireError(f"a signature of {len(signature)} bytes; allowed: {SIGNATURE_BYTES}")
+    return list(signature)

@@ -1,0 +1,131 @@
+"""YAML files as the programs accept them: strict scalars, no unknown or repeated keys, one-line errors.
+
+The mission file and the vehicle's configuration share this: a base model, the reading of a file, and the turning of a
+validation fault into an InputError naming file, key, value and what is allowed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from companion.errors import InputError, nearest_hint, one_line
+
+MAX_FILE_BYTES = 4_000_000
+UNION_TAG = "kind:"
+"""Begins the tag of a member of a union of models; tags are left out of the path of a key in errors."""
+
+SectionT = TypeVar("SectionT", bound="Section")
+
+
+class Section(BaseModel):
+    """A part of a file: frozen, and an unknown key is an error that names the nearest known one."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: object) -> object:
+        if isinstance(data, Mapping):
+            for key in data:
+                if key not in cls.model_fields:
+                    hint = nearest_hint(str(key), cls.model_fields)
+                    raise ValueError(f"unknown key '{key}'{hint}; allowed: {', '.join(cls.model_fields)}")
+        return data
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML with the scalars of YAML 1.2 (1.0e11 is a number, 12:30 is not) and without duplicate keys."""
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, Any]]] = {}  # noqa: RUF012  (PyYAML's own class attribute)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str):
+                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a word", key_node.start_mark)
+            if key in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def _add_resolver(tag: str, pattern: str, first: str) -> None:
+    _Loader.add_implicit_resolver(tag, re.compile(pattern), list(first))
+
+
+_add_resolver("tag:yaml.org,2002:null", r"^(?:~|null|Null|NULL|)$", "~nN")
+_Loader.yaml_implicit_resolvers.setdefault("", []).append(
+    _Loader.yaml_implicit_resolvers["~"][0],
+)
+_add_resolver("tag:yaml.org,2002:bool", r"^(?:true|True|TRUE|false|False|FALSE)$", "tTfF")
+_add_resolver("tag:yaml.org,2002:int", r"^[-+]?[0-9]+$", "-+0123456789")
+_add_resolver(
+    "tag:yaml.org,2002:float",
+    r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$",
+    "-+.0123456789",
+)
+
+
+def read_text_file(path: Path) -> str:
+    """Return the text of a configuration file, or raise InputError if it cannot be one."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    if len(data) > MAX_FILE_BYTES:
+        raise InputError(f"{path}: {len(data)} bytes; allowed: at most {MAX_FILE_BYTES}")
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file (byte {error.start} is not UTF-8)") from error
+
+
+def parse_yaml(text: str, source: str) -> object:
+    """Parse one YAML document whose top is a mapping; raise InputError otherwise."""
+    try:
+        data = yaml.load(text, Loader=_Loader)  # noqa: S506  (a SafeLoader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" (line {mark.line + 1}, column {mark.column + 1})" if mark is not None else ""
+        problem = getattr(error, "problem", None) or str(error)
+        raise InputError(f"{source}: not valid YAML: {one_line(problem)}{where}") from error
+    except (RecursionError, ValueError) as error:
+        raise InputError(f"{source}: not valid YAML: {one_line(str(error))}") from error
+    if data is None:
+        raise InputError(f"{source}: the file is empty; a YAML mapping is expected")
+    if not isinstance(data, dict):
+        raise InputError(f"{source}: holds a {type(data).__name__}; a YAML mapping of keys is expected")
+    return data
+
+
+def validated(model: type[SectionT], data: object, source: str) -> SectionT:
+    """Validate parsed data against a model; raise InputError with its first fault on one line."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"{source}: {_fault(error.errors()[0])}") from error
+
+
+def _fault(details: ErrorDetails) -> str:
+    where = ""
+    for part in details["loc"]:
+        if isinstance(part, int):
+            where += f"[{part}]"
+        elif not part.startswith(UNION_TAG):
+            where += f".{part}" if where else part
+    message = details["msg"].removeprefix("Value error, ")
+    if details["type"] == "value_error":
+        return one_line(f"{where}: {message}" if where else message)
+    if details["type"] == "missing":
+        return one_line(f"{where}: missing; it has no default")
+    value = repr(details["input"])
+    shown = value if len(value) <= 60 else value[:57] + "..."
+    return one_line(f"{where}: {shown}; allowed: {message.removeprefix('Input should be ')}")

@@ -1,0 +1,40 @@
+"""The `groundstation` command line."""
+
+from __future__ import annotations
+
+import click
+
+from companion.errors import run_program
+from companion.mission import load_mission, resolve
+from companion.transport import parse_link
+from groundstation.service import run_until_signal
+
+
+@click.group()
+@click.version_option(package_name="oneway-guidance")
+def cli() -> None:
+    """Broadcast who goes where and where the threats are, and never be answered: the command centre.
+
+    Example: groundstation run copter-demo --link udpout:127.0.0.1:14600
+    """
+
+
+@cli.command()
+@click.argument("mission")
+@click.option("--link", required=True, metavar="URL", help="Where to broadcast: udpout:HOST:PORT.")
+@click.option(
+    "--sensor", metavar="URL", help="Where detections come in: udpin:HOST:PORT. Without it nobody is tracked."
+)
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
+def run(mission: str, link: str, sensor: str | None, seed: int) -> None:
+    """Broadcast MISSION, a YAML file or a packaged name, until interrupted.
+
+    Example: groundstation run copter-demo --link udpout:127.0.0.1:14600
+    """
+    resolved = resolve(load_mission(mission), seed, mission)
+    run_until_signal(resolved, parse_link(link), None if sensor is None else parse_link(sensor))
+
+
+def main() -> None:
+    """Run the `groundstation` program."""
+    run_program(cli, "groundstation")

@@ -1,0 +1,74 @@
+"""Shell of `groundstation run`: the broadcast socket, the sensor's socket and the clock around the core."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+from contextlib import ExitStack
+
+import click
+
+from companion.mission import Mission
+from companion.transport import Link, open_receiver, open_sender
+from groundstation.core import GroundStation
+
+TICK_S = 0.05
+"""How often the core is asked what is due: fine against any broadcast period in use."""
+
+
+async def run_groundstation(mission: Mission, link: Link, sensor: Link | None, stop: asyncio.Event) -> None:
+    """Broadcast a resolved mission until `stop` is set.
+
+    Without a sensor the ground station knows no more than the mission file: threats that may move grow with age, and
+    nobody can be known to be lost or to have arrived.
+
+    Raises:
+        InputError: a link cannot be opened, or the mission asks for something the ground station cannot do.
+
+    """
+    offset_s = time.time() - time.monotonic()
+    # The epoch is this run's whole second, and what is broadcast counts from it.
+    station = GroundStation(mission, offset_s + time.monotonic(), sensed=sensor is not None)
+    with ExitStack() as stack:
+        sender = await open_sender(link)
+        stack.callback(sender.close)
+        if sensor is not None:
+            receiver = await open_receiver(
+                sensor, lambda datagram: station.sense(datagram, offset_s + time.monotonic())
+            )
+            stack.callback(receiver.close)
+        click.echo(f"groundstation: {mission.name} on {link} (unsigned), sensor {sensor or 'none'}")
+        said = ""
+        while not stop.is_set():
+            for datagram in station.tick(offset_s + time.monotonic()):
+                sender.send(datagram)
+            line = _line(station)
+            if line != said:
+                click.echo(f"groundstation: {line}")
+                said = line
+            try:
+                await asyncio.wait_for(stop.wait(), TICK_S)
+            except TimeoutError:
+                continue
+
+
+def run_until_signal(mission: Mission, link: Link, sensor: Link | None) -> None:
+    """Run the ground station until SIGINT or SIGTERM."""
+
+    async def run() -> None:
+        stop = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        await run_groundstation(mission, link, sensor, stop)
+
+    asyncio.run(run())
+
+
+def _line(station: GroundStation) -> str:
+    pairs = ", ".join(f"{agent} to {target}" for agent, target in sorted(station.assignment.items()))
+    picture = station.picture
+    return (
+        f"agents to targets: {pairs or 'none'}; reached {sorted(picture.completed)}, "
+        f"arrived {sorted(picture.arrived)}, lost {sorted(picture.lost)}, uncovered {list(station.uncovered)}"
+    )

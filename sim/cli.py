@@ -1,0 +1,220 @@
+"""The `sim` command line."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from companion.adapters import ADAPTERS
+from companion.config import LAWS, Law
+from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, run_program
+from companion.mission import Mission, dump_mission, load_mission, resolve
+from sim.lockstep import Flight, check_flyable, fly
+from sim.plots import clearance_png, plot_paths
+from sim.report import write_report
+from sim.score import Score, score
+from sim.vehicle_service import vehicle
+
+MAX_SEED = 2**63 - 1
+
+
+@click.group()
+@click.version_option(package_name="oneway-guidance")
+def cli() -> None:
+    """Fly missions in lockstep, or be one autopilot in real time: the stand-in world.
+
+    Example: sim fly paper-dynamic --seed 1 --out runs/1
+    """
+
+
+cli.add_command(vehicle)
+
+
+@cli.command("fly")
+@click.argument("mission")
+@click.option(
+    "--seed", type=click.IntRange(0, MAX_SEED), default=1, show_default=True, help="What is drawn, and moves."
+)
+@click.option("--law", default="seed", show_default=True, help=f"Guidance law: {', '.join(LAWS)}.")
+@click.option("--autopilot", default="kinematic", show_default=True, help=f"Stand-in: {', '.join(ADAPTERS)}.")
+@click.option("--vehicles", type=click.IntRange(1, 2_000), help="Fly this many agents instead of the mission's number.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for trajectory, logs, pictures and report.")
+@click.option("--json", "as_json", is_flag=True, help="Print result.json instead of the table.")
+@click.option("--realtime", is_flag=True, help="Pace the virtual clock by the wall clock.")
+def fly_command(
+    mission: str,
+    seed: int,
+    law: str,
+    autopilot: str,
+    vehicles: int | None,
+    out: Path | None,
+    as_json: bool,
+    realtime: bool,
+) -> int:
+    """Fly MISSION, a YAML file or a packaged name, over real frames on a virtual clock.
+
+    Exit status 0 if every target was reached, 1 if not, 2 for unusable input.
+
+    Example: sim fly paper-dynamic --seed 1 --out runs/1
+    """
+    chosen = _law(law)
+    if autopilot not in ADAPTERS:
+        hint = nearest_hint(autopilot, ADAPTERS)
+        raise InputError(f"--autopilot: '{autopilot}'{hint}; allowed: {', '.join(ADAPTERS)}")
+    loaded = load_mission(mission)
+    if vehicles is not None:
+        loaded = _with_vehicles(loaded, vehicles, mission)
+    resolved = resolve(loaded, seed, mission)
+    check_flyable(resolved)
+    folder = None if out is None else _writable_folder(out)
+    with _progress(len(resolved.targets)) as progress:
+        flight = fly(resolved, seed, chosen, autopilot, folder, realtime, progress)
+    scored = score(flight.trajectory, resolved)
+    result = result_of(scored, flight, seed, chosen)
+    if folder is not None:
+        _write(folder, resolved, scored, flight, result, f"sim fly {mission} --seed {seed} --law {law}")
+    if as_json:
+        print(json.dumps(result))
+    else:
+        _print_table(resolved, result, folder)
+    return EXIT_DONE if scored.targets_reached == scored.targets else EXIT_FAILED
+
+
+def result_of(scored: Score, flight: Flight, seed: int, law: Law) -> dict[str, Any]:
+    """Return the content of `result.json` (docs/outputs.md explains each figure)."""
+    figures: dict[str, Any] = scored.to_dict()
+    quantiles = np.percentile(flight.decision_us, [50, 99, 99.9, 100]) if flight.decision_us.size else [0.0] * 4
+    return {
+        "seed": seed,
+        "law": law,
+        **figures,
+        "steps": flight.steps,
+        "guard_interventions": flight.guard_interventions,
+        "turn_limited_steps": flight.turn_limited_steps,
+        "decision_us": {
+            name: round(float(value), 1)
+            for name, value in zip(("median", "p99", "p999", "max"), quantiles, strict=True)
+        },
+        "broadcast_bytes": flight.broadcast_bytes,
+        "broadcast_frames": flight.broadcast_frames,
+        "frames_lost": flight.frames_lost,
+        "speedup": round(flight.speedup, 1),
+    }
+
+
+def _law(name: str) -> Law:
+    chosen = next((law for law in LAWS if law == name), None)
+    if chosen is not None:
+        return chosen
+    raise InputError(f"--law: '{name}'{nearest_hint(name, LAWS)}; allowed: {', '.join(LAWS)}")
+
+
+def _with_vehicles(mission: Mission, count: int, source: str) -> Mission:
+    listed = mission.agents[:count]
+    draw = mission.draw.model_copy(update={"agents": count - len(listed)})
+    targets = len(mission.targets) + mission.draw.targets
+    if count < targets:
+        raise InputError(f"{source}: --vehicles: {count}; allowed: at least as many as its {targets} targets")
+    return mission.model_copy(update={"agents": listed, "draw": draw})
+
+
+def _writable_folder(path: Path) -> Path:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / ".writable"
+        probe.write_bytes(b"")
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"--out: '{path}' cannot be written: {error.strerror}; allowed: a writable folder") from error
+    return path
+
+
+@contextmanager
+def _progress(targets: int) -> Iterator[Callable[[float, int], None]]:
+    """Show targets reached and virtual time on a terminal; nothing in a pipe."""
+    console = Console(stderr=True)
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} targets"),
+        BarColumn(),
+        TextColumn("flown {task.fields[flown]}"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("fly", total=targets, flown="0 s")
+
+        def show(t_s: float, reached: int) -> None:
+            bar.update(task, completed=reached, flown=f"{t_s:.0f} s")
+
+        yield show
+
+
+def _write(folder: Path, mission: Mission, scored: Score, flight: Flight, result: dict[str, Any], command: str) -> None:
+    (folder / "mission.yaml").write_text(dump_mission(mission), encoding="utf-8")
+    flight.trajectory.write_csv(folder / "trajectory.csv")
+    (folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    paths_png = plot_paths(
+        flight.trajectory,
+        mission,
+        scored,
+        folder / "paths.png",
+        mission.name,
+        seed=result["seed"],
+        law=result["law"],
+    )
+    write_report(
+        folder / "report.html",
+        mission,
+        result,
+        scored,
+        flight.trajectory,
+        paths_png,
+        clearance_png(scored, mission),
+        command,
+    )
+
+
+def _print_table(mission: Mission, result: dict[str, Any], folder: Path | None) -> None:
+    table = Table(title=f"{mission.name}, seed {result['seed']}, law {result['law']} (kinematic simulator)")
+    table.add_column("figure")
+    table.add_column("value", justify="right")
+    for name, value in _summary(result):
+        table.add_row(name, value)
+    console = Console(file=sys.stdout)
+    console.print(table)
+    if folder is not None:
+        console.print(f"written to {folder}: report.html, paths.png, result.json, trajectory.csv, mission.yaml, *.tlog")
+
+
+def _summary(result: dict[str, Any]) -> list[tuple[str, str]]:
+    separation_m = result["min_separation_m"]
+    return [
+        ("targets reached", f"{result['targets_reached']} of {result['targets']}"),
+        ("agents arrived", str(result["arrived"])),
+        ("flight time", f"{result['flight_time_s']:.1f} s"),
+        ("entries into R_d / R_a", f"{result['threat_entries_detection']} / {result['threat_entries_attack']}"),
+        ("worst depth in R_d", f"{result['worst_depth_m']:.1f} m"),
+        ("separation breaches", str(result["separation_breaches"])),
+        ("least separation", "-" if separation_m is None else f"{separation_m:.1f} m"),
+        ("turn-limited steps", str(result["turn_limited_steps"])),
+        ("guard interventions", str(result["guard_interventions"])),
+        ("decision median / p99", f"{result['decision_us']['median']:.0f} / {result['decision_us']['p99']:.0f} us"),
+        ("broadcast", f"{result['broadcast_frames']} frames, {result['broadcast_bytes']} bytes"),
+        ("frames lost", str(result["frames_lost"])),
+        ("speed", f"{result['speedup']:.0f} x real time"),
+    ]
+
+
+def main() -> None:
+    """Run the `sim` program."""
+    run_program(cli, "sim")

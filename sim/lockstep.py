@@ -1,0 +1,313 @@
+"""Flies a mission with everything on one virtual clock.
+
+Ground station, companions, sensor and vehicles are those of the real programs and exchange nothing but encoded frames.
+Kinematic: the vehicles are points that turn at a bounded rate (or answer velocity like a copter), not aircraft. The
+same mission and seed give the same trajectory, bit for bit.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from companion.adapters import ADAPTERS
+from companion.config import Law, config_for_agent
+from companion.core import Companion, Decision
+from companion.errors import InputError
+from companion.geodesy import LocalFrame
+from companion.mission import AgentSpec, Mission, random_stream
+from companion.tlog import TlogWriter
+from companion.wire import Kind
+from groundstation.core import GroundStation
+from sim.link import LINK_STREAM, LossyLink, Tamper
+from sim.sensor import LOOK_PERIOD_S, mission_sensor, seen
+from sim.trajectory import Trajectory, TrajectoryBuilder
+from sim.vehicle import ARDUCOPTER, LOCKSTEP_RATES_HZ, Profile, StandIn, kinematic_profile
+from sim.world import World
+
+START_S = 1_767_225_600.0
+"""Unix time at which every flight begins: 2026-01-01T00:00:00Z, so that logs are the same each time."""
+_TOLERANCE_S = 1e-6
+_MAX_SYSTEM_ID = 250
+"""Greatest MAVLink system id given to a vehicle; above it ids are habitually ground stations'."""
+
+Progress = Callable[[float, int], None]
+"""Called now and then with the virtual time in seconds and the number of targets reached."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What a flight left behind, beside its logs."""
+
+    trajectory: Trajectory
+    steps: int
+    """Guidance steps of the mission's clock."""
+    decision_us: np.ndarray  # (D,) us, wall-clock time of each companion's decision
+    turn_limited_steps: int
+    guard_interventions: int
+    broadcast_frames: int
+    broadcast_bytes: int
+    frames_lost: int
+    """Summed over receivers."""
+    speedup: float
+    """Virtual over wall-clock time."""
+    companions: dict[int, Companion]
+
+
+class _Aircraft:
+    """A vehicle, its companion and its end of the link."""
+
+    def __init__(
+        self, spec: AgentSpec, companion: Companion, vehicle: StandIn, link: LossyLink, log: TlogWriter | None
+    ) -> None:
+        self.spec = spec
+        self.companion = companion
+        self.vehicle = vehicle
+        self.link = link
+        self.log = log
+        self.alive = True
+
+    def row(self) -> tuple[float, float, float, float]:
+        """Return north m, east m, heading deg, speed m/s; a lost vehicle stands where it was lost."""
+        truth = self.vehicle.truth
+        heading_deg = float(np.degrees(truth.heading_rad)) % 360.0
+        return truth.north_m, truth.east_m, heading_deg, truth.speed_m_s if self.alive else 0.0
+
+    def exchange_telemetry(self, now_s: float) -> None:
+        for frame in self.vehicle.telemetry(now_s):
+            self._log(frame, now_s)
+            self.companion.receive(frame, now_s)
+
+    def steer(self, now_s: float) -> tuple[Decision, float]:
+        """Let the companion decide and the vehicle hear it; return the decision and its wall-clock time in us."""
+        began_ns = time.perf_counter_ns()
+        decision, frames = self.companion.tick(now_s)
+        decision_us = (time.perf_counter_ns() - began_ns) / 1000.0
+        for frame in frames:
+            self._log(frame, now_s)
+            for reply in self.vehicle.receive(frame, now_s):
+                self._log(reply, now_s)
+                self.companion.receive(reply, now_s)
+        return decision, decision_us
+
+    def _log(self, frame: bytes, now_s: float) -> None:
+        if self.log is not None:
+            self.log.write(now_s, frame)
+
+
+def check_flyable(mission: Mission) -> None:
+    """Raise InputError if the mission asks for what this simulator does not fly; silence would be a wrong answer."""
+    if mission.wind.speed_m_s > 0.0 or mission.wind.gust_m_s > 0.0:
+        raise InputError(f"{mission.name}: wind.speed_m_s: {mission.wind.speed_m_s:g}; allowed: 0, wind is not flown")
+    if mission.case != "I":
+        raise InputError(f"{mission.name}: case: '{mission.case}' is not flown; allowed: I")
+    if mission.surrogate == "monolithic":
+        raise InputError(f"{mission.name}: surrogate: 'monolithic' is not flown; allowed: pairwise, analytic")
+
+
+def fly(
+    mission: Mission,
+    seed: int,
+    law: Law = "seed",
+    autopilot: str = "kinematic",
+    out: Path | None = None,
+    realtime: bool = False,
+    progress: Progress | None = None,
+    tamper: Tamper | None = None,
+) -> Flight:
+    """Fly a resolved mission until every target is reached, nobody is left, or its time is up.
+
+    `out` is a folder for the `.tlog` files. `tamper` changes frames in the air, for tests.
+
+    Raises:
+        InputError: the mission asks for something that is not flown.
+
+    """
+    check_flyable(mission)
+    with ExitStack() as stack:
+
+        def log(name: str) -> TlogWriter | None:
+            return None if out is None else stack.enter_context(TlogWriter(out / name))
+
+        return _Flying(mission, seed, law, autopilot, log, tamper).run(realtime, progress)
+
+
+class _Flying:
+    """A flight under way."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        seed: int,
+        law: Law,
+        autopilot: str,
+        log: Callable[[str], TlogWriter | None],
+        tamper: Tamper | None,
+    ) -> None:
+        self._mission = mission
+        self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
+        self._ground = GroundStation(mission, START_S)
+        self._sensor = mission_sensor(mission, int(START_S))
+        self._world = World(mission, seed)
+        self._broadcast_log = log("broadcast.tlog")
+        self._fleet = [
+            self._aircraft(spec, index, seed, law, autopilot, log(f"vehicle-{spec.id}.tlog"), tamper)
+            for index, spec in enumerate(mission.agents)
+        ]
+        self._losses_s = {loss.agent: loss.t_s for loss in mission.losses}
+        self._trajectory = TrajectoryBuilder(
+            [agent.id for agent in mission.agents],
+            [target.id for target in mission.targets],
+            [threat.id for threat in mission.threats],
+        )
+        self._open = list(range(len(mission.targets)))
+        self._arrived: set[int] = set()
+        self._decision_us: list[float] = []
+        self._turn_limited = self._guarded = self._frames = self._bytes = 0
+
+    def _aircraft(
+        self,
+        spec: AgentSpec,
+        index: int,
+        seed: int,
+        law: Law,
+        autopilot: str,
+        log: TlogWriter | None,
+        tamper: Tamper | None,
+    ) -> _Aircraft:
+        config = config_for_agent(self._mission, spec.id, law)
+        north_m, east_m = spec.position_ned_m
+        profile = _profile(autopilot, spec)
+        vehicle = StandIn(
+            profile,
+            index % _MAX_SYSTEM_ID + 1,
+            self._frame,
+            north_m=north_m,
+            east_m=east_m,
+            altitude_m=self._mission.origin.alt_m + config.height_m,
+            heading_rad=float(np.radians(spec.heading_deg or 0.0)),
+            speed_m_s=0.0 if profile.point is None else spec.speed_m_s,
+            home=None,
+            in_air=True,
+            armed=True,
+            guided=True,
+            start_s=START_S,
+            rates_hz=LOCKSTEP_RATES_HZ,
+        )
+        link = LossyLink(
+            self._mission.link,
+            random_stream(seed, LINK_STREAM, index),
+            self._mission.broadcast_period_s,
+            tamper,
+        )
+        return _Aircraft(spec, Companion(config, ADAPTERS[autopilot]()), vehicle, link, log)
+
+    def run(self, realtime: bool, progress: Progress | None) -> Flight:
+        """Fly to the end."""
+        mission = self._mission
+        step_s = mission.integration_step_s
+        guide_every = round(mission.guidance_step_s / step_s)
+        last_tick = int(mission.max_time_s / step_s + _TOLERANCE_S)
+        next_look_s = 0.0
+        steps = 0
+        began_s = time.perf_counter()
+        for tick in range(last_tick + 1):
+            t_s = tick * step_s
+            self._world.advance(t_s)
+            self._lose(t_s)
+            over = self._record(t_s)
+            if progress is not None and tick % 100 == 0:
+                progress(t_s, len(mission.targets) - len(self._open))
+            if over or tick == last_tick:
+                break
+            if t_s >= next_look_s - _TOLERANCE_S:
+                self._look(t_s)
+                next_look_s += LOOK_PERIOD_S
+            self._broadcast(t_s)
+            if tick % guide_every == 0:
+                self._guide(t_s)
+                steps += 1
+            for aircraft in self._fleet:
+                if aircraft.alive:
+                    aircraft.vehicle.step_to(START_S + t_s + step_s)
+            if realtime:
+                time.sleep(max(0.0, began_s + t_s + step_s - time.perf_counter()))
+        elapsed_s = time.perf_counter() - began_s
+        trajectory = self._trajectory.build()
+        return Flight(
+            trajectory=trajectory,
+            steps=steps,
+            decision_us=np.array(self._decision_us),
+            turn_limited_steps=self._turn_limited,
+            guard_interventions=self._guarded,
+            broadcast_frames=self._frames,
+            broadcast_bytes=self._bytes,
+            frames_lost=sum(aircraft.link.lost for aircraft in self._fleet),
+            speedup=float(trajectory.t_s[-1]) / elapsed_s if elapsed_s > 0.0 else 0.0,
+            companions={aircraft.spec.id: aircraft.companion for aircraft in self._fleet},
+        )
+
+    def _lose(self, t_s: float) -> None:
+        for aircraft in self._fleet:
+            if aircraft.alive and t_s >= self._losses_s.get(aircraft.spec.id, np.inf):
+                aircraft.alive = False
+
+    def _record(self, t_s: float) -> bool:
+        """Log the truth and note arrivals by the rule of `sim.score`; return whether the flight is over."""
+        agents = np.array([aircraft.row() for aircraft in self._fleet])
+        targets, threats = self._world.rows()
+        self._trajectory.append(t_s, agents, targets, threats)
+        agents_ned_m, targets_ned_m = np.round(agents[:, :2], 3), np.round(targets[:, :2], 3)
+        flying = [i for i, a in enumerate(self._fleet) if a.alive and i not in self._arrived]
+        for target in list(self._open):
+            apart_m = np.hypot(*(agents_ned_m[flying] - targets_ned_m[target]).T)
+            here = [flying[i] for i in np.flatnonzero(apart_m <= self._mission.arrival_radius_m)]
+            if here:
+                self._arrived.update(here)
+                flying = [i for i in flying if i not in self._arrived]
+                self._open.remove(target)
+        return not self._open or not flying
+
+    def _look(self, t_s: float) -> None:
+        mission = self._mission
+        targets, threats = self._world.rows()
+        detections = [
+            seen(Kind.AGENT, aircraft.spec.id, np.array(aircraft.row())) for aircraft in self._fleet if aircraft.alive
+        ]
+        detections += [seen(Kind.TARGET, spec.id, row) for spec, row in zip(mission.targets, targets, strict=True)]
+        detections += [seen(Kind.THREAT, spec.id, row) for spec, row in zip(mission.threats, threats, strict=True)]
+        for datagram in self._sensor.look(detections, START_S + t_s):
+            self._ground.sense(datagram, START_S + t_s)
+
+    def _broadcast(self, t_s: float) -> None:
+        for datagram in self._ground.tick(START_S + t_s):
+            self._frames += 1
+            self._bytes += len(datagram)
+            if self._broadcast_log is not None:
+                self._broadcast_log.write(START_S + t_s, datagram)
+            for aircraft in self._fleet:
+                aircraft.link.send(datagram, t_s)
+
+    def _guide(self, t_s: float) -> None:
+        now_s = START_S + t_s
+        for aircraft in self._fleet:
+            if not aircraft.alive:
+                continue
+            for arrival_s, datagram in aircraft.link.deliver(t_s):
+                aircraft.companion.hear(datagram, START_S + arrival_s)
+            aircraft.exchange_telemetry(now_s)
+            decision, decision_us = aircraft.steer(now_s)
+            self._decision_us.append(decision_us)
+            self._turn_limited += decision.turn_limited
+            self._guarded += bool(decision.guard_changes)
+
+
+def _profile(autopilot: str, spec: AgentSpec) -> Profile:
+    if autopilot == "arducopter":
+        return ARDUCOPTER
+    return kinematic_profile(spec.n_max, spec.speed_m_s, spec.speed_m_s)

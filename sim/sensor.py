@@ -1,0 +1,58 @@
+"""The centre's sensor: once a second it looks at the truth and sends what it sees as frames on a channel of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from companion.mission import Mission
+from companion.wire import (
+    DETECTIONS_PER_FRAME,
+    GROUND_SYSTEM,
+    SENSOR_COMPONENT,
+    Detection,
+    DetectionsFrame,
+    FrameWriter,
+    Kind,
+)
+
+LOOK_PERIOD_S = 1.0
+"""Time between two looks."""
+
+
+class Sensor:
+    """Encodes looks at the truth. Nothing is added to it: noise and misses are not modelled."""
+
+    def __init__(self, origin_lat_deg: float, origin_lon_deg: float, epoch_s: int) -> None:
+        self._origin_deg = (origin_lat_deg, origin_lon_deg)
+        self._epoch_s = epoch_s
+        self._writer = FrameWriter(GROUND_SYSTEM, SENSOR_COMPONENT)
+
+    def look(self, detections: Iterable[Detection], now_s: float) -> list[bytes]:
+        """Return the frames of one look at `now_s`, Unix seconds."""
+        seen = list(detections)
+        time_ms = round((now_s - self._epoch_s) * 1000.0)
+        return [
+            self._writer.encode(
+                DetectionsFrame(
+                    self._epoch_s, time_ms, *self._origin_deg, tuple(seen[start : start + DETECTIONS_PER_FRAME])
+                )
+            )
+            for start in range(0, len(seen), DETECTIONS_PER_FRAME)
+        ]
+
+
+def seen(kind: Kind, identity: int, row: np.ndarray) -> Detection:
+    """Return the detection of a thing from its row: north m, east m, heading deg, speed m/s."""
+    north_m, east_m, heading_deg, speed_m_s = map(float, row)
+    heading_rad = math.radians(heading_deg)
+    return Detection(
+        kind, identity, north_m, east_m, speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad)
+    )
+
+
+def mission_sensor(mission: Mission, epoch_s: int) -> Sensor:
+    """Return the sensor of a mission's command centre."""
+    return Sensor(mission.origin.lat_deg, mission.origin.lon_deg, epoch_s)

@@ -1,0 +1,265 @@
+"""The truth's log: where everything was at every step, in memory and as `trajectory.csv`.
+
+A run is judged from this table and the mission alone, by us and by anyone who distrusts us, so the values in memory are
+rounded to what the file holds: a score or a figure computed before the file was written equals one computed from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.errors import InputError, one_line
+
+HEADER = "t_s,kind,id,north_m,east_m,heading_deg,speed_m_s"
+KINDS = ("agent", "target", "threat")
+TIME_DECIMALS = 3
+POSITION_DECIMALS = 3
+HEADING_DECIMALS = 4
+SPEED_DECIMALS = 3
+FULL_TURN_DEG = 360.0
+
+_FIRST_CAPACITY = 1024
+"""Steps; the builder's buffer doubles from here."""
+_WRITE_BATCH = 1000
+"""Steps formatted at once, which bounds the memory of the text."""
+_ROW_FORMAT = f"%.{TIME_DECIMALS}f,{{kind}},{{id}},%.{POSITION_DECIMALS}f,%.{POSITION_DECIMALS}f"
+_ROW_FORMAT += f",%.{HEADING_DECIMALS}f,%.{SPEED_DECIMALS}f\n"
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """What was where: S samples of N agents, K targets and M threats, ids in file order.
+
+    Headings are degrees clockwise from north in [0, 360). Values carry no more decimals than the file does.
+    """
+
+    t_s: np.ndarray  # (S,) s, strictly increasing
+    agent_ids: tuple[int, ...]
+    target_ids: tuple[int, ...]
+    threat_ids: tuple[int, ...]
+    agents_ned_m: np.ndarray  # (S, N, 2) north, east m
+    agents_heading_deg: np.ndarray  # (S, N) deg
+    agents_speed_m_s: np.ndarray  # (S, N) m/s
+    targets_ned_m: np.ndarray  # (S, K, 2) north, east m
+    targets_heading_deg: np.ndarray  # (S, K) deg
+    targets_speed_m_s: np.ndarray  # (S, K) m/s
+    threats_ned_m: np.ndarray  # (S, M, 2) north, east m
+    threats_heading_deg: np.ndarray  # (S, M) deg
+    threats_speed_m_s: np.ndarray  # (S, M) m/s
+
+    def write_csv(self, path: Path) -> None:
+        """Write the table: per step the agents, the targets, the threats. The same data give the same bytes.
+
+        Raises OSError where the file cannot be written.
+        """
+        ids_by_kind = (self.agent_ids, self.target_ids, self.threat_ids)
+        step_format = "".join(
+            _ROW_FORMAT.format(kind=kind, id=identity)
+            for kind, ids in zip(KINDS, ids_by_kind, strict=True)
+            for identity in ids
+        )
+        values = self._rows()  # (S, (N + K + M) * 5)
+        with path.open("w", encoding="ascii", newline="\n") as file:
+            file.write(HEADER + "\n")
+            for begin in range(0, len(values), _WRITE_BATCH):
+                batch = values[begin : begin + _WRITE_BATCH].tolist()
+                file.write("".join([step_format % tuple(row) for row in batch]))
+
+    def _rows(self) -> np.ndarray:
+        """Return (S, (N + K + M) * 5): t, north, east, heading, speed of each object, in the file's order."""
+        ned_m = np.concatenate((self.agents_ned_m, self.targets_ned_m, self.threats_ned_m), axis=1)
+        heading_deg = np.concatenate(
+            (self.agents_heading_deg, self.targets_heading_deg, self.threats_heading_deg), axis=1
+        )
+        speed_m_s = np.concatenate((self.agents_speed_m_s, self.targets_speed_m_s, self.threats_speed_m_s), axis=1)
+        t_s = np.broadcast_to(self.t_s[:, None], speed_m_s.shape)
+        stacked = np.stack((t_s, ned_m[..., 0], ned_m[..., 1], heading_deg, speed_m_s), axis=-1)
+        rows: np.ndarray = stacked.reshape(len(self.t_s), -1)
+        return rows
+
+
+class TrajectoryBuilder:
+    """Collects one row-set per integration step, cheaply, and builds the Trajectory at the end."""
+
+    def __init__(self, agent_ids: Sequence[int], target_ids: Sequence[int], threat_ids: Sequence[int]) -> None:
+        self._ids = (tuple(agent_ids), tuple(target_ids), tuple(threat_ids))
+        self._objects = sum(len(ids) for ids in self._ids)
+        self._t_s = np.empty(_FIRST_CAPACITY)
+        self._values = np.empty((_FIRST_CAPACITY, self._objects, 4))
+        self._count = 0
+
+    def __len__(self) -> int:
+        """Return how many steps were appended."""
+        return self._count
+
+    def append(self, t_s: float, agents: npt.ArrayLike, targets: npt.ArrayLike, threats: npt.ArrayLike) -> None:
+        """Record one step.
+
+        `agents` (N, 4), `targets` (K, 4) and `threats` (M, 4) hold north m, east m, heading deg, speed m/s, in the
+        order of the ids. They are copied. Raises ValueError where a shape does not fit the ids.
+        """
+        if self._count == len(self._t_s):
+            self._t_s = np.concatenate((self._t_s, np.empty_like(self._t_s)))
+            self._values = np.concatenate((self._values, np.empty_like(self._values)))
+        self._t_s[self._count] = t_s
+        begin = 0
+        for ids, rows in zip(self._ids, (agents, targets, threats), strict=True):
+            end = begin + len(ids)
+            table = np.asarray(rows, dtype=float)
+            if ids and table.shape != (len(ids), 4):
+                raise ValueError(f"rows of shape {table.shape}; ({len(ids)}, 4) is allowed")
+            if ids:
+                self._values[self._count, begin:end] = table
+            begin = end
+        self._count += 1
+
+    def build(self) -> Trajectory:
+        """Return what was recorded, rounded to what the file holds.
+
+        Raises ValueError where nothing was recorded, a value is not finite, or two times round to the same or go back.
+        """
+        if self._count == 0:
+            raise ValueError("no step was recorded")
+        t_s = self._t_s[: self._count]
+        values = self._values[: self._count]
+        if not (np.isfinite(t_s).all() and np.isfinite(values).all()):
+            raise ValueError("a recorded value is not finite")
+        trajectory = _trajectory(t_s, self._ids, values)
+        if (np.diff(trajectory.t_s) <= 0).any():
+            raise ValueError("recorded times do not increase")
+        return trajectory
+
+
+def read_csv(path: Path) -> Trajectory:
+    """Read a `trajectory.csv`.
+
+    Raises InputError, one line naming file and line, where the file is missing or damaged: another header, a row of the
+    wrong length, something that is not a finite number, a row missing or out of order within a step, times that do not
+    increase.
+    """
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a trajectory: {one_line(str(error))}") from error
+    if not lines or lines[0] != HEADER:
+        found = lines[0][:80] if lines else ""
+        raise InputError(f"{path}: line 1: header is {found!r}; {HEADER!r} is allowed")
+    rows = [line.split(",") for line in lines[1:]]
+    for number, row in enumerate(rows, start=2):
+        if len(row) != 7:
+            raise InputError(f"{path}: line {number}: {len(row)} columns; 7 are allowed")
+    if not rows:
+        raise InputError(f"{path}: no rows after the header; one per object and step is needed")
+
+    per_step = 1
+    while per_step < len(rows) and rows[per_step][0] == rows[0][0]:
+        per_step += 1
+    ids = _ids_of_step(path, rows[:per_step])
+    labels = [(kind, str(identity)) for kind, of_kind in zip(KINDS, ids, strict=True) for identity in of_kind]
+    for index, row in enumerate(rows):
+        kind, identity = labels[index % per_step]
+        step_t_s = rows[index - index % per_step][0]
+        if row[1] != kind or row[2] != identity or row[0] != step_t_s:
+            raise InputError(
+                f"{path}: line {index + 2}: {row[1]} {row[2]} at t_s {row[0]}; "
+                f"{kind} {identity} at t_s {step_t_s} is allowed: every step lists the same objects in the same order"
+            )
+    if len(rows) % per_step:
+        raise InputError(f"{path}: the last step has {len(rows) % per_step} rows; {per_step} are needed")
+
+    numbers = _numbers(path, rows).reshape(-1, per_step, 5)
+    t_s = numbers[:, 0, 0]
+    backwards = np.flatnonzero(np.diff(t_s) <= 0)
+    if backwards.size:
+        line = (int(backwards[0]) + 1) * per_step + 2
+        raise InputError(f"{path}: line {line}: t_s {rows[line - 2][0]} does not come after {rows[line - 3][0]}")
+    return _trajectory(t_s, ids, numbers[..., 1:])
+
+
+def _ids_of_step(path: Path, rows: Sequence[Sequence[str]]) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
+    """Return the ids by kind of the first step's rows; raise InputError for an unknown kind, order or id."""
+    ids: tuple[list[int], list[int], list[int]] = ([], [], [])
+    last = 0
+    for number, row in enumerate(rows, start=2):
+        if row[1] not in KINDS:
+            raise InputError(f"{path}: line {number}: kind is {row[1]!r}; agent, target or threat is allowed")
+        kind = KINDS.index(row[1])
+        if kind < last:
+            raise InputError(
+                f"{path}: line {number}: {row[1]} after {KINDS[last]}; agents, targets, threats is the order"
+            )
+        last = kind
+        if not row[2].isdecimal():
+            raise InputError(f"{path}: line {number}: id is {row[2]!r}; a whole number is allowed")
+        if int(row[2]) in ids[kind]:
+            raise InputError(f"{path}: line {number}: {row[1]} {row[2]} twice in one step; once is allowed")
+        ids[kind].append(int(row[2]))
+    return tuple(ids[0]), tuple(ids[1]), tuple(ids[2])
+
+
+def _numbers(path: Path, rows: Sequence[Sequence[str]]) -> np.ndarray:
+    """Return (rows, 5): t, north, east, heading, speed; raise InputError for what is not a finite number."""
+    try:
+        numbers = np.array([[float(row[0]), *map(float, row[3:])] for row in rows])
+    except ValueError:
+        numbers = np.full((1, 5), np.nan)
+    if np.isfinite(numbers).all():
+        return numbers
+    names = HEADER.split(",")
+    for number, row in enumerate(rows, start=2):
+        for column in (0, 3, 4, 5, 6):
+            if not _is_finite_number(row[column]):
+                raise InputError(
+                    f"{path}: line {number}: {names[column]} is {row[column]!r}; a finite number is allowed"
+                )
+    raise AssertionError("a value was not finite, yet every field is a finite number")
+
+
+def _is_finite_number(text: str) -> bool:
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False
+
+
+def _trajectory(
+    t_s: np.ndarray, ids: tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]], values: np.ndarray
+) -> Trajectory:
+    """Return the rounded Trajectory of times (S,) s and values (S, N + K + M, 4): north, east, heading, speed."""
+    ned_m = _rounded(values[..., :2], POSITION_DECIMALS)
+    # Rounding can reach the full turn again, which is north.
+    heading_deg = _rounded(values[..., 2] % FULL_TURN_DEG, HEADING_DECIMALS) % FULL_TURN_DEG
+    speed_m_s = _rounded(values[..., 3], SPEED_DECIMALS)
+    first_target = len(ids[0])
+    first_threat = first_target + len(ids[1])
+    agents, targets, threats = (
+        slice(0, first_target),
+        slice(first_target, first_threat),
+        slice(first_threat, None),
+    )
+    return Trajectory(
+        t_s=_rounded(t_s, TIME_DECIMALS),
+        agent_ids=ids[0],
+        target_ids=ids[1],
+        threat_ids=ids[2],
+        agents_ned_m=ned_m[:, agents],
+        agents_heading_deg=heading_deg[:, agents],
+        agents_speed_m_s=speed_m_s[:, agents],
+        targets_ned_m=ned_m[:, targets],
+        targets_heading_deg=heading_deg[:, targets],
+        targets_speed_m_s=speed_m_s[:, targets],
+        threats_ned_m=ned_m[:, threats],
+        threats_heading_deg=heading_deg[:, threats],
+        threats_speed_m_s=speed_m_s[:, threats],
+    )
+
+
+def _rounded(values: np.ndarray, decimals: int) -> np.ndarray:
+    """Round; adding zero turns -0.0 into 0.0, so that the file never shows "-0.000"."""
+    rounded: np.ndarray = np.round(values, decimals) + 0.0
+    return rounded

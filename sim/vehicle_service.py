@@ -1,0 +1,222 @@
+"""Shell of `sim vehicle`: one stand-in autopilot on real sockets and the real clock.
+
+It lets any MAVLink program (MAVSDK, MAVProxy, a ground station, the companion) meet the stand-in over UDP.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import click
+
+from companion.errors import EXIT_DONE, InputError, nearest_hint
+from companion.geodesy import LocalFrame
+from companion.transport import Duplex, Link, open_duplex, parse_link
+from sim.vehicle import ARDUCOPTER, Home, Profile, StandIn, Truth, kinematic_profile
+
+AUTOPILOTS = ("arducopter", "kinematic")
+
+_STEP_S = 0.02
+"""50 Hz, a quarter of the fastest lag in the copter."""
+_GIVE_UP_CATCHING_UP_S = 1.0
+"""A computer that slept longer goes on from now instead of flying the missed time in one burst."""
+_TRUTH_PERIOD_STEPS = round(1.0 / _STEP_S)
+
+# The kinematic vehicle is the paper's: it cannot stop, so it begins in the air.
+_KINEMATIC_N_MAX = 10.0
+_KINEMATIC_HEIGHT_M = 100.0
+
+OnTruth = Callable[[float, Truth], None]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleOptions:
+    """What `sim vehicle` was asked for; the altitude is the ground's, above sea level."""
+
+    autopilot: str
+    links: tuple[Link, ...]
+    lat_deg: float = 47.0
+    lon_deg: float = 8.0
+    alt_m: float = 500.0
+    heading_deg: float = 0.0
+    speed_m_s: float = 60.0
+    system_id: int = 1
+
+
+async def run_vehicle(
+    options: VehicleOptions, *, stop: asyncio.Event | None = None, on_truth: OnTruth | None = None
+) -> None:
+    """Fly one stand-in in real time until `stop` is set, or for ever.
+
+    `on_truth(t_unix_s, truth)` is called once a second, in the plane about the start. Raises InputError for an unknown
+    autopilot or a link that cannot be opened.
+    """
+    stop = asyncio.Event() if stop is None else stop
+    vehicle = _build(options)
+    loop = asyncio.get_running_loop()
+    began_s = loop.time()
+    links: list[Duplex] = []
+
+    def answer(index: int, datagram: bytes) -> None:
+        for frame in vehicle.receive(datagram, loop.time() - began_s):
+            links[index].send(frame)
+
+    try:
+        for index, link in enumerate(options.links):
+            links.append(await open_duplex(link, partial(answer, index)))
+        names = ", ".join(str(link) for link in options.links)
+        click.echo(f"sim vehicle: {options.autopilot}, system {options.system_id}, on {names}")
+        began_s = loop.time()
+        steps = 0
+        while not stop.is_set():
+            t_s = steps * _STEP_S
+            vehicle.step_to(t_s)
+            for frame in vehicle.telemetry(t_s):
+                for end_point in links:
+                    end_point.send(frame)
+            if on_truth is not None and steps % _TRUTH_PERIOD_STEPS == 0:
+                on_truth(time.time(), vehicle.truth)
+            steps += 1
+            wait_s = began_s + steps * _STEP_S - loop.time()
+            if wait_s < -_GIVE_UP_CATCHING_UP_S:
+                began_s -= wait_s
+            await _wait(stop, wait_s)
+    finally:
+        for end_point in links:
+            end_point.close()
+
+
+async def _wait(stop: asyncio.Event, wait_s: float) -> None:
+    try:
+        await asyncio.wait_for(stop.wait(), max(wait_s, 0.0))
+    except TimeoutError:
+        # Late or not, the sockets get their turn.
+        await asyncio.sleep(0.0)
+
+
+def _build(options: VehicleOptions) -> StandIn:
+    _require_known(options.autopilot)
+    flying = options.autopilot == "kinematic"
+    profile: Profile = ARDUCOPTER
+    if flying:
+        profile = kinematic_profile(_KINEMATIC_N_MAX, options.speed_m_s, options.speed_m_s)
+    return StandIn(
+        profile,
+        options.system_id,
+        LocalFrame(options.lat_deg, options.lon_deg),
+        altitude_m=options.alt_m + (_KINEMATIC_HEIGHT_M if flying else 0.0),
+        heading_rad=math.radians(options.heading_deg),
+        speed_m_s=options.speed_m_s if flying else 0.0,
+        home=Home(0.0, 0.0, options.alt_m),
+        in_air=flying,
+        armed=flying,
+        guided=flying,
+    )
+
+
+def _require_known(autopilot: str) -> None:
+    if autopilot not in AUTOPILOTS:
+        hint = nearest_hint(autopilot, AUTOPILOTS)
+        raise InputError(f"--autopilot: unknown '{autopilot}'; allowed: {', '.join(AUTOPILOTS)}{hint}")
+
+
+def _known_autopilot(_context: click.Context, _parameter: click.Parameter, value: str) -> str:
+    _require_known(value)
+    return value
+
+
+def _parsed_links(_context: click.Context, _parameter: click.Parameter, values: tuple[str, ...]) -> tuple[Link, ...]:
+    return tuple(parse_link(value) for value in values)
+
+
+def _finite(_context: click.Context, parameter: click.Parameter, value: float) -> float:
+    if not math.isfinite(value):
+        raise click.BadParameter(f"{value} is not a finite number", param=parameter)
+    return value
+
+
+@click.command(
+    "vehicle",
+    epilog="Example: sim vehicle --autopilot arducopter --connect udpout:127.0.0.1:14540",
+    short_help="One stand-in autopilot in real time.",
+)
+@click.option(
+    "--autopilot",
+    required=True,
+    callback=_known_autopilot,
+    metavar=f"[{'|'.join(AUTOPILOTS)}]",
+    help="Which autopilot to stand in for.",
+)
+@click.option(
+    "--connect",
+    "links",
+    required=True,
+    multiple=True,
+    callback=_parsed_links,
+    metavar="URL",
+    help="udpin:HOST:PORT or udpout:HOST:PORT; may be given several times.",
+)
+@click.option(
+    "--lat", "lat_deg", type=click.FloatRange(-90, 90), callback=_finite, default=47.0, show_default=True, help="deg"
+)
+@click.option(
+    "--lon", "lon_deg", type=click.FloatRange(-180, 180), callback=_finite, default=8.0, show_default=True, help="deg"
+)
+@click.option(
+    "--alt",
+    "alt_m",
+    type=click.FloatRange(-500, 10000),
+    callback=_finite,
+    default=500.0,
+    show_default=True,
+    help="Height of the ground above sea level, m.",
+)
+@click.option(
+    "--heading",
+    "heading_deg",
+    type=float,
+    callback=_finite,
+    default=0.0,
+    show_default=True,
+    help="From true north, deg.",
+)
+@click.option(
+    "--speed",
+    "speed_m_s",
+    type=click.FloatRange(1, 300),
+    callback=_finite,
+    default=60.0,
+    show_default=True,
+    help="Of a kinematic vehicle, which cannot stop and begins in the air, m/s.",
+)
+@click.option("--system-id", type=click.IntRange(1, 255), default=1, show_default=True, help="MAVLink system id.")
+def vehicle(
+    autopilot: str,
+    links: tuple[Link, ...],
+    lat_deg: float,
+    lon_deg: float,
+    alt_m: float,
+    heading_deg: float,
+    speed_m_s: float,
+    system_id: int,
+) -> int:
+    """Run one stand-in autopilot that speaks MAVLink over UDP, until it is interrupted.
+
+    An arducopter waits on the ground in STABILIZE; a kinematic vehicle circles until it gets setpoints.
+    """
+    options = VehicleOptions(autopilot, links, lat_deg, lon_deg, alt_m, heading_deg, speed_m_s, system_id)
+    asyncio.run(_until_signal(options))
+    return EXIT_DONE
+
+
+async def _until_signal(options: VehicleOptions) -> None:
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    await run_vehicle(options, stop=stop)

@@ -1,0 +1,78 @@
+"""The truth about targets and threats: where they really move. Only the sensor looks at it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from companion.mission import Mission, PathMotion, SteadyMotion, TargetSpec, ThreatSpec, random_stream
+
+MOTION_STREAM = 2
+"""The seed's random stream for motion."""
+
+
+class World:
+    """Targets and threats of a resolved mission, in file order, moved from time 0 by their motion."""
+
+    def __init__(self, mission: Mission, seed: int) -> None:
+        self._things: list[TargetSpec | ThreatSpec] = [*mission.targets, *mission.threats]
+        self._targets = len(mission.targets)
+        self._hold_s = mission.heading_hold_s
+        self._generator = random_stream(seed, MOTION_STREAM)
+        self._t_s = 0.0
+        self._holds = 0
+        self._north_m = np.array([thing.position_ned_m[0] for thing in self._things])
+        self._east_m = np.array([thing.position_ned_m[1] for thing in self._things])
+        self._heading_rad = np.zeros(len(self._things))
+        self._speed_m_s = np.zeros(len(self._things))
+        self._wanders = np.array([thing.motion == "random" for thing in self._things], dtype=bool)
+        for index, thing in enumerate(self._things):
+            if isinstance(thing.motion, SteadyMotion):
+                self._heading_rad[index] = math.radians(thing.motion.heading_deg) % math.tau
+                self._speed_m_s[index] = thing.motion.speed_m_s
+            elif thing.motion == "random":
+                self._speed_m_s[index] = thing.speed_bound_m_s
+        self._paths = [(i, t.motion) for i, t in enumerate(self._things) if isinstance(t.motion, PathMotion)]
+        self._turn_wanderers()
+        self._follow_paths(0.0)
+
+    def advance(self, t_s: float) -> None:
+        """Move everything to the time `t_s`, which is not earlier than the last."""
+        while self._t_s < t_s:
+            next_turn_s = (self._holds + 1) * self._hold_s
+            until_s = min(t_s, next_turn_s)
+            length_m = self._speed_m_s * (until_s - self._t_s)
+            self._north_m += length_m * np.cos(self._heading_rad)
+            self._east_m += length_m * np.sin(self._heading_rad)
+            self._t_s = until_s
+            if until_s == next_turn_s:
+                self._holds += 1
+                self._turn_wanderers()
+        self._follow_paths(t_s)
+
+    def rows(self) -> tuple[np.ndarray, np.ndarray]:  # (K, 4), (M, 4)
+        """Return north m, east m, heading deg, speed m/s of the targets and of the threats."""
+        table = np.column_stack([self._north_m, self._east_m, np.degrees(self._heading_rad) % 360.0, self._speed_m_s])
+        return table[: self._targets], table[self._targets :]
+
+    def _turn_wanderers(self) -> None:
+        count = int(self._wanders.sum())
+        self._heading_rad[self._wanders] = self._generator.uniform(0.0, math.tau, count)
+
+    def _follow_paths(self, t_s: float) -> None:
+        for index, motion in self._paths:
+            start = self._things[index].position_ned_m
+            points = [*motion.path]
+            if points[0][0] > 0.0:
+                points.insert(0, (0.0, *start))
+            times_s, north_m, east_m = (np.array(column) for column in zip(*points, strict=True))
+            self._north_m[index] = np.interp(t_s, times_s, north_m)
+            self._east_m[index] = np.interp(t_s, times_s, east_m)
+            leg = int(np.searchsorted(times_s, t_s, side="right"))
+            self._speed_m_s[index] = 0.0
+            if 0 < leg < len(points):
+                along = (north_m[leg] - north_m[leg - 1], east_m[leg] - east_m[leg - 1])
+                self._heading_rad[index] = math.atan2(along[1], along[0]) % math.tau
+                # What moves on a path is placed above; its speed is only reported.
+                self._speed_m_s[index] = math.hypot(*along) / (times_s[leg] - times_s[leg - 1])

@@ -1,0 +1,303 @@
+"""The end points: who may write, who is answered, and that nothing the network does raises."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.errors import InputError
+from companion.transport import (
+    RECEIVE_BUFFER_BYTES,
+    Link,
+    Receiver,
+    Sender,
+    open_duplex,
+    open_receiver,
+    open_sender,
+    parse_link,
+)
+
+LOCALHOST = "127.0.0.1"
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((LOCALHOST, 0))
+        return int(probe.getsockname()[1])
+
+
+def run(body: Callable[[], Awaitable[None]]) -> None:
+    async def within_time() -> None:
+        await asyncio.wait_for(body(), 10.0)
+
+    asyncio.run(within_time())
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    for _ in range(1000):
+        if condition():
+            return
+        await asyncio.sleep(0.002)
+    raise AssertionError("nothing arrived")
+
+
+@asynccontextmanager
+async def plain_socket() -> AsyncIterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind((LOCALHOST, 0))
+        sock.setblocking(False)
+        yield sock
+
+
+@given(st.sampled_from(["udpin", "udpout"]), st.from_regex(r"[a-z0-9.-]{1,20}", fullmatch=True), st.integers(1, 65535))
+def test_a_link_prints_as_it_was_written(scheme: str, host: str, port: int) -> None:
+    text = f"{scheme}:{host}:{port}"
+    assert parse_link(text) == Link(scheme, host, port)
+    assert str(parse_link(text)) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("udpinn:127.0.0.1:14550", "unknown scheme 'udpinn'.*did you mean 'udpin'"),
+        ("UDPOUT:127.0.0.1:14550", "unknown scheme 'UDPOUT'.*did you mean 'udpout'"),
+        ("tcp:127.0.0.1:5760", "unknown scheme 'tcp'; allowed: udpin:HOST:PORT"),
+        ("", "unknown scheme ''"),
+        ("udpin:127.0.0.1", "host or port missing"),
+        ("udpin::14550", "host or port missing"),
+        ("udpin://127.0.0.1:14550", "no host name"),
+        ("udpin:a b:14550", "no host name"),
+        ("udpin:127.0.0.1:", "port '' is not a number"),
+        ("udpin:127.0.0.1:0", "port '0' is not a number from 1 to 65535"),
+        ("udpin:127.0.0.1:65536", "from 1 to 65535"),
+        ("udpin:127.0.0.1:-1", "from 1 to 65535"),
+        ("udpin:127.0.0.1:1e3", "from 1 to 65535"),
+        ("udpin:127.0.0.1:٣", "from 1 to 65535"),
+    ],
+)
+def test_a_bad_link_is_refused_in_one_line_with_what_is_allowed(text: str, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint) as caught:
+        parse_link(text)
+    assert "\n" not in str(caught.value)
+    assert "allowed: udpin:HOST:PORT" in str(caught.value)
+
+
+@given(st.text(max_size=40))
+def test_any_text_is_a_link_or_an_input_error(text: str) -> None:
+    try:
+        parse_link(text)
+    except InputError:
+        return
+
+
+def test_a_sender_reaches_a_receiver() -> None:
+    async def body() -> None:
+        heard: list[bytes] = []
+        port = free_port()
+        receiver = await open_receiver(Link("udpin", LOCALHOST, port), heard.append)
+        sender = await open_sender(Link("udpout", "localhost", port))
+        sender.send(b"one")
+        await until(lambda: heard == [b"one"])
+        assert sender.counts.sent == 1
+        sender.close()
+        receiver.close()
+
+    run(body)
+
+
+def test_a_receiver_has_no_way_to_send() -> None:
+    assert [name for name in dir(Receiver) if not name.startswith("_")] == ["close"]
+
+
+def test_a_receiver_never_writes_back() -> None:
+    async def body() -> None:
+        heard: list[bytes] = []
+        port = free_port()
+        receiver = await open_receiver(Link("udpin", LOCALHOST, port), heard.append)
+        async with plain_socket() as talker:
+            for index in range(20):
+                talker.sendto(bytes([index]), (LOCALHOST, port))
+            await until(lambda: len(heard) == 20)
+            with pytest.raises(BlockingIOError):
+                talker.recv(100)
+        receiver.close()
+
+    run(body)
+
+
+def test_a_sender_keeps_to_its_destination_when_somebody_answers() -> None:
+    async def body() -> None:
+        async with plain_socket() as listener, plain_socket() as stranger:
+            sender = await open_sender(Link("udpout", LOCALHOST, listener.getsockname()[1]))
+            sender.send(b"first")
+            await until(lambda: sender.counts.sent == 1)
+            data, sender_address = listener.recvfrom(100)
+            stranger.sendto(b"talk to me", sender_address)
+            listener.sendto(b"and to me", sender_address)
+            await asyncio.sleep(0.02)
+            sender.send(b"second")
+            assert (data, listener.recv(100)) == (b"first", b"second")
+            with pytest.raises(BlockingIOError):
+                stranger.recv(100)
+            sender.close()
+
+    run(body)
+
+
+def test_a_sender_to_nobody_goes_on() -> None:
+    async def body() -> None:
+        port = free_port()
+        sender = await open_sender(Link("udpout", LOCALHOST, port))
+        for _ in range(5):
+            sender.send(b"lost")
+            await asyncio.sleep(0.005)
+        assert sender.counts.sent + sender.counts.refused == 5
+        sender.close()
+
+    run(body)
+
+
+class BrokenSocket:
+    """A socket whose sending always fails in one way."""
+
+    def __init__(self, error: OSError) -> None:
+        self.error = error
+
+    def sendto(self, _data: bytes, _address: tuple[str, int]) -> int:
+        raise self.error
+
+
+@pytest.mark.parametrize(
+    ("error", "field"),
+    [(BlockingIOError(), "full"), (ConnectionRefusedError(), "refused"), (OSError("no route"), "failed")],
+)
+def test_a_failure_to_send_is_counted_and_not_raised(error: OSError, field: str) -> None:
+    sender = Sender(BrokenSocket(error), (LOCALHOST, 9))  # type: ignore[arg-type]
+    sender.send(b"x")
+    assert getattr(sender.counts, field) == 1
+    assert sender.counts.sent == 0
+
+
+def test_sending_after_closing_is_counted_as_failed() -> None:
+    async def body() -> None:
+        sender = await open_sender(Link("udpout", LOCALHOST, free_port()))
+        duplex = await open_duplex(Link("udpout", LOCALHOST, free_port()), lambda _: None)
+        for end_point in (sender, duplex):
+            end_point.close()
+            end_point.send(b"late")
+            await asyncio.sleep(0.0)
+            end_point.send(b"later")
+            assert end_point.counts.failed == 2
+
+    run(body)
+
+
+def test_a_listening_duplex_answers_the_last_peer_that_sent() -> None:
+    async def body() -> None:
+        heard: list[bytes] = []
+        port = free_port()
+        duplex = await open_duplex(Link("udpin", LOCALHOST, port), heard.append)
+        duplex.send(b"to nobody")
+        assert duplex.counts.no_peer == 1
+        async with plain_socket() as first, plain_socket() as second:
+            for talker, reply in ((first, b"hello first"), (second, b"hello second")):
+                talker.sendto(b"x", (LOCALHOST, port))
+                await until(lambda talker=talker: duplex.peer == talker.getsockname())  # type: ignore[misc]
+                duplex.send(reply)
+                assert talker.recv(100) == reply
+            with pytest.raises(BlockingIOError):
+                first.recv(100)
+        duplex.close()
+
+    run(body)
+
+
+def test_a_calling_duplex_hears_its_peer_and_nobody_else() -> None:
+    async def body() -> None:
+        heard: list[bytes] = []
+        async with plain_socket() as peer, plain_socket() as stranger:
+            duplex = await open_duplex(Link("udpout", LOCALHOST, peer.getsockname()[1]), heard.append)
+            duplex.send(b"hello")
+            data, address = peer.recvfrom(100)
+            assert data == b"hello"
+            stranger.sendto(b"hostile", address)
+            peer.sendto(b"reply", address)
+            await until(lambda: b"reply" in heard)
+            assert heard == [b"reply"]
+            assert duplex.peer == peer.getsockname()
+            duplex.close()
+
+    run(body)
+
+
+def test_an_absent_peer_that_comes_up_later_is_heard() -> None:
+    async def body() -> None:
+        heard: list[bytes] = []
+        port = free_port()
+        duplex = await open_duplex(Link("udpout", LOCALHOST, port), heard.append)
+        for _ in range(5):
+            duplex.send(b"anybody?")
+            await asyncio.sleep(0.005)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as late:
+            late.bind((LOCALHOST, port))
+            late.settimeout(2.0)
+            duplex.send(b"now?")
+            late.sendto(b"yes", late.recvfrom(100)[1])
+            await until(lambda: heard == [b"yes"])
+        duplex.close()
+
+    run(body)
+
+
+def test_a_port_in_use_is_an_error_in_one_line() -> None:
+    async def body() -> None:
+        async with plain_socket() as owner:
+            link = Link("udpin", LOCALHOST, owner.getsockname()[1])
+            for opening in (open_receiver(link, lambda _: None), open_duplex(link, lambda _: None)):
+                with pytest.raises(InputError, match=f"link '{link}': port {link.port} is in use"):
+                    await opening
+
+    run(body)
+
+
+def test_an_unknown_host_name_is_an_error_in_one_line() -> None:
+    async def body() -> None:
+        with pytest.raises(InputError, match="host name 'nowhere.invalid' is unknown"):
+            await open_sender(Link("udpout", "nowhere.invalid", 14550))
+
+    run(body)
+
+
+def test_an_end_point_refuses_the_wrong_direction() -> None:
+    async def body() -> None:
+        with pytest.raises(InputError, match="only listens"):
+            await open_receiver(Link("udpout", LOCALHOST, 14550), lambda _: None)
+        with pytest.raises(InputError, match="only sends"):
+            await open_sender(Link("udpin", LOCALHOST, 14550))
+
+    run(body)
+
+
+def test_a_receiver_asks_for_a_larger_buffer_than_the_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, ...]] = []
+
+    class WatchedSocket(socket.socket):
+        def setsockopt(self, *arguments: int) -> None:  # type: ignore[override]
+            asked.append(arguments)
+            super().setsockopt(*arguments)
+
+    monkeypatch.setattr(socket, "socket", WatchedSocket)
+
+    async def body() -> None:
+        port = free_port()
+        receiver = await open_receiver(Link("udpin", LOCALHOST, port), lambda _: None)
+        receiver.close()
+
+    run(body)
+    assert (socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES) in asked
