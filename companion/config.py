@@ -20,7 +20,7 @@ from companion.mission import (
     Speed,
 )
 from companion.transport import parse_link
-from companion.yamlfile import Section, parse_yaml, read_text_file, validated
+from companion.yamlfile import Section, is_there, parse_yaml, read_text_file, validated
 
 Law = Literal["seed", "ramp", "step"]
 """The paper's law on its surrogate, on the polygon F~, and on F itself, whose gradient is nothing."""
@@ -138,7 +138,7 @@ def load_config(name_or_path: str) -> Config:
         text = (resources.files("companion") / "configs" / f"{name_or_path}.yaml").read_text(encoding="utf-8")
     else:
         path = Path(name_or_path)
-        if not path.exists():
+        if not is_there(path):
             hint = nearest_hint(name_or_path, packaged_configs())
             raise InputError(
                 f"{name_or_path}: no such configuration file or packaged one{hint}; "

@@ -93,6 +93,7 @@ class Companion:
         self._start_deg: tuple[float, float] | None = None
         self._place_ned_m: tuple[float, float] | None = None
         self._arrived = False
+        self._engaged = False
         self._flown_m = 0.0
         self._out_of_range = False
         self._last_position_ned_m: tuple[float, float] | None = None
@@ -130,7 +131,8 @@ class Companion:
         if idle is not None:
             self._disengage()
             return Decision(now_s, Purpose.IDLE, idle, stage, age_s), None
-        motion, convergence_rad, home_ned_m = self._motion(telemetry)
+        self._engaged = True
+        motion, convergence_rad, home_ned_m = self._motion(telemetry, now_s)
         view = self.picture.view(now_s)
         purpose, reason = self._purpose(stage, age_s, motion, home_ned_m, view)
         goal_ned_m = view.target_ned_m if purpose is Purpose.TARGET else home_ned_m
@@ -142,8 +144,10 @@ class Companion:
         wanted_rad = motion.heading_rad if settled or wanted.strength_m == 0.0 else wanted.heading_rad
         if self.adapter.can_stop and purpose is not Purpose.TARGET and not settled:
             speed_m_s = min(self.config.limits.speed_m_s, APPROACH_GAIN_1_S * wanted.strength_m)
+        # The turn is limited at the greater of the speeds during the step, as the guard does.
+        faster_m_s = max(motion.speed_m_s, speed_m_s)
         heading_rad, limited = limit_turn(
-            motion.heading_rad, wanted_rad, motion.speed_m_s, self.config.limits.n_max, self.config.guidance_step_s
+            motion.heading_rad, wanted_rad, faster_m_s, self.config.limits.n_max, self.config.guidance_step_s
         )
         verdict = self._guarded(Setpoint(heading_rad, speed_m_s, self.config.height_m), motion, view)
         decision = Decision(
@@ -171,16 +175,22 @@ class Companion:
             return "no position yet"
         if now_s - telemetry.position_at_s > self.config.telemetry_timeout_s:
             return "position too old"
+        # A setpoint would end a take-off under way; the person who took off finishes it.
+        if telemetry.in_air is False:
+            return "not in the air yet, or landing"
+        if not self._engaged and telemetry.height_m < self.config.limits.height_min_m:
+            return "below height_min_m"
         return None
 
     def _disengage(self) -> None:
         """Forget what was latched: it belongs to the last engagement, and a person has the vehicle."""
+        self._engaged = False
         self._place_ned_m = None
         self._arrived = False
         self._last_position_ned_m = None
 
-    def _motion(self, telemetry: Telemetry) -> tuple[Motion, float, tuple[float, float]]:
-        """Return the vehicle's motion, the convergence there, and home, on the plane of the picture."""
+    def _motion(self, telemetry: Telemetry, now_s: float) -> tuple[Motion, float, tuple[float, float]]:
+        """Return the vehicle's motion now, the convergence there, and home, on the plane of the picture."""
         origin_deg = self.picture.origin_deg or self._frame_origin_deg or (telemetry.lat_deg, telemetry.lon_deg)
         if self._frame is None or self._frame_origin_deg != origin_deg:
             self._frame, self._frame_origin_deg = LocalFrame(*origin_deg), origin_deg
@@ -197,6 +207,10 @@ class Companion:
             self._flown_m += math.dist(self._last_position_ned_m, (north_m, east_m))
         self._last_position_ned_m = (north_m, east_m)
         heading_rad = (self._last_heading_rad - convergence_rad) % math.tau
+        # Telemetry is a little old: the vehicle has gone on since.
+        since_m = speed_m_s * (now_s - (telemetry.position_at_s or now_s))
+        north_m += since_m * math.cos(heading_rad)
+        east_m += since_m * math.sin(heading_rad)
         home_ned_m = self._frame.to_local(*(telemetry.home_deg or self._start_deg))
         return Motion(north_m, east_m, heading_rad, speed_m_s), convergence_rad, home_ned_m
 

@@ -43,6 +43,8 @@ def run_program(command: click.Command, name: str) -> None:
     """
     try:
         status = command.main(prog_name=name, standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError:
+        message, status = f"Missing command; see '{name} --help'", EXIT_UNUSABLE
     except click.UsageError as error:
         message, status = error.format_message(), EXIT_UNUSABLE
     except click.ClickException as error:

@@ -7,7 +7,11 @@ Keep-out and fence rest on a back-up that every accepted step leaves behind: a t
 can stop, its braking path) that is clear of every disc and inside the fence. For discs that stand still and a fence
 this is inductive: the circle that certified the last step is clear at the next one, so an allowed choice always exists
 and a safe start stays safe. For moving discs it holds only over `horizon_s`, during which each disc is grown by its
-speed; when nothing is certified the step that stays clear of the discs longest is taken and the verdict says so.
+speed; when nothing is certified the step that stays clear of discs and fence best is taken and the verdict says so.
+
+What is assumed of the vehicle: it turns at the rate of the greater of its speeds before and after the step, by the
+shorter side, until the heading is reached, then flies straight. A vehicle that can stop slows at `braking_m_s2` or
+faster; any other obeys a speed at once or within the step.
 """
 
 from __future__ import annotations
@@ -22,6 +26,10 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 """CGPM 1901. Written here again on purpose: the guard shares no code with what it guards against."""
 TURN_TOLERANCE_RAD = 1e-9
 """A setpoint at the turn limit must not be called over it for its rounding."""
+GREATEST_TURN_RAD = 3.0
+"""A step turns by no more, so that the vehicle takes the side that was checked."""
+BACKUP_TURN_RAD = math.pi / 2.0
+"""A back-up turns by no more in a step: where the turn rate allows more, it is a rounded square and not a circle."""
 STEP_SAMPLES = 8
 """Points checked along a step; discs are grown by half their spacing, so nothing slips between."""
 ROUNDING_M = 1e-6
@@ -30,6 +38,7 @@ PIVOT_SPEED_M_S = 0.5
 """A vehicle slower than this turns on the spot: its turn rate is that of this speed."""
 
 NOT_FINITE = "not finite"
+IMPOSSIBLE = "impossible"
 SPEED = "speed"
 ALTITUDE = "altitude"
 TURN = "turn rate"
@@ -59,7 +68,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the vehicle may do; `braking_m_s2` is None for one that cannot stop."""
+    """What the vehicle may do; `braking_m_s2` is None for one that cannot stop. Raises ValueError for nonsense."""
 
     speed_min_m_s: float
     speed_max_m_s: float
@@ -69,6 +78,21 @@ class Limits:
     braking_m_s2: float | None = None
     fence_ned_m: tuple[tuple[float, float], ...] | None = None
     horizon_s: float = 30.0
+
+    def __post_init__(self) -> None:
+        can_stop = self.braking_m_s2 is not None
+        sound = (
+            (0.0 == self.speed_min_m_s if can_stop else 0.0 < self.speed_min_m_s)
+            and self.speed_min_m_s <= self.speed_max_m_s < math.inf
+            and 0.0 < self.n_max < math.inf
+            and -math.inf < self.altitude_min_m <= self.altitude_max_m < math.inf
+            and (self.braking_m_s2 is None or 0.0 < self.braking_m_s2 < math.inf)
+            and 0.0 <= self.horizon_s < math.inf
+        )
+        if not sound:
+            raise ValueError(f"limits that nothing can hold: {self}")
+        if self.fence_ned_m is not None and not (len(self.fence_ned_m) >= 3 and np.isfinite(self.fence_ned_m).all()):
+            raise ValueError("a fence needs at least three corners, all of them finite")
 
 
 @dataclass(frozen=True)
@@ -99,13 +123,16 @@ class _Step:
 def check(wanted: Setpoint, motion: Motion, discs: Discs, limits: Limits, dt_s: float) -> Verdict:
     """Return the setpoint nearest to the wanted one that every limit allows for the next `dt_s` seconds.
 
-    A motion that is not finite leaves nothing to decide on: the verdict holds no setpoint. A wanted setpoint that is
-    not finite becomes "straight on at the present speed and the middle of the altitude band".
+    A motion, a disc or a step that is not finite, or that has a negative size, leaves nothing to decide on: the
+    verdict holds no setpoint. A wanted setpoint that is not finite becomes "straight on at the present speed and the
+    middle of the altitude band".
     """
     if not all(map(math.isfinite, (motion.north_m, motion.east_m, motion.heading_rad, motion.speed_m_s, dt_s))):
         return Verdict(None, (NOT_FINITE,))
-    if not (np.isfinite(discs.centres_ned_m).all() and np.isfinite(discs.radii_m).all()):
+    if not all(np.isfinite(part).all() for part in (discs.centres_ned_m, discs.radii_m, discs.speeds_m_s)):
         return Verdict(None, (NOT_FINITE,))
+    if motion.speed_m_s < 0.0 or dt_s <= 0.0 or np.any(discs.radii_m < 0.0) or np.any(discs.speeds_m_s < 0.0):
+        return Verdict(None, (IMPOSSIBLE,))
     changes: list[str] = []
     heading_rad, speed_m_s, altitude_m = wanted.heading_rad, wanted.speed_m_s, wanted.altitude_m
     if not all(map(math.isfinite, (heading_rad, speed_m_s, altitude_m))):
@@ -118,9 +145,11 @@ def check(wanted: Setpoint, motion: Motion, discs: Discs, limits: Limits, dt_s: 
     allowed_altitude_m = min(max(altitude_m, limits.altitude_min_m), limits.altitude_max_m)
     if allowed_altitude_m != altitude_m:
         changes.append(ALTITUDE)
-    rate_rad_s = _turn_rate_rad_s(max(allowed_m_s, motion.speed_m_s), limits)
     turn_rad = math.remainder(heading_rad - motion.heading_rad, math.tau)
-    greatest_turn_rad = rate_rad_s * dt_s
+    greatest_turn_rad = min(
+        _turn_rate_rad_s(max(allowed_m_s, motion.speed_m_s), limits) * dt_s,
+        GREATEST_TURN_RAD,
+    )
     if abs(turn_rad) > greatest_turn_rad + TURN_TOLERANCE_RAD:
         changes.append(TURN)
         turn_rad = math.copysign(greatest_turn_rad, turn_rad)
@@ -135,68 +164,83 @@ def _is_far(motion: Motion, speed_m_s: float, discs: Discs, limits: Limits, dt_s
     speed_m_s = max(speed_m_s, motion.speed_m_s)
     backup_m = 2.0 * speed_m_s / _turn_rate_rad_s(speed_m_s, limits)
     if limits.braking_m_s2 is not None:
-        backup_m = speed_m_s**2 / (2.0 * limits.braking_m_s2)
-    # Twice the step: once for the way, and more than enough for its margins.
-    reach_m = 2.0 * speed_m_s * dt_s + backup_m + ROUNDING_M
+        backup_m = speed_m_s * speed_m_s / (2.0 * limits.braking_m_s2)
+    # Seven steps: one for the way, two for the sides of a rounded square, more than four for the margins.
+    reach_m = 7.0 * speed_m_s * dt_s + backup_m + ROUNDING_M
     grown_m = discs.radii_m + discs.speeds_m_s * (dt_s + limits.horizon_s)
     apart_m = np.hypot(discs.centres_ned_m[:, 0] - motion.north_m, discs.centres_ned_m[:, 1] - motion.east_m)
     return bool(np.all(apart_m > grown_m + reach_m))
 
 
 def _kept_clear(wanted: _Step, motion: Motion, discs: Discs, limits: Limits, dt_s: float, changes: list[str]) -> _Step:
-    broken = _broken(wanted, motion, discs, limits, dt_s)
+    broken = _broken(wanted, motion, discs, limits, dt_s, ROUNDING_M)
     if broken is None:
         return wanted
     changes.append(broken)
-    turn_rad = min(_turn_rate_rad_s(wanted.speed_m_s, limits) * dt_s, math.pi)
-    wanted_turn_rad = math.remainder(wanted.heading_rad - motion.heading_rad, math.tau)
-    first = math.copysign(turn_rad, wanted_turn_rad)
-    choices = [_Step(motion.heading_rad + turn, wanted.speed_m_s) for turn in (first, -first)]
+    side = math.copysign(1.0, math.remainder(wanted.heading_rad - motion.heading_rad, math.tau))
+    # The back-up was certified for the speed flown, so continuing it is always among the choices.
+    flown_m_s = min(max(motion.speed_m_s, limits.speed_min_m_s), limits.speed_max_m_s)
+    choices = []
+    for speed_m_s in (wanted.speed_m_s, flown_m_s):
+        turn_rad = min(_turn_rate_rad_s(max(speed_m_s, motion.speed_m_s), limits) * dt_s, BACKUP_TURN_RAD)
+        choices += [_Step(motion.heading_rad + sign * turn_rad, speed_m_s) for sign in (side, -side)]
     if limits.braking_m_s2 is not None:
         choices.append(_Step(motion.heading_rad, 0.0))
-    for choice in choices:
-        if _broken(choice, motion, discs, limits, dt_s) is None:
-            return choice
+    for spare_m in (ROUNDING_M, 0.0):
+        for choice in choices:
+            if _broken(choice, motion, discs, limits, dt_s, spare_m) is None:
+                return choice
     changes.append(NO_BACKUP)
-    return max(choices, key=lambda choice: _clearance_m(choice, motion, discs, limits, dt_s))
+    return max([wanted, *choices], key=lambda choice: _clearance_m(choice, motion, discs, limits, dt_s))
 
 
-def _broken(step: _Step, motion: Motion, discs: Discs, limits: Limits, dt_s: float) -> str | None:
+def _broken(step: _Step, motion: Motion, discs: Discs, limits: Limits, dt_s: float, spare_m: float) -> str | None:
     """Return what a step would break, during it or for want of a back-up after it; None if nothing."""
-    path_ned_m = _path(step, motion, limits, dt_s)
-    margin_m = max(motion.speed_m_s, step.speed_m_s) * dt_s / STEP_SAMPLES / 2.0
-    times_s = np.linspace(0.0, dt_s, STEP_SAMPLES + 1)
+    path_ned_m, times_s = _path(step, motion, limits, dt_s)
+    faster_m_s = max(motion.speed_m_s, step.speed_m_s)
+    # How far off the path the vehicle can be while its speed is anywhere between the two: none of it straight ahead.
+    change_m = abs(motion.speed_m_s - step.speed_m_s) * dt_s
+    beside_m = change_m * abs(math.remainder(step.heading_rad - motion.heading_rad, math.tau))
+    margin_m = faster_m_s * dt_s / STEP_SAMPLES / 2.0 + beside_m
     if _least_clearance_m(path_ned_m, times_s, discs) < margin_m:
         return KEEP_OUT
     if limits.fence_ned_m is not None and not _path_inside(path_ned_m, limits.fence_ned_m, margin_m):
         return FENCE
     end = (float(path_ned_m[-1, 0]), float(path_ned_m[-1, 1]))
-    after = Discs(
-        discs.centres_ned_m,
-        discs.radii_m + discs.speeds_m_s * (dt_s + limits.horizon_s) + margin_m + ROUNDING_M,
-        discs.speeds_m_s,
-    )
+    grown_m = discs.radii_m + discs.speeds_m_s * (dt_s + limits.horizon_s)
+    after = Discs(discs.centres_ned_m, grown_m, discs.speeds_m_s)
     if limits.braking_m_s2 is not None:
-        return _broken_braking(end, step, after, limits.fence_ned_m, margin_m, limits.braking_m_s2)
-    return _broken_circles(end, step, after, limits, margin_m)
+        length_m = _speed_after_m_s(step, motion, limits.braking_m_s2, dt_s) ** 2 / (2.0 * limits.braking_m_s2)
+        return _broken_braking(end, step.heading_rad, length_m, after, limits.fence_ned_m, margin_m + spare_m)
+    # A circle starts where the step ends, so being early or late counts too.
+    return _broken_circles(end, step, after, limits, dt_s, margin_m + change_m + spare_m)
 
 
 def _broken_circles(
-    end_ned_m: tuple[float, float], step: _Step, discs: Discs, limits: Limits, margin_m: float
+    end_ned_m: tuple[float, float], step: _Step, discs: Discs, limits: Limits, dt_s: float, margin_m: float
 ) -> str | None:
-    """Return what both turning circles after a step would break; None if either is clear."""
-    radius_m = step.speed_m_s / _turn_rate_rad_s(step.speed_m_s, limits)
+    """Return what turning on, to either side, after a step would break; None if one side is clear.
+
+    A step turns by at most `BACKUP_TURN_RAD`, then flies straight: a square with rounded corners, whose sides vanish
+    where the turn takes the whole step. It lies in a ring about its centre.
+    """
+    rate_rad_s = _turn_rate_rad_s(step.speed_m_s, limits)
+    half_side_m = step.speed_m_s * max(0.0, dt_s - BACKUP_TURN_RAD / rate_rad_s) / 2.0
+    inner_m = step.speed_m_s / rate_rad_s + half_side_m
+    outer_m = step.speed_m_s / rate_rad_s + half_side_m * math.sqrt(2.0)
+    ahead = (math.cos(step.heading_rad), math.sin(step.heading_rad))
     broken = None
     for side in (1.0, -1.0):
-        bearing_rad = step.heading_rad + side * math.pi / 2.0
-        centre = (end_ned_m[0] + radius_m * math.cos(bearing_rad), end_ned_m[1] + radius_m * math.sin(bearing_rad))
+        centre = (
+            end_ned_m[0] - side * inner_m * ahead[1] - half_side_m * ahead[0],
+            end_ned_m[1] + side * inner_m * ahead[0] - half_side_m * ahead[1],
+        )
         apart_m = np.hypot(discs.centres_ned_m[:, 0] - centre[0], discs.centres_ned_m[:, 1] - centre[1])
-        # Clear means wholly outside the circle, or (a small disc) wholly within it.
-        if np.any(np.abs(apart_m - radius_m) < discs.radii_m):
+        # Clear means wholly outside the ring, or (a small disc) wholly within it.
+        grown_m = discs.radii_m + margin_m
+        if np.any((apart_m - outer_m < grown_m) & (inner_m - apart_m < grown_m)):
             broken = KEEP_OUT
-        elif limits.fence_ned_m is not None and not _disc_inside(
-            centre, radius_m + margin_m + ROUNDING_M, limits.fence_ned_m
-        ):
+        elif limits.fence_ned_m is not None and not _disc_inside(centre, outer_m + margin_m, limits.fence_ned_m):
             broken = FENCE
         else:
             return None
@@ -205,54 +249,67 @@ def _broken_circles(
 
 def _broken_braking(
     end_ned_m: tuple[float, float],
-    step: _Step,
+    heading_rad: float,
+    length_m: float,
     discs: Discs,
     fence_ned_m: Sequence[tuple[float, float]] | None,
     margin_m: float,
-    braking_m_s2: float,
 ) -> str | None:
     """Return what braking straight ahead after a step would break; None if it is clear."""
-    length_m = step.speed_m_s**2 / (2.0 * braking_m_s2)
-    stop = (
-        end_ned_m[0] + length_m * math.cos(step.heading_rad),
-        end_ned_m[1] + length_m * math.sin(step.heading_rad),
-    )
+    stop = (end_ned_m[0] + length_m * math.cos(heading_rad), end_ned_m[1] + length_m * math.sin(heading_rad))
     for centre, radius_m in zip(discs.centres_ned_m, discs.radii_m, strict=True):
-        if _distance_to_segment_m((float(centre[0]), float(centre[1])), end_ned_m, stop) < radius_m:
+        if _distance_to_segment_m((float(centre[0]), float(centre[1])), end_ned_m, stop) < radius_m + margin_m:
             return KEEP_OUT
-    if fence_ned_m is not None:
-        spacing_m = length_m / STEP_SAMPLES
-        share = np.linspace(0.0, 1.0, STEP_SAMPLES + 1)[:, None]
-        path_ned_m = np.array(end_ned_m) + share * (np.array(stop) - np.array(end_ned_m))
-        if not _path_inside(path_ned_m, fence_ned_m, margin_m + spacing_m / 2.0):
-            return FENCE
+    if fence_ned_m is not None and not _segment_inside(end_ned_m, stop, fence_ned_m, margin_m):
+        return FENCE
     return None
 
 
-def _clearance_m(step: _Step, motion: Motion, discs: Discs, limits: Limits, dt_s: float) -> float:
-    """Return the least clearance on the step and straight on for as long again: what is left when nothing is sure."""
-    path_ned_m = _path(step, motion, limits, dt_s)
+def _speed_after_m_s(step: _Step, motion: Motion, braking_m_s2: float, dt_s: float) -> float:
+    return max(step.speed_m_s, motion.speed_m_s - braking_m_s2 * dt_s)
+
+
+def _clearance_m(step: _Step, motion: Motion, discs: Discs, limits: Limits, dt_s: float) -> tuple[float, float]:
+    """Return the least clearance on the step and straight on for as long again, and that at the end of this.
+
+    It is what to go by when nothing is sure. The first does not tell apart the ways out of a disc: the second does.
+    """
+    path_ned_m, times_s = _path(step, motion, limits, dt_s)
     beyond = path_ned_m[-1] + (path_ned_m[-1] - path_ned_m[0])
-    times_s = np.append(np.linspace(0.0, dt_s, STEP_SAMPLES + 1), 2.0 * dt_s)
-    return _least_clearance_m(np.vstack([path_ned_m, beyond]), times_s, discs)
+    path_ned_m, times_s = np.vstack([path_ned_m, beyond]), np.append(times_s, 2.0 * dt_s)
+    least_m = _least_clearance_m(path_ned_m, times_s, discs)
+    last_m = _least_clearance_m(path_ned_m[-1:], times_s[-1:], discs)
+    if limits.fence_ned_m is not None:
+        inside_m = [_depth_inside_m((float(north), float(east)), limits.fence_ned_m) for north, east in path_ned_m]
+        least_m, last_m = min(least_m, *inside_m), min(last_m, inside_m[-1])
+    return least_m, last_m
 
 
-def _path(step: _Step, motion: Motion, limits: Limits, dt_s: float) -> np.ndarray:  # (STEP_SAMPLES + 1, 2) m
-    """Return points of the step: an arc at the greatest rate until the heading is reached, then straight."""
+def _path(
+    step: _Step, motion: Motion, limits: Limits, dt_s: float
+) -> tuple[np.ndarray, np.ndarray]:  # (STEP_SAMPLES + 2, 2) m; (STEP_SAMPLES + 2,) s
+    """Return points of the step and their times: an arc until the heading is reached, then straight.
+
+    Between two of them the vehicle either turns all the time or not at all, so chords join them exactly.
+    """
     turn_rad = math.remainder(step.heading_rad - motion.heading_rad, math.tau)
-    speed_m_s = max(step.speed_m_s, motion.speed_m_s)
-    rate_rad_s = _turn_rate_rad_s(speed_m_s, limits)
+    faster_m_s = max(step.speed_m_s, motion.speed_m_s)
+    rate_rad_s = _turn_rate_rad_s(faster_m_s, limits)
     turning_s = min(abs(turn_rad) / rate_rad_s, dt_s)
-    times_s = np.linspace(0.0, dt_s, STEP_SAMPLES + 1)
-    on_arc_s = np.minimum(times_s, turning_s)
-    half_rad = math.copysign(rate_rad_s, turn_rad) * on_arc_s / 2.0
-    chord_m = speed_m_s * on_arc_s * np.sinc(half_rad / math.pi)
-    straight_m = speed_m_s * (times_s - on_arc_s)
-    north_m = motion.north_m + chord_m * np.cos(motion.heading_rad + half_rad)
-    east_m = motion.east_m + chord_m * np.sin(motion.heading_rad + half_rad)
-    north_m += straight_m * math.cos(step.heading_rad)
-    east_m += straight_m * math.sin(step.heading_rad)
-    return np.column_stack([north_m, east_m])
+    times_s = np.sort(np.append(np.linspace(0.0, dt_s, STEP_SAMPLES + 1), turning_s))
+    headings_rad = motion.heading_rad + math.copysign(rate_rad_s, turn_rad) * np.minimum(times_s, turning_s)
+    flown_m = faster_m_s * times_s
+    if limits.braking_m_s2 is not None:
+        braking_s = np.minimum(times_s, (faster_m_s - step.speed_m_s) / limits.braking_m_s2)
+        flown_m = (
+            step.speed_m_s * times_s + (faster_m_s - step.speed_m_s - limits.braking_m_s2 * braking_s / 2.0) * braking_s
+        )
+    half_rad = np.diff(headings_rad) / 2.0
+    chords_m = np.diff(flown_m) * np.sinc(half_rad / math.pi)
+    middle_rad = headings_rad[:-1] + half_rad
+    steps_m = np.column_stack([chords_m * np.cos(middle_rad), chords_m * np.sin(middle_rad)])
+    start = np.array([[motion.north_m, motion.east_m]])
+    return np.vstack([start, start + np.cumsum(steps_m, axis=0)]), times_s
 
 
 def _least_clearance_m(
@@ -277,18 +334,54 @@ def _path_inside(path_ned_m: np.ndarray, fence_ned_m: Sequence[tuple[float, floa
 
 
 def _disc_inside(centre: tuple[float, float], radius_m: float, fence_ned_m: Sequence[tuple[float, float]]) -> bool:
-    """Return whether a disc lies inside a simple polygon: its centre does (even-odd), and no edge comes nearer."""
+    return _depth_inside_m(centre, fence_ned_m) >= radius_m
+
+
+def _depth_inside_m(point: tuple[float, float], fence_ned_m: Sequence[tuple[float, float]]) -> float:
+    """Return the distance to the nearest edge of a simple polygon, negative outside of it (even-odd)."""
     inside = False
+    nearest_m = math.inf
     start = fence_ned_m[-1]
     for end in fence_ned_m:
-        if (end[0] > centre[0]) != (start[0] > centre[0]):
-            share = (centre[0] - start[0]) / (end[0] - start[0])
-            if centre[1] < start[1] + share * (end[1] - start[1]):
+        if (end[0] > point[0]) != (start[0] > point[0]):
+            share = (point[0] - start[0]) / (end[0] - start[0])
+            if point[1] < start[1] + share * (end[1] - start[1]):
                 inside = not inside
-        if _distance_to_segment_m(centre, start, end) < radius_m:
+        nearest_m = min(nearest_m, _distance_to_segment_m(point, start, end))
+        start = end
+    return nearest_m if inside else -nearest_m
+
+
+def _segment_inside(
+    first: tuple[float, float], last: tuple[float, float], fence_ned_m: Sequence[tuple[float, float]], margin_m: float
+) -> bool:
+    """Return whether a segment lies inside a simple polygon and no edge comes nearer than the margin.
+
+    Two segments that do not cross are nearest at an end of one of them; one that crosses an edge runs from inside to
+    outside, or past a corner.
+    """
+    if not (_disc_inside(first, margin_m, fence_ned_m) and _disc_inside(last, margin_m, fence_ned_m)):
+        return False
+    start = fence_ned_m[-1]
+    for end in fence_ned_m:
+        if _cross(first, last, start, end) or _distance_to_segment_m(end, first, last) < margin_m:
             return False
         start = end
-    return inside
+    return True
+
+
+def _cross(
+    first: tuple[float, float], last: tuple[float, float], start: tuple[float, float], end: tuple[float, float]
+) -> bool:
+    """Return whether two segments cross, each with its ends on both sides of the other."""
+    return (_side(first, last, start) > 0.0) != (_side(first, last, end) > 0.0) and (
+        _side(start, end, first) > 0.0
+    ) != (_side(start, end, last) > 0.0)
+
+
+def _side(start: tuple[float, float], end: tuple[float, float], point: tuple[float, float]) -> float:
+    """Return a number whose sign says on which side of a line a point lies."""
+    return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (point[0] - start[0])
 
 
 def _distance_to_segment_m(point: tuple[float, float], start: tuple[float, float], end: tuple[float, float]) -> float:

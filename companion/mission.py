@@ -14,17 +14,20 @@ from pathlib import Path
 from typing import Annotated, Literal, Self, TypeVar
 
 import numpy as np
-import yaml
 from pydantic import Discriminator, Field, Strict, Tag, ValidationError, model_validator
 
 from companion.errors import InputError, nearest_hint
-from companion.yamlfile import Section, parse_yaml, read_text_file, validated
+from companion.yamlfile import Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 
 MAX_ID = 65_535
 """Agent, target and threat ids travel as 16 bits on the wire."""
 MAX_COORDINATE_M = 1.0e6
 """Beyond this the plane about the origin is no longer a map anyone would steer by."""
 MAX_SPEED_M_S = 1.0e3
+MAX_THREAT_SPEED_M_S = 255.0
+"""A threat's bound travels as 8 bits; a smaller one than the true one would be unsafe."""
+MIN_PERIOD_S = 1.0e-3
+MAX_STEP_S = 10.0
 MAX_ITEMS = 2_000
 DRAW_CLEARANCE = 0.5
 """Drawn agents and targets keep this fraction of R_d clear of every detection disc: the repulsion of F* balances the
@@ -39,10 +42,13 @@ again with the same seed repeats the flight."""
 Finite = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)]
+Period = Annotated[float, Strict(), Field(ge=MIN_PERIOD_S, allow_inf_nan=False)]
+Step = Annotated[float, Strict(), Field(ge=MIN_PERIOD_S, le=MAX_STEP_S, allow_inf_nan=False)]
 Probability = Annotated[float, Strict(), Field(ge=0, le=1, allow_inf_nan=False)]
 Coordinate = Annotated[float, Strict(), Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M, allow_inf_nan=False)]
 Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)]
 Speed = Annotated[float, Strict(), Field(gt=0, le=MAX_SPEED_M_S, allow_inf_nan=False)]
+ThreatSpeedBound = Annotated[float, Strict(), Field(ge=0, le=MAX_THREAT_SPEED_M_S, allow_inf_nan=False)]
 SpeedBound = Annotated[float, Strict(), Field(ge=0, le=MAX_SPEED_M_S, allow_inf_nan=False)]
 Identity = Annotated[int, Strict(), Field(ge=1, le=MAX_ID)]
 Count = Annotated[int, Strict(), Field(ge=0, le=MAX_ITEMS)]
@@ -76,7 +82,7 @@ class SteadyMotion(Section):
 class PathMotion(Section):
     """Way points [t_s, north_m, east_m] in order of time, straight lines between them."""
 
-    path: Annotated[tuple[tuple[NotNegative, Coordinate, Coordinate], ...], Field(min_length=1)]
+    path: Annotated[tuple[tuple[NotNegative, Coordinate, Coordinate], ...], Field(min_length=1, max_length=MAX_ITEMS)]
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -116,6 +122,11 @@ class AgentSpec(Section):
         """(north, east) of a resolved agent."""
         return _located(self.north_m, self.east_m)
 
+    @model_validator(mode="after")
+    def _wholly_placed(self) -> Self:
+        _refuse_half_a_place(self.north_m, self.east_m)
+        return self
+
 
 class _Moving(Section):
     id: Identity
@@ -131,6 +142,7 @@ class _Moving(Section):
 
     @model_validator(mode="after")
     def _within_bound(self) -> Self:
+        _refuse_half_a_place(self.north_m, self.east_m)
         if isinstance(self.motion, PathMotion) and self.north_m is not None and self.motion.path[0][0] == 0:
             if (self.north_m, self.east_m) != self.motion.path[0][1:]:
                 raise ValueError("motion.path: starts elsewhere than north_m, east_m; allowed: the same point")
@@ -152,6 +164,7 @@ class ThreatSpec(_Moving):
 
     detection_radius_m: Positive
     attack_radius_m: Positive
+    speed_bound_m_s: ThreatSpeedBound = 10.0
 
     @model_validator(mode="after")
     def _nested(self) -> Self:
@@ -192,7 +205,7 @@ class ThreatDefaults(Section):
 
     detection_radius_m: Positive | None = None
     attack_radius_m: Positive | None = None
-    speed_bound_m_s: SpeedBound | None = None
+    speed_bound_m_s: ThreatSpeedBound | None = None
     motion: Motion | None = None
 
 
@@ -253,21 +266,21 @@ class Mission(Section):
     name: Annotated[str, Strict(), Field(min_length=1, max_length=80)] = "mission"
     origin: Origin = Origin()
     area_m: Area = Area()
-    fence: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3)] | None = None
+    fence: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=MAX_ITEMS)] | None = None
     agents: Annotated[tuple[AgentSpec, ...], Field(max_length=MAX_ITEMS)] = ()
     targets: Annotated[tuple[TargetSpec, ...], Field(max_length=MAX_ITEMS)] = ()
     threats: Annotated[tuple[ThreatSpec, ...], Field(max_length=MAX_ITEMS)] = ()
     draw: Draw = Draw()
     defaults: Defaults = Defaults()
     weights: CostWeights = CostWeights()
-    guidance_step_s: Positive = 0.5
-    integration_step_s: Positive = 0.5
-    broadcast_period_s: Positive = 5.0
-    assignment_period_s: Positive = 25.0
+    guidance_step_s: Step = 0.5
+    integration_step_s: Step = 0.5
+    broadcast_period_s: Period = 5.0
+    assignment_period_s: Period = 25.0
     arrival_radius_m: Positive = 300.0
     separation_m: Positive = 100.0
     detector_range_m: NotNegative = 2_000.0
-    heading_hold_s: Positive = 5.0
+    heading_hold_s: Period = 5.0
     lost_after_s: Positive = 30.0
     case: Literal["I", "II"] = "I"
     range_policy: Literal["return", "arrive"] = "return"
@@ -275,7 +288,7 @@ class Mission(Section):
     surrogate: Literal["pairwise", "analytic", "monolithic"] = "pairwise"
     link: LinkSpec = LinkSpec()
     wind: Wind = Wind()
-    losses: tuple[Loss, ...] = ()
+    losses: Annotated[tuple[Loss, ...], Field(max_length=MAX_ITEMS)] = ()
     max_time_s: Positive = 20_000.0
 
     @model_validator(mode="before")
@@ -314,6 +327,7 @@ class Mission(Section):
             for radius in ("detection_radius_m", "attack_radius_m"):
                 if getattr(self.defaults.threat, radius) is None:
                     raise ValueError(f"draw.threats: {self.draw.threats}; allowed: only with defaults.threat.{radius}")
+        self._refuse_bad_defaults()
         ratio = self.guidance_step_s / self.integration_step_s
         if round(ratio) < 1 or not math.isclose(ratio, round(ratio), rel_tol=1e-9):
             raise ValueError(
@@ -321,6 +335,20 @@ class Mission(Section):
                 f"{self.integration_step_s:g}"
             )
         return self
+
+    def _refuse_bad_defaults(self) -> None:
+        """Raise ValueError if nothing could be drawn with the defaults, each of which is legal by itself."""
+        drawn: tuple[tuple[str, int, type[_Moving], Section], ...] = (
+            ("target", self.draw.targets, TargetSpec, self.defaults.target),
+            ("threat", self.draw.threats, ThreatSpec, self.defaults.threat),
+        )
+        for kind, count, spec, defaults in drawn:
+            if count:
+                try:
+                    spec(id=1, **defaults.model_dump(exclude_none=True))
+                except ValidationError as error:
+                    message = error.errors()[0]["msg"].removeprefix("Value error, ")
+                    raise ValueError(f"defaults.{kind}.{message}") from error
 
     @property
     def resolved(self) -> bool:
@@ -353,7 +381,7 @@ def load_mission(name_or_path: str | Path) -> Mission:
         source = resources.files("companion") / "missions" / f"{text}.yaml"
         return parse_mission(source.read_text(encoding="utf-8"), text)
     path = Path(name_or_path)
-    if not path.exists():
+    if not is_there(path):
         hint = nearest_hint(text, packaged_missions())
         raise InputError(
             f"{text}: no such mission file or packaged mission{hint}; packaged: {', '.join(packaged_missions())}"
@@ -381,6 +409,12 @@ def _located(north_m: float | None, east_m: float | None) -> tuple[float, float]
     if north_m is None or east_m is None:
         raise ValueError("the mission is not resolved: a position is still to be drawn")
     return north_m, east_m
+
+
+def _refuse_half_a_place(north_m: float | None, east_m: float | None) -> None:
+    if (north_m is None) != (east_m is None):
+        given, missing = ("north_m", "east_m") if east_m is None else ("east_m", "north_m")
+        raise ValueError(f"{missing}: missing beside {given}; allowed: both, or neither (then the place is drawn)")
 
 
 def _greatest_speed_m_s(motion: Motion, north_m: float | None, east_m: float | None) -> float:
@@ -524,7 +558,7 @@ def dump_mission(mission: Mission) -> str:
     for key in ("draw", "defaults"):
         if getattr(mission, key) == type(getattr(mission, key))():
             del data[key]
-    return yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=1_000, allow_unicode=True)
+    return dump_yaml(data)
 
 
 def _free_ids(listed: Sequence[AgentSpec | TargetSpec | ThreatSpec], count: int) -> list[int]:

@@ -24,7 +24,8 @@ class Heard:
     """When the things of one broadcast were true, by this vehicle's clock, and which broadcast it was."""
 
     true_at_s: float
-    sequence: int
+    broadcast: tuple[int, int]
+    """Epoch and sequence."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ class Picture:
         self._threats: dict[int, tuple[ThreatEntry, Heard]] = {}
         self._velocities: dict[int, tuple[float, float]] = {}
         self._parts: set[int] = set()
+        self._motion_order = (-1, -1)
         self._threat_arrays: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def age_s(self, now_s: float) -> float | None:
@@ -84,7 +86,7 @@ class Picture:
         self._parts.add(frame.stamp.frame_index)
         # A sender's clock behind ours means an old frame; ahead of ours, only the time of receipt can be believed.
         true_at_s = min(now_s, frame.stamp.unix_s)
-        heard = Heard(true_at_s, frame.stamp.sequence)
+        heard = Heard(true_at_s, (frame.stamp.epoch_s, frame.stamp.sequence))
         self._received_s = now_s
         self._state_true_at_s = true_at_s
         self.directive = frame.directive
@@ -106,11 +108,16 @@ class Picture:
         if frame.stamp.epoch_s != self.epoch_s:
             self.rejected["other epoch"] += 1
             return False
-        if frame.stamp.sequence < self.sequence:
+        order = (frame.stamp.sequence, frame.stamp.time_ms)
+        if frame.stamp.sequence < self.sequence or order < self._motion_order:
             self.rejected["old"] += 1
             return False
+        self._motion_order = order
         for agent in frame.agents:
-            if agent.heading_rad is not None:
+            if agent.heading_rad is None:
+                # It stands still, or nobody knows where it is going: what it did before is no better guess.
+                self._velocities.pop(agent.id, None)
+            else:
                 self._velocities[agent.id] = (
                     agent.speed_m_s * math.cos(agent.heading_rad),
                     agent.speed_m_s * math.sin(agent.heading_rad),
@@ -166,12 +173,16 @@ class Picture:
         self.epoch_s = stamp.epoch_s
         self.sequence = -1
         self._parts = set()
+        self._motion_order = (-1, -1)
         return True
 
     def _forget_absent(self) -> None:
+        newest = (self.epoch_s, self.sequence)
         for known in (self._agents, self._targets, self._threats):
-            for identity in [key for key, (_, heard) in known.items() if heard.sequence < self.sequence]:
+            for identity in [key for key, (_, heard) in known.items() if heard.broadcast != newest]:
                 del known[identity]
+        for identity in self._velocities.keys() - self._agents.keys():
+            del self._velocities[identity]
         if self.agent_id not in self._agents:
             self.target_id = None
 

@@ -32,6 +32,9 @@ _INT16_MAX = 32_767
 _UINT16_MAX = 65_535
 _UINT8_MAX = 255
 _UINT32_MAX = 4_294_967_295
+_INT32_MAX = 2_147_483_647
+_LAT_MAX_E7 = 900_000_000
+_LON_MAX_E7 = 1_800_000_000
 _UNKNOWN_HEADING = 65_535
 _MIN_RESOLUTION_CM = 1
 
@@ -238,8 +241,12 @@ def _state_message(frame: StateFrame, signature: bytes) -> oneway.MAVLink_oneway
     entries: tuple[AgentEntry | TargetEntry | ThreatEntry, ...] = (*frame.agents, *frame.targets, *frame.threats)
     points = [(entry.north_m, entry.east_m) for entry in entries]
     radii_m = [threat.detection_radius_m for threat in frame.threats]
+    if any(not 0 < threat.attack_radius_m <= threat.detection_radius_m for threat in frame.threats):
+        raise WireError("a threat's radii are not in order; allowed: 0 < attack radius <= detection radius")
     resolution_cm = _resolution_cm(points, radii_m)
     unit_m = resolution_cm / 100.0
+    origin_lat, origin_lon = _origin_e7(frame)
+    frame_index, frame_count = _part(frame.stamp)
     agent_base, agent_ids = _based_ids([agent.id for agent in frame.agents], AGENTS_PER_FRAME, "agents")
     target_base, target_ids = _based_ids([target.id for target in frame.targets], TARGETS_PER_FRAME, "targets")
     threat_base, threat_ids = _based_ids([threat.id for threat in frame.threats], THREATS_PER_FRAME, "threats")
@@ -267,8 +274,8 @@ def _state_message(frame: StateFrame, signature: bytes) -> oneway.MAVLink_oneway
         epoch=_whole(frame.stamp.epoch_s, _UINT32_MAX, "epoch"),
         time_ms=_whole(frame.stamp.time_ms, _UINT32_MAX, "time_ms"),
         sequence=_whole(frame.stamp.sequence, _UINT32_MAX, "sequence"),
-        origin_lat=round(frame.origin_lat_deg * 1e7),
-        origin_lon=round(frame.origin_lon_deg * 1e7),
+        origin_lat=origin_lat,
+        origin_lon=origin_lon,
         agent_north=agent_north,
         agent_east=agent_east,
         target_north=target_north,
@@ -282,13 +289,13 @@ def _state_message(frame: StateFrame, signature: bytes) -> oneway.MAVLink_oneway
         target_id_base=target_base,
         threat_id_base=threat_base,
         directive=int(frame.directive),
-        frame_index=_whole(frame.stamp.frame_index, _UINT8_MAX, "frame_index"),
-        frame_count=_whole(frame.stamp.frame_count, _UINT8_MAX, "frame_count"),
+        frame_index=frame_index,
+        frame_count=frame_count,
         agent_count=len(frame.agents),
         target_count=len(frame.targets),
         threat_count=len(frame.threats),
         threat_speed_bound=_padded(
-            [_whole(math.ceil(t.speed_bound_m_s), _UINT8_MAX, "threat_speed_bound") for t in frame.threats],
+            [_ceiling(t.speed_bound_m_s, _UINT8_MAX, "threat_speed_bound") for t in frame.threats],
             THREATS_PER_FRAME,
         ),
         threat_id=threat_ids,
@@ -308,18 +315,19 @@ def _motion_message(frame: MotionFrame, signature: bytes) -> oneway.MAVLink_onew
         return (
             _padded([_speed_cm_s(entry.velocity_north_m_s) for entry in entries], length),
             _padded([_speed_cm_s(entry.velocity_east_m_s) for entry in entries], length),
-            _padded([min(_age_ds(entry.age_s), _UINT16_MAX) for entry in entries], length),
+            _padded([_age_ds(entry.age_s, _UINT16_MAX) for entry in entries], length),
         )
 
     target_north, target_east, target_age = velocities(frame.targets, TARGETS_PER_FRAME)
     threat_north, threat_east, threat_age = velocities(frame.threats, THREATS_PER_FRAME)
+    frame_index, frame_count = _part(frame.stamp)
     return oneway.MAVLink_oneway_motion_message(
         epoch=_whole(frame.stamp.epoch_s, _UINT32_MAX, "epoch"),
         time_ms=_whole(frame.stamp.time_ms, _UINT32_MAX, "time_ms"),
         sequence=_whole(frame.stamp.sequence, _UINT32_MAX, "sequence"),
         agent_heading=_padded([_heading_cdeg(agent.heading_rad) for agent in frame.agents], AGENTS_PER_FRAME),
         agent_speed=_padded(
-            [_whole(round(agent.speed_m_s * 100), _UINT16_MAX, "agent_speed") for agent in frame.agents],
+            [_whole(_rounded(agent.speed_m_s * 100), _UINT16_MAX, "agent_speed") for agent in frame.agents],
             AGENTS_PER_FRAME,
         ),
         target_velocity_north=target_north,
@@ -331,12 +339,12 @@ def _motion_message(frame: MotionFrame, signature: bytes) -> oneway.MAVLink_onew
         agent_id_base=agent_base,
         target_id_base=target_base,
         threat_id_base=threat_base,
-        frame_index=_whole(frame.stamp.frame_index, _UINT8_MAX, "frame_index"),
-        frame_count=_whole(frame.stamp.frame_count, _UINT8_MAX, "frame_count"),
+        frame_index=frame_index,
+        frame_count=frame_count,
         agent_count=len(frame.agents),
         target_count=len(frame.targets),
         threat_count=len(frame.threats),
-        agent_age=_padded([min(_age_ds(agent.age_s), _UINT8_MAX) for agent in frame.agents], AGENTS_PER_FRAME),
+        agent_age=_padded([_age_ds(agent.age_s, _UINT8_MAX) for agent in frame.agents], AGENTS_PER_FRAME),
         threat_id=threat_ids,
         target_id=target_ids,
         agent_id=agent_ids,
@@ -349,13 +357,14 @@ def _detections_message(frame: DetectionsFrame) -> oneway.MAVLink_oneway_detecti
     if len(seen) > DETECTIONS_PER_FRAME:
         raise WireError(f"{len(seen)} detections; a frame holds {DETECTIONS_PER_FRAME}")
     length = DETECTIONS_PER_FRAME
+    origin_lat, origin_lon = _origin_e7(frame)
     return oneway.MAVLink_oneway_detections_message(
         epoch=_whole(frame.epoch_s, _UINT32_MAX, "epoch"),
         time_ms=_whole(frame.time_ms, _UINT32_MAX, "time_ms"),
-        origin_lat=round(frame.origin_lat_deg * 1e7),
-        origin_lon=round(frame.origin_lon_deg * 1e7),
-        north=_padded([round(item.north_m * 100) for item in seen], length),
-        east=_padded([round(item.east_m * 100) for item in seen], length),
+        origin_lat=origin_lat,
+        origin_lon=origin_lon,
+        north=_padded([_coordinate_cm(item.north_m) for item in seen], length),
+        east=_padded([_coordinate_cm(item.east_m) for item in seen], length),
         velocity_north=_padded([_speed_cm_s(item.velocity_north_m_s) for item in seen], length),
         velocity_east=_padded([_speed_cm_s(item.velocity_east_m_s) for item in seen], length),
         id=_padded([_whole(item.id, _UINT16_MAX, "id") for item in seen], length),
@@ -498,6 +507,9 @@ def _based_ids(ids: Sequence[int], length: int, what: str) -> tuple[int, list[in
     base = min(ids)
     if max(ids) - base >= ID_SPAN:
         raise WireError(f"{what}: ids {base} and {max(ids)} are too far apart for one frame")
+    if len(set(ids)) != len(ids):
+        raise WireError(f"{what}: an id is given twice")
+    _whole(max(ids), _UINT16_MAX, f"{what} id")
     return _whole(base, _UINT16_MAX, f"{what} id"), _padded([identity - base for identity in ids], length)
 
 
@@ -519,7 +531,7 @@ def _stamp(message: oneway.MAVLink_oneway_state_message | oneway.MAVLink_oneway_
 def _origin(
     message: oneway.MAVLink_oneway_state_message | oneway.MAVLink_oneway_detections_message,
 ) -> tuple[float, float]:
-    if abs(message.origin_lat) > 900_000_000 or abs(message.origin_lon) > 1_800_000_000:
+    if abs(message.origin_lat) > _LAT_MAX_E7 or abs(message.origin_lon) > _LON_MAX_E7:
         raise WireError("origin out of range")
     return message.origin_lat / 1e7, message.origin_lon / 1e7
 
@@ -534,16 +546,49 @@ def _whole(value: int, greatest: int, what: str) -> int:
     return value
 
 
+def _rounded(value: float) -> int:
+    if not math.isfinite(value):
+        raise WireError(f"{value} does not fit any field; allowed: a finite number")
+    return round(value)
+
+
+def _ceiling(value: float, greatest: int, what: str) -> int:
+    _rounded(value)
+    return _whole(math.ceil(value), greatest, what)
+
+
+def _coordinate_cm(coordinate_m: float) -> int:
+    value_cm = _rounded(coordinate_m * 100)
+    if abs(value_cm) > _INT32_MAX:
+        raise WireError(f"a position {coordinate_m:.0f} m from the origin does not fit a frame")
+    return value_cm
+
+
+def _origin_e7(frame: StateFrame | DetectionsFrame) -> tuple[int, int]:
+    lat_e7, lon_e7 = _rounded(frame.origin_lat_deg * 1e7), _rounded(frame.origin_lon_deg * 1e7)
+    if abs(lat_e7) > _LAT_MAX_E7 or abs(lon_e7) > _LON_MAX_E7:
+        raise WireError(f"origin {frame.origin_lat_deg}, {frame.origin_lon_deg} is not on Earth")
+    return lat_e7, lon_e7
+
+
+def _part(stamp: Stamp) -> tuple[int, int]:
+    """Return frame index and count."""
+    count = _whole(stamp.frame_count, _UINT8_MAX, "frame_count")
+    return _whole(stamp.frame_index, count - 1, "frame_index"), count
+
+
 def _speed_cm_s(speed_m_s: float) -> int:
-    return max(-_INT16_MAX, min(_INT16_MAX, round(speed_m_s * 100)))
+    return max(-_INT16_MAX, min(_INT16_MAX, _rounded(speed_m_s * 100)))
 
 
-def _age_ds(age_s: float) -> int:
-    return math.ceil(round(age_s * 10, 6))
+def _age_ds(age_s: float, greatest: int) -> int:
+    if not age_s >= 0:
+        raise WireError(f"an age of {age_s} s does not fit its field; allowed: 0 or more")
+    return math.ceil(min(round(age_s * 10, 6), greatest))
 
 
 def _heading_cdeg(heading_rad: float | None) -> int:
-    return _UNKNOWN_HEADING if heading_rad is None else round(math.degrees(heading_rad) * 100) % 36_000
+    return _UNKNOWN_HEADING if heading_rad is None else _rounded(math.degrees(heading_rad) * 100) % 36_000
 
 
 def _heading_rad(value_cdeg: int) -> float | None:

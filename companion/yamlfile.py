@@ -7,6 +7,7 @@ validation fault into an InputError naming file, key, value and what is allowed.
 from __future__ import annotations
 
 import re
+import reprlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,6 +21,9 @@ from companion.errors import InputError, nearest_hint, one_line
 MAX_FILE_BYTES = 4_000_000
 UNION_TAG = "kind:"
 """Begins the tag of a member of a union of models; tags are left out of the path of a key in errors."""
+
+_SHOWN_CHARACTERS = 60
+"""Longer keys and values are cut in errors."""
 
 SectionT = TypeVar("SectionT", bound="Section")
 
@@ -36,7 +40,7 @@ class Section(BaseModel):
             for key in data:
                 if key not in cls.model_fields:
                     hint = nearest_hint(str(key), cls.model_fields)
-                    raise ValueError(f"unknown key '{key}'{hint}; allowed: {', '.join(cls.model_fields)}")
+                    raise ValueError(f"unknown key '{_cut(str(key))}'{hint}; allowed: {', '.join(cls.model_fields)}")
         return data
 
 
@@ -50,21 +54,35 @@ class _Loader(yaml.SafeLoader):
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, str):
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a word", key_node.start_mark)
+                problem = f"key {_shown(key)} is not a word"
+                raise yaml.constructor.ConstructorError(None, None, problem, key_node.start_mark)
             if key in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", key_node.start_mark)
+                problem = f"key '{_cut(key)}' is given twice"
+                raise yaml.constructor.ConstructorError(None, None, problem, key_node.start_mark)
             seen.add(key)
         return super().construct_mapping(node, deep)
 
+    def construct_whole(self, node: yaml.ScalarNode) -> int:
+        return int(str(self.construct_scalar(node)))  # 010 is ten; YAML 1.1 would say eight
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_whole)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes what _Loader would not read back as the same word."""
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, Any]]] = {}  # noqa: RUF012  (as above)
+
 
 def _add_resolver(tag: str, pattern: str, first: str) -> None:
-    _Loader.add_implicit_resolver(tag, re.compile(pattern), list(first))
+    for reader_or_writer in (_Loader, _Dumper):
+        reader_or_writer.add_implicit_resolver(tag, re.compile(pattern), list(first))
 
 
 _add_resolver("tag:yaml.org,2002:null", r"^(?:~|null|Null|NULL|)$", "~nN")
-_Loader.yaml_implicit_resolvers.setdefault("", []).append(
-    _Loader.yaml_implicit_resolvers["~"][0],
-)
+for _reader_or_writer in (_Loader, _Dumper):
+    _reader_or_writer.yaml_implicit_resolvers[""] = [_reader_or_writer.yaml_implicit_resolvers["~"][0]]
 _add_resolver("tag:yaml.org,2002:bool", r"^(?:true|True|TRUE|false|False|FALSE)$", "tTfF")
 _add_resolver("tag:yaml.org,2002:int", r"^[-+]?[0-9]+$", "-+0123456789")
 _add_resolver(
@@ -74,18 +92,32 @@ _add_resolver(
 )
 
 
+def is_there(path: Path) -> bool:
+    """Return whether something is at a path; False, too, for what can be no path at all."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
 def read_text_file(path: Path) -> str:
     """Return the text of a configuration file, or raise InputError if it cannot be one."""
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     if len(data) > MAX_FILE_BYTES:
-        raise InputError(f"{path}: {len(data)} bytes; allowed: at most {MAX_FILE_BYTES}")
+        raise InputError(f"{path}: too large; allowed: at most {MAX_FILE_BYTES} bytes")
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a text file (byte {error.start} is not UTF-8)") from error
+
+
+def dump_yaml(data: object) -> str:
+    """Return YAML text that `parse_yaml` reads back to the same data."""
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=1_000, allow_unicode=True)
 
 
 def parse_yaml(text: str, source: str) -> object:
@@ -97,8 +129,9 @@ def parse_yaml(text: str, source: str) -> object:
         where = f" (line {mark.line + 1}, column {mark.column + 1})" if mark is not None else ""
         problem = getattr(error, "problem", None) or str(error)
         raise InputError(f"{source}: not valid YAML: {one_line(problem)}{where}") from error
-    except (RecursionError, ValueError) as error:
-        raise InputError(f"{source}: not valid YAML: {one_line(str(error))}") from error
+    except (RecursionError, ValueError, LookupError, TypeError, AttributeError) as error:
+        # What PyYAML's constructors raise for a scalar that is not what its explicit tag (!!int, ...) says.
+        raise InputError(f"{source}: not valid YAML: {_cut(one_line(str(error)))}") from error
     if data is None:
         raise InputError(f"{source}: the file is empty; a YAML mapping is expected")
     if not isinstance(data, dict):
@@ -114,6 +147,18 @@ def validated(model: type[SectionT], data: object, source: str) -> SectionT:
         raise InputError(f"{source}: {_fault(error.errors()[0])}") from error
 
 
+def _shown(value: object) -> str:
+    """Return a value for an error; aliases can make one that has no end, so only its beginning is ever looked at."""
+    brief = reprlib.Repr()
+    brief.maxlevel = 3
+    brief.maxstring = brief.maxother = brief.maxlong = 2 * _SHOWN_CHARACTERS
+    return _cut(brief.repr(value))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."
+
+
 def _fault(details: ErrorDetails) -> str:
     where = ""
     for part in details["loc"]:
@@ -126,6 +171,4 @@ def _fault(details: ErrorDetails) -> str:
         return one_line(f"{where}: {message}" if where else message)
     if details["type"] == "missing":
         return one_line(f"{where}: missing; it has no default")
-    value = repr(details["input"])
-    shown = value if len(value) <= 60 else value[:57] + "..."
-    return one_line(f"{where}: {shown}; allowed: {message.removeprefix('Input should be ')}")
+    return one_line(f"{where}: {_shown(details['input'])}; allowed: {message.removeprefix('Input should be ')}")

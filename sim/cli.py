@@ -185,12 +185,13 @@ def _write(folder: Path, mission: Mission, scored: Score, flight: Flight, result
 
 
 def _print_table(mission: Mission, result: dict[str, Any], folder: Path | None) -> None:
-    table = Table(title=f"{mission.name}, seed {result['seed']}, law {result['law']} (kinematic simulator)")
+    table = Table()
     table.add_column("figure")
     table.add_column("value", justify="right")
     for name, value in _summary(result):
         table.add_row(name, value)
-    console = Console(file=sys.stdout)
+    console = Console(file=sys.stdout, soft_wrap=True)
+    console.print(f"{mission.name}, seed {result['seed']}, law {result['law']}; kinematic simulator")
     console.print(table)
     if folder is not None:
         console.print(f"written to {folder}: report.html, paths.png, result.json, trajectory.csv, mission.yaml, *.tlog")

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pymavlink.dialects.v20 import common
 
 from companion.adapters import ADAPTERS
 from companion.config import Law, config_for_agent
@@ -27,12 +28,13 @@ from groundstation.core import GroundStation
 from sim.link import LINK_STREAM, LossyLink, Tamper
 from sim.sensor import LOOK_PERIOD_S, mission_sensor, seen
 from sim.trajectory import Trajectory, TrajectoryBuilder
-from sim.vehicle import ARDUCOPTER, LOCKSTEP_RATES_HZ, Profile, StandIn, kinematic_profile
+from sim.vehicle import ARDUCOPTER, LOCKSTEP_RATES_HZ, Home, Profile, StandIn, kinematic_profile
 from sim.world import World
 
 START_S = 1_767_225_600.0
 """Unix time at which every flight begins: 2026-01-01T00:00:00Z, so that logs are the same each time."""
 _TOLERANCE_S = 1e-6
+_POSITION = common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _MAX_SYSTEM_ID = 250
 """Greatest MAVLink system id given to a vehicle; above it ids are habitually ground stations'."""
 
@@ -192,12 +194,12 @@ class _Flying:
             altitude_m=self._mission.origin.alt_m + config.height_m,
             heading_rad=float(np.radians(spec.heading_deg or 0.0)),
             speed_m_s=0.0 if profile.point is None else spec.speed_m_s,
-            home=None,
+            home=Home(north_m, east_m, self._mission.origin.alt_m),
             in_air=True,
             armed=True,
             guided=True,
             start_s=START_S,
-            rates_hz=LOCKSTEP_RATES_HZ,
+            rates_hz={**LOCKSTEP_RATES_HZ, _POSITION: 1.0 / self._mission.guidance_step_s},
         )
         link = LossyLink(
             self._mission.link,

@@ -16,8 +16,6 @@ from scipy.sparse.csgraph import dijkstra
 
 TOLERANCE = 1e-9
 """Of the scene's size: how deep a segment may seem to cut into a disc that it touches, for rounding."""
-_SHORTEST_EDGE_M = 1e-12
-"""The sparse graph takes an edge of length zero for no edge."""
 
 _START = 0
 _GOAL = 1
@@ -161,7 +159,6 @@ def _distance(nodes: int, begin: np.ndarray, end: np.ndarray, weight_m: np.ndarr
     low, high, weight_m = low[order], high[order], weight_m[order]
     first = np.ones(len(low), dtype=bool)
     first[1:] = (np.diff(low) != 0) | (np.diff(high) != 0)
-    edges = coo_array(
-        (np.maximum(weight_m[first], _SHORTEST_EDGE_M), (low[first], high[first])), shape=(nodes, nodes)
-    ).tocsr()
+    # Edges of length zero (a start on a disc's edge) are stored in it and count.
+    edges = coo_array((weight_m[first], (low[first], high[first])), shape=(nodes, nodes)).tocsr()
     return float(dijkstra(edges, directed=False, indices=[_START])[0, _GOAL])

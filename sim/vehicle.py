@@ -107,8 +107,10 @@ LOCKSTEP_RATES_HZ: Mapping[int, float] = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 0.1,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.02,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 2.0,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 1.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 1.0,
 }
-"""The least that a companion lives on at a guidance step of 0.5 s: packing is most of a step's cost."""
+"""What a companion lives on at a guidance step of 0.5 s and a log is read by: packing is most of a step's cost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -500,7 +502,7 @@ class StandIn:
         return self.parameters["GUID_TIMEOUT"] + self.profile.setpoint_grace_s
 
     def _setpoint_is_fresh(self) -> bool:
-        if self._setpoint is None or self.mode != GUIDED:
+        if self._setpoint is None:
             return False
         # A place to fly to does not go stale on ArduCopter; a velocity does.
         return self._setpoint.place_m is not None or self._now_s < self._setpoint.t_s + self._setpoint_life_s()

@@ -14,10 +14,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import click
+import numpy as np
 
 from companion.errors import EXIT_DONE, InputError, nearest_hint
 from companion.geodesy import LocalFrame
-from companion.transport import Duplex, Link, open_duplex, parse_link
+from companion.transport import Duplex, Link, Sender, open_duplex, open_sender, parse_link
+from companion.wire import Kind
+from sim.sensor import Sensor, seen
 from sim.vehicle import ARDUCOPTER, Home, Profile, StandIn, Truth, kinematic_profile
 
 AUTOPILOTS = ("arducopter", "kinematic")
@@ -47,6 +50,8 @@ class VehicleOptions:
     heading_deg: float = 0.0
     speed_m_s: float = 60.0
     system_id: int = 1
+    sensor: Link | None = None
+    """Where the centre's sensor sends what it sees of this vehicle, as the agent whose id is its system id."""
 
 
 async def run_vehicle(
@@ -62,6 +67,8 @@ async def run_vehicle(
     loop = asyncio.get_running_loop()
     began_s = loop.time()
     links: list[Duplex] = []
+    tellers: list[OnTruth] = [] if on_truth is None else [on_truth]
+    sensor: Sender | None = None
 
     def answer(index: int, datagram: bytes) -> None:
         for frame in vehicle.receive(datagram, loop.time() - began_s):
@@ -70,6 +77,9 @@ async def run_vehicle(
     try:
         for index, link in enumerate(options.links):
             links.append(await open_duplex(link, partial(answer, index)))
+        if options.sensor is not None:
+            sensor = await open_sender(options.sensor)
+            tellers.append(_sensing(options, sensor))
         names = ", ".join(str(link) for link in options.links)
         click.echo(f"sim vehicle: {options.autopilot}, system {options.system_id}, on {names}")
         began_s = loop.time()
@@ -80,8 +90,9 @@ async def run_vehicle(
             for frame in vehicle.telemetry(t_s):
                 for end_point in links:
                     end_point.send(frame)
-            if on_truth is not None and steps % _TRUTH_PERIOD_STEPS == 0:
-                on_truth(time.time(), vehicle.truth)
+            if steps % _TRUTH_PERIOD_STEPS == 0:
+                for tell in tellers:
+                    tell(time.time(), vehicle.truth)
             steps += 1
             wait_s = began_s + steps * _STEP_S - loop.time()
             if wait_s < -_GIVE_UP_CATCHING_UP_S:
@@ -90,6 +101,8 @@ async def run_vehicle(
     finally:
         for end_point in links:
             end_point.close()
+        if sensor is not None:
+            sensor.close()
 
 
 async def _wait(stop: asyncio.Event, wait_s: float) -> None:
@@ -98,6 +111,18 @@ async def _wait(stop: asyncio.Event, wait_s: float) -> None:
     except TimeoutError:
         # Late or not, the sockets get their turn.
         await asyncio.sleep(0.0)
+
+
+def _sensing(options: VehicleOptions, sender: Sender) -> OnTruth:
+    """Return what sends the centre's sensor's look at this vehicle whenever it is told the truth."""
+    sensor = Sensor(options.lat_deg, options.lon_deg, int(time.time()))
+
+    def tell(t_unix_s: float, truth: Truth) -> None:
+        row = np.array([truth.north_m, truth.east_m, math.degrees(truth.heading_rad), truth.speed_m_s])
+        for datagram in sensor.look([seen(Kind.AGENT, options.system_id, row)], t_unix_s):
+            sender.send(datagram)
+
+    return tell
 
 
 def _build(options: VehicleOptions) -> StandIn:
@@ -133,6 +158,10 @@ def _known_autopilot(_context: click.Context, _parameter: click.Parameter, value
 
 def _parsed_links(_context: click.Context, _parameter: click.Parameter, values: tuple[str, ...]) -> tuple[Link, ...]:
     return tuple(parse_link(value) for value in values)
+
+
+def _parsed_link(_context: click.Context, _parameter: click.Parameter, value: str | None) -> Link | None:
+    return None if value is None else parse_link(value)
 
 
 def _finite(_context: click.Context, parameter: click.Parameter, value: float) -> float:
@@ -195,6 +224,12 @@ def _finite(_context: click.Context, parameter: click.Parameter, value: float) -
     show_default=True,
     help="Of a kinematic vehicle, which cannot stop and begins in the air, m/s.",
 )
+@click.option(
+    "--sensor",
+    callback=_parsed_link,
+    metavar="URL",
+    help="udpout:HOST:PORT of a ground station that shall see this vehicle, as the agent numbered like its system id.",
+)
 @click.option("--system-id", type=click.IntRange(1, 255), default=1, show_default=True, help="MAVLink system id.")
 def vehicle(
     autopilot: str,
@@ -204,13 +239,14 @@ def vehicle(
     alt_m: float,
     heading_deg: float,
     speed_m_s: float,
+    sensor: Link | None,
     system_id: int,
 ) -> int:
     """Run one stand-in autopilot that speaks MAVLink over UDP, until it is interrupted.
 
     An arducopter waits on the ground in STABILIZE; a kinematic vehicle circles until it gets setpoints.
     """
-    options = VehicleOptions(autopilot, links, lat_deg, lon_deg, alt_m, heading_deg, speed_m_s, system_id)
+    options = VehicleOptions(autopilot, links, lat_deg, lon_deg, alt_m, heading_deg, speed_m_s, system_id, sensor)
     asyncio.run(_until_signal(options))
     return EXIT_DONE
 

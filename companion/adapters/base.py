@@ -17,9 +17,14 @@ _MESSAGE_IDS = frozenset(
         common.MAVLINK_MSG_ID_HEARTBEAT,
         common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
         common.MAVLINK_MSG_ID_HOME_POSITION,
+        common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
     }
 )
+_LAT_MAX_E7 = 900_000_000
+_LON_MAX_E7 = 1_800_000_000
 _HEADER_BYTES = 10
+_FLAG_SIGNED = 0x01
+_SIGNATURE_BYTES = 13
 _MARKER = 0xFD
 
 
@@ -40,6 +45,8 @@ class Telemetry:
     yaw_rad: float | None = None
     home_deg: tuple[float, float] | None = None
     """Latitude and longitude."""
+    in_air: bool | None = None
+    """Airborne and neither taking off nor landing; None where the autopilot does not say."""
 
 
 class Adapter(Protocol):
@@ -72,14 +79,14 @@ class Adapter(Protocol):
 
 
 class TelemetryReader:
-    """Reads the telemetry of any MAVLink autopilot: HEARTBEAT, GLOBAL_POSITION_INT, HOME_POSITION."""
+    """Reads the telemetry of any MAVLink autopilot: HEARTBEAT, positions, landed state."""
 
     def __init__(self) -> None:
         self.telemetry = Telemetry()
         self.rejected: Counter[str] = Counter()
 
     def receive(self, datagram: bytes, now_s: float) -> None:
-        """Take in a datagram; anything damaged or not finite is counted and dropped."""
+        """Take in a datagram; anything damaged or out of range is counted and dropped."""
         if _is_one_other_message(datagram):
             return
         parser = common.MAVLink(None)
@@ -92,7 +99,12 @@ class TelemetryReader:
                 self._heartbeat(message)
             elif message.get_srcSystem() != self.telemetry.system_id:
                 self.rejected["other system"] += 1
+            elif message.get_srcComponent() != common.MAV_COMP_ID_AUTOPILOT1:
+                self.rejected["other component"] += 1
             elif name == "GLOBAL_POSITION_INT":
+                if not _is_on_earth(message.lat, message.lon):
+                    self.rejected["out of range"] += 1
+                    continue
                 self.telemetry = replace(
                     self.telemetry,
                     position_at_s=now_s,
@@ -104,12 +116,22 @@ class TelemetryReader:
                     yaw_rad=None if message.hdg == 65_535 else math.radians(message.hdg / 100.0),
                 )
             elif name == "HOME_POSITION":
+                if not _is_on_earth(message.latitude, message.longitude):
+                    self.rejected["out of range"] += 1
+                    continue
                 home_deg = (message.latitude / 1e7, message.longitude / 1e7)
                 self.telemetry = replace(self.telemetry, home_deg=home_deg)
+            elif name == "EXTENDED_SYS_STATE":
+                known = message.landed_state != common.MAV_LANDED_STATE_UNDEFINED
+                in_air = message.landed_state == common.MAV_LANDED_STATE_IN_AIR
+                self.telemetry = replace(self.telemetry, in_air=in_air if known else None)
 
     def _heartbeat(self, message: common.MAVLink_heartbeat_message) -> None:
-        if message.autopilot == common.MAV_AUTOPILOT_INVALID:
-            return  # a ground station or another companion
+        if (
+            message.autopilot == common.MAV_AUTOPILOT_INVALID
+            or message.get_srcComponent() != common.MAV_COMP_ID_AUTOPILOT1
+        ):
+            return  # a ground station, another companion, a gimbal
         if self.telemetry.system_id not in (None, message.get_srcSystem()):
             self.rejected["other system"] += 1
             return
@@ -121,12 +143,13 @@ class TelemetryReader:
         )
 
 
+def _is_on_earth(lat_e7: int, lon_e7: int) -> bool:
+    return abs(lat_e7) <= _LAT_MAX_E7 and abs(lon_e7) <= _LON_MAX_E7
+
+
 def _is_one_other_message(datagram: bytes) -> bool:
     """Return whether a datagram is a single MAVLink 2 message that nobody here reads: a cheap check before parsing."""
     if len(datagram) < _HEADER_BYTES or datagram[0] != _MARKER:
         return False
-    unsigned_bytes = datagram[1] + 12
-    return (
-        unsigned_bytes <= len(datagram) <= unsigned_bytes + 13
-        and int.from_bytes(datagram[7:10], "little") not in _MESSAGE_IDS
-    )
+    length = datagram[1] + 12 + (_SIGNATURE_BYTES if datagram[2] & _FLAG_SIGNED else 0)
+    return len(datagram) == length and int.from_bytes(datagram[7:10], "little") not in _MESSAGE_IDS

@@ -266,6 +266,17 @@ def test_a_port_in_use_is_an_error_in_one_line() -> None:
     run(body)
 
 
+def test_two_receivers_never_share_a_port() -> None:
+    async def body() -> None:
+        link = Link("udpin", LOCALHOST, free_port())
+        first = await open_receiver(link, lambda _: None)
+        with pytest.raises(InputError, match="is in use"):
+            await open_receiver(link, lambda _: None)
+        first.close()
+
+    run(body)
+
+
 def test_an_unknown_host_name_is_an_error_in_one_line() -> None:
     async def body() -> None:
         with pytest.raises(InputError, match="host name 'nowhere.invalid' is unknown"):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from sim.shortest_path import shortest_path_length
+from sim.shortest_path import _distance, shortest_path_length
 
 CORNERS = 24
 """Of the polygon about each disc in the visibility graph."""
@@ -113,9 +113,11 @@ def test_the_same_disc_twice_changes_nothing() -> None:
     assert length_m((0, 0), (100, 1), [(50, 0, 20)] * 2) == length_m((0, 0), (100, 1), [(50, 0, 20)])
 
 
-def test_a_goal_behind_a_closed_ring_of_discs_cannot_be_reached() -> None:
+@pytest.mark.parametrize("start", [(0, 0), (30, 10), (-12, 25)])
+def test_a_goal_behind_a_closed_ring_of_discs_cannot_be_reached(start: tuple[float, float]) -> None:
     ring = [(50 * math.cos(angle), 50 * math.sin(angle), 20) for angle in np.arange(8) * math.tau / 8]
-    assert length_m((0, 0), (200, 0), ring) == math.inf
+    assert length_m(start, (200, 0), ring) == math.inf
+    assert length_m((200, 0), start, ring) == math.inf
 
 
 def test_a_ring_with_one_disc_missing_can_be_left() -> None:
@@ -130,6 +132,15 @@ def test_an_end_inside_a_disc_cannot_be_reached(ends: tuple[tuple[int, int], tup
 
 def test_from_the_edge_of_a_disc_the_path_runs_along_it() -> None:
     assert length_m((-10, 0), (10, 0), [(0, 0, 10)]) == pytest.approx(10 * math.pi, rel=1e-9)
+
+
+def test_of_two_arcs_between_the_same_points_the_shorter_counts() -> None:
+    begin, end = np.array([0, 0, 1]), np.array([1, 1, 0])
+    assert _distance(2, begin, end, np.array([5.0, 3.0, 4.0])) == 3.0
+
+
+def test_steps_of_no_length_connect() -> None:
+    assert _distance(3, np.array([0, 2]), np.array([2, 1]), np.array([0.0, 7.0])) == 7.0
 
 
 def test_no_distance_is_no_path() -> None:

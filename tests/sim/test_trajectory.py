@@ -213,7 +213,9 @@ def test_an_id_that_is_no_number_is_told_in_one_line(tmp_path: Path) -> None:
 
 def test_kinds_out_of_order_are_told_in_one_line(tmp_path: Path) -> None:
     lines = lines_of(built(), tmp_path / "trajectory.csv")
-    assert "order" in fault(tmp_path / "trajectory.csv", [lines[0], lines[4], *lines[1:4], *lines[5:]])
+    assert "agents, targets, threats is the order" in fault(
+        tmp_path / "trajectory.csv", [lines[0], lines[4], *lines[1:4], *lines[5:]]
+    )
 
 
 def test_a_row_with_a_column_too_few_is_told_in_one_line(tmp_path: Path) -> None:

@@ -244,13 +244,18 @@ def test_a_take_off_fails_otherwise(vehicle: StandIn, height_m: float) -> None:
     assert vehicle.truth.altitude_m == altitude_m
 
 
-def test_landing_touches_down_disarms_and_announces_it() -> None:
-    vehicle = hovering(altitude_m=GROUND_M + 15.0)
+def test_landing_touches_down_disarms_and_announces_it_at_once() -> None:
+    vehicle = hovering(altitude_m=GROUND_M + 5.0)
     set_mode(vehicle, LAND)
-    vehicle.telemetry(0.0)
-    vehicle.step_to(60.0)
-    assert (vehicle.truth.altitude_m, vehicle.in_air, vehicle.armed) == (GROUND_M, False, False)
-    assert not of_type(vehicle.telemetry(60.0), "HEARTBEAT")[0].base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED
+    t_s = 0.0
+    while vehicle.armed:
+        t_s += 0.01
+        assert t_s < 20.0
+        vehicle.telemetry(t_s)
+        vehicle.step_to(t_s)
+    assert (vehicle.truth.altitude_m, vehicle.in_air) == (GROUND_M, False)
+    (heartbeat,) = of_type(vehicle.telemetry(t_s + 0.001), "HEARTBEAT")
+    assert not heartbeat.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED
 
 
 def test_a_return_climbs_flies_home_and_lands() -> None:
@@ -436,9 +441,10 @@ def test_the_nose_follows_the_track_unless_a_yaw_is_given() -> None:
     assert yawing.truth.heading_rad == pytest.approx(-1.0, abs=1e-3)
 
 
-def test_a_yaw_that_is_no_number_leaves_the_nose_on_the_track() -> None:
+@pytest.mark.parametrize("mask", [VELOCITY_YAW, VELOCITY_YAW_RATE, VELOCITY_ALL])
+def test_a_yaw_that_is_no_number_leaves_the_nose_on_the_track(mask: int) -> None:
     vehicle = hovering()
-    fly(vehicle, 5.0, setpoint(VELOCITY_YAW, velocity=(0.0, 5.0, 0.0), yaw=NAN))
+    fly(vehicle, 5.0, setpoint(mask, velocity=(0.0, 5.0, 0.0), yaw=NAN, yaw_rate=NAN))
     assert vehicle.truth.heading_rad == pytest.approx(math.pi / 2, abs=1e-3)
 
 
@@ -481,6 +487,14 @@ def test_a_setpoint_in_the_air_replaces_a_take_off() -> None:
     vehicle.step_to(4.0)
     fly(vehicle, 10.0, setpoint(velocity=(0.0, 0.0, 0.0)), from_s=4.0)
     assert vehicle.truth.altitude_m < GROUND_M + 15.0
+
+
+def test_a_setpoint_on_the_ground_does_not_replace_a_take_off() -> None:
+    vehicle = on_the_ground(guided=True, armed=True)
+    ask(vehicle, common.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 20.0)
+    vehicle.receive(setpoint(velocity=(0.0, 0.0, 0.0)), 0.0)
+    vehicle.step_to(30.0)
+    assert vehicle.truth.altitude_m == pytest.approx(GROUND_M + 20.0, abs=0.1)
 
 
 def test_the_parts_of_a_step_make_the_same_flight_as_the_whole() -> None:
@@ -608,6 +622,15 @@ def test_the_local_position_is_from_home_and_a_position_setpoint_comes_back_in_i
     frames = ask(vehicle, common.MAV_CMD_REQUEST_MESSAGE, common.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
     (position,) = of_type(frames, "LOCAL_POSITION_NED")
     assert (position.x, position.y, position.z) == pytest.approx((40.0, -30.0, -90.0), abs=0.1)
+
+
+def test_an_offset_position_is_along_true_north() -> None:
+    vehicle = hovering(north_m=150_000.0, east_m=150_000.0)
+    vehicle.receive(setpoint(POSITION, 7, position=(800.0, 0.0, 0.0)), 0.0)
+    vehicle.step_to(200.0)
+    start = LocalFrame(*FRAME.to_global(150_000.0, 150_000.0))
+    flown = start.to_local(*FRAME.to_global(vehicle.truth.north_m, vehicle.truth.east_m))
+    assert flown == pytest.approx((800.0, 0.0), abs=0.5)
 
 
 # Telemetry, requests, parameters

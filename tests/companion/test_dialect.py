@@ -1,0 +1,133 @@
+"""The private dialect: generated from its XML, valid, small enough for every frame, and out of everybody's way."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+
+import pymavlink.generator
+import pytest
+from lxml import etree
+from pymavlink.dialects.v20 import minimal
+
+from companion.dialect import oneway
+from companion.dialect.__main__ import FOLDER, generate
+
+XML = FOLDER / "oneway.xml"
+OUR_MESSAGES = ("ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_DETECTIONS")
+CRC_EXTRA = {"ONEWAY_STATE": 19, "ONEWAY_MOTION": 60, "ONEWAY_DETECTIONS": 88}
+"""A change of a field changes these: old and new vehicles then no longer hear each other."""
+MESSAGE_IDS = {"ONEWAY_STATE": 0xA00100, "ONEWAY_MOTION": 0xA00101, "ONEWAY_DETECTIONS": 0xA00102}
+GREATEST_PUBLIC_ID = 0xA00000
+GREATEST_PAYLOAD_BYTES = 255
+IN_UNITS_OF_RESOLUTION = "in units of resolution"
+COUNTS_AND_NAMES = {
+    "sequence",
+    "frame_index",
+    "frame_count",
+    "agent_count",
+    "target_count",
+    "threat_count",
+    "count",
+    "id",
+    "agent_id",
+    "target_id",
+    "threat_id",
+    "agent_id_base",
+    "target_id_base",
+    "threat_id_base",
+    "agent_target",
+    "ed25519_signature",
+}
+ENUM_FIELDS = {("ONEWAY_STATE", "directive"): "ONEWAY_DIRECTIVE", ("ONEWAY_DETECTIONS", "kind"): "ONEWAY_KIND"}
+
+
+def messages() -> dict[str, type[oneway.MAVLink_message]]:
+    return {kind.msgname: kind for kind in oneway.mavlink_map.values()}
+
+
+def fields() -> Iterator[tuple[str, ElementTree.Element]]:
+    for message in ElementTree.parse(XML).getroot().iter("message"):
+        for field in message.iter("field"):
+            yield message.attrib["name"], field
+
+
+def test_regenerating_gives_the_module_that_is_shipped(tmp_path: Path) -> None:
+    assert generate(tmp_path).read_bytes() == (FOLDER / "oneway.py").read_bytes()
+
+
+def test_the_xml_obeys_the_mavlink_schema_with_its_units() -> None:
+    schema_path = Path(pymavlink.generator.__file__).parent / "mavschema.xsd"
+    schema = etree.XMLSchema(etree.parse(str(schema_path)))
+    assert schema.validate(etree.parse(str(XML))), schema.error_log
+
+
+def test_the_schema_would_refuse_a_unit_that_does_not_exist() -> None:
+    schema_path = Path(pymavlink.generator.__file__).parent / "mavschema.xsd"
+    schema = etree.XMLSchema(etree.parse(str(schema_path)))
+    broken = etree.fromstring(XML.read_bytes().replace(b'units="cm/s"', b'units="knots"', 1))
+    assert not schema.validate(broken)
+
+
+@pytest.mark.parametrize("name", OUR_MESSAGES)
+def test_every_message_fits_a_mavlink_payload(name: str) -> None:
+    assert messages()[name].unpacker.size <= GREATEST_PAYLOAD_BYTES
+
+
+@pytest.mark.parametrize("name", OUR_MESSAGES)
+def test_the_layout_of_a_message_is_pinned(name: str) -> None:
+    assert messages()[name].crc_extra == CRC_EXTRA[name]
+
+
+@pytest.mark.parametrize("name", OUR_MESSAGES)
+def test_the_id_of_a_message_is_pinned_far_from_the_public_ranges(name: str) -> None:
+    assert messages()[name].id == MESSAGE_IDS[name]
+    assert GREATEST_PUBLIC_ID < MESSAGE_IDS[name] < 2**24
+
+
+def test_the_dialect_holds_its_messages_and_the_minimal_set_only() -> None:
+    public = {kind.msgname for kind in minimal.mavlink_map.values()}
+    assert set(messages()) == {*OUR_MESSAGES, *public}
+    assert "HEARTBEAT" in public
+
+
+def test_every_field_with_a_dimension_names_its_unit() -> None:
+    bare = {
+        (message, field.attrib["name"])
+        for message, field in fields()
+        if "units" not in field.attrib
+        and "enum" not in field.attrib
+        and IN_UNITS_OF_RESOLUTION not in (field.text or "")
+        and field.attrib["name"] not in COUNTS_AND_NAMES
+    }
+    assert bare == set()
+
+
+def test_lengths_in_units_of_resolution_belong_to_a_message_that_says_what_its_resolution_is() -> None:
+    scaled = {message for message, field in fields() if IN_UNITS_OF_RESOLUTION in (field.text or "").lower()}
+    resolutions = {
+        message for message, field in fields() if field.attrib["name"] == "resolution" and field.attrib["units"] == "cm"
+    }
+    assert scaled == resolutions == {"ONEWAY_STATE"}
+
+
+def test_fields_that_mean_one_of_a_few_things_name_their_enum() -> None:
+    named = {(m, field.attrib["name"]): field.attrib["enum"] for m, field in fields() if "enum" in field.attrib}
+    assert named == ENUM_FIELDS
+    assert set(named.values()) <= set(oneway.enums)
+
+
+def test_every_message_and_field_is_described() -> None:
+    for message in ElementTree.parse(XML).getroot().iter("message"):
+        description = message.find("description")
+        assert description is not None
+        assert description.text
+    assert all((field.text or "").strip() for _, field in fields())
+
+
+@pytest.mark.parametrize("name", ["ONEWAY_STATE", "ONEWAY_MOTION"])
+def test_an_unsigned_frame_ends_before_the_signature(name: str) -> None:
+    kind = messages()[name]
+    assert kind.ordered_fieldnames[-1] == "ed25519_signature"
+    assert kind.lengths[-1] == 64
