@@ -15,6 +15,8 @@ from companion.dialect import oneway
 from companion.dialect.__main__ import FOLDER
 from companion.tlog import TlogWriter
 from companion.wire import (
+    GROUND_COMPONENT,
+    GROUND_SYSTEM,
     AgentEntry,
     AgentMotion,
     Directive,
@@ -156,7 +158,7 @@ def test_mavsdk_decodes_every_field_from_the_xml_alone(
 ) -> None:
     assert len(read_by_mavsdk) == 2
     system, component, fields = read_by_mavsdk[index]
-    assert (system, component) == (254, 190)
+    assert (system, component) == (GROUND_SYSTEM, GROUND_COMPONENT)
     assert fields.pop("message_name") == name
     fields.pop("message_id")
     assert fields == fields_of(datagrams()[index])

@@ -1,0 +1,406 @@
+"""What the vehicle believes: the newest of everything, nothing lost by chance, and discs that only grow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.picture import RESTART_AFTER_S, Picture
+from companion.wire import (
+    AgentEntry,
+    AgentMotion,
+    Directive,
+    MotionFrame,
+    Stamp,
+    StateFrame,
+    TargetEntry,
+    ThreatEntry,
+)
+
+ME = 5
+EPOCH_S = 1_790_000_000
+PERIOD_S = 5.0
+THREAT = ThreatEntry(1, 1_000.0, 2_000.0, 500.0, 200.0, 10.0)
+
+
+def time_of(sequence: int, epoch_s: int = EPOCH_S) -> float:
+    return epoch_s + PERIOD_S * sequence
+
+
+def stamp(sequence: int, index: int = 0, count: int = 1, epoch_s: int = EPOCH_S) -> Stamp:
+    return Stamp(epoch_s, round(1000 * PERIOD_S * sequence), sequence, index, count)
+
+
+def state(
+    sequence: int,
+    agents: tuple[AgentEntry, ...] = (AgentEntry(ME, 0.0, 0.0, 1),),
+    targets: tuple[TargetEntry, ...] = (TargetEntry(1, 10.0, 20.0),),
+    threats: tuple[ThreatEntry, ...] = (),
+    *,
+    index: int = 0,
+    count: int = 1,
+    epoch_s: int = EPOCH_S,
+    directive: Directive = Directive.NORMAL,
+    origin_deg: tuple[float, float] = (47.0, 8.0),
+) -> StateFrame:
+    return StateFrame(stamp(sequence, index, count, epoch_s), *origin_deg, directive, agents, targets, threats)
+
+
+def motion(sequence: int, *agents: AgentMotion, time_ms: int | None = None, epoch_s: int = EPOCH_S) -> MotionFrame:
+    its_stamp = stamp(sequence, epoch_s=epoch_s)
+    return MotionFrame(its_stamp if time_ms is None else replace(its_stamp, time_ms=time_ms), agents, (), ())
+
+
+def picture_of(*frames: StateFrame) -> Picture:
+    picture = Picture(ME)
+    for frame in frames:
+        assert picture.take_state(frame, frame.stamp.unix_s)
+    return picture
+
+
+def target_at(north_m: float) -> tuple[TargetEntry, ...]:
+    return (TargetEntry(1, north_m, 0.0),)
+
+
+# Newest wins
+
+
+def test_nothing_is_believed_before_anything_is_heard() -> None:
+    picture = Picture(ME)
+    view = picture.view(0.0)
+    assert picture.age_s(0.0) is None
+    assert view.target_ned_m is None
+    assert view.threats_ned_m.shape == view.peers_ned_m.shape == view.settled_ned_m.shape == (0, 2)
+    assert view.detection_radius_m.shape == (0,)
+
+
+def test_a_newer_frame_replaces_what_was_believed() -> None:
+    picture = picture_of(state(1, targets=target_at(1.0)), state(2, targets=target_at(2.0)))
+    assert picture.view(time_of(2)).target_ned_m == (2.0, 0.0)
+
+
+def test_a_repeated_frame_is_refused_and_counted() -> None:
+    picture = picture_of(state(1))
+    assert not picture.take_state(state(1), time_of(1))
+    assert picture.rejected == {"repeated": 1}
+
+
+def test_a_repeated_frame_does_not_make_the_picture_younger() -> None:
+    picture = picture_of(state(1))
+    picture.take_state(state(1), time_of(3))
+    assert picture.age_s(time_of(3)) == pytest.approx(2 * PERIOD_S)
+
+
+def test_an_older_frame_is_refused_and_counted() -> None:
+    picture = picture_of(state(2, targets=target_at(2.0)))
+    assert not picture.take_state(state(1, targets=target_at(1.0)), time_of(2))
+    assert picture.rejected == {"old": 1}
+    assert picture.view(time_of(2)).target_ned_m == (2.0, 0.0)
+
+
+def test_the_directive_is_that_of_the_newest_frame() -> None:
+    picture = picture_of(state(1, directive=Directive.RETURN), state(2, directive=Directive.HOLD))
+    assert picture.directive is Directive.HOLD
+
+
+# Epochs
+
+
+def test_a_restarted_ground_station_is_heard_at_once_although_its_numbers_start_again() -> None:
+    picture = picture_of(state(500, targets=target_at(1.0)))
+    later = EPOCH_S + 2_600
+    assert picture.take_state(state(1, targets=target_at(2.0), epoch_s=later), time_of(1, later))
+    assert picture.view(time_of(1, later)).target_ned_m == (2.0, 0.0)
+
+
+def test_what_a_restarted_ground_station_does_not_know_is_forgotten() -> None:
+    picture = picture_of(state(500, threats=(THREAT,)))
+    later = EPOCH_S + 2_600
+    picture.take_state(state(1, epoch_s=later), time_of(1, later))
+    assert picture.view(time_of(1, later)).threats_ned_m.shape == (0, 2)
+
+
+def test_a_lower_epoch_is_an_old_run_replayed_and_is_refused() -> None:
+    picture = picture_of(state(1))
+    assert not picture.take_state(state(900, epoch_s=EPOCH_S - 1), time_of(1) + RESTART_AFTER_S - 0.1)
+    assert picture.rejected == {"old epoch": 1}
+
+
+def test_a_lower_epoch_is_taken_after_silence() -> None:
+    picture = picture_of(state(1))
+    assert picture.take_state(state(1, targets=target_at(3.0), epoch_s=EPOCH_S - 1), time_of(1) + RESTART_AFTER_S + 0.1)
+    assert picture.epoch_s == EPOCH_S - 1
+    assert picture.view(time_of(9)).target_ned_m == (3.0, 0.0)
+
+
+def test_refused_frames_do_not_break_the_silence_a_lower_epoch_needs() -> None:
+    picture = picture_of(state(1))
+    picture.take_state(state(1), time_of(1) + RESTART_AFTER_S - 1.0)
+    assert picture.take_state(state(1, epoch_s=EPOCH_S - 1), time_of(1) + RESTART_AFTER_S + 0.1)
+
+
+# Ages and clocks
+
+
+def test_a_frame_is_as_old_as_its_stamp_says() -> None:
+    picture = Picture(ME)
+    picture.take_state(state(1), time_of(1) + 3.0)
+    assert picture.age_s(time_of(1) + 3.0) == pytest.approx(3.0)
+    assert picture.view(time_of(1) + 4.0).target_age_s == pytest.approx(4.0)
+
+
+def test_a_sender_whose_clock_is_ahead_makes_nothing_younger_than_its_receipt() -> None:
+    picture = Picture(ME)
+    picture.take_state(state(1), time_of(1) - 1_000.0)
+    assert picture.age_s(time_of(1) - 1_000.0) == 0.0
+    assert picture.age_s(time_of(1) - 990.0) == pytest.approx(10.0)
+
+
+@given(st.floats(0.0, 1e4), st.floats(0.0, 100.0))
+def test_discs_grow_by_the_bound_times_the_age(age_s: float, bound_m_s: float) -> None:
+    threat = replace(THREAT, speed_bound_m_s=bound_m_s)
+    view = picture_of(state(1, threats=(threat,))).view(time_of(1) + age_s)
+    assert view.detection_radius_m[0] == pytest.approx(500.0 + bound_m_s * age_s, abs=1e-3)
+    assert view.attack_radius_m[0] == pytest.approx(200.0 + bound_m_s * age_s, abs=1e-3)
+    assert view.threat_speed_m_s[0] == bound_m_s
+    assert tuple(view.threats_ned_m[0]) == (1_000.0, 2_000.0)
+
+
+def test_a_late_frame_brings_discs_already_grown() -> None:
+    picture = Picture(ME)
+    picture.take_state(state(1, threats=(THREAT,)), time_of(1) + 20.0)
+    assert picture.view(time_of(1) + 20.0).attack_radius_m[0] == pytest.approx(400.0)
+
+
+def test_a_clock_that_runs_backwards_never_shrinks_a_disc() -> None:
+    view = picture_of(state(1, threats=(THREAT,))).view(time_of(1) - 100.0)
+    assert view.attack_radius_m[0] == 200.0
+
+
+# Broadcasts of several frames
+
+
+def halves(sequence: int, first: TargetEntry, second: TargetEntry) -> tuple[StateFrame, StateFrame]:
+    return (
+        state(sequence, targets=(TargetEntry(1, 0.0, 0.0), first), index=0, count=2),
+        state(sequence, agents=(), targets=(second,), threats=(THREAT,), index=1, count=2),
+    )
+
+
+def test_the_frames_of_one_broadcast_add_up() -> None:
+    picture = Picture(ME)
+    for frame in halves(1, TargetEntry(2, 1.0, 1.0), TargetEntry(3, 2.0, 2.0)):
+        assert picture.take_state(frame, time_of(1))
+    assert picture.view(time_of(1)).target_ned_m == (0.0, 0.0)
+    assert len(picture.view(time_of(1)).threats_ned_m) == 1
+
+
+def test_an_incomplete_broadcast_forgets_nothing() -> None:
+    picture = picture_of(*halves(1, TargetEntry(2, 1.0, 1.0), TargetEntry(3, 2.0, 2.0)))
+    picture.take_state(state(2, count=2), time_of(2))
+    assert len(picture.view(time_of(2)).threats_ned_m) == 1
+
+
+def test_half_of_each_of_two_broadcasts_is_no_whole_one() -> None:
+    picture = picture_of(*halves(1, TargetEntry(2, 1.0, 1.0), TargetEntry(3, 2.0, 2.0)))
+    picture.take_state(state(2, index=0, count=2), time_of(2))
+    picture.take_state(state(3, index=1, count=2), time_of(3))
+    assert len(picture.view(time_of(3)).threats_ned_m) == 1
+
+
+def test_a_thing_vanishes_when_a_whole_later_broadcast_lacks_it() -> None:
+    picture = picture_of(*halves(1, TargetEntry(2, 1.0, 1.0), TargetEntry(3, 2.0, 2.0)))
+    picture.take_state(state(2, index=0, count=2), time_of(2))
+    picture.take_state(state(2, agents=(), targets=(), index=1, count=2), time_of(2))
+    assert len(picture.view(time_of(2)).threats_ned_m) == 0
+
+
+def test_an_agent_missing_from_a_whole_broadcast_has_no_target() -> None:
+    picture = picture_of(state(1))
+    picture.take_state(state(2, agents=(AgentEntry(9, 0.0, 0.0, 1),)), time_of(2))
+    assert picture.target_id is None
+    assert picture.view(time_of(2)).target_ned_m is None
+
+
+def test_an_agent_missing_from_one_frame_of_several_keeps_its_target() -> None:
+    picture = picture_of(state(1))
+    picture.take_state(state(2, agents=(AgentEntry(9, 0.0, 0.0, 1),), index=1, count=2), time_of(2))
+    assert picture.target_id == 1
+
+
+def test_an_agent_told_to_loiter_has_no_target() -> None:
+    picture = picture_of(state(1), state(2, agents=(AgentEntry(ME, 0.0, 0.0, None),)))
+    assert picture.view(time_of(2)).target_ned_m is None
+
+
+@st.composite
+def histories(draw: st.DrawFn) -> list[StateFrame]:
+    """Return broadcasts of one to three frames, in which targets, threats and peers come and go."""
+    frames = []
+    for sequence in range(1, draw(st.integers(2, 5))):
+        count = draw(st.integers(1, 3))
+        mine = draw(st.integers(0, count))  # count: the agent itself is missing
+        for index in range(count):
+            targets = tuple(
+                TargetEntry(identity, 100.0 * sequence, 1.0 * identity)
+                for identity in sorted(draw(st.sets(st.integers(1, 4))))
+            )
+            agents = tuple(
+                AgentEntry(10 * (index + 1) + k, 7.0 * sequence, 1.0 * k, None) for k in range(draw(st.integers(0, 2)))
+            )
+            if index == mine:
+                goal = draw(st.sampled_from([None, *[target.id for target in targets]]))
+                agents = (AgentEntry(ME, 0.0, 0.0, goal), *agents)
+            threats = tuple(
+                replace(THREAT, id=identity, north_m=10.0 * sequence)
+                for identity in sorted(draw(st.sets(st.integers(1, 3))))
+            )
+            frames.append(state(sequence, agents, targets, threats, index=index, count=count))
+    return frames
+
+
+def assert_same_view(left: Picture, right: Picture, now_s: float) -> None:
+    a, b = left.view(now_s), right.view(now_s)
+    assert (a.target_ned_m, a.target_age_s) == (b.target_ned_m, b.target_age_s)
+    for name in ("threats_ned_m", "detection_radius_m", "attack_radius_m", "peers_ned_m", "settled_ned_m"):
+        assert np.array_equal(getattr(a, name), getattr(b, name)), name
+
+
+@settings(max_examples=150)
+@given(histories(), st.data())
+def test_the_order_and_number_of_copies_of_frames_do_not_matter(history: list[StateFrame], data: st.DataObject) -> None:
+    now_s = history[-1].stamp.unix_s
+    copies = data.draw(st.lists(st.sampled_from(history), max_size=6))
+    shuffled = data.draw(st.permutations([*history, *copies]))
+    picture, in_order = Picture(ME), Picture(ME)
+    for frame in shuffled:
+        picture.take_state(frame, now_s)
+    for frame in history:
+        in_order.take_state(frame, now_s)
+    assert_same_view(picture, in_order, now_s)
+
+
+@settings(max_examples=150)
+@given(histories(), st.data())
+def test_no_frame_that_arrives_makes_the_picture_older(history: list[StateFrame], data: st.DataObject) -> None:
+    now_s = history[-1].stamp.unix_s
+    arriving = data.draw(st.lists(st.sampled_from(history), max_size=12))
+    picture, ages_s, newest = Picture(ME), [math.inf], -1
+    for frame in arriving:
+        picture.take_state(frame, now_s)
+        newest = max(newest, frame.stamp.sequence)
+        age_s = picture.age_s(now_s)
+        assert age_s is not None
+        ages_s.append(age_s)
+        assert picture.sequence == newest
+    assert ages_s == sorted(ages_s, reverse=True)
+
+
+@settings(max_examples=150)
+@given(histories(), st.data())
+def test_a_threat_is_only_lost_if_a_whole_broadcast_lacked_it(history: list[StateFrame], data: st.DataObject) -> None:
+    now_s = history[-1].stamp.unix_s
+    arriving = data.draw(st.lists(st.sampled_from(history), max_size=12))
+    picture = Picture(ME)
+    for index, frame in enumerate(arriving):
+        before = len(picture.view(now_s).threats_ned_m)
+        taken = picture.take_state(frame, now_s)
+        parts = {
+            other.stamp.frame_index for other in arriving[: index + 1] if other.stamp.sequence == frame.stamp.sequence
+        }
+        if len(picture.view(now_s).threats_ned_m) < before:
+            assert taken
+            assert parts == set(range(frame.stamp.frame_count))
+
+
+# Another plane
+
+
+def test_a_change_of_origin_forgets_everything_on_the_old_plane() -> None:
+    picture = picture_of(state(1, threats=(THREAT,), agents=(AgentEntry(ME, 0.0, 0.0, 1), AgentEntry(9, 1.0, 1.0, 1))))
+    moved = state(2, agents=(), targets=(), origin_deg=(48.0, 9.0), index=0, count=2)
+    picture.take_state(moved, time_of(2))
+    view = picture.view(time_of(2))
+    assert picture.origin_deg == (48.0, 9.0)
+    assert view.target_ned_m is None
+    assert (len(view.threats_ned_m), len(view.peers_ned_m)) == (0, 0)
+
+
+# Peers
+
+WITH_PEER = (AgentEntry(ME, 0.0, 0.0, 1), AgentEntry(9, 100.0, 200.0, 1))
+
+
+def test_the_vehicle_is_not_its_own_peer() -> None:
+    assert picture_of(state(1, agents=WITH_PEER)).view(time_of(1)).peers_ned_m.tolist() == [[100.0, 200.0]]
+
+
+def test_a_peer_is_extrapolated_along_its_heading() -> None:
+    picture = picture_of(state(1, agents=WITH_PEER))
+    assert picture.take_motion(motion(1, AgentMotion(9, math.radians(90.0), 60.0, 0.0)), time_of(1) + 2.0)
+    assert picture.view(time_of(1) + 2.0).peers_ned_m[0] == pytest.approx((100.0, 320.0))
+
+
+def test_a_peer_whose_motion_is_unknown_stands_where_it_was_heard() -> None:
+    view = picture_of(state(1, agents=WITH_PEER)).view(time_of(1) + 2.0)
+    assert view.peers_ned_m.tolist() == [[100.0, 200.0]]
+
+
+def test_a_peer_that_came_to_a_stand_is_extrapolated_no_more() -> None:
+    picture = picture_of(state(1, agents=WITH_PEER))
+    picture.take_motion(motion(1, AgentMotion(9, math.radians(90.0), 60.0, 0.0)), time_of(1) + 2.0)
+    picture.take_state(state(2, agents=WITH_PEER), time_of(2))
+    picture.take_motion(motion(2, AgentMotion(9, None, 0.0, 0.0)), time_of(2) + 2.0)
+    assert picture.view(time_of(2) + 10.0).peers_ned_m.tolist() == [[100.0, 200.0]]
+
+
+def test_a_peer_heard_of_too_long_ago_is_left_out() -> None:
+    picture = Picture(ME, peer_memory_s=30.0)
+    picture.take_state(state(1, agents=WITH_PEER), time_of(1))
+    assert len(picture.view(time_of(1) + 29.9).peers_ned_m) == 1
+    assert len(picture.view(time_of(1) + 30.1).peers_ned_m) == 0
+
+
+def test_peers_that_loiter_or_have_a_lower_id_settle_first() -> None:
+    agents = (
+        AgentEntry(ME, 0.0, 0.0, 1),
+        AgentEntry(2, 2.0, 0.0, 1),
+        AgentEntry(8, 8.0, 0.0, None),
+        AgentEntry(9, 9.0, 0.0, 1),
+    )
+    view = picture_of(state(1, agents=agents)).view(time_of(1))
+    assert view.settled_ned_m[:, 0].tolist() == [2.0, 8.0]
+    assert view.peers_ned_m[:, 0].tolist() == [2.0, 8.0, 9.0]
+
+
+# Motion frames
+
+
+def test_the_motion_of_another_epoch_is_refused() -> None:
+    picture = picture_of(state(1))
+    assert not picture.take_motion(motion(1, epoch_s=EPOCH_S + 1), time_of(1))
+    assert picture.rejected == {"other epoch": 1}
+
+
+def test_a_motion_older_than_the_state_is_refused() -> None:
+    picture = picture_of(state(2))
+    assert not picture.take_motion(motion(1), time_of(2))
+    assert picture.rejected == {"old": 1}
+
+
+def test_a_motion_overtaken_by_a_newer_one_is_refused() -> None:
+    picture = picture_of(state(1, agents=WITH_PEER))
+    picture.take_motion(motion(3, AgentMotion(9, 0.0, 10.0, 0.0)), time_of(3))
+    assert not picture.take_motion(motion(2, AgentMotion(9, 0.0, 60.0, 0.0)), time_of(3))
+    assert picture.view(time_of(1) + 10.0).peers_ned_m[0] == pytest.approx((200.0, 200.0))
+
+
+def test_a_motion_makes_the_picture_no_younger() -> None:
+    picture = picture_of(state(1))
+    picture.take_motion(motion(1, time_ms=90_000), time_of(1) + 90.0)
+    assert picture.age_s(time_of(1) + 90.0) == pytest.approx(90.0)

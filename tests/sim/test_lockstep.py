@@ -1,0 +1,268 @@
+"""Closed-loop behaviour of the whole system over frames: scenario tables, and that nothing passes beside the wire."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.core import Companion, Decision, Purpose
+from companion.errors import InputError
+from companion.mission import Mission, parse_mission, resolve
+from companion.wire import AgentEntry, Directive, FrameReader, FrameWriter, StateFrame
+from sim.lockstep import Flight, fly
+from sim.score import Score, score
+
+BASE = """
+name: small
+agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}]
+targets: [{id: 1, north_m: 12000, east_m: 0}]
+threats: []
+defaults:
+  target: {speed_bound_m_s: 0}
+  threat: {detection_radius_m: 1500, attack_radius_m: 700, speed_bound_m_s: 0}
+max_time_s: 600
+"""
+
+
+def mission_of(changes: str = "") -> Mission:
+    lines = [line for line in BASE.strip().splitlines() if line.split(":")[0] not in _keys(changes)]
+    return resolve(parse_mission("\n".join([*lines, changes]), "test"), seed=1)
+
+
+def _keys(text: str) -> set[str]:
+    return {line.split(":")[0] for line in text.splitlines() if line and not line.startswith(" ")}
+
+
+def all_reached(flight: Flight, scored: Score) -> bool:
+    return scored.targets_reached == scored.targets
+
+
+def all_arrived(flight: Flight, scored: Score) -> bool:
+    return scored.arrived == len(scored.per_agent)
+
+
+def none_reached(flight: Flight, scored: Score) -> bool:
+    return scored.targets_reached == 0
+
+
+def no_entry(flight: Flight, scored: Score) -> bool:
+    return scored.threat_entries_detection == 0 and scored.worst_depth_m == 0.0
+
+
+def enters_detection(flight: Flight, scored: Score) -> bool:
+    return scored.threat_entries_detection > 0
+
+
+def depth_below_a_step(flight: Flight, scored: Score) -> bool:
+    return scored.worst_depth_m < 30.0
+
+
+def stays_out_of_attack(flight: Flight, scored: Score) -> bool:
+    return scored.threat_entries_attack == 0
+
+
+def nearly_straight(flight: Flight, scored: Score) -> bool:
+    return all(agent.path_to_end_m <= 1.02 * agent.shortest_path_m for agent in scored.per_agent)
+
+
+def no_breach(flight: Flight, scored: Score) -> bool:
+    return scored.separation_breaches == 0
+
+
+def agent_one_stopped_where_lost(flight: Flight, scored: Score) -> bool:
+    after = flight.trajectory.agents_ned_m[flight.trajectory.t_s >= 60.0, 0]
+    return bool(np.all(after == after[0]))
+
+
+def back_near_the_start(flight: Flight, scored: Score) -> bool:
+    track = flight.trajectory.agents_ned_m[:, 0]
+    return float(np.hypot(*(track[-1] - track[0]))) < 500.0
+
+
+Check = Callable[[Flight, Score], bool]
+DISC_AHEAD = "threats: [{id: 1, north_m: 6000, east_m: 300}]"
+SCENARIOS: list[tuple[str, str, dict[str, Any], list[Check]]] = [
+    ("with nothing in the way the path is straight", "", {}, [all_reached, nearly_straight]),
+    ("the surrogate bends the path around a disc ahead", DISC_AHEAD, {}, [all_reached, no_entry]),
+    (
+        "the polygon's gradient begins at the edge: it grazes R_d by less than a step",
+        DISC_AHEAD,
+        {"law": "ramp"},
+        [all_reached, depth_below_a_step, stays_out_of_attack],
+    ),
+    (
+        "the gradient of F is nothing and goes through R_d, but the guard keeps out of R_a",
+        DISC_AHEAD,
+        {"law": "step"},
+        [enters_detection, stays_out_of_attack],
+    ),
+    (
+        "a threat that drifts across the path is avoided",
+        "threats: [{id: 1, north_m: 6000, east_m: -1500, speed_bound_m_s: 10, "
+        "motion: {heading_deg: 90, speed_m_s: 10}}]",
+        {},
+        [all_reached, no_entry],
+    ),
+    (
+        "a moving target is reached where it is, not where it was",
+        "targets: [{id: 1, north_m: 9000, east_m: 0, speed_bound_m_s: 15, motion: {heading_deg: 90, speed_m_s: 15}}]",
+        {},
+        [all_reached],
+    ),
+    (
+        "half of the frames lost changes little",
+        DISC_AHEAD + "\nlink: {loss: 0.5, jitter_s: 1.0, duplicate: 0.3, reorder: 0.3}",
+        {},
+        [all_reached, no_entry],
+    ),
+    (
+        "the targets of a lost agent go to the others",
+        "agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}, {id: 2, north_m: 0, east_m: 4000, heading_deg: 0}]\n"
+        "targets: [{id: 1, north_m: 12000, east_m: 0}]\nlosses: [{agent: 1, t_s: 60}]",
+        {},
+        [all_reached, agent_one_stopped_where_lost],
+    ),
+    (
+        "two agents that arrive together from opposite sides loiter apart",
+        "agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}, "
+        "{id: 2, north_m: 24000, east_m: 0, heading_deg: 180}, {id: 3, north_m: 0, east_m: 30000, heading_deg: 0}]\n"
+        "targets: [{id: 1, north_m: 12000, east_m: 0}, {id: 2, north_m: 20000, east_m: 30000}]",
+        {},
+        [all_reached, all_arrived, no_breach],
+    ),
+    (
+        "an agent whose range runs out turns home in time",
+        "agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0, range_m: 12000}]",
+        {},
+        [none_reached, back_near_the_start],
+    ),
+]
+
+
+@pytest.mark.parametrize(("title", "changes", "options", "checks"), SCENARIOS, ids=[row[0] for row in SCENARIOS])
+def test_scenario(title: str, changes: str, options: dict[str, Any], checks: list[Check]) -> None:
+    mission = mission_of(changes)
+    flight = fly(mission, 1, **options)
+    scored = score(flight.trajectory, mission)
+    for check in checks:
+        assert check(flight, scored), f"{title}: {check.__name__}: {scored}"
+
+
+def test_the_same_seed_gives_the_same_trajectory_bit_for_bit() -> None:
+    mission = mission_of(
+        "targets: [{id: 1, north_m: 12000, east_m: 0, speed_bound_m_s: 10, motion: random}]\n"
+        "link: {loss: 0.3, jitter_s: 2.0, reorder: 0.2}"
+    )
+    first, second, other = (fly(mission, seed).trajectory for seed in (7, 7, 8))
+    assert np.array_equal(first.agents_ned_m, second.agents_ned_m)
+    assert np.array_equal(first.targets_ned_m, second.targets_ned_m)
+    assert not np.array_equal(first.targets_ned_m[: len(other.t_s)], other.targets_ned_m[: len(first.t_s)])
+
+
+def watched(monkeypatch: pytest.MonkeyPatch) -> list[Decision]:
+    """Record every decision of every companion."""
+    decisions: list[Decision] = []
+    tick = Companion.tick
+
+    def recording(companion: Companion, now_s: float) -> tuple[Decision, list[bytes]]:
+        decision, frames = tick(companion, now_s)
+        decisions.append(decision)
+        return decision, frames
+
+    monkeypatch.setattr(Companion, "tick", recording)
+    return decisions
+
+
+def test_companions_that_hear_nothing_have_no_picture_and_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    decisions = watched(monkeypatch)
+    flight = fly(mission_of("link: {loss: 1.0}\nmax_time_s: 300"), 1)
+    assert {decision.purpose for decision in decisions} == {Purpose.LOITER}
+    assert {decision.reason for decision in decisions} == {"no picture"}
+    assert all(companion.picture.age_s(0.0) is None for companion in flight.companions.values())
+    track = flight.trajectory.agents_ned_m[:, 0]
+    assert float(np.max(np.hypot(*(track - track[0]).T))) < 500.0
+
+
+def test_a_companion_believes_what_the_wire_says_and_nothing_else() -> None:
+    reader, writer = FrameReader(), FrameWriter()
+
+    def elsewhere(datagram: bytes, generator: np.random.Generator) -> bytes:
+        frame = reader.read(datagram)[0]
+        if not isinstance(frame, StateFrame):
+            return datagram
+        target = frame.targets[0]
+        moved = type(target)(target.id, -12_000.0, 0.0)
+        agents = tuple(AgentEntry(agent.id, agent.north_m, agent.east_m, target.id) for agent in frame.agents)
+        return writer.encode(
+            StateFrame(frame.stamp, frame.origin_lat_deg, frame.origin_lon_deg, Directive.NORMAL, agents, (moved,), ())
+        )
+
+    flight = fly(mission_of("max_time_s: 150"), 1, tamper=elsewhere)
+    assert flight.trajectory.agents_ned_m[-1, 0, 0] < -5_000.0
+
+
+def test_damaged_frames_are_counted_and_leave_the_companion_blind_but_flying(monkeypatch: pytest.MonkeyPatch) -> None:
+    def damaged(datagram: bytes, generator: np.random.Generator) -> bytes:
+        data = bytearray(datagram)
+        for _ in range(3):
+            data[int(generator.integers(len(data)))] ^= int(generator.integers(1, 256))
+        return bytes(data)
+
+    decisions = watched(monkeypatch)
+    flight = fly(mission_of("max_time_s: 200"), 1, tamper=damaged)
+    (companion,) = flight.companions.values()
+    assert sum(companion.reader.rejected.values()) > 20
+    assert companion.reader.accepted == 0
+    assert {decision.reason for decision in decisions} == {"no picture"}
+
+
+def test_dropped_frames_make_the_picture_older(monkeypatch: pytest.MonkeyPatch) -> None:
+    ages = []
+    for loss in (0.0, 0.7):
+        decisions = watched(monkeypatch)
+        fly(mission_of(f"max_time_s: 200\nlink: {{loss: {loss}}}"), 1)
+        ages.append(max(decision.picture_age_s or 0.0 for decision in decisions))
+        monkeypatch.undo()
+    assert ages[0] < 6.0 < ages[1]
+
+
+def test_a_broadcast_that_ends_leads_through_the_named_stages_and_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    reader = FrameReader()
+
+    def cut_after_a_minute(datagram: bytes, generator: np.random.Generator) -> bytes:
+        frame = reader.read(datagram)[0]
+        late = isinstance(frame, StateFrame) and frame.stamp.time_ms > 60_000
+        return b"" if late else datagram
+
+    decisions = watched(monkeypatch)
+    flight = fly(
+        mission_of("max_time_s: 600\ntargets: [{id: 1, north_m: 30000, east_m: 0}]"), 1, tamper=cut_after_a_minute
+    )
+    stages = [stage for stage, _ in itertools.groupby(decision.stage.value for decision in decisions)]
+    assert stages == ["loitering", "fresh", "coasting", "loitering", "returning"]
+    track = flight.trajectory.agents_ned_m[:, 0]
+    assert float(np.hypot(*(track[-1] - track[0]))) < 500.0
+
+
+def test_an_arrived_agent_loiters_where_it_arrived() -> None:
+    mission = mission_of(
+        "agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}, {id: 2, north_m: 0, east_m: 30000, heading_deg: 0}]\n"
+        "targets: [{id: 1, north_m: 3000, east_m: 0}, {id: 2, north_m: 24000, east_m: 30000}]"
+    )
+    flight = fly(mission, 1)
+    arrived_s = next(agent.arrived_t_s for agent in score(flight.trajectory, mission).per_agent if agent.id == 1)
+    assert arrived_s is not None
+    after = flight.trajectory.agents_ned_m[flight.trajectory.t_s > arrived_s + 10.0, 0]
+    assert float(np.max(np.hypot(*(after - after[0]).T))) < 300.0
+    assert math.isclose(float(flight.trajectory.agents_speed_m_s[-1, 0]), 60.0, abs_tol=0.01)
+
+
+@pytest.mark.parametrize("changes", ["wind: {speed_m_s: 5}", "case: II", "surrogate: monolithic", "objective: route"])
+def test_what_is_not_flown_is_refused_instead_of_ignored(changes: str) -> None:
+    with pytest.raises(InputError, match="allowed"):
+        fly(mission_of(changes), 1)

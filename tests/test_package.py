@@ -1,0 +1,129 @@
+"""The project as a whole: imports point one way, the companion flies without torch and scipy, documents are true."""
+
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import re
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FORBIDDEN = {"companion": {"groundstation", "sim"}, "groundstation": {"sim"}, "sim": set[str]()}
+COMPANION_NEEDS = ("numpy", "pymavlink", "fastcrc", "pydantic", "pyyaml", "pyproj", "click", "rich")
+"""What the vehicle's computer must have; torch, scipy and matplotlib are not among it."""
+DECIDE = """
+import importlib.util, math
+for absent in ("torch", "scipy", "matplotlib", "groundstation", "sim"):
+    assert importlib.util.find_spec(absent) is None, absent
+from pymavlink.dialects.v20 import common
+from companion.config import Config
+from companion.core import Companion, Purpose
+from companion.wire import AgentEntry, Directive, FrameWriter, Stamp, StateFrame, TargetEntry, ThreatEntry
+import companion.cli
+vehicle = common.MAVLink(None, srcSystem=1, srcComponent=1)
+pilot = Companion(Config(agent_id=1))
+pilot.hear(FrameWriter().encode(StateFrame(Stamp(1000, 0, 1), 47.0, 8.0, Directive.NORMAL,
+    (AgentEntry(1, 0.0, 0.0, 1),), (TargetEntry(1, 5000.0, 0.0),),
+    (ThreatEntry(1, 2500.0, 400.0, 1000.0, 500.0, 0.0),))), 1000.0)
+pilot.receive(vehicle.heartbeat_encode(2, 3, 1 | 128, 4, 4).pack(vehicle), 1000.0)
+here = vehicle.global_position_int_encode(0, 470000000, 80000000, 530000, 30000, 500, 0, 0, 0)
+pilot.receive(here.pack(vehicle), 1000.0)
+decision, frames = pilot.tick(1000.0)
+assert decision.purpose is Purpose.TARGET and len(frames) == 2, decision
+assert math.isfinite(decision.setpoint.heading_rad)
+print("decided")
+"""
+
+
+def modules() -> list[Path]:
+    return [path for package in FORBIDDEN for path in sorted((ROOT / package).rglob("*.py"))]
+
+
+def imported(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            names.add(node.module.split(".")[0])
+    return names
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_point_one_way(path: Path) -> None:
+    package = path.relative_to(ROOT).parts[0]
+    assert not imported(path) & FORBIDDEN[package]
+
+
+def test_only_training_imports_torch_and_nothing_on_the_vehicle_imports_scipy() -> None:
+    companion = [path for path in modules() if path.is_relative_to(ROOT / "companion")]
+    assert {path.name for path in companion if "torch" in imported(path)} == {"training.py"}
+    assert not [path.name for path in companion if "scipy" in imported(path)]
+
+
+def with_their_needs(names: tuple[str, ...]) -> set[str]:
+    found: set[str] = set()
+    queue = list(names)
+    while queue:
+        name = queue.pop().lower()
+        if name in found:
+            continue
+        try:
+            requires = importlib.metadata.requires(name) or []
+        except importlib.metadata.PackageNotFoundError:
+            continue  # needed on another platform or Python only
+        found.add(name)
+        queue += [re.split(r"[ ;<>=!~\[(]", line)[0] for line in requires if "extra ==" not in line]
+    return found
+
+
+def test_a_companion_decides_in_a_bare_environment_without_torch_and_scipy(tmp_path: Path) -> None:
+    venv.create(tmp_path, with_pip=False, symlinks=True)
+    site = next((tmp_path / "lib").glob("python*/site-packages"))
+    for name in with_their_needs(COMPANION_NEEDS):
+        distribution = importlib.metadata.distribution(name)
+        for top in {file.parts[0] for file in distribution.files or () if file.parts[0] != ".."}:
+            source, link = Path(str(distribution.locate_file(top))), site / top
+            if source.exists() and not link.exists() and top != "__pycache__":
+                link.symlink_to(source)
+    (site / "companion").symlink_to(ROOT / "companion")
+    process = subprocess.run(
+        [str(tmp_path / "bin" / "python"), "-I", "-c", DECIDE], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert process.stdout == "decided\n", process.stderr
+
+
+@pytest.mark.parametrize("program", ["companion", "groundstation", "sim"])
+def test_every_program_runs_as_a_module_and_helps_with_an_example(program: str) -> None:
+    process = subprocess.run(
+        [sys.executable, "-m", program, "--help"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert process.returncode == 0
+    assert "Example:" in process.stdout
+
+
+def test_every_console_script_is_declared() -> None:
+    scripts = importlib.metadata.distribution("oneway-guidance").entry_points.select(group="console_scripts")
+    assert {script.name: script.value for script in scripts} == {
+        name: f"{name}.cli:main" for name in ("companion", "groundstation", "sim")
+    }
+
+
+def test_the_architecture_page_names_every_module() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    passed_over = {"__init__.py", "__main__.py", "cli.py", "oneway.py"}
+    for path in modules():
+        relative = path.relative_to(ROOT)
+        named = str(relative) in text or relative.parent.name == "adapters"
+        assert named or path.name in passed_over, f"{relative} is missing in docs/architecture.md"
+
+
+def test_links_between_the_documents_lead_somewhere() -> None:
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.name} links to {target}"
