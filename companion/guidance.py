@@ -15,6 +15,8 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 """CGPM 1901; the paper writes 9.8."""
 PIVOT_SPEED_M_S = 0.5
 """A vehicle slower than this turns on the spot: its turn rate is that of this speed."""
+OPPOSITE_RAD = 1e-9
+"""A turn this near to half a circle counts as half a circle, so that rounding never chooses its side."""
 LOITER_RADII = 1.5
 """A loiter circle is this many least turn radii wide, so that the turn limit leaves something to correct with."""
 LOITER_STEPS = 2.0
@@ -53,12 +55,12 @@ def limit_turn(
 ) -> tuple[float, bool]:
     """Return the heading reachable in a step towards the wanted one, and whether the limit was active.
 
-    Turns by at most omega·dt, by the shorter side; exactly opposite is always decided to the right (clockwise), and
-    after a step to the right the right is the shorter side, so it is decided once (paper: unitdirect).
+    Turns by at most omega·dt, by the shorter side; opposite is always decided to the right (clockwise), and after a
+    step to the right the right is the shorter side, so it is decided once (paper: unitdirect).
     """
     wanted_turn_rad = math.remainder(wanted_rad - heading_rad, math.tau)
-    if wanted_turn_rad == -math.pi:
-        wanted_turn_rad = math.pi
+    if wanted_turn_rad < -math.pi + OPPOSITE_RAD:
+        wanted_turn_rad += math.tau
     greatest_turn_rad = turn_rate_rad_s(speed_m_s, n_max) * dt_s
     if abs(wanted_turn_rad) <= greatest_turn_rad:
         return wanted_rad % math.tau, False

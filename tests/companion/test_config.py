@@ -1,0 +1,181 @@
+"""The vehicle's configuration: complete before a flight, and refused in one line otherwise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.config import LAWS, Config, config_for_agent, load_config, packaged_configs
+from companion.errors import InputError
+from companion.mission import load_mission, packaged_missions, parse_mission, resolve
+from companion.yamlfile import dump_yaml, parse_yaml, validated
+
+GOOD = """
+agent_id: 3
+autopilot: {kind: arducopter, link: "udpin:127.0.0.1:14540"}
+broadcast: {link: "udpin:127.0.0.1:14600"}
+"""
+WITHOUT_AUTOPILOT = "agent_id: 3\nbroadcast: {link: 'udpin:127.0.0.1:14600'}\n"
+WITHOUT_BROADCAST = "agent_id: 3\nautopilot: {kind: arducopter, link: 'udpin:127.0.0.1:14540'}\n"
+
+BAD: dict[str, tuple[str, tuple[str, ...]]] = {
+    "empty": ("", ("empty",)),
+    "a list": ("- 1\n", ("mapping",)),
+    "broken YAML": ("agent_id: [\n", ("not valid YAML", "line")),
+    "no agent": (GOOD.replace("agent_id: 3", ""), ("agent_id", "missing")),
+    "no autopilot": (WITHOUT_AUTOPILOT, ("autopilot", "missing")),
+    "no broadcast": (WITHOUT_BROADCAST, ("broadcast", "missing")),
+    "an unknown key": (GOOD + "hight_m: 5\n", ("'hight_m'", "did you mean 'height_m'?")),
+    "an unknown key below": (GOOD + "limits: {range: 5}\n", ("limits", "'range'", "did you mean 'range_m'?")),
+    "a key given twice": (GOOD + "agent_id: 4\n", ("'agent_id' is given twice",)),
+    "an agent as a word": (GOOD.replace("3", "three"), ("agent_id", "'three'", "integer")),
+    "an unknown autopilot": (
+        GOOD.replace("arducopter", "arducoptor"),
+        ("autopilot", "kind: 'arducoptor'", "did you mean 'arducopter'?", "kinematic"),
+    ),
+    "an autopilot without a link": (GOOD.replace(', link: "udpin:127.0.0.1:14540"', ""), ("autopilot.link", "missing")),
+    "a bad autopilot link": (GOOD.replace("udpin:127.0.0.1:14540", "serial:ttyS0"), ("autopilot", "serial", "allowed")),
+    "a bad port": (GOOD.replace("14600", "146000"), ("broadcast", "146000", "65535")),
+    "a broadcast link that sends": (
+        GOOD.replace("udpin:127.0.0.1:14600", "udpout:127.0.0.1:14600"),
+        ("broadcast", "link: 'udpout:127.0.0.1:14600'", "udpin:HOST:PORT"),
+    ),
+    "an unknown law": (GOOD + "law: sead\n", ("law", "'sead'", "'seed'")),
+    "the surrogate that does not fly": (GOOD + "surrogate: monolithic\n", ("surrogate", "'monolithic'", "'pairwise'")),
+    "a height below the band": (GOOD + "height_m: 1\n", ("height_m: 1", "limits.height_min_m 5")),
+    "a height above the band": (GOOD + "height_m: 500\n", ("height_m: 500", "limits.height_max_m 120")),
+    "a band upside down": (
+        GOOD + "limits: {height_min_m: 50, height_max_m: 40}\n",
+        ("limits", "height_min_m: 50", "height_max_m 40"),
+    ),
+    "thresholds out of order": (
+        GOOD + "staleness: {coasting_after_s: 80}\n",
+        ("staleness", "coasting_after_s <= loitering_after_s"),
+    ),
+    "no turning": (GOOD + "limits: {n_max: 0}\n", ("limits.n_max", "0", "greater than 0")),
+    "no speed": (GOOD + "limits: {speed_m_s: 0}\n", ("limits.speed_m_s", "0", "greater than 0")),
+    "a speed that is no number": (GOOD + "limits: {speed_m_s: .nan}\n", ("limits.speed_m_s", "nan")),
+    "an endless range": (GOOD + "limits: {range_m: .inf}\n", ("limits.range_m", "inf", "finite")),
+    "a step of nothing": (GOOD + "guidance_step_s: 0\n", ("guidance_step_s", "0", "greater than 0")),
+    "a step too long": (GOOD + "guidance_step_s: 11\n", ("guidance_step_s", "11", "10")),
+    "a fence of two corners": (GOOD + "limits: {fence: [[0, 0], [1, 1]]}\n", ("limits.fence", "3")),
+    "a keep-out that is not": (GOOD + "keep_out: all\n", ("keep_out", "'all'", "'attack' or 'detection'")),
+    "a log folder without a name": (GOOD + "log_dir: ''\n", ("log_dir", "1")),
+}
+
+
+def load(folder: Path, text: str) -> Config:
+    path = folder / "config.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_config(str(path))
+
+
+@pytest.mark.parametrize("name", packaged_configs())
+def test_a_packaged_configuration_is_ready_to_fly(name: str) -> None:
+    config = load_config(name)
+    assert config.autopilot is not None
+    assert config.broadcast is not None
+
+
+def test_the_packaged_configuration_is_of_an_agent_of_its_mission_and_flies_as_it_does() -> None:
+    config, mission = load_config("copter-demo-1"), load_mission("copter-demo")
+    (agent,) = [agent for agent in mission.agents if agent.id == config.agent_id]
+    assert (config.limits.speed_m_s, config.limits.n_max, config.limits.range_m) == (
+        agent.speed_m_s,
+        agent.n_max,
+        agent.range_m,
+    )
+    assert config.weights == mission.weights
+    assert (config.separation_m, config.arrival_radius_m, config.guidance_step_s) == (
+        mission.separation_m,
+        mission.arrival_radius_m,
+        mission.guidance_step_s,
+    )
+
+
+def test_a_configuration_needs_only_agent_and_links(tmp_path: Path) -> None:
+    config = load(tmp_path, GOOD)
+    assert (config.agent_id, config.law, config.keep_out) == (3, "seed", "attack")
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_every_law_can_be_chosen(tmp_path: Path, law: str) -> None:
+    assert load(tmp_path, GOOD + f"law: {law}\n").law == law
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_a_bad_configuration_is_refused_in_one_line_that_says_what_is_wrong(tmp_path: Path, what: str) -> None:
+    text, parts = BAD[what]
+    with pytest.raises(InputError) as caught:
+        load(tmp_path, text)
+    message = str(caught.value)
+    assert message.startswith(f"{tmp_path / 'config.yaml'}: ")
+    assert "\n" not in message
+    for part in parts:
+        assert part in message
+
+
+@pytest.mark.parametrize("name", ["copter-demo-l", "nowhere/config.yaml", "n" * 5_000])
+def test_a_configuration_that_is_not_there_is_named_beside_the_packaged_ones(name: str) -> None:
+    with pytest.raises(InputError, match="no such configuration file .* packaged: copter-demo-1"):
+        load_config(name)
+
+
+@given(
+    st.sampled_from(sorted(Config.model_fields)),
+    st.recursive(st.none() | st.floats() | st.integers() | st.text(st.characters(codec="utf-8"), max_size=3), st.lists),
+)
+def test_no_value_under_any_key_ends_in_anything_but_an_input_error(key: str, value: object) -> None:
+    try:
+        validated(Config, parse_yaml(dump_yaml({"agent_id": 1, key: value}), "any"), "any")
+    except InputError as error:
+        assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("name", packaged_missions())
+def test_a_mission_implies_the_configuration_of_each_of_its_agents(name: str) -> None:
+    mission = resolve(load_mission(name), 1)
+    for agent in mission.agents:
+        config = config_for_agent(mission, agent.id, "seed")
+        assert config.agent_id == agent.id
+        assert config.limits.speed_m_s == agent.speed_m_s
+        assert config.limits.range_m == agent.range_m
+        assert config.range_policy == mission.range_policy
+        assert (config.autopilot, config.broadcast) == (None, None)
+
+
+@given(
+    st.floats(0.001, 10.0),
+    st.floats(0.001, 1e6),
+    st.floats(1e-6, 1e3),
+    st.floats(1e-6, 100.0),
+    st.floats(1e-6, 1e9),
+)
+def test_every_legal_mission_implies_a_legal_configuration(
+    step_s: float, period_s: float, speed_m_s: float, n_max: float, range_m: float
+) -> None:
+    text = dump_yaml(
+        {
+            "agents": [
+                {"id": 1, "north_m": 0, "east_m": 0, "speed_m_s": speed_m_s, "n_max": n_max, "range_m": range_m}
+            ],
+            "targets": [{"id": 1, "north_m": 9, "east_m": 0}],
+            "guidance_step_s": step_s,
+            "integration_step_s": step_s,
+            "broadcast_period_s": period_s,
+        }
+    )
+    config = config_for_agent(parse_mission(text, "x"), 1, "seed")
+    assert config.guidance_step_s == step_s
+    assert config.staleness.coasting_after_s > period_s
+
+
+def test_the_surrogate_that_does_not_fly_implies_no_configuration() -> None:
+    mission = parse_mission(
+        "agents: [{id: 1, north_m: 0, east_m: 0}]\ntargets: [{id: 1}]\nsurrogate: monolithic\n", "x"
+    )
+    with pytest.raises(InputError, match="monolithic"):
+        config_for_agent(mission, 1, "seed")
