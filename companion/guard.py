@@ -17,7 +17,7 @@ faster; any other obeys a speed at once or within the step.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -229,7 +229,6 @@ def _broken_circles(
     inner_m = step.speed_m_s / rate_rad_s + half_side_m
     outer_m = step.speed_m_s / rate_rad_s + half_side_m * math.sqrt(2.0)
     ahead = (math.cos(step.heading_rad), math.sin(step.heading_rad))
-    broken = None
     for side in (1.0, -1.0):
         centre = (
             end_ned_m[0] - side * inner_m * ahead[1] - half_side_m * ahead[0],
@@ -339,17 +338,24 @@ def _disc_inside(centre: tuple[float, float], radius_m: float, fence_ned_m: Sequ
 
 def _depth_inside_m(point: tuple[float, float], fence_ned_m: Sequence[tuple[float, float]]) -> float:
     """Return the distance to the nearest edge of a simple polygon, negative outside of it (even-odd)."""
-    inside = False
+    sign = -1.0
     nearest_m = math.inf
-    start = fence_ned_m[-1]
-    for end in fence_ned_m:
+    for start, end in _edges(fence_ned_m):
         if (end[0] > point[0]) != (start[0] > point[0]):
             share = (point[0] - start[0]) / (end[0] - start[0])
             if point[1] < start[1] + share * (end[1] - start[1]):
-                inside = not inside
+                sign = -sign
         nearest_m = min(nearest_m, _distance_to_segment_m(point, start, end))
+    return sign * nearest_m
+
+
+def _edges(
+    fence_ned_m: Sequence[tuple[float, float]],
+) -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
+    start = fence_ned_m[-1]
+    for end in fence_ned_m:
+        yield start, end
         start = end
-    return nearest_m if inside else -nearest_m
 
 
 def _segment_inside(
@@ -362,12 +368,10 @@ def _segment_inside(
     """
     if not (_disc_inside(first, margin_m, fence_ned_m) and _disc_inside(last, margin_m, fence_ned_m)):
         return False
-    start = fence_ned_m[-1]
-    for end in fence_ned_m:
-        if _cross(first, last, start, end) or _distance_to_segment_m(end, first, last) < margin_m:
-            return False
-        start = end
-    return True
+    return not any(
+        _cross(first, last, start, end) or _distance_to_segment_m(end, first, last) < margin_m
+        for start, end in _edges(fence_ned_m)
+    )
 
 
 def _cross(

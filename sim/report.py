@@ -24,7 +24,7 @@ RESULT_ROWS: tuple[tuple[str, str, str], ...] = (
     ("targets_reached", "targets reached", "Each counts once, for the first to arrive."),
     ("targets", "targets", "In the mission."),
     ("flight_time_s", "flight time (s)", "From the first sample to the last, on the simulator's clock."),
-    ("steps", "steps", "Integration steps of the simulator."),
+    ("steps", "steps", "Guidance steps: times every companion decided."),
     (
         "threat_entries_detection",
         "entries into a detection radius",
@@ -82,6 +82,7 @@ thead th { border-bottom-width: 2px; }
 tbody th { font-weight: 600; }
 td.number, th.number { text-align: right; white-space: nowrap; }
 figure { margin: 0; }
+td { white-space: pre-line; }
 img { display: block; max-width: 100%; height: auto; background: #ffffff; border: 1px solid var(--line);
   border-radius: .3rem; }
 figcaption { color: var(--quiet); padding-top: .4rem; max-width: 46rem; }
@@ -340,7 +341,8 @@ def _value(value: object) -> str:
     if isinstance(value, float):
         return _fixed(value, 2)
     if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_value(part)}" for key, part in value.items())
+        # Broken between the parts, so that it does not widen the column of single numbers.
+        return "\n".join(f"{key} {_value(part)}" for key, part in value.items())
     return str(value)
 
 

@@ -1,4 +1,4 @@
-"""What a decision, a frame and a flight cost, beside something run in the same minute: `python tests/benchmarks/bench.py`.
+"""What a decision, a frame and a flight cost beside a yardstick: `python tests/benchmarks/bench.py`.
 
 Machines differ and are noisy, so each figure is the median of interleaved rounds and comes with its ratio to a
 yardstick: packing and parsing one GLOBAL_POSITION_INT with pymavlink. Rounds that spread widely are marked.

@@ -254,7 +254,7 @@ def test_far_from_the_origin_the_heading_is_turned_to_local_north() -> None:
 def test_it_turns_away_from_a_threat_in_its_way() -> None:
     flight = guided()
     flight.broadcast((5_000.0, 0.0), threats=(ThreatEntry(1, 1_000.0, 100.0, 400.0, 200.0, 0.0),))
-    decision, _ = flight.at(560.0, 0.0, (10.0, 0.0))
+    decision, _ = flight.at(600.0, 0.0, (10.0, 0.0))
     assert math.remainder(decision.wanted_heading_rad, math.tau) < -0.05
 
 
@@ -262,7 +262,7 @@ def test_the_guard_has_the_last_word_and_says_so() -> None:
     blind_law = CONFIG.model_copy(update={"law": "step"})
     flight = guided(blind_law)
     flight.broadcast((5_000.0, 0.0), threats=(ThreatEntry(1, 1_000.0, 0.0, 400.0, 200.0, 0.0),))
-    decision, setpoint = flight.at(785.0, 0.0, (10.0, 0.0))
+    decision, setpoint = flight.at(770.0, 0.0, (10.0, 0.0))
     assert decision.guard_changes == ("keep-out",)
     assert setpoint is not None
     assert (setpoint.vx, setpoint.vy) != pytest.approx((10.0, 0.0), abs=0.1)

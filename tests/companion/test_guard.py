@@ -5,6 +5,7 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -677,6 +678,105 @@ def test_a_still_vehicle_is_inside_a_fence_of_any_shape_exactly_when_it_is(
 def test_a_fence_with_a_corner_given_twice_is_still_a_fence() -> None:
     fence = ((-1e3, -1e3), (300.0, -1e3), (300.0, -1e3), (300.0, 1e3), (-1e3, 1e3))
     assert check(AHEAD, NORTHWARD, NOTHING, replace(PLANE, fence_ned_m=fence), DT_S).changes == ()
+
+
+# --- the plane geometry that the fence rests on
+
+POINTS = st.tuples(st.integers(-6, 6), st.integers(-6, 6))
+
+
+@settings(deadline=None, max_examples=300, derandomize=True)
+@given(first=POINTS, last=POINTS, start=POINTS, end=POINTS)
+def test_two_segments_cross_when_they_share_a_point_that_ends_neither(
+    first: tuple[int, int], last: tuple[int, int], start: tuple[int, int], end: tuple[int, int]
+) -> None:
+    """Solve for the shared point in exact fractions, with segments small enough for every sign to matter."""
+    along, across = ((last[0] - first[0], last[1] - first[1]), (end[0] - start[0], end[1] - start[1]))
+    area = along[0] * across[1] - along[1] * across[0]
+    assume(area != 0)
+    away = (start[0] - first[0], start[1] - first[1])
+    on_one = Fraction(away[0] * across[1] - away[1] * across[0], area)
+    on_other = Fraction(away[0] * along[1] - away[1] * along[0], area)
+    assume(not {on_one, on_other} & {0, 1})
+    eighth = [tuple(value / 8.0 for value in point) for point in (first, last, start, end)]
+    assert guard._cross(*eighth) == (0 < on_one < 1 and 0 < on_other < 1)
+
+
+@pytest.mark.parametrize(
+    ("segments", "crossing"),
+    [
+        (((0, 0), (4, 0), (2, 0), (2, 2)), True),  # an end on the line counts as on its right ...
+        (((0, 0), (4, 0), (2, 0), (2, -2)), False),
+        (((0, 0), (4, 0), (2, 2), (2, 0)), True),
+        (((0, 0), (4, 0), (2, -2), (2, 0)), False),
+        (((2, 0), (2, 2), (0, 0), (4, 0)), True),  # ... whichever segment it ends
+        (((2, 0), (2, -2), (0, 0), (4, 0)), False),
+        (((2, 2), (2, 0), (0, 0), (4, 0)), True),
+        (((2, -2), (2, 0), (0, 0), (4, 0)), False),
+    ],
+)
+def test_an_end_on_the_other_segment_belongs_to_one_side_of_it(
+    segments: tuple[tuple[float, float], ...], crossing: bool
+) -> None:
+    assert guard._cross(*segments) is crossing
+
+
+@pytest.mark.parametrize(
+    ("point", "distance_m"),
+    [
+        ((5.0, 3.0), 2.0),
+        ((3.0, 1.0), 0.0),
+        ((-2.0, -3.0), 5.0),
+        ((9.0, 5.0), 5.0),
+        ((1.0, 4.0), 3.0),
+    ],
+)
+def test_the_distance_to_a_segment_is_that_to_its_nearest_point(point: tuple[float, float], distance_m: float) -> None:
+    assert guard._distance_to_segment_m(point, (1.0, 1.0), (6.0, 1.0)) == distance_m
+    assert guard._distance_to_segment_m(point[::-1], (1.0, 6.0), (1.0, 1.0)) == distance_m
+
+
+def test_the_distance_to_a_segment_without_length_is_that_to_a_point() -> None:
+    assert guard._distance_to_segment_m((4.0, 6.0), (1.0, 2.0), (1.0, 2.0)) == 5.0
+
+
+SQUARE = ((-8.0, -8.0), (8.0, -8.0), (8.0, 8.0), (-8.0, 8.0))
+
+
+@pytest.mark.parametrize(
+    ("point", "depth_m"),
+    [
+        ((0.0, 0.0), 8.0),
+        ((7.0, 0.0), 1.0),
+        ((0.0, -6.0), 2.0),
+        ((9.0, 0.0), -1.0),
+        ((-8.0, 11.0), -3.0),
+        ((11.0, 12.0), -5.0),
+        ((0.0, -12.0), -4.0),
+    ],
+)
+def test_depth_is_the_distance_to_the_fence_negative_outside(point: tuple[float, float], depth_m: float) -> None:
+    assert guard._depth_inside_m(point, SQUARE) == depth_m
+    assert guard._depth_inside_m(point, SQUARE[::-1]) == depth_m
+
+
+def test_a_disc_that_touches_the_fence_from_inside_is_inside() -> None:
+    assert guard._disc_inside((0.0, 0.0), 8.0, SQUARE)
+
+
+def test_a_segment_that_keeps_just_the_margin_from_a_corner_is_inside() -> None:
+    spit = ((-8.0, -8.0), (8.0, -8.0), (8.0, 8.0), (0.25, 8.0), (0.0, 3.0), (-0.25, 8.0), (-8.0, 8.0))
+    assert guard._segment_inside((-4.0, 0.0), (4.0, 0.0), spit, 3.0)
+    assert not guard._segment_inside((-4.0, 0.0), (4.0, 0.0), spit, 3.001)
+
+
+def test_a_disc_that_touches_the_turning_circle_from_either_side_leaves_it_clear() -> None:
+    limits = replace(PLANE, n_max=4.0 / G_M_S2)
+    step = guard._Step(0.0, 2.0)
+    assert 2.0 / turn_rate_rad_s(2.0, limits) == 1.0
+    for touching in (discs((0.0, 3.0, 1.0), (0.0, -3.0, 1.0)), discs((0.0, 1.0, 1.0), (0.0, -1.0, 1.0))):
+        assert guard._broken_circles((0.0, 0.0), step, touching, limits, 0.5, 0.0) is None
+        assert guard._broken_circles((0.0, 0.0), step, touching, limits, 0.5, 1e-12) == KEEP_OUT
 
 
 # --- the cheap way out

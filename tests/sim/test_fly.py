@@ -226,3 +226,11 @@ def test_an_arducopter_flies_the_copter_mission_in_lockstep(tmp_path: Path) -> N
     result = json.loads(process.stdout)
     assert process.returncode == 0
     assert result["targets_reached"] == 2 and result["threat_entries_detection"] == 0
+
+
+def test_realtime_paces_the_flight_by_the_wall_clock(tmp_path: Path) -> None:
+    mission = tmp_path / "brief.yaml"
+    mission.write_text(
+        "agents: [{id: 1, north_m: 0, east_m: 0}]\ntargets: [{id: 1, north_m: 9000, east_m: 0}]\nmax_time_s: 2\n"
+    )
+    assert json.loads(sim_fly(str(mission), "--realtime", "--json").stdout)["speedup"] <= 1.1

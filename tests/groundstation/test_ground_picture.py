@@ -1,0 +1,166 @@
+"""The centre's picture: the newest detections, who is lost, who has arrived."""
+
+from __future__ import annotations
+
+import pytest
+
+from companion.geodesy import LocalFrame
+from companion.mission import parse_mission
+from companion.wire import Detection, DetectionsFrame, Kind
+from groundstation.picture import GroundPicture
+
+START_S = 1_790_000_000.0
+ORIGIN_DEG = (47.0, 8.0)
+MISSION = parse_mission(
+    """
+agents: [{id: 1, north_m: 0, east_m: 0}, {id: 2, north_m: 0, east_m: 5000}, {id: 3, north_m: 0, east_m: 9000}]
+targets: [{id: 1, north_m: 20000, east_m: 0}, {id: 2, north_m: 20000, east_m: 5000}]
+threats: [{id: 1, north_m: 10000, east_m: 0, detection_radius_m: 3000, attack_radius_m: 1000}]
+arrival_radius_m: 300
+lost_after_s: 30
+""",
+    "test",
+)
+
+
+def picture(sensed: bool = True) -> GroundPicture:
+    return GroundPicture(MISSION, START_S, sensed)
+
+
+def look(t_s: float, *detections: Detection, origin_deg: tuple[float, float] = ORIGIN_DEG) -> DetectionsFrame:
+    return DetectionsFrame(int(START_S), round(t_s * 1000), *origin_deg, detections)
+
+
+def agent(identity: int, north_m: float, east_m: float) -> Detection:
+    return Detection(Kind.AGENT, identity, north_m, east_m, 60.0, 0.0)
+
+
+def see(ground: GroundPicture, t_s: float, *detections: Detection) -> None:
+    ground.take(look(t_s, *detections), START_S + t_s)
+
+
+def all_seen(ground: GroundPicture, t_s: float, but: int | None = None) -> None:
+    see(ground, t_s, *(agent(k, 0.0, 5_000.0 * (k - 1)) for k in (1, 2, 3) if k != but))
+
+
+def test_it_begins_with_what_the_mission_says() -> None:
+    ground = picture()
+    assert ground.tracks[Kind.AGENT, 2].position_ned_m == (0.0, 5_000.0)
+    assert ground.tracks[Kind.TARGET, 1].position_ned_m == (20_000.0, 0.0)
+    assert ground.tracks[Kind.THREAT, 1].position_ned_m == (10_000.0, 0.0)
+    assert ground.tracks[Kind.AGENT, 2].age_s(START_S + 7.0) == 7.0
+    assert (ground.active_agents, ground.open_targets) == ([1, 2, 3], [1, 2])
+
+
+def test_a_detection_moves_a_track() -> None:
+    ground = picture()
+    see(ground, 5.0, Detection(Kind.THREAT, 1, 10_050.0, 20.0, 10.0, -4.0))
+    track = ground.tracks[Kind.THREAT, 1]
+    assert track.position_ned_m == (10_050.0, 20.0)
+    assert (track.velocity_north_m_s, track.velocity_east_m_s) == (10.0, -4.0)
+    assert track.age_s(START_S + 6.0) == pytest.approx(1.0)
+
+
+def test_an_older_detection_is_ignored() -> None:
+    ground = picture()
+    see(ground, 5.0, agent(1, 300.0, 0.0))
+    ground.take(look(4.0, agent(1, 240.0, 0.0)), START_S + 6.0)
+    assert ground.tracks[Kind.AGENT, 1].north_m == 300.0
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_a_detection_of_something_unknown_is_ignored(kind: Kind) -> None:
+    ground = picture()
+    known = set(ground.tracks)
+    see(ground, 5.0, Detection(kind, 77, 1.0, 1.0, 0.0, 0.0))
+    assert set(ground.tracks) == known
+
+
+def test_a_sensor_whose_clock_is_ahead_makes_no_track_younger_than_its_receipt() -> None:
+    ground = picture()
+    ground.take(look(1_000.0, agent(1, 60.0, 0.0)), START_S + 1.0)
+    assert ground.tracks[Kind.AGENT, 1].seen_at_s == START_S + 1.0
+    see(ground, 2.0, agent(1, 120.0, 0.0))
+    assert ground.tracks[Kind.AGENT, 1].north_m == 120.0
+
+
+def test_detections_about_another_origin_are_converted() -> None:
+    ground = picture()
+    here, there = LocalFrame(*ORIGIN_DEG), LocalFrame(47.5, 8.5)
+    north_m, east_m = there.to_local(*here.to_global(1_234.0, -567.0))
+    assert abs(north_m) > 10_000.0
+    ground.take(look(5.0, agent(1, north_m, east_m), origin_deg=(47.5, 8.5)), START_S + 5.0)
+    assert ground.tracks[Kind.AGENT, 1].position_ned_m == pytest.approx((1_234.0, -567.0), abs=0.01)
+
+
+def test_an_agent_not_detected_for_long_enough_is_lost() -> None:
+    ground = picture()
+    all_seen(ground, 10.0, but=2)
+    assert not ground.update(START_S + 30.0)
+    assert ground.update(START_S + 30.5)
+    assert ground.lost == {2}
+    assert (ground.active_agents, ground.present_agents) == ([1, 3], [1, 3])
+
+
+def test_a_lost_agent_that_is_detected_again_is_back() -> None:
+    ground = picture()
+    all_seen(ground, 20.0, but=2)
+    ground.update(START_S + 40.0)
+    all_seen(ground, 41.0)
+    assert ground.update(START_S + 41.0)
+    assert ground.lost == set()
+    assert ground.active_agents == [1, 2, 3]
+
+
+def test_nothing_having_changed_is_said_so() -> None:
+    ground = picture()
+    all_seen(ground, 1.0)
+    assert not ground.update(START_S + 1.0)
+
+
+def test_without_a_sensor_nobody_is_ever_lost() -> None:
+    ground = picture(sensed=False)
+    assert not ground.update(START_S + 1e6)
+    assert ground.active_agents == [1, 2, 3]
+
+
+def test_an_agent_within_the_arrival_radius_completes_the_target() -> None:
+    ground = picture()
+    see(ground, 5.0, agent(2, 20_000.0, 300.0))
+    assert ground.update(START_S + 5.0)
+    assert (ground.arrived, ground.completed) == ({2}, {1})
+    assert (ground.active_agents, ground.present_agents, ground.open_targets) == ([1, 3], [1, 2, 3], [2])
+
+
+def test_just_outside_the_arrival_radius_is_not_arrived() -> None:
+    ground = picture()
+    see(ground, 5.0, agent(2, 20_000.0, 300.1))
+    assert not ground.update(START_S + 5.0)
+
+
+def test_an_agent_that_has_arrived_completes_no_second_target() -> None:
+    ground = picture()
+    see(ground, 5.0, agent(2, 20_000.0, 0.0))
+    ground.update(START_S + 5.0)
+    see(ground, 6.0, agent(2, 20_000.0, 5_000.0))
+    assert not ground.update(START_S + 6.0)
+    assert ground.open_targets == [2]
+
+
+def test_a_completed_target_stays_completed_when_it_moves_away() -> None:
+    ground = picture()
+    see(ground, 5.0, agent(2, 20_000.0, 0.0))
+    ground.update(START_S + 5.0)
+    see(ground, 6.0, Detection(Kind.TARGET, 1, 30_000.0, 0.0, 0.0, 0.0))
+    ground.update(START_S + 6.0)
+    assert ground.open_targets == [2]
+
+
+def test_a_lost_agent_completes_nothing_where_it_was_last_seen() -> None:
+    ground = picture()
+    see(ground, 0.0, agent(2, 20_000.0, 400.0))
+    all_seen(ground, 40.0, but=2)
+    ground.update(START_S + 40.0)
+    see(ground, 40.0, Detection(Kind.TARGET, 1, 20_000.0, 400.0, 0.0, 0.0))
+    assert not ground.update(START_S + 40.0)
+    assert ground.completed == set()
