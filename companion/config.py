@@ -100,7 +100,8 @@ class Config(Section):
     height_m: Height = 30.0
     law: Law = "seed"
     surrogate: Literal["pairwise", "analytic"] = "pairwise"
-    keep_out: Literal["attack", "detection"] = "attack"
+    keep_out: Literal["attack", "detection"] = "detection"
+    """Which discs the guard holds; what the law holds is its own affair."""
     weights: CostWeights = CostWeights()
     separation_m: Positive = 100.0
     arrival_radius_m: Positive = 300.0
@@ -161,6 +162,8 @@ def config_for_agent(mission: Mission, agent_id: int, law: Law) -> Config:
         agent_id=agent.id,
         limits=LimitsSection(speed_m_s=agent.speed_m_s, n_max=agent.n_max, range_m=agent.range_m, fence=mission.fence),
         law=law,
+        # The paper's laws are flown to see what they do: the guard shall not make up for them outside R_a.
+        keep_out="attack",
         surrogate=mission.surrogate,
         weights=mission.weights,
         separation_m=mission.separation_m,

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -202,13 +202,13 @@ def _broken(step: _Step, motion: Motion, discs: Discs, limits: Limits, dt_s: flo
     change_m = abs(motion.speed_m_s - step.speed_m_s) * dt_s
     beside_m = change_m * abs(math.remainder(step.heading_rad - motion.heading_rad, math.tau))
     margin_m = faster_m_s * dt_s / STEP_SAMPLES / 2.0 + beside_m
-    if _least_clearance_m(path_ned_m, times_s, discs) < margin_m:
+    if _clearances_m(path_ned_m, times_s, discs).min() < margin_m:
         return KEEP_OUT
     if limits.fence_ned_m is not None and not _path_inside(path_ned_m, limits.fence_ned_m, margin_m):
         return FENCE
     end = (float(path_ned_m[-1, 0]), float(path_ned_m[-1, 1]))
     grown_m = discs.radii_m + discs.speeds_m_s * (dt_s + limits.horizon_s)
-    after = Discs(discs.centres_ned_m, grown_m, discs.speeds_m_s)
+    after = replace(discs, radii_m=grown_m)
     if limits.braking_m_s2 is not None:
         length_m = _speed_after_m_s(step, motion, limits.braking_m_s2, dt_s) ** 2 / (2.0 * limits.braking_m_s2)
         return _broken_braking(end, step.heading_rad, length_m, after, limits.fence_ned_m, margin_m + spare_m)
@@ -256,8 +256,8 @@ def _broken_braking(
 ) -> str | None:
     """Return what braking straight ahead after a step would break; None if it is clear."""
     stop = (end_ned_m[0] + length_m * math.cos(heading_rad), end_ned_m[1] + length_m * math.sin(heading_rad))
-    for centre, radius_m in zip(discs.centres_ned_m, discs.radii_m, strict=True):
-        if _distance_to_segment_m((float(centre[0]), float(centre[1])), end_ned_m, stop) < radius_m + margin_m:
+    for north_m, east_m, radius_m in np.column_stack([discs.centres_ned_m, discs.radii_m]).tolist():
+        if _distance_to_segment_m((north_m, east_m), end_ned_m, stop) < radius_m + margin_m:
             return KEEP_OUT
     if fence_ned_m is not None and not _segment_inside(end_ned_m, stop, fence_ned_m, margin_m):
         return FENCE
@@ -276,12 +276,11 @@ def _clearance_m(step: _Step, motion: Motion, discs: Discs, limits: Limits, dt_s
     path_ned_m, times_s = _path(step, motion, limits, dt_s)
     beyond = path_ned_m[-1] + (path_ned_m[-1] - path_ned_m[0])
     path_ned_m, times_s = np.vstack([path_ned_m, beyond]), np.append(times_s, 2.0 * dt_s)
-    least_m = _least_clearance_m(path_ned_m, times_s, discs)
-    last_m = _least_clearance_m(path_ned_m[-1:], times_s[-1:], discs)
+    clear_m = _clearances_m(path_ned_m, times_s, discs)
     if limits.fence_ned_m is not None:
-        inside_m = [_depth_inside_m((float(north), float(east)), limits.fence_ned_m) for north, east in path_ned_m]
-        least_m, last_m = min(least_m, *inside_m), min(last_m, inside_m[-1])
-    return least_m, last_m
+        inside_m = [_depth_inside_m((north_m, east_m), limits.fence_ned_m) for north_m, east_m in path_ned_m.tolist()]
+        clear_m = np.minimum(clear_m, inside_m)
+    return float(clear_m.min()), float(clear_m[-1])
 
 
 def _path(
@@ -311,16 +310,18 @@ def _path(
     return np.vstack([start, start + np.cumsum(steps_m, axis=0)]), times_s
 
 
-def _least_clearance_m(
+def _clearances_m(
     path_ned_m: np.ndarray,  # (S, 2) m
     times_s: np.ndarray,  # (S,) s from now
     discs: Discs,
-) -> float:
+) -> np.ndarray:  # (S,) m
     apart_m = np.hypot(
         path_ned_m[:, None, 0] - discs.centres_ned_m[None, :, 0],
         path_ned_m[:, None, 1] - discs.centres_ned_m[None, :, 1],
     )
-    return float(np.min(apart_m - discs.radii_m - times_s[:, None] * discs.speeds_m_s, initial=math.inf))
+    grown_m = discs.radii_m + times_s[:, None] * discs.speeds_m_s
+    clear_m: np.ndarray = np.min(apart_m - grown_m, axis=1, initial=math.inf)
+    return clear_m
 
 
 def _turn_rate_rad_s(speed_m_s: float, limits: Limits) -> float:
@@ -329,7 +330,7 @@ def _turn_rate_rad_s(speed_m_s: float, limits: Limits) -> float:
 
 
 def _path_inside(path_ned_m: np.ndarray, fence_ned_m: Sequence[tuple[float, float]], margin_m: float) -> bool:
-    return all(_disc_inside((float(north), float(east)), margin_m, fence_ned_m) for north, east in path_ned_m)
+    return all(_disc_inside((north_m, east_m), margin_m, fence_ned_m) for north_m, east_m in path_ned_m.tolist())
 
 
 def _disc_inside(centre: tuple[float, float], radius_m: float, fence_ned_m: Sequence[tuple[float, float]]) -> bool:

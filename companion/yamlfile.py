@@ -117,7 +117,7 @@ def read_text_file(path: Path) -> str:
 
 def dump_yaml(data: object) -> str:
     """Return YAML text that `parse_yaml` reads back to the same data."""
-    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=1_000, allow_unicode=True)
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=1_000)
 
 
 def parse_yaml(text: str, source: str) -> object:

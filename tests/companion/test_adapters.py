@@ -165,7 +165,11 @@ def test_a_position_before_the_first_heartbeat_belongs_to_nobody() -> None:
     assert reader_of(position()).telemetry.position_at_s is None
 
 
-@pytest.mark.parametrize("datagram", [position(lat_e7=900_000_001), position(lon_e7=-1_800_000_001), home(950_000_000)])
+@pytest.mark.parametrize(
+    "datagram",
+    [position(lat_e7=900_000_001), position(lon_e7=-1_800_000_001), home(950_000_000)],
+    ids=["latitude", "longitude", "home"],
+)
 def test_a_place_that_is_not_on_earth_is_ignored_and_counted(datagram: bytes) -> None:
     reader = reader_of(heartbeat(), datagram)
     assert (reader.telemetry.position_at_s, reader.telemetry.home_deg) == (None, None)

@@ -98,7 +98,7 @@ def test_the_packaged_configuration_is_of_an_agent_of_its_mission_and_flies_as_i
 
 def test_a_configuration_needs_only_agent_and_links(tmp_path: Path) -> None:
     config = load(tmp_path, GOOD)
-    assert (config.agent_id, config.law, config.keep_out) == (3, "seed", "attack")
+    assert (config.agent_id, config.law, config.keep_out) == (3, "seed", "detection")
 
 
 @pytest.mark.parametrize("law", LAWS)

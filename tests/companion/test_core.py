@@ -259,13 +259,19 @@ def test_it_turns_away_from_a_threat_in_its_way() -> None:
 
 
 def test_the_guard_has_the_last_word_and_says_so() -> None:
-    blind_law = CONFIG.model_copy(update={"law": "step"})
+    blind_law = CONFIG.model_copy(update={"law": "step", "keep_out": "attack"})
     flight = guided(blind_law)
     flight.broadcast((5_000.0, 0.0), threats=(ThreatEntry(1, 1_000.0, 0.0, 400.0, 200.0, 0.0),))
     decision, setpoint = flight.at(770.0, 0.0, (10.0, 0.0))
     assert decision.guard_changes == ("keep-out",)
     assert setpoint is not None
     assert (setpoint.vx, setpoint.vy) != pytest.approx((10.0, 0.0), abs=0.1)
+
+
+def test_the_guard_keeps_out_of_the_detection_disc_unless_told_otherwise() -> None:
+    flight = guided(CONFIG.model_copy(update={"law": "step"}))
+    flight.broadcast((5_000.0, 0.0), threats=(ThreatEntry(1, 1_000.0, 0.0, 400.0, 200.0, 0.0),))
+    assert flight.at(570.0, 0.0, (10.0, 0.0))[0].guard_changes == ("keep-out",)
 
 
 def test_arrived_it_loiters() -> None:

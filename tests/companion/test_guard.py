@@ -166,14 +166,18 @@ def test_a_setpoint_that_is_not_finite_becomes_straight_on_at_the_middle_altitud
         {"horizon_s": -1.0},
         {"horizon_s": math.nan},
         {"horizon_s": math.inf},
-        {"fence_ned_m": ((0.0, 0.0), (1.0, 0.0))},
-        {"fence_ned_m": ((0.0, 0.0), (1.0, 0.0), (math.nan, 1.0))},
     ],
     ids=str,
 )
 def test_limits_that_nothing_can_hold_are_refused(nonsense: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match="limits that nothing can hold|a fence needs at least three corners"):
+    with pytest.raises(ValueError, match=r"^limits that nothing can hold: Limits\("):
         replace(PLANE, **nonsense)
+
+
+@pytest.mark.parametrize("last", [(), ((math.nan, 1.0),), ((0.0, math.inf),)])
+def test_a_fence_without_three_finite_corners_is_refused(last: tuple[tuple[float, float], ...]) -> None:
+    with pytest.raises(ValueError, match="^a fence needs at least three corners, all of them finite$"):
+        replace(PLANE, fence_ned_m=((0.0, 0.0), (1.0, 0.0), *last))
 
 
 def test_limits_at_the_edge_of_sense_are_taken() -> None:
@@ -222,7 +226,7 @@ def test_a_turn_at_the_limit_passes_and_one_beyond_is_cut_to_it(side: float) -> 
 
 def test_rounding_at_the_turn_limit_is_not_called_a_change() -> None:
     most_rad = G_M_S2 / 20.0 * DT_S
-    assert check(replace(AHEAD, heading_rad=most_rad + 0.5e-9), NORTHWARD, NOTHING, PLANE, DT_S).changes == ()
+    assert check(replace(AHEAD, heading_rad=most_rad + 1e-9), NORTHWARD, NOTHING, PLANE, DT_S).changes == ()
     assert check(replace(AHEAD, heading_rad=most_rad + 1.5e-9), NORTHWARD, NOTHING, PLANE, DT_S).changes == (TURN,)
 
 
@@ -453,6 +457,31 @@ def test_a_vehicle_that_can_stop_keeps_exactly_its_margins_from_a_lone_disc(case
     assert_refused_from(edge_m, lambda radius_m: _verdict(case, radius_m))
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("bearing_rad", [0.0, 2.0, 3.1, 5.5])
+def test_where_both_sides_are_clear_the_wanted_side_and_speed_are_kept(side: float, bearing_rad: float) -> None:
+    limits, motion = replace(PLANE, speed_min_m_s=10.0), replace(NORTHWARD, heading_rad=bearing_rad)
+    ahead = (70.0 * math.cos(bearing_rad), 70.0 * math.sin(bearing_rad))
+    wanted = Setpoint(bearing_rad + side * 0.01, 15.0, 100.0)
+    verdict = check(wanted, motion, discs((*ahead, 40.0)), limits, DT_S)
+    assert verdict.changes == (KEEP_OUT,)
+    assert verdict.setpoint is not None and verdict.setpoint.speed_m_s == 15.0
+    assert turn_of(verdict, motion) == pytest.approx(side * G_M_S2 / 20.0 * DT_S)
+
+
+def test_a_back_up_is_continued_even_where_rounding_has_used_up_its_spare_room() -> None:
+    radius_m = RHO_M - MARGIN_M - SPARE_M / 2.0
+    around = discs((0.0, RHO_M, radius_m), (0.0, -RHO_M, radius_m))
+    verdict = check(replace(AHEAD, heading_rad=0.1), NORTHWARD, around, PLANE, DT_S)
+    assert verdict.changes == (KEEP_OUT,)
+    assert turn_of(verdict, NORTHWARD) == pytest.approx(G_M_S2 / 20.0 * DT_S)
+
+
+def test_a_braking_path_may_just_touch_the_margin_of_a_disc() -> None:
+    assert guard._broken_braking((0.0, 0.0), 0.0, 10.0, discs((5.0, 3.0, 2.0)), None, 1.0) is None
+    assert guard._broken_braking((0.0, 0.0), 0.0, 10.0, discs((5.0, 3.0, 2.0)), None, 1.0 + 1e-12) == KEEP_OUT
+
+
 # --- slowing and stopping
 
 
@@ -559,6 +588,24 @@ def test_what_is_met_after_the_step_counts_too_when_nothing_is_certified() -> No
     verdict = check(AHEAD, NORTHWARD, scene, replace(PLANE, horizon_s=1e5), DT_S)
     assert verdict.changes == (KEEP_OUT, NO_BACKUP)
     assert turn_of(verdict, NORTHWARD) < 0.0
+
+
+@pytest.mark.parametrize(
+    ("disc", "fence_north_m", "expected_m"),
+    [
+        ((30.0, 0.0, 1.0), None, (7.0, 7.0)),  # nearest at the end, 1 s from now: 10 m less radius and growth
+        ((-5.0, 0.0, 1.0), None, (4.0, 22.0)),  # nearest now
+        ((-5.0, 0.0, 1.0), 22.0, (2.0, 2.0)),  # the fence is nearer than the disc
+        ((-5.0, 0.0, 1.0), 15.0, (-5.0, -5.0)),
+        ((-5.0, 0.0, 1.0), 100.0, (4.0, 22.0)),
+    ],
+)
+def test_what_to_go_by_is_the_least_clearance_and_that_at_the_end_of_twice_the_step(
+    disc: tuple[float, float, float], fence_north_m: float | None, expected_m: tuple[float, float]
+) -> None:
+    limits = PLANE if fence_north_m is None else replace(PLANE, fence_ned_m=box(fence_north_m))
+    found = guard._clearance_m(guard._Step(0.0, 20.0), NORTHWARD, discs(disc, speed_m_s=2.0), limits, DT_S)
+    assert found == pytest.approx(expected_m)
 
 
 def test_outside_the_fence_the_wanted_way_straight_back_in_is_kept_and_the_loss_named() -> None:

@@ -119,6 +119,14 @@ def test_a_drawn_start_is_legal(seed: int, name: str) -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(seeds)
+def test_agents_drawn_into_a_crowded_area_are_two_separations_apart(seed: int) -> None:
+    text = "area_m: {north: 1000, east: 1000}\ndraw: {agents: 10, targets: 1}\nseparation_m: 80\n"
+    places = [agent.position_ned_m for agent in resolve(parse_mission(text, "crowd"), seed).agents]
+    assert all(math.dist(place, other) >= 160.0 for k, place in enumerate(places) for other in places[:k])
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds)
 def test_drawing_leaves_what_was_listed_as_it_was(seed: int) -> None:
     before, after = small(), resolve(small(), seed)
     assert after.agents[0] == before.agents[0]
