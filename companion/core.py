@@ -40,6 +40,8 @@ SETTLED_M = 1.0
 RANGE_RESERVE = 1.1
 """The way home is counted this much longer than the straight line."""
 HEARTBEAT_PERIOD_S = 1.0
+HEARTBEAT_TIMEOUT_S = 3.5
+"""An autopilot's heartbeat comes once a second; three may be lost."""
 COURSE_SPEED_M_S = 1.0
 """Below this ground speed the course over ground says nothing and the yaw is used."""
 
@@ -169,6 +171,9 @@ class Companion:
     def _why_idle(self, telemetry: Telemetry, now_s: float) -> str | None:
         if telemetry.system_id is None:
             return "no autopilot heard"
+        if telemetry.heartbeat_at_s is None or now_s - telemetry.heartbeat_at_s > HEARTBEAT_TIMEOUT_S:
+            # What it said of arming and mode may no longer be so.
+            return "autopilot's heartbeat lost"
         if not self.adapter.steerable:
             return "not armed and in the guided mode"
         if telemetry.position_at_s is None:

@@ -18,7 +18,7 @@ import click
 from companion.config import Config
 from companion.core import Companion, Decision
 from companion.errors import InputError
-from companion.tlog import TlogWriter
+from companion.tlog import TlogWriter, whole_frames
 from companion.transport import open_duplex, open_receiver, parse_link
 
 
@@ -48,12 +48,12 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
         vehicle_log, broadcast_log = _logs(config, stack)
 
         def from_broadcast(datagram: bytes) -> None:
-            _record(broadcast_log, clock, datagram)
             companion.hear(datagram, clock.now_s())
+            _record(broadcast_log, clock, datagram)
 
         def from_autopilot(datagram: bytes) -> None:
-            _record(vehicle_log, clock, datagram)
             companion.receive(datagram, clock.now_s())
+            _record(vehicle_log, clock, datagram)
 
         receiver = await open_receiver(parse_link(config.broadcast.link), from_broadcast)
         stack.callback(receiver.close)
@@ -105,8 +105,10 @@ def _logs(config: Config, stack: ExitStack) -> tuple[TlogWriter | None, TlogWrit
 
 
 def _record(log: TlogWriter | None, clock: SteadyClock, datagram: bytes) -> None:
+    """Log the frames of a datagram; what is not a frame has no place in a tlog."""
     if log is not None:
-        log.write(clock.now_s(), datagram)
+        for frame in whole_frames(datagram):
+            log.write(clock.now_s(), frame)
 
 
 def _line(decision: Decision) -> str:

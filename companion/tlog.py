@@ -73,6 +73,17 @@ class TlogWriter:
         self.close()
 
 
+def whole_frames(datagram: bytes) -> Iterator[bytes]:
+    """Yield the whole frames that a datagram is made of, up to the first bytes that begin none."""
+    at = 0
+    while True:
+        length = _frame_length(datagram[at : at + _HEAD_BYTES])
+        if length is None or at + length > len(datagram):
+            return
+        yield datagram[at : at + length]
+        at += length
+
+
 def read_tlog(path: str | os.PathLike[str]) -> Iterator[tuple[float, bytes]]:
     """Return an iterator of (t_unix_s, frame); a truncated last record ends it.
 

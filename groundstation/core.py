@@ -9,12 +9,14 @@ import numpy as np
 
 from companion.errors import InputError
 from companion.mission import Mission
-from companion.wire import DetectionsFrame, Directive, FrameReader, FrameWriter, Kind, Stamp
+from companion.wire import DetectionsFrame, Directive, FrameReader, FrameWriter, Kind, Stamp, WireError
 from groundstation.assignment import OBJECTIVES, assign
 from groundstation.broadcast import motion_frames, state_frames
 from groundstation.picture import GroundPicture
 
 _DUE_TOLERANCE_S = 1e-6
+MAX_EPOCH_S = 4.0e6
+"""After so long (46 days) a new epoch begins: the time within one travels as 32 bits of milliseconds."""
 
 
 class GroundStation:
@@ -46,6 +48,11 @@ class GroundStation:
         self._next_assignment_s = start_s
         self._next_state_s = start_s
         self._next_motion_s = start_s + mission.broadcast_period_s / 2.0
+        self._assign()
+        try:
+            self._state_datagrams(start_s)
+        except WireError as error:
+            raise InputError(f"{mission.name}: cannot be broadcast: {error}") from error
 
     def sense(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the sensor's channel; never raises, whatever the bytes."""
@@ -55,6 +62,8 @@ class GroundStation:
 
     def tick(self, now_s: float) -> list[bytes]:
         """Return the frames to broadcast now: none unless something is due."""
+        if now_s - self._epoch_s > MAX_EPOCH_S:
+            self._epoch_s, self._sequence = int(now_s), 0
         changed = self.picture.update(now_s)
         if changed or now_s >= self._next_assignment_s - _DUE_TOLERANCE_S:
             self._assign()
@@ -63,14 +72,17 @@ class GroundStation:
         datagrams: list[bytes] = []
         if now_s >= self._next_state_s - _DUE_TOLERANCE_S:
             self._sequence += 1
-            for state in state_frames(self.picture, self.mission, self.assignment, self.directive, self._stamp(now_s)):
-                datagrams.append(self._writer.encode(state))
+            datagrams += self._state_datagrams(now_s)
             self._next_state_s = _after(self._next_state_s, self.mission.broadcast_period_s, now_s)
         if now_s >= self._next_motion_s - _DUE_TOLERANCE_S:
             for motion in motion_frames(self.picture, self.mission, self._stamp(now_s)):
                 datagrams.append(self._writer.encode(motion))
             self._next_motion_s = _after(self._next_motion_s, self.mission.broadcast_period_s, now_s)
         return datagrams
+
+    def _state_datagrams(self, now_s: float) -> list[bytes]:
+        frames = state_frames(self.picture, self.mission, self.assignment, self.directive, self._stamp(now_s))
+        return [self._writer.encode(frame) for frame in frames]
 
     def _assign(self) -> None:
         agents, targets = self.picture.active_agents, self.picture.open_targets

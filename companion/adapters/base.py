@@ -23,6 +23,8 @@ _MESSAGE_IDS = frozenset(
 _LAT_MAX_E7 = 900_000_000
 _LON_MAX_E7 = 1_800_000_000
 _HEADER_BYTES = 10
+_NO_FIX = (0, 0)
+"""What autopilots send as latitude and longitude before they know them."""
 _FLAG_SIGNED = 0x01
 _SIGNATURE_BYTES = 13
 _MARKER = 0xFD
@@ -33,6 +35,7 @@ class Telemetry:
     """The newest of what the autopilot said; None until it said it. Headings are from local true north."""
 
     system_id: int | None = None
+    heartbeat_at_s: float | None = None
     armed: bool = False
     custom_mode: int | None = None
     position_at_s: float | None = None
@@ -96,13 +99,13 @@ class TelemetryReader:
             if name == "BAD_DATA":
                 self.rejected["damaged"] += 1
             elif name == "HEARTBEAT":
-                self._heartbeat(message)
+                self._heartbeat(message, now_s)
             elif message.get_srcSystem() != self.telemetry.system_id:
                 self.rejected["other system"] += 1
             elif message.get_srcComponent() != common.MAV_COMP_ID_AUTOPILOT1:
                 self.rejected["other component"] += 1
             elif name == "GLOBAL_POSITION_INT":
-                if not _is_on_earth(message.lat, message.lon):
+                if (message.lat, message.lon) == _NO_FIX or not _is_on_earth(message.lat, message.lon):
                     self.rejected["out of range"] += 1
                     continue
                 self.telemetry = replace(
@@ -126,7 +129,7 @@ class TelemetryReader:
                 in_air = message.landed_state == common.MAV_LANDED_STATE_IN_AIR
                 self.telemetry = replace(self.telemetry, in_air=in_air if known else None)
 
-    def _heartbeat(self, message: common.MAVLink_heartbeat_message) -> None:
+    def _heartbeat(self, message: common.MAVLink_heartbeat_message, now_s: float) -> None:
         if (
             message.autopilot == common.MAV_AUTOPILOT_INVALID
             or message.get_srcComponent() != common.MAV_COMP_ID_AUTOPILOT1
@@ -138,6 +141,7 @@ class TelemetryReader:
         self.telemetry = replace(
             self.telemetry,
             system_id=message.get_srcSystem(),
+            heartbeat_at_s=now_s,
             armed=bool(message.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED),
             custom_mode=message.custom_mode if message.base_mode & common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED else None,
         )

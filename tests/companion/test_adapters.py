@@ -257,7 +257,8 @@ def test_the_short_cut_never_hides_a_wanted_message(chosen: list[tuple[bytes, bo
 def test_a_wanted_message_of_the_least_length_behind_another_is_not_hidden() -> None:
     assert len(SHORT) == SIGNATURE_BYTES
     reader = reader_of(heartbeat(), other_messages()[0] + SHORT)
-    assert reader.telemetry.position_at_s == 101.0
+    # Seen, and refused for its place: so short a position is one at latitude and longitude 0.
+    assert reader.rejected["out of range"] == 1
 
 
 # Steering
@@ -354,3 +355,12 @@ def test_every_kind_reads_the_same_telemetry(kind: str) -> None:
 
 def test_a_copter_can_stop_and_the_kinematic_stand_in_cannot() -> None:
     assert (ADAPTERS["arducopter"]().can_stop, ADAPTERS["kinematic"]().can_stop) == (True, False)
+
+
+def test_a_position_of_zero_and_zero_is_an_autopilot_without_a_fix() -> None:
+    reader = TelemetryReader()
+    autopilot = common.MAVLink(None, srcSystem=1, srcComponent=1)
+    reader.receive(bytes(autopilot.heartbeat_encode(2, 3, 129, 4, 4).pack(autopilot)), 1.0)
+    nowhere = autopilot.global_position_int_encode(0, 0, 0, 0, 0, 0, 0, 0, 0)
+    reader.receive(bytes(nowhere.pack(autopilot)), 1.0)
+    assert reader.telemetry.position_at_s is None

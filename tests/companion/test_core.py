@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common
 from companion.adapters import ADAPTERS
 from companion.adapters.velocity import GUIDED_MODE
 from companion.config import Config, LimitsSection, StalenessSection
-from companion.core import ARRIVAL_SHARE, Companion, Decision, Purpose
+from companion.core import ARRIVAL_SHARE, HEARTBEAT_TIMEOUT_S, Companion, Decision, Purpose
 from companion.geodesy import LocalFrame
 from companion.mission import CostWeights
 from companion.staleness import Stage
@@ -53,10 +53,12 @@ class Flight:
         self.companion = Companion(config, ADAPTERS[kind]())
         self.now_s = NOW_S
         self.sequence = 0
+        self._modes: tuple[int, int] | None = None
         self._writer = FrameWriter()
         self._autopilot = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=common.MAV_COMP_ID_AUTOPILOT1)
 
     def heartbeat(self, base_mode: int = GUIDED, custom_mode: int = GUIDED_MODE) -> None:
+        self._modes = (base_mode, custom_mode)
         self._tell(
             common.MAVLink_heartbeat_message(
                 common.MAV_TYPE_QUADROTOR,
@@ -71,6 +73,9 @@ class Flight:
     def position(
         self, north_m: float = 0.0, east_m: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0), hdg: int = 0
     ) -> None:
+        if self._modes is not None:
+            # An autopilot says both all the time.
+            self.heartbeat(*self._modes)
         lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
         vx, vy = (round(100 * speed) for speed in velocity)
         self._tell(
@@ -540,3 +545,13 @@ def test_another_companion_hearing_the_same_decides_the_same() -> None:
         return [flight.at(10.0 * step, 0.0, (10.0, 0.0))[0] for step in range(50)]
 
     assert decide() == decide()
+
+
+def test_an_autopilot_whose_heartbeat_is_lost_is_not_steered() -> None:
+    flight = guided()
+    flight.broadcast((5_000.0, 0.0))
+    companion = flight.companion
+    assert companion.adapter.telemetry.heartbeat_at_s is not None
+    late_s = companion.adapter.telemetry.heartbeat_at_s + HEARTBEAT_TIMEOUT_S + 0.1
+    decision, _ = companion.tick(late_s)
+    assert (decision.purpose, decision.reason) == (Purpose.IDLE, "autopilot's heartbeat lost")

@@ -15,7 +15,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import common
 
 from companion.errors import InputError
-from companion.tlog import TlogWriter, read_tlog
+from companion.tlog import TlogWriter, read_tlog, whole_frames
 
 T0_UNIX_S = 1_790_000_000.25
 
@@ -129,3 +129,11 @@ def test_mavlogdump_prints_every_frame(tmp_path: Path) -> None:
         check=True,
     )
     assert done.stdout.count("HEARTBEAT {") == 3
+
+
+def test_a_datagram_is_taken_apart_into_its_whole_frames_and_junk_ends_it() -> None:
+    frame = bytes([0xFD, 1, 0, 0, 0, 1, 1, 0, 0, 0, 7, 0xAA, 0xBB])
+    assert list(whole_frames(frame + frame)) == [frame, frame]
+    assert list(whole_frames(frame + b"junk" + frame)) == [frame]
+    assert list(whole_frames(frame[:-1])) == []
+    assert list(whole_frames(b"")) == []

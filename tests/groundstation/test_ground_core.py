@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.errors import InputError
-from companion.mission import Mission, parse_mission
+from companion.mission import Mission, parse_mission, resolve
 from companion.wire import (
     Detection,
     DetectionsFrame,
@@ -19,7 +19,7 @@ from companion.wire import (
     MotionFrame,
     StateFrame,
 )
-from groundstation.core import GroundStation
+from groundstation.core import MAX_EPOCH_S, GroundStation
 
 START_S = 1_790_000_000.0
 TICK_S = 0.1
@@ -196,3 +196,24 @@ targets: [{id: 1, north_m: 8500, east_m: 0}, {id: 2, north_m: 50000, east_m: 0}]
     station = GroundStation(parse_mission(f"{text}objective: {objective}\n", "test"), START_S)
     station.tick(START_S)
     assert station.assignment == chosen
+
+
+def test_a_mission_of_more_frames_than_can_be_numbered_is_refused() -> None:
+    mission = resolve(
+        parse_mission(
+            "draw: {agents: 1400, targets: 1400}\ndefaults: {target: {speed_bound_m_s: 0}}\nseparation_m: 1", "huge"
+        ),
+        1,
+    )
+    with pytest.raises(InputError, match="cannot be broadcast"):
+        GroundStation(mission, 1_000.0)
+
+
+def test_a_new_epoch_begins_before_the_time_in_it_overflows() -> None:
+    mission = resolve(parse_mission("draw: {agents: 1, targets: 1}", "small"), 1)
+    station = GroundStation(mission, 1_000.0, sensed=False)
+    (first,) = station.tick(1_000.0)
+    later_s = 1_000.0 + MAX_EPOCH_S + 5.0
+    second = station.tick(later_s)[0]
+    epochs = [FrameReader().read(data)[0].stamp.epoch_s for data in (first, second)]
+    assert epochs == [1_000, int(later_s)]
