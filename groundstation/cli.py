@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import click
 
+from companion.drawing import resolve
 from companion.errors import run_program
-from companion.mission import load_mission, resolve
+from companion.mission import load_mission
 from companion.transport import parse_link
 from groundstation.service import run_until_signal
 

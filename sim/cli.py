@@ -17,8 +17,9 @@ from rich.table import Table
 
 from companion.adapters import ADAPTERS
 from companion.config import LAWS, Law
+from companion.drawing import resolve
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, run_program
-from companion.mission import Mission, dump_mission, load_mission, resolve
+from companion.mission import Mission, dump_mission, load_mission
 from sim.lockstep import Flight, check_flyable, fly
 from sim.plots import clearance_png, plot_paths
 from sim.report import write_report

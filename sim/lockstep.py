@@ -19,9 +19,10 @@ from pymavlink.dialects.v20 import common
 from companion.adapters import ADAPTERS
 from companion.config import Law, config_for_agent
 from companion.core import Companion, Decision
+from companion.drawing import random_stream
 from companion.errors import InputError
 from companion.geodesy import LocalFrame
-from companion.mission import AgentSpec, Mission, random_stream
+from companion.mission import AgentSpec, Mission
 from companion.tlog import TlogWriter
 from companion.wire import Kind
 from groundstation.core import GroundStation

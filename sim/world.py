@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from companion.mission import Mission, PathMotion, SteadyMotion, TargetSpec, ThreatSpec, random_stream
+from companion.drawing import random_stream
+from companion.mission import Mission, PathMotion, SteadyMotion, TargetSpec, ThreatSpec
 
 MOTION_STREAM = 2
 """The seed's random stream for motion."""

@@ -15,8 +15,9 @@ from pymavlink.dialects.v20 import common
 from companion.config import Config
 from companion.core import Companion
 from companion.cost import Weights
+from companion.drawing import resolve
 from companion.guard import Discs, Limits, Motion, Setpoint, check
-from companion.mission import load_mission, resolve
+from companion.mission import load_mission
 from companion.surrogate import gradient_for_agent, profile_by_name
 from companion.wire import FrameReader, FrameWriter, Stamp
 from groundstation.broadcast import state_frames

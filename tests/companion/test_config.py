@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.config import LAWS, Config, config_for_agent, load_config, packaged_configs
+from companion.drawing import resolve
 from companion.errors import InputError
-from companion.mission import load_mission, packaged_missions, parse_mission, resolve
+from companion.mission import load_mission, packaged_missions, parse_mission
 from companion.yamlfile import dump_yaml, parse_yaml, validated
 
 GOOD = """

@@ -14,17 +14,9 @@ from hypothesis import strategies as st
 import companion.cli
 import groundstation.cli
 import sim.cli
+from companion.drawing import DRAW_CLEARANCE, inside_polygon, resolve
 from companion.errors import EXIT_UNUSABLE, InputError
-from companion.mission import (
-    DRAW_CLEARANCE,
-    Mission,
-    dump_mission,
-    inside_polygon,
-    load_mission,
-    packaged_missions,
-    parse_mission,
-    resolve,
-)
+from companion.mission import Mission, dump_mission, load_mission, packaged_missions, parse_mission
 from companion.yamlfile import MAX_FILE_BYTES, dump_yaml, parse_yaml
 
 seeds = st.integers(0, 2**63 - 1)

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.mission import AgentSpec, Mission, TargetSpec, ThreatSpec, load_mission, resolve
+from companion.drawing import resolve
+from companion.mission import AgentSpec, Mission, TargetSpec, ThreatSpec, load_mission
 from companion.picture import Picture
 from companion.wire import (
     THREATS_PER_FRAME,

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.drawing import resolve
 from companion.errors import InputError
-from companion.mission import Mission, parse_mission, resolve
+from companion.mission import Mission, parse_mission
 from companion.wire import (
     Detection,
     DetectionsFrame,

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from companion.core import Companion, Decision, Purpose
+from companion.drawing import resolve
 from companion.errors import InputError
-from companion.mission import Mission, parse_mission, resolve
+from companion.mission import Mission, parse_mission
 from companion.wire import AgentEntry, Directive, FrameReader, FrameWriter, StateFrame
 from sim.lockstep import Flight, fly
 from sim.score import Score, score
