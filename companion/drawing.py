@@ -37,8 +37,9 @@ def random_stream(seed: int, *stream: int) -> np.random.Generator:
 def resolve(mission: Mission, seed: int, source: str | None = None) -> Mission:
     """Return the mission with everything drawn from the seed listed, after checking that the start is legal.
 
-    Threats are drawn anywhere in the area; targets and agents inside the area and the fence, DRAW_CLEARANCE·R_d clear
-    of every detection disc, agents at least two separations apart. The drawing depends on nothing but mission and seed.
+    Targets and agents are drawn inside the area and the fence, DRAW_CLEARANCE·R_d clear of every detection disc, agents
+    at least two separations apart; threats inside the area, as clear of the listed agents and targets. The drawing
+    depends on nothing but mission and seed.
 
     Raises:
         InputError: no legal place was found, or a listed start is illegal.
@@ -49,8 +50,12 @@ def resolve(mission: Mission, seed: int, source: str | None = None) -> Mission:
     threats = [*mission.threats]
     given = mission.defaults.threat.model_dump(exclude_none=True)
     threats += [ThreatSpec(id=identity, **given) for identity in _free_ids(mission.threats, mission.draw.threats)]
+    listed: list[AgentSpec | TargetSpec] = [*mission.agents, *mission.targets]
+    listed_ned_m = np.array([item.position_ned_m for item in listed if _is_placed(item)]).reshape(-1, 2)
     placed_threats = [
-        threat if _is_placed(threat) else _placed_at(threat, _path_start(threat) or _random_point(mission, generator))
+        threat
+        if _is_placed(threat)
+        else _placed_at(threat, _path_start(threat) or _threat_point(mission, generator, threat, listed_ned_m, name))
         for threat in threats
     ]
     discs = np.array([(*t.position_ned_m, t.detection_radius_m * (1 + DRAW_CLEARANCE)) for t in placed_threats])
@@ -172,6 +177,24 @@ def _path_start(item: TargetSpec | ThreatSpec) -> tuple[float, float] | None:
 def _random_point(mission: Mission, generator: np.random.Generator) -> tuple[float, float]:
     north_m, east_m = generator.uniform((0.0, 0.0), (mission.area_m.north, mission.area_m.east))
     return round(float(north_m), DRAW_DECIMALS), round(float(east_m), DRAW_DECIMALS)
+
+
+def _threat_point(
+    mission: Mission,
+    generator: np.random.Generator,
+    threat: ThreatSpec,
+    listed_ned_m: np.ndarray,  # (L, 2) m, agents and targets whose places are given
+    name: str,
+) -> tuple[float, float]:
+    for _ in range(DRAW_TRIES):
+        point = _random_point(mission, generator)
+        apart_m = np.hypot(listed_ned_m[:, 0] - point[0], listed_ned_m[:, 1] - point[1])
+        if np.all(apart_m > threat.detection_radius_m * (1 + DRAW_CLEARANCE)):
+            return point
+    raise InputError(
+        f"{name}: threat {threat.id}: no legal start in {DRAW_TRIES} draws; allowed: an area_m with room clear of the "
+        "listed agents and targets"
+    )
 
 
 def _legal_point(

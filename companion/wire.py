@@ -493,10 +493,11 @@ def _resolution_cm(points: Sequence[tuple[float, float]], radii_m: Sequence[floa
         raise WireError("a position or radius is not finite")
     # A radius gains up to sqrt(1/2) of a unit for the rounding of its centre and up to one for its own.
     needed_cm = max(100 * reach_m / _INT16_MAX, 100 * radius_m / (_UINT16_MAX - 2))
-    resolution_cm = max(_MIN_RESOLUTION_CM, math.ceil(needed_cm))
-    if resolution_cm > _UINT16_MAX:
-        raise WireError(f"a position {reach_m:.0f} m from the origin does not fit a frame")
-    return resolution_cm
+    if needed_cm > _UINT16_MAX:
+        raise WireError(
+            f"a position {reach_m:.3g} m from the origin or a radius of {radius_m:.3g} m does not fit a frame"
+        )
+    return max(_MIN_RESOLUTION_CM, math.ceil(needed_cm))
 
 
 def _based_ids(ids: Sequence[int], length: int, what: str) -> tuple[int, list[int]]:
