@@ -167,3 +167,10 @@ def test_the_worked_example_of_the_wire_page_decodes_to_what_it_says() -> None:
     assert (frame.stamp.epoch_s, frame.stamp.time_ms, frame.stamp.sequence) == (1767225600, 5000, 2)
     assert frame.agents[0].north_m == pytest.approx(61283.46)
     assert [agent.target_id for agent in frame.agents] == [1, 1]
+
+
+def test_every_test_that_the_safety_page_names_exists() -> None:
+    named = re.findall(r"(tests/[a-z_/]+\.py)::(test_[a-z_0-9]+)", (ROOT / "docs" / "safety.md").read_text())
+    assert named
+    for path, name in named:
+        assert f"def {name}(" in (ROOT / path).read_text(), f"{path}::{name}"
