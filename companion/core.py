@@ -40,6 +40,8 @@ SETTLED_M = 1.0
 RANGE_RESERVE = 1.1
 """The way home is counted this much longer than the straight line."""
 HEARTBEAT_PERIOD_S = 1.0
+REPEAT_PERIOD_S = 1.0
+"""A setpoint stands no longer than this without being sent again."""
 HEARTBEAT_TIMEOUT_S = 3.5
 """An autopilot's heartbeat comes once a second; three may be lost."""
 COURSE_SPEED_M_S = 1.0
@@ -101,6 +103,7 @@ class Companion:
         self._last_position_ned_m: tuple[float, float] | None = None
         self._last_heading_rad = 0.0
         self._next_heartbeat_s = -math.inf
+        self._standing: tuple[Setpoint, float] | None = None
 
     def hear(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the broadcast link; never raises, whatever the bytes."""
@@ -116,23 +119,38 @@ class Companion:
 
     def tick(self, now_s: float) -> tuple[Decision, list[bytes]]:
         """Decide for the next guidance step; return the decision and the frames for the autopilot."""
+        decision, convergence_rad = self._decide(now_s)
+        self._standing = None if decision.setpoint is None else (decision.setpoint, convergence_rad)
+        return decision, self._frames(now_s)
+
+    def repeat(self, now_s: float) -> list[bytes]:
+        """Return the frames that keep the last decision standing between guidance steps; none if it must not stand.
+
+        An autopilot gives a silent companion up after a few seconds (AUTOPILOT_FACTS: GUID_TIMEOUT), which a guidance
+        step may be longer than.
+        """
+        if self._why_idle(self.adapter.telemetry, now_s) is not None:
+            self._standing = None
+        return self._frames(now_s)
+
+    def _frames(self, now_s: float) -> list[bytes]:
         datagrams = []
         if now_s >= self._next_heartbeat_s:
             datagrams.append(self.adapter.heartbeat())
             self._next_heartbeat_s = now_s + HEARTBEAT_PERIOD_S
-        decision, setpoint = self._decide(now_s)
-        if setpoint is not None:
-            datagrams.append(setpoint)
-        return decision, datagrams
+        if self._standing is not None:
+            datagrams.append(self.adapter.encode(*self._standing, now_s))
+        return datagrams
 
-    def _decide(self, now_s: float) -> tuple[Decision, bytes | None]:
+    def _decide(self, now_s: float) -> tuple[Decision, float]:
+        """Return the decision, and the convergence at the place that it was made for."""
         age_s = self.picture.age_s(now_s)
         stage = stage_of(age_s, self._thresholds)
         telemetry = self.adapter.telemetry
         idle = self._why_idle(telemetry, now_s)
         if idle is not None:
             self._disengage()
-            return Decision(now_s, Purpose.IDLE, idle, stage, age_s), None
+            return Decision(now_s, Purpose.IDLE, idle, stage, age_s), 0.0
         self._engaged = True
         motion, convergence_rad, home_ned_m = self._motion(telemetry, now_s)
         view = self.picture.view(now_s)
@@ -164,9 +182,7 @@ class Companion:
             setpoint=verdict.setpoint,
             guard_changes=verdict.changes,
         )
-        if verdict.setpoint is None:
-            return decision, None
-        return decision, self.adapter.encode(verdict.setpoint, convergence_rad, now_s)
+        return decision, convergence_rad
 
     def _why_idle(self, telemetry: Telemetry, now_s: float) -> str | None:
         if telemetry.system_id is None:

@@ -16,7 +16,7 @@ from pathlib import Path
 import click
 
 from companion.config import Config
-from companion.core import Companion, Decision
+from companion.core import REPEAT_PERIOD_S, Companion, Decision
 from companion.errors import InputError
 from companion.tlog import TlogWriter, whole_frames
 from companion.transport import open_duplex, open_receiver, parse_link
@@ -55,6 +55,11 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
             companion.receive(datagram, clock.now_s())
             _record(vehicle_log, clock, datagram)
 
+        def send(frames: list[bytes]) -> None:
+            for frame in frames:
+                _record(vehicle_log, clock, frame)
+                autopilot.send(frame)
+
         receiver = await open_receiver(parse_link(config.broadcast.link), from_broadcast)
         stack.callback(receiver.close)
         autopilot = await open_duplex(parse_link(config.autopilot.link), from_autopilot)
@@ -67,14 +72,15 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
         due_s = time.monotonic()
         while not stop.is_set():
             decision, frames = companion.tick(clock.now_s())
-            for frame in frames:
-                _record(vehicle_log, clock, frame)
-                autopilot.send(frame)
+            send(frames)
             line = _line(decision)
             if line != said:
                 click.echo(f"companion: {line}")
                 said = line
             due_s = max(due_s + config.guidance_step_s, time.monotonic())
+            while due_s - time.monotonic() > REPEAT_PERIOD_S and not stop.is_set():
+                await _sleep_until(time.monotonic() + REPEAT_PERIOD_S, stop)
+                send(companion.repeat(clock.now_s()))
             await _sleep_until(due_s, stop)
 
 

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import common
 
 from companion.adapters import ADAPTERS
 from companion.config import Law, config_for_agent
-from companion.core import Companion, Decision
+from companion.core import REPEAT_PERIOD_S, Companion, Decision
 from companion.drawing import random_stream
 from companion.errors import InputError
 from companion.geodesy import LocalFrame
@@ -91,12 +91,19 @@ class _Aircraft:
         began_ns = time.perf_counter_ns()
         decision, frames = self.companion.tick(now_s)
         decision_us = (time.perf_counter_ns() - began_ns) / 1000.0
+        self._send(frames, now_s)
+        return decision, decision_us
+
+    def repeat(self, now_s: float) -> None:
+        """Let the companion keep its last decision standing."""
+        self._send(self.companion.repeat(now_s), now_s)
+
+    def _send(self, frames: list[bytes], now_s: float) -> None:
         for frame in frames:
             self._log(frame, now_s)
             for reply in self.vehicle.receive(frame, now_s):
                 self._log(reply, now_s)
                 self.companion.receive(reply, now_s)
-        return decision, decision_us
 
     def _log(self, frame: bytes, now_s: float) -> None:
         if self.log is not None:
@@ -216,7 +223,7 @@ class _Flying:
         step_s = mission.integration_step_s
         guide_every = round(mission.guidance_step_s / step_s)
         last_tick = int(mission.max_time_s / step_s + _TOLERANCE_S)
-        next_look_s = 0.0
+        next_look_s = next_repeat_s = 0.0
         steps = 0
         began_s = time.perf_counter()
         for tick in range(last_tick + 1):
@@ -235,6 +242,10 @@ class _Flying:
             if tick % guide_every == 0:
                 self._guide(t_s)
                 steps += 1
+                next_repeat_s = t_s + REPEAT_PERIOD_S
+            elif t_s >= next_repeat_s - _TOLERANCE_S:
+                self._repeat(t_s)
+                next_repeat_s += REPEAT_PERIOD_S
             for aircraft in self._fleet:
                 if aircraft.alive:
                     aircraft.vehicle.step_to(START_S + t_s + step_s)
@@ -295,6 +306,12 @@ class _Flying:
                 self._broadcast_log.write(START_S + t_s, datagram)
             for aircraft in self._fleet:
                 aircraft.link.send(datagram, t_s)
+
+    def _repeat(self, t_s: float) -> None:
+        for aircraft in self._fleet:
+            if aircraft.alive:
+                aircraft.exchange_telemetry(START_S + t_s)
+                aircraft.repeat(START_S + t_s)
 
     def _guide(self, t_s: float) -> None:
         now_s = START_S + t_s

@@ -123,6 +123,12 @@ class Flight:
         self.position(north_m, east_m, velocity, hdg)
         return self.tick()
 
+    @staticmethod
+    def parsed(frames: list[bytes]) -> list[common.MAVLink_message]:
+        """Return the setpoints among frames."""
+        messages = common.MAVLink(None).parse_buffer(b"".join(frames)) or []
+        return [message for message in messages if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+
     def _tell(self, message: common.MAVLink_message) -> None:
         self.companion.receive(bytes(message.pack(self._autopilot)), self.now_s)
 
@@ -555,3 +561,22 @@ def test_an_autopilot_whose_heartbeat_is_lost_is_not_steered() -> None:
     late_s = companion.adapter.telemetry.heartbeat_at_s + HEARTBEAT_TIMEOUT_S + 0.1
     decision, _ = companion.tick(late_s)
     assert (decision.purpose, decision.reason) == (Purpose.IDLE, "autopilot's heartbeat lost")
+
+
+def test_between_decisions_the_last_setpoint_is_repeated_as_it_was() -> None:
+    flight = guided()
+    flight.broadcast((5_000.0, 0.0))
+    _, first = flight.at()
+    assert first is not None
+    again = flight.parsed(flight.companion.repeat(flight.now_s + 0.5))
+    assert [(message.vx, message.vy) for message in again] == [(first.vx, first.vy)]
+
+
+def test_nothing_is_repeated_once_a_person_has_the_vehicle() -> None:
+    flight = guided()
+    flight.broadcast((5_000.0, 0.0))
+    flight.at()
+    flight.heartbeat(custom_mode=5)
+    assert flight.parsed(flight.companion.repeat(flight.now_s + 0.5)) == []
+    flight.heartbeat()
+    assert flight.parsed(flight.companion.repeat(flight.now_s + 0.6)) == []

@@ -116,6 +116,12 @@ SCENARIOS: list[tuple[str, str, dict[str, Any], list[Check]]] = [
         [all_reached],
     ),
     (
+        "a guidance step longer than the autopilot's patience is flown straight",
+        "guidance_step_s: 5",
+        {},
+        [all_reached, nearly_straight],
+    ),
+    (
         "half of the frames lost changes little",
         DISC_AHEAD + "\nlink: {loss: 0.5, jitter_s: 1.0, duplicate: 0.3, reorder: 0.3}",
         {},
