@@ -42,6 +42,27 @@ class View:
     settled_ned_m: np.ndarray  # (Q, 2) m, those of the peers whose loiter place goes before ours
 
 
+@dataclass(frozen=True)
+class _ThreatTable:
+    """The threats as last heard, by rising id."""
+
+    centres_ned_m: np.ndarray  # (M, 2) m
+    detection_m: np.ndarray  # (M,) m
+    attack_m: np.ndarray  # (M,) m
+    speed_m_s: np.ndarray  # (M,) m/s, bounds
+    true_at_s: np.ndarray  # (M,) s
+
+
+@dataclass(frozen=True)
+class _PeerTable:
+    """The other agents as last heard, by rising id."""
+
+    seen_ned_m: np.ndarray  # (P, 2) m
+    velocity_m_s: np.ndarray  # (P, 2) m/s
+    true_at_s: np.ndarray  # (P,) s
+    settled: np.ndarray  # (P,) bool
+
+
 class Picture:
     """Merges frames for one agent; all times are this vehicle's clock in seconds, given by the caller."""
 
@@ -63,7 +84,7 @@ class Picture:
         self._velocities: dict[int, tuple[float, float]] = {}
         self._parts: set[int] = set()
         self._motion_order = (-1, -1)
-        self._threat_arrays: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._cached: tuple[_ThreatTable, _PeerTable] | None = None
 
     def age_s(self, now_s: float) -> float | None:
         """Return the age of the newest state heard, None if none ever was."""
@@ -100,7 +121,7 @@ class Picture:
             self._threats[threat.id] = (threat, heard)
         if len(self._parts) == frame.stamp.frame_count:
             self._forget_absent()
-        self._threat_arrays = None
+        self._cached = None
         return True
 
     def take_motion(self, frame: MotionFrame, now_s: float) -> bool:
@@ -113,6 +134,7 @@ class Picture:
             self.rejected["old"] += 1
             return False
         self._motion_order = order
+        self._cached = None
         for agent in frame.agents:
             if agent.heading_rad is None:
                 # It stands still, or nobody knows where it is going: what it did before is no better guess.
@@ -126,40 +148,47 @@ class Picture:
 
     def view(self, now_s: float) -> View:
         """Return the picture as it must be believed at `now_s`."""
+        if self._cached is None:
+            self._cached = (self._threat_table(), self._peer_table())
+        threats, peers = self._cached
+        growth_m = threats.speed_m_s * np.maximum(0.0, now_s - threats.true_at_s)
+        age_s = np.maximum(0.0, now_s - peers.true_at_s)
+        peers_ned_m = peers.seen_ned_m + peers.velocity_m_s * age_s[:, None]
+        remembered = age_s <= self.peer_memory_s
         assigned = None if self.target_id is None else self._targets.get(self.target_id)
-        if self._threat_arrays is None:
-            entries = [self._threats[key] for key in sorted(self._threats)]
-            self._threat_arrays = (
-                np.array([(threat.north_m, threat.east_m) for threat, _ in entries]).reshape(-1, 2),
-                np.array([threat.detection_radius_m for threat, _ in entries]),
-                np.array([threat.attack_radius_m for threat, _ in entries]),
-                np.array([threat.speed_bound_m_s for threat, _ in entries]),
-                np.array([heard.true_at_s for _, heard in entries]),
-            )
-        centres_ned_m, detection_m, attack_m, speed_m_s, true_at_s = self._threat_arrays
-        growth_m = speed_m_s * np.maximum(0.0, now_s - true_at_s)
-        peers_ned_m, settled = self._peers(now_s)
         return View(
             target_ned_m=None if assigned is None else (assigned[0].north_m, assigned[0].east_m),
             target_age_s=math.inf if assigned is None else max(0.0, now_s - assigned[1].true_at_s),
-            threats_ned_m=centres_ned_m,
-            detection_radius_m=detection_m + growth_m,
-            attack_radius_m=attack_m + growth_m,
-            threat_speed_m_s=speed_m_s,
-            peers_ned_m=peers_ned_m,
-            settled_ned_m=peers_ned_m[settled],
+            threats_ned_m=threats.centres_ned_m,
+            detection_radius_m=threats.detection_m + growth_m,
+            attack_radius_m=threats.attack_m + growth_m,
+            threat_speed_m_s=threats.speed_m_s,
+            peers_ned_m=peers_ned_m[remembered],
+            settled_ned_m=peers_ned_m[remembered & peers.settled],
         )
 
-    def _peers(self, now_s: float) -> tuple[np.ndarray, np.ndarray]:
-        positions, settled = [], []
-        for identity, (agent, heard) in sorted(self._agents.items()):
-            age_s = max(0.0, now_s - heard.true_at_s)
-            if identity != self.agent_id and age_s <= self.peer_memory_s:
-                north_m_s, east_m_s = self._velocities.get(identity, (0.0, 0.0))
-                positions.append((agent.north_m + north_m_s * age_s, agent.east_m + east_m_s * age_s))
-                # Of two that arrive together the lower id stays where it is: both know this without a word.
-                settled.append(agent.target_id is None or identity < self.agent_id)
-        return np.array(positions).reshape(-1, 2), np.array(settled, dtype=bool)
+    def _threat_table(self) -> _ThreatTable:
+        entries = [self._threats[identity] for identity in sorted(self._threats)]
+        return _ThreatTable(
+            centres_ned_m=np.array([(threat.north_m, threat.east_m) for threat, _ in entries]).reshape(-1, 2),
+            detection_m=np.array([threat.detection_radius_m for threat, _ in entries]),
+            attack_m=np.array([threat.attack_radius_m for threat, _ in entries]),
+            speed_m_s=np.array([threat.speed_bound_m_s for threat, _ in entries]),
+            true_at_s=np.array([heard.true_at_s for _, heard in entries]),
+        )
+
+    def _peer_table(self) -> _PeerTable:
+        ids = sorted(self._agents.keys() - {self.agent_id})
+        entries = [self._agents[identity] for identity in ids]
+        velocities = [self._velocities.get(identity, (0.0, 0.0)) for identity in ids]
+        # Of two that arrive together the lower id stays where it is: both know this without a word.
+        settled = [agent.target_id is None or agent.id < self.agent_id for agent, _ in entries]
+        return _PeerTable(
+            seen_ned_m=np.array([(agent.north_m, agent.east_m) for agent, _ in entries]).reshape(-1, 2),
+            velocity_m_s=np.array(velocities).reshape(-1, 2),
+            true_at_s=np.array([heard.true_at_s for _, heard in entries]),
+            settled=np.array(settled, dtype=bool),
+        )
 
     def _accept(self, stamp: Stamp, now_s: float) -> bool:
         if self.epoch_s is not None and stamp.epoch_s < self.epoch_s and now_s - self._received_s < RESTART_AFTER_S:
