@@ -1,0 +1,71 @@
+"""Exit statuses and one-line errors, shared by all three programs."""
+
+from __future__ import annotations
+
+import click
+import pytest
+
+from companion.errors import EXIT_INTERRUPTED, InputError, nearest_hint, one_line, run_program
+
+
+def outcome(command: click.Command, capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as ended:
+        patch.setattr("sys.argv", ["program", *arguments])
+        run_program(command, "program")
+    assert isinstance(ended.value.code, int)
+    return ended.value.code, capsys.readouterr().err
+
+
+def ending_in(error: BaseException) -> click.Command:
+    @click.command()
+    def command() -> None:
+        raise error
+
+    return command
+
+
+def test_the_status_a_command_returns_is_the_exit_status(capsys: pytest.CaptureFixture[str]) -> None:
+    assert outcome(click.Command("c", callback=lambda: 1), capsys) == (1, "")
+
+
+def test_a_command_that_returns_nothing_is_done(capsys: pytest.CaptureFixture[str]) -> None:
+    assert outcome(click.Command("c", callback=lambda: None), capsys) == (0, "")
+
+
+def test_unusable_input_is_one_line_and_status_two(capsys: pytest.CaptureFixture[str]) -> None:
+    assert outcome(ending_in(InputError("file: key: 3;\n allowed: 4")), capsys) == (
+        2,
+        "program: file: key: 3; allowed: 4\n",
+    )
+
+
+def test_a_usage_error_is_one_line_and_status_two(capsys: pytest.CaptureFixture[str]) -> None:
+    status, text = outcome(click.Command("c", callback=lambda: None), capsys, "--no-such-option")
+    assert status == 2
+    assert text.count("\n") == 1
+    assert "--no-such-option" in text
+
+
+def test_a_program_called_without_a_command_says_where_help_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert outcome(click.Group("g"), capsys) == (2, "program: Missing command; see 'program --help'\n")
+
+
+def test_an_interrupt_ends_quietly_with_its_own_status(capsys: pytest.CaptureFixture[str]) -> None:
+    status, text = outcome(ending_in(KeyboardInterrupt()), capsys)
+    assert status == EXIT_INTERRUPTED
+    assert "Traceback" not in text
+
+
+def test_a_fault_of_the_program_itself_is_not_hidden() -> None:
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(ZeroDivisionError):
+        patch.setattr("sys.argv", ["program"])
+        run_program(ending_in(ZeroDivisionError()), "program")
+
+
+def test_the_nearest_word_is_suggested_only_if_it_is_near() -> None:
+    assert nearest_hint("sed", ["seed", "ramp"]) == "; did you mean 'seed'?"
+    assert nearest_hint("zzz", ["seed", "ramp"]) == ""
+
+
+def test_any_white_space_is_folded_into_one_line() -> None:
+    assert one_line(" a\n\tb  c ") == "a b c"
