@@ -97,6 +97,7 @@ class Companion:
         self._start_deg: tuple[float, float] | None = None
         self._place_ned_m: tuple[float, float] | None = None
         self._arrived = False
+        self._home = False
         self._engaged = False
         self._flown_m = 0.0
         self._out_of_range = False
@@ -242,9 +243,11 @@ class Companion:
         home_m = math.dist(position, home_ned_m)
         homing = self._why_home(stage, home_m)
         if homing is not None:
-            if home_m <= self.config.arrival_radius_m:
-                return Purpose.LOITER, f"{homing}: home"
-            return Purpose.RETURN, homing
+            # A loiter circle begun just inside reaches out by its width: that is still being home.
+            leaving_m = self.config.arrival_radius_m + 2.0 * self._loiter_radius_m
+            self._home = home_m <= (leaving_m if self._home else ARRIVAL_SHARE * self.config.arrival_radius_m)
+            return (Purpose.LOITER, f"{homing}: home") if self._home else (Purpose.RETURN, homing)
+        self._home = False
         if stage is Stage.LOITERING:
             return Purpose.LOITER, "no picture" if age_s is None else "picture too old"
         if self.picture.directive is Directive.HOLD:

@@ -213,4 +213,7 @@ def _legal_point(
         apart_m = np.hypot(others_ned_m[:, 0] - point[0], others_ned_m[:, 1] - point[1])
         if np.all(apart_m >= 2 * mission.separation_m):
             return point
-    raise InputError(f"{subject}: no legal start in {DRAW_TRIES} draws; allowed: an area_m with room outside the discs")
+    raise InputError(
+        f"{subject}: no legal start in {DRAW_TRIES} draws; allowed: an area_m with room inside the fence, clear of the "
+        "detection discs and apart from the other agents"
+    )

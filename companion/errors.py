@@ -7,6 +7,7 @@ InputError with a message naming file, key, value and what is allowed, and `run_
 from __future__ import annotations
 
 import difflib
+import os
 import sys
 from collections.abc import Iterable
 
@@ -36,6 +37,15 @@ def one_line(text: str) -> str:
     return " ".join(text.split())
 
 
+def tell(text: str) -> None:
+    """Print to standard output; a reader that has gone away (`| head`) is no failure of the program."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        # What is still buffered has nowhere to go either, and must not fail at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def run_program(command: click.Command, name: str) -> None:
     """Run a command line and exit with its status; usage errors and InputError print one line on stderr.
 
@@ -51,6 +61,10 @@ def run_program(command: click.Command, name: str) -> None:
         message, status = error.format_message(), EXIT_UNUSABLE
     except InputError as error:
         message, status = str(error), EXIT_UNUSABLE
+    except OSError as error:
+        # A full disk, a vanished folder: the machine's fault, not the mission's, and no reason for a traceback.
+        where = f"{error.filename}: " if error.filename else ""
+        message, status = f"{where}{error.strerror or error}", EXIT_UNUSABLE
     except click.Abort:
         message, status = "interrupted", EXIT_INTERRUPTED
     else:

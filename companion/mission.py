@@ -27,6 +27,8 @@ MAX_THREAT_SPEED_M_S = 255.0
 """A threat's bound travels as 8 bits; a smaller one than the true one would be unsafe."""
 MIN_PERIOD_S = 1.0e-3
 MAX_STEP_S = 10.0
+MAX_STEPS = 20_000_000
+"""Integration steps of one flight: the default time at the least step, and already days of computing."""
 MAX_ITEMS = 2_000
 
 Finite = Annotated[float, Strict(), Field(allow_inf_nan=False)]
@@ -311,13 +313,18 @@ class Mission(Section):
             raise ValueError("targets: none; allowed: at least one, listed or under draw")
         if number_of_targets > number_of_agents:
             raise ValueError(
-                f"targets: {number_of_targets} for {number_of_agents} agents; allowed: no more targets than agents"
+                f"targets: {number_of_targets} with agents: {number_of_agents}; allowed: no more targets than agents"
             )
         if self.draw.threats:
             for radius in ("detection_radius_m", "attack_radius_m"):
                 if getattr(self.defaults.threat, radius) is None:
                     raise ValueError(f"draw.threats: {self.draw.threats}; allowed: only with defaults.threat.{radius}")
         self._refuse_bad_defaults()
+        if self.max_time_s / self.integration_step_s > MAX_STEPS:
+            raise ValueError(
+                f"max_time_s: {self.max_time_s:g}; allowed: at most {MAX_STEPS} times integration_step_s "
+                f"{self.integration_step_s:g}"
+            )
         ratio = self.guidance_step_s / self.integration_step_s
         if round(ratio) < 1 or not math.isclose(ratio, round(ratio), rel_tol=1e-9):
             raise ValueError(
@@ -371,7 +378,7 @@ def load_mission(name_or_path: str | Path) -> Mission:
         source = resources.files("companion") / "missions" / f"{text}.yaml"
         return parse_mission(source.read_text(encoding="utf-8"), text)
     path = Path(name_or_path)
-    if not is_there(path):
+    if not text or not is_there(path):
         hint = nearest_hint(text, packaged_missions())
         raise InputError(
             f"{text}: no such mission file or packaged mission{hint}; packaged: {', '.join(packaged_missions())}"

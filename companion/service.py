@@ -18,6 +18,7 @@ import click
 from companion.config import Config
 from companion.core import REPEAT_PERIOD_S, Companion, Decision
 from companion.errors import InputError
+from companion.picture import Picture
 from companion.tlog import TlogWriter, whole_frames
 from companion.transport import open_duplex, open_receiver, parse_link
 
@@ -68,15 +69,16 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
             f"companion: agent {config.agent_id}, {config.autopilot.kind} on {config.autopilot.link}, "
             f"broadcast on {config.broadcast.link} (unsigned)"
         )
-        said = ""
+        said: set[str] = set()
+        listening = _Listening()
         due_s = time.monotonic()
         while not stop.is_set():
             decision, frames = companion.tick(clock.now_s())
             send(frames)
-            line = _line(decision)
-            if line != said:
-                click.echo(f"companion: {line}")
-                said = line
+            for line in [*listening.news(companion.picture), _line(decision)]:
+                if line not in said:
+                    click.echo(f"companion: {line}")
+            said = {_line(decision)}
             due_s = max(due_s + config.guidance_step_s, time.monotonic())
             while due_s - time.monotonic() > REPEAT_PERIOD_S and not stop.is_set():
                 await _sleep_until(time.monotonic() + REPEAT_PERIOD_S, stop)
@@ -117,10 +119,32 @@ def _record(log: TlogWriter | None, clock: SteadyClock, datagram: bytes) -> None
             log.write(clock.now_s(), frame)
 
 
+class _Listening:
+    """Notices when the broadcast changes hands: a restarted ground station, or two at once."""
+
+    def __init__(self) -> None:
+        self._epoch_s: int | None = None
+        self._older = 0
+
+    def news(self, picture: Picture) -> list[str]:
+        """Return what is to be said since the last call."""
+        lines = []
+        if picture.epoch_s != self._epoch_s:
+            if self._epoch_s is not None:
+                lines.append(f"another run of a ground station took over (epoch {picture.epoch_s})")
+            self._epoch_s = picture.epoch_s
+        older = picture.rejected["old epoch"]
+        if older > 0 and self._older == 0:
+            lines.append("warning: frames of an older run are heard too: are two ground stations broadcasting?")
+        self._older = older
+        return lines
+
+
 def _line(decision: Decision) -> str:
-    target = f" target {decision.target_id}" if decision.target_id is not None else ""
+    target = f" {decision.target_id}" if decision.target_id is not None else ""
     changes = f", guard: {', '.join(decision.guard_changes)}" if decision.guard_changes else ""
-    return f"{decision.purpose.value}{target} ({decision.reason}), picture {decision.stage.value}{changes}"
+    picture = "none" if decision.picture_age_s is None else decision.stage.value
+    return f"{decision.purpose.value}{target} ({decision.reason}), picture {picture}{changes}"
 
 
 async def _sleep_until(due_s: float, stop: asyncio.Event) -> None:

@@ -130,7 +130,9 @@ def parse_yaml(text: str, source: str) -> object:
         where = f" (line {mark.line + 1}, column {mark.column + 1})" if mark is not None else ""
         problem = getattr(error, "problem", None) or str(error)
         raise InputError(f"{source}: not valid YAML: {one_line(problem)}{where}") from error
-    except (RecursionError, ValueError, LookupError, TypeError, AttributeError) as error:
+    except RecursionError as error:
+        raise InputError(f"{source}: not valid YAML: nested too deeply") from error
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
         # What PyYAML's constructors raise for a scalar that is not what its explicit tag (!!int, ...) says.
         raise InputError(f"{source}: not valid YAML: {_cut(one_line(str(error)))}") from error
     if data is None:
@@ -172,4 +174,9 @@ def _fault(details: ErrorDetails) -> str:
         return one_line(f"{where}: {message}" if where else message)
     if details["type"] == "missing":
         return one_line(f"{where}: missing; it has no default")
+    limits = details.get("ctx", {})
+    if details["type"] == "too_short":
+        return f"{where}: {limits['actual_length']} given; allowed: at least {limits['min_length']}"
+    if details["type"] == "too_long":
+        return f"{where}: too many given; allowed: at most {limits['max_length']}"
     return one_line(f"{where}: {_shown(details['input'])}; allowed: {message.removeprefix('Input should be ')}")

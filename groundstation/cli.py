@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import click
 
+from companion.doubts import doubts
 from companion.drawing import resolve
 from companion.errors import run_program
 from companion.mission import load_mission
 from companion.transport import parse_link
+from groundstation.core import check_runnable
 from groundstation.service import run_until_signal
 
 
@@ -33,6 +35,9 @@ def run(mission: str, link: str, sensor: str | None, seed: int) -> None:
     Example: groundstation run copter-demo --link udpout:127.0.0.1:14600
     """
     resolved = resolve(load_mission(mission), seed, mission)
+    check_runnable(resolved, mission)
+    for doubt in doubts(resolved):
+        click.echo(f"groundstation: warning: {mission}: {doubt}", err=True)
     run_until_signal(resolved, parse_link(link), None if sensor is None else parse_link(sensor))
 
 

@@ -19,6 +19,16 @@ MAX_EPOCH_S = 4.0e6
 """After so long (46 days) a new epoch begins: the time within one travels as 32 bits of milliseconds."""
 
 
+def check_runnable(mission: Mission, source: str) -> None:
+    """Raise InputError if the mission asks for what the ground station cannot do; `source` names the file."""
+    if mission.objective not in OBJECTIVES:
+        raise InputError(
+            f"{source}: objective: '{mission.objective}' cannot be assigned; allowed: {', '.join(OBJECTIVES)}"
+        )
+    if mission.case != "I":
+        raise InputError(f"{source}: case: '{mission.case}' cannot be run; allowed: I")
+
+
 class GroundStation:
     """Runs one resolved mission from `start_s`; times are Unix seconds given by the caller."""
 
@@ -29,12 +39,7 @@ class GroundStation:
             InputError: the mission asks for something the ground station cannot do.
 
         """
-        if mission.objective not in OBJECTIVES:
-            raise InputError(
-                f"{mission.name}: objective: '{mission.objective}' cannot be assigned; allowed: {', '.join(OBJECTIVES)}"
-            )
-        if mission.case != "I":
-            raise InputError(f"{mission.name}: case: '{mission.case}' cannot be run; allowed: I")
+        check_runnable(mission, mission.name)
         self.mission = mission
         self.directive = Directive.NORMAL
         self.picture = GroundPicture(mission, start_s, sensed)

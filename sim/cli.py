@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,8 +16,9 @@ from rich.table import Table
 
 from companion.adapters import ADAPTERS
 from companion.config import LAWS, Law
+from companion.doubts import doubts
 from companion.drawing import resolve
-from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, run_program
+from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, run_program, tell
 from companion.mission import Mission, dump_mission, load_mission
 from sim.lockstep import Flight, check_flyable, fly
 from sim.plots import clearance_png, plot_paths
@@ -64,7 +64,7 @@ def fly_command(
 ) -> int:
     """Fly MISSION, a YAML file or a packaged name, over real frames on a virtual clock.
 
-    Exit status 0 if every target was reached, 1 if not, 2 for unusable input.
+    Exit status 0 if every target was reached, 1 if not, 2 for unusable input or a folder that cannot be written.
 
     Example: sim fly paper-dynamic --seed 1 --out runs/1
     """
@@ -76,18 +76,23 @@ def fly_command(
     if vehicles is not None:
         loaded = _with_vehicles(loaded, vehicles, mission)
     resolved = resolve(loaded, seed, mission)
-    check_flyable(resolved)
+    check_flyable(resolved, mission)
+    for doubt in doubts(resolved):
+        click.echo(f"sim: warning: {mission}: {doubt}", err=True)
     folder = None if out is None else _writable_folder(out)
+    if folder is not None:
+        # First, so that an interrupted flight leaves what it was.
+        (folder / "mission.yaml").write_text(dump_mission(resolved), encoding="utf-8")
     with _progress(len(resolved.targets)) as progress:
         flight = fly(resolved, seed, chosen, autopilot, folder, realtime, progress)
     scored = score(flight.trajectory, resolved)
     result = result_of(scored, flight, seed, chosen)
     if folder is not None:
-        _write(folder, resolved, scored, flight, result, f"sim fly {mission} --seed {seed} --law {law}")
-    if as_json:
-        print(json.dumps(result))
-    else:
-        _print_table(resolved, result, folder)
+        again = f"sim fly {mission} --seed {seed} --law {law} --autopilot {autopilot}"
+        _write(
+            folder, resolved, scored, flight, result, again if vehicles is None else f"{again} --vehicles {vehicles}"
+        )
+    tell(json.dumps(result) if as_json else _table(resolved, result, folder))
     return EXIT_DONE if scored.targets_reached == scored.targets else EXIT_FAILED
 
 
@@ -130,6 +135,8 @@ def _with_vehicles(mission: Mission, count: int, source: str) -> Mission:
 
 
 def _writable_folder(path: Path) -> Path:
+    if str(path) == ".":
+        raise InputError("--out: ''; allowed: the name of a folder (./NAME for one here)")
     try:
         path.mkdir(parents=True, exist_ok=True)
         probe = path / ".writable"
@@ -161,7 +168,6 @@ def _progress(targets: int) -> Iterator[Callable[[float, int], None]]:
 
 
 def _write(folder: Path, mission: Mission, scored: Score, flight: Flight, result: dict[str, Any], command: str) -> None:
-    (folder / "mission.yaml").write_text(dump_mission(mission), encoding="utf-8")
     flight.trajectory.write_csv(folder / "trajectory.csv")
     (folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     paths_png = plot_paths(
@@ -185,17 +191,21 @@ def _write(folder: Path, mission: Mission, scored: Score, flight: Flight, result
     )
 
 
-def _print_table(mission: Mission, result: dict[str, Any], folder: Path | None) -> None:
+def _table(mission: Mission, result: dict[str, Any], folder: Path | None) -> str:
     table = Table()
     table.add_column("figure")
     table.add_column("value", justify="right")
     for name, value in _summary(result):
         table.add_row(name, value)
-    console = Console(file=sys.stdout, soft_wrap=True)
-    console.print(f"{mission.name}, seed {result['seed']}, law {result['law']}; kinematic simulator")
-    console.print(table)
-    if folder is not None:
-        console.print(f"written to {folder}: report.html, paths.png, result.json, trajectory.csv, mission.yaml, *.tlog")
+    console = Console(soft_wrap=True, highlight=False, markup=False)
+    with console.capture() as capture:
+        console.print(f"{mission.name}, seed {result['seed']}, law {result['law']}; kinematic simulator")
+        console.print(table, end="")
+        if folder is not None:
+            console.print(
+                f"\nwritten to {folder}: report.html, paths.png, result.json, trajectory.csv, mission.yaml, *.tlog"
+            )
+    return capture.get().rstrip("\n")
 
 
 def _summary(result: dict[str, Any]) -> list[tuple[str, str]]:
@@ -212,7 +222,7 @@ def _summary(result: dict[str, Any]) -> list[tuple[str, str]]:
         ("guard interventions", str(result["guard_interventions"])),
         ("decision median / p99", f"{result['decision_us']['median']:.0f} / {result['decision_us']['p99']:.0f} us"),
         ("broadcast", f"{result['broadcast_frames']} frames, {result['broadcast_bytes']} bytes"),
-        ("frames lost", str(result["frames_lost"])),
+        ("frames lost, over all agents", str(result["frames_lost"])),
         ("speed", f"{result['speedup']:.0f} x real time"),
     ]
 

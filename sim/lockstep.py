@@ -25,7 +25,7 @@ from companion.geodesy import LocalFrame
 from companion.mission import AgentSpec, Mission
 from companion.tlog import TlogWriter
 from companion.wire import Kind
-from groundstation.core import GroundStation
+from groundstation.core import GroundStation, check_runnable
 from sim.link import LINK_STREAM, LossyLink, Tamper
 from sim.sensor import LOOK_PERIOD_S, mission_sensor, seen
 from sim.trajectory import Trajectory, TrajectoryBuilder
@@ -110,14 +110,18 @@ class _Aircraft:
             self.log.write(now_s, frame)
 
 
-def check_flyable(mission: Mission) -> None:
-    """Raise InputError if the mission asks for what this simulator does not fly; silence would be a wrong answer."""
-    if mission.wind.speed_m_s > 0.0 or mission.wind.gust_m_s > 0.0:
-        raise InputError(f"{mission.name}: wind.speed_m_s: {mission.wind.speed_m_s:g}; allowed: 0, wind is not flown")
-    if mission.case != "I":
-        raise InputError(f"{mission.name}: case: '{mission.case}' is not flown; allowed: I")
+def check_flyable(mission: Mission, source: str | None = None) -> None:
+    """Raise InputError if the mission asks for what this simulator does not fly; silence would be a wrong answer.
+
+    `source` names the file in errors.
+    """
+    source = source or mission.name
+    check_runnable(mission, source)
+    for key in ("speed_m_s", "gust_m_s"):
+        if getattr(mission.wind, key) > 0.0:
+            raise InputError(f"{source}: wind.{key}: {getattr(mission.wind, key):g}; allowed: 0, wind is not flown")
     if mission.surrogate == "monolithic":
-        raise InputError(f"{mission.name}: surrogate: 'monolithic' is not flown; allowed: pairwise, analytic")
+        raise InputError(f"{source}: surrogate: 'monolithic' is not flown; allowed: pairwise, analytic")
 
 
 def fly(

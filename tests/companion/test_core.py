@@ -580,3 +580,13 @@ def test_nothing_is_repeated_once_a_person_has_the_vehicle() -> None:
     assert flight.parsed(flight.companion.repeat(flight.now_s + 0.5)) == []
     flight.heartbeat()
     assert flight.parsed(flight.companion.repeat(flight.now_s + 0.6)) == []
+
+
+def test_having_come_home_blind_it_stays_home_though_its_circle_is_wide() -> None:
+    flight = guided()
+    flight.broadcast((5_000.0, 0.0))
+    flight.at()
+    flight.now_s += 1_000.0
+    near, wide = 0.79 * 100.0, 1.2 * 100.0
+    reasons = [flight.at(place, 0.0, (10.0, 0.0))[0].purpose for place in (wide, near, wide, 400.0)]
+    assert reasons == [Purpose.RETURN, Purpose.LOITER, Purpose.LOITER, Purpose.RETURN]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import click
 import pytest
 
@@ -69,3 +72,17 @@ def test_the_nearest_word_is_suggested_only_if_it_is_near() -> None:
 
 def test_any_white_space_is_folded_into_one_line() -> None:
     assert one_line(" a\n\tb  c ") == "a b c"
+
+
+def test_a_full_disk_is_one_line_and_not_a_failed_mission(capsys: pytest.CaptureFixture[str]) -> None:
+    error = OSError(28, "No space left on device", "out/trajectory.csv")
+    assert outcome(ending_in(error), capsys) == (2, "program: out/trajectory.csv: No space left on device\n")
+
+
+def test_a_reader_that_went_away_is_no_failure() -> None:
+    script = "from companion.errors import tell; tell('x' * 100_000); tell('y' * 100_000)"
+    writer = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert writer.stdout is not None and writer.stderr is not None
+    writer.stdout.close()
+    assert writer.stderr.read() == b""
+    assert writer.wait(timeout=60) == 0

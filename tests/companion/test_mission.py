@@ -267,7 +267,11 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
     "a negative radius": (ONE_EACH + THREAT % (-5, 1), ("threats[0].detection_radius_m", "-5", "greater than 0")),
     "R_a as large as R_d": (ONE_EACH + THREAT % (5, 5), ("threats[0]", "attack_radius_m: 5", "less than", "5")),
     "no radii": (ONE_EACH + "threats: [{id: 1}]\n", ("threats[0].detection_radius_m", "missing")),
-    "more targets than agents": ("draw: {agents: 2, targets: 3}\n", ("targets: 3 for 2 agents", "no more targets")),
+    "more targets than agents": ("draw: {agents: 2, targets: 3}\n", ("targets: 3 with agents: 2", "no more targets")),
+    "a flight of too many steps": (
+        "draw: {agents: 2, targets: 1}\nmax_time_s: 1.0e12\n",
+        ("max_time_s", "1e+12", "20000000 times"),
+    ),
     "ids twice": (
         "agents: [{id: 4}, {id: 4}]\ndraw: {targets: 1}\n",
         ("agents[1]", "id 4 is given twice", "each id once"),

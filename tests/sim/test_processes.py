@@ -113,7 +113,7 @@ def test_the_armed_copter_flies_to_its_target_and_the_ground_station_sees_it(
 ) -> None:
     companion = programs["companion"]
     companion.wait_for("not in the air yet")
-    companion.wait_for("target target 1 (assigned)")
+    companion.wait_for("target 1 (assigned)")
     programs["groundstation"].wait_for("reached [1], arrived [1]")
     companion.wait_for("loiter (no target)")
     assert [program.end() for program in programs.values()] == [0, 0, 0]

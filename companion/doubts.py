@@ -1,0 +1,75 @@
+"""What is legal in a mission but will probably not end as its author hopes: said before a flight, never refused."""
+
+from __future__ import annotations
+
+import math
+
+from companion.guidance import turn_rate_rad_s
+from companion.mission import Mission
+
+APPROACH_SHARE = 0.1
+"""Within this share of R_d outside a detection disc the surrogate's repulsion outweighs any attraction (measured: 0.09
+R_d for pairwise at the paper's numbers, more for analytic)."""
+
+
+def doubts(mission: Mission) -> list[str]:
+    """Return one line for each kind of doubt about a resolved mission, each naming the first thing it concerns."""
+    found = [
+        _first("targets", _unapproachable(mission)),
+        _first("agents", _starts_inside(mission)),
+        _first("agents", _too_wide_a_turn(mission)),
+        _first("agents", _too_short_a_range(mission)),
+    ]
+    if mission.link.loss == 1.0:
+        found.append("link.loss: 1: no vehicle will hear anything")
+    return [doubt for doubt in found if doubt is not None]
+
+
+def _first(key: str, concerns: list[str]) -> str | None:
+    if not concerns:
+        return None
+    more = f" (and {len(concerns) - 1} more like it)" if len(concerns) > 1 else ""
+    return f"{key}: {concerns[0]}{more}"
+
+
+def _unapproachable(mission: Mission) -> list[str]:
+    return [
+        f"id {target.id} is {distance_m:.0f} m from threat {threat.id}, whose detection_radius_m is "
+        f"{threat.detection_radius_m:g}: the law keeps agents farther off than it can be approached"
+        for target in mission.targets
+        for threat in mission.threats
+        if (distance_m := math.dist(target.position_ned_m, threat.position_ned_m)) - mission.arrival_radius_m
+        < threat.detection_radius_m * (1 + APPROACH_SHARE)
+    ]
+
+
+def _starts_inside(mission: Mission) -> list[str]:
+    return [
+        f"id {agent.id} starts inside detection_radius_m of threat {threat.id}; that is a depth, but no entry"
+        for agent in mission.agents
+        for threat in mission.threats
+        if math.dist(agent.position_ned_m, threat.position_ned_m) < threat.detection_radius_m
+    ]
+
+
+def _too_wide_a_turn(mission: Mission) -> list[str]:
+    return [
+        f"id {agent.id} turns with a radius of {radius_m:.0f} m, more than arrival_radius_m "
+        f"{mission.arrival_radius_m:g}: it may circle its target for ever"
+        for agent in mission.agents
+        if (radius_m := agent.speed_m_s / turn_rate_rad_s(agent.speed_m_s, agent.n_max)) > mission.arrival_radius_m
+    ]
+
+
+def _too_short_a_range(mission: Mission) -> list[str]:
+    # With the policy to return, the way back must fit too.
+    ways = 2.0 if mission.range_policy == "return" else 1.0
+    concerns = []
+    for agent in mission.agents:
+        nearest_m = min(math.dist(agent.position_ned_m, target.position_ned_m) for target in mission.targets)
+        if ways * nearest_m > agent.range_m:
+            concerns.append(
+                f"id {agent.id} has range_m {agent.range_m:g}, too little for its nearest target, {nearest_m:.0f} m "
+                f"away, under range_policy {mission.range_policy}"
+            )
+    return concerns

@@ -1,0 +1,61 @@
+"""Legal missions that will probably disappoint are said to, and the packaged ones are not among them."""
+
+from __future__ import annotations
+
+import pytest
+
+from companion.doubts import doubts
+from companion.drawing import resolve
+from companion.mission import load_mission, packaged_missions, parse_mission
+
+FINE = {
+    "agents": "[{id: 1, north_m: 0, east_m: 0}]",
+    "targets": "[{id: 1, north_m: 50000, east_m: 0}]",
+    "threats": "[{id: 1, north_m: 25000, east_m: 0, detection_radius_m: 5000, attack_radius_m: 2000}]",
+}
+
+
+def doubts_of(**changes: str) -> list[str]:
+    text = "\n".join(f"{key}: {value}" for key, value in {**FINE, **changes}.items())
+    return doubts(resolve(parse_mission(text, "test"), 1))
+
+
+def test_a_sound_mission_raises_no_doubt() -> None:
+    assert doubts_of() == []
+
+
+@pytest.mark.parametrize("name", packaged_missions())
+def test_the_packaged_missions_raise_no_doubt(name: str) -> None:
+    assert doubts(resolve(load_mission(name), 1)) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({"targets": "[{id: 4, north_m: 28000, east_m: 0}]"}, ("targets: id 4", "3000 m from threat 1")),
+        ({"targets": "[{id: 4, north_m: 30400, east_m: 0}]"}, ("targets: id 4", "farther off")),
+        ({"agents": "[{id: 7, north_m: 22000, east_m: 0}]"}, ("agents: id 7", "inside detection_radius_m")),
+        ({"agents": "[{id: 7, north_m: 0, east_m: 0, n_max: 0.1}]"}, ("agents: id 7", "circle its target")),
+        ({"agents": "[{id: 7, north_m: 0, east_m: 0, range_m: 99000}]"}, ("agents: id 7", "range_m 99000", "return")),
+        (
+            {"agents": "[{id: 7, north_m: 0, east_m: 0, range_m: 49000}]", "range_policy": "arrive"},
+            ("range_m 49000", "arrive"),
+        ),
+        ({"link": "{loss: 1.0}"}, ("link.loss", "hear")),
+    ],
+)
+def test_each_doubt_names_what_it_is_about(changes: dict[str, str], parts: tuple[str, ...]) -> None:
+    (doubt,) = doubts_of(**changes)
+    assert all(part in doubt for part in parts), doubt
+
+
+def test_a_range_that_is_enough_one_way_is_enough_to_arrive() -> None:
+    agents = "[{id: 7, north_m: 0, east_m: 0, range_m: 51000}]"
+    assert doubts_of(agents=agents, range_policy="arrive") == []
+
+
+def test_many_of_a_kind_are_one_line() -> None:
+    (doubt,) = doubts_of(
+        agents="[{id: 1, north_m: 0, east_m: 0, n_max: 0.1}, {id: 2, north_m: 0, east_m: 900, n_max: 0.1}]"
+    )
+    assert doubt.endswith("(and 1 more like it)")
