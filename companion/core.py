@@ -209,6 +209,7 @@ class Companion:
         self._engaged = False
         self._place_ned_m = None
         self._arrived = False
+        self._home = False
         self._last_position_ned_m = None
 
     def _motion(self, telemetry: Telemetry, now_s: float) -> tuple[Motion, float, tuple[float, float]]:

@@ -50,16 +50,16 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
 
         def from_broadcast(datagram: bytes) -> None:
             companion.hear(datagram, clock.now_s())
-            _record(broadcast_log, clock, datagram)
+            broadcast_log.record(clock.now_s(), datagram)
 
         def from_autopilot(datagram: bytes) -> None:
             companion.receive(datagram, clock.now_s())
-            _record(vehicle_log, clock, datagram)
+            vehicle_log.record(clock.now_s(), datagram)
 
         def send(frames: list[bytes]) -> None:
             for frame in frames:
-                _record(vehicle_log, clock, frame)
                 autopilot.send(frame)
+                vehicle_log.record(clock.now_s(), frame)
 
         receiver = await open_receiver(parse_link(config.broadcast.link), from_broadcast)
         stack.callback(receiver.close)
@@ -98,25 +98,47 @@ def run_until_signal(config: Config) -> None:
     asyncio.run(run())
 
 
-def _logs(config: Config, stack: ExitStack) -> tuple[TlogWriter | None, TlogWriter | None]:
+def _logs(config: Config, stack: ExitStack) -> tuple[FlightLog, FlightLog]:
     if config.log_dir is None:
-        return None, None
+        return FlightLog(None), FlightLog(None)
     folder = Path(config.log_dir)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"log_dir: '{folder}' cannot be made: {error.strerror}; allowed: a writable folder") from error
-    return (
-        stack.enter_context(TlogWriter(folder / f"vehicle-{config.agent_id}.tlog")),
-        stack.enter_context(TlogWriter(folder / f"broadcast-{config.agent_id}.tlog")),
-    )
+    logs = []
+    for name in (f"vehicle-{config.agent_id}.tlog", f"broadcast-{config.agent_id}.tlog"):
+        logs.append(FlightLog(TlogWriter(folder / name)))
+        stack.callback(logs[-1].close)
+    return logs[0], logs[1]
 
 
-def _record(log: TlogWriter | None, clock: SteadyClock, datagram: bytes) -> None:
-    """Log the frames of a datagram; what is not a frame has no place in a tlog."""
-    if log is not None:
-        for frame in whole_frames(datagram):
-            log.write(clock.now_s(), frame)
+class FlightLog:
+    """A tlog that gives up, with a word, rather than disturb a flight: a full disk is no reason to stop steering."""
+
+    def __init__(self, writer: TlogWriter | None) -> None:
+        self._writer = writer
+
+    def record(self, t_unix_s: float, datagram: bytes) -> None:
+        """Log the frames of a datagram; what is not a frame has no place in a tlog."""
+        if self._writer is not None:
+            try:
+                for frame in whole_frames(datagram):
+                    self._writer.write(t_unix_s, frame)
+            except OSError as error:
+                self._give_up(error)
+
+    def close(self) -> None:
+        """Write out what is buffered."""
+        if self._writer is not None:
+            try:
+                self._writer.close()
+            except OSError as error:
+                self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        self._writer = None
+        click.echo(f"companion: warning: no longer logging: {error.strerror}", err=True)
 
 
 class _Listening:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import io
+
+import pytest
+
 from companion.core import Decision, Purpose
 from companion.picture import Picture
-from companion.service import SteadyClock, _line, _Listening
+from companion.service import FlightLog, SteadyClock, _line, _Listening
 from companion.staleness import Stage
-from companion.wire import Directive, Stamp, StateFrame
+from companion.tlog import TlogWriter
+from companion.wire import Directive, FrameWriter, Stamp, StateFrame
+
+FRAME = FrameWriter().encode(StateFrame(Stamp(1_000, 0, 1), 47.0, 8.0, Directive.NORMAL, (), (), ()))
 
 
 def state(epoch_s: int, sequence: int) -> StateFrame:
@@ -47,6 +54,34 @@ def test_without_a_picture_the_line_says_none() -> None:
 def test_the_line_names_target_stage_and_what_the_guard_changed() -> None:
     decision = Decision(0.0, Purpose.TARGET, "assigned", Stage.FRESH, 1.0, target_id=3, guard_changes=("keep-out",))
     assert _line(decision) == "target 3 (assigned), picture fresh, guard: keep-out"
+
+
+class FullDisk(io.BytesIO):
+    def write(self, data: object) -> int:
+        raise OSError(28, "No space left on device")
+
+
+def test_a_log_that_cannot_be_written_is_given_up_with_one_word(capsys: pytest.CaptureFixture[str]) -> None:
+    log = FlightLog(TlogWriter(FullDisk()))
+    for _ in range(3):
+        log.record(1.0, FRAME)
+    log.close()
+    assert capsys.readouterr().err == "companion: warning: no longer logging: No space left on device\n"
+
+
+def test_a_log_holds_the_frames_of_each_datagram_and_no_junk() -> None:
+    file = io.BytesIO()
+    log = FlightLog(TlogWriter(file))
+    log.record(1.0, FRAME + FRAME + b"junk")
+    log.record(2.0, b"junk")
+    assert file.getvalue().count(FRAME) == 2
+    assert len(file.getvalue()) == 2 * (8 + len(FRAME))
+
+
+def test_without_a_folder_nothing_is_logged() -> None:
+    log = FlightLog(None)
+    log.record(1.0, FRAME)
+    log.close()
 
 
 def test_the_clock_never_runs_backwards() -> None:
