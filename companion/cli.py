@@ -10,7 +10,8 @@ from rich.progress import Progress
 
 from companion.config import load_config
 from companion.errors import InputError, run_program
-from companion.service import run_until_signal
+from companion.process import run_until_signal
+from companion.service import run_companion
 
 MIN_SAMPLES = 100
 """Fewer leave no validation set worth the name."""
@@ -35,7 +36,7 @@ def run(config: str) -> None:
     Example: companion run copter-demo-1
     """
     loaded = load_config(config)
-    run_until_signal(loaded)
+    run_until_signal(lambda stop: run_companion(loaded, stop))
 
 
 @cli.command()

@@ -29,7 +29,7 @@ APPROACH_GAIN_1_S = 0.5
 
 @dataclass(frozen=True)
 class Pull:
-    """A wanted direction: its heading, and whether the surrogate's gradient outweighs the attraction."""
+    """A wanted direction and how strongly it is wanted, in metres as the gradient of f1 counts them."""
 
     north_m: float
     east_m: float
@@ -102,9 +102,9 @@ def loiter_place(
     peers_ned_m: np.ndarray,  # (P, 2) m
     spacing_m: float,
 ) -> tuple[float, float]:
-    """Return the place nearest to a position that keeps the spacing from every peer that is itself near.
+    """Return a place near a position that keeps the spacing from every one of the peers.
 
-    Candidates are the position and rings about it; peers farther off than two rings do not matter.
+    Candidates are the position itself and points of rings about it, the nearest first; if none is free, the position.
     """
     north_m, east_m = position_ned_m
     rings = [(0.0, 1)] + [(spacing_m * k / 2, 12) for k in range(1, 9)]

@@ -31,7 +31,6 @@ MAX_STEPS = 20_000_000
 """Integration steps of one flight: the default time at the least step, and already days of computing."""
 MAX_ITEMS = 2_000
 
-Finite = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)]
 Period = Annotated[float, Strict(), Field(ge=MIN_PERIOD_S, allow_inf_nan=False)]

@@ -8,7 +8,6 @@ clock, so that a step of the system clock in flight changes no age.
 from __future__ import annotations
 
 import asyncio
-import signal
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -19,19 +18,9 @@ from companion.config import Config
 from companion.core import REPEAT_PERIOD_S, Companion, Decision
 from companion.errors import InputError
 from companion.picture import Picture
+from companion.process import SteadyClock, wait
 from companion.tlog import TlogWriter, whole_frames
 from companion.transport import open_duplex, open_receiver, parse_link
-
-
-class SteadyClock:
-    """Unix time that never steps."""
-
-    def __init__(self) -> None:
-        self._offset_s = time.time() - time.monotonic()
-
-    def now_s(self) -> float:
-        """Return seconds since 1970 by the system clock at the start plus what the monotonic clock has counted."""
-        return self._offset_s + time.monotonic()
 
 
 async def run_companion(config: Config, stop: asyncio.Event) -> None:
@@ -81,21 +70,9 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
             said = {_line(decision)}
             due_s = max(due_s + config.guidance_step_s, time.monotonic())
             while due_s - time.monotonic() > REPEAT_PERIOD_S and not stop.is_set():
-                await _sleep_until(time.monotonic() + REPEAT_PERIOD_S, stop)
+                await wait(stop, REPEAT_PERIOD_S)
                 send(companion.repeat(clock.now_s()))
-            await _sleep_until(due_s, stop)
-
-
-def run_until_signal(config: Config) -> None:
-    """Run the companion until SIGINT or SIGTERM."""
-
-    async def run() -> None:
-        stop = asyncio.Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        await run_companion(config, stop)
-
-    asyncio.run(run())
+            await wait(stop, due_s - time.monotonic())
 
 
 def _logs(config: Config, stack: ExitStack) -> tuple[FlightLog, FlightLog]:
@@ -167,10 +144,3 @@ def _line(decision: Decision) -> str:
     changes = f", guard: {', '.join(decision.guard_changes)}" if decision.guard_changes else ""
     picture = "none" if decision.picture_age_s is None else decision.stage.value
     return f"{decision.purpose.value}{target} ({decision.reason}), picture {picture}{changes}"
-
-
-async def _sleep_until(due_s: float, stop: asyncio.Event) -> None:
-    try:
-        await asyncio.wait_for(stop.wait(), max(0.0, due_s - time.monotonic()))
-    except TimeoutError:
-        await asyncio.sleep(0.0)

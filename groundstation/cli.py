@@ -8,9 +8,10 @@ from companion.doubts import doubts
 from companion.drawing import resolve
 from companion.errors import run_program
 from companion.mission import load_mission
+from companion.process import run_until_signal
 from companion.transport import parse_link
 from groundstation.core import check_runnable
-from groundstation.service import run_until_signal
+from groundstation.service import run_groundstation
 
 
 @click.group()
@@ -38,7 +39,8 @@ def run(mission: str, link: str, sensor: str | None, seed: int) -> None:
     check_runnable(resolved, mission)
     for doubt in doubts(resolved):
         click.echo(f"groundstation: warning: {mission}: {doubt}", err=True)
-    run_until_signal(resolved, parse_link(link), None if sensor is None else parse_link(sensor))
+    to, seen_on = parse_link(link), None if sensor is None else parse_link(sensor)
+    run_until_signal(lambda stop: run_groundstation(resolved, to, seen_on, stop))
 
 
 def main() -> None:

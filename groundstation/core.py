@@ -72,8 +72,7 @@ class GroundStation:
         changed = self.picture.update(now_s)
         if changed or now_s >= self._next_assignment_s - _DUE_TOLERANCE_S:
             self._assign()
-            while self._next_assignment_s <= now_s + _DUE_TOLERANCE_S:
-                self._next_assignment_s += self.mission.assignment_period_s
+            self._next_assignment_s = _after(self._next_assignment_s, self.mission.assignment_period_s, now_s)
         datagrams: list[bytes] = []
         if now_s >= self._next_state_s - _DUE_TOLERANCE_S:
             self._sequence += 1

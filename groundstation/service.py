@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import signal
-import time
 from contextlib import ExitStack
 
 import click
 
 from companion.mission import Mission
+from companion.process import SteadyClock, wait
 from companion.transport import Link, open_receiver, open_sender
 from groundstation.core import GroundStation
 
@@ -27,42 +26,25 @@ async def run_groundstation(mission: Mission, link: Link, sensor: Link | None, s
         InputError: a link cannot be opened, or the mission asks for something the ground station cannot do.
 
     """
-    offset_s = time.time() - time.monotonic()
+    clock = SteadyClock()
     # The epoch is this run's whole second, and what is broadcast counts from it.
-    station = GroundStation(mission, offset_s + time.monotonic(), sensed=sensor is not None)
+    station = GroundStation(mission, clock.now_s(), sensed=sensor is not None)
     with ExitStack() as stack:
         sender = await open_sender(link)
         stack.callback(sender.close)
         if sensor is not None:
-            receiver = await open_receiver(
-                sensor, lambda datagram: station.sense(datagram, offset_s + time.monotonic())
-            )
+            receiver = await open_receiver(sensor, lambda datagram: station.sense(datagram, clock.now_s()))
             stack.callback(receiver.close)
         click.echo(f"groundstation: {mission.name} on {link} (unsigned), sensor {sensor or 'none'}")
         said = ""
         while not stop.is_set():
-            for datagram in station.tick(offset_s + time.monotonic()):
+            for datagram in station.tick(clock.now_s()):
                 sender.send(datagram)
             line = _line(station)
             if line != said:
                 click.echo(f"groundstation: {line}")
                 said = line
-            try:
-                await asyncio.wait_for(stop.wait(), TICK_S)
-            except TimeoutError:
-                continue
-
-
-def run_until_signal(mission: Mission, link: Link, sensor: Link | None) -> None:
-    """Run the ground station until SIGINT or SIGTERM."""
-
-    async def run() -> None:
-        stop = asyncio.Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        await run_groundstation(mission, link, sensor, stop)
-
-    asyncio.run(run())
+            await wait(stop, TICK_S)
 
 
 def _line(station: GroundStation) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ import numpy as np
 
 from companion.errors import EXIT_DONE, InputError, nearest_hint
 from companion.geodesy import LocalFrame
+from companion.process import run_until_signal, wait
 from companion.transport import Duplex, Link, Sender, open_duplex, open_sender, parse_link
 from companion.wire import Kind
 from sim.sensor import Sensor, seen
@@ -97,20 +97,12 @@ async def run_vehicle(
             wait_s = began_s + steps * _STEP_S - loop.time()
             if wait_s < -_GIVE_UP_CATCHING_UP_S:
                 began_s -= wait_s
-            await _wait(stop, wait_s)
+            await wait(stop, wait_s)
     finally:
         for end_point in links:
             end_point.close()
         if sensor is not None:
             sensor.close()
-
-
-async def _wait(stop: asyncio.Event, wait_s: float) -> None:
-    try:
-        await asyncio.wait_for(stop.wait(), max(wait_s, 0.0))
-    except TimeoutError:
-        # Late or not, the sockets get their turn.
-        await asyncio.sleep(0.0)
 
 
 def _sensing(options: VehicleOptions, sender: Sender) -> OnTruth:
@@ -247,12 +239,5 @@ def vehicle(
     An arducopter waits on the ground in STABILIZE; a kinematic vehicle circles until it gets setpoints.
     """
     options = VehicleOptions(autopilot, links, lat_deg, lon_deg, alt_m, heading_deg, speed_m_s, system_id, sensor)
-    asyncio.run(_until_signal(options))
+    run_until_signal(lambda stop: run_vehicle(options, stop=stop))
     return EXIT_DONE
-
-
-async def _until_signal(options: VehicleOptions) -> None:
-    stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, stop.set)
-    await run_vehicle(options, stop=stop)

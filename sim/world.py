@@ -34,7 +34,11 @@ class World:
                 self._speed_m_s[index] = thing.motion.speed_m_s
             elif thing.motion == "random":
                 self._speed_m_s[index] = thing.speed_bound_m_s
-        self._paths = [(i, t.motion) for i, t in enumerate(self._things) if isinstance(t.motion, PathMotion)]
+        self._paths = [
+            (index, _way_points(thing.position_ned_m, thing.motion))
+            for index, thing in enumerate(self._things)
+            if isinstance(thing.motion, PathMotion)
+        ]
         self._turn_wanderers()
         self._follow_paths(0.0)
 
@@ -62,18 +66,21 @@ class World:
         self._heading_rad[self._wanders] = self._generator.uniform(0.0, math.tau, count)
 
     def _follow_paths(self, t_s: float) -> None:
-        for index, motion in self._paths:
-            start = self._things[index].position_ned_m
-            points = [*motion.path]
-            if points[0][0] > 0.0:
-                points.insert(0, (0.0, *start))
-            times_s, north_m, east_m = (np.array(column) for column in zip(*points, strict=True))
+        for index, (times_s, north_m, east_m) in self._paths:
             self._north_m[index] = np.interp(t_s, times_s, north_m)
             self._east_m[index] = np.interp(t_s, times_s, east_m)
             leg = int(np.searchsorted(times_s, t_s, side="right"))
             self._speed_m_s[index] = 0.0
-            if 0 < leg < len(points):
+            if 0 < leg < len(times_s):
                 along = (north_m[leg] - north_m[leg - 1], east_m[leg] - east_m[leg - 1])
                 self._heading_rad[index] = math.atan2(along[1], along[0]) % math.tau
                 # What moves on a path is placed above; its speed is only reported.
                 self._speed_m_s[index] = math.hypot(*along) / (times_s[leg] - times_s[leg - 1])
+
+
+def _way_points(start_ned_m: tuple[float, float], motion: PathMotion) -> np.ndarray:  # (3, W) s, m, m
+    """Return times, norths and easts of a path, from where the thing stands at time 0."""
+    points = [*motion.path]
+    if points[0][0] > 0.0:
+        points.insert(0, (0.0, *start_ned_m))
+    return np.array(points).T

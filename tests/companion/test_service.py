@@ -8,7 +8,8 @@ import pytest
 
 from companion.core import Decision, Purpose
 from companion.picture import Picture
-from companion.service import FlightLog, SteadyClock, _line, _Listening
+from companion.process import SteadyClock
+from companion.service import FlightLog, _line, _Listening
 from companion.staleness import Stage
 from companion.tlog import TlogWriter
 from companion.wire import Directive, FrameWriter, Stamp, StateFrame

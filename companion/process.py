@@ -1,0 +1,40 @@
+"""What the shells of all three programs share: a clock that never steps, waiting, and running until a signal."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+from collections.abc import Callable, Coroutine
+
+
+class SteadyClock:
+    """Unix time that never steps."""
+
+    def __init__(self) -> None:
+        self._offset_s = time.time() - time.monotonic()
+
+    def now_s(self) -> float:
+        """Return seconds since 1970 by the system clock at the start plus what the monotonic clock has counted."""
+        return self._offset_s + time.monotonic()
+
+
+async def wait(stop: asyncio.Event, wait_s: float) -> None:
+    """Wait so long, or until `stop` is set."""
+    try:
+        await asyncio.wait_for(stop.wait(), max(wait_s, 0.0))
+    except TimeoutError:
+        # Late or not, the sockets get their turn.
+        await asyncio.sleep(0.0)
+
+
+def run_until_signal(program: Callable[[asyncio.Event], Coroutine[None, None, None]]) -> None:
+    """Run a program that ends when its event is set, and set it on SIGINT or SIGTERM."""
+
+    async def run() -> None:
+        stop = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        await program(stop)
+
+    asyncio.run(run())
