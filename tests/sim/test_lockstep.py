@@ -47,6 +47,12 @@ def all_arrived(flight: Flight, scored: Score) -> bool:
     return scored.arrived == len(scored.per_agent)
 
 
+def places_apart(flight: Flight, scored: Score) -> bool:
+    settled = flight.trajectory.t_s >= 260.0
+    first, second = (flight.trajectory.agents_ned_m[settled, index].mean(axis=0) for index in (0, 1))
+    return float(np.hypot(*(first - second))) >= 200.0
+
+
 def none_reached(flight: Flight, scored: Score) -> bool:
     return scored.targets_reached == 0
 
@@ -141,6 +147,15 @@ SCENARIOS: list[tuple[str, str, dict[str, Any], list[Check]]] = [
         "targets: [{id: 1, north_m: 12000, east_m: 0}, {id: 2, north_m: 20000, east_m: 30000}]",
         {},
         [all_reached, all_arrived, no_breach],
+    ),
+    (
+        "two agents that arrive together side by side loiter about places two separations apart",
+        "agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}, "
+        "{id: 2, north_m: 1607.7, east_m: -6000, heading_deg: 30}, "
+        "{id: 3, north_m: 0, east_m: 30000, heading_deg: 0}]\n"
+        "targets: [{id: 1, north_m: 12000, east_m: 0}, {id: 2, north_m: 20000, east_m: 30000}]",
+        {},
+        [all_reached, all_arrived, no_breach, places_apart],
     ),
     (
         "an agent whose range runs out turns home in time",
