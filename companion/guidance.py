@@ -8,15 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.cost import Weights
+from companion.kinematics import GRAVITY_M_S2, shorter_turn_rad
 from companion.picture import View
 from companion.surrogate import RadialProfile, gradient_for_agent
 
-STANDARD_GRAVITY_M_S2 = 9.80665
-"""CGPM 1901; the paper writes 9.8."""
 PIVOT_SPEED_M_S = 0.5
 """A vehicle slower than this turns on the spot: its turn rate is that of this speed."""
-OPPOSITE_RAD = 1e-9
-"""A turn this near to half a circle counts as half a circle, so that rounding never chooses its side."""
 LOITER_RADII = 1.5
 """A loiter circle is this many least turn radii wide, so that the turn limit leaves something to correct with."""
 LOITER_STEPS = 2.0
@@ -47,7 +44,7 @@ class Pull:
 
 def turn_rate_rad_s(speed_m_s: float, n_max: float) -> float:
     """Return omega = n_max g / v, the greatest turn rate (paper: constraint)."""
-    return n_max * STANDARD_GRAVITY_M_S2 / max(speed_m_s, PIVOT_SPEED_M_S)
+    return n_max * GRAVITY_M_S2 / max(speed_m_s, PIVOT_SPEED_M_S)
 
 
 def limit_turn(
@@ -58,9 +55,7 @@ def limit_turn(
     Turns by at most omega·dt, by the shorter side; opposite is always decided to the right (clockwise), and after a
     step to the right the right is the shorter side, so it is decided once (paper: unitdirect).
     """
-    wanted_turn_rad = math.remainder(wanted_rad - heading_rad, math.tau)
-    if wanted_turn_rad < -math.pi + OPPOSITE_RAD:
-        wanted_turn_rad += math.tau
+    wanted_turn_rad = shorter_turn_rad(heading_rad, wanted_rad)
     greatest_turn_rad = turn_rate_rad_s(speed_m_s, n_max) * dt_s
     if abs(wanted_turn_rad) <= greatest_turn_rad:
         return wanted_rad % math.tau, False

@@ -19,7 +19,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.geodesy import LocalFrame
-from sim.kinematics import GRAVITY_M_S2, advance, shorter_turn_rad, turn_towards
+from companion.kinematics import GRAVITY_M_S2, advance, shorter_turn_rad, turn_towards
 
 Message = Any
 """A message of the generated module, which carries no types."""

@@ -30,7 +30,7 @@ from companion.guard import (
     Verdict,
     check,
 )
-from sim.kinematics import turn_towards
+from companion.kinematics import turn_towards
 
 G_M_S2 = 9.80665
 BAD = [math.nan, math.inf, -math.inf]

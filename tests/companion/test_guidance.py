@@ -22,7 +22,7 @@ from companion.guidance import (
 )
 from companion.picture import View
 from companion.surrogate import AnalyticProfile, surrogate_gradient
-from sim.kinematics import turn_towards
+from companion.kinematics import turn_towards
 
 G_M_S2 = 9.80665
 HEADINGS = st.floats(-10.0, 10.0)

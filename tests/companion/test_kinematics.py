@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from sim.kinematics import advance, shorter_turn_rad, turn_towards
+from companion.kinematics import advance, shorter_turn_rad, turn_towards
 
 headings_rad = st.floats(-math.pi, math.pi)
 speeds_m_s = st.floats(0.1, 300.0)

@@ -1,4 +1,6 @@
-"""Exact circular arcs, so that the truth of a run does not depend on the length of the step.
+"""Exact circular arcs, so that where a vehicle is does not depend on the length of the step.
+
+The stand-in flies them, and the ground station that must reckon where its agents are flies the same ones.
 
 A vehicle that turns at a constant rate flies a circle; stepping it along chords would shorten its path and widen its
 turns. Angles are radians clockwise from north; a returned heading lies in [-pi, pi].
@@ -9,7 +11,7 @@ from __future__ import annotations
 import math
 
 GRAVITY_M_S2 = 9.80665
-"""Standard gravity (3rd CGPM, 1901): turns a load factor into a lateral acceleration."""
+"""Standard gravity (3rd CGPM, 1901; the paper writes 9.8): turns a load factor into a lateral acceleration."""
 
 _OPPOSITE_TOLERANCE_RAD = 1e-9
 """A turn this near to half a circle counts as half a circle, so that rounding never chooses its side."""
