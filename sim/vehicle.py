@@ -5,8 +5,13 @@ is at hand. This one behaves as ArduCopter was measured to (see the comments at 
 mass that cannot stop. The truth lives in the mission's plane; whatever goes over the wire is relative to local true
 north, so everything is turned by the plane's convergence on its way in and out.
 
-Not modelled: wind, batteries, sensors' noise, the ground station failsafe (FS_GCS_ENABLE is only a parameter here), and
-the disarming of a copter left armed on the ground.
+Wind is what the owner sets before each step and stays constant within it. A point flies its speed and its turns through
+the air, which carries it along: it crabs to hold the course asked for, and drifts with the wind where it only circles.
+A copter holds its velocity over the ground as far as its top speed, which is one through the air, allows.
+
+Not modelled: the drift of a copter's STABILIZE and ALT_HOLD (they hold their place), batteries, sensors' noise, the
+ground station failsafe (FS_GCS_ENABLE is only a parameter here), and the disarming of a copter left armed on the
+ground.
 """
 
 from __future__ import annotations
@@ -125,7 +130,10 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class PointLimits:
-    """The paper's vehicle: it flies arcs at constant speed, turns at most at n_max g / v and cannot stop."""
+    """The paper's vehicle: it flies arcs at constant speed, turns at most at n_max g / v and cannot stop.
+
+    Speeds and turns are through the air.
+    """
 
     n_max: float
     min_speed_m_s: float
@@ -189,7 +197,10 @@ class Home:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Where the vehicle really is, in the mission's plane. The heading is the nose's, clockwise from grid north."""
+    """Where the vehicle really is, in the mission's plane. The heading is the nose's, clockwise from grid north.
+
+    The speed is over the ground, where the wind makes the course another than the nose's.
+    """
 
     north_m: float
     east_m: float
@@ -238,7 +249,8 @@ class StandIn:
     ) -> None:
         """Place the vehicle: plane metres, altitude above sea level, heading from grid north; no `home` means here.
 
-        Its clock of `time_boot_ms` begins at `start_s`. Raises ValueError for a point on the ground: it cannot stop.
+        A point's speed is through the air. The clock of `time_boot_ms` begins at `start_s`. Raises ValueError for a
+        point on the ground: it cannot stop.
         """
         point = profile.point
         if point is not None and not in_air:
@@ -260,6 +272,9 @@ class StandIn:
         self._east_m = east_m
         self._altitude_m = altitude_m
         self._heading_rad = heading_rad
+        # North and east along the grid: where the air moves to, not where it comes from. The owner's to set.
+        self.wind_m_s: tuple[float, float] = (0.0, 0.0)
+        # What the vehicle keeps when the wind changes: a point's velocity is through the air, a copter's over ground.
         speed_m_s = speed_m_s if point is None else _clip(speed_m_s, point.min_speed_m_s, point.max_speed_m_s)
         self._velocity_north_m_s = speed_m_s * math.cos(heading_rad)
         self._velocity_east_m_s = speed_m_s * math.sin(heading_rad)
@@ -305,8 +320,15 @@ class StandIn:
     @property
     def truth(self) -> Truth:
         """Where the vehicle really is after the last step."""
-        speed_m_s = math.hypot(self._velocity_north_m_s, self._velocity_east_m_s)
+        speed_m_s = math.hypot(*self.ground_velocity_m_s)
         return Truth(self._north_m, self._east_m, self._altitude_m, self._heading_rad, speed_m_s)
+
+    @property
+    def ground_velocity_m_s(self) -> tuple[float, float]:
+        """Velocity (north, east) over the ground along the grid, in the wind as it is set now."""
+        if self.profile.point is None:
+            return self._velocity_north_m_s, self._velocity_east_m_s
+        return self._velocity_north_m_s + self.wind_m_s[0], self._velocity_east_m_s + self.wind_m_s[1]
 
     # In
 
@@ -515,12 +537,12 @@ class StandIn:
         if fresh and self._setpoint is not None:
             north_m_s, east_m_s, up_m_s = self._setpoint.velocity_m_s
             if north_m_s or east_m_s:
-                wanted_rad = math.atan2(east_m_s, north_m_s) - convergence_rad
                 speed_m_s = _clip(math.hypot(north_m_s, east_m_s), point.min_speed_m_s, point.max_speed_m_s)
+                wanted_rad = _crabbed(math.atan2(east_m_s, north_m_s) - convergence_rad, speed_m_s, self.wind_m_s)
                 self._climb_m_s = _clip(up_m_s, -_DESCENT_M_S, _CLIMB_M_S)
         rate_rad_s = point.n_max * GRAVITY_M_S2 / speed_m_s
         if wanted_rad is None:
-            # Nobody says where to: the tightest circle to the right keeps it near.
+            # Nobody says where to: the tightest circle to the right keeps it near, but for the wind.
             self._north_m, self._east_m, self._heading_rad = advance(
                 self._north_m, self._east_m, self._heading_rad, speed_m_s, rate_rad_s, dt_s
             )
@@ -532,6 +554,8 @@ class StandIn:
             self._turn_rate_rad_s = shorter_turn_rad(heading_before_rad, self._heading_rad) / dt_s
         self._velocity_north_m_s = speed_m_s * math.cos(self._heading_rad)
         self._velocity_east_m_s = speed_m_s * math.sin(self._heading_rad)
+        self._north_m += self.wind_m_s[0] * dt_s
+        self._east_m += self.wind_m_s[1] * dt_s
         self._altitude_m = max(self._altitude_m + self._climb_m_s * dt_s, self._home.altitude_m)
 
     def _fly_copter(self, fresh: bool, convergence_rad: float, top_m_s: float, dt_s: float) -> None:
@@ -543,9 +567,13 @@ class StandIn:
             return
         wanted_north_m_s, wanted_east_m_s, wanted_climb_m_s = self._wanted_velocity(fresh, convergence_rad)
         wanted_speed_m_s = math.hypot(wanted_north_m_s, wanted_east_m_s)
-        if wanted_speed_m_s > top_m_s:
-            wanted_north_m_s *= top_m_s / wanted_speed_m_s
-            wanted_east_m_s *= top_m_s / wanted_speed_m_s
+        # The lean works against the drag of the air, so a wind above the top speed carries the copter off.
+        wind_north_m_s, wind_east_m_s = self.wind_m_s
+        air_north_m_s, air_east_m_s = wanted_north_m_s - wind_north_m_s, wanted_east_m_s - wind_east_m_s
+        airspeed_m_s = math.hypot(air_north_m_s, air_east_m_s)
+        if airspeed_m_s > top_m_s:
+            wanted_north_m_s = wind_north_m_s + air_north_m_s * (top_m_s / airspeed_m_s)
+            wanted_east_m_s = wind_east_m_s + air_east_m_s * (top_m_s / airspeed_m_s)
         # A first-order lag whose acceleration is limited as a vector.
         gain = -math.expm1(-dt_s / _VELOCITY_LAG_S)
         change_north_m_s = (wanted_north_m_s - self._velocity_north_m_s) * gain
@@ -727,7 +755,7 @@ class StandIn:
         return self._pack(self._mav.extended_sys_state_encode(mavlink.MAV_VTOL_STATE_UNDEFINED, landed))
 
     def _true_velocity_m_s(self) -> tuple[float, float]:
-        return _rotated(self._velocity_north_m_s, self._velocity_east_m_s, self._geo()[2])
+        return _rotated(*self.ground_velocity_m_s, self._geo()[2])
 
     def _height_mm(self) -> tuple[int, int]:
         """Return (above sea level, above home) as the wire counts them."""
@@ -768,7 +796,7 @@ class StandIn:
 
     def _attitude(self, t_s: float) -> bytes:
         speed_m_s = math.hypot(self._velocity_north_m_s, self._velocity_east_m_s)
-        # A coordinated turn; the copter's lean is not modelled.
+        # A coordinated turn through the air; the copter's lean is not modelled.
         roll_rad = math.atan(speed_m_s * self._turn_rate_rad_s / GRAVITY_M_S2) if self.profile.point else 0.0
         yaw_rad = math.remainder(self._true_heading_rad(), math.tau)
         return self._pack(
@@ -837,6 +865,15 @@ def _rotated(north: float, east: float, angle_rad: float) -> tuple[float, float]
     """Return a horizontal vector turned clockwise."""
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
     return north * cosine - east * sine, north * sine + east * cosine
+
+
+def _crabbed(course_rad: float, airspeed_m_s: float, wind_m_s: tuple[float, float]) -> float:
+    """Return the heading whose sideways airspeed cancels the wind across a course: all of it, or as much as there is.
+
+    A head wind above the airspeed drives the vehicle backwards along the course, its nose still into the wind.
+    """
+    across_m_s = wind_m_s[1] * math.cos(course_rad) - wind_m_s[0] * math.sin(course_rad)
+    return course_rad - math.asin(_clip(across_m_s / airspeed_m_s, -1.0, 1.0))
 
 
 def _landing_climb_m_s(height_m: float) -> float:

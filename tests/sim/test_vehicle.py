@@ -573,6 +573,195 @@ def test_a_profile_of_impossible_limits_is_refused(n_max: float, least: float, g
         kinematic_profile(n_max, least, greatest)
 
 
+# Wind
+
+
+def in_wind(vehicle: StandIn, north_m_s: float, east_m_s: float) -> StandIn:
+    vehicle.wind_m_s = (north_m_s, east_m_s)
+    return vehicle
+
+
+def flown_m_s(vehicle: StandIn, dt_s: float, datagram: bytes, from_s: float) -> tuple[float, float]:
+    """Return how fast, (north, east), the truth moves while a setpoint is streamed."""
+    before = vehicle.truth
+    fly(vehicle, from_s + dt_s, datagram, from_s=from_s)
+    after = vehicle.truth
+    return (after.north_m - before.north_m) / dt_s, (after.east_m - before.east_m) / dt_s
+
+
+def reported_m_s(vehicle: StandIn, name: str, message_id: int) -> tuple[float, float]:
+    (report,) = of_type(ask(vehicle, common.MAV_CMD_REQUEST_MESSAGE, message_id), name)
+    return report.vx, report.vy
+
+
+winds = st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))
+
+
+@pytest.mark.parametrize("make", [point, hovering])
+def test_setting_still_air_before_each_step_changes_no_byte(make: Callable[..., StandIn]) -> None:
+    untouched, set_still = make(north_m=3_000.0), make(north_m=3_000.0)
+    for index in range(100):
+        # The setpoints end half-way, so that both steering and what follows silence are flown.
+        if index < 50:
+            asked = setpoint(velocity=(50.0 - index, index * 0.9, 0.5))
+            assert untouched.receive(asked, index * 0.1) == set_still.receive(asked, index * 0.1)
+        set_still.wind_m_s = (0.0, 0.0)
+        untouched.step_to((index + 1) * 0.1)
+        set_still.step_to((index + 1) * 0.1)
+        assert untouched.telemetry((index + 1) * 0.1) == set_still.telemetry((index + 1) * 0.1)
+        assert untouched.truth == set_still.truth
+
+
+@given(course=st.floats(-math.pi, math.pi), wind=winds)
+@settings(max_examples=50)
+def test_a_point_crabs_along_the_course_asked_for_at_the_speed_of_the_wind_triangle(
+    course: float, wind: tuple[float, float]
+) -> None:
+    vehicle = in_wind(point(heading_rad=course), *wind)
+    asked = setpoint(velocity=(60.0 * math.cos(course), 60.0 * math.sin(course), 0.0))
+    fly(vehicle, 5.0, asked)
+    north_m_s, east_m_s = flown_m_s(vehicle, 2.0, asked, from_s=5.0)
+    along_m_s = wind[0] * math.cos(course) + wind[1] * math.sin(course)
+    across_m_s = wind[1] * math.cos(course) - wind[0] * math.sin(course)
+    ground_m_s = along_m_s + math.sqrt(60.0**2 - across_m_s**2)
+    assert (north_m_s, east_m_s) == pytest.approx(
+        (ground_m_s * math.cos(course), ground_m_s * math.sin(course)), abs=0.01
+    )
+    assert vehicle.truth.speed_m_s == pytest.approx(ground_m_s, abs=0.01)
+    assert math.sin(course - vehicle.truth.heading_rad) * 60.0 == pytest.approx(across_m_s, abs=0.01)
+
+
+@pytest.mark.parametrize(("wind_m_s", "ground_m_s"), [(20.0, 80.0), (-20.0, 40.0), (-70.0, -10.0)])
+def test_a_point_gains_a_tail_wind_and_loses_a_head_wind(wind_m_s: float, ground_m_s: float) -> None:
+    vehicle = in_wind(point(), wind_m_s, 0.0)
+    assert flown_m_s(vehicle, 2.0, setpoint(velocity=(60.0, 0.0, 0.0)), from_s=0.0) == pytest.approx((ground_m_s, 0.0))
+    assert vehicle.truth.heading_rad == pytest.approx(0.0)
+
+
+def test_a_cross_wind_above_its_airspeed_carries_a_point_off_with_its_nose_against_it() -> None:
+    vehicle = in_wind(point(), 5.0, 75.0)
+    asked = setpoint(velocity=(60.0, 0.0, 0.0))
+    fly(vehicle, 10.0, asked)
+    assert flown_m_s(vehicle, 2.0, asked, from_s=10.0) == pytest.approx((5.0, 15.0), abs=0.01)
+    assert vehicle.truth.heading_rad == pytest.approx(-math.pi / 2, abs=1e-3)
+
+
+@given(st.lists(st.tuples(winds, st.floats(-math.pi, math.pi), st.floats(0.0, 100.0)), min_size=1, max_size=12))
+def test_no_wind_makes_a_point_turn_faster_through_the_air_than_its_limit(
+    legs: list[tuple[tuple[float, float], float, float]],
+) -> None:
+    vehicle = point()
+    for index, (wind, course, asked_m_s) in enumerate(legs):
+        before_rad = vehicle.truth.heading_rad
+        in_wind(vehicle, *wind)
+        asked = (asked_m_s * math.cos(course), asked_m_s * math.sin(course), 0.0)
+        vehicle.receive(setpoint(velocity=asked), index * 0.5)
+        vehicle.step_to((index + 1) * 0.5)
+        ground_m_s = vehicle.ground_velocity_m_s
+        airspeed_m_s = math.dist(ground_m_s, wind)
+        turned_rad = abs(math.remainder(vehicle.truth.heading_rad - before_rad, math.tau))
+        assert turned_rad <= 2.0 * 9.80665 / airspeed_m_s * 0.5 + 1e-9
+        assert 40.0 - 1e-9 <= airspeed_m_s <= 80.0 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("make", "velocity"), [(point, (0.0, 60.0, 0.0)), (hovering, (3.0, -5.0, 0.0)), (hovering, (9.0, 9.0, 0.0))]
+)
+def test_the_reported_velocity_in_wind_is_how_the_truth_moves(
+    make: Callable[..., StandIn], velocity: tuple[float, float, float]
+) -> None:
+    # North of the origin the plane's convergence is nil, so grid and wire compare as they are.
+    vehicle = in_wind(make(north_m=1_000.0), -8.0, 3.0)
+    asked = setpoint(velocity=velocity)
+    fly(vehicle, 15.0, asked)
+    moved_m_s = flown_m_s(vehicle, 1.0, asked, from_s=15.0)
+    assert vehicle.ground_velocity_m_s == pytest.approx(moved_m_s, abs=0.01)
+    local_m_s = reported_m_s(vehicle, "LOCAL_POSITION_NED", common.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+    assert local_m_s == pytest.approx(moved_m_s, abs=0.01)
+    global_cm_s = reported_m_s(vehicle, "GLOBAL_POSITION_INT", common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+    assert global_cm_s == pytest.approx((moved_m_s[0] * 100.0, moved_m_s[1] * 100.0), abs=1.5)
+    (fix,) = of_type(ask(vehicle, common.MAV_CMD_REQUEST_MESSAGE, common.MAVLINK_MSG_ID_GPS_RAW_INT), "GPS_RAW_INT")
+    assert fix.vel == pytest.approx(math.hypot(*moved_m_s) * 100.0, abs=1.5)
+    assert fix.cog == pytest.approx(math.degrees(math.atan2(moved_m_s[1], moved_m_s[0])) % 360.0 * 100.0, abs=10.0)
+
+
+def test_a_point_reports_its_nose_where_it_flies_another_course() -> None:
+    vehicle = in_wind(point(north_m=1_000.0), 0.0, 30.0)
+    fly(vehicle, 5.0, setpoint(velocity=(60.0, 0.0, 0.0)))
+    (report,) = of_type(
+        ask(vehicle, common.MAV_CMD_REQUEST_MESSAGE, common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), "GLOBAL_POSITION_INT"
+    )
+    assert (report.hdg, report.vy) == (33000, 0)
+
+
+def test_a_wind_that_changes_is_felt_by_a_point_at_once() -> None:
+    vehicle = in_wind(point(), 10.0, 0.0)
+    assert vehicle.truth.speed_m_s == pytest.approx(70.0)
+    in_wind(vehicle, 0.0, 0.0)
+    assert vehicle.truth.speed_m_s == pytest.approx(60.0)
+
+
+def test_a_point_without_setpoints_circles_in_the_air_and_drifts_with_the_wind() -> None:
+    vehicle = in_wind(point(), 7.0, -4.0)
+    radius_m = 60.0**2 / (2.0 * 9.80665)
+    for index in range(1, 200):
+        t_s = index * 0.5
+        vehicle.step_to(t_s)
+        centre = (7.0 * t_s, radius_m - 4.0 * t_s)
+        assert math.dist((vehicle.truth.north_m, vehicle.truth.east_m), centre) == pytest.approx(radius_m)
+
+
+def test_the_parts_of_a_step_in_wind_make_the_same_flight_as_the_whole_where_nothing_is_steered() -> None:
+    coarse, fine = in_wind(point(), 9.0, 12.0), in_wind(point(), 9.0, 12.0)
+    coarse.step_to(10.0)
+    for index in range(1, 1001):
+        fine.step_to(index / 100)
+    assert (fine.truth.north_m, fine.truth.east_m) == pytest.approx((coarse.truth.north_m, coarse.truth.east_m))
+
+
+@given(velocity=st.tuples(st.floats(-4.0, 4.0), st.floats(-4.0, 4.0)), wind=st.tuples(*[st.floats(-3.0, 3.0)] * 2))
+@settings(max_examples=20)
+def test_a_copter_holds_its_ground_velocity_in_a_wind_it_can_fly_against(
+    velocity: tuple[float, float], wind: tuple[float, float]
+) -> None:
+    vehicle = in_wind(hovering(), *wind)
+    fly(vehicle, 15.0, setpoint(velocity=(*velocity, 0.0)))
+    assert vehicle.ground_velocity_m_s == pytest.approx(velocity, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("wind", "ground"),
+    [
+        ((-5.0, 0.0), (5.3, 0.0)),
+        ((5.0, 0.0), (15.3, 0.0)),
+        ((0.0, 20.0), (10.3 * 30.0 / math.hypot(30.0, 20.0), 20.0 - 10.3 * 20.0 / math.hypot(30.0, 20.0))),
+    ],
+    ids=["head", "tail", "cross"],
+)
+def test_a_copter_asked_for_too_much_flies_at_its_top_speed_through_the_air(
+    wind: tuple[float, float], ground: tuple[float, float]
+) -> None:
+    vehicle = in_wind(hovering(), *wind)
+    fly(vehicle, 30.0, setpoint(velocity=(30.0, 0.0, 0.0)))
+    assert vehicle.ground_velocity_m_s == pytest.approx(ground, abs=0.01)
+    assert math.dist(vehicle.ground_velocity_m_s, wind) == pytest.approx(10.3, abs=0.01)
+
+
+@pytest.mark.parametrize(("wind_m_s", "drift_m_s"), [(8.0, 0.0), (14.3, 4.0)])
+def test_a_copter_that_brakes_stands_until_the_wind_is_above_its_top_speed(wind_m_s: float, drift_m_s: float) -> None:
+    vehicle = in_wind(hovering(), 0.0, wind_m_s)
+    set_mode(vehicle, BRAKE)
+    vehicle.step_to(30.0)
+    assert vehicle.ground_velocity_m_s == pytest.approx((0.0, drift_m_s), abs=0.01)
+
+
+@pytest.mark.parametrize("armed", [False, True])
+def test_no_wind_moves_a_copter_on_the_ground(armed: bool) -> None:
+    vehicle = in_wind(on_the_ground(guided=True, armed=armed), 25.0, 25.0)
+    vehicle.step_to(10.0)
+    assert (vehicle.truth.north_m, vehicle.truth.east_m, vehicle.truth.speed_m_s) == (0.0, 0.0, 0.0)
+
+
 # The plane and true north
 
 

@@ -1,0 +1,98 @@
+"""A vehicle's own detector of its neighbours, as the autopilot hands on what an ADS-B receiver on board hears.
+
+In Case II the centre does not see the agents, so near neighbours must be seen from the vehicle itself (METHOD.md
+section 1, item 7). What it sees reaches the companion as standard ADSB_VEHICLE frames. Nothing is added to it: noise
+and misses are not modelled, and everybody within the range is heard.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from companion.geodesy import LocalFrame
+from sim.vehicle import StandIn
+
+_FLAGS = (
+    mavlink.ADSB_FLAGS_VALID_COORDS
+    | mavlink.ADSB_FLAGS_VALID_ALTITUDE
+    | mavlink.ADSB_FLAGS_VALID_HEADING
+    | mavlink.ADSB_FLAGS_VALID_VELOCITY
+    | mavlink.ADSB_FLAGS_VALID_CALLSIGN
+)
+_CLIMB_CM_S, _AGE_S, _SQUAWK = 0, 0, 0
+"""Not told and not flagged as valid, heard just now, and not told again."""
+_UINT16_MAX = 2**16 - 1
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Where all vehicles alive really are, gathered once for all their detectors."""
+
+    ids: np.ndarray  # (N,) agent ids
+    positions_ned_m: np.ndarray  # (N, 2) north, east
+    velocities_ned_m_s: np.ndarray  # (N, 2) over the ground, along the grid
+    altitudes_m: np.ndarray  # (N,) above sea level
+
+    @classmethod
+    def of(cls, vehicles: Mapping[int, StandIn]) -> Self:
+        """Gather the vehicles, given by agent id."""
+        truths = [vehicle.truth for vehicle in vehicles.values()]
+        return cls(
+            ids=np.array(list(vehicles), dtype=int),
+            positions_ned_m=np.array([(truth.north_m, truth.east_m) for truth in truths]).reshape(-1, 2),
+            velocities_ned_m_s=np.array([vehicle.ground_velocity_m_s for vehicle in vehicles.values()]).reshape(-1, 2),
+            altitudes_m=np.array([truth.altitude_m for truth in truths]),
+        )
+
+
+class Detector:
+    """The detector on board one vehicle."""
+
+    def __init__(self, agent_id: int, system_id: int, frame: LocalFrame, range_m: float) -> None:
+        """Mount it on the agent whose MAVLink system id is `system_id`; it reaches `range_m` over the ground."""
+        self._agent_id = agent_id
+        self._frame = frame
+        self._range_m = range_m
+        self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=mavlink.MAV_COMP_ID_ADSB)
+
+    def look(self, fleet: Fleet) -> list[bytes]:
+        """Return a frame for each neighbour within the range; the fleet must hold the vehicle itself."""
+        others = fleet.ids != self._agent_id
+        (own,) = np.flatnonzero(~others)
+        own_ned_m = fleet.positions_ned_m[own]
+        apart_m = np.hypot(*(fleet.positions_ned_m - own_ned_m).T)
+        return [self._pack(fleet, int(index)) for index in np.flatnonzero(others & (apart_m <= self._range_m))]
+
+    def _pack(self, fleet: Fleet, index: int) -> bytes:
+        identity = int(fleet.ids[index])
+        lat_deg, lon_deg, convergence_rad = self._frame.to_global_with_convergence(
+            *fleet.positions_ned_m[index].tolist()
+        )
+        north_m_s, east_m_s = fleet.velocities_ned_m_s[index].tolist()
+        # Who stands still has no course; the field then says grid north.
+        course_deg = math.degrees(math.atan2(east_m_s, north_m_s) + convergence_rad)
+        message = self._mav.adsb_vehicle_encode(
+            identity,
+            round(lat_deg * 1e7),
+            round(lon_deg * 1e7),
+            mavlink.ADSB_ALTITUDE_TYPE_GEOMETRIC,
+            round(float(fleet.altitudes_m[index]) * 1000.0),
+            round(course_deg * 100.0) % 36000,
+            # A mission may be faster than the field can say.
+            min(round(math.hypot(north_m_s, east_m_s) * 100.0), _UINT16_MAX),
+            _CLIMB_CM_S,
+            f"OW{identity:05d}".encode(),
+            mavlink.ADSB_EMITTER_TYPE_UAV,
+            _AGE_S,
+            _FLAGS,
+            _SQUAWK,
+        )
+        frame: bytes = message.pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return frame
