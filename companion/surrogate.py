@@ -2,30 +2,27 @@
 
 Every penalty that depends on positions is a function of one distance over one radius, so a single network f(r) serves
 all pairs, any number of agents and threats, and mixed radii (METHOD.md section 2, point 2). The vehicle evaluates
-this with numpy alone; torch is needed only to train. f4 depends on history, not on positions, and is not part of F*.
+this with numpy alone; torch is needed only to train. f4 depends on the distance flown as well and is not part of F*:
+it has a closed form of its own (METHOD.md section 2, point 8).
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
-from typing import Any, Protocol, TypeGuard
+from typing import Protocol
 
 import numpy as np
 
 from companion.cost import Weights, unit_disc_indicator
 from companion.errors import InputError, nearest_hint
+from companion.weightsfile import read_weights
 
 HALF_WIDTH = 0.025
 """Half-width of the polygon, as a fraction of the radius: law `seed` (METHOD.md section 2, point 2)."""
 PROFILE_NAMES = ("pairwise", "analytic")
-_WEIGHTS_FILE = "weights/pairwise.json"
-_DIGEST_KEY = "sha256"
-_VECTOR_KEYS = ("input_weight", "input_bias", "output_weight")
+_PACKAGED = "pairwise.json"
 
 
 class RadialProfile(Protocol):
@@ -51,13 +48,13 @@ class PairwiseNetwork:
 
     def value(self, r: np.ndarray) -> np.ndarray:
         """See RadialProfile."""
-        hidden = _sigmoid(np.asarray(r)[..., np.newaxis] * self.input_weight + self.input_bias)
+        hidden = sigmoid(np.asarray(r)[..., np.newaxis] * self.input_weight + self.input_bias)
         output: np.ndarray = hidden @ self.output_weight + self.output_bias
         return output
 
     def slope(self, r: np.ndarray) -> np.ndarray:
         """See RadialProfile."""
-        hidden_slope = _sigmoid_slope(np.asarray(r)[..., np.newaxis] * self.input_weight + self.input_bias)
+        hidden_slope = sigmoid_slope(np.asarray(r)[..., np.newaxis] * self.input_weight + self.input_bias)
         slope: np.ndarray = hidden_slope @ (self.output_weight * self.input_weight)
         return slope
 
@@ -70,12 +67,12 @@ class AnalyticProfile:
 
     def value(self, r: np.ndarray) -> np.ndarray:
         """See RadialProfile."""
-        return _sigmoid((1.0 - r) * (2.0 / self.half_width))
+        return sigmoid((1.0 - r) * (2.0 / self.half_width))
 
     def slope(self, r: np.ndarray) -> np.ndarray:
         """See RadialProfile."""
         steepness = 2.0 / self.half_width
-        return -steepness * _sigmoid_slope((1.0 - r) * steepness)
+        return -steepness * sigmoid_slope((1.0 - r) * steepness)
 
 
 @dataclass(frozen=True)
@@ -180,6 +177,47 @@ def gradient_for_agent(
     return gradient_m
 
 
+def range_cost(
+    position_ned_m: np.ndarray,
+    target_ned_m: np.ndarray,
+    flown_m: float,
+    range_m: float,
+    k_l: float,
+    half_width: float = HALF_WIDTH,
+) -> float:
+    """Return the smooth f4 of one agent, m^2 (paper: fun4): k_l times a logistic of (flown + remaining) / range.
+
+    Shapes: position (2,), target (2,). `range_m` is positive and may be infinite: then the cost is zero. `half_width`
+    is a fraction of the range; the slope at the edge is the polygon's, as in AnalyticProfile.
+    """
+    if math.isinf(range_m):
+        return 0.0
+    ratio = (flown_m + math.dist(position_ned_m, target_ned_m)) / range_m
+    return k_l * float(sigmoid(np.asarray((ratio - 1.0) * (2.0 / half_width))))
+
+
+def range_gradient(
+    position_ned_m: np.ndarray,
+    target_ned_m: np.ndarray,
+    flown_m: float,
+    range_m: float,
+    k_l: float,
+    half_width: float = HALF_WIDTH,
+) -> np.ndarray:
+    """Return the gradient of `range_cost` with respect to the position, (2,), m; arguments as there.
+
+    It points away from the target, so its descent shortens the way; on the target there is no direction and it is zero.
+    """
+    distance_m = math.dist(position_ned_m, target_ned_m)
+    if distance_m == 0.0 or math.isinf(range_m):
+        return np.zeros(2)
+    steepness = 2.0 / half_width
+    ratio = (flown_m + distance_m) / range_m
+    slope_m = k_l * steepness * float(sigmoid_slope(np.asarray((ratio - 1.0) * steepness))) / range_m
+    gradient_m: np.ndarray = (position_ned_m - target_ned_m) / distance_m * slope_m
+    return gradient_m
+
+
 def profile_by_name(name: str) -> RadialProfile:
     """Return the flying profile of that name at HALF_WIDTH; raise InputError if there is none."""
     if name == "pairwise":
@@ -190,71 +228,27 @@ def profile_by_name(name: str) -> RadialProfile:
     raise InputError(f"surrogate '{name}' is unknown, allowed: {allowed}{nearest_hint(name, PROFILE_NAMES)}")
 
 
-def content_digest(content: dict[str, Any]) -> str:
-    """Return the SHA-256 in hex of a weights file's content less its digest, as canonical JSON.
-
-    Canonical: keys sorted, no white space, numbers as Python writes them. So a reformatted file keeps its digest.
-    """
-    body = {key: value for key, value in content.items() if key != _DIGEST_KEY}
-    return hashlib.sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
-
-
 def load_pairwise(path: Path | None = None) -> PairwiseNetwork:
     """Return the pairwise network of a weights file, by default the packaged one.
 
     Raises InputError if the file is missing, is not JSON, fails its digest, or holds anything but finite numbers of
-    agreeing shapes: wrong weights would steer silently.
+    agreeing shapes.
     """
-    source = resources.files("companion").joinpath(_WEIGHTS_FILE) if path is None else path
-    try:
-        content = json.loads(source.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{source}: cannot read the weights: {error.strerror}") from error
-    except ValueError as error:
-        raise InputError(f"{source}: not a JSON file: {error}") from error
-    if not isinstance(content, dict) or not isinstance(content.get("network"), dict):
-        raise InputError(f"{source}: key 'network' is missing, allowed: an object as `companion train` writes it")
-    digest = content_digest(content)
-    if content.get(_DIGEST_KEY) != digest:
-        raise InputError(
-            f"{source}: key '{_DIGEST_KEY}' is {content.get(_DIGEST_KEY)!r}, allowed: the digest of the content, "
-            f"{digest}; the file is damaged or was edited"
-        )
-    network = content["network"]
-    vectors = {key: _numbers(network, key, source) for key in _VECTOR_KEYS}
-    neurons = len(vectors[_VECTOR_KEYS[0]])
-    for key, vector in vectors.items():
-        if len(vector) != neurons or neurons == 0:
-            raise InputError(
-                f"{source}: key 'network.{key}' has {len(vector)} numbers, allowed: one per hidden neuron, "
-                f"as many as '{_VECTOR_KEYS[0]}' ({neurons}), at least 1"
-            )
-    bias = network.get("output_bias")
-    if not _is_finite_number(bias):
-        raise InputError(f"{source}: key 'network.output_bias' is {bias!r}, allowed: a finite number")
-    return PairwiseNetwork(**vectors, output_bias=bias)
+    weights = read_weights(path, _PACKAGED)
+    vectors = weights.per_neuron(("input_weight", "input_bias", "output_weight"))
+    return PairwiseNetwork(**vectors, output_bias=weights.number("output_bias"))
 
 
-def _numbers(network: dict[str, Any], key: str, source: object) -> np.ndarray:
-    """Return a list of finite numbers as an array (J,), or raise InputError."""
-    values = network.get(key)
-    if not isinstance(values, list) or not all(_is_finite_number(value) for value in values):
-        raise InputError(f"{source}: key 'network.{key}' is damaged, allowed: a list of finite numbers")
-    return np.array(values, dtype=float)
-
-
-def _is_finite_number(value: object) -> TypeGuard[float]:
-    return isinstance(value, float) and math.isfinite(value)
-
-
-def _sigmoid(x: np.ndarray) -> np.ndarray:
+def sigmoid(x: np.ndarray) -> np.ndarray:
+    """Return 1 / (1 + exp(-x)), same shape."""
     # The exponential of a negative number only: it cannot overflow, and the far tail keeps its relative precision.
     decay = np.exp(-np.abs(x))
     value: np.ndarray = np.where(x >= 0.0, 1.0, decay) / (1.0 + decay)
     return value
 
 
-def _sigmoid_slope(x: np.ndarray) -> np.ndarray:
+def sigmoid_slope(x: np.ndarray) -> np.ndarray:
+    """Return the slope of `sigmoid`, 1/4 at 0, same shape."""
     decay = np.exp(-np.abs(x))
     slope: np.ndarray = decay / (1.0 + decay) ** 2
     return slope

@@ -1,4 +1,4 @@
-"""Who goes where: every target covered while there are agents, and nobody could do better."""
+"""Who goes where: every target covered while there are agents in range of it, and nobody could do better."""
 
 from __future__ import annotations
 
@@ -9,16 +9,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
 
-from groundstation.assignment import CLOSEST_M, OBJECTIVES, Objective, assign
+from groundstation.assignment import CLOSEST_M, OBJECTIVES, Objective, assign, within_range
 
 Points = list[tuple[float, float]]
+Table = list[list[bool]]
 # Whole metres: distances then differ by more than rounding, or not at all.
 points = st.tuples(st.integers(-1_000, 1_000), st.integers(-1_000, 1_000)).map(lambda p: (float(p[0]), float(p[1])))
 
 
-def assigned(agents: Points, targets: Points, objective: Objective = "distance") -> list[int]:
-    return assign(np.array(agents).reshape(-1, 2), np.array(targets).reshape(-1, 2), objective).tolist()
+def assigned(
+    agents: Points, targets: Points, objective: Objective = "distance", reachable: Table | None = None
+) -> list[int]:
+    table = None if reachable is None else np.array(reachable, dtype=bool).reshape(len(agents), len(targets))
+    return assign(np.array(agents).reshape(-1, 2), np.array(targets).reshape(-1, 2), objective, table).tolist()
 
 
 def worth(agents: Points, targets: Points, chosen: tuple[int, ...] | list[int], objective: Objective) -> float:
@@ -94,3 +99,187 @@ def test_nobody_and_nowhere_give_no_assignment(objective: Objective) -> None:
     assert assigned([], [(1.0, 1.0)], objective) == []
     assert assigned([(1.0, 1.0)], [], objective) == [-1]
     assert assigned([], [], objective) == []
+
+
+@st.composite
+def restricted(draw: st.DrawFn) -> tuple[Points, Points, Table]:
+    """Draw up to 5 agents and 5 targets, and who can reach what: often little, so that the priorities disagree."""
+    n, k = draw(st.integers(1, 5)), draw(st.integers(1, 5))
+    agents = draw(st.lists(points, min_size=n, max_size=n))
+    targets = draw(st.lists(points, min_size=k, max_size=k))
+    possible = st.integers(0, 9).map(lambda one_in_ten: one_in_ten < level)
+    level = draw(st.integers(2, 9))
+    return agents, targets, draw(st.lists(st.lists(possible, min_size=k, max_size=k), min_size=n, max_size=n))
+
+
+def ranked(agents: Points, targets: Points, chosen: tuple[int, ...], objective: Objective) -> tuple[int, int, float]:
+    """Return the three priorities in their order, each the greater the better."""
+    sent = [k for k in chosen if k >= 0]
+    return len(set(sent)), len(sent), worth(agents, targets, chosen, objective)
+
+
+def best_rank(agents: Points, targets: Points, reachable: Table, objective: Objective) -> tuple[int, int, float]:
+    """Return the best that any way of sending agents where they can go achieves, by trying them all."""
+    n, k = len(agents), len(targets)
+    copies = [sum(column % k == target for column in range(max(n, k))) for target in range(k)]
+    options = [[-1, *(target for target in range(k) if row[target])] for row in reachable]
+    ways = [way for way in itertools.product(*options) if all(way.count(t) <= copies[t] for t in range(k))]
+    return max(ranked(agents, targets, way, objective) for way in ways)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+@settings(max_examples=150, deadline=None)
+@given(scene=restricted())
+def test_in_range_most_targets_are_covered_then_most_agents_used_then_the_objective_decides(
+    objective: Objective, scene: tuple[Points, Points, Table]
+) -> None:
+    agents, targets, reachable = scene
+    chosen = assigned(agents, targets, objective, reachable)
+    assert all(target == -1 or row[target] for row, target in zip(reachable, chosen, strict=True))
+    ours = ranked(agents, targets, tuple(chosen), objective)
+    best = best_rank(agents, targets, reachable, objective)
+    assert ours[:2] == best[:2]
+    assert ours[2] == pytest.approx(best[2], rel=1e-9)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_the_objective_stays_exact_among_hundreds_of_agents(objective: Objective) -> None:
+    """Islands 100 km apart that cannot reach each other: the whole must be as good as each island by itself."""
+    rng = np.random.default_rng(5)
+    islands, size = 100, 4
+    reachable = np.zeros((islands * size, islands * size), dtype=bool)
+    agents: Points = []
+    targets: Points = []
+    best = []
+    for island in range(islands):
+        places = rng.uniform(-1e4, 1e4, (2 * size, 2)) + (1e5 * island, 0.0)
+        # Pairs a millimetre better or worse than others: a penalty in one number with the costs would blur them.
+        places[1] = places[0] + (0.0, 1e-3)
+        own = rng.random((size, size)) < 0.4
+        block = slice(island * size, (island + 1) * size)
+        reachable[block, block] = own
+        here = [(float(north), float(east)) for north, east in places]
+        agents, targets = agents + here[:size], targets + here[size:]
+        best.append(best_rank(here[:size], here[size:], own.tolist(), objective))
+    chosen = assigned(agents, targets, objective, reachable.tolist())
+    for island, expected in enumerate(best):
+        block = slice(island * size, (island + 1) * size)
+        ours = ranked(agents[block], targets, tuple(chosen[block]), objective)
+        assert ours[:2] == expected[:2]
+        assert ours[2] == pytest.approx(expected[2], rel=1e-12)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+@given(data=st.data(), number_of_agents=st.integers(1, 12), number_of_targets=st.integers(1, 12))
+def test_where_everything_is_in_range_the_range_changes_nothing(
+    objective: Objective, data: st.DataObject, number_of_agents: int, number_of_targets: int
+) -> None:
+    agents = np.array(data.draw(st.lists(points, min_size=number_of_agents, max_size=number_of_agents)))
+    targets = np.array(data.draw(st.lists(points, min_size=number_of_targets, max_size=number_of_targets)))
+    copies = np.arange(max(number_of_agents, number_of_targets)) % number_of_targets
+    distance_m = np.maximum(np.hypot(*(agents[:, None] - targets[copies]).transpose(2, 0, 1)), CLOSEST_M)
+    if objective == "distance":
+        rows, columns = linear_sum_assignment(distance_m)
+    else:
+        rows, columns = linear_sum_assignment(1.0 / distance_m, maximize=True)
+    plain = np.full(number_of_agents, -1)
+    plain[rows] = copies[columns]
+    everything = np.ones((number_of_agents, number_of_targets), dtype=bool)
+    np.testing.assert_array_equal(assign(agents, targets, objective), plain)
+    np.testing.assert_array_equal(assign(agents, targets, objective, everything), plain)
+
+
+def test_the_only_agent_in_range_of_a_target_takes_it_though_another_is_nearer_to_it() -> None:
+    agents, targets = [(0.0, 0.0), (10.0, 0.0)], [(0.0, 1.0), (500.0, 0.0)]
+    assert assigned(agents, targets, "distance", [[True, True], [True, False]]) == [1, 0]
+
+
+def test_a_far_target_is_covered_before_a_near_one_gets_its_second_agent() -> None:
+    agents, targets = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)], [(0.0, 0.0), (90_000.0, 0.0)]
+    assert assigned(agents, targets, "distance", [[True, False], [True, True], [True, False]]) == [0, 1, 0]
+
+
+def test_no_target_has_more_than_its_copies_though_its_agents_can_go_nowhere_else() -> None:
+    agents, targets = [(3.0, 0.0), (2.0, 0.0), (1.0, 0.0), (4.0, 0.0)], [(0.0, 0.0), (9.0, 0.0)]
+    assert assigned(agents, targets, "distance", [[True, False]] * 4) == [-1, 0, 0, -1]
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_agents_that_reach_nothing_go_nowhere(objective: Objective) -> None:
+    places = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)]
+    assert assigned(places, places[:2], objective, [[False, False]] * 3) == [-1, -1, -1]
+    assert assigned([], places, objective, []) == []
+    assert assigned(places, [], objective, [[], [], []]) == [-1, -1, -1]
+
+
+@pytest.mark.parametrize(
+    ("name", "shapes"),
+    [
+        ("agents_ned_m", ((3, 3), (2, 2), (3, 2))),
+        ("targets_ned_m", ((3, 2), (2,), (3, 2))),
+        ("reachable", ((3, 2), (2, 2), (2, 3))),
+        ("reachable", ((3, 2), (2, 2), (3,))),
+    ],
+)
+def test_an_assignment_whose_shapes_disagree_is_refused(name: str, shapes: tuple[tuple[int, ...], ...]) -> None:
+    agents, targets, reachable = (np.zeros(shape) for shape in shapes)
+    with pytest.raises(ValueError, match=f"{name} has shape"):
+        assign(agents, targets, "distance", reachable)
+
+
+AGENTS = np.array([[0.0, 0.0], [1_000.0, 0.0]])
+TARGETS = np.array([[3_000.0, 4_000.0], [1_000.0, 0.0], [0.0, 9_000.0]])
+
+
+def test_without_homes_the_straight_way_must_be_in_range() -> None:
+    """From the first agent the targets are 5000, 1000 and 9000 m away; what is just enough is enough."""
+    within = within_range(AGENTS, TARGETS, np.array([5_000.0, 0.0]), None, 1.1)
+    assert within.tolist() == [[True, True, False], [False, True, False]]
+
+
+def test_with_homes_the_way_home_from_the_target_must_be_in_range_with_its_reserve() -> None:
+    homes = np.array([[0.0, 0.0], [3_000.0, 0.0]])
+    # The first needs 5000 + 1.1 * 5000 m; the second, at a target 2000 m from home, just 1.1 * 2000 m.
+    for left_m, expected in (((10_500.0, 2_200.0), (True, True)), ((10_499.0, 2_199.0), (False, False))):
+        within = within_range(AGENTS, TARGETS, np.array(left_m), homes, 1.1)
+        assert (within[0, 0], within[1, 1]) == expected
+
+
+def test_an_agent_that_would_turn_home_at_once_is_not_sent_even_to_a_target_beside_its_home() -> None:
+    far, home = np.array([[100_000.0, 0.0]]), np.array([[0.0, 0.0]])
+    assert within_range(far, home, np.array([110_001.0]), home, 1.1).all()
+    assert not within_range(far, home, np.array([109_999.0]), home, 1.1).any()
+
+
+def test_an_agent_that_cannot_return_any_more_may_still_arrive() -> None:
+    agent, target, home = np.array([[100_000.0, 0.0]]), np.array([[130_000.0, 0.0]]), np.array([[0.0, 0.0]])
+    assert within_range(agent, target, np.array([30_000.0]), home, 1.1).all()
+    assert not within_range(agent, target, np.array([29_999.0]), home, 1.1).any()
+
+
+@pytest.mark.parametrize("homes", [None, AGENTS])
+def test_an_unlimited_range_reaches_everything_and_an_exceeded_or_unknown_one_nothing(homes: np.ndarray | None) -> None:
+    assert within_range(AGENTS, TARGETS, np.full(2, np.inf), homes, 1.1).all()
+    assert not within_range(AGENTS, TARGETS, np.array([-1.0, np.nan]), homes, 1.1).any()
+
+
+def test_nobody_and_nowhere_are_in_range_of_nothing() -> None:
+    nothing = np.zeros((0, 2))
+    assert within_range(nothing, TARGETS, np.zeros(0), nothing, 1.1).shape == (0, 3)
+    assert within_range(AGENTS, nothing, np.zeros(2), AGENTS, 1.1).shape == (2, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "shapes"),
+    [
+        ("agents_ned_m", ((2, 3), (3, 2), (2,), (2, 2))),
+        ("targets_ned_m", ((2, 2), (3,), (2,), (2, 2))),
+        ("left_m", ((2, 2), (3, 2), (3,), (2, 2))),
+        ("left_m", ((2, 2), (3, 2), (), (2, 2))),
+        ("home_ned_m", ((2, 2), (3, 2), (2,), (1, 2))),
+    ],
+)
+def test_a_range_whose_shapes_disagree_is_refused(name: str, shapes: tuple[tuple[int, ...], ...]) -> None:
+    agents, targets, left_m, homes = (np.zeros(shape) for shape in shapes)
+    with pytest.raises(ValueError, match=f"{name} has shape"):
+        within_range(agents, targets, left_m, homes, 1.1)
