@@ -56,6 +56,19 @@ class BroadcastSection(Section):
         return self
 
 
+class UplinkSection(Section):
+    """Where reports go, on a link of their own."""
+
+    link: Annotated[str, Strict()]
+
+    @model_validator(mode="after")
+    def _sends(self) -> Self:
+        _check_link(self.link)
+        if not self.link.startswith("udpout:"):
+            raise ValueError(f"link: '{self.link}'; allowed: udpout:HOST:PORT, nothing is heard on it")
+        return self
+
+
 class LimitsSection(Section):
     """What the vehicle may do; heights are above home."""
 
@@ -99,7 +112,7 @@ class Config(Section):
     limits: LimitsSection = LimitsSection()
     height_m: Height = 30.0
     law: Law = "seed"
-    surrogate: Literal["pairwise", "analytic"] = "pairwise"
+    surrogate: Literal["pairwise", "analytic", "monolithic"] = "pairwise"
     keep_out: Literal["attack", "detection"] = "detection"
     """Which discs the guard holds; what the law holds is its own affair."""
     weights: CostWeights = CostWeights()
@@ -110,6 +123,11 @@ class Config(Section):
     range_policy: Literal["return", "arrive"] = "return"
     staleness: StalenessSection = StalenessSection()
     peer_memory_s: NotNegative = 30.0
+    detector_range_m: NotNegative = 2_000.0
+    """Neighbours that the autopilot passes on are minded within this distance."""
+    report_period_s: NotNegative = 0.0
+    """0: never."""
+    uplink: UplinkSection | None = None
     log_dir: Annotated[str, Strict(), Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
@@ -150,14 +168,21 @@ def load_config(name_or_path: str) -> Config:
     for key in ("autopilot", "broadcast"):
         if getattr(config, key) is None:
             raise InputError(f"{name_or_path}: {key}: missing; `companion run` needs its link")
+    if (config.uplink is None) != (config.report_period_s == 0.0):
+        raise InputError(
+            f"{name_or_path}: report_period_s: {config.report_period_s:g} with{'out' * (config.uplink is None)} an "
+            "uplink; allowed: a period above 0 with an uplink, or neither"
+        )
+    if config.surrogate == "monolithic":
+        raise InputError(
+            f"{name_or_path}: surrogate: 'monolithic' flies only in the simulator; allowed: pairwise, analytic"
+        )
     return config
 
 
 def config_for_agent(mission: Mission, agent_id: int, law: Law) -> Config:
     """Return the configuration a mission implies for one of its agents; links are left to the caller."""
     agent = next(agent for agent in mission.agents if agent.id == agent_id)
-    if mission.surrogate == "monolithic":
-        raise InputError("surrogate: 'monolithic' does not fly; allowed: pairwise, analytic")
     return Config(
         agent_id=agent.id,
         limits=LimitsSection(speed_m_s=agent.speed_m_s, n_max=agent.n_max, range_m=agent.range_m, fence=mission.fence),
@@ -171,6 +196,8 @@ def config_for_agent(mission: Mission, agent_id: int, law: Law) -> Config:
         guidance_step_s=mission.guidance_step_s,
         range_policy=mission.range_policy,
         peer_memory_s=mission.lost_after_s,
+        detector_range_m=mission.detector_range_m,
+        report_period_s=mission.report_period_s if mission.case == "II" else 0.0,
         staleness=StalenessSection(
             coasting_after_s=3.0 * mission.broadcast_period_s,
             loitering_after_s=max(60.0, 12.0 * mission.broadcast_period_s),

@@ -10,15 +10,21 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
+import numpy as np
+
 from companion.adapters import ADAPTERS
-from companion.adapters.base import Adapter, Telemetry
+from companion.adapters.base import COMPANION_COMPONENT, NEIGHBOUR_MEMORY_S, Adapter, Telemetry
 from companion.config import Config
 from companion.cost import Weights
-from companion.geodesy import LocalFrame
+from companion.geodesy import LocalFrame, to_grid
 from companion.guard import Discs, Limits, Motion, Setpoint, Verdict, check
 from companion.guidance import (
     APPROACH_GAIN_1_S,
+    RANGE_RESERVE,
+    MonolithicSurrogate,
+    PairSurrogate,
     Pull,
+    Surrogate,
     attraction,
     direction,
     limit_turn,
@@ -27,18 +33,24 @@ from companion.guidance import (
     loiter_radius_m,
     loiter_spacing_m,
 )
+from companion.monolithic import load_monolithic
 from companion.picture import Picture, View
 from companion.staleness import Stage, Thresholds, stage_of
-from companion.surrogate import HALF_WIDTH, PolygonProfile, RadialProfile, StepProfile, profile_by_name
-from companion.wire import Directive, FrameReader, MotionFrame, StateFrame
+from companion.surrogate import (
+    HALF_WIDTH,
+    PolygonProfile,
+    RadialProfile,
+    StepProfile,
+    profile_by_name,
+    range_gradient,
+)
+from companion.wire import Directive, FrameReader, FrameWriter, MotionFrame, ReportFrame, StateFrame
 
 ARRIVAL_SHARE = 0.8
 """A target may have moved since it was heard of: arriving means being within this share of the arrival radius of where
 it was, and stays true until outside the whole of it."""
 SETTLED_M = 1.0
 """A vehicle that can stop stands still within this distance of its loiter place."""
-RANGE_RESERVE = 1.1
-"""The way home is counted this much longer than the straight line."""
 HEARTBEAT_PERIOD_S = 1.0
 REPEAT_PERIOD_S = 1.0
 """A setpoint stands no longer than this without being sent again."""
@@ -85,8 +97,7 @@ class Companion:
         self.adapter = adapter
         self.reader = FrameReader()
         self.picture = Picture(config.agent_id, config.peer_memory_s)
-        self._profile = _profile(config)
-        self._weights = Weights(**config.weights.model_dump())
+        self._surrogate = _surrogate(config)
         self._limits = _limits(config, adapter.can_stop)
         self._thresholds = Thresholds(
             config.staleness.coasting_after_s, config.staleness.loitering_after_s, config.staleness.blind_after_s
@@ -99,11 +110,14 @@ class Companion:
         self._arrived = False
         self._home = False
         self._engaged = False
-        self._flown_m = 0.0
+        self.flown_m = 0.0
+        """Distance flown under guidance."""
         self._out_of_range = False
         self._last_position_ned_m: tuple[float, float] | None = None
         self._last_heading_rad = 0.0
         self._next_heartbeat_s = -math.inf
+        self._next_report_s = -math.inf
+        self._report_writer: FrameWriter | None = None
         self._standing: tuple[Setpoint, float] | None = None
 
     def hear(self, datagram: bytes, now_s: float) -> None:
@@ -134,6 +148,36 @@ class Companion:
             self._standing = None
         return self._frames(now_s)
 
+    def report(self, now_s: float) -> list[bytes]:
+        """Return the report for the uplink if one is due and the vehicle knows where it is."""
+        telemetry = self.adapter.telemetry
+        known = (
+            telemetry.position_at_s is not None and now_s - telemetry.position_at_s <= self.config.telemetry_timeout_s
+        )
+        if self.config.report_period_s == 0.0 or now_s < self._next_report_s or not known:
+            return []
+        self._next_report_s = now_s + self.config.report_period_s
+        if self._report_writer is None:
+            self._report_writer = FrameWriter(telemetry.system_id or 1, COMPANION_COMPONENT)
+        position_at_s = telemetry.position_at_s or now_s
+        epoch_s = int(position_at_s)
+        frame = ReportFrame(
+            epoch_s=epoch_s,
+            time_ms=round((position_at_s - epoch_s) * 1000.0),
+            agent_id=self.config.agent_id,
+            lat_deg=telemetry.lat_deg,
+            lon_deg=telemetry.lon_deg,
+            velocity_north_m_s=telemetry.velocity_north_m_s,
+            velocity_east_m_s=telemetry.velocity_east_m_s,
+            flown_m=self.flown_m,
+        )
+        return [self._report_writer.encode(frame)]
+
+    def relocate(self, flown_m: float) -> None:
+        """Begin anew to measure the way flown, from a known length: the vehicle is not where the last step left it."""
+        self.flown_m = flown_m
+        self._last_position_ned_m = None
+
     def _frames(self, now_s: float) -> list[bytes]:
         datagrams = []
         if now_s >= self._next_heartbeat_s:
@@ -154,13 +198,14 @@ class Companion:
             return Decision(now_s, Purpose.IDLE, idle, stage, age_s), 0.0
         self._engaged = True
         motion, convergence_rad, home_ned_m = self._motion(telemetry, now_s)
-        view = self.picture.view(now_s)
+        view = self.picture.with_seen(self.picture.view(now_s), self._seen(motion, now_s))
         purpose, reason = self._purpose(stage, age_s, motion, home_ned_m, view)
         goal_ned_m = view.target_ned_m if purpose is Purpose.TARGET else home_ned_m
         pull, speed_m_s = self._pull(None if purpose is Purpose.LOITER else goal_ned_m, motion, view)
-        wanted = direction(
-            pull, self._profile, (motion.north_m, motion.east_m), view, self.config.separation_m, self._weights
-        )
+        gradient_m = self._surrogate.gradient_m((motion.north_m, motion.east_m), view)
+        if purpose is Purpose.TARGET and self.config.law == "seed" and view.target_ned_m is not None:
+            gradient_m = gradient_m + self._range_gradient_m(motion, view.target_ned_m)
+        wanted = direction(pull, gradient_m)
         settled = self.adapter.can_stop and speed_m_s == 0.0 and wanted.strength_m <= SETTLED_M
         wanted_rad = motion.heading_rad if settled or wanted.strength_m == 0.0 else wanted.heading_rad
         if self.adapter.can_stop and purpose is not Purpose.TARGET and not settled:
@@ -227,7 +272,7 @@ class Companion:
         if self._start_deg is None:
             self._start_deg = (telemetry.lat_deg, telemetry.lon_deg)
         if self._last_position_ned_m is not None:
-            self._flown_m += math.dist(self._last_position_ned_m, (north_m, east_m))
+            self.flown_m += math.dist(self._last_position_ned_m, (north_m, east_m))
         self._last_position_ned_m = (north_m, east_m)
         heading_rad = (self._last_heading_rad - convergence_rad) % math.tau
         # Telemetry is a little old: the vehicle has gone on since.
@@ -269,7 +314,7 @@ class Companion:
         range_m = self.config.limits.range_m
         if self.config.range_policy == "return" and not self._out_of_range:
             # Beyond the budget there is no way home any more: then the target is as good as anywhere.
-            self._out_of_range = self._flown_m + home_m <= range_m < self._flown_m + RANGE_RESERVE * home_m
+            self._out_of_range = self.flown_m + home_m <= range_m < self.flown_m + RANGE_RESERVE * home_m
         return "range" if self._out_of_range else None
 
     def _pull(self, goal_ned_m: tuple[float, float] | None, motion: Motion, view: View) -> tuple[Pull, float]:
@@ -289,10 +334,44 @@ class Companion:
         pull = attraction(position, self._place_ned_m)
         return pull, 0.0 if pull.strength_m <= SETTLED_M else cruise_m_s
 
+    def _seen(self, motion: Motion, now_s: float) -> list[tuple[int | None, tuple[float, float]]]:
+        """Return who is near by the vehicle's own detector, and where by now on the plane of the picture."""
+        seen: list[tuple[int | None, tuple[float, float]]] = []
+        for neighbour in self.adapter.neighbours:
+            age_s = max(0.0, now_s - neighbour.seen_at_s)
+            if age_s > NEIGHBOUR_MEMORY_S or self._frame is None:
+                continue
+            north_m, east_m, convergence_rad = self._frame.to_local_with_convergence(
+                neighbour.lat_deg, neighbour.lon_deg
+            )
+            north_m_s, east_m_s = to_grid(
+                neighbour.velocity_north_m_s, neighbour.velocity_east_m_s, convergence_rad
+            )
+            north_m, east_m = north_m + age_s * north_m_s, east_m + age_s * east_m_s
+            if math.dist((north_m, east_m), (motion.north_m, motion.east_m)) <= self.config.detector_range_m:
+                seen.append((neighbour.agent_id, (north_m, east_m)))
+        return seen
+
+    def _range_gradient_m(self, motion: Motion, target_ned_m: tuple[float, float]) -> np.ndarray:  # (2,) m
+        """Return the gradient of the smooth f4 (paper: fun4)."""
+        return range_gradient(
+            np.array((motion.north_m, motion.east_m)),
+            np.array(target_ned_m),
+            self.flown_m,
+            self.config.limits.range_m,
+            self.config.weights.k_l,
+        )
+
     def _guarded(self, wanted: Setpoint, motion: Motion, view: View) -> Verdict:
         radii_m = view.attack_radius_m if self.config.keep_out == "attack" else view.detection_radius_m
         discs = Discs(view.threats_ned_m, radii_m, view.threat_speed_m_s)
         return check(wanted, motion, discs, self._limits, self.config.guidance_step_s)
+
+
+def _surrogate(config: Config) -> Surrogate:
+    if config.law == "seed" and config.surrogate == "monolithic":
+        return MonolithicSurrogate(load_monolithic(), config.agent_id)
+    return PairSurrogate(_profile(config), config.separation_m, Weights(**config.weights.model_dump()))
 
 
 def _profile(config: Config) -> RadialProfile:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from companion.guidance import turn_rate_rad_s
+from companion.guidance import RANGE_RESERVE, turn_rate_rad_s
 from companion.mission import Mission
 
 APPROACH_SHARE = 0.1
@@ -22,6 +22,15 @@ def doubts(mission: Mission) -> list[str]:
     ]
     if mission.link.loss == 1.0:
         found.append("link.loss: 1: no vehicle will hear anything")
+    if mission.case == "II" and mission.losses and mission.report_period_s == 0.0:
+        found.append("losses: nobody reports in this Case II, so no loss can be known: its target may stay uncovered")
+    if mission.case == "I" and mission.report_period_s > 0.0:
+        found.append(f"report_period_s: {mission.report_period_s:g}: no effect in Case I, where agents are detected")
+    if mission.case == "II" and mission.detector_range_m <= mission.separation_m:
+        found.append(
+            f"detector_range_m: {mission.detector_range_m:g}: in Case II agents then see each other only when they are "
+            f"already within separation_m {mission.separation_m:g}"
+        )
     return [doubt for doubt in found if doubt is not None]
 
 
@@ -63,7 +72,7 @@ def _too_wide_a_turn(mission: Mission) -> list[str]:
 
 def _too_short_a_range(mission: Mission) -> list[str]:
     # With the policy to return, the way back must fit too.
-    ways = 2.0 if mission.range_policy == "return" else 1.0
+    ways = 1.0 + RANGE_RESERVE if mission.range_policy == "return" else 1.0
     concerns = []
     for agent in mission.agents:
         nearest_m = min(math.dist(agent.position_ned_m, target.position_ned_m) for target in mission.targets)

@@ -55,5 +55,11 @@ class LocalFrame:
         return self.to_global_with_convergence(north_m, east_m)[2]
 
 
+def to_grid(north: float, east: float, convergence_rad: float) -> tuple[float, float]:
+    """Return a horizontal vector given along local true north and east as one along the grid's."""
+    cosine, sine = math.cos(convergence_rad), math.sin(convergence_rad)
+    return north * cosine + east * sine, east * cosine - north * sine
+
+
 def _wrapped(angle_rad: float) -> float:
     return math.remainder(angle_rad, math.tau)

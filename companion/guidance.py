@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from companion.cost import Weights
 from companion.kinematics import GRAVITY_M_S2, shorter_turn_rad
-from companion.picture import View
+from companion.monolithic import MonolithicNetwork, slots
+from companion.picture import NOBODY, View
 from companion.surrogate import RadialProfile, gradient_for_agent
 
 PIVOT_SPEED_M_S = 0.5
@@ -20,6 +22,8 @@ LOITER_STEPS = 2.0
 """And at least this many guidance steps long, so that a step's chord does not leave the circle."""
 LOITER_CAPTURE = 2.0
 """Gain of the pull onto the loiter circle, per radius of error."""
+RANGE_RESERVE = 1.1
+"""The way home is counted this much longer than the straight line."""
 APPROACH_GAIN_1_S = 0.5
 """A vehicle that can stop nears its loiter place at this fraction of the distance per second."""
 
@@ -40,6 +44,55 @@ class Pull:
     def strength_m(self) -> float:
         """Length of the pull."""
         return math.hypot(self.north_m, self.east_m)
+
+
+class Surrogate(Protocol):
+    """F* as one vehicle has it: the stand-in for the penalties that depend on positions."""
+
+    def gradient_m(self, position_ned_m: tuple[float, float], view: View) -> np.ndarray:  # (2,)
+        """Return dF*/dU of this vehicle at a position in what it sees, m."""
+        ...
+
+
+@dataclass(frozen=True)
+class PairSurrogate:
+    """F* as a sum over pairs, each a radial profile of one distance (METHOD.md section 2, point 2)."""
+
+    profile: RadialProfile
+    separation_m: float
+    weights: Weights
+
+    def gradient_m(self, position_ned_m: tuple[float, float], view: View) -> np.ndarray:
+        """See Surrogate."""
+        return gradient_for_agent(
+            self.profile,
+            np.array(position_ned_m),
+            view.threats_ned_m,
+            view.detection_radius_m,
+            view.attack_radius_m,
+            view.peers_ned_m,
+            self.separation_m,
+            self.weights,
+        )
+
+
+@dataclass(frozen=True)
+class MonolithicSurrogate:
+    """F* as the paper's one network of all positions; who is not known of is padded with zeros."""
+
+    network: MonolithicNetwork
+    agent_id: int
+
+    def gradient_m(self, position_ned_m: tuple[float, float], view: View) -> np.ndarray:
+        """See Surrogate."""
+        known = view.peer_ids != NOBODY
+        ids = np.append(view.peer_ids[known], self.agent_id)
+        places_ned_m = np.vstack((view.peers_ned_m[known], position_ned_m))
+        gradient_m: np.ndarray = self.network.gradient(
+            slots(ids, places_ned_m, self.network.agents),
+            slots(view.threat_ids, view.threats_ned_m, self.network.threats),
+        )[self.agent_id - 1]
+        return gradient_m
 
 
 def turn_rate_rad_s(speed_m_s: float, n_max: float) -> float:
@@ -113,23 +166,6 @@ def loiter_place(
     return position_ned_m
 
 
-def direction(
-    pull: Pull,
-    profile: RadialProfile,
-    position_ned_m: tuple[float, float],
-    view: View,
-    separation_m: float,
-    weights: Weights,
-) -> Pull:
-    """Return d = -dF*/dU + attraction (paper: direct1), the surrogate's gradient by `profile`."""
-    gradient_m = gradient_for_agent(
-        profile,
-        np.array(position_ned_m),
-        view.threats_ned_m,
-        view.detection_radius_m,
-        view.attack_radius_m,
-        view.peers_ned_m,
-        separation_m,
-        weights,
-    )
+def direction(pull: Pull, gradient_m: np.ndarray) -> Pull:
+    """Return d = -dF*/dU + attraction (paper: direct1); `gradient_m` is the surrogate's, (2,)."""
     return Pull(pull.north_m - float(gradient_m[0]), pull.east_m - float(gradient_m[1]))

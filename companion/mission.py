@@ -273,6 +273,7 @@ class Mission(Section):
     detector_range_m: NotNegative = 2_000.0
     heading_hold_s: Period = 5.0
     lost_after_s: Positive = 30.0
+    report_period_s: NotNegative = 0.0
     case: Literal["I", "II"] = "I"
     range_policy: Literal["return", "arrive"] = "return"
     objective: Literal["distance", "inverse-distance", "route"] = "distance"

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from companion.wire import AgentEntry, Directive, MotionFrame, Stamp, StateFrame, TargetEntry, ThreatEntry
 
+NOBODY = 0
+"""Stands for the id of one that is no agent: ids begin at 1."""
 RESTART_AFTER_S = 30.0
 """A lower epoch than the last is an old run replayed, unless nothing was heard for this long: a ground station whose
 clock was set back."""
@@ -38,7 +41,9 @@ class View:
     detection_radius_m: np.ndarray  # (M,) m, grown by what the threat may have moved since
     attack_radius_m: np.ndarray  # (M,) m, grown likewise
     threat_speed_m_s: np.ndarray  # (M,) m/s, bounds
+    threat_ids: np.ndarray  # (M,) int
     peers_ned_m: np.ndarray  # (P, 2) m, extrapolated to now
+    peer_ids: np.ndarray  # (P,) int, 0 for one that is nobody known
     settled_ned_m: np.ndarray  # (Q, 2) m, those of the peers whose loiter place goes before ours
 
 
@@ -51,12 +56,14 @@ class _ThreatTable:
     attack_m: np.ndarray  # (M,) m
     speed_m_s: np.ndarray  # (M,) m/s, bounds
     true_at_s: np.ndarray  # (M,) s
+    ids: np.ndarray  # (M,) int
 
 
 @dataclass(frozen=True)
 class _PeerTable:
-    """The other agents as last heard, by rising id."""
+    """The other agents as last heard, by rising id; those whose place was not broadcast are not in it."""
 
+    ids: np.ndarray  # (P,) int
     seen_ned_m: np.ndarray  # (P, 2) m
     velocity_m_s: np.ndarray  # (P, 2) m/s
     true_at_s: np.ndarray  # (P,) s
@@ -163,8 +170,31 @@ class Picture:
             detection_radius_m=threats.detection_m + growth_m,
             attack_radius_m=threats.attack_m + growth_m,
             threat_speed_m_s=threats.speed_m_s,
+            threat_ids=threats.ids,
             peers_ned_m=peers_ned_m[remembered],
+            peer_ids=peers.ids[remembered],
             settled_ned_m=peers_ned_m[remembered & peers.settled],
+        )
+
+    def with_seen(self, view: View, seen: Sequence[tuple[int | None, tuple[float, float]]]) -> View:
+        """Return the view with what the vehicle's own detector sees: (agent id or None, north and east m) each.
+
+        A peer that is seen needs no word of the broadcast's about where it is.
+        """
+        if not seen:
+            return view
+        seen_ids = np.array([identity or NOBODY for identity, _ in seen], dtype=int)
+        seen_ned_m = np.array([place for _, place in seen])
+        before = np.array([self._goes_before(identity) for identity, _ in seen], dtype=bool)
+        unseen = ~np.isin(view.peer_ids, seen_ids)
+        heard_before = [self._goes_before(int(identity)) for identity in view.peer_ids[unseen]]
+        return replace(
+            view,
+            peers_ned_m=np.concatenate((view.peers_ned_m[unseen], seen_ned_m)),
+            peer_ids=np.concatenate((view.peer_ids[unseen], seen_ids)),
+            settled_ned_m=np.concatenate(
+                (view.peers_ned_m[unseen][np.array(heard_before, dtype=bool)], seen_ned_m[before])
+            ),
         )
 
     def _threat_table(self) -> _ThreatTable:
@@ -175,20 +205,30 @@ class Picture:
             attack_m=np.array([threat.attack_radius_m for threat, _ in entries]),
             speed_m_s=np.array([threat.speed_bound_m_s for threat, _ in entries]),
             true_at_s=np.array([heard.true_at_s for _, heard in entries]),
+            ids=np.array([threat.id for threat, _ in entries], dtype=int),
         )
 
     def _peer_table(self) -> _PeerTable:
-        ids = sorted(self._agents.keys() - {self.agent_id})
+        others = sorted(self._agents.keys() - {self.agent_id})
+        ids = [identity for identity in others if self._agents[identity][0].position_ned_m is not None]
         entries = [self._agents[identity] for identity in ids]
         velocities = [self._velocities.get(identity, (0.0, 0.0)) for identity in ids]
-        # Of two that arrive together the lower id stays where it is: both know this without a word.
-        settled = [agent.target_id is None or agent.id < self.agent_id for agent, _ in entries]
         return _PeerTable(
-            seen_ned_m=np.array([(agent.north_m, agent.east_m) for agent, _ in entries]).reshape(-1, 2),
+            ids=np.array(ids, dtype=int),
+            seen_ned_m=np.array([agent.position_ned_m for agent, _ in entries]).reshape(-1, 2),
             velocity_m_s=np.array(velocities).reshape(-1, 2),
             true_at_s=np.array([heard.true_at_s for _, heard in entries]),
-            settled=np.array(settled, dtype=bool),
+            settled=np.array([self._goes_before(identity) for identity in ids], dtype=bool),
         )
+
+    def _goes_before(self, peer_id: int | None) -> bool:
+        """Return whether a peer's loiter place goes before ours.
+
+        Of two that arrive together the lower id stays where it is: both know this without a word. Strangers do not.
+        """
+        if peer_id is None or peer_id not in self._agents:
+            return True
+        return self._agents[peer_id][0].target_id is None or peer_id < self.agent_id
 
     def _accept(self, stamp: Stamp, now_s: float) -> bool:
         if self.epoch_s is not None and stamp.epoch_s < self.epoch_s and now_s - self._received_s < RESTART_AFTER_S:

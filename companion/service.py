@@ -1,6 +1,7 @@
 """Shell of `companion run`: sockets, the clock and the log files around the core.
 
-One autopilot link, which goes both ways, and the broadcast link, which is only ever heard. Setpoints leave on a fixed
+One autopilot link, which goes both ways, and the broadcast link, which is only ever heard; an uplink for reports where
+there is one. Setpoints leave on a fixed
 grid of the monotonic clock; the time given to the core is Unix time as it was at the start, carried on by the monotonic
 clock, so that a step of the system clock in flight changes no age.
 """
@@ -20,7 +21,7 @@ from companion.errors import InputError
 from companion.picture import Picture
 from companion.process import SteadyClock, wait
 from companion.tlog import TlogWriter, whole_frames
-from companion.transport import open_duplex, open_receiver, parse_link
+from companion.transport import open_duplex, open_receiver, open_sender, parse_link
 
 
 async def run_companion(config: Config, stop: asyncio.Event) -> None:
@@ -58,12 +59,19 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
             f"companion: agent {config.agent_id}, {config.autopilot.kind} on {config.autopilot.link}, "
             f"broadcast on {config.broadcast.link} (unsigned)"
         )
+        uplink = None
+        if config.uplink is not None:
+            uplink = await open_sender(parse_link(config.uplink.link))
+            stack.callback(uplink.close)
         said: set[str] = set()
         listening = _Listening()
         due_s = time.monotonic()
         while not stop.is_set():
             decision, frames = companion.tick(clock.now_s())
             send(frames)
+            if uplink is not None:
+                for report in companion.report(clock.now_s()):
+                    uplink.send(report)
             for line in [*listening.news(companion.picture), _line(decision)]:
                 if line not in said:
                     click.echo(f"companion: {line}")

@@ -29,6 +29,8 @@ GROUND_COMPONENT = 190
 SENSOR_COMPONENT = 191
 
 _INT16_MAX = 32_767
+_UNKNOWN_POSITION = -32_768
+"""INT16_MIN as north and east of an agent: nobody on the ground knows where it is (Case II)."""
 _UINT16_MAX = 65_535
 _UINT8_MAX = 255
 _UINT32_MAX = 4_294_967_295
@@ -61,12 +63,17 @@ class WireError(ValueError):
 
 @dataclass(frozen=True)
 class AgentEntry:
-    """Where an agent is and which target it goes to (None: loiter)."""
+    """Which target an agent goes to (None: loiter), and where it is; both coordinates are None if that is not known."""
 
     id: int
-    north_m: float
-    east_m: float
+    north_m: float | None
+    east_m: float | None
     target_id: int | None
+
+    @property
+    def position_ned_m(self) -> tuple[float, float] | None:
+        """(north, east), None if not known."""
+        return None if self.north_m is None or self.east_m is None else (self.north_m, self.east_m)
 
 
 @dataclass(frozen=True)
@@ -177,7 +184,26 @@ class DetectionsFrame:
         return self.epoch_s + self.time_ms / 1000.0
 
 
-Frame = StateFrame | MotionFrame | DetectionsFrame
+@dataclass(frozen=True)
+class ReportFrame:
+    """ONEWAY_REPORT: where an agent is, on the uplink where there is one. Velocities are from true north."""
+
+    epoch_s: int
+    time_ms: int
+    agent_id: int
+    lat_deg: float
+    lon_deg: float
+    velocity_north_m_s: float
+    velocity_east_m_s: float
+    flown_m: float
+
+    @property
+    def unix_s(self) -> float:
+        """Time of the position as the vehicle's clock had it."""
+        return self.epoch_s + self.time_ms / 1000.0
+
+
+Frame = StateFrame | MotionFrame | DetectionsFrame | ReportFrame
 
 
 class FrameWriter:
@@ -197,8 +223,10 @@ class FrameWriter:
             message = _state_message(frame, signature)
         elif isinstance(frame, MotionFrame):
             message = _motion_message(frame, signature)
-        else:
+        elif isinstance(frame, DetectionsFrame):
             message = _detections_message(frame)
+        else:
+            message = _report_message(frame)
         data = bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
         return data
@@ -238,14 +266,16 @@ class FrameReader:
 
 
 def _state_message(frame: StateFrame, signature: bytes) -> oneway.MAVLink_oneway_state_message:
-    entries: tuple[AgentEntry | TargetEntry | ThreatEntry, ...] = (*frame.agents, *frame.targets, *frame.threats)
-    points = [(entry.north_m, entry.east_m) for entry in entries]
+    located = [agent.position_ned_m for agent in frame.agents]
+    points = [point for point in located if point is not None]
+    points += [(target.north_m, target.east_m) for target in frame.targets]
+    points += [(threat.north_m, threat.east_m) for threat in frame.threats]
     radii_m = [threat.detection_radius_m for threat in frame.threats]
     if any(not 0 < threat.attack_radius_m <= threat.detection_radius_m for threat in frame.threats):
         raise WireError("a threat's radii are not in order; allowed: 0 < attack radius <= detection radius")
     resolution_cm = _resolution_cm(points, radii_m)
     unit_m = resolution_cm / 100.0
-    origin_lat, origin_lon = _origin_e7(frame)
+    origin_lat, origin_lon = _on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
     frame_index, frame_count = _part(frame.stamp)
     agent_base, agent_ids = _based_ids([agent.id for agent in frame.agents], AGENTS_PER_FRAME, "agents")
     target_base, target_ids = _based_ids([target.id for target in frame.targets], TARGETS_PER_FRAME, "targets")
@@ -257,14 +287,14 @@ def _state_message(frame: StateFrame, signature: bytes) -> oneway.MAVLink_oneway
             raise WireError(f"agent {agent.id} is assigned to target {agent.target_id}, which the frame lacks")
         assigned.append(0 if agent.target_id is None else place[agent.target_id])
 
-    def coordinates(entries: Sequence[AgentEntry | TargetEntry | ThreatEntry], length: int) -> tuple[list[int], ...]:
-        north = _padded([round(entry.north_m / unit_m) for entry in entries], length)
-        east = _padded([round(entry.east_m / unit_m) for entry in entries], length)
-        return north, east
+    def coordinates(points: Sequence[tuple[float, float] | None], length: int) -> tuple[list[int], ...]:
+        north = [_UNKNOWN_POSITION if point is None else round(point[0] / unit_m) for point in points]
+        east = [_UNKNOWN_POSITION if point is None else round(point[1] / unit_m) for point in points]
+        return _padded(north, length), _padded(east, length)
 
-    agent_north, agent_east = coordinates(frame.agents, AGENTS_PER_FRAME)
-    target_north, target_east = coordinates(frame.targets, TARGETS_PER_FRAME)
-    threat_north, threat_east = coordinates(frame.threats, THREATS_PER_FRAME)
+    agent_north, agent_east = coordinates(located, AGENTS_PER_FRAME)
+    target_north, target_east = coordinates([(t.north_m, t.east_m) for t in frame.targets], TARGETS_PER_FRAME)
+    threat_north, threat_east = coordinates([(t.north_m, t.east_m) for t in frame.threats], THREATS_PER_FRAME)
     rounding_m = unit_m * math.sqrt(0.5)
 
     def radius_units(radius_m: float) -> int:
@@ -357,7 +387,7 @@ def _detections_message(frame: DetectionsFrame) -> oneway.MAVLink_oneway_detecti
     if len(seen) > DETECTIONS_PER_FRAME:
         raise WireError(f"{len(seen)} detections; a frame holds {DETECTIONS_PER_FRAME}")
     length = DETECTIONS_PER_FRAME
-    origin_lat, origin_lon = _origin_e7(frame)
+    origin_lat, origin_lon = _on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
     return oneway.MAVLink_oneway_detections_message(
         epoch=_whole(frame.epoch_s, _UINT32_MAX, "epoch"),
         time_ms=_whole(frame.time_ms, _UINT32_MAX, "time_ms"),
@@ -370,6 +400,20 @@ def _detections_message(frame: DetectionsFrame) -> oneway.MAVLink_oneway_detecti
         id=_padded([_whole(item.id, _UINT16_MAX, "id") for item in seen], length),
         count=len(seen),
         kind=_padded([int(item.kind) for item in seen], length),
+    )
+
+
+def _report_message(frame: ReportFrame) -> oneway.MAVLink_oneway_report_message:
+    lat_e7, lon_e7 = _on_earth_e7(frame.lat_deg, frame.lon_deg)
+    return oneway.MAVLink_oneway_report_message(
+        epoch=_whole(frame.epoch_s, _UINT32_MAX, "epoch"),
+        time_ms=_whole(frame.time_ms, _UINT32_MAX, "time_ms"),
+        lat=lat_e7,
+        lon=lon_e7,
+        flown=_ceiling(frame.flown_m, _UINT32_MAX, "flown"),
+        velocity_north=_speed_cm_s(frame.velocity_north_m_s),
+        velocity_east=_speed_cm_s(frame.velocity_east_m_s),
+        agent_id=_whole(frame.agent_id, _UINT16_MAX, "agent_id"),
     )
 
 
@@ -393,7 +437,7 @@ def _state_frame(message: oneway.MAVLink_oneway_state_message) -> StateFrame:
         origin_lon_deg=origin_lon_deg,
         directive=Directive(message.directive),
         agents=tuple(
-            AgentEntry(identity, north * unit_m, east * unit_m, target_ids[place - 1] if place else None)
+            AgentEntry(identity, *_position_m(north, east, unit_m), target_ids[place - 1] if place else None)
             for identity, north, east, place in zip(
                 agent_ids, message.agent_north, message.agent_east, assigned, strict=False
             )
@@ -404,6 +448,15 @@ def _state_frame(message: oneway.MAVLink_oneway_state_message) -> StateFrame:
         ),
         threats=tuple(_threat_entry(identity, message, index, unit_m) for index, identity in enumerate(threat_ids)),
     )
+
+
+def _position_m(north: int, east: int, unit_m: float) -> tuple[float | None, float | None]:
+    unknown = (north == _UNKNOWN_POSITION, east == _UNKNOWN_POSITION)
+    if unknown == (True, True):
+        return None, None
+    if any(unknown):
+        raise WireError("half a position")
+    return north * unit_m, east * unit_m
 
 
 def _threat_entry(
@@ -478,10 +531,26 @@ def _detections_frame(message: oneway.MAVLink_oneway_detections_message) -> Dete
     )
 
 
+def _report_frame(message: oneway.MAVLink_oneway_report_message) -> ReportFrame:
+    if abs(message.lat) > _LAT_MAX_E7 or abs(message.lon) > _LON_MAX_E7:
+        raise WireError("position out of range")
+    return ReportFrame(
+        epoch_s=message.epoch,
+        time_ms=message.time_ms,
+        agent_id=message.agent_id,
+        lat_deg=message.lat / 1e7,
+        lon_deg=message.lon / 1e7,
+        velocity_north_m_s=message.velocity_north / 100.0,
+        velocity_east_m_s=message.velocity_east / 100.0,
+        flown_m=float(message.flown),
+    )
+
+
 _DECODERS: dict[str, Callable[[Any], Frame]] = {
     "ONEWAY_STATE": _state_frame,
     "ONEWAY_MOTION": _motion_frame,
     "ONEWAY_DETECTIONS": _detections_frame,
+    "ONEWAY_REPORT": _report_frame,
 }
 
 
@@ -565,10 +634,10 @@ def _coordinate_cm(coordinate_m: float) -> int:
     return value_cm
 
 
-def _origin_e7(frame: StateFrame | DetectionsFrame) -> tuple[int, int]:
-    lat_e7, lon_e7 = _rounded(frame.origin_lat_deg * 1e7), _rounded(frame.origin_lon_deg * 1e7)
+def _on_earth_e7(lat_deg: float, lon_deg: float) -> tuple[int, int]:
+    lat_e7, lon_e7 = _rounded(lat_deg * 1e7), _rounded(lon_deg * 1e7)
     if abs(lat_e7) > _LAT_MAX_E7 or abs(lon_e7) > _LON_MAX_E7:
-        raise WireError(f"origin {frame.origin_lat_deg}, {frame.origin_lon_deg} is not on Earth")
+        raise WireError(f"{lat_deg}, {lon_deg} is not on Earth")
     return lat_e7, lon_e7
 
 

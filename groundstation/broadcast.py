@@ -32,6 +32,7 @@ from companion.wire import (
 from groundstation.picture import GroundPicture, Track
 
 EntryT = TypeVar("EntryT", AgentEntry, TargetEntry, ThreatEntry, AgentMotion, PointMotion)
+_UNTOLD: tuple[float | None, float | None] = (None, None)
 MOVING_M_S = 0.1
 """Below this speed a heading means nothing."""
 
@@ -43,21 +44,25 @@ def state_frames(
     directive: Directive,
     stamp: Stamp,
 ) -> list[StateFrame]:
-    """Return the state frames of one broadcast; `stamp` gives epoch, time and sequence."""
+    """Return the state frames of one broadcast; `stamp` gives epoch, time and sequence.
+
+    In Case II the agents' places only decide which threats travel with whom: what is reckoned is not broadcast.
+    """
     now_s = stamp.unix_s
+    here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
     targets = {
         identity: TargetEntry(identity, *picture.tracks[Kind.TARGET, identity].position_ned_m)
         for identity in picture.open_targets
     }
     agents = [
-        AgentEntry(identity, *_here(picture.tracks[Kind.AGENT, identity], now_s), assignment.get(identity))
-        for identity in picture.present_agents
+        AgentEntry(identity, *(place if mission.case == "I" else _UNTOLD), target_id=assignment.get(identity))
+        for identity, place in here.items()
     ]
     threats = [_grown(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
     contents = []
     for group in _agent_groups(agents):
         wanted = sorted({agent.target_id for agent in group if agent.target_id is not None})
-        contents.append((group, [targets[identity] for identity in wanted], _nearest_threats(group, threats)))
+        contents.append((group, [targets[identity] for identity in wanted], _nearest_threats([here[agent.id] for agent in group], threats)))
     sent_targets = {target.id for _, chosen, _ in contents for target in chosen}
     sent_threats = {threat.id for _, _, chosen in contents for threat in chosen}
     rest_targets = _chunks([t for t in targets.values() if t.id not in sent_targets], TARGETS_PER_FRAME)
@@ -86,9 +91,8 @@ def state_frames(
 def motion_frames(picture: GroundPicture, mission: Mission, stamp: Stamp) -> list[MotionFrame]:
     """Return the motion frames that go with the last state broadcast."""
     now_s = stamp.unix_s
-    agents = [
-        _agent_motion(identity, picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents
-    ]
+    moving = picture.present_agents if mission.case == "I" else []
+    agents = [_agent_motion(identity, picture.tracks[Kind.AGENT, identity], now_s) for identity in moving]
     targets = [_point_motion(i, picture.tracks[Kind.TARGET, i], now_s) for i in picture.open_targets]
     threats = [_point_motion(t.id, picture.tracks[Kind.THREAT, t.id], now_s) for t in mission.threats]
     agent_chunks = _chunks(agents, AGENTS_PER_FRAME)
@@ -143,13 +147,14 @@ def _agent_groups(agents: Sequence[AgentEntry]) -> Iterator[list[AgentEntry]]:
         yield group
 
 
-def _nearest_threats(group: Sequence[AgentEntry], threats: Sequence[ThreatEntry]) -> list[ThreatEntry]:
+def _nearest_threats(
+    group_ned_m: Sequence[tuple[float, float]], threats: Sequence[ThreatEntry]
+) -> list[ThreatEntry]:
     """Return up to four threats with the least clearance to any agent of the group, as far as their ids fit."""
 
     def clearance_m(threat: ThreatEntry) -> float:
         return min(
-            math.hypot(agent.north_m - threat.north_m, agent.east_m - threat.east_m) - threat.detection_radius_m
-            for agent in group
+            math.dist(point, (threat.north_m, threat.east_m)) - threat.detection_radius_m for point in group_ned_m
         )
 
     chosen: list[ThreatEntry] = []

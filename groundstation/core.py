@@ -1,18 +1,24 @@
-"""The ground station without sockets: detections and time in, broadcast frames out.
+"""The ground station without sockets: detections, reports and time in, broadcast frames out.
 
 State and motion frames alternate: each kind goes out once per broadcast period, half a period apart.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from companion.config import Law
 from companion.errors import InputError
+from companion.geodesy import LocalFrame, to_grid
+from companion.guidance import RANGE_RESERVE
 from companion.mission import Mission
-from companion.wire import DetectionsFrame, Directive, FrameReader, FrameWriter, Kind, Stamp, WireError
-from groundstation.assignment import OBJECTIVES, assign
+from companion.wire import DetectionsFrame, Directive, FrameReader, FrameWriter, Kind, ReportFrame, Stamp, WireError
+from groundstation.assignment import OBJECTIVES, assign, within_range
 from groundstation.broadcast import motion_frames, state_frames
 from groundstation.picture import GroundPicture
+from groundstation.reckoning import Reckoner
 
 _DUE_TOLERANCE_S = 1e-6
 MAX_EPOCH_S = 4.0e6
@@ -25,15 +31,18 @@ def check_runnable(mission: Mission, source: str) -> None:
         raise InputError(
             f"{source}: objective: '{mission.objective}' cannot be assigned; allowed: {', '.join(OBJECTIVES)}"
         )
-    if mission.case != "I":
-        raise InputError(f"{source}: case: '{mission.case}' cannot be run; allowed: I")
 
 
 class GroundStation:
     """Runs one resolved mission from `start_s`; times are Unix seconds given by the caller."""
 
-    def __init__(self, mission: Mission, start_s: float, sensed: bool = True) -> None:
+    def __init__(
+        self, mission: Mission, start_s: float, sensed: bool = True, law: Law = "seed", can_stop: bool = False
+    ) -> None:
         """Begin a run, and with it an epoch.
+
+        Without a sensor (`sensed` false) nobody is detected. `law` and `can_stop` say what the vehicles fly by and
+        whether they can stand still: in Case II they are reckoned by it.
 
         Raises:
             InputError: the mission asks for something the ground station cannot do.
@@ -42,10 +51,14 @@ class GroundStation:
         check_runnable(mission, mission.name)
         self.mission = mission
         self.directive = Directive.NORMAL
-        self.picture = GroundPicture(mission, start_s, sensed)
+        self._reckoner = Reckoner(mission, start_s, law, can_stop) if mission.case == "II" else None
+        self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
+        self.picture = GroundPicture(mission, start_s, _silent_after_s(mission, sensed))
+        self._homes_ned_m = {agent.id: agent.position_ned_m for agent in mission.agents}
+        self._ranges_m = {agent.id: agent.range_m for agent in mission.agents}
         self.assignment: dict[int, int] = {}
         self.uncovered: tuple[int, ...] = ()
-        """Targets no agent is left for."""
+        """Targets that no agent is left for, or none that can arrive there."""
         self.reader = FrameReader()
         self._writer = FrameWriter()
         self._epoch_s = int(start_s)
@@ -65,11 +78,31 @@ class GroundStation:
             if isinstance(frame, DetectionsFrame):
                 self.picture.take(frame, now_s)
 
+    def hear_report(self, datagram: bytes, now_s: float) -> None:
+        """Take in bytes from the uplink; never raises, whatever the bytes. Case I has no use for reports."""
+        for frame in self.reader.read(datagram):
+            if isinstance(frame, ReportFrame) and self._reckoner is not None:
+                self._take_report(frame, self._reckoner, now_s)
+
+    def _take_report(self, report: ReportFrame, reckoner: Reckoner, now_s: float) -> None:
+        heard_at_s = self.picture.heard_at_s.get(report.agent_id)
+        true_at_s = min(now_s, report.unix_s)
+        if heard_at_s is None or true_at_s < heard_at_s:
+            return  # nobody of ours, or older than what is known
+        north_m, east_m, convergence_rad = self._frame.to_local_with_convergence(report.lat_deg, report.lon_deg)
+        velocity_m_s = to_grid(report.velocity_north_m_s, report.velocity_east_m_s, convergence_rad)
+        reckoner.fix(report.agent_id, (north_m, east_m), velocity_m_s, true_at_s, report.flown_m)
+        self.picture.heard_at_s[report.agent_id] = true_at_s
+
     def tick(self, now_s: float) -> list[bytes]:
         """Return the frames to broadcast now: none unless something is due."""
         if now_s - self._epoch_s > MAX_EPOCH_S:
             self._epoch_s, self._sequence = int(now_s), 0
-        changed = self.picture.update(now_s)
+        if self._reckoner is not None:
+            self._reckoner.advance(now_s, self.picture.present_agents)
+            for identity in self.picture.present_agents:
+                self.picture.place(identity, self._reckoner.estimate(identity, now_s), now_s)
+        changed = self.picture.update(now_s, self.assignment)
         if changed or now_s >= self._next_assignment_s - _DUE_TOLERANCE_S:
             self._assign()
             self._next_assignment_s = _after(self._next_assignment_s, self.mission.assignment_period_s, now_s)
@@ -82,6 +115,9 @@ class GroundStation:
             for motion in motion_frames(self.picture, self.mission, self._stamp(now_s)):
                 datagrams.append(self._writer.encode(motion))
             self._next_motion_s = _after(self._next_motion_s, self.mission.broadcast_period_s, now_s)
+        if self._reckoner is not None:
+            for datagram in datagrams:
+                self._reckoner.hear(datagram, now_s)
         return datagrams
 
     def _state_datagrams(self, now_s: float) -> list[bytes]:
@@ -90,10 +126,20 @@ class GroundStation:
 
     def _assign(self) -> None:
         agents, targets = self.picture.active_agents, self.picture.open_targets
+        agents_ned_m, targets_ned_m = self._positions(Kind.AGENT, agents), self._positions(Kind.TARGET, targets)
+        left_m = np.array([self._ranges_m[identity] - self.picture.flown_m[identity] for identity in agents])
+        homes_ned_m = np.array([self._homes_ned_m[identity] for identity in agents]).reshape(-1, 2)
         chosen = assign(
-            self._positions(Kind.AGENT, agents),
-            self._positions(Kind.TARGET, targets),
+            agents_ned_m,
+            targets_ned_m,
             "inverse-distance" if self.mission.objective == "inverse-distance" else "distance",
+            within_range(
+                agents_ned_m,
+                targets_ned_m,
+                left_m,
+                homes_ned_m if self.mission.range_policy == "return" else None,
+                RANGE_RESERVE,
+            ),
         )
         self.assignment = {agent: targets[index] for agent, index in zip(agents, chosen, strict=True) if index >= 0}
         covered = set(self.assignment.values())
@@ -104,6 +150,13 @@ class GroundStation:
 
     def _stamp(self, now_s: float) -> Stamp:
         return Stamp(self._epoch_s, round((now_s - self._epoch_s) * 1000.0), self._sequence)
+
+
+def _silent_after_s(mission: Mission, sensed: bool) -> float | None:
+    """Return after how long without a word an agent counts as lost (METHOD.md section 1 item 7)."""
+    if mission.case == "I":
+        return mission.lost_after_s if sensed else None
+    return mission.report_period_s + mission.lost_after_s if mission.report_period_s > 0.0 else None
 
 
 def _after(due_s: float, period_s: float, now_s: float) -> float:

@@ -1,18 +1,21 @@
 """The ground station's picture of the world: one track per agent, target and threat, with ages.
 
-It begins with what the mission says and lives on the detections of a sensor. An agent not detected for `lost_after_s`
-is lost (METHOD.md section 1 item 7, Case I); one that comes within the arrival radius of a target completes it, and
-both leave the problem. Times are Unix seconds given by the caller.
+It begins with what the mission says and lives on the detections of a sensor; in Case II agents are not detected but
+placed where they are reckoned to be. An agent not heard of for too long is lost (METHOD.md section 1 item 7); one that
+comes within the arrival radius of a target completes it, and both leave the problem. Where an agent is only known to so
+many metres, its arrival is believed as much later as it takes to fly them. Times are Unix seconds given by the caller.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from companion.geodesy import LocalFrame
 from companion.mission import Mission
 from companion.wire import DetectionsFrame, Kind
+from groundstation.reckoning import Estimate
 
 
 @dataclass(frozen=True)
@@ -38,11 +41,18 @@ class Track:
 class GroundPicture:
     """Tracks by kind and id, and what has become of agents and targets."""
 
-    def __init__(self, mission: Mission, now_s: float, sensed: bool) -> None:
-        """Begin with a resolved mission's positions; without a sensor (`sensed` false) nobody can be known lost."""
+    def __init__(self, mission: Mission, now_s: float, silent_after_s: float | None) -> None:
+        """Begin with a resolved mission's positions.
+
+        An agent not heard of for `silent_after_s` is lost; None where nobody is heard of, so that nobody can be known
+        lost.
+        """
         self._mission = mission
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
-        self._sensed = sensed
+        self._silent_after_s = silent_after_s
+        self._speed_m_s = {agent.id: agent.speed_m_s for agent in mission.agents}
+        self._near: dict[int, tuple[int, float]] = {}
+        """Agent to the target that it is believed to be near, and since when."""
         self.tracks: dict[tuple[Kind, int], Track] = {}
         for kind, items in (
             (Kind.AGENT, mission.agents),
@@ -51,6 +61,10 @@ class GroundPicture:
         ):
             for item in items:
                 self.tracks[kind, item.id] = Track(*item.position_ned_m, 0.0, 0.0, now_s)
+        self.heard_at_s = {agent.id: now_s for agent in mission.agents}
+        """When each agent was last detected (Case I) or reported (Case II)."""
+        self.flown_m = {agent.id: 0.0 for agent in mission.agents}
+        self.uncertainty_m = {agent.id: 0.0 for agent in mission.agents}
         self.arrived: set[int] = set()
         self.lost: set[int] = set()
         self.completed: set[int] = set()
@@ -80,27 +94,56 @@ class GroundPicture:
             track = self.tracks.get(key)
             if track is None or seen_at_s < track.seen_at_s:
                 continue
+            if detection.kind is Kind.AGENT and self._mission.case == "II":
+                continue  # agents are reckoned, whatever a stray detection says of them
             north_m, east_m = detection.north_m, detection.east_m
             if sensor_frame is not None:
                 north_m, east_m = self._frame.to_local(*sensor_frame.to_global(north_m, east_m))
+            if detection.kind is Kind.AGENT:
+                self.flown_m[detection.id] += math.dist(track.position_ned_m, (north_m, east_m))
+                self.heard_at_s[detection.id] = seen_at_s
             self.tracks[key] = Track(
                 north_m, east_m, detection.velocity_north_m_s, detection.velocity_east_m_s, seen_at_s
             )
 
-    def update(self, now_s: float) -> bool:
-        """Find who is lost and who has arrived by `now_s`; return whether anything changed."""
+    def place(self, agent_id: int, estimate: Estimate, now_s: float) -> None:
+        """Put an agent where it is reckoned to be now (Case II)."""
+        self.tracks[Kind.AGENT, agent_id] = Track(
+            estimate.north_m,
+            estimate.east_m,
+            estimate.speed_m_s * math.cos(estimate.heading_rad),
+            estimate.speed_m_s * math.sin(estimate.heading_rad),
+            now_s,
+        )
+        self.flown_m[agent_id] = estimate.flown_m
+        self.uncertainty_m[agent_id] = estimate.uncertainty_m
+
+    def update(self, now_s: float, assignment: Mapping[int, int]) -> bool:
+        """Find who is lost and who has arrived by `now_s`; return whether anything changed.
+
+        `assignment` is of agent id to target id: an agent whose place is uncertain arrives only where it was sent.
+        """
         before = (set(self.arrived), set(self.lost), set(self.completed))
-        if self._sensed:
-            self.lost = {
-                agent.id
-                for agent in self._mission.agents
-                if self.tracks[Kind.AGENT, agent.id].age_s(now_s) > self._mission.lost_after_s
-            }
+        if self._silent_after_s is not None:
+            self.lost = {key for key, heard_at_s in self.heard_at_s.items() if now_s - heard_at_s > self._silent_after_s}
+        self._near = {key: near for key, near in self._near.items() if assignment.get(key) == near[0]}
         for target_id in self.open_targets:
             target = self.tracks[Kind.TARGET, target_id]
             for agent_id in self.active_agents:
                 agent = self.tracks[Kind.AGENT, agent_id]
-                if math.dist(agent.position_ned_m, target.position_ned_m) <= self._mission.arrival_radius_m:
+                near = math.dist(agent.position_ned_m, target.position_ned_m) <= self._mission.arrival_radius_m
+                if self._has_arrived(agent_id, target_id, near, assignment.get(agent_id) == target_id, now_s):
                     self.arrived.add(agent_id)
                     self.completed.add(target_id)
         return before != (self.arrived, self.lost, self.completed)
+
+    def _has_arrived(self, agent_id: int, target_id: int, near: bool, sent: bool, now_s: float) -> bool:
+        doubt_s = self.uncertainty_m[agent_id] / self._speed_m_s[agent_id]
+        if doubt_s == 0.0:
+            return near
+        if not sent:
+            return False
+        # Once near it loiters there, by its own lights; it need not stay near by ours.
+        if near:
+            self._near.setdefault(agent_id, (target_id, now_s))
+        return agent_id in self._near and now_s - self._near[agent_id][1] >= doubt_s

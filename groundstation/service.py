@@ -16,11 +16,14 @@ TICK_S = 0.05
 """How often the core is asked what is due: fine against any broadcast period in use."""
 
 
-async def run_groundstation(mission: Mission, link: Link, sensor: Link | None, stop: asyncio.Event) -> None:
+async def run_groundstation(
+    mission: Mission, link: Link, sensor: Link | None, uplink: Link | None, can_stop: bool, stop: asyncio.Event
+) -> None:
     """Broadcast a resolved mission until `stop` is set.
 
-    Without a sensor the ground station knows no more than the mission file: threats that may move grow with age, and
-    nobody can be known to be lost or to have arrived.
+    Without a sensor the ground station knows no more than the mission file: threats that may move grow with age, and in
+    Case I nobody can be known to be lost or to have arrived. In Case II agents that `can_stop`, or not, are reckoned,
+    and what they report on the `uplink` is heard.
 
     Raises:
         InputError: a link cannot be opened, or the mission asks for something the ground station cannot do.
@@ -28,14 +31,20 @@ async def run_groundstation(mission: Mission, link: Link, sensor: Link | None, s
     """
     clock = SteadyClock()
     # The epoch is this run's whole second, and what is broadcast counts from it.
-    station = GroundStation(mission, clock.now_s(), sensed=sensor is not None)
+    station = GroundStation(mission, clock.now_s(), sensed=sensor is not None, can_stop=can_stop)
     with ExitStack() as stack:
         sender = await open_sender(link)
         stack.callback(sender.close)
         if sensor is not None:
             receiver = await open_receiver(sensor, lambda datagram: station.sense(datagram, clock.now_s()))
             stack.callback(receiver.close)
-        click.echo(f"groundstation: {mission.name} on {link} (unsigned), sensor {sensor or 'none'}")
+        if uplink is not None:
+            reports = await open_receiver(uplink, lambda datagram: station.hear_report(datagram, clock.now_s()))
+            stack.callback(reports.close)
+        click.echo(
+            f"groundstation: {mission.name} on {link} (unsigned), case {mission.case}, sensor {sensor or 'none'}, "
+            f"uplink {uplink or 'none'}"
+        )
         said = ""
         while not stop.is_set():
             for datagram in station.tick(clock.now_s()):

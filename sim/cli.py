@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,13 +23,24 @@ from companion.doubts import doubts
 from companion.drawing import resolve
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, run_program, tell
 from companion.mission import Mission, dump_mission, load_mission
-from sim.lockstep import Flight, check_flyable, fly
+from sim.lockstep import WHY_NOT_MONOLITHIC, Flight, check_flyable, fly
 from sim.plots import clearance_png, plot_paths
 from sim.report import write_report
+from sim.reproduction.claims import Claim, all_claims
+from sim.reproduction.experiments import MIN_SEEDS, Settings, run_all
+from sim.reproduction.figures import draw_all
+from sim.reproduction.report import JSON_NAME, MARKDOWN_NAME
+from sim.reproduction.report import write_report as write_reproduction
 from sim.score import Score, score
 from sim.vehicle_service import vehicle
 
 MAX_SEED = 2**63 - 1
+MAX_WORKERS = 8
+"""Processes of `sim reproduce`; more would cost their memory and save seconds."""
+PIPE_COLUMNS = 200
+"""Width of the table of claims where there is no terminal: no claim is broken over lines."""
+MIN_SAMPLES = 100
+"""Fewer leave no validation set worth the name."""
 
 
 @click.group()
@@ -52,6 +66,7 @@ cli.add_command(vehicle)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for trajectory, logs, pictures and report.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json instead of the table.")
 @click.option("--realtime", is_flag=True, help="Pace the virtual clock by the wall clock.")
+@click.option("--allow-monolithic", is_flag=True, help="Fly `surrogate: monolithic` all the same, to see it fail.")
 def fly_command(
     mission: str,
     seed: int,
@@ -61,6 +76,7 @@ def fly_command(
     out: Path | None,
     as_json: bool,
     realtime: bool,
+    allow_monolithic: bool,
 ) -> int:
     """Fly MISSION, a YAML file or a packaged name, over real frames on a virtual clock.
 
@@ -76,7 +92,9 @@ def fly_command(
     if vehicles is not None:
         loaded = _with_vehicles(loaded, vehicles, mission)
     resolved = resolve(loaded, seed, mission)
-    check_flyable(resolved, mission)
+    check_flyable(resolved, mission, allow_monolithic)
+    if resolved.surrogate == "monolithic":
+        click.echo(f"sim: warning: {mission}: surrogate: 'monolithic' should not fly: {WHY_NOT_MONOLITHIC}", err=True)
     for doubt in doubts(resolved):
         click.echo(f"sim: warning: {mission}: {doubt}", err=True)
     folder = None if out is None else _writable_folder(out)
@@ -84,7 +102,9 @@ def fly_command(
         # First, so that an interrupted flight leaves what it was.
         (folder / "mission.yaml").write_text(dump_mission(resolved), encoding="utf-8")
     with _progress(len(resolved.targets)) as progress:
-        flight = fly(resolved, seed, chosen, autopilot, folder, realtime, progress)
+        flight = fly(
+            resolved, seed, chosen, autopilot, folder, realtime, progress, allow_monolithic=allow_monolithic
+        )
     scored = score(flight.trajectory, resolved)
     result = result_of(scored, flight, seed, chosen)
     if folder is not None:
@@ -94,6 +114,50 @@ def fly_command(
         )
     tell(json.dumps(result) if as_json else _table(resolved, result, folder))
     return EXIT_DONE if scored.targets_reached == scored.targets else EXIT_FAILED
+
+
+@cli.command("reproduce")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("reproduce"),
+    show_default=True,
+    help="Folder for reproduce.md, reproduce.json and the figures.",
+)
+@click.option(
+    "--seeds",
+    type=click.IntRange(MIN_SEEDS, 100_000),
+    default=Settings.seeds,
+    show_default=True,
+    help="Flights of each experiment.",
+)
+@click.option(
+    "--samples", type=click.IntRange(MIN_SAMPLES), default=Settings.samples, show_default=True, help="For training."
+)
+@click.option(
+    "--epochs", type=click.IntRange(1), default=Settings.epochs, show_default=True, help="At most; for training."
+)
+def reproduce_command(out: Path, seeds: int, samples: int, epochs: int) -> int:
+    """Run the paper's experiments again and set what is measured beside what it claims (needs the extra `train`).
+
+    Exit status 0 whatever the verdicts, 1 if the flights over the wire disagree with those on the pure core, 2 for
+    unusable input or a folder that cannot be written.
+
+    Example: sim reproduce --out runs/reproduce
+    """
+    settings = Settings(seeds=seeds, samples=samples, epochs=epochs)
+    folder = _writable_folder(out)
+    began_s = time.perf_counter()
+    with _job_progress() as progress:
+        results = run_all(settings, min(os.cpu_count() or 1, MAX_WORKERS), progress)
+        figures = draw_all(results, folder)
+    claims = all_claims(results)
+    write_reproduction(folder, results, claims, figures, time.perf_counter() - began_s)
+    tell(_claims_table(claims, folder))
+    apart = [comparison.seed for comparison in results.wire if not comparison.agrees]
+    if apart:
+        click.echo(f"sim: the wire disagrees with the pure core: seeds {', '.join(map(str, apart))}", err=True)
+    return EXIT_FAILED if apart else EXIT_DONE
 
 
 def result_of(scored: Score, flight: Flight, seed: int, law: Law) -> dict[str, Any]:
@@ -165,6 +229,42 @@ def _progress(targets: int) -> Iterator[Callable[[float, int], None]]:
             bar.update(task, completed=reached, flown=f"{t_s:.0f} s")
 
         yield show
+
+
+@contextmanager
+def _job_progress() -> Iterator[Callable[[int, int], None]]:
+    """Show jobs done on a terminal; nothing in a pipe."""
+    console = Console(stderr=True)
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} flights and trainings"),
+        BarColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("reproduce", total=1)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _claims_table(claims: Sequence[Claim], folder: Path) -> str:
+    table = Table()
+    for column in ("claim", "paper", "here", "verdict"):
+        table.add_column(column)
+    for claim in claims:
+        table.add_row(
+            claim.claim, claim.paper, claim.here, claim.verdict.value, end_section=claim is _last_of_paper(claims)
+        )
+    width = None if sys.stdout.isatty() else PIPE_COLUMNS
+    console = Console(soft_wrap=True, highlight=False, markup=False, width=width)
+    with console.capture() as capture:
+        console.print("The paper's claims, then this project's of the paper; kinematic simulator")
+        console.print(table, end="")
+        console.print(f"\nwritten to {folder}: {MARKDOWN_NAME} (with the reasons), {JSON_NAME}, figures")
+    return capture.get().rstrip("\n")
+
+
+def _last_of_paper(claims: Sequence[Claim]) -> Claim:
+    return [claim for claim in claims if not claim.ours][-1]
 
 
 def _write(folder: Path, mission: Mission, scored: Score, flight: Flight, result: dict[str, Any], command: str) -> None:

@@ -23,17 +23,21 @@ from companion.drawing import random_stream
 from companion.errors import InputError
 from companion.geodesy import LocalFrame
 from companion.mission import AgentSpec, Mission
+from companion.monolithic import load_monolithic
 from companion.tlog import TlogWriter
-from companion.wire import Kind
+from companion.wire import Detection, Kind
 from groundstation.core import GroundStation, check_runnable
+from sim.detector import Detector, Fleet
 from sim.link import LINK_STREAM, LossyLink, Tamper
 from sim.sensor import LOOK_PERIOD_S, mission_sensor, seen
 from sim.trajectory import Trajectory, TrajectoryBuilder
 from sim.vehicle import ARDUCOPTER, LOCKSTEP_RATES_HZ, Home, Profile, StandIn, kinematic_profile
+from sim.wind import WindField
 from sim.world import World
 
 START_S = 1_767_225_600.0
 """Unix time at which every flight begins: 2026-01-01T00:00:00Z, so that logs are the same each time."""
+WHY_NOT_MONOLITHIC = "trained as the paper says it predicts the mean of the penalties, so its gradient is noise"
 _TOLERANCE_S = 1e-6
 _POSITION = common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _MAX_SYSTEM_ID = 250
@@ -41,6 +45,8 @@ _MAX_SYSTEM_ID = 250
 
 Progress = Callable[[float, int], None]
 """Called now and then with the virtual time in seconds and the number of targets reached."""
+Watch = Callable[[float, GroundStation, np.ndarray], None]
+"""Called at every step with the virtual time in seconds, the ground station, and the agents' true rows (N, 4)."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +72,18 @@ class _Aircraft:
     """A vehicle, its companion and its end of the link."""
 
     def __init__(
-        self, spec: AgentSpec, companion: Companion, vehicle: StandIn, link: LossyLink, log: TlogWriter | None
+        self,
+        spec: AgentSpec,
+        companion: Companion,
+        vehicle: StandIn,
+        detector: Detector | None,
+        link: LossyLink,
+        log: TlogWriter | None,
     ) -> None:
         self.spec = spec
         self.companion = companion
         self.vehicle = vehicle
+        self.detector = detector
         self.link = link
         self.log = log
         self.alive = True
@@ -81,8 +94,19 @@ class _Aircraft:
         heading_deg = float(np.degrees(truth.heading_rad)) % 360.0
         return truth.north_m, truth.east_m, heading_deg, truth.speed_m_s if self.alive else 0.0
 
+    def seen(self) -> Detection:
+        """Return what the centre's sensor sees of it."""
+        truth = self.vehicle.truth
+        return Detection(Kind.AGENT, self.spec.id, truth.north_m, truth.east_m, *self.vehicle.ground_velocity_m_s)
+
     def exchange_telemetry(self, now_s: float) -> None:
         for frame in self.vehicle.telemetry(now_s):
+            self._log(frame, now_s)
+            self.companion.receive(frame, now_s)
+
+    def look(self, fleet: Fleet, now_s: float) -> None:
+        """Let the companion know whom the vehicle's own detector sees."""
+        for frame in [] if self.detector is None else self.detector.look(fleet):
             self._log(frame, now_s)
             self.companion.receive(frame, now_s)
 
@@ -110,18 +134,42 @@ class _Aircraft:
             self.log.write(now_s, frame)
 
 
-def check_flyable(mission: Mission, source: str | None = None) -> None:
-    """Raise InputError if the mission asks for what this simulator does not fly; silence would be a wrong answer.
+def check_flyable(mission: Mission, source: str | None = None, allow_monolithic: bool = False) -> None:
+    """Raise InputError if a resolved mission asks for what is not flown; silence would be a wrong answer.
 
     `source` names the file in errors.
     """
     source = source or mission.name
     check_runnable(mission, source)
-    for key in ("speed_m_s", "gust_m_s"):
-        if getattr(mission.wind, key) > 0.0:
-            raise InputError(f"{source}: wind.{key}: {getattr(mission.wind, key):g}; allowed: 0, wind is not flown")
+    wind_m_s = mission.wind.speed_m_s + mission.wind.gust_m_s
+    slowest_m_s = min(agent.speed_m_s for agent in mission.agents)
+    if wind_m_s >= slowest_m_s:
+        raise InputError(
+            f"{source}: wind: speed_m_s and gust_m_s together {wind_m_s:g}; allowed: less than the slowest agent's "
+            f"speed_m_s {slowest_m_s:g}, which could not hold a course"
+        )
     if mission.surrogate == "monolithic":
-        raise InputError(f"{source}: surrogate: 'monolithic' is not flown; allowed: pairwise, analytic")
+        if not allow_monolithic:
+            raise InputError(
+                f"{source}: surrogate: 'monolithic' is not flown: {WHY_NOT_MONOLITHIC}; allowed: pairwise, analytic, "
+                "or --allow-monolithic to see it"
+            )
+        _check_slots(mission, source)
+
+
+def _check_slots(mission: Mission, source: str) -> None:
+    """Raise InputError unless everything has a place among the inputs of the one network, which are numbered."""
+    network = load_monolithic()
+    for key, ids, places in (
+        ("agents", [agent.id for agent in mission.agents], network.agents),
+        ("threats", [threat.id for threat in mission.threats], network.threats),
+    ):
+        for index, identity in enumerate(ids):
+            if identity > places:
+                raise InputError(
+                    f"{source}: {key}[{index}].id: {identity}; allowed: 1 to {places}, the inputs of the monolithic "
+                    "network"
+                )
 
 
 def fly(
@@ -133,22 +181,25 @@ def fly(
     realtime: bool = False,
     progress: Progress | None = None,
     tamper: Tamper | None = None,
+    watch: Watch | None = None,
+    allow_monolithic: bool = False,
 ) -> Flight:
     """Fly a resolved mission until every target is reached, nobody is left, or its time is up.
 
-    `out` is a folder for the `.tlog` files. `tamper` changes frames in the air, for tests.
+    `out` is a folder for the `.tlog` files. `tamper` changes frames in the air, `watch` looks on: for tests and
+    measurements. `allow_monolithic` flies with the paper's one network, which steers by noise.
 
     Raises:
         InputError: the mission asks for something that is not flown.
 
     """
-    check_flyable(mission)
+    check_flyable(mission, allow_monolithic=allow_monolithic)
     with ExitStack() as stack:
 
         def log(name: str) -> TlogWriter | None:
             return None if out is None else stack.enter_context(TlogWriter(out / name))
 
-        return _Flying(mission, seed, law, autopilot, log, tamper).run(realtime, progress)
+        return _Flying(mission, seed, law, autopilot, log, tamper).run(realtime, progress, watch)
 
 
 class _Flying:
@@ -165,9 +216,11 @@ class _Flying:
     ) -> None:
         self._mission = mission
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
-        self._ground = GroundStation(mission, START_S)
+        can_stop = ADAPTERS[autopilot]().can_stop
+        self._ground = GroundStation(mission, START_S, law=law, can_stop=can_stop)
         self._sensor = mission_sensor(mission, int(START_S))
         self._world = World(mission, seed)
+        self._wind = WindField(mission.wind, seed)
         self._broadcast_log = log("broadcast.tlog")
         self._fleet = [
             self._aircraft(spec, index, seed, law, autopilot, log(f"vehicle-{spec.id}.tlog"), tamper)
@@ -197,9 +250,10 @@ class _Flying:
         config = config_for_agent(self._mission, spec.id, law)
         north_m, east_m = spec.position_ned_m
         profile = _profile(autopilot, spec)
+        system_id = index % _MAX_SYSTEM_ID + 1
         vehicle = StandIn(
             profile,
-            index % _MAX_SYSTEM_ID + 1,
+            system_id,
             self._frame,
             north_m=north_m,
             east_m=east_m,
@@ -219,9 +273,12 @@ class _Flying:
             self._mission.broadcast_period_s,
             tamper,
         )
-        return _Aircraft(spec, Companion(config, ADAPTERS[autopilot]()), vehicle, link, log)
+        detector = None
+        if self._mission.case == "II":
+            detector = Detector(spec.id, system_id, self._frame, self._mission.detector_range_m)
+        return _Aircraft(spec, Companion(config, ADAPTERS[autopilot]()), vehicle, detector, link, log)
 
-    def run(self, realtime: bool, progress: Progress | None) -> Flight:
+    def run(self, realtime: bool, progress: Progress | None, watch: Watch | None) -> Flight:
         """Fly to the end."""
         mission = self._mission
         step_s = mission.integration_step_s
@@ -233,8 +290,10 @@ class _Flying:
         for tick in range(last_tick + 1):
             t_s = tick * step_s
             self._world.advance(t_s)
+            for aircraft in self._fleet:
+                aircraft.vehicle.wind_m_s = self._wind.at(t_s)
             self._lose(t_s)
-            over = self._record(t_s)
+            agents, over = self._record(t_s)
             if progress is not None and tick % 100 == 0:
                 progress(t_s, len(mission.targets) - len(self._open))
             if over or tick == last_tick:
@@ -243,6 +302,8 @@ class _Flying:
                 self._look(t_s)
                 next_look_s += LOOK_PERIOD_S
             self._broadcast(t_s)
+            if watch is not None:
+                watch(t_s, self._ground, agents)
             if tick % guide_every == 0:
                 self._guide(t_s)
                 steps += 1
@@ -275,8 +336,8 @@ class _Flying:
             if aircraft.alive and t_s >= self._losses_s.get(aircraft.spec.id, np.inf):
                 aircraft.alive = False
 
-    def _record(self, t_s: float) -> bool:
-        """Log the truth and note arrivals by the rule of `sim.score`; return whether the flight is over."""
+    def _record(self, t_s: float) -> tuple[np.ndarray, bool]:  # (N, 4)
+        """Log the truth and note arrivals by the rule of `sim.score`; return the agents and whether it is over."""
         agents = np.array([aircraft.row() for aircraft in self._fleet])
         targets, threats = self._world.rows()
         self._trajectory.append(t_s, agents, targets, threats)
@@ -289,14 +350,14 @@ class _Flying:
                 self._arrived.update(here)
                 flying = [i for i in flying if i not in self._arrived]
                 self._open.remove(target)
-        return not self._open or not flying
+        return agents, not self._open or not flying
 
     def _look(self, t_s: float) -> None:
         mission = self._mission
         targets, threats = self._world.rows()
-        detections = [
-            seen(Kind.AGENT, aircraft.spec.id, np.array(aircraft.row())) for aircraft in self._fleet if aircraft.alive
-        ]
+        # In Case II the centre cannot see its agents.
+        visible = self._fleet if mission.case == "I" else []
+        detections = [aircraft.seen() for aircraft in visible if aircraft.alive]
         detections += [seen(Kind.TARGET, spec.id, row) for spec, row in zip(mission.targets, targets, strict=True)]
         detections += [seen(Kind.THREAT, spec.id, row) for spec, row in zip(mission.threats, threats, strict=True)]
         for datagram in self._sensor.look(detections, START_S + t_s):
@@ -319,16 +380,20 @@ class _Flying:
 
     def _guide(self, t_s: float) -> None:
         now_s = START_S + t_s
-        for aircraft in self._fleet:
-            if not aircraft.alive:
-                continue
+        flying = [aircraft for aircraft in self._fleet if aircraft.alive]
+        # Before anyone is steered: all see the same moment.
+        fleet = Fleet.of({aircraft.spec.id: aircraft.vehicle for aircraft in flying})
+        for aircraft in flying:
             for arrival_s, datagram in aircraft.link.deliver(t_s):
                 aircraft.companion.hear(datagram, START_S + arrival_s)
             aircraft.exchange_telemetry(now_s)
+            aircraft.look(fleet, now_s)
             decision, decision_us = aircraft.steer(now_s)
             self._decision_us.append(decision_us)
             self._turn_limited += decision.turn_limited
             self._guarded += bool(decision.guard_changes)
+            for report in aircraft.companion.report(now_s):
+                self._ground.hear_report(report, now_s)
 
 
 def _profile(autopilot: str, spec: AgentSpec) -> Profile:

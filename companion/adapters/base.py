@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -18,8 +20,14 @@ _MESSAGE_IDS = frozenset(
         common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
         common.MAVLINK_MSG_ID_HOME_POSITION,
         common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+        common.MAVLINK_MSG_ID_ADSB_VEHICLE,
     }
 )
+CALLSIGN_PATTERN = r"OW(\d{5})"
+"""How the fleet's aircraft call themselves to each other's detectors; anybody else is a stranger."""
+NEIGHBOUR_MEMORY_S = 5.0
+"""A neighbour not seen for this long is elsewhere by now."""
+MAX_NEIGHBOURS = 100
 _LAT_MAX_E7 = 900_000_000
 _LON_MAX_E7 = 1_800_000_000
 _HEADER_BYTES = 10
@@ -52,11 +60,29 @@ class Telemetry:
     """Airborne and neither taking off nor landing; None where the autopilot does not say."""
 
 
+@dataclass(frozen=True)
+class Neighbour:
+    """Another aircraft as the vehicle's own detector saw it. Velocities are from local true north."""
+
+    agent_id: int | None
+    """None for one that is not of the fleet."""
+    lat_deg: float
+    lon_deg: float
+    velocity_north_m_s: float
+    velocity_east_m_s: float
+    seen_at_s: float
+
+
 class Adapter(Protocol):
     """One autopilot kind: its telemetry, its steering, its abilities."""
 
     can_stop: bool
     """Whether the vehicle can stand still in the air."""
+
+    @property
+    def neighbours(self) -> Collection[Neighbour]:
+        """What the vehicle's own detector has seen; who reads them minds their age."""
+        ...
 
     @property
     def telemetry(self) -> Telemetry:
@@ -86,6 +112,8 @@ class TelemetryReader:
 
     def __init__(self) -> None:
         self.telemetry = Telemetry()
+        self.neighbours: dict[int, Neighbour] = {}
+        """By the address that each is known by (ICAO)."""
         self.rejected: Counter[str] = Counter()
 
     def receive(self, datagram: bytes, now_s: float) -> None:
@@ -102,6 +130,9 @@ class TelemetryReader:
                 self._heartbeat(message, now_s)
             elif message.get_srcSystem() != self.telemetry.system_id:
                 self.rejected["other system"] += 1
+            elif name == "ADSB_VEHICLE":
+                # The autopilot passes these on, or the detector beside it sends them itself.
+                self._neighbour(message, now_s)
             elif message.get_srcComponent() != common.MAV_COMP_ID_AUTOPILOT1:
                 self.rejected["other component"] += 1
             elif name == "GLOBAL_POSITION_INT":
@@ -145,6 +176,40 @@ class TelemetryReader:
             armed=bool(message.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED),
             custom_mode=message.custom_mode if message.base_mode & common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED else None,
         )
+
+
+    def _neighbour(self, message: common.MAVLink_adsb_vehicle_message, now_s: float) -> None:
+        flags = message.flags
+        if not flags & common.ADSB_FLAGS_VALID_COORDS:
+            self.rejected["no coordinates"] += 1
+            return
+        if not _is_on_earth(message.lat, message.lon):
+            self.rejected["out of range"] += 1
+            return
+        moves = flags & common.ADSB_FLAGS_VALID_HEADING and flags & common.ADSB_FLAGS_VALID_VELOCITY
+        speed_m_s = message.hor_velocity / 100.0 if moves else 0.0
+        course_rad = math.radians(message.heading / 100.0)
+        forgotten = [key for key, known in self.neighbours.items() if now_s - known.seen_at_s > NEIGHBOUR_MEMORY_S]
+        for key in forgotten:
+            del self.neighbours[key]
+        if message.ICAO_address not in self.neighbours and len(self.neighbours) >= MAX_NEIGHBOURS:
+            self.rejected["too many neighbours"] += 1
+            return
+        self.neighbours[message.ICAO_address] = Neighbour(
+            agent_id=_agent_id(message.callsign) if flags & common.ADSB_FLAGS_VALID_CALLSIGN else None,
+            lat_deg=message.lat / 1e7,
+            lon_deg=message.lon / 1e7,
+            velocity_north_m_s=speed_m_s * math.cos(course_rad),
+            velocity_east_m_s=speed_m_s * math.sin(course_rad),
+            seen_at_s=now_s - message.tslc,
+        )
+
+
+def _agent_id(callsign: str) -> int | None:
+    """Return the agent that a callsign of the fleet names: OW and its id in five digits."""
+    match = re.fullmatch(CALLSIGN_PATTERN, callsign.rstrip())
+    identity = int(match.group(1)) if match else 0
+    return identity or None
 
 
 def _is_on_earth(lat_e7: int, lon_e7: int) -> bool:

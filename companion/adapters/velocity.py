@@ -7,10 +7,11 @@ vehicle brakes by itself GUID_TIMEOUT after the last setpoint.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 from pymavlink.dialects.v20 import common
 
-from companion.adapters.base import COMPANION_COMPONENT, Telemetry, TelemetryReader
+from companion.adapters.base import COMPANION_COMPONENT, Neighbour, Telemetry, TelemetryReader
 from companion.guard import Setpoint
 
 GUIDED_MODE = 4
@@ -36,6 +37,11 @@ class VelocityAdapter:
     def telemetry(self) -> Telemetry:
         """The newest of what the autopilot said."""
         return self._reader.telemetry
+
+    @property
+    def neighbours(self) -> Collection[Neighbour]:
+        """What the vehicle's own detector has seen."""
+        return self._reader.neighbours.values()
 
     @property
     def steerable(self) -> bool:

@@ -886,6 +886,7 @@ MAVLINK_MSG_ID_UNKNOWN = -2
 MAVLINK_MSG_ID_ONEWAY_STATE = 10486016
 MAVLINK_MSG_ID_ONEWAY_MOTION = 10486017
 MAVLINK_MSG_ID_ONEWAY_DETECTIONS = 10486018
+MAVLINK_MSG_ID_ONEWAY_REPORT = 10486019
 MAVLINK_MSG_ID_HEARTBEAT = 0
 
 
@@ -1072,6 +1073,53 @@ class MAVLink_oneway_detections_message(MAVLink_message):
 setattr(MAVLink_oneway_detections_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_oneway_report_message(MAVLink_message):
+    """
+    An agent to the ground station, on an uplink of its own, where
+    there is one: where it is, now and then. Nothing answers, and
+    nothing on board depends on it.
+    """
+
+    id = MAVLINK_MSG_ID_ONEWAY_REPORT
+    msgname = "ONEWAY_REPORT"
+    fieldnames = ["epoch", "time_ms", "lat", "lon", "flown", "velocity_north", "velocity_east", "agent_id"]
+    ordered_fieldnames = ["epoch", "time_ms", "lat", "lon", "flown", "velocity_north", "velocity_east", "agent_id"]
+    fieldtypes = ["uint32_t", "uint32_t", "int32_t", "int32_t", "uint32_t", "int16_t", "int16_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "lat": "degE7", "lon": "degE7", "flown": "m", "velocity_north": "cm/s", "velocity_east": "cm/s"}
+    native_format = bytearray(b"<IIiiIhhH")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 110
+    unpacker = struct.Struct("<IIiiIhhH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, epoch: int, time_ms: int, lat: int, lon: int, flown: int, velocity_north: int, velocity_east: int, agent_id: int):
+        MAVLink_message.__init__(self, MAVLink_oneway_report_message.id, MAVLink_oneway_report_message.msgname)
+        self._fieldnames = MAVLink_oneway_report_message.fieldnames
+        self._instance_field = MAVLink_oneway_report_message.instance_field
+        self._instance_offset = MAVLink_oneway_report_message.instance_offset
+        self.epoch = epoch
+        self.time_ms = time_ms
+        self.lat = lat
+        self.lon = lon
+        self.flown = flown
+        self.velocity_north = velocity_north
+        self.velocity_east = velocity_east
+        self.agent_id = agent_id
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.lat, self.lon, self.flown, self.velocity_north, self.velocity_east, self.agent_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_oneway_report_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_heartbeat_message(MAVLink_message):
     """
     The heartbeat message shows that a system or component is present
@@ -1124,6 +1172,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_ONEWAY_STATE: MAVLink_oneway_state_message,
     MAVLINK_MSG_ID_ONEWAY_MOTION: MAVLink_oneway_motion_message,
     MAVLINK_MSG_ID_ONEWAY_DETECTIONS: MAVLink_oneway_detections_message,
+    MAVLINK_MSG_ID_ONEWAY_REPORT: MAVLink_oneway_report_message,
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
 }
 
@@ -1535,8 +1584,8 @@ class MAVLink(object):
         sequence                  : Number of this broadcast within the epoch, the same in all its frames. (type:uint32_t)
         origin_lat                : Latitude of the plane's origin. [degE7] (type:int32_t)
         origin_lon                : Longitude of the plane's origin. [degE7] (type:int32_t)
-        agent_north               : North of each agent, in units of resolution. (type:int16_t)
-        agent_east                : East of each agent, in units of resolution. (type:int16_t)
+        agent_north               : North of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is. (type:int16_t)
+        agent_east                : East of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is. (type:int16_t)
         target_north              : North of each target, in units of resolution. (type:int16_t)
         target_east               : East of each target, in units of resolution. (type:int16_t)
         threat_north              : North of each threat, in units of resolution. (type:int16_t)
@@ -1577,8 +1626,8 @@ class MAVLink(object):
         sequence                  : Number of this broadcast within the epoch, the same in all its frames. (type:uint32_t)
         origin_lat                : Latitude of the plane's origin. [degE7] (type:int32_t)
         origin_lon                : Longitude of the plane's origin. [degE7] (type:int32_t)
-        agent_north               : North of each agent, in units of resolution. (type:int16_t)
-        agent_east                : East of each agent, in units of resolution. (type:int16_t)
+        agent_north               : North of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is. (type:int16_t)
+        agent_east                : East of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is. (type:int16_t)
         target_north              : North of each target, in units of resolution. (type:int16_t)
         target_east               : East of each target, in units of resolution. (type:int16_t)
         threat_north              : North of each threat, in units of resolution. (type:int16_t)
@@ -1712,6 +1761,42 @@ class MAVLink(object):
 
         """
         self.send(self.oneway_detections_encode(epoch, time_ms, origin_lat, origin_lon, north, east, velocity_north, velocity_east, id, count, kind), force_mavlink1=force_mavlink1)
+
+    def oneway_report_encode(self, epoch: int, time_ms: int, lat: int, lon: int, flown: int, velocity_north: int, velocity_east: int, agent_id: int) -> MAVLink_oneway_report_message:
+        """
+        An agent to the ground station, on an uplink of its own, where there
+        is one: where it is, now and then. Nothing answers, and
+        nothing on board depends on it.
+
+        epoch                     : Unix time from which time_ms counts. [s] (type:uint32_t)
+        time_ms                   : Time of the position since the epoch. [ms] (type:uint32_t)
+        lat                       : Latitude of the agent. [degE7] (type:int32_t)
+        lon                       : Longitude of the agent. [degE7] (type:int32_t)
+        flown                     : Distance flown under guidance, rounded up. [m] (type:uint32_t)
+        velocity_north            : North velocity over ground, from true north. [cm/s] (type:int16_t)
+        velocity_east             : East velocity over ground. [cm/s] (type:int16_t)
+        agent_id                  : Who reports. (type:uint16_t)
+
+        """
+        return MAVLink_oneway_report_message(epoch, time_ms, lat, lon, flown, velocity_north, velocity_east, agent_id)
+
+    def oneway_report_send(self, epoch: int, time_ms: int, lat: int, lon: int, flown: int, velocity_north: int, velocity_east: int, agent_id: int, force_mavlink1: bool = False) -> None:
+        """
+        An agent to the ground station, on an uplink of its own, where there
+        is one: where it is, now and then. Nothing answers, and
+        nothing on board depends on it.
+
+        epoch                     : Unix time from which time_ms counts. [s] (type:uint32_t)
+        time_ms                   : Time of the position since the epoch. [ms] (type:uint32_t)
+        lat                       : Latitude of the agent. [degE7] (type:int32_t)
+        lon                       : Longitude of the agent. [degE7] (type:int32_t)
+        flown                     : Distance flown under guidance, rounded up. [m] (type:uint32_t)
+        velocity_north            : North velocity over ground, from true north. [cm/s] (type:int16_t)
+        velocity_east             : East velocity over ground. [cm/s] (type:int16_t)
+        agent_id                  : Who reports. (type:uint16_t)
+
+        """
+        self.send(self.oneway_report_encode(epoch, time_ms, lat, lon, flown, velocity_north, velocity_east, agent_id), force_mavlink1=force_mavlink1)
 
     def heartbeat_encode(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 3) -> MAVLink_heartbeat_message:
         """

@@ -37,6 +37,9 @@ def test_the_packaged_missions_raise_no_doubt(name: str) -> None:
         ({"agents": "[{id: 7, north_m: 22000, east_m: 0}]"}, ("agents: id 7", "inside detection_radius_m")),
         ({"agents": "[{id: 7, north_m: 0, east_m: 0, n_max: 0.1}]"}, ("agents: id 7", "circle its target")),
         ({"agents": "[{id: 7, north_m: 0, east_m: 0, range_m: 99000}]"}, ("agents: id 7", "range_m 99000", "return")),
+        ({"case": "II", "losses": "[{agent: 1, t_s: 9}]"}, ("losses: ", "no loss can be known")),
+        ({"report_period_s": "60"}, ("report_period_s: 60", "no effect in Case I")),
+        ({"case": "II", "detector_range_m": "100"}, ("detector_range_m: 100", "separation_m 100")),
         (
             {"agents": "[{id: 7, north_m: 0, east_m: 0, range_m: 49000}]", "range_policy": "arrive"},
             ("range_m 49000", "arrive"),

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import Geod
 
-from companion.geodesy import LocalFrame
+from companion.geodesy import LocalFrame, to_grid
 
 WGS84 = Geod(ellps="WGS84")
 REACH_M = 300e3
@@ -131,3 +131,8 @@ def test_an_equirectangular_map_would_err_by_more_than_a_kilometre() -> None:
         radius_m * math.cos(math.radians(lat_deg)) * math.radians(there[1] - lon_deg),
     )
     assert math.dist(flat, at(math.radians(45.0), REACH_M)) > 1e3
+
+
+def test_a_vector_from_true_north_keeps_its_length_and_its_heading_loses_the_convergence() -> None:
+    north, east = to_grid(3.0 * math.cos(1.0), 3.0 * math.sin(1.0), 0.25)
+    assert (north, east) == pytest.approx((3.0 * math.cos(0.75), 3.0 * math.sin(0.75)))
