@@ -23,13 +23,13 @@ from companion.surrogate import (
     PolygonProfile,
     RadialProfile,
     StepProfile,
-    content_digest,
     gradient_for_agent,
     load_pairwise,
     profile_by_name,
     surrogate_cost,
     surrogate_gradient,
 )
+from companion.weightsfile import content_digest
 
 WEIGHTS = Weights(k_d=1e11, k_a=3e11, k_c=1e10)
 SEPARATION_M = 4000.0
