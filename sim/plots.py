@@ -73,9 +73,7 @@ def plot_paths(
     """
     figure = Figure(figsize=(10.0, 8.2), dpi=DPI)
     axes = figure.add_axes((0.075, 0.1, 0.69, 0.83))
-    unit_m, unit = _frame(axes, trajectory, mission)
-    axes.set_xlabel(f"east ({unit})")
-    axes.set_ylabel(f"north ({unit})")
+    legend, unit = draw_run(axes, trajectory, mission, score)
     figure.suptitle(title, x=0.42, y=0.975, fontsize=12, parse_math=False)
     figure.text(
         0.42,
@@ -88,16 +86,30 @@ def plot_paths(
         color="#444444",
         parse_math=False,
     )
-    legend = _draw_threats(axes, trajectory, mission, unit_m)
-    legend += _draw_targets(axes, trajectory, unit_m)
-    legend += _draw_agents(axes, trajectory, score, unit_m)
     _draw_scale_bar(axes, unit)
     axes.legend(
         handles=legend, loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, fontsize=8.5, frameon=False
     )
-    png = _png(figure)
+    png = figure_png(figure)
     path_png.write_bytes(png)
     return png
+
+
+def draw_run(
+    axes: Axes, trajectory: Trajectory, mission: Mission, score: Score, framed: Trajectory | None = None
+) -> tuple[list[Line2D], str]:
+    """Draw threats, targets and agents of a run, or of its beginning, onto a map; return its legend and length unit.
+
+    The map is cut to hold all of `framed`, which is the trajectory itself unless given: so that pictures of one run at
+    several times show the same ground.
+    """
+    unit_m, unit = _frame(axes, trajectory if framed is None else framed, mission)
+    axes.set_xlabel(f"east ({unit})")
+    axes.set_ylabel(f"north ({unit})")
+    legend = _draw_threats(axes, trajectory, mission, unit_m)
+    legend += _draw_targets(axes, trajectory, unit_m)
+    legend += _draw_agents(axes, trajectory, score, unit_m)
+    return legend, unit
 
 
 def clearance_png(score: Score, mission: Mission) -> bytes:
@@ -151,7 +163,14 @@ def clearance_png(score: Score, mission: Mission) -> bytes:
         axes.grid(True, color="#dddddd", lw=0.6)
         axes.margins(x=0.01)
     lower.set_xlabel("time (s)")
-    return _png(figure)
+    return figure_png(figure)
+
+
+def figure_png(figure: Figure) -> bytes:
+    """Return the picture; no software name or date goes in, so the same data give the same bytes."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    return buffer.getvalue()
 
 
 def _frame(axes: Axes, trajectory: Trajectory, mission: Mission) -> tuple[float, str]:
@@ -358,10 +377,3 @@ def _duration(time_s: float) -> str:
         return f"{time_s:g} s"
     minutes = round(time_s / 60)
     return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
-
-
-def _png(figure: Figure) -> bytes:
-    """Return the picture; no software name or date goes in, so the same data give the same bytes."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
-    return buffer.getvalue()

@@ -1,0 +1,1 @@
+"""The paper's experiments again, each number measured when it is run: `sim reproduce`."""

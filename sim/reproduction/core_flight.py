@@ -1,0 +1,276 @@
+"""Flies a mission on the decisions alone: the same functions as on the vehicles and on the ground, without a frame.
+
+`sim.lockstep` flies the programs over the wire, a few seconds per flight; hundreds of seeds need this. Everything
+happens in lockstep's order: the world moves, arrivals are noted, the centre looks once a second, assigns and
+broadcasts, then the agents decide. What is left out is what only the wire or the flying system has: rounding of
+positions to the frame's resolution and of radii upwards, the guard, the stages of staleness, the budget of range.
+Peers are seen where they are, not extrapolated from the last broadcast. Kinematic: the vehicles are points that turn at
+a bounded rate.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from companion.core import ARRIVAL_SHARE
+from companion.cost import Weights
+from companion.guidance import (
+    Pull,
+    attraction,
+    limit_turn,
+    loiter_attraction,
+    loiter_place,
+    loiter_radius_m,
+    loiter_spacing_m,
+    turn_rate_rad_s,
+)
+from companion.kinematics import turn_towards
+from companion.mission import LinkSpec, Mission, Wind
+from companion.surrogate import PROFILE_NAMES, RadialProfile, StepProfile, profile_by_name, surrogate_gradient
+from groundstation.assignment import OBJECTIVES, Objective, assign
+from sim.sensor import LOOK_PERIOD_S
+from sim.trajectory import POSITION_DECIMALS, Trajectory, TrajectoryBuilder
+from sim.world import World
+
+CoreLaw = Literal["seed", "step"]
+"""The paper's law on its surrogate F*, and on F itself, whose gradient is nothing."""
+PERFECT_LINK = LinkSpec(delay_s=0.0)
+_TOLERANCE_S = 1e-6
+_NO_TARGET = -1
+
+
+@dataclass(frozen=True)
+class CoreFlight:
+    """What a flight on the pure core left behind."""
+
+    trajectory: Trajectory
+    steps: int
+    """Guidance steps."""
+    step_us: np.ndarray  # (steps,) us, wall-clock time of the centre's and all agents' decisions in each step
+    turn_limited_steps: int
+    """Decisions, over all agents, in which the turn limit was active."""
+
+
+@dataclass(frozen=True)
+class _Heard:
+    """The last broadcast."""
+
+    t_s: float
+    targets_ned_m: np.ndarray  # (K, 2) m
+    threats_ned_m: np.ndarray  # (M, 2) m
+    assigned: np.ndarray  # (N,) index of each agent's target, _NO_TARGET for none
+
+
+class _Arrivals:
+    """Who is still on the way to what: the first arrival completes a target (METHOD.md section 1, item 5)."""
+
+    def __init__(self, agents: int, targets: int) -> None:
+        self.flying = np.ones(agents, dtype=bool)
+        self.open = np.ones(targets, dtype=bool)
+
+    @property
+    def over(self) -> bool:
+        """Whether every target is reached, or nobody is left to reach one."""
+        return not (self.open.any() and self.flying.any())
+
+    def update(self, near: np.ndarray) -> bool:
+        """Note who has arrived, targets in file order, and return whether anybody has.
+
+        `near` (N, K) says which agents are within the arrival radius of which targets.
+        """
+        changed = False
+        if near.any():
+            for target in np.flatnonzero(self.open & near.any(axis=0)):
+                here = near[:, target] & self.flying
+                if here.any():
+                    self.flying &= ~here
+                    self.open[target] = False
+                    changed = True
+        return changed
+
+
+def fly_core(mission: Mission, seed: int, law: CoreLaw = "seed") -> CoreFlight:
+    """Fly a resolved mission until every target is reached, nobody is left to reach one, or its time is up.
+
+    Raises ValueError where the mission asks for what is not modelled here: a link that delays or loses, losses of
+    agents, wind, Case II, a broadcast between two looks of the sensor, a range policy other than `arrive`, the
+    objective `route`, the monolithic surrogate.
+    """
+    _check_modelled(mission)
+    profile = profile_by_name(mission.surrogate) if law == "seed" else StepProfile()
+    return _Flying(mission, seed, profile).run()
+
+
+def _check_modelled(mission: Mission) -> None:
+    looks = mission.broadcast_period_s / LOOK_PERIOD_S
+    modelled = {
+        "link": mission.link == PERFECT_LINK,
+        "losses": not mission.losses,
+        "wind": mission.wind == Wind(),
+        "case": mission.case == "I",
+        "broadcast_period_s": math.isclose(looks, round(looks)),
+        "range_policy": mission.range_policy == "arrive",
+        "objective": mission.objective in OBJECTIVES,
+        "surrogate": mission.surrogate in PROFILE_NAMES,
+    }
+    missing = [key for key, is_modelled in modelled.items() if not is_modelled]
+    if missing:
+        raise ValueError(f"{mission.name}: {', '.join(missing)}: not modelled by the pure core")
+
+
+class _Flying:
+    """A flight under way; N agents, K targets, M threats in file order."""
+
+    def __init__(self, mission: Mission, seed: int, profile: RadialProfile) -> None:
+        self._mission = mission
+        self._profile = profile
+        self._weights = Weights(**mission.weights.model_dump())
+        self._world = World(mission, seed)
+        self._ids = [agent.id for agent in mission.agents]
+        self._speed_m_s = [agent.speed_m_s for agent in mission.agents]
+        self._n_max = [agent.n_max for agent in mission.agents]
+        self._rate_rad_s = [turn_rate_rad_s(agent.speed_m_s, agent.n_max) for agent in mission.agents]
+        self._loiter_m = [loiter_radius_m(a.speed_m_s, a.n_max, mission.guidance_step_s) for a in mission.agents]
+        self._detection_m = np.array([threat.detection_radius_m for threat in mission.threats])  # (M,)
+        self._attack_m = np.array([threat.attack_radius_m for threat in mission.threats])  # (M,)
+        self._threat_m_s = np.array([threat.speed_bound_m_s for threat in mission.threats])  # (M,)
+        # North m, east m and heading rad of each agent: arithmetic on ten tuples is faster than on arrays.
+        self._poses = [(*agent.position_ned_m, math.radians(agent.heading_deg or 0.0)) for agent in mission.agents]
+        self._agents_ned_m = np.array(self._poses)[:, :2]  # (N, 2)
+        self._commanded_rad = [pose[2] for pose in self._poses]
+        self._places_ned_m: list[tuple[float, float] | None] = [None] * len(self._ids)
+        self._latched = [False] * len(self._ids)
+        self._true_arrivals = _Arrivals(len(self._ids), len(mission.targets))
+        self._seen_arrivals = _Arrivals(len(self._ids), len(mission.targets))
+        self._assigned = np.full(len(self._ids), _NO_TARGET)
+        self._heard: _Heard | None = None
+        self._turn_limited = 0
+        self._trajectory = TrajectoryBuilder(
+            self._ids, [target.id for target in mission.targets], [threat.id for threat in mission.threats]
+        )
+
+    def run(self) -> CoreFlight:
+        """Fly to the end."""
+        mission = self._mission
+        dt_s = mission.integration_step_s
+        guide_every = round(mission.guidance_step_s / dt_s)
+        last_tick = int(mission.max_time_s / dt_s + _TOLERANCE_S)
+        next_look_s = next_assignment_s = next_broadcast_s = 0.0
+        step_us = []
+        spent_ns = 0
+        for tick in range(last_tick + 1):
+            t_s = tick * dt_s
+            self._world.advance(t_s)
+            targets, threats = self._world.rows()
+            near = self._record(t_s, targets, threats)
+            self._true_arrivals.update(near)
+            if self._true_arrivals.over or tick == last_tick:
+                break
+            began_ns = time.perf_counter_ns()
+            if t_s >= next_look_s - _TOLERANCE_S:
+                next_look_s += LOOK_PERIOD_S
+                changed = self._seen_arrivals.update(near)
+                due = t_s >= next_assignment_s - _TOLERANCE_S
+                if changed or due:
+                    self._assign(targets[:, :2])
+                if due:
+                    next_assignment_s += mission.assignment_period_s
+            if t_s >= next_broadcast_s - _TOLERANCE_S:
+                next_broadcast_s += mission.broadcast_period_s
+                self._heard = _Heard(t_s, targets[:, :2], threats[:, :2], self._assigned.copy())
+            if tick % guide_every == 0:
+                self._guide(t_s)
+            spent_ns += time.perf_counter_ns() - began_ns
+            if tick % guide_every == 0:
+                step_us.append(spent_ns / 1000.0)
+                spent_ns = 0
+            self._fly(dt_s)
+        return CoreFlight(self._trajectory.build(), len(step_us), np.array(step_us), self._turn_limited)
+
+    def _record(self, t_s: float, targets: np.ndarray, threats: np.ndarray) -> np.ndarray:  # (N, K) bool
+        """Log the truth; return which agents are within the arrival radius of which targets, as `sim.score` sees it."""
+        rows = np.array([(*pose, 0.0) for pose in self._poses])
+        rows[:, 2] = np.degrees(rows[:, 2]) % 360.0
+        rows[:, 3] = self._speed_m_s
+        self._trajectory.append(t_s, rows, targets, threats)
+        seen_ned_m = np.round(rows[:, :2], POSITION_DECIMALS)
+        offset_m = seen_ned_m[:, None] - np.round(targets[:, :2], POSITION_DECIMALS)
+        near: np.ndarray = np.hypot(offset_m[..., 0], offset_m[..., 1]) <= self._mission.arrival_radius_m
+        return near
+
+    def _assign(self, targets_ned_m: np.ndarray) -> None:
+        """Give every agent on its way one of the open targets (K, 2), as far as there are any."""
+        flying, open_targets = np.flatnonzero(self._seen_arrivals.flying), np.flatnonzero(self._seen_arrivals.open)
+        objective: Objective = "inverse-distance" if self._mission.objective == "inverse-distance" else "distance"
+        chosen = assign(self._agents_ned_m[flying], targets_ned_m[open_targets], objective)
+        self._assigned[:] = _NO_TARGET
+        served = chosen >= 0
+        self._assigned[flying[served]] = open_targets[chosen[served]]
+
+    def _guide(self, t_s: float) -> None:
+        """Decide every agent's heading for the next step (paper: direct1, unitdirect)."""
+        mission, heard = self._mission, self._heard
+        assert heard is not None  # the first broadcast goes out before the first step
+        growth_m = self._threat_m_s * (t_s - heard.t_s)  # (M,)
+        gradient_m = surrogate_gradient(
+            self._profile,
+            self._agents_ned_m,
+            heard.threats_ned_m,
+            self._detection_m + growth_m,
+            self._attack_m + growth_m,
+            mission.separation_m,
+            self._weights,
+        ).tolist()
+        targets = heard.targets_ned_m.tolist()
+        for agent, (north_m, east_m, heading_rad) in enumerate(self._poses):
+            target = int(heard.assigned[agent])
+            target_ned_m = None if target == _NO_TARGET else (targets[target][0], targets[target][1])
+            pull = self._pull(agent, (north_m, east_m), target_ned_m, heard)
+            wanted = Pull(pull.north_m - gradient_m[agent][0], pull.east_m - gradient_m[agent][1])
+            self._commanded_rad[agent], limited = limit_turn(
+                heading_rad,
+                wanted.heading_rad if wanted.strength_m > 0.0 else heading_rad,
+                self._speed_m_s[agent],
+                self._n_max[agent],
+                mission.guidance_step_s,
+            )
+            self._turn_limited += limited
+
+    def _pull(
+        self, agent: int, position: tuple[float, float], target_ned_m: tuple[float, float] | None, heard: _Heard
+    ) -> Pull:
+        """Return what attracts an agent: its target until it is there, then its loiter circle, as on board."""
+        radius_m = self._mission.arrival_radius_m * (1.0 if self._latched[agent] else ARRIVAL_SHARE)
+        self._latched[agent] = target_ned_m is not None and math.dist(position, target_ned_m) <= radius_m
+        if target_ned_m is not None and not self._latched[agent]:
+            self._places_ned_m[agent] = None
+            return attraction(position, target_ned_m)
+        loiter_m = self._loiter_m[agent]
+        place = self._places_ned_m[agent]
+        if place is None:
+            spacing_m = loiter_spacing_m(self._mission.separation_m, loiter_m) + loiter_m
+            place = loiter_place(position, self._agents_ned_m[self._settled(agent, heard)], spacing_m)
+            self._places_ned_m[agent] = place
+        return loiter_attraction(position, place, loiter_m)
+
+    def _settled(self, agent: int, heard: _Heard) -> np.ndarray:
+        """Return which peers' loiter places go before an agent's, (N,) bool, by the rule of `companion.picture`."""
+        ids = np.array(self._ids)
+        settled: np.ndarray = (heard.assigned == _NO_TARGET) | (ids < self._ids[agent])
+        settled[agent] = False
+        return settled
+
+    def _fly(self, dt_s: float) -> None:
+        """Turn towards the commanded headings along exact arcs."""
+        self._poses = [
+            turn_towards(*pose, speed_m_s, commanded_rad, rate_rad_s, dt_s)
+            for pose, speed_m_s, commanded_rad, rate_rad_s in zip(
+                self._poses, self._speed_m_s, self._commanded_rad, self._rate_rad_s, strict=True
+            )
+        ]
+        self._agents_ned_m = np.array(self._poses)[:, :2]
