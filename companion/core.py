@@ -339,14 +339,13 @@ class Companion:
         seen: list[tuple[int | None, tuple[float, float]]] = []
         for neighbour in self.adapter.neighbours:
             age_s = max(0.0, now_s - neighbour.seen_at_s)
-            if age_s > NEIGHBOUR_MEMORY_S or self._frame is None:
+            own_echo = neighbour.agent_id == self.config.agent_id
+            if own_echo or age_s > NEIGHBOUR_MEMORY_S or self._frame is None:
                 continue
             north_m, east_m, convergence_rad = self._frame.to_local_with_convergence(
                 neighbour.lat_deg, neighbour.lon_deg
             )
-            north_m_s, east_m_s = to_grid(
-                neighbour.velocity_north_m_s, neighbour.velocity_east_m_s, convergence_rad
-            )
+            north_m_s, east_m_s = to_grid(neighbour.velocity_north_m_s, neighbour.velocity_east_m_s, convergence_rad)
             north_m, east_m = north_m + age_s * north_m_s, east_m + age_s * east_m_s
             if math.dist((north_m, east_m), (motion.north_m, motion.east_m)) <= self.config.detector_range_m:
                 seen.append((neighbour.agent_id, (north_m, east_m)))

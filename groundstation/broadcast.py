@@ -46,13 +46,16 @@ def state_frames(
 ) -> list[StateFrame]:
     """Return the state frames of one broadcast; `stamp` gives epoch, time and sequence.
 
-    In Case II the agents' places only decide which threats travel with whom: what is reckoned is not broadcast.
+    In Case II the agents' places only decide which threats travel with whom: what is reckoned is not broadcast. An
+    agent that has arrived by reckoning keeps its target: only it knows whether it is there.
     """
     now_s = stamp.unix_s
+    if mission.case == "II":
+        assignment = {**picture.reached_by, **assignment}
     here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
     targets = {
         identity: TargetEntry(identity, *picture.tracks[Kind.TARGET, identity].position_ned_m)
-        for identity in picture.open_targets
+        for identity in [*picture.open_targets, *sorted(picture.completed & set(assignment.values()))]
     }
     agents = [
         AgentEntry(identity, *(place if mission.case == "I" else _UNTOLD), target_id=assignment.get(identity))
@@ -62,7 +65,13 @@ def state_frames(
     contents = []
     for group in _agent_groups(agents):
         wanted = sorted({agent.target_id for agent in group if agent.target_id is not None})
-        contents.append((group, [targets[identity] for identity in wanted], _nearest_threats([here[agent.id] for agent in group], threats)))
+        contents.append(
+            (
+                group,
+                [targets[identity] for identity in wanted],
+                _nearest_threats([here[agent.id] for agent in group], threats),
+            )
+        )
     sent_targets = {target.id for _, chosen, _ in contents for target in chosen}
     sent_threats = {threat.id for _, _, chosen in contents for threat in chosen}
     rest_targets = _chunks([t for t in targets.values() if t.id not in sent_targets], TARGETS_PER_FRAME)
@@ -147,9 +156,7 @@ def _agent_groups(agents: Sequence[AgentEntry]) -> Iterator[list[AgentEntry]]:
         yield group
 
 
-def _nearest_threats(
-    group_ned_m: Sequence[tuple[float, float]], threats: Sequence[ThreatEntry]
-) -> list[ThreatEntry]:
+def _nearest_threats(group_ned_m: Sequence[tuple[float, float]], threats: Sequence[ThreatEntry]) -> list[ThreatEntry]:
     """Return up to four threats with the least clearance to any agent of the group, as far as their ids fit."""
 
     def clearance_m(threat: ThreatEntry) -> float:

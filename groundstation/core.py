@@ -5,8 +5,6 @@ State and motion frames alternate: each kind goes out once per broadcast period,
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from companion.config import Law

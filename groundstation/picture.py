@@ -66,6 +66,8 @@ class GroundPicture:
         self.flown_m = {agent.id: 0.0 for agent in mission.agents}
         self.uncertainty_m = {agent.id: 0.0 for agent in mission.agents}
         self.arrived: set[int] = set()
+        self.reached_by: dict[int, int] = {}
+        """Agent that has arrived to the target that it completed."""
         self.lost: set[int] = set()
         self.completed: set[int] = set()
 
@@ -125,7 +127,9 @@ class GroundPicture:
         """
         before = (set(self.arrived), set(self.lost), set(self.completed))
         if self._silent_after_s is not None:
-            self.lost = {key for key, heard_at_s in self.heard_at_s.items() if now_s - heard_at_s > self._silent_after_s}
+            self.lost = {
+                key for key, heard_at_s in self.heard_at_s.items() if now_s - heard_at_s > self._silent_after_s
+            }
         self._near = {key: near for key, near in self._near.items() if assignment.get(key) == near[0]}
         for target_id in self.open_targets:
             target = self.tracks[Kind.TARGET, target_id]
@@ -135,6 +139,7 @@ class GroundPicture:
                 if self._has_arrived(agent_id, target_id, near, assignment.get(agent_id) == target_id, now_s):
                     self.arrived.add(agent_id)
                     self.completed.add(target_id)
+                    self.reached_by[agent_id] = target_id
         return before != (self.arrived, self.lost, self.completed)
 
     def _has_arrived(self, agent_id: int, target_id: int, near: bool, sent: bool, now_s: float) -> bool:

@@ -1,16 +1,17 @@
 """Case II: where each agent must be by now, found by flying its own companion on what was broadcast to it.
 
-The centre does not see its agents (METHOD.md section 1 item 7; paper: update2). It knows where they began, what each was
-told and what steers them, so it lets a companion of its own, the very code that flies, decide for each of them, and
-moves the agent as that says. Nothing here knows of losses on the link, of wind or of an autopilot's lag: what they may
-have done is an uncertainty that grows with time and shrinks when the agent is heard of.
+The centre does not see its agents (METHOD.md section 1 item 7; paper: update2). It knows where they began, what each
+was told and what steers them, so it lets a companion of its own, the very code that flies, decide for each of them, and
+moves the agent as that says. How far off it may be is an uncertainty that grows with time, by the bound of the wind
+too, and shrinks when the agent is heard of. It is no bound where frames are lost or an autopilot lags: a vehicle that
+missed a broadcast flies on for a broadcast period as it did before.
 """
 
 from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from companion.adapters.base import Neighbour, Telemetry
@@ -25,7 +26,7 @@ from companion.mission import AgentSpec, Mission
 DRIFT_SHARE = 0.01
 """Of the distance that an agent may have flown: how much of it the reckoning may be wrong by in still air."""
 FIX_ERROR_M = 10.0
-"""What a report is wrong by: a satellite fix, and a heading that is not reported."""
+"""What a report, or a place in the mission file, is wrong by: a satellite fix, and the step that it was made in."""
 _TOLERANCE_S = 1e-6
 
 
@@ -50,7 +51,9 @@ class Reckoner:
         self._step_s = mission.guidance_step_s
         self._detector_range_m = mission.detector_range_m
         self._wind_bound_m_s = mission.wind.speed_m_s + mission.wind.gust_m_s
-        self._at_s = now_s
+        self._start_s = self._at_s = now_s
+        self._steps = 0
+        self._decided = False
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self._agents = {spec.id: _Reckoned(mission, spec, self._frame, now_s, law, can_stop) for spec in mission.agents}
         self._under_way: list[tuple[float, int, bytes]] = []
@@ -64,18 +67,29 @@ class Reckoner:
     def advance(self, now_s: float, flying: Collection[int]) -> None:
         """Let the agents `flying`, by id, decide and move until `now_s`; the others stay where they are."""
         moving = [self._agents[identity] for identity in self._agents if identity in flying]
-        while self._at_s + self._step_s <= now_s + _TOLERANCE_S:
-            while self._under_way and self._under_way[0][0] <= self._at_s:
-                arrival_s, _, datagram = heapq.heappop(self._under_way)
-                for agent in self._agents.values():
-                    agent.companion.hear(datagram, arrival_s)
-            for agent in moving:
-                agent.look(moving, self._detector_range_m, self._at_s)
-            for agent in moving:
-                agent.decide(self._at_s)
+        while self._at_s < now_s - _TOLERANCE_S:
+            if not self._decided:
+                self._decide(moving)
+            if self._at_s + self._step_s > now_s + _TOLERANCE_S:
+                break  # within a step the agents fly on as decided at its beginning
             for agent in moving:
                 agent.move(self._step_s)
-            self._at_s += self._step_s
+            self._decided = False
+            # Counted, not summed: rounding must not creep over thousands of steps.
+            self._steps += 1
+            self._at_s = self._start_s + self._steps * self._step_s
+
+    def _decide(self, moving: Sequence[_Reckoned]) -> None:
+        """Let the agents hear what has arrived by now, see each other, and decide."""
+        while self._under_way and self._under_way[0][0] <= self._at_s + _TOLERANCE_S:
+            arrival_s, _, datagram = heapq.heappop(self._under_way)
+            for agent in self._agents.values():
+                agent.companion.hear(datagram, arrival_s)
+        for agent in moving:
+            agent.look(moving, self._detector_range_m, self._at_s)
+        for agent in moving:
+            agent.decide(self._at_s)
+        self._decided = True
 
     def fix(
         self,
@@ -120,7 +134,7 @@ class _Reckoned:
         self.heading_rad = math.radians(spec.heading_deg or 0.0)
         self.speed_m_s = 0.0 if can_stop else spec.speed_m_s
         self.fixed_at_s = now_s
-        self.fix_error_m = 0.0
+        self.fix_error_m = FIX_ERROR_M
         self._frame = frame
         self._home_deg = frame.to_global(self.north_m, self.east_m)
         self._wanted_rad = self.heading_rad
@@ -201,8 +215,6 @@ class _Reckoned:
         if speed_m_s > 0.0:
             self.heading_rad = math.atan2(velocity_m_s[1], velocity_m_s[0])
             self._wanted_rad = self.heading_rad
-        self.companion.relocate(
-            self.companion.flown_m if flown_m is None else flown_m + max(0.0, since_s) * speed_m_s
-        )
+        self.companion.relocate(self.companion.flown_m if flown_m is None else flown_m + max(0.0, since_s) * speed_m_s)
         self.fixed_at_s = fixed_at_s
         self.fix_error_m = FIX_ERROR_M

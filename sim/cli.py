@@ -102,9 +102,7 @@ def fly_command(
         # First, so that an interrupted flight leaves what it was.
         (folder / "mission.yaml").write_text(dump_mission(resolved), encoding="utf-8")
     with _progress(len(resolved.targets)) as progress:
-        flight = fly(
-            resolved, seed, chosen, autopilot, folder, realtime, progress, allow_monolithic=allow_monolithic
-        )
+        flight = fly(resolved, seed, chosen, autopilot, folder, realtime, progress, allow_monolithic=allow_monolithic)
     scored = score(flight.trajectory, resolved)
     result = result_of(scored, flight, seed, chosen)
     if folder is not None:

@@ -37,7 +37,7 @@ from sim.world import World
 
 START_S = 1_767_225_600.0
 """Unix time at which every flight begins: 2026-01-01T00:00:00Z, so that logs are the same each time."""
-WHY_NOT_MONOLITHIC = "trained as the paper says it predicts the mean of the penalties, so its gradient is noise"
+WHY_NOT_MONOLITHIC = "trained as the paper says it explains one percent of the penalties, so its gradient is noise"
 _TOLERANCE_S = 1e-6
 _POSITION = common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _MAX_SYSTEM_ID = 250

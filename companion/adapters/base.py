@@ -177,7 +177,6 @@ class TelemetryReader:
             custom_mode=message.custom_mode if message.base_mode & common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED else None,
         )
 
-
     def _neighbour(self, message: common.MAVLink_adsb_vehicle_message, now_s: float) -> None:
         flags = message.flags
         if not flags & common.ADSB_FLAGS_VALID_COORDS:

@@ -13,7 +13,14 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from companion.adapters import ADAPTERS
-from companion.adapters.base import COMPANION_COMPONENT, TelemetryReader, _is_one_other_message
+from companion.adapters.base import (
+    COMPANION_COMPONENT,
+    MAX_NEIGHBOURS,
+    NEIGHBOUR_MEMORY_S,
+    Neighbour,
+    TelemetryReader,
+    _is_one_other_message,
+)
 from companion.adapters.velocity import GUIDED_MODE, VERTICAL_SPEED_M_S, VelocityAdapter
 from companion.guard import Setpoint
 
@@ -23,7 +30,7 @@ GOLDEN_SETPOINT = (
     "fd3500000007bf540000881300000000000000000000000000000000a04000000000000000bf0000"
     "000000000000000000000000000000000000c70d070101bdb1"
 )
-WANTED = ("HEARTBEAT", "GLOBAL_POSITION_INT", "HOME_POSITION")
+WANTED = ("HEARTBEAT", "GLOBAL_POSITION_INT", "HOME_POSITION", "ADSB_VEHICLE")
 SIGNATURE_BYTES = 13
 
 
@@ -67,11 +74,44 @@ def home(lat_e7: int = 470_000_000, lon_e7: int = 80_000_000, *, system: int = S
     return bytes(message.pack(mav(system)))
 
 
+ALL_VALID = (
+    common.ADSB_FLAGS_VALID_COORDS
+    | common.ADSB_FLAGS_VALID_HEADING
+    | common.ADSB_FLAGS_VALID_VELOCITY
+    | common.ADSB_FLAGS_VALID_CALLSIGN
+)
+
+
+def neighbour(
+    address: int = 0xABC,
+    lat_e7: int = 471_000_000,
+    lon_e7: int = 81_000_000,
+    *,
+    callsign: bytes = b"OW00012",
+    flags: int = ALL_VALID,
+    heading_cdeg: int = 9_000,
+    speed_cm_s: int = 6_000,
+    silent_s: int = 0,
+    system: int = SYSTEM,
+    component: int = common.MAV_COMP_ID_ADSB,
+) -> bytes:
+    kind, emitter = common.ADSB_ALTITUDE_TYPE_GEOMETRIC, common.ADSB_EMITTER_TYPE_UAV
+    message = common.MAVLink_adsb_vehicle_message(
+        address, lat_e7, lon_e7, kind, 530_000, heading_cdeg, speed_cm_s, 0, callsign, emitter, silent_s, flags, 1_200
+    )
+    return bytes(message.pack(mav(system, component)))
+
+
 def reader_of(*datagrams: bytes) -> TelemetryReader:
     reader = TelemetryReader()
     for index, datagram in enumerate(datagrams):
         reader.receive(datagram, 100.0 + index)
     return reader
+
+
+def seen_by(reader: TelemetryReader) -> Neighbour:
+    (found,) = reader.neighbours.values()
+    return found
 
 
 def decoded(datagram: bytes) -> common.MAVLink_message:
@@ -181,21 +221,21 @@ def test_random_bytes_change_nothing(datagram: bytes) -> None:
     reader = reader_of(heartbeat(), position())
     before = reader.telemetry
     reader.receive(datagram, 200.0)
-    assert reader.telemetry == before
+    assert (reader.telemetry, reader.neighbours) == (before, {})
 
 
-@given(st.sampled_from([heartbeat(), position(), home()]), st.data())
+@given(st.sampled_from([heartbeat(), position(), home(), neighbour()]), st.data())
 def test_a_damaged_message_changes_nothing(datagram: bytes, data: st.DataObject) -> None:
     damaged = bytearray(datagram)
     damaged[data.draw(st.integers(0, len(datagram) - 1))] ^= data.draw(st.integers(1, 255))
     reader = reader_of(heartbeat(), position())
     before = reader.telemetry
     reader.receive(bytes(damaged), 200.0)
-    assert reader.telemetry == before
+    assert (reader.telemetry, reader.neighbours) == (before, {})
 
 
 @settings(max_examples=200)
-@given(st.sampled_from([heartbeat(), position(), home()]), st.data())
+@given(st.sampled_from([heartbeat(), position(), home(), neighbour()]), st.data())
 def test_a_forged_message_with_a_good_checksum_leaves_finite_telemetry(datagram: bytes, data: st.DataObject) -> None:
     payload_bytes = datagram[1]
     payload = data.draw(st.binary(min_size=payload_bytes, max_size=payload_bytes))
@@ -208,6 +248,123 @@ def test_a_forged_message_with_a_good_checksum_leaves_finite_telemetry(datagram:
     assert abs(telemetry.lat_deg) <= 90.0
     assert abs(telemetry.lon_deg) <= 180.0
     assert all(map(math.isfinite, (telemetry.height_m, telemetry.velocity_north_m_s, telemetry.velocity_east_m_s)))
+    for other in reader.neighbours.values():
+        assert abs(other.lat_deg) <= 90.0
+        assert abs(other.lon_deg) <= 180.0
+        assert math.hypot(other.velocity_north_m_s, other.velocity_east_m_s) <= 656.0
+        assert other.agent_id is None or 1 <= other.agent_id <= 99_999
+
+
+# The vehicle's own detector
+
+
+def test_a_neighbour_is_read_in_degrees_and_metres_per_second() -> None:
+    reader = reader_of(heartbeat(), neighbour())
+    found = seen_by(reader)
+    assert (found.agent_id, found.lat_deg, found.lon_deg, found.seen_at_s) == (12, 47.1, 8.1, 101.0)
+    assert (found.velocity_north_m_s, found.velocity_east_m_s) == pytest.approx((0.0, 60.0))
+    assert reader.rejected.total() == 0
+
+
+@pytest.mark.parametrize(
+    ("callsign", "agent_id"),
+    [
+        (b"OW00012", 12),
+        (b"OW65535", 65_535),
+        (b"OW00012 ", 12),
+        (b"OW00000", None),
+        (b"OW0012", None),
+        (b"OW000012", None),
+        (b"ow00012", None),
+        (b"XOW00012", None),
+        (b"OW-0012", None),
+        (b"DLH123", None),
+        (b"", None),
+    ],
+)
+def test_a_neighbour_is_an_agent_by_its_callsign_and_else_a_stranger(callsign: bytes, agent_id: int | None) -> None:
+    assert seen_by(reader_of(heartbeat(), neighbour(callsign=callsign))).agent_id == agent_id
+
+
+def test_a_callsign_that_is_not_valid_names_nobody() -> None:
+    flags = ALL_VALID & ~common.ADSB_FLAGS_VALID_CALLSIGN
+    assert seen_by(reader_of(heartbeat(), neighbour(flags=flags))).agent_id is None
+
+
+def test_a_neighbour_without_coordinates_is_ignored_and_counted() -> None:
+    reader = reader_of(heartbeat(), neighbour(flags=ALL_VALID & ~common.ADSB_FLAGS_VALID_COORDS))
+    assert (reader.neighbours, reader.rejected) == ({}, {"no coordinates": 1})
+
+
+@pytest.mark.parametrize("datagram", [neighbour(lat_e7=900_000_001), neighbour(lon_e7=-1_800_000_001)])
+def test_a_neighbour_that_is_not_on_earth_is_ignored_and_counted(datagram: bytes) -> None:
+    reader = reader_of(heartbeat(), datagram)
+    assert (reader.neighbours, reader.rejected) == ({}, {"out of range": 1})
+
+
+@pytest.mark.parametrize("flag", [common.ADSB_FLAGS_VALID_HEADING, common.ADSB_FLAGS_VALID_VELOCITY])
+def test_a_neighbour_whose_velocity_is_not_whole_stands_still(flag: int) -> None:
+    found = seen_by(reader_of(heartbeat(), neighbour(flags=ALL_VALID & ~flag)))
+    assert (found.velocity_north_m_s, found.velocity_east_m_s) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "component", [common.MAV_COMP_ID_AUTOPILOT1, common.MAV_COMP_ID_ADSB, COMPANION_COMPONENT], ids=str
+)
+def test_a_neighbour_is_heard_from_the_autopilot_or_the_detector_beside_it(component: int) -> None:
+    assert seen_by(reader_of(heartbeat(), neighbour(component=component))).agent_id == 12
+
+
+def test_a_neighbour_that_another_system_tells_of_is_ignored_and_counted() -> None:
+    reader = reader_of(heartbeat(), neighbour(system=8))
+    assert (reader.neighbours, reader.rejected) == ({}, {"other system": 1})
+
+
+def test_a_neighbour_before_the_first_heartbeat_belongs_to_nobody() -> None:
+    assert reader_of(neighbour()).neighbours == {}
+
+
+def test_a_neighbour_seen_again_is_where_it_was_seen_last() -> None:
+    found = seen_by(reader_of(heartbeat(), neighbour(), neighbour(lat_e7=472_000_000)))
+    assert (found.lat_deg, found.seen_at_s) == (47.2, 102.0)
+
+
+def test_a_neighbour_is_as_old_as_the_detector_says() -> None:
+    assert seen_by(reader_of(heartbeat(), neighbour(silent_s=3))).seen_at_s == 98.0
+
+
+def test_neighbours_at_two_addresses_are_two() -> None:
+    reader = reader_of(heartbeat(), neighbour(1, callsign=b"OW00001"), neighbour(2, callsign=b"OW00002"))
+    assert {found.agent_id for found in reader.neighbours.values()} == {1, 2}
+
+
+def test_a_neighbour_not_seen_for_long_is_forgotten() -> None:
+    reader = TelemetryReader()
+    reader.receive(heartbeat(), 100.0)
+    reader.receive(neighbour(1), 100.0)
+    reader.receive(neighbour(2), 100.0 + NEIGHBOUR_MEMORY_S - 0.1)
+    assert set(reader.neighbours) == {1, 2}
+    reader.receive(neighbour(3), 100.0 + NEIGHBOUR_MEMORY_S + 0.1)
+    assert set(reader.neighbours) == {2, 3}
+
+
+def test_a_swarm_of_forged_neighbours_is_bounded_and_leaves_those_known_alone() -> None:
+    reader = TelemetryReader()
+    reader.receive(heartbeat(), 100.0)
+    for address in range(MAX_NEIGHBOURS + 50):
+        reader.receive(neighbour(address), 100.0)
+    assert set(reader.neighbours) == set(range(MAX_NEIGHBOURS))
+    assert reader.rejected == {"too many neighbours": 50}
+    reader.receive(neighbour(7, lat_e7=472_000_000), 101.0)
+    assert reader.neighbours[7].lat_deg == 47.2
+
+
+@pytest.mark.parametrize("kind", ADAPTERS)
+def test_every_kind_offers_the_neighbours(kind: str) -> None:
+    adapter = ADAPTERS[kind]()
+    adapter.receive(heartbeat(), 100.0)
+    adapter.receive(neighbour(), 100.0)
+    assert [found.agent_id for found in adapter.neighbours] == [12]
 
 
 # The short cut past messages nobody reads
@@ -229,7 +386,7 @@ def other_messages() -> list[bytes]:
 
 SHORT = bytes(common.MAVLink_global_position_int_message(0, 0, 0, 0, 0, 0, 0, 0, 0).pack(mav()))
 """A wanted message of the least length there is: its payload is one byte."""
-GENUINE = [*other_messages(), heartbeat(), position(), home(), SHORT]
+GENUINE = [*other_messages(), heartbeat(), position(), home(), neighbour(), SHORT]
 
 
 def signed(datagram: bytes) -> bytes:

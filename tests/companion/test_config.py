@@ -19,6 +19,7 @@ agent_id: 3
 autopilot: {kind: arducopter, link: "udpin:127.0.0.1:14540"}
 broadcast: {link: "udpin:127.0.0.1:14600"}
 """
+UPLINK = 'uplink: {link: "udpout:127.0.0.1:14700"}\n'
 WITHOUT_AUTOPILOT = "agent_id: 3\nbroadcast: {link: 'udpin:127.0.0.1:14600'}\n"
 WITHOUT_BROADCAST = "agent_id: 3\nautopilot: {kind: arducopter, link: 'udpin:127.0.0.1:14540'}\n"
 
@@ -45,7 +46,21 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
         ("broadcast", "link: 'udpout:127.0.0.1:14600'", "udpin:HOST:PORT"),
     ),
     "an unknown law": (GOOD + "law: sead\n", ("law", "'sead'", "'seed'")),
-    "the surrogate that does not fly": (GOOD + "surrogate: monolithic\n", ("surrogate", "'monolithic'", "'pairwise'")),
+    "the surrogate that does not fly": (
+        GOOD + "surrogate: monolithic\n",
+        ("surrogate", "'monolithic'", "allowed: pairwise, analytic"),
+    ),
+    "a surrogate that is not": (GOOD + "surrogate: monolith\n", ("surrogate", "'monolith'", "'pairwise'")),
+    "an uplink without a period": (GOOD + UPLINK, ("report_period_s: 0 with an uplink", "a period above 0")),
+    "a period without an uplink": (GOOD + "report_period_s: 30\n", ("report_period_s: 30 without an uplink",)),
+    "a period of less than nothing": (GOOD + UPLINK + "report_period_s: -1\n", ("report_period_s", "-1")),
+    "an uplink that listens": (
+        GOOD + UPLINK.replace("udpout", "udpin") + "report_period_s: 30\n",
+        ("uplink", "link: 'udpin:127.0.0.1:14700'", "allowed: udpout:HOST:PORT"),
+    ),
+    "an uplink without a link": (GOOD + "uplink: {}\nreport_period_s: 30\n", ("uplink.link", "missing")),
+    "a bad uplink": (GOOD + UPLINK.replace("14700", "0"), ("uplink", "port '0'", "65535")),
+    "a detector behind the vehicle": (GOOD + "detector_range_m: -1\n", ("detector_range_m", "-1")),
     "a height below the band": (GOOD + "height_m: 1\n", ("height_m: 1", "limits.height_min_m 5")),
     "a height above the band": (GOOD + "height_m: 500\n", ("height_m: 500", "limits.height_max_m 120")),
     "a band upside down": (
@@ -174,9 +189,25 @@ def test_every_legal_mission_implies_a_legal_configuration(
     assert config.staleness.coasting_after_s > period_s
 
 
-def test_the_surrogate_that_does_not_fly_implies_no_configuration() -> None:
-    mission = parse_mission(
-        "agents: [{id: 1, north_m: 0, east_m: 0}]\ntargets: [{id: 1}]\nsurrogate: monolithic\n", "x"
-    )
-    with pytest.raises(InputError, match="monolithic"):
-        config_for_agent(mission, 1, "seed")
+def implied(lines: str) -> Config:
+    return config_for_agent(parse_mission(f"agents: [{{id: 1}}]\ntargets: [{{id: 1}}]\n{lines}\n", "x"), 1, "seed")
+
+
+def test_the_surrogate_that_does_not_fly_is_implied_for_the_simulator_only() -> None:
+    assert implied("surrogate: monolithic").surrogate == "monolithic"
+
+
+def test_reports_are_implied_in_case_ii_only() -> None:
+    assert implied("case: II\nreport_period_s: 60").report_period_s == 60.0
+    assert implied("case: II").report_period_s == 0.0
+    assert implied("case: I\nreport_period_s: 60").report_period_s == 0.0
+
+
+def test_the_range_of_the_detector_is_the_missions() -> None:
+    assert implied("detector_range_m: 750").detector_range_m == 750.0
+
+
+def test_an_uplink_with_a_period_is_ready_to_fly(tmp_path: Path) -> None:
+    config = load(tmp_path, GOOD + UPLINK + "report_period_s: 30\n")
+    assert config.uplink is not None
+    assert (config.uplink.link, config.report_period_s) == ("udpout:127.0.0.1:14700", 30.0)

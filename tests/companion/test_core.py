@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from companion.adapters import ADAPTERS
+from companion.adapters.base import NEIGHBOUR_MEMORY_S
 from companion.adapters.velocity import GUIDED_MODE
 from companion.config import Config, LimitsSection, StalenessSection
 from companion.core import ARRIVAL_SHARE, HEARTBEAT_TIMEOUT_S, Companion, Decision, Purpose
@@ -20,9 +21,11 @@ from companion.wire import (
     AgentEntry,
     AgentMotion,
     Directive,
+    FrameReader,
     FrameWriter,
     MotionFrame,
     PointMotion,
+    ReportFrame,
     Stamp,
     StateFrame,
     TargetEntry,
@@ -106,6 +109,28 @@ class Flight:
         me = AgentEntry(ME, 0.0, 0.0, 4 if targets else None)
         frame = StateFrame(stamp, *ORIGIN_DEG, directive, (me, *agents), targets, threats)
         self.companion.hear(self._writer.encode(frame), self.now_s)
+
+    def neighbour(
+        self,
+        north_m: float,
+        east_m: float,
+        velocity: tuple[float, float] = (0.0, 0.0),
+        *,
+        callsign: bytes = b"OW00012",
+        address: int = 0xABC,
+    ) -> None:
+        """Let the vehicle's own detector see somebody; velocity from true north."""
+        lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
+        course_rad, speed_m_s = math.atan2(velocity[1], velocity[0]), math.hypot(*velocity)
+        valid = (
+            common.ADSB_FLAGS_VALID_COORDS
+            | common.ADSB_FLAGS_VALID_HEADING
+            | common.ADSB_FLAGS_VALID_VELOCITY
+            | common.ADSB_FLAGS_VALID_CALLSIGN
+        )
+        place = (address, round(lat_deg * 1e7), round(lon_deg * 1e7), 0, 530_000)
+        motion = (round(math.degrees(course_rad) * 100) % 36_000, round(speed_m_s * 100), 0)
+        self._tell(common.MAVLink_adsb_vehicle_message(*place, *motion, callsign, 14, 0, valid, 0))
 
     def tick(self) -> tuple[Decision, common.MAVLink_message | None]:
         """Return the decision and the setpoint sent with it."""
@@ -590,3 +615,236 @@ def test_having_come_home_blind_it_stays_home_though_its_circle_is_wide() -> Non
     near, wide = 0.79 * 100.0, 1.2 * 100.0
     reasons = [flight.at(place, 0.0, (10.0, 0.0))[0].purpose for place in (wide, near, wide, 400.0)]
     assert reasons == [Purpose.RETURN, Purpose.LOITER, Purpose.LOITER, Purpose.RETURN]
+
+
+# Neighbours seen by the vehicle's own detector
+
+CLOSE_M = (20.2, 3.0)
+"""Where a neighbour stands that is a little more than a separation ahead, and to the right."""
+
+
+def wanted_beside(
+    *neighbours_ned_m: tuple[float, float],
+    config: Config = CONFIG,
+    wait_s: float = 0.0,
+    velocity: tuple[float, float] = (0.0, 0.0),
+    callsign: bytes = b"OW00012",
+) -> float:
+    """Return the heading wanted, in (-pi, pi], on the way north with neighbours seen `wait_s` ago."""
+    flight = guided(config)
+    for address, place in enumerate(neighbours_ned_m):
+        flight.neighbour(*place, velocity, address=address, callsign=callsign)
+    flight.now_s += wait_s
+    flight.broadcast((5_000.0, 0.0))
+    decision, _ = flight.at(0.0, 0.0, (10.0, 0.0))
+    return math.remainder(decision.wanted_heading_rad, math.tau)
+
+
+STRAIGHT_RAD = wanted_beside()
+
+
+def test_a_neighbour_that_is_seen_turns_the_vehicle_away() -> None:
+    assert abs(STRAIGHT_RAD) < 0.001
+    assert wanted_beside(CLOSE_M) < -0.5
+    assert wanted_beside((CLOSE_M[0], -CLOSE_M[1])) > 0.5
+
+
+@pytest.mark.parametrize("callsign", [b"OW00012", b"DLH123", b""])
+def test_a_stranger_is_kept_clear_of_as_a_peer_is(callsign: bytes) -> None:
+    assert wanted_beside(CLOSE_M, callsign=callsign) == wanted_beside(CLOSE_M)
+
+
+@pytest.mark.parametrize("range_m", [0.0, 20.0])
+def test_a_neighbour_beyond_the_range_of_the_detector_is_not_minded(range_m: float) -> None:
+    short_sighted = CONFIG.model_copy(update={"detector_range_m": range_m})
+    assert wanted_beside(CLOSE_M, config=short_sighted) == STRAIGHT_RAD
+
+
+def test_a_neighbour_just_within_the_range_of_the_detector_is_minded() -> None:
+    assert wanted_beside(CLOSE_M, config=CONFIG.model_copy(update={"detector_range_m": 21.0})) < -0.5
+
+
+def test_a_neighbour_is_remembered_for_a_while_and_then_forgotten() -> None:
+    assert wanted_beside(CLOSE_M, wait_s=NEIGHBOUR_MEMORY_S - 0.1) < -0.5
+    assert wanted_beside(CLOSE_M, wait_s=NEIGHBOUR_MEMORY_S + 0.1) == STRAIGHT_RAD
+
+
+def test_a_neighbour_seen_a_while_ago_is_where_it_must_be_by_now() -> None:
+    begun_at = (CLOSE_M[0] + 30.0, CLOSE_M[1] + 80.0)
+    assert wanted_beside(begun_at) == pytest.approx(STRAIGHT_RAD, abs=1e-3)
+    moving = wanted_beside(begun_at, wait_s=4.0, velocity=(-7.5, -20.0))
+    assert moving == pytest.approx(wanted_beside(CLOSE_M), abs=0.02)
+
+
+def test_far_from_the_origin_a_neighbours_velocity_is_turned_from_true_north_to_the_grid() -> None:
+    east_m, since_s, speed_m_s = 150_000.0, 4.0, 50.0
+
+    def wanted(neighbour_ned_m: tuple[float, float], wait_s: float, velocity: tuple[float, float]) -> float:
+        flight = Flight()
+        flight.heartbeat()
+        flight.position(0.0, east_m)
+        flight.neighbour(*neighbour_ned_m, velocity)
+        flight.now_s += wait_s
+        flight.broadcast((5_000.0, east_m))
+        return math.remainder(flight.at(0.0, east_m, (10.0, 0.0))[0].wanted_heading_rad, math.tau)
+
+    there = (CLOSE_M[0], east_m + CLOSE_M[1])
+    grid_rad = math.pi / 2.0 - FRAME.convergence_rad(*there)
+    way_m = since_s * speed_m_s
+    begun_at = (there[0] - way_m * math.cos(grid_rad), there[1] - way_m * math.sin(grid_rad))
+    assert begun_at[0] < there[0] - 3.0
+    assert wanted(begun_at, since_s, (0.0, speed_m_s)) == pytest.approx(wanted(there, 0.0, (0.0, 0.0)), abs=0.05)
+
+
+def test_what_the_vehicle_sees_goes_before_what_is_broadcast() -> None:
+    def wanted(*seen_ned_m: tuple[float, float]) -> float:
+        flight = guided()
+        for place in seen_ned_m:
+            flight.neighbour(*place, callsign=b"OW00012")
+        flight.broadcast((5_000.0, 0.0), agents=(AgentEntry(12, *CLOSE_M, None),))
+        return math.remainder(flight.at(0.0, 0.0, (10.0, 0.0))[0].wanted_heading_rad, math.tau)
+
+    assert wanted() < -0.5
+    assert wanted((500.0, 500.0)) == pytest.approx(STRAIGHT_RAD, abs=1e-6)
+
+
+def test_its_own_echo_is_no_neighbour() -> None:
+    assert wanted_beside(CLOSE_M, callsign=b"OW%05d" % ME) == STRAIGHT_RAD
+
+
+@pytest.mark.parametrize(("seen_ned_m", "speed_m_s"), [((5.0, 0.0), 10.0), ((500.0, 0.0), 0.0)])
+def test_where_a_neighbour_is_seen_there_is_no_place_to_loiter(
+    seen_ned_m: tuple[float, float], speed_m_s: float
+) -> None:
+    flight = guided()
+    flight.neighbour(*seen_ned_m)
+    decision, setpoint = flight.tick()
+    assert (decision.purpose, decision.reason) == (Purpose.LOITER, "no picture")
+    assert setpoint is not None
+    assert math.hypot(setpoint.vx, setpoint.vy) == pytest.approx(speed_m_s, abs=1e-3)
+
+
+# Reports on an uplink
+
+REPORTING = CONFIG.model_copy(update={"report_period_s": 30.0})
+
+
+def reported(flight: Flight) -> ReportFrame | None:
+    """Return the report due now, if one is."""
+    frames = [frame for datagram in flight.companion.report(flight.now_s) for frame in FrameReader().read(datagram)]
+    assert len(frames) <= 1
+    if not frames:
+        return None
+    assert isinstance(frames[0], ReportFrame)
+    return frames[0]
+
+
+def test_a_report_is_due_at_once_and_then_after_each_period() -> None:
+    flight, times_s = guided(REPORTING), []
+    for step in range(200):
+        flight.now_s = NOW_S + 0.5 * step
+        flight.position()
+        flight.tick()
+        if reported(flight) is not None:
+            times_s.append(0.5 * step)
+    assert times_s == [0.0, 30.0, 60.0, 90.0]
+
+
+def test_without_a_period_nothing_is_reported() -> None:
+    flight = guided()
+    flight.tick()
+    assert reported(flight) is None
+
+
+def test_a_report_tells_where_the_vehicle_is_how_it_moves_and_how_far_it_has_flown() -> None:
+    flight = guided(REPORTING)
+    flight.broadcast()
+    for north_m in (0.0, 100.0, 200.5):
+        flight.at(north_m, -700.0, (3.0, -4.0))
+    report = reported(flight)
+    assert report is not None
+    assert (report.agent_id, report.unix_s) == (ME, NOW_S)
+    assert FRAME.to_local(report.lat_deg, report.lon_deg) == pytest.approx((200.5, -700.0), abs=0.02)
+    assert (report.velocity_north_m_s, report.velocity_east_m_s) == (3.0, -4.0)
+    assert report.flown_m == 201.0
+
+
+def test_a_report_is_stamped_with_the_time_of_the_position() -> None:
+    flight = guided(REPORTING)
+    flight.now_s += 1.25
+    report = reported(flight)
+    assert report is not None
+    assert report.unix_s == NOW_S
+
+
+def test_no_report_is_made_without_a_fresh_position_and_the_next_one_is_made_at_once() -> None:
+    flight = Flight(REPORTING)
+    flight.heartbeat()
+    assert reported(flight) is None
+    flight.position()
+    flight.now_s += REPORTING.telemetry_timeout_s + 0.1
+    assert reported(flight) is None
+    flight.position()
+    assert reported(flight) is not None
+
+
+def test_a_vehicle_that_a_person_flies_reports_as_well() -> None:
+    flight = Flight(REPORTING)
+    flight.heartbeat(GUIDED, 5)
+    flight.position()
+    assert flight.tick()[0].purpose is Purpose.IDLE
+    assert reported(flight) is not None
+
+
+def test_a_report_comes_from_the_companion_of_its_system() -> None:
+    (datagram,) = guided(REPORTING).companion.report(NOW_S)
+    assert (datagram[5], datagram[6]) == (SYSTEM, common.MAV_COMP_ID_ONBOARD_COMPUTER)
+
+
+# The way flown
+
+
+def test_relocated_it_measures_on_from_where_it_finds_itself() -> None:
+    flight = guided()
+    flight.broadcast()
+    flight.at(0.0)
+    flight.at(100.0)
+    assert flight.companion.flown_m == pytest.approx(100.0, abs=0.1)
+    flight.companion.relocate(5_000.0)
+    flight.at(3_000.0)
+    assert flight.companion.flown_m == 5_000.0
+    flight.at(3_010.0)
+    assert flight.companion.flown_m == pytest.approx(5_010.0, abs=0.1)
+
+
+BESIDE_A_THREAT = ThreatEntry(1, 1_000.0, 100.0, 400.0, 200.0, 0.0)
+
+
+def deflection_rad(range_m: float, law: str = "seed", k_l: float = 1e6, north_m: float = 600.0) -> float:
+    """Return how far a threat turns a vehicle that has a way of 4400 m to go."""
+    limits = CONFIG.limits.model_copy(update={"range_m": range_m})
+    weights = CONFIG.weights.model_copy(update={"k_l": k_l})
+    change = {"limits": limits, "weights": weights, "range_policy": "arrive", "law": law}
+    flight = guided(CONFIG.model_copy(update=change))
+    flight.broadcast((5_000.0, 0.0), threats=(BESIDE_A_THREAT,))
+    decision, _ = flight.at(north_m, 0.0, (10.0, 0.0))
+    return abs(math.remainder(decision.wanted_heading_rad, math.tau))
+
+
+def test_at_the_end_of_its_range_a_vehicle_is_pulled_harder_and_deflected_less() -> None:
+    plenty_rad = deflection_rad(50_000.0)
+    assert plenty_rad > 0.05
+    assert deflection_rad(4_400.0) < 0.7 * plenty_rad
+
+
+@given(k_l=st.floats(0.0, 1e9))
+@settings(max_examples=20, deadline=None)
+def test_the_heavier_the_range_weighs_the_less_a_threat_deflects(k_l: float) -> None:
+    assert deflection_rad(4_400.0, k_l=k_l) <= deflection_rad(50_000.0, k_l=k_l) + 1e-12
+
+
+@pytest.mark.parametrize(("law", "weighed"), [("seed", True), ("ramp", False), ("step", False)])
+def test_only_the_law_with_a_surrogate_weighs_its_range(law: str, weighed: bool) -> None:
+    on_the_edge_m = 1_000.0 - math.sqrt(400.0**2 - 100.0**2)
+    short, plenty = (deflection_rad(range_m, law, 1e8, on_the_edge_m) for range_m in (4_400.0, 50_000.0))
+    assert (short != plenty) is weighed

@@ -15,10 +15,15 @@ from companion.dialect import oneway
 from companion.dialect.__main__ import FOLDER, generate
 
 XML = FOLDER / "oneway.xml"
-OUR_MESSAGES = ("ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_DETECTIONS")
-CRC_EXTRA = {"ONEWAY_STATE": 19, "ONEWAY_MOTION": 60, "ONEWAY_DETECTIONS": 88}
+OUR_MESSAGES = ("ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_DETECTIONS", "ONEWAY_REPORT")
+CRC_EXTRA = {"ONEWAY_STATE": 19, "ONEWAY_MOTION": 60, "ONEWAY_DETECTIONS": 88, "ONEWAY_REPORT": 110}
 """A change of a field changes these: old and new vehicles then no longer hear each other."""
-MESSAGE_IDS = {"ONEWAY_STATE": 0xA00100, "ONEWAY_MOTION": 0xA00101, "ONEWAY_DETECTIONS": 0xA00102}
+MESSAGE_IDS = {
+    "ONEWAY_STATE": 0xA00100,
+    "ONEWAY_MOTION": 0xA00101,
+    "ONEWAY_DETECTIONS": 0xA00102,
+    "ONEWAY_REPORT": 0xA00103,
+}
 GREATEST_PUBLIC_ID = 0xA00000
 GREATEST_PAYLOAD_BYTES = 255
 IN_UNITS_OF_RESOLUTION = "in units of resolution"
@@ -131,3 +136,16 @@ def test_an_unsigned_frame_ends_before_the_signature(name: str) -> None:
     kind = messages()[name]
     assert kind.ordered_fieldnames[-1] == "ed25519_signature"
     assert kind.lengths[-1] == 64
+
+
+def test_a_value_that_stands_for_unknown_is_said_in_the_xml() -> None:
+    unknown = {
+        (message, field.attrib["name"]): field.attrib["invalid"]
+        for message, field in fields()
+        if "invalid" in field.attrib
+    }
+    assert unknown == {
+        ("ONEWAY_STATE", "agent_north"): "[INT16_MIN]",
+        ("ONEWAY_STATE", "agent_east"): "[INT16_MIN]",
+        ("ONEWAY_MOTION", "agent_heading"): "[UINT16_MAX]",
+    }

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from companion.cost import Weights
 from companion.guidance import (
     PIVOT_SPEED_M_S,
+    PairSurrogate,
     Pull,
     attraction,
     direction,
@@ -20,9 +21,9 @@ from companion.guidance import (
     loiter_spacing_m,
     turn_rate_rad_s,
 )
+from companion.kinematics import turn_towards
 from companion.picture import View
 from companion.surrogate import AnalyticProfile, surrogate_gradient
-from companion.kinematics import turn_towards
 
 G_M_S2 = 9.80665
 HEADINGS = st.floats(-10.0, 10.0)
@@ -181,8 +182,9 @@ def test_direction_is_the_attraction_less_the_gradient_of_the_surrogate(
     agents, threats = np.array(places[:3]), np.array(places[3:])
     detection_m, attack_m = np.array([8e3, 9e3, 10e3]), np.array([4e3, 4e3, 6e3])
     gradient_m = surrogate_gradient(profile, agents, threats, detection_m, attack_m, separation_m, WEIGHTS)[0]
-    view = View(None, math.inf, threats, detection_m, attack_m, np.zeros(3), agents[1:], np.zeros((0, 2)))
-    found = direction(pull, profile, places[0], view, separation_m, WEIGHTS)
+    ids, peer_ids, nobody = np.array([1, 2, 3]), np.array([2, 3]), np.zeros((0, 2))
+    view = View(None, math.inf, threats, detection_m, attack_m, np.zeros(3), ids, agents[1:], peer_ids, nobody)
+    found = direction(pull, PairSurrogate(profile, separation_m, WEIGHTS).gradient_m(places[0], view))
     expected = np.array([pull.north_m, pull.east_m]) - gradient_m
     np.testing.assert_allclose([found.north_m, found.east_m], expected, rtol=1e-9, atol=1e-6)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 from collections.abc import Callable
@@ -15,7 +16,7 @@ import companion.cli
 import groundstation.cli
 import sim.cli
 from companion.drawing import DRAW_CLEARANCE, inside_polygon, resolve
-from companion.errors import EXIT_UNUSABLE, InputError
+from companion.errors import EXIT_FAILED, EXIT_UNUSABLE, InputError
 from companion.mission import Mission, dump_mission, load_mission, packaged_missions, parse_mission
 from companion.yamlfile import MAX_FILE_BYTES, dump_yaml, parse_yaml
 
@@ -588,20 +589,63 @@ def test_groundstation_run_refuses_a_bad_option_in_one_line(program: Program, ar
     assert_refused(result, "groundstation", "link" if option == "sensor" else option)
 
 
+def test_groundstation_run_refuses_an_autopilot_that_is_not(program: Program) -> None:
+    arguments = ("copter-demo", "--link", "udpout:127.0.0.1:9", "--autopilot", "arducoptor")
+    said = ("--autopilot", "'arducoptor'", "did you mean 'arducopter'?", "kinematic")
+    assert_refused(program("groundstation", "run", *arguments), "groundstation", *said)
+
+
+def test_groundstation_run_refuses_an_uplink_in_case_i(program: Program, tmp_path: Path) -> None:
+    path = file_of(f"{ONE_EACH}case: I\n".encode())(tmp_path)
+    arguments = (path, "--link", "udpout:127.0.0.1:9", "--uplink", "udpin:127.0.0.1:0")
+    assert_refused(
+        program("groundstation", "run", *arguments), "groundstation", "case: 'I' with --uplink", "allowed: II"
+    )
+
+
+@pytest.mark.parametrize("url", ["udpin:nowhere", "udpout:127.0.0.1:9"])
+def test_groundstation_run_refuses_an_uplink_that_cannot_be_heard(program: Program, tmp_path: Path, url: str) -> None:
+    path = file_of(f"{ONE_EACH}case: II\n".encode())(tmp_path)
+    arguments = (path, "--link", "udpout:127.0.0.1:9", "--uplink", url)
+    assert_refused(program("groundstation", "run", *arguments), "groundstation", f"link '{url}'", "allowed: udpin")
+
+
+def test_what_the_ground_station_cannot_do_is_refused_in_one_line(program: Program, tmp_path: Path) -> None:
+    path = file_of(f"{ONE_EACH}objective: route\n".encode())(tmp_path)
+    result = program("groundstation", "run", path, "--link", "udpout:127.0.0.1:9")
+    assert_refused(result, "groundstation", "objective", "'route'", "allowed")
+
+
 @pytest.mark.parametrize(
     ("line", "parts"),
     [
+        (
+            "surrogate: monolithic",
+            ("surrogate", "'monolithic' is not flown", "gradient is noise", "pairwise, analytic", "--allow-monolithic"),
+        ),
         ("objective: route", ("objective", "'route'", "allowed")),
-        ("case: II", ("case", "'II'", "allowed")),
+        (
+            "wind: {speed_m_s: 50, gust_m_s: 10}",
+            ("wind", "together 60", "allowed: less than the slowest agent's", "60"),
+        ),
     ],
 )
-def test_what_the_ground_station_cannot_do_is_refused_in_one_line(
+def test_what_is_not_flown_is_refused_in_one_line(
     program: Program, tmp_path: Path, line: str, parts: tuple[str, ...]
 ) -> None:
     path = file_of(f"{ONE_EACH}{line}\n".encode())(tmp_path)
-    assert_refused(program("groundstation", "run", path, "--link", "udpout:127.0.0.1:9"), "groundstation", *parts)
+    assert_refused(program("sim", "fly", path), "sim", "bad.yaml", *parts)
 
 
-def test_what_is_not_flown_is_refused_in_one_line(program: Program, tmp_path: Path) -> None:
-    path = file_of(f"{ONE_EACH}surrogate: monolithic\n".encode())(tmp_path)
-    assert_refused(program("sim", "fly", path), "sim", "surrogate", "'monolithic'", "allowed: pairwise, analytic")
+def test_sim_fly_refuses_an_id_that_the_one_network_has_no_place_for(program: Program, tmp_path: Path) -> None:
+    text = ONE_EACH.replace("agents: [{id: 1", "agents: [{id: 11") + "surrogate: monolithic\n"
+    result = program("sim", "fly", file_of(text.encode())(tmp_path), "--allow-monolithic")
+    assert_refused(result, "sim", "agents[0].id: 11", "allowed: 1 to 10")
+
+
+def test_sim_fly_flies_the_one_network_when_told_to_and_warns_of_it(program: Program, tmp_path: Path) -> None:
+    path = file_of(f"{ONE_EACH}surrogate: monolithic\nmax_time_s: 5\n".encode())(tmp_path)
+    status, out, err = program("sim", "fly", path, "--allow-monolithic", "--json")
+    assert (status, json.loads(out)["steps"]) == (EXIT_FAILED, 10)
+    assert err.startswith("sim: warning: ")
+    assert "should not fly" in err

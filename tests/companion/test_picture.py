@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.picture import RESTART_AFTER_S, Picture
+from companion.picture import NOBODY, RESTART_AFTER_S, Picture
 from companion.wire import (
     AgentEntry,
     AgentMotion,
@@ -404,3 +404,97 @@ def test_a_motion_makes_the_picture_no_younger() -> None:
     picture = picture_of(state(1))
     picture.take_motion(motion(1, time_ms=90_000), time_of(1) + 90.0)
     assert picture.age_s(time_of(1) + 90.0) == pytest.approx(90.0)
+
+
+# Case II: places that are not broadcast, and what the vehicle itself sees
+
+UNSEEN = (AgentEntry(ME, None, None, 1), AgentEntry(2, None, None, 1), AgentEntry(9, None, None, None))
+
+
+def test_peers_whose_place_is_not_broadcast_are_not_in_the_view() -> None:
+    view = picture_of(state(1, agents=UNSEEN)).view(time_of(1))
+    assert view.peers_ned_m.shape == view.settled_ned_m.shape == (0, 2)
+    assert view.peer_ids.shape == (0,)
+
+
+def test_without_places_a_frame_tells_targets_threats_and_assignment_all_the_same() -> None:
+    picture = picture_of(state(1, agents=UNSEEN, threats=(THREAT,)))
+    view = picture.view(time_of(1))
+    assert (picture.target_id, view.target_ned_m) == (1, (10.0, 20.0))
+    assert view.threat_ids.tolist() == [1]
+
+
+def test_a_peer_whose_place_is_no_longer_broadcast_leaves_the_view() -> None:
+    picture = picture_of(state(1, agents=WITH_PEER), state(2, agents=(WITH_PEER[0], AgentEntry(9, None, None, 1))))
+    assert picture.view(time_of(2)).peer_ids.tolist() == []
+
+
+def test_with_nobody_seen_the_view_is_as_it_was() -> None:
+    picture = picture_of(state(1, agents=WITH_PEER))
+    view = picture.view(time_of(1))
+    assert picture.with_seen(view, []) is view
+
+
+def test_a_peer_that_is_seen_is_where_it_is_seen_and_not_where_it_was_broadcast() -> None:
+    picture = picture_of(state(1, agents=(*WITH_PEER, AgentEntry(8, 8.0, 8.0, 1))))
+    view = picture.with_seen(picture.view(time_of(1)), [(9, (150.0, 250.0))])
+    assert dict(zip(view.peer_ids.tolist(), view.peers_ned_m.tolist(), strict=True)) == {
+        8: [8.0, 8.0],
+        9: [150.0, 250.0],
+    }
+
+
+def test_seeing_changes_nothing_but_the_peers() -> None:
+    picture = picture_of(state(1, agents=WITH_PEER, threats=(THREAT,)))
+    before = picture.view(time_of(1))
+    after = picture.with_seen(before, [(None, (1.0, 2.0))])
+    assert (after.target_ned_m, after.target_age_s) == (before.target_ned_m, before.target_age_s)
+    assert np.array_equal(after.threats_ned_m, before.threats_ned_m)
+    assert np.array_equal(after.attack_radius_m, before.attack_radius_m)
+    assert len(before.peer_ids) == 1
+
+
+def test_strangers_are_peers_that_nobody_knows_and_settle_first() -> None:
+    picture = picture_of(state(1, agents=UNSEEN))
+    view = picture.with_seen(picture.view(time_of(1)), [(None, (1.0, 0.0)), (None, (2.0, 0.0)), (77, (3.0, 0.0))])
+    assert view.peer_ids.tolist() == [NOBODY, NOBODY, 77]
+    assert view.settled_ned_m[:, 0].tolist() == [1.0, 2.0, 3.0]
+
+
+def test_of_the_peers_seen_those_that_loiter_or_have_a_lower_id_settle_first() -> None:
+    agents = (*UNSEEN, AgentEntry(8, None, None, 1))
+    picture = picture_of(state(1, agents=agents))
+    seen = [(2, (2.0, 0.0)), (8, (8.0, 0.0)), (9, (9.0, 0.0))]
+    view = picture.with_seen(picture.view(time_of(1)), seen)
+    assert view.peers_ned_m[:, 0].tolist() == [2.0, 8.0, 9.0]
+    assert view.settled_ned_m[:, 0].tolist() == [2.0, 9.0]
+
+
+def test_a_settled_peer_that_is_only_broadcast_stays_settled_beside_one_that_is_seen() -> None:
+    agents = (AgentEntry(ME, 0.0, 0.0, 1), AgentEntry(2, 2.0, 0.0, 1), AgentEntry(9, 9.0, 0.0, 1))
+    picture = picture_of(state(1, agents=agents))
+    view = picture.with_seen(picture.view(time_of(1)), [(9, (90.0, 0.0))])
+    assert view.settled_ned_m[:, 0].tolist() == [2.0]
+    view = picture.with_seen(picture.view(time_of(1)), [(2, (20.0, 0.0))])
+    assert view.settled_ned_m[:, 0].tolist() == [20.0]
+
+
+@given(
+    st.sets(st.integers(1, 12)),
+    st.lists(
+        st.tuples(st.none() | st.integers(1, 14), st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))), max_size=8
+    ),
+)
+def test_everybody_seen_is_a_peer_once_and_everybody_unseen_stays(
+    heard: set[int], seen: list[tuple[int | None, tuple[float, float]]]
+) -> None:
+    agents = (AgentEntry(ME, 0.0, 0.0, 1), *(AgentEntry(k, 1.0 * k, 5_000.0, 1) for k in sorted(heard - {ME})))
+    picture = picture_of(state(1, agents=agents[:10]))
+    before = picture.view(time_of(1))
+    view = picture.with_seen(before, seen)
+    seen_ids = [identity or NOBODY for identity, _ in seen]
+    assert sorted(view.peer_ids.tolist()) == sorted(
+        [k for k in before.peer_ids.tolist() if k not in seen_ids] + seen_ids
+    )
+    assert view.peers_ned_m.shape == (len(view.peer_ids), 2)
+    assert {tuple(place) for place in view.settled_ned_m.tolist()} <= {tuple(p) for p in view.peers_ned_m.tolist()}

@@ -31,6 +31,7 @@ from companion.wire import (
     Kind,
     MotionFrame,
     PointMotion,
+    ReportFrame,
     Stamp,
     StateFrame,
     TargetEntry,
@@ -61,6 +62,25 @@ SMALL_DETECTIONS = DetectionsFrame(
     origin_lon_deg=-8.7654321,
     detections=(Detection(Kind.THREAT, 9, -12_345.67, 200_000.0, -1.5, 9.75),),
 )
+SMALL_REPORT = ReportFrame(
+    epoch_s=1_790_000_000,
+    time_ms=12_345,
+    agent_id=300,
+    lat_deg=47.1234567,
+    lon_deg=-8.7654321,
+    velocity_north_m_s=-1.5,
+    velocity_east_m_s=60.0,
+    flown_m=12_346.0,
+)
+UNSEEN_STATE = StateFrame(
+    stamp=STAMP,
+    origin_lat_deg=47.0,
+    origin_lon_deg=8.0,
+    directive=Directive.NORMAL,
+    agents=(AgentEntry(1, None, None, 1), AgentEntry(2, 3.0, -4.0, None)),
+    targets=(TargetEntry(1, 100.0, 200.0),),
+    threats=(),
+)
 GOLDEN = [
     (
         SMALL_STATE,
@@ -83,7 +103,16 @@ GOLDEN = [
         "00000000000000000000000000000000cf030000000000000000000000000000000000000000000000000000090000000000"
         "000000000000000000000000000000000000000000000102bb39",
     ),
+    (SMALL_REPORT, "fd1a000000febe0301a0803bb16a393000000778161c4f80c6fa3a3000006aff70172c013729"),
+    (
+        UNSEEN_STATE,
+        "fd96000000febe0001a0803bb16a393000000700000080a1031c00b4c40400802c0100000000000000000000000000000000"
+        "008070fe0000000000000000000000000000000010270000000000000000204e000000000000000000000000000000000000"
+        "0000000000000000000000000000000000000000000001000100010000000001020201000000000000000000000000000000"
+        "01000000000000000001ae46",
+    ),
 ]
+GOLDEN_NAMES = ["state", "motion", "detections", "report", "state of agents unseen"]
 FULL_SIGNATURE = bytes(range(1, SIGNATURE_BYTES + 1))
 SIDE_M = 200_000.0
 
@@ -126,6 +155,12 @@ def state_through(frame: StateFrame) -> StateFrame:
 def motion_through(frame: MotionFrame) -> MotionFrame:
     decoded = through(frame)
     assert isinstance(decoded, MotionFrame)
+    return decoded
+
+
+def report_through(frame: ReportFrame) -> ReportFrame:
+    decoded = through(frame)
+    assert isinstance(decoded, ReportFrame)
     return decoded
 
 
@@ -187,15 +222,15 @@ def test_the_motion_of_the_papers_mission_fits_with_both_signatures() -> None:
 # Bytes
 
 
-@pytest.mark.parametrize(("frame", "expected"), GOLDEN, ids=["state", "motion", "detections"])
+@pytest.mark.parametrize(("frame", "expected"), GOLDEN, ids=GOLDEN_NAMES)
 def test_the_bytes_of_a_frame_are_pinned(frame: Frame, expected: str) -> None:
     assert FrameWriter().encode(frame).hex() == expected
 
 
-@pytest.mark.parametrize(("frame", "datagram"), GOLDEN, ids=["state", "motion", "detections"])
+@pytest.mark.parametrize(("frame", "datagram"), GOLDEN, ids=GOLDEN_NAMES)
 def test_the_pinned_bytes_decode_to_what_was_sent(frame: Frame, datagram: str) -> None:
     (decoded,) = FrameReader().read(bytes.fromhex(datagram))
-    if isinstance(frame, StateFrame):
+    if frame is SMALL_STATE:
         assert isinstance(decoded, StateFrame)
         assert (decoded.stamp, decoded.directive) == (STAMP, Directive.HOLD)
         assert (decoded.origin_lat_deg, decoded.origin_lon_deg) == (47.1234567, -8.7654321)
@@ -388,6 +423,19 @@ NOT_FITTING: list[Frame] = [
     replace(SMALL_DETECTIONS, detections=(Detection(Kind.AGENT, 1, math.nan, 0.0, 0.0, 0.0),)),
     replace(SMALL_DETECTIONS, detections=(Detection(Kind.AGENT, 65_536, 0.0, 0.0, 0.0, 0.0),)),
     replace(SMALL_DETECTIONS, origin_lon_deg=math.inf),
+    replace(SMALL_REPORT, lat_deg=90.000001),
+    replace(SMALL_REPORT, lat_deg=math.nan),
+    replace(SMALL_REPORT, lon_deg=-180.000001),
+    replace(SMALL_REPORT, lon_deg=math.inf),
+    replace(SMALL_REPORT, flown_m=-1.5),
+    replace(SMALL_REPORT, flown_m=2.0**32),
+    replace(SMALL_REPORT, flown_m=math.nan),
+    replace(SMALL_REPORT, velocity_north_m_s=math.nan),
+    replace(SMALL_REPORT, velocity_east_m_s=math.inf),
+    replace(SMALL_REPORT, agent_id=65_536),
+    replace(SMALL_REPORT, agent_id=-1),
+    replace(SMALL_REPORT, epoch_s=2**32),
+    replace(SMALL_REPORT, time_ms=-1),
 ]
 
 
@@ -414,7 +462,10 @@ numbers = st.one_of(st.floats(), st.floats(-1e3, 1e3))
         origin_lon_deg=numbers,
         directive=st.sampled_from(Directive),
         agents=st.lists(
-            st.builds(AgentEntry, st.integers(-1, 9), numbers, numbers, st.none() | st.integers(0, 3)), max_size=11
+            st.builds(
+                AgentEntry, st.integers(-1, 9), st.none() | numbers, st.none() | numbers, st.none() | st.integers(0, 3)
+            ),
+            max_size=11,
         ).map(tuple),
         targets=st.lists(st.builds(TargetEntry, st.integers(0, 9), numbers, numbers), max_size=6).map(tuple),
         threats=st.lists(st.builds(ThreatEntry, st.integers(0, 9), *[numbers] * 5), max_size=5).map(tuple),
@@ -428,6 +479,7 @@ numbers = st.one_of(st.floats(), st.floats(-1e3, 1e3))
         targets=st.lists(st.builds(PointMotion, st.integers(0, 9), *[numbers] * 3), max_size=6).map(tuple),
         threats=st.lists(st.builds(PointMotion, st.integers(0, 9), *[numbers] * 3), max_size=5).map(tuple),
     )
+    | st.builds(ReportFrame, *[st.integers(-1, 2**33)] * 2, st.integers(-1, 70_000), *[numbers] * 5)
 )
 def test_what_can_be_encoded_is_accepted_and_the_rest_is_a_wire_error(frame: Frame) -> None:
     try:
@@ -499,6 +551,94 @@ def test_a_great_age_stays_the_greatest_the_field_holds(age_s: float) -> None:
     assert (decoded.agents[0].age_s, decoded.threats[0].age_s) == (25.5, 6_553.5)
 
 
+# Reports
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 2**32 - 1),
+    identities,
+    st.tuples(st.floats(-90.0, 90.0), st.floats(-180.0, 180.0)),
+    st.tuples(st.floats(-327.0, 327.0), st.floats(-327.0, 327.0)),
+    st.floats(0.0, 4e9),
+)
+def test_a_report_returns(
+    epoch_s: int,
+    time_ms: int,
+    agent_id: int,
+    place_deg: tuple[float, float],
+    velocity_m_s: tuple[float, float],
+    flown_m: float,
+) -> None:
+    got = report_through(ReportFrame(epoch_s, time_ms, agent_id, *place_deg, *velocity_m_s, flown_m))
+    assert (got.epoch_s, got.time_ms, got.agent_id) == (epoch_s, time_ms, agent_id)
+    assert got.unix_s == epoch_s + time_ms / 1000.0
+    assert (got.lat_deg, got.lon_deg) == pytest.approx(place_deg, abs=0.6e-7)
+    assert (got.velocity_north_m_s, got.velocity_east_m_s) == pytest.approx(velocity_m_s, abs=0.005 + 1e-9)
+    assert flown_m <= got.flown_m <= flown_m + 1.0
+
+
+def test_a_report_is_small() -> None:
+    assert len(FrameWriter().encode(SMALL_REPORT)) == 38
+
+
+def test_a_reported_velocity_beyond_the_field_is_clipped_to_it() -> None:
+    got = report_through(replace(SMALL_REPORT, velocity_north_m_s=900.0, velocity_east_m_s=-900.0))
+    assert (got.velocity_north_m_s, got.velocity_east_m_s) == (327.67, -327.67)
+
+
+@pytest.mark.parametrize(("lat_e7", "lon_e7"), [(900_000_001, 0), (-900_000_001, 0), (0, 1_800_000_001), (0, -(2**31))])
+def test_a_forged_report_that_is_not_on_earth_is_dropped_and_counted(lat_e7: int, lon_e7: int) -> None:
+    message = oneway.MAVLink_oneway_report_message(1, 2, lat_e7, lon_e7, 3, 4, 5, 6)
+    reader = FrameReader()
+    assert reader.read(bytes(message.pack(oneway.MAVLink(None)))) == []
+    assert reader.rejected == {"position out of range": 1}
+
+
+# Agents whose place nobody knows
+
+maybe_places = st.none() | st.tuples(coordinates_m, coordinates_m)
+
+
+@given(st.lists(maybe_places, min_size=1, max_size=AGENTS_PER_FRAME))
+def test_an_agent_without_a_place_returns_without_one_beside_those_that_have_one(
+    places: list[tuple[float, float] | None],
+) -> None:
+    entries = [AgentEntry(k, *(place or (None, None)), None) for k, place in enumerate(places)]
+    decoded = state_through(state_of(agents=tuple(entries)))
+    for sent, got in zip(places, decoded.agents, strict=True):
+        if sent is None:
+            assert got.position_ned_m is None
+        else:
+            assert got.position_ned_m == pytest.approx(sent, abs=5.0)
+
+
+def test_an_agent_without_a_place_does_not_make_the_frame_coarser() -> None:
+    near = AgentEntry(1, 300.0, -300.0, None)
+    assert resolution_m(FrameWriter().encode(state_of(agents=(near, AgentEntry(2, None, None, None))))) == 0.01
+    assert resolution_m(FrameWriter().encode(state_of(agents=(AgentEntry(2, None, None, None),)))) == 0.01
+
+
+@given(coordinates_m, coordinates_m)
+def test_no_place_on_the_plane_is_mistaken_for_an_unknown_one(north_m: float, east_m: float) -> None:
+    (agent,) = state_through(state_of(agents=(AgentEntry(1, north_m, east_m, None),))).agents
+    assert agent.position_ned_m is not None
+
+
+@pytest.mark.parametrize("half", ["agent_north", "agent_east"])
+def test_half_a_place_is_dropped_and_counted(half: str) -> None:
+    reader = FrameReader()
+    assert reader.read(forged_state(**{half: [-32_768] + [5] * 9})) == []
+    assert reader.rejected == {"half a position": 1}
+
+
+@pytest.mark.parametrize(("north_m", "east_m"), [(None, 5.0), (5.0, None), (None, None)])
+def test_an_entry_with_less_than_a_place_has_none(north_m: float | None, east_m: float | None) -> None:
+    entry = AgentEntry(1, north_m, east_m, None)
+    assert entry.position_ned_m is None
+    assert state_through(state_of(agents=(entry,))).agents == (AgentEntry(1, None, None, None),)
+
+
 # Hostile bytes
 
 GENUINE = [bytes.fromhex(datagram) for _, datagram in GOLDEN] + [FrameWriter().encode(paper_state(), FULL_SIGNATURE)]
@@ -566,10 +706,15 @@ def test_a_forged_frame_with_a_good_checksum_is_sensible_or_dropped(
             assert abs(frame.origin_lat_deg) <= 90.0
             assert abs(frame.origin_lon_deg) <= 180.0
             assert len({agent.id for agent in frame.agents}) == len(frame.agents)
+            assert all((agent.north_m is None) == (agent.east_m is None) for agent in frame.agents)
+        if isinstance(frame, ReportFrame):
+            assert abs(frame.lat_deg) <= 90.0
+            assert abs(frame.lon_deg) <= 180.0
+            assert frame.flown_m >= 0.0
 
 
 def forged_state(**fields: object) -> bytes:
-    (message,) = oneway.MAVLink(None).parse_buffer(bytearray(GENUINE[3]))
+    (message,) = oneway.MAVLink(None).parse_buffer(bytearray(GENUINE[-1]))
     values = {name: getattr(message, name) for name in message.fieldnames} | fields
     return bytes(oneway.MAVLink_oneway_state_message(**values).pack(oneway.MAVLink(None)))
 

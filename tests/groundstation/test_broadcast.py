@@ -68,7 +68,7 @@ def worlds(draw: st.DrawFn) -> tuple[Mission, dict[int, int]]:
 
 
 def ground(mission: Mission) -> GroundPicture:
-    return GroundPicture(mission, START_S, sensed=True)
+    return GroundPicture(mission, START_S, silent_after_s=None)
 
 
 def states(mission: Mission, assignment: dict[int, int]) -> list[StateFrame]:
@@ -248,3 +248,49 @@ def test_the_motion_frames_hold_everything_once(world: tuple[Mission, dict[int, 
     assert Counter(a.id for f in frames for a in f.agents) == Counter(a.id for a in mission.agents)
     assert Counter(t.id for f in frames for t in f.targets) == Counter(t.id for t in mission.targets)
     assert Counter(t.id for f in frames for t in f.threats) == Counter(t.id for t in mission.threats)
+
+
+# Case II: what is reckoned is not broadcast
+
+
+def unseen(mission: Mission) -> Mission:
+    return mission.model_copy(update={"case": "II"})
+
+
+@settings(max_examples=40, deadline=None)
+@given(worlds())
+def test_in_case_ii_a_broadcast_tells_no_place_and_no_motion_of_any_agent(
+    world: tuple[Mission, dict[int, int]],
+) -> None:
+    mission, assignment = unseen(world[0]), world[1]
+    frames = states(mission, assignment)
+    assert_whole(frames, mission, assignment)
+    assert {(agent.north_m, agent.east_m) for frame in frames for agent in frame.agents} <= {(None, None)}
+    moving = motion_frames(ground(mission), mission, STAMP)
+    assert [agent for frame in moving for agent in frame.agents] == []
+    assert Counter(t.id for f in moving for t in f.targets) == Counter(t.id for t in mission.targets)
+    assert Counter(t.id for f in moving for t in f.threats) == Counter(t.id for t in mission.threats)
+
+
+@settings(max_examples=30, deadline=None)
+@given(worlds())
+def test_in_case_ii_threats_travel_with_whom_they_are_near_just_as_in_case_i(
+    world: tuple[Mission, dict[int, int]],
+) -> None:
+    mission, assignment = world
+    for seen, told in zip(states(mission, assignment), states(unseen(mission), assignment), strict=True):
+        assert (seen.threats, seen.targets) == (told.threats, told.targets)
+
+
+def test_in_case_ii_a_frame_is_as_fine_as_targets_and_threats_alone_allow() -> None:
+    mission = unseen(mission_of({1: (150_000.0, 0.0)}, {1: (100.0, 100.0)}, {}))
+    (frame,) = states(mission, {1: 1})
+    (decoded,) = FrameReader().read(FrameWriter().encode(frame))
+    assert isinstance(decoded, StateFrame)
+    assert (decoded.targets[0].north_m, decoded.agents[0].position_ned_m) == (100.0, None)
+
+
+def test_in_case_ii_the_papers_mission_takes_one_frame_of_the_same_size() -> None:
+    mission = unseen(resolve(load_mission("paper-dynamic"), 1))
+    (frame,) = states(mission, {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)})
+    assert len(FrameWriter().encode(frame, bytes(range(1, 65)))) <= 235

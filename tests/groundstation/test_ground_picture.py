@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.geodesy import LocalFrame
 from companion.mission import parse_mission
 from companion.wire import Detection, DetectionsFrame, Kind
 from groundstation.picture import GroundPicture
+from groundstation.reckoning import Estimate
 
 START_S = 1_790_000_000.0
 ORIGIN_DEG = (47.0, 8.0)
@@ -23,8 +28,11 @@ lost_after_s: 30
 )
 
 
-def picture(sensed: bool = True) -> GroundPicture:
-    return GroundPicture(MISSION, START_S, sensed)
+NOBODY_SENT: dict[int, int] = {}
+
+
+def picture(silent_after_s: float | None = 30.0, case: str = "I") -> GroundPicture:
+    return GroundPicture(MISSION.model_copy(update={"case": case}), START_S, silent_after_s)
 
 
 def look(t_s: float, *detections: Detection, origin_deg: tuple[float, float] = ORIGIN_DEG) -> DetectionsFrame:
@@ -96,8 +104,8 @@ def test_detections_about_another_origin_are_converted() -> None:
 def test_an_agent_not_detected_for_long_enough_is_lost() -> None:
     ground = picture()
     all_seen(ground, 10.0, but=2)
-    assert not ground.update(START_S + 30.0)
-    assert ground.update(START_S + 30.5)
+    assert not ground.update(START_S + 30.0, NOBODY_SENT)
+    assert ground.update(START_S + 30.5, NOBODY_SENT)
     assert ground.lost == {2}
     assert (ground.active_agents, ground.present_agents) == ([1, 3], [1, 3])
 
@@ -105,9 +113,9 @@ def test_an_agent_not_detected_for_long_enough_is_lost() -> None:
 def test_a_lost_agent_that_is_detected_again_is_back() -> None:
     ground = picture()
     all_seen(ground, 20.0, but=2)
-    ground.update(START_S + 40.0)
+    ground.update(START_S + 40.0, NOBODY_SENT)
     all_seen(ground, 41.0)
-    assert ground.update(START_S + 41.0)
+    assert ground.update(START_S + 41.0, NOBODY_SENT)
     assert ground.lost == set()
     assert ground.active_agents == [1, 2, 3]
 
@@ -115,19 +123,19 @@ def test_a_lost_agent_that_is_detected_again_is_back() -> None:
 def test_nothing_having_changed_is_said_so() -> None:
     ground = picture()
     all_seen(ground, 1.0)
-    assert not ground.update(START_S + 1.0)
+    assert not ground.update(START_S + 1.0, NOBODY_SENT)
 
 
-def test_without_a_sensor_nobody_is_ever_lost() -> None:
-    ground = picture(sensed=False)
-    assert not ground.update(START_S + 1e6)
+def test_where_nobody_is_heard_of_nobody_is_ever_lost() -> None:
+    ground = picture(None)
+    assert not ground.update(START_S + 1e6, NOBODY_SENT)
     assert ground.active_agents == [1, 2, 3]
 
 
 def test_an_agent_within_the_arrival_radius_completes_the_target() -> None:
     ground = picture()
     see(ground, 5.0, agent(2, 20_000.0, 300.0))
-    assert ground.update(START_S + 5.0)
+    assert ground.update(START_S + 5.0, NOBODY_SENT)
     assert (ground.arrived, ground.completed) == ({2}, {1})
     assert (ground.active_agents, ground.present_agents, ground.open_targets) == ([1, 3], [1, 2, 3], [2])
 
@@ -135,24 +143,24 @@ def test_an_agent_within_the_arrival_radius_completes_the_target() -> None:
 def test_just_outside_the_arrival_radius_is_not_arrived() -> None:
     ground = picture()
     see(ground, 5.0, agent(2, 20_000.0, 300.1))
-    assert not ground.update(START_S + 5.0)
+    assert not ground.update(START_S + 5.0, NOBODY_SENT)
 
 
 def test_an_agent_that_has_arrived_completes_no_second_target() -> None:
     ground = picture()
     see(ground, 5.0, agent(2, 20_000.0, 0.0))
-    ground.update(START_S + 5.0)
+    ground.update(START_S + 5.0, NOBODY_SENT)
     see(ground, 6.0, agent(2, 20_000.0, 5_000.0))
-    assert not ground.update(START_S + 6.0)
+    assert not ground.update(START_S + 6.0, NOBODY_SENT)
     assert ground.open_targets == [2]
 
 
 def test_a_completed_target_stays_completed_when_it_moves_away() -> None:
     ground = picture()
     see(ground, 5.0, agent(2, 20_000.0, 0.0))
-    ground.update(START_S + 5.0)
+    ground.update(START_S + 5.0, NOBODY_SENT)
     see(ground, 6.0, Detection(Kind.TARGET, 1, 30_000.0, 0.0, 0.0, 0.0))
-    ground.update(START_S + 6.0)
+    ground.update(START_S + 6.0, NOBODY_SENT)
     assert ground.open_targets == [2]
 
 
@@ -160,7 +168,92 @@ def test_a_lost_agent_completes_nothing_where_it_was_last_seen() -> None:
     ground = picture()
     see(ground, 0.0, agent(2, 20_000.0, 400.0))
     all_seen(ground, 40.0, but=2)
-    ground.update(START_S + 40.0)
+    ground.update(START_S + 40.0, NOBODY_SENT)
     see(ground, 40.0, Detection(Kind.TARGET, 1, 20_000.0, 400.0, 0.0, 0.0))
-    assert not ground.update(START_S + 40.0)
+    assert not ground.update(START_S + 40.0, NOBODY_SENT)
     assert ground.completed == set()
+
+
+# Case II: agents are placed, not detected
+
+
+def placed(ground: GroundPicture, t_s: float, north_m: float, uncertainty_m: float, identity: int = 1) -> None:
+    estimate = Estimate(north_m, 0.0, 0.0, 60.0, 1_234.0, uncertainty_m)
+    ground.place(identity, estimate, START_S + t_s)
+
+
+def test_in_case_ii_a_stray_detection_of_an_agent_is_ignored() -> None:
+    ground = picture(None, "II")
+    see(ground, 5.0, agent(1, 300.0, 0.0), Detection(Kind.TARGET, 1, 19_000.0, 0.0, 0.0, 0.0))
+    assert ground.tracks[Kind.AGENT, 1].north_m == 0.0
+    assert (ground.flown_m[1], ground.heard_at_s[1]) == (0.0, START_S)
+    assert ground.tracks[Kind.TARGET, 1].north_m == 19_000.0
+
+
+def test_an_agent_is_placed_with_its_motion_its_doubt_and_the_way_that_it_has_flown() -> None:
+    ground = picture(None, "II")
+    ground.place(2, Estimate(100.0, 200.0, math.radians(90.0), 60.0, 1_234.0, 56.0), START_S + 7.0)
+    track = ground.tracks[Kind.AGENT, 2]
+    assert track.position_ned_m == (100.0, 200.0)
+    assert (track.velocity_north_m_s, track.velocity_east_m_s) == pytest.approx((0.0, 60.0))
+    assert (track.seen_at_s, ground.flown_m[2], ground.uncertainty_m[2]) == (START_S + 7.0, 1_234.0, 56.0)
+
+
+def test_detections_measure_the_way_flown() -> None:
+    ground = picture()
+    for t_s, place in enumerate([(300.0, 0.0), (300.0, 400.0), (0.0, 0.0)]):
+        see(ground, 1.0 + t_s, agent(1, *place))
+    assert ground.flown_m == {1: 300.0 + 400.0 + 500.0, 2: 0.0, 3: 0.0}
+
+
+def test_where_an_agent_is_certain_it_arrives_at_once_and_anywhere() -> None:
+    ground = picture(None, "II")
+    placed(ground, 5.0, 19_800.0, 0.0)
+    assert ground.update(START_S + 5.0, {1: 2})
+    assert (ground.arrived, ground.completed) == ({1}, {1})
+
+
+@given(uncertainty_m=st.floats(1.0, 3_000.0))
+def test_an_uncertain_arrival_is_believed_when_the_doubt_could_be_flown(uncertainty_m: float) -> None:
+    ground = picture(None, "II")
+    placed(ground, 5.0, 19_800.0, uncertainty_m)
+    doubt_s = uncertainty_m / 60.0
+    assert not ground.update(START_S + 5.0, {1: 1})
+    assert not ground.update(START_S + 5.0 + doubt_s - 0.01, {1: 1})
+    assert ground.update(START_S + 5.0 + doubt_s + 0.01, {1: 1})
+    assert (ground.arrived, ground.completed) == ({1}, {1})
+
+
+def test_an_uncertain_agent_passing_a_target_it_was_not_sent_to_does_not_arrive() -> None:
+    ground = picture(None, "II")
+    for t_s in (5.0, 50.0):
+        placed(ground, t_s, 19_800.0, 600.0)
+        assert not ground.update(START_S + t_s, {1: 2})
+    assert not ground.update(START_S + 50.0, NOBODY_SENT)
+
+
+def test_an_uncertain_agent_sent_elsewhere_in_the_meantime_begins_anew() -> None:
+    ground = picture(None, "II")
+    placed(ground, 5.0, 19_800.0, 600.0)
+    ground.update(START_S + 5.0, {1: 1})
+    ground.update(START_S + 10.0, {1: 2})
+    assert not ground.update(START_S + 16.0, {1: 1})
+    assert not ground.update(START_S + 25.9, {1: 1})
+    assert ground.update(START_S + 26.1, {1: 1})
+
+
+def test_an_uncertain_agent_need_not_stay_near_by_the_centres_own_lights() -> None:
+    ground = picture(None, "II")
+    placed(ground, 5.0, 19_800.0, 600.0)
+    ground.update(START_S + 5.0, {1: 1})
+    placed(ground, 10.0, 19_600.0, 600.0)
+    assert ground.update(START_S + 15.1, {1: 1})
+
+
+def test_an_arrival_waits_for_the_doubt_as_it_has_grown_since() -> None:
+    ground = picture(None, "II")
+    placed(ground, 5.0, 19_800.0, 60.0)
+    ground.update(START_S + 5.0, {1: 1})
+    placed(ground, 6.5, 19_800.0, 120.0)
+    assert not ground.update(START_S + 6.5, {1: 1})
+    assert ground.update(START_S + 7.1, {1: 1})

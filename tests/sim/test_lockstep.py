@@ -86,12 +86,39 @@ def agent_one_stopped_where_lost(flight: Flight, scored: Score) -> bool:
     return bool(np.all(after == after[0]))
 
 
-def back_near_the_start(flight: Flight, scored: Score) -> bool:
+def never_left(flight: Flight, scored: Score) -> bool:
+    apart_m = np.hypot(*np.moveaxis(flight.trajectory.agents_ned_m - flight.trajectory.agents_ned_m[0], 2, 0))
+    return float(np.max(apart_m)) < 500.0
+
+
+def agent_one_never_left(flight: Flight, scored: Score) -> bool:
     track = flight.trajectory.agents_ned_m[:, 0]
-    return float(np.hypot(*(track[-1] - track[0]))) < 500.0
+    return float(np.max(np.hypot(*(track - track[0]).T))) < 500.0
+
+
+def went_far(flight: Flight, scored: Score) -> bool:
+    track = flight.trajectory.agents_ned_m[:, 0]
+    return float(np.max(np.hypot(*(track - track[0]).T))) > 3_000.0
+
+
+def home_within_range(flight: Flight, scored: Score) -> bool:
+    """Return whether the agent came back from afar before it had flown FLEEING_RANGE_M, and stayed."""
+    track = flight.trajectory.agents_ned_m[:, 0]
+    flown_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(track, axis=0).T))))
+    home_m = np.hypot(*(track - track[0]).T)
+    farthest = int(np.argmax(home_m))
+    home = farthest + np.flatnonzero(home_m[farthest:] <= 300.0)
+    return len(home) > 0 and flown_m[home[0]] <= FLEEING_RANGE_M and float(np.max(home_m[home[0] :])) < 500.0
 
 
 Check = Callable[[Flight, Score], bool]
+FLEEING_RANGE_M = 14_000.0
+FLEEING = (
+    f"agents: [{{id: 1, north_m: 0, east_m: 0, heading_deg: 0, range_m: {FLEEING_RANGE_M}}}]\n"
+    "targets: [{id: 1, north_m: 5000, east_m: 0, speed_bound_m_s: 40, motion: {heading_deg: 0, speed_m_s: 40}}]\n"
+    "max_time_s: 300"
+)
+"""A target that keeps out of reach: it is sent for, and then too far for the way there and back."""
 DISC_AHEAD = "threats: [{id: 1, north_m: 6000, east_m: 300}]"
 SCENARIOS: list[tuple[str, str, dict[str, Any], list[Check]]] = [
     ("with nothing in the way the path is straight", "", {}, [all_reached, nearly_straight]),
@@ -158,10 +185,42 @@ SCENARIOS: list[tuple[str, str, dict[str, Any], list[Check]]] = [
         [all_reached, all_arrived, no_breach, places_apart],
     ),
     (
-        "an agent whose range runs out turns home in time",
-        "agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0, range_m: 12000}]",
+        "a cross wind is crabbed against and hardly bends the path",
+        "wind: {from_deg: 90, speed_m_s: 15, gust_m_s: 5}",
         {},
-        [none_reached, back_near_the_start],
+        [all_reached, nearly_straight],
+    ),
+    ("gusts blow nobody into a disc", DISC_AHEAD + "\nwind: {speed_m_s: 5, gust_m_s: 10}", {}, [all_reached, no_entry]),
+    (
+        "an agent is not sent where its range does not reach and back",
+        "agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0, range_m: 13000}]\nmax_time_s: 300",
+        {},
+        [none_reached, never_left],
+    ),
+    (
+        "under the policy to arrive it is sent where it can arrive",
+        "agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0, range_m: 13000}]\nrange_policy: arrive",
+        {},
+        [all_reached],
+    ),
+    (
+        "a target out of the range of the nearest agent is another's",
+        "agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0, range_m: 13000}, "
+        "{id: 2, north_m: 0, east_m: 6000, heading_deg: 0}, {id: 3, north_m: 0, east_m: 9000, heading_deg: 0}]",
+        {},
+        [all_reached, agent_one_never_left],
+    ),
+    (
+        "an agent whose target flees beyond its range turns home while its range still reaches",
+        FLEEING + "\nassignment_period_s: 1000",
+        {},
+        [none_reached, went_far, home_within_range],
+    ),
+    (
+        "an agent whose target is taken from it, being out of range, comes home in time as well",
+        FLEEING,
+        {},
+        [none_reached, went_far, home_within_range],
     ),
 ]
 
@@ -284,7 +343,63 @@ def test_an_arrived_agent_loiters_where_it_arrived() -> None:
     assert math.isclose(float(flight.trajectory.agents_speed_m_s[-1, 0]), 60.0, abs_tol=0.01)
 
 
-@pytest.mark.parametrize("changes", ["wind: {speed_m_s: 5}", "case: II", "surrogate: monolithic", "objective: route"])
-def test_what_is_not_flown_is_refused_instead_of_ignored(changes: str) -> None:
-    with pytest.raises(InputError, match="allowed"):
+def flight_time_s(changes: str) -> float:
+    mission = mission_of(changes)
+    scored = score(fly(mission, 1).trajectory, mission)
+    assert scored.targets_reached == 1
+    return scored.flight_time_s
+
+
+def test_the_wind_pushes_the_flight() -> None:
+    still_s = flight_time_s("")
+    head_s, tail_s = (flight_time_s(f"wind: {{from_deg: {deg}, speed_m_s: 20}}") for deg in (0, 180))
+    assert head_s == pytest.approx(still_s * 60.0 / 40.0, rel=0.05)
+    assert tail_s == pytest.approx(still_s * 60.0 / 80.0, rel=0.05)
+
+
+def test_gusts_follow_from_the_seed() -> None:
+    mission = mission_of("wind: {gust_m_s: 10}\nmax_time_s: 30")
+    first, second, other = (fly(mission, seed).trajectory.agents_ned_m for seed in (7, 7, 8))
+    assert np.array_equal(first, second)
+    assert not np.array_equal(first, other)
+
+
+MONOLITHIC = "surrogate: monolithic\nmax_time_s: 10"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ("objective: route", "small: objective: 'route' cannot be assigned; allowed: distance, inverse-distance"),
+        ("wind: {speed_m_s: 45, gust_m_s: 15}", "small: wind: speed_m_s and gust_m_s together 60; allowed: less than"),
+        (MONOLITHIC, "small: surrogate: 'monolithic' is not flown: .*gradient is noise; allowed: pairwise, analytic"),
+    ],
+)
+def test_what_is_not_flown_is_refused_instead_of_ignored(changes: str, said: str) -> None:
+    with pytest.raises(InputError, match=said) as caught:
         fly(mission_of(changes), 1)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_wind_that_the_slowest_agent_can_hold_its_course_in_is_flown() -> None:
+    assert fly(mission_of("wind: {speed_m_s: 45, gust_m_s: 14.9}\nmax_time_s: 10"), 1).steps == 20
+
+
+def test_the_one_network_flies_when_it_is_allowed_to_and_steers_another_way() -> None:
+    disc = DISC_AHEAD + "\n"
+    first = fly(mission_of(disc + MONOLITHIC), 1, allow_monolithic=True).trajectory.agents_ned_m
+    other = fly(mission_of(disc + "max_time_s: 10"), 1).trajectory.agents_ned_m
+    assert first.shape == other.shape
+    assert not np.array_equal(first, other)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ("agents: [{id: 1, north_m: 0, east_m: 0}, {id: 11, north_m: 500, east_m: 0}]", "agents.1..id: 11.*1 to 10"),
+        ("threats: [{id: 5, north_m: 6000, east_m: 300}]", "threats.0..id: 5; allowed: 1 to 4"),
+    ],
+)
+def test_the_one_network_flies_nobody_that_it_has_no_inputs_for(changes: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        fly(mission_of(f"{changes}\n{MONOLITHIC}"), 1, allow_monolithic=True)

@@ -8,11 +8,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import common
 
+from companion.geodesy import LocalFrame
 from companion.tlog import read_tlog
 
 PILOT = Path(__file__).parents[2] / "docs" / "examples" / "pilot.py"
@@ -67,17 +69,32 @@ class Program:
     def says(self, text: str) -> bool:
         return text in self.output.read_text()
 
-    def wait_for(self, text: str) -> None:
+    def wait_for(self, text: str, meanwhile: Callable[[], None] = lambda: None) -> None:
         patience_ends_s = time.monotonic() + PATIENCE_S
         while not self.says(text):
             assert self.process.poll() is None, f"ended early: {self.output.read_text()}"
             assert time.monotonic() < patience_ends_s, f"never said '{text}': {self.output.read_text()}"
+            meanwhile()
             time.sleep(0.1)
 
     def end(self) -> int:
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
         return self.process.wait(timeout=20)
+
+
+REPORTING = """
+uplink: {{link: "udpout:127.0.0.1:{uplink}"}}
+report_period_s: 0.2
+"""
+
+
+def put_to_rest(running: dict[str, Program]) -> None:
+    """Kill whatever of the programs still runs."""
+    for program in running.values():
+        if program.process.poll() is None:
+            program.process.kill()
+            program.process.wait(timeout=20)
 
 
 @pytest.fixture
@@ -102,10 +119,63 @@ def programs(tmp_path: Path) -> Iterator[dict[str, Program]]:
         subprocess.run([sys.executable, str(PILOT), f"udpout:127.0.0.1:{pilot}", "8"], check=True, timeout=60)
         yield running
     finally:
-        for program in running.values():
-            if program.process.poll() is None:
-                program.process.kill()
-                program.process.wait(timeout=20)
+        put_to_rest(running)
+
+
+@pytest.fixture
+def unseen(tmp_path: Path) -> Iterator[tuple[dict[str, Program], int]]:
+    """Start ground station and companion of a Case II mission, an uplink between them; give the autopilot's port."""
+    autopilot, broadcast, uplink = free_ports(3)
+    # So far that without a report nobody could be reckoned to be there.
+    far_away = MISSION.replace("north_m: 60,", "north_m: 6000,")
+    (tmp_path / "mission.yaml").write_text(f"{far_away}case: II\nreport_period_s: 0.2\n")
+    config = CONFIG.format(autopilot=autopilot, broadcast=broadcast, logs=tmp_path / "logs")
+    (tmp_path / "companion.yaml").write_text(config + REPORTING.format(uplink=uplink))
+    running = {
+        "groundstation": Program(
+            tmp_path, "groundstation", "run", str(tmp_path / "mission.yaml"), "--autopilot", "arducopter",
+            "--link", f"udpout:127.0.0.1:{broadcast}", "--uplink", f"udpin:127.0.0.1:{uplink}",
+        ),
+        "companion": Program(tmp_path, "companion", "run", str(tmp_path / "companion.yaml")),
+    }  # fmt: skip
+    try:
+        yield running, autopilot
+    finally:
+        put_to_rest(running)
+
+
+class Autopilot:
+    """An autopilot that is somewhere and says so, in the hands of a person."""
+
+    def __init__(self, port: int, north_m: float, east_m: float) -> None:
+        self._peer = ("127.0.0.1", port)
+        self._place_deg = LocalFrame(47.0, 8.0).to_global(north_m, east_m)
+        self._mav = common.MAVLink(None, srcSystem=1, srcComponent=common.MAV_COMP_ID_AUTOPILOT1)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def speak(self) -> None:
+        lat_e7, lon_e7 = (round(degrees * 1e7) for degrees in self._place_deg)
+        for message in (
+            common.MAVLink_heartbeat_message(2, common.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, 0, 4, 3),
+            common.MAVLink_global_position_int_message(0, lat_e7, lon_e7, 508_000, 8_000, 0, 0, 0, 0),
+        ):
+            self._socket.sendto(bytes(message.pack(self._mav)), self._peer)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def test_an_agent_that_nobody_sees_reports_that_it_has_arrived(unseen: tuple[dict[str, Program], int]) -> None:
+    running, port = unseen
+    autopilot, ground = Autopilot(port, 6_000.0, 20.0), running["groundstation"]
+    try:
+        ground.wait_for("case II, sensor none, uplink udpin:127.0.0.1:")
+        assert not ground.says("reached [1]")
+        ground.wait_for("reached [1], arrived [1]", autopilot.speak)
+        assert not ground.says("lost [1]")
+    finally:
+        autopilot.close()
+    assert [program.end() for program in running.values()] == [0, 0]
 
 
 def test_the_armed_copter_flies_to_its_target_and_the_ground_station_sees_it(
