@@ -193,6 +193,11 @@ SCENARIOS: list[tuple[str, str, list[Check]]] = [
     ("agents that nobody sees reach their targets straight on", "", [all_reached, nearly_straight]),
     ("agents that nobody sees go around a disc ahead", DISC_AHEAD, [all_reached, no_entry]),
     (
+        "where half the frames are lost and nobody reports, an arrival believed too early takes no target away",
+        DISC_AHEAD + "link: {loss: 0.5, jitter_s: 1.0, duplicate: 0.3, reorder: 0.3}\n",
+        [all_reached, no_entry],
+    ),
+    (
         "in wind and gusts, with a report now and then, they do so too",
         DISC_AHEAD + WIND + "report_period_s: 20\n",
         [all_reached, no_entry],
