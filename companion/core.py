@@ -313,8 +313,11 @@ class Companion:
             return "directive return"
         range_m = self.config.limits.range_m
         if self.config.range_policy == "return" and not self._out_of_range:
-            # Beyond the budget there is no way home any more: then the target is as good as anywhere.
-            self._out_of_range = self.flown_m + home_m <= range_m < self.flown_m + RANGE_RESERVE * home_m
+            # Beyond the budget there is no way home any more: then the target is as good as anywhere. A step of margin,
+            # so that the moment cannot fall between two decisions, however near home is.
+            step_m = self.config.limits.speed_m_s * self.config.guidance_step_s
+            short = range_m < self.flown_m + RANGE_RESERVE * home_m + step_m
+            self._out_of_range = short and self.flown_m + home_m <= range_m + step_m
         return "range" if self._out_of_range else None
 
     def _pull(self, goal_ned_m: tuple[float, float] | None, motion: Motion, view: View) -> tuple[Pull, float]:

@@ -16,6 +16,7 @@ def doubts(mission: Mission) -> list[str]:
     """Return one line for each kind of doubt about a resolved mission, each naming the first thing it concerns."""
     found = [
         _first("targets", _unapproachable(mission)),
+        _first("targets", _too_fast(mission)),
         _first("agents", _starts_inside(mission)),
         _first("agents", _too_wide_a_turn(mission)),
         _first("agents", _too_short_a_range(mission)),
@@ -29,7 +30,7 @@ def doubts(mission: Mission) -> list[str]:
     if mission.case == "II" and mission.detector_range_m <= mission.separation_m:
         found.append(
             f"detector_range_m: {mission.detector_range_m:g}: in Case II agents then see each other only when they are "
-            f"already within separation_m {mission.separation_m:g}"
+            f"already within separation_m {mission.separation_m:g}, or not at all"
         )
     return [doubt for doubt in found if doubt is not None]
 
@@ -49,6 +50,16 @@ def _unapproachable(mission: Mission) -> list[str]:
         for threat in mission.threats
         if (distance_m := math.dist(target.position_ned_m, threat.position_ned_m)) - mission.arrival_radius_m
         < threat.detection_radius_m * (1 + APPROACH_SHARE)
+    ]
+
+
+def _too_fast(mission: Mission) -> list[str]:
+    fastest_m_s = max(agent.speed_m_s for agent in mission.agents)
+    return [
+        f"id {target.id} has speed_bound_m_s {target.speed_bound_m_s:g} and moves: it may outrun every agent, whose "
+        f"speed_m_s is at most {fastest_m_s:g}"
+        for target in mission.targets
+        if target.motion != "static" and target.speed_bound_m_s >= fastest_m_s
     ]
 
 

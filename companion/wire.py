@@ -273,7 +273,7 @@ def _state_message(frame: StateFrame, signature: bytes) -> oneway.MAVLink_oneway
     radii_m = [threat.detection_radius_m for threat in frame.threats]
     if any(not 0 < threat.attack_radius_m <= threat.detection_radius_m for threat in frame.threats):
         raise WireError("a threat's radii are not in order; allowed: 0 < attack radius <= detection radius")
-    resolution_cm = _resolution_cm(points, radii_m)
+    resolution_cm = frame_resolution_cm(points, radii_m)
     unit_m = resolution_cm / 100.0
     origin_lat, origin_lon = _on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
     frame_index, frame_count = _part(frame.stamp)
@@ -554,7 +554,7 @@ _DECODERS: dict[str, Callable[[Any], Frame]] = {
 }
 
 
-def _resolution_cm(points: Sequence[tuple[float, float]], radii_m: Sequence[float]) -> int:
+def frame_resolution_cm(points: Sequence[tuple[float, float]], radii_m: Sequence[float]) -> int:
     """Return the finest resolution, in whole cm, at which every position and radius fits its 16 bits."""
     reach_m = max((max(abs(north_m), abs(east_m)) for north_m, east_m in points), default=0.0)
     radius_m = max(radii_m, default=0.0)

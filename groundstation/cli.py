@@ -47,6 +47,13 @@ def run(mission: str, link: str, sensor: str | None, uplink: str | None, autopil
     check_runnable(resolved, mission)
     if resolved.case == "I" and uplink is not None:
         raise InputError(f"{mission}: case: 'I' with --uplink; allowed: II, Case I has no use for reports")
+    if resolved.case == "II" and resolved.report_period_s > 0.0 and uplink is None:
+        raise InputError(
+            f"{mission}: report_period_s: {resolved.report_period_s:g} without --uplink, so that everybody would count "
+            "as lost; allowed: --uplink URL, or report_period_s 0"
+        )
+    if resolved.surrogate == "monolithic":
+        raise InputError(f"{mission}: surrogate: 'monolithic' flies only in the simulator; allowed: pairwise, analytic")
     for doubt in doubts(resolved):
         click.echo(f"groundstation: warning: {mission}: {doubt}", err=True)
     to = parse_link(link)

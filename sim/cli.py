@@ -29,7 +29,7 @@ from sim.report import write_report
 from sim.reproduction.claims import Claim, all_claims
 from sim.reproduction.experiments import MIN_SEEDS, Settings, run_all
 from sim.reproduction.figures import draw_all
-from sim.reproduction.report import JSON_NAME, MARKDOWN_NAME
+from sim.reproduction.report import JSON_NAME, MARKDOWN_NAME, is_paper_sized
 from sim.reproduction.report import write_report as write_reproduction
 from sim.score import Score, score
 from sim.vehicle_service import vehicle
@@ -151,7 +151,7 @@ def reproduce_command(out: Path, seeds: int, samples: int, epochs: int) -> int:
         figures = draw_all(results, folder)
     claims = all_claims(results)
     write_reproduction(folder, results, claims, figures, time.perf_counter() - began_s)
-    tell(_claims_table(claims, folder))
+    tell(_claims_table(claims, settings, folder))
     apart = [comparison.seed for comparison in results.wire if not comparison.agrees]
     if apart:
         click.echo(f"sim: the wire disagrees with the pure core: seeds {', '.join(map(str, apart))}", err=True)
@@ -244,7 +244,7 @@ def _job_progress() -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _claims_table(claims: Sequence[Claim], folder: Path) -> str:
+def _claims_table(claims: Sequence[Claim], settings: Settings, folder: Path) -> str:
     table = Table()
     for column in ("claim", "paper", "here", "verdict"):
         table.add_column(column)
@@ -256,6 +256,8 @@ def _claims_table(claims: Sequence[Claim], folder: Path) -> str:
     console = Console(soft_wrap=True, highlight=False, markup=False, width=width)
     with console.capture() as capture:
         console.print("The paper's claims, then this project's of the paper; kinematic simulator")
+        if not is_paper_sized(settings):
+            console.print("Smaller than the paper's: no more than a trial of the program")
         console.print(table, end="")
         console.print(f"\nwritten to {folder}: {MARKDOWN_NAME} (with the reasons), {JSON_NAME}, figures")
     return capture.get().rstrip("\n")

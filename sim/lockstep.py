@@ -141,13 +141,6 @@ def check_flyable(mission: Mission, source: str | None = None, allow_monolithic:
     """
     source = source or mission.name
     check_runnable(mission, source)
-    wind_m_s = mission.wind.speed_m_s + mission.wind.gust_m_s
-    slowest_m_s = min(agent.speed_m_s for agent in mission.agents)
-    if wind_m_s >= slowest_m_s:
-        raise InputError(
-            f"{source}: wind: speed_m_s and gust_m_s together {wind_m_s:g}; allowed: less than the slowest agent's "
-            f"speed_m_s {slowest_m_s:g}, which could not hold a course"
-        )
     if mission.surrogate == "monolithic":
         if not allow_monolithic:
             raise InputError(

@@ -24,6 +24,7 @@ PAPER_ENTERED = (4, 6, 9)
 PAPER_STEPS = 1007
 PAPER_MEAN_MS = 3.6
 PAPER_MAX_MS = 12.5
+SQUARE_KILOMETRE_M2 = 1e6
 
 LEARNED_SHARE = 0.9
 """A network whose test MSE is at least this share of its target's variance has learnt nothing worth the name: the mean
@@ -257,8 +258,8 @@ def _weights(mission: Mission) -> Claim:
     return Claim(
         "weights",
         "k_a > k_d is required, but equal values are simulated",
-        "k_d = k_a = 1e5 km²",
-        f"k_d = {k_d:.0e} m², k_a = {k_a:.0e} m²",
+        "k_d = k_a = 100000 km²",
+        f"k_d = {k_d / SQUARE_KILOMETRE_M2:g} km², k_a = {k_a / SQUARE_KILOMETRE_M2:g} km²",
         Verdict.HOLDS if k_a <= k_d else Verdict.FAILS,
         "Flown as the paper simulates; within R_a both penalties count, so an attack still costs the more.",
         ours=True,

@@ -59,7 +59,7 @@ def content_of(results: Results, claims: Sequence[Claim], figures: Mapping[str, 
     return {
         "simulator": "kinematic",
         "settings": asdict(results.settings),
-        "paper_sized": _is_paper_sized(results.settings),
+        "paper_sized": is_paper_sized(results.settings),
         "versions": {
             "python": platform.python_version(),
             "numpy": np.__version__,
@@ -102,7 +102,8 @@ def markdown(content: Content) -> str:
     return "\n\n".join(parts).replace("F*", "F\\*").replace("F~", "F\\~") + "\n"
 
 
-def _is_paper_sized(settings: Settings) -> bool:
+def is_paper_sized(settings: Settings) -> bool:
+    """Return whether training and flights are as large as the paper's; smaller ones only try the program out."""
     paper = Settings()
     return (settings.samples, settings.epochs, settings.time_limit_s) == (paper.samples, paper.epochs, None)
 

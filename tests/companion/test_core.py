@@ -455,6 +455,12 @@ def test_it_turns_home_while_its_range_still_reaches() -> None:
     assert (decision.purpose, decision.reason) == (Purpose.RETURN, "range")
 
 
+def test_near_home_the_moment_to_turn_home_cannot_fall_between_two_decisions() -> None:
+    # Back and forth beside home in steps of 10 m: a tenth of the way home is less than a step.
+    back_and_forth = [10.0 * (index % 2) for index in range(201)]
+    assert flown(with_range("return"), *back_and_forth).reason == "range: home"
+
+
 def test_having_turned_home_for_its_range_it_keeps_to_it() -> None:
     decision = flown(with_range("return"), 0.0, 500.0, 960.0, 500.0, 300.0)
     assert (decision.purpose, decision.reason) == (Purpose.RETURN, "range")

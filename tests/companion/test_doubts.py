@@ -38,6 +38,10 @@ def test_the_packaged_missions_raise_no_doubt(name: str) -> None:
         ({"agents": "[{id: 7, north_m: 0, east_m: 0, n_max: 0.1}]"}, ("agents: id 7", "circle its target")),
         ({"agents": "[{id: 7, north_m: 0, east_m: 0, range_m: 99000}]"}, ("agents: id 7", "range_m 99000", "return")),
         ({"case": "II", "losses": "[{agent: 1, t_s: 9}]"}, ("losses: ", "no loss can be known")),
+        (
+            {"targets": "[{id: 4, north_m: 50000, east_m: 0, motion: random, speed_bound_m_s: 60}]"},
+            ("targets: id 4", "speed_bound_m_s 60", "outrun"),
+        ),
         ({"report_period_s": "60"}, ("report_period_s: 60", "no effect in Case I")),
         ({"case": "II", "detector_range_m": "100"}, ("detector_range_m: 100", "separation_m 100")),
         (

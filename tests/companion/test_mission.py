@@ -595,6 +595,21 @@ def test_groundstation_run_refuses_an_autopilot_that_is_not(program: Program) ->
     assert_refused(program("groundstation", "run", *arguments), "groundstation", *said)
 
 
+@pytest.mark.parametrize(
+    ("lines", "parts"),
+    [
+        ("case: II\nreport_period_s: 20", ("report_period_s: 20 without --uplink", "allowed: --uplink")),
+        ("case: II\nsurrogate: monolithic", ("surrogate: 'monolithic'", "allowed: pairwise, analytic")),
+        ("wind: {speed_m_s: 50, gust_m_s: 10}", ("wind: ", "together 60", "allowed: less than the slowest")),
+    ],
+)
+def test_groundstation_run_refuses_what_would_end_badly(
+    program: Program, tmp_path: Path, lines: str, parts: tuple[str, ...]
+) -> None:
+    path = file_of(f"{ONE_EACH}{lines}\n".encode())(tmp_path)
+    assert_refused(program("groundstation", "run", path, "--link", "udpout:127.0.0.1:9"), "groundstation", *parts)
+
+
 def test_groundstation_run_refuses_an_uplink_in_case_i(program: Program, tmp_path: Path) -> None:
     path = file_of(f"{ONE_EACH}case: I\n".encode())(tmp_path)
     arguments = (path, "--link", "udpout:127.0.0.1:9", "--uplink", "udpin:127.0.0.1:0")
