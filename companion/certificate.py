@@ -24,10 +24,12 @@ from companion.convergence import (
     turn_needed_rad,
 )
 from companion.cost import Weights
+from companion.errors import InputError
 from companion.guidance import turn_rate_rad_s
 from companion.mission import AgentSpec, Mission, ThreatSpec
 from companion.monolithic import SIGMOID_SLOPE_MAX, load_monolithic
 from companion.surrogate import profile_by_name
+from companion.wire import WireError, frame_resolution_cm
 
 DEFAULT_SHARE = 0.5
 """Share of the largest b at which each bound is stated: at the largest itself it is infinite, far below it the distance
@@ -44,8 +46,9 @@ class ThreatDistance:
     from_centre_m: float
     from_edge_m: float
     """The same from the edge of R_d; negative if it lies inside."""
-    as_heard_m: float
-    """From the centre, if the vehicle hears of the threat as late as the broadcast allows without losses."""
+    as_heard_m: float | None
+    """From the centre, with the threat heard as late as the broadcast allows without losses, and rounded, and at what
+    the targets' error leaves of b; None if it leaves nothing."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +60,12 @@ class Finding:
     source: str
     largest_b_m: float
     b_m: float
-    """The b that the rest is stated at."""
+    """The b that the rest is stated at; 0 if no b satisfies the condition and none was asked for."""
     holds: bool
+    """Whether the condition is satisfied at it."""
     why_not: str | None
+    left_b_m: float | None
+    """What the error of the targets as heard leaves of b for F*; 0 if nothing: then the bound is void in flight."""
     decrease: float | None
     decrease_unit: str
     weights_suffice: bool
@@ -106,6 +112,8 @@ class Assumption:
     holds: bool | None
     """None: it cannot be known before the flight."""
     text: str
+    voids: tuple[str, ...] = ()
+    """Titles of the bounds that it voids in flight."""
 
 
 @dataclass(frozen=True)
@@ -115,10 +123,10 @@ class AgentBound:
     agent: int
     target: int
     which: str
-    """nearest or farthest: the ground station assigns, so its target is between the two."""
+    """nearest, farthest, or only: the ground station assigns, so an agent's target is between the two."""
     distance_m: float
     steps: dict[str, int | None]
-    """By condition; None where it does not hold."""
+    """By condition; None where it does not hold, or nowhere that is known."""
     line_clear: dict[str, bool | None]
     """Whether the straight way keeps the condition's distance from every threat as it stands at the start."""
 
@@ -156,7 +164,7 @@ def certify(mission: Mission, seed: int, b_m: float | None = None) -> Certificat
     `b_m`, positive and finite, is the b to state every bound at; by default DEFAULT_SHARE of each condition's largest.
 
     Raises:
-        InputError: the weights file of the mission's surrogate is missing or damaged.
+        InputError: the weights file of the surrogate is missing or damaged, or a radius is too large for any broadcast.
 
     """
     field = _Field.of(mission)
@@ -171,10 +179,44 @@ def certify(mission: Mission, seed: int, b_m: float | None = None) -> Certificat
         sources=field.sources,
         groups=groups,
         corollary=Corollary(field.sigmoids.weight_sum if field.sigmoids else None, field.component_bound_m),
-        assumptions=_assumptions(mission, groups),
+        assumptions=_assumptions(mission, field.heard, groups),
         agents=_agent_bounds(mission, groups),
-        exclusion=_exclusion(mission, groups),
+        exclusion=_exclusion(mission, field, groups),
     )
+
+
+@dataclass(frozen=True)
+class _Heard:
+    """How far from the truth a vehicle hears, when no frame is lost and nothing is farther off than at the start."""
+
+    age_s: float
+    """The greatest age of a position."""
+    resolution_m: float
+    """The broadcast's unit of length."""
+    target_error_m: float
+    """How far a target is at most from where it is heard, for its age and the rounding together."""
+
+    @classmethod
+    def of(cls, mission: Mission) -> _Heard:
+        places_ned_m = [agent.position_ned_m for agent in mission.agents]
+        places_ned_m += [item.position_ned_m for item in (*mission.targets, *mission.threats)]
+        radii_m = [threat.detection_radius_m for threat in mission.threats]
+        try:
+            resolution_m = frame_resolution_cm(places_ned_m, radii_m) / 100.0
+        except WireError as error:
+            raise InputError(f"{mission.name}: no broadcast can tell of it: {error}") from error
+        age_s = mission.broadcast_period_s + mission.link.delay_s + mission.link.jitter_s
+        late_m = age_s * max(target.speed_bound_m_s for target in mission.targets)
+        return cls(age_s, resolution_m, late_m + resolution_m / SQRT2)
+
+    @property
+    def rounding_m(self) -> float:
+        """Half a unit on each axis."""
+        return self.resolution_m / SQRT2
+
+    def left_b_m(self, b_m: float) -> float:
+        """Return what the targets' error leaves of b: the lengths add up, and that of the gradient is sqrt(2) b."""
+        return max(0.0, b_m - self.target_error_m / SQRT2)
 
 
 @dataclass(frozen=True)
@@ -186,17 +228,18 @@ class _Field:
     sigmoids: Sigmoids | None
     """None for the network of all positions: it has no distance beyond which it is quiet."""
     component_bound_m: float
+    heard: _Heard
 
     @classmethod
     def of(cls, mission: Mission) -> _Field:
-        weights = Weights(**mission.weights.model_dump())
+        weights, heard = Weights(**mission.weights.model_dump()), _Heard.of(mission)
         if mission.surrogate == "monolithic":
-            return cls(mission, weights, None, load_monolithic().component_bound_m())
+            return cls(mission, weights, None, load_monolithic().component_bound_m(), heard)
         sigmoids = sigmoids_of(profile_by_name(mission.surrogate))
         discs = [disc for threat in mission.threats for disc in _discs(threat, weights)]
         discs += (len(mission.agents) - 1) * [_peer_disc(mission, weights)]
         slope = SIGMOID_SLOPE_MAX * sigmoids.weight_sum
-        return cls(mission, weights, sigmoids, slope * sum(weight / radius for weight, radius in discs))
+        return cls(mission, weights, sigmoids, slope * sum(weight / radius for weight, radius in discs), heard)
 
     @property
     def sources(self) -> int:
@@ -211,16 +254,23 @@ class _Field:
             like = [
                 t for t in self.mission.threats if (t.detection_radius_m, t.attack_radius_m) == (detection_m, attack_m)
             ]
-            # What is heard late is that far off and believed that much larger.
-            late_m = _age_s(self.mission) * max(threat.speed_bound_m_s for threat in like)
-            exact_m, heard_m = (
-                quiet_distance_m(self.sigmoids, _discs(like[0], self.weights, growth_m), self._share_m(b_m))
-                for growth_m in (0.0, late_m)
-            )
+            exact_m = quiet_distance_m(self.sigmoids, _discs(like[0], self.weights), self._share_m(b_m))
             found.append(
-                ThreatDistance(detection_m, attack_m, len(like), exact_m, exact_m - detection_m, heard_m + late_m)
+                ThreatDistance(
+                    detection_m, attack_m, len(like), exact_m, exact_m - detection_m, self._as_heard_m(like, b_m)
+                )
             )
         return tuple(found)
+
+    def _as_heard_m(self, like: Sequence[ThreatSpec], b_m: float) -> float | None:
+        left_m = self.heard.left_b_m(b_m)
+        if self.sigmoids is None or left_m <= 0.0:
+            return None
+        # Heard late it is that far off and believed that much larger; a radius is rounded up over both roundings.
+        late_m = self.heard.age_s * max(threat.speed_bound_m_s for threat in like)
+        growth_m = late_m + self.heard.rounding_m + self.heard.resolution_m
+        quiet_m = quiet_distance_m(self.sigmoids, _discs(like[0], self.weights, growth_m), self._share_m(left_m))
+        return quiet_m + late_m + self.heard.rounding_m if quiet_m > 0.0 else 0.0
 
     def peer_distance_m(self, b_m: float) -> float | None:
         if self.sigmoids is None or len(self.mission.agents) == 1:
@@ -242,11 +292,6 @@ def _discs(threat: ThreatSpec, weights: Weights, growth_m: float = 0.0) -> list[
 def _peer_disc(mission: Mission, weights: Weights) -> tuple[float, float]:
     # Both ordered pairs of two agents depend on each one's position, hence the factor 2 (surrogate_gradient).
     return 2.0 * weights.k_c, mission.separation_m
-
-
-def _age_s(mission: Mission) -> float:
-    """Return the greatest age of what a vehicle hears when no frame is lost."""
-    return mission.broadcast_period_s + mission.link.delay_s + mission.link.jitter_s
 
 
 def _group(mission: Mission, field: _Field, speed_m_s: float, b_m: float | None) -> SpeedGroup:
@@ -281,6 +326,7 @@ def _finding(mission: Mission, field: _Field, pace: Pace, condition: Condition, 
         b_m=b_m,
         holds=holds,
         why_not=why_not,
+        left_b_m=field.heard.left_b_m(b_m) if holds else None,
         decrease=condition.decrease(pace, b_m) if holds else None,
         decrease_unit=condition.unit,
         weights_suffice=holds and field.component_bound_m <= b_m,
@@ -293,10 +339,10 @@ def _finding(mission: Mission, field: _Field, pace: Pace, condition: Condition, 
 
 
 def _why_not(pace: Pace, condition: Condition, largest_m: float, b_m: float) -> str | None:
+    if largest_m <= 0.0:
+        return f"no b satisfies it at delta/v = {pace.target_m / pace.speed_m:.4g}"
     if condition.ends_at_v and pace.speed_m > pace.arrival_m:
         return f"it ends within v = {pace.speed_m:.6g} m of the target, beyond the arrival radius"
-    if largest_m <= 0.0:
-        return f"no b > 0 satisfies it at delta/v = {pace.target_m / pace.speed_m:.4g}"
     # At the limit itself rounding decides: a decrease of zero must not be divided by.
     if b_m >= largest_m or condition.decrease(pace, b_m) <= 0.0:
         return f"b = {b_m:.6g} m is not below {largest_m:.6g} m"
@@ -316,12 +362,11 @@ def _edge_attraction_m(mission: Mission) -> float | None:
     return least_m if least_m > 0.0 else None
 
 
-def _assumptions(mission: Mission, groups: Sequence[SpeedGroup]) -> tuple[Assumption, ...]:
+def _assumptions(mission: Mission, heard: _Heard, groups: Sequence[SpeedGroup]) -> tuple[Assumption, ...]:
     delta_m = groups[0].target_step_m
     slowest_m = groups[0].step_m
     fastest_m = groups[-1].step_m
-    age_s = _age_s(mission)
-    error_m = age_s * max(target.speed_bound_m_s for target in mission.targets)
+    calm = mission.wind.speed_m_s == 0.0 and mission.wind.gust_m_s == 0.0
     threat_m_s = max((threat.speed_bound_m_s for threat in mission.threats), default=0.0)
     found = [
         Assumption(
@@ -336,31 +381,24 @@ def _assumptions(mission: Mission, groups: Sequence[SpeedGroup]) -> tuple[Assump
         ),
         _fixed_assignment(mission),
         *(_turn_limit(group) for group in groups),
-        Assumption(
-            "targets known at every step",
-            error_m == 0.0,
-            "the targets stand still"
-            if error_m == 0.0
-            else f"heard every {mission.broadcast_period_s:g} s, up to {age_s:g} s late without losses: off by up to "
-            f"{error_m:.6g} m, which acts like a gradient of that length and uses up as much of b; left for F*: "
-            + _left(groups, error_m),
-        ),
+        _targets_known(mission, heard, groups),
         Assumption(
             "threats known at every step",
             threat_m_s == 0.0 if mission.threats else True,
             "there are none"
             if not mission.threats
-            else "the threats stand still"
+            else "they stand still; rounded by the broadcast, they count as in the row 'as heard'"
             if threat_m_s == 0.0
             else f"they move at up to {threat_m_s:g} m/s: the distances are to where they are at the moment, and from "
             "where they are heard of late, those in the row 'as heard'",
         ),
         Assumption(
-            "nothing else moves the agents",
-            None if mission.wind.speed_m_s == 0.0 and mission.wind.gust_m_s == 0.0 else False,
+            "nothing else moving the agents",
+            None if calm else False,
             "no wind, but the guard may change a setpoint: a flight counts it"
-            if mission.wind.speed_m_s == 0.0 and mission.wind.gust_m_s == 0.0
-            else f"wind {mission.wind.speed_m_s:g} m/s, gusts {mission.wind.gust_m_s:g} m/s",
+            if calm
+            else f"wind {mission.wind.speed_m_s:g} m/s, gusts {mission.wind.gust_m_s:g} m/s: voids every bound",
+            () if calm else _titles(groups, [finding for group in groups for finding in group.findings]),
         ),
     ]
     if len(mission.agents) > 1:
@@ -376,10 +414,35 @@ def _assumptions(mission: Mission, groups: Sequence[SpeedGroup]) -> tuple[Assump
     return tuple(found)
 
 
-def _left(groups: Sequence[SpeedGroup], error_m: float) -> str:
-    """Return what a target's error leaves of each b, in words; at the lowest speed, where b is least."""
-    held = [finding for finding in groups[0].findings if finding.holds]
-    return ", ".join(f"{finding.title} {max(0.0, finding.b_m - error_m):.4g} m" for finding in held) or "no bound holds"
+def _targets_known(mission: Mission, heard: _Heard, groups: Sequence[SpeedGroup]) -> Assumption:
+    fastest_m_s = max(target.speed_bound_m_s for target in mission.targets)
+    void = _titles(groups, [finding for group in groups for finding in group.findings if finding.left_b_m == 0.0])
+    error = (
+        f"off by up to {heard.target_error_m:.4g} m, which acts like a gradient of that length and leaves of each b "
+        "what the row 'left of b' says"
+    )
+    rounded = f"rounded to {heard.resolution_m:g} m by the broadcast"
+    when = (
+        f"they stand still, but are {rounded}"
+        if fastest_m_s == 0.0
+        else f"heard every {mission.broadcast_period_s:g} s, up to {heard.age_s:g} s late without losses, and {rounded}"
+    )
+    return Assumption(
+        "targets known at every step",
+        fastest_m_s == 0.0 and not void,
+        f"{when}: {error}" + (f"; voids {', '.join(void)}" if void else ""),
+        void,
+    )
+
+
+def _titles(groups: Sequence[SpeedGroup], findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Return the titles of those of the findings that hold, with the speed if there are several."""
+    return tuple(
+        finding.title if len(groups) == 1 else f"{finding.title} at {group.speed_m_s:g} m/s"
+        for group in groups
+        for finding in group.findings
+        if finding.holds and any(finding is wanted for wanted in findings)
+    )
 
 
 def _fixed_assignment(mission: Mission) -> Assumption:
@@ -426,7 +489,8 @@ def _agent_bounds(mission: Mission, groups: Sequence[SpeedGroup]) -> tuple[Agent
         pace = Pace(group.step_m, group.target_step_m, mission.arrival_radius_m)
         start_ned_m = np.array(agent.position_ned_m)
         distance_m = np.hypot(*(targets_ned_m - start_ned_m).T)  # (K,)
-        for which, index in (("nearest", int(np.argmin(distance_m))), ("farthest", int(np.argmax(distance_m)))):
+        ends = [("nearest", int(np.argmin(distance_m))), ("farthest", int(np.argmax(distance_m)))]
+        for which, index in ends if len(distance_m) > 1 else [("only", 0)]:
             apart_m = _segment_distances_m(start_ned_m, targets_ned_m[index], threats_ned_m)
             found.append(
                 AgentBound(
@@ -463,7 +527,7 @@ def _quiet_m(finding: Finding, threat: ThreatSpec) -> float:
 
 
 def _steps(condition: Condition, pace: Pace, finding: Finding, distance_m: float) -> int | None:
-    if not finding.holds:
+    if not finding.somewhere:
         return None
     return 0 if distance_m <= pace.arrival_m else condition.steps(pace, finding.b_m, distance_m)
 
@@ -478,29 +542,37 @@ def _segment_distances_m(start_ned_m: np.ndarray, end_ned_m: np.ndarray, points_
     return distance_m
 
 
-def _exclusion(mission: Mission, groups: Sequence[SpeedGroup]) -> str:
-    if not mission.threats:
-        return "There are no threats: the bound holds wherever the peers are far enough."
+def _exclusion(mission: Mission, field: _Field, groups: Sequence[SpeedGroup]) -> str:
     held = [finding for group in groups for finding in group.findings if finding.holds]
-    if held and not any(finding.somewhere for finding in held):
+    if not held:
+        return "No bound holds: nothing is promised."
+    if not field.sources:
+        return "There are no threats and no other agents: F* is zero, and a satisfied condition holds everywhere."
+    if not any(finding.somewhere for finding in held):
         return (
             "Nothing is certified anywhere: this network has no distance from which on its gradient is known to be "
             "small, and its weights allow more than any b. Weights that did not would avoid no threat: the bound and "
             "the avoidance exclude each other."
         )
+    if not mission.threats:
+        return "There are no threats: the bound holds wherever the other agents are far enough."
     begin = (
         "Nearer to a threat than the distance above the bound promises nothing; farther off F* does next to nothing: "
     )
     edge_m = _edge_attraction_m(mission)
     if edge_m is None:
         return f"{begin}a target lies inside a detection disc, where the law cannot follow it."
-    if not held:
-        return f"{begin}and here no bound holds at all."
-    betas_m = sorted(SQRT2 * finding.b_m for finding in held)
-    bends_deg = sorted(finding.bend_deg or 0.0 for finding in held)
+    beta_m = _span([SQRT2 * finding.b_m for finding in held], ".3g")
+    bend_deg = _span([finding.bend_deg or 0.0 for finding in held], ".2g")
     return (
         f"{begin}at the edge of a detection disc the attraction is at least {edge_m:.0f} m. A gradient within the "
-        f"bound (sqrt(2) b, {betas_m[0]:.3g} to {betas_m[-1]:.3g} m) turns the path by at most {bends_deg[0]:.2g} to "
-        f"{bends_deg[-1]:.2g} degrees there; to hold an agent off, it must equal the attraction. So the bound and the "
+        f"bound (sqrt(2) b, {beta_m} m) turns the path by at most {bend_deg} degrees there; to hold an agent off, it "
+        "must equal the attraction. So the bound and the "
         "avoidance exclude each other: no bound covers what keeps an agent out of a disc."
     )
+
+
+def _span(figures: Sequence[float], form: str) -> str:
+    """Return the least and the greatest in words, or one if they read the same."""
+    ends = (f"{min(figures):{form}}", f"{max(figures):{form}}")
+    return ends[0] if ends[0] == ends[1] else " to ".join(ends)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
+import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Column, Table
 
-from companion.certificate import Certificate, SpeedGroup, certify
+from companion.certificate import Certificate, Finding, SpeedGroup, ThreatDistance, certify
 from companion.config import load_config
 from companion.drawing import resolve
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, run_program, tell
@@ -22,8 +24,12 @@ from companion.service import run_companion
 
 MIN_SAMPLES = 100
 """Fewer leave no validation set worth the name."""
+MAX_SAMPLES = 10_000_000
+"""More would not fit into the memory of a common machine."""
 CERTIFICATE_COLUMNS = 140
 """Width of the certificate's tables, in a pipe too."""
+TEXT_COLUMNS = 120
+"""The text about them is wrapped at the console's width, and at this at most."""
 
 
 @click.group()
@@ -60,7 +66,9 @@ def run(config: str) -> None:
 @click.option(
     "--seed", type=click.IntRange(min=0, max=2**63 - 1), default=0, show_default=True, help="Decides the result."
 )
-@click.option("--samples", type=click.IntRange(min=MIN_SAMPLES), default=100_000, show_default=True, help="In all.")
+@click.option(
+    "--samples", type=click.IntRange(MIN_SAMPLES, MAX_SAMPLES), default=100_000, show_default=True, help="In all."
+)
 @click.option("--epochs", type=click.IntRange(min=1), default=1000, show_default=True, help="At most this many.")
 def train(surrogate: str, out: Path | None, seed: int, samples: int, epochs: int) -> None:
     """Train a surrogate and write its weights (needs the extra `train`).
@@ -118,7 +126,8 @@ def certify_command(mission: str, seed: int, b_m: float | None, as_json: bool) -
     The condition as printed, the corrected one, its sharp form and the tight bound, each with its numbers, the distance
     from the threats beyond which it holds, and the steps it promises each agent. docs/convergence.md has the proofs.
 
-    Exit status 0 if at every speed one of them holds somewhere, 1 if not, 2 for unusable input.
+    Exit status 0 if at every speed one of them is satisfied somewhere, 1 if not, 2 for unusable input. 0 does not say
+    that the bound stands in flight: an assumption marked NO voids the bounds that it names.
 
     Example: companion certify paper-dynamic --seed 1
     """
@@ -133,75 +142,125 @@ def _certificate_text(certificate: Certificate) -> str:
     console = Console(soft_wrap=True, highlight=False, markup=False, width=CERTIFICATE_COLUMNS)
     with console.capture() as capture:
         console.print(
-            f"{certificate.mission}, seed {certificate.seed}, surrogate {certificate.surrogate}; lengths in m, v and "
-            f"delta per step of {certificate.guidance_step_s:g} s"
+            _wrapped(
+                f"{certificate.mission}, seed {certificate.seed}, surrogate {certificate.surrogate}; lengths in m, a "
+                f"step is {certificate.guidance_step_s:g} s"
+            )
         )
         for group in certificate.groups:
             console.print(f"\nagents at {group.speed_m_s:g} m/s: {len(group.agents)}")
             console.print(_findings_table(group))
             for finding in group.findings:
                 if finding.why_not is not None:
-                    console.print(f"{finding.title} does not hold: {finding.why_not}")
-        console.print(
-            f"\nThe network's weights alone allow |dF*/dx| up to {certificate.corollary.component_bound_m:.4g} m; the "
-            "corollary asks for at most b."
-        )
+                    console.print(_wrapped(f"{finding.title} does not hold: {finding.why_not}"))
+        if certificate.sources:
+            subject = (
+                "The profile's steepness alone allows"
+                if certificate.surrogate == "analytic"
+                else "The network's weights alone allow"
+            )
+            bound = f"|dF*/dx| up to {certificate.corollary.component_bound_m:.4g} m"
+            console.print("\n" + _wrapped(f"{subject} {bound}; the corollary asks for at most b."))
         console.print("\nAssumptions")
         for assumption in certificate.assumptions:
             answer = {True: "yes", False: "NO", None: "open"}[assumption.holds]
-            console.print(f"  {answer:4}  {assumption.name}: {assumption.text}")
-        console.print(f"\n{certificate.exclusion}")
-        console.print(
-            f"\nSteps to within {certificate.arrival_radius_m:g} m, at most. Line clear: by which bounds the straight "
-            "way keeps its distance from every threat's start"
-        )
-        console.print(_bounds_table(certificate), end="")
+            console.print(_wrapped(f"  {answer:4}  {assumption.name}: {assumption.text}", 8 * " "))
+        console.print("\n" + _wrapped(certificate.exclusion))
+        if any(finding.holds for group in certificate.groups for finding in group.findings):
+            console.print(
+                "\n"
+                + _wrapped(
+                    f"Steps to within {certificate.arrival_radius_m:g} m, at most. Line clear: by which bounds the "
+                    "straight way keeps its distance from every threat's start."
+                )
+            )
+            for assumption in certificate.assumptions:
+                if assumption.voids and any(
+                    finding.somewhere for group in certificate.groups for finding in group.findings
+                ):
+                    console.print(
+                        _wrapped(
+                            f"Void in flight: {', '.join(assumption.voids)}. Their steps hold only with "
+                            f"{assumption.name}, as the theorem assumes."
+                        )
+                    )
+            console.print(_bounds_table(certificate), end="")
     return capture.get().rstrip("\n")
+
+
+def _wrapped(text: str, indent: str = "") -> str:
+    width = min(TEXT_COLUMNS, shutil.get_terminal_size((TEXT_COLUMNS, 24)).columns)
+    return textwrap.fill(text, max(width, 2 * len(indent) + 20), subsequent_indent=indent, break_on_hyphens=False)
 
 
 def _findings_table(group: SpeedGroup) -> Table:
     findings = group.findings
-    table = Table("figure", *(Column(finding.title, justify="right") for finding in findings))
+    table = Table(
+        Column("figure", no_wrap=True), *(Column(finding.title, justify="right", no_wrap=True) for finding in findings)
+    )
 
-    def add(name: str, figures: Iterable[float | None], form: str = ".4g") -> None:
-        table.add_row(name, *("-" if figure is None else f"{figure:{form}}" for figure in figures))
+    def add(name: str, figures: Iterable[float | str | None], form: str = ".4g") -> None:
+        cells = ("-" if at is None else at if isinstance(at, str) else f"{at:{form}}" for at in figures)
+        table.add_row(name, *cells)
 
-    add("v", [group.step_m] * len(findings))
-    add("delta", [group.target_step_m] * len(findings))
-    add("largest b", (finding.largest_b_m for finding in findings))
-    add("b used", (finding.b_m for finding in findings))
-    table.add_row("holds at it", *("yes" if finding.holds else "NO" for finding in findings))
+    add("v (m per step)", [group.step_m] * len(findings))
+    add("delta (m per step)", [group.target_step_m] * len(findings))
+    add("largest b", (finding.largest_b_m or None for finding in findings))
+    add("stated at b", (finding.b_m or None for finding in findings))
+    add("condition satisfied", ("yes" if finding.holds else "NO" for finding in findings))
+    add("left of b after late targets", (finding.left_b_m for finding in findings))
     for unit, name in (("m^2", "least decrease of D^2 (m^2)"), ("m", "least decrease of D (m)")):
         add(name, (finding.decrease if finding.decrease_unit == unit else None for finding in findings))
-    table.add_row("corollary holds", *("yes" if finding.weights_suffice else "NO" for finding in findings))
+    add("weights alone suffice (corollary)", ("yes" if finding.weights_suffice else "NO" for finding in findings))
     kinds = next((finding.threat_distances for finding in findings if finding.threat_distances), ())
     for index, kind in enumerate(kinds):
-        about = f"R_d/R_a {kind.detection_radius_m:g}/{kind.attack_radius_m:g} (x{kind.threats})"
-        distances = [finding.threat_distances[index] if finding.threat_distances else None for finding in findings]
-        add(f"from the centre of {about}", (None if at is None else at.from_centre_m for at in distances), ".0f")
-        add("  from the edge of R_d", (None if at is None else at.from_edge_m for at in distances), ".0f")
-        add("  from the centre, as heard", (None if at is None else at.as_heard_m for at in distances), ".0f")
-    add("from peers", (finding.peer_distance_m for finding in findings), ".0f")
+        ats = [finding.threat_distances[index] if finding.threat_distances else None for finding in findings]
+        radii = f"R_d {kind.detection_radius_m:g}, R_a {kind.attack_radius_m:g}"
+        threats = "1 threat" if kind.threats == 1 else f"{kind.threats} threats"
+        add(f"holds beyond, from the centre ({radii}; {threats})", map(_from_centre, ats), ".0f")
+        add("  from the edge of R_d", map(_from_edge, ats), ".0f")
+        add("  from the centre, as heard", (None if at is None else at.as_heard_m for at in ats), ".0f")
+    if any(finding.peer_distance_m is not None for finding in findings):
+        add("holds beyond, from another agent", (finding.peer_distance_m for finding in findings), ".0f")
+    elif not kinds:
+        add("holds beyond, from threats and other agents", map(_anywhere, findings))
     add("turn needed per step (deg)", (finding.turn_needed_deg for finding in findings))
     add("turn allowed per step (deg)", [group.turn_limit_deg] * len(findings))
-    add("bend at a detection edge (deg)", (finding.bend_deg for finding in findings), ".2g")
+    add("most that F* turns the path at a disc's edge (deg)", (finding.bend_deg for finding in findings), ".2g")
     return table
+
+
+def _from_centre(at: ThreatDistance | None) -> float | str | None:
+    return None if at is None else at.from_centre_m or "everywhere"
+
+
+def _from_edge(at: ThreatDistance | None) -> float | str | None:
+    return None if at is None else at.from_edge_m if at.from_centre_m else "everywhere"
+
+
+def _anywhere(finding: Finding) -> str | None:
+    """Return where it holds if no distance can be told."""
+    return None if not finding.holds else "everywhere" if finding.somewhere else "nowhere known"
 
 
 def _bounds_table(certificate: Certificate) -> Table:
     titles = {finding.condition: finding.title for finding in certificate.groups[0].findings}
     table = Table("agent", "target", Column("distance", justify="right"))
     for title in titles.values():
-        table.add_column(title, justify="right")
+        table.add_column(title, justify="right", no_wrap=True)
     table.add_column("line clear")
     for bound in certificate.agents:
-        clear = [titles[condition] for condition, is_clear in bound.line_clear.items() if is_clear]
+        known = {
+            titles[condition]: is_clear for condition, is_clear in bound.line_clear.items() if is_clear is not None
+        }
+        clear = [title for title, is_clear in known.items() if is_clear]
         table.add_row(
             str(bound.agent),
             f"{bound.target}, {bound.which}",
             f"{bound.distance_m:.0f}",
-            *("-" if steps is None else str(steps) for steps in bound.steps.values()),
-            "all" if len(clear) == len(titles) else ", ".join(clear) or "none",
+            # Digits in groups of three, as in docs/convergence.md.
+            *("-" if steps is None else f"{steps:,}".replace(",", " ") for steps in bound.steps.values()),
+            "-" if not known else "all" if len(clear) == len(titles) else ", ".join(clear) or "none",
         )
     return table
 

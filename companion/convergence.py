@@ -43,7 +43,7 @@ class Condition:
     name: str
     title: str
     source: str
-    """Equation of the paper, or section of METHOD.md or docs/convergence.md."""
+    """Equation of the paper, or docs/convergence.md."""
     unit: str
     """Of the decrease: m^2 of the squared distance, or m of the distance."""
     largest_b_m: Callable[[Pace], float]
@@ -182,7 +182,7 @@ CONDITIONS = (
     Condition(
         "corrected",
         "corrected",
-        "METHOD.md 2.4",
+        "docs/convergence.md",
         "m^2",
         corrected_largest_b_m,
         corrected_decrease_m2,
@@ -201,7 +201,7 @@ CONDITIONS = (
         ),
         True,
     ),
-    Condition("tight", "tight", "METHOD.md 2.4", "m", tight_largest_b_m, tight_decrease_m, _tight_steps, False),
+    Condition("tight", "tight", "docs/convergence.md", "m", tight_largest_b_m, tight_decrease_m, _tight_steps, False),
 )
 
 

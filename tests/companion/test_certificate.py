@@ -16,6 +16,7 @@ from companion.certificate import Assumption, Certificate, Finding, certify
 from companion.cli import main
 from companion.cost import Weights
 from companion.drawing import resolve
+from companion.errors import InputError
 from companion.mission import Mission, load_mission, packaged_missions
 from companion.monolithic import MonolithicNetwork
 from companion.surrogate import profile_by_name, surrogate_gradient
@@ -135,18 +136,23 @@ def test_the_distance_as_heard_allows_for_a_disc_grown_and_displaced(bearing: fl
     finding = finding_of(certify(mission, 1), "tight")
     (distance,) = finding.threat_distances
     late_m = 10.0 * 5.1  # a broadcast period and the link's delay
-    heard_ned_m = [distance.as_heard_m + late_m * math.cos(bearing), late_m * math.sin(bearing)]
+    unit_m = 27.47  # 900 km / 32 767, in whole cm
+    off_m = late_m + unit_m * math.sqrt(0.5)
+    assert finding.left_b_m == pytest.approx(finding.b_m - off_m * math.sqrt(0.5))
+    assert distance.as_heard_m is not None
+    heard_ned_m = [distance.as_heard_m + off_m * math.cos(bearing), off_m * math.sin(bearing)]
     gradient_m = surrogate_gradient(
         profile_by_name("pairwise"),
         np.zeros((1, 2)),
         np.array([heard_ned_m]),
-        np.array([1e4 + late_m]),
-        np.array([5e3 + late_m]),
+        np.array([1e4 + off_m + unit_m]),
+        np.array([5e3 + off_m + unit_m]),
         100.0,
         Weights(),
     )[0]
-    assert float(np.hypot(*gradient_m)) <= finding.b_m
-    assert distance.as_heard_m > distance.from_centre_m + late_m
+    assert float(np.hypot(*gradient_m)) <= (finding.left_b_m or 0.0)
+    assert distance.as_heard_m > distance.from_centre_m + off_m
+    assert finding_of(certify(mission, 1), "printed").threat_distances[0].as_heard_m is None
 
 
 def test_each_bound_is_stated_at_half_of_its_largest_b_unless_one_is_asked_for() -> None:
@@ -183,9 +189,9 @@ def test_a_target_as_fast_as_the_agent_leaves_nothing_to_promise() -> None:
     assert not certificate.certified
     for finding in certificate.groups[0].findings:
         assert finding.largest_b_m == 0.0
-        assert finding.why_not == "no b > 0 satisfies it at delta/v = 1"
+        assert finding.why_not == "no b satisfies it at delta/v = 1"
     assert assumption_of(certificate, "v > sqrt(2) delta").holds is False
-    assert "no bound holds" in certificate.exclusion
+    assert certificate.exclusion == "No bound holds: nothing is promised."
 
 
 def test_a_step_longer_than_the_arrival_radius_leaves_only_the_tight_bound() -> None:
@@ -292,15 +298,39 @@ def test_a_turn_limit_of_half_a_circle_never_binds_and_a_small_one_is_to_be_chec
 def test_targets_heard_late_use_up_a_part_of_b() -> None:
     late = assumption_of(certificate_of(), "targets known")
     assert late.holds is False
-    assert "off by up to 51 m" in late.text
-    assert "as printed 0 m" in late.text
+    assert "off by up to 52.3 m" in late.text  # 5.1 s at 10 m/s, and 1.84 m of rounding / sqrt(2)
+    assert late.voids == ("as printed", "corrected", "sharp")
+    left_m = [finding.left_b_m for finding in certificate_of().groups[0].findings]
+    assert left_m == [0.0, 0.0, 0.0, pytest.approx(103.59 - 52.3 / math.sqrt(2.0), abs=0.05)]
+
+
+def test_what_the_targets_error_leaves_is_left_in_the_worst_case_too() -> None:
+    finding = finding_of(certificate_of(), "tight")
+    left_m = finding.left_b_m or 0.0
+    assert math.sqrt(2.0) * left_m + 51.0 + 1.84 * math.sqrt(0.5) == pytest.approx(math.sqrt(2.0) * finding.b_m)
+
+
+def test_targets_that_stand_still_are_rounded_by_the_broadcast() -> None:
     still = [{"id": 1, "north_m": 6e4, "east_m": 0.0, "speed_bound_m_s": 0.0}]
-    assert assumption_of(certificate_of(targets=still), "targets known").holds is True
+    near = assumption_of(certificate_of(targets=still), "targets known")
+    assert (near.holds, near.voids) == (True, ())
+    assert "rounded to 1.84 m" in near.text
+    far = [{"id": 1, "north_m": 2e5, "east_m": 0.0, "speed_bound_m_s": 0.0}]
+    certificate = certificate_of(targets=far)
+    assert assumption_of(certificate, "targets known").voids == ("as printed", "corrected")
+    assert assumption_of(certificate, "targets known").holds is False
+    assert finding_of(certificate, "sharp").left_b_m == pytest.approx(finding_of(certificate, "sharp").b_m - 6.11 / 2)
+    # A radius too great for any frame ends in one line.
+    huge = {"id": 1, "north_m": 0.0, "east_m": 9e5, "detection_radius_m": 1e9, "attack_radius_m": 5e3}
+    with pytest.raises(InputError, match="small: no broadcast can tell of it"):
+        certificate_of(threats=[huge])
 
 
 def test_wind_is_against_the_assumptions() -> None:
     assert assumption_of(certificate_of(), "nothing else").holds is None
-    assert assumption_of(certificate_of(wind={"speed_m_s": 5.0}), "nothing else").holds is False
+    windy = assumption_of(certificate_of(wind={"speed_m_s": 5.0}), "nothing else")
+    assert windy.holds is False
+    assert windy.voids == ("as printed", "corrected", "sharp", "tight")
     assert assumption_of(certificate_of(wind={"gust_m_s": 1.0}), "nothing else").holds is False
 
 
@@ -333,6 +363,7 @@ def test_the_network_of_all_positions_is_judged_by_its_weights_alone(
         assert finding.peer_distance_m is None
         assert finding.weights_suffice is finding.somewhere is suffices
         assert certificate.agents[0].line_clear[finding.condition] is (True if suffices else None)
+        assert (certificate.agents[0].steps[finding.condition] is not None) is suffices
     assert certificate.certified is suffices
     assert ("Nothing is certified anywhere" in certificate.exclusion) is not suffices
 
@@ -359,10 +390,12 @@ def test_every_packaged_mission_has_a_certificate(
 ) -> None:
     status, out, err = run(monkeypatch, capsys, mission)
     assert (status, err) == (0, "")
-    for words in ("as printed", "corrected", "sharp", "tight", "largest b", "from the centre of", "from peers"):
+    for words in ("as printed", "corrected", "sharp", "tight", "largest b", "holds beyond, from the centre (R_d "):
         assert words in out
+    assert "holds beyond, from another agent" in out
+    assert max(len(line) for line in out.splitlines() if line[:1] not in "┏┃┡│└") <= 120
     for words in ("Assumptions", "fixed assignment", "turn limit", "exclude each other", "the corollary asks"):
-        assert words in out
+        assert words in " ".join(out.split())
     assert "nan" not in out.lower()
 
 
@@ -382,9 +415,11 @@ def test_the_json_holds_what_the_tables_show(
     assert (group["step_m"], group["target_step_m"]) == (30.0, 5.0)
     assert [finding["condition"] for finding in group["findings"]] == NAMES
     assert list(group["findings"][0]) == [
-        "condition", "title", "source", "largest_b_m", "b_m", "holds", "why_not", "decrease", "decrease_unit",
-        "weights_suffice", "somewhere", "threat_distances", "peer_distance_m", "turn_needed_deg", "bend_deg",
+        "condition", "title", "source", "largest_b_m", "b_m", "holds", "why_not", "left_b_m", "decrease",
+        "decrease_unit", "weights_suffice", "somewhere", "threat_distances", "peer_distance_m", "turn_needed_deg",
+        "bend_deg",
     ]  # fmt: skip
+    assert {finding["source"] for finding in group["findings"]} == {"paper: thm_2, thm_2_1", "docs/convergence.md"}
     assert len(content["agents"]) == 20
     assert list(content["agents"][0]["steps"]) == NAMES
 
@@ -405,7 +440,60 @@ def test_without_any_bound_the_status_is_one(
         assert (status, err) == (1, "")
         assert out
     status, out, _ = run(monkeypatch, capsys, fast)
-    assert "tight does not hold: no b > 0 satisfies it" in out
+    assert "tight does not hold: no b satisfies it" in out
+    assert out.endswith("No bound holds: nothing is promised.\n")
+    assert cells_of(out, "largest b") == cells_of(out, "stated at b") == 4 * ["-"]
+
+
+def cells_of(out: str, label: str) -> list[str]:
+    """Return the figures of the first row of that label."""
+    row = next(line for line in out.splitlines() if line.strip("│ ").startswith(label))
+    return [cell.strip() for cell in row.strip("│").split("│")[1:]]
+
+
+def test_bounds_void_in_flight_are_named_above_their_steps(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, _ = run(monkeypatch, capsys, "paper-dynamic")
+    assert status == 0
+    assert cells_of(out, "condition satisfied") == 4 * ["yes"]
+    assert cells_of(out, "left of b after late targets")[:3] == 3 * ["0"]
+    note = "Void in flight: as printed, corrected, sharp. Their steps hold only with targets known at every step"
+    _, below = " ".join(out.split()).split(note)
+    assert below.startswith(", as the theorem assumes. ┏")
+    assert "6 891 782" in below
+
+
+def test_a_network_that_is_quiet_nowhere_is_given_no_steps(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    status, out, _ = run(monkeypatch, capsys, written(tmp_path, surrogate="monolithic"))
+    assert status == 1
+    assert cells_of(out, "holds beyond") == 4 * ["nowhere known"]
+    assert cells_of(out, "1 ") == ["1, only", "60000", *(5 * ["-"])]
+    assert "Void in flight" not in out
+
+
+def test_an_agent_alone_and_the_analytic_profile_are_told_in_their_own_words(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    alone = run(monkeypatch, capsys, written(tmp_path, threats=[]))[1]
+    assert cells_of(alone, "holds beyond") == 4 * ["everywhere"]
+    assert "the corollary asks" not in alone
+    assert "no threats and no other agents: F* is zero" in alone
+    analytic = run(monkeypatch, capsys, written(tmp_path, surrogate="analytic"))[1]
+    assert "The profile's steepness alone allows" in analytic
+    assert "network's weights" not in analytic
+    assert cells_of(analytic, "1 ")[0] == "1, only"
+    asked = run(monkeypatch, capsys, written(tmp_path), "--b", "1")[1]
+    assert "(sqrt(2) b, 1.41 m)" in " ".join(asked.split())
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_the_page_is_right_about_how_little_f_turns_the_path(seed: int) -> None:
+    certificate = certify(resolve(load_mission("paper-dynamic"), seed), seed)
+    assert max(finding.bend_deg or 0.0 for finding in certificate.groups[0].findings) < 1.0
+    assert certificate.corollary.component_bound_m > 1e8 * max(f.b_m for f in certificate.groups[0].findings)
 
 
 @pytest.mark.parametrize(
@@ -446,7 +534,7 @@ def test_several_speeds_and_radii_are_shown_each(
     assert "agents at 30 m/s: 1" in out
     assert "agents at 60 m/s: 1" in out
     for detection_m, attack_m in KINDS:
-        assert out.count(f"from the centre of R_d/R_a {detection_m:g}/{attack_m:g} (x1)") == 2
+        assert out.count(f"from the centre (R_d {detection_m:g}, R_a {attack_m:g}; 1 threat)") == 2
 
 
 def test_the_page_shows_the_numbers_of_the_packaged_mission() -> None:
