@@ -49,6 +49,10 @@ from companion.wire import Directive, FrameReader, FrameWriter, MotionFrame, Rep
 ARRIVAL_SHARE = 0.8
 """A target may have moved since it was heard of: arriving means being within this share of the arrival radius of where
 it was, and stays true until outside the whole of it."""
+WAITING_SPACINGS = 2.0
+"""Who goes second waits so many loiter spacings outside the arrival radius..."""
+WAITING_LEAVE = 1.5
+"""...and until it is this many times as far, so that a loiter circle does not leave it."""
 SETTLED_M = 1.0
 """A vehicle that can stop stands still within this distance of its loiter place."""
 HEARTBEAT_PERIOD_S = 1.0
@@ -108,6 +112,7 @@ class Companion:
         self._start_deg: tuple[float, float] | None = None
         self._place_ned_m: tuple[float, float] | None = None
         self._arrived = False
+        self._yielding = False
         self._home = False
         self._engaged = False
         self.flown_m = 0.0
@@ -254,6 +259,7 @@ class Companion:
         self._engaged = False
         self._place_ned_m = None
         self._arrived = False
+        self._yielding = False
         self._home = False
         self._last_position_ned_m = None
 
@@ -304,6 +310,13 @@ class Companion:
         self._arrived = math.dist(position, view.target_ned_m) <= within_m
         if self._arrived:
             return Purpose.LOITER, "arrived"
+        # Two cannot both keep their separation within one arrival radius, and one arrival is enough.
+        waiting_m = self.config.arrival_radius_m + WAITING_SPACINGS * self._loiter_spacing_m()
+        waiting_m *= 1.0 if not self._yielding else WAITING_LEAVE
+        near = math.dist(position, view.target_ned_m) <= waiting_m
+        self._yielding = near and len(view.rivals_seen) > 0
+        if self._yielding:
+            return Purpose.LOITER, f"agent {min(view.rivals_seen)} arrives first"
         return Purpose.TARGET, "assigned"
 
     def _why_home(self, stage: Stage, home_m: float) -> str | None:
@@ -328,10 +341,7 @@ class Companion:
             self._place_ned_m = None
             return attraction(position, goal_ned_m), cruise_m_s
         if self._place_ned_m is None:
-            # A settled peer that cannot stop is somewhere on its circle, not at its centre.
-            radius_m = 0.0 if self.adapter.can_stop else self._loiter_radius_m
-            spacing_m = loiter_spacing_m(self.config.separation_m, radius_m) + radius_m
-            self._place_ned_m = loiter_place(position, view.settled_ned_m, spacing_m)
+            self._place_ned_m = loiter_place(position, view.settled_ned_m, self._loiter_spacing_m())
         if not self.adapter.can_stop:
             return loiter_attraction(position, self._place_ned_m, self._loiter_radius_m), cruise_m_s
         pull = attraction(position, self._place_ned_m)
@@ -363,6 +373,11 @@ class Companion:
             self.config.limits.range_m,
             self.config.weights.k_l,
         )
+
+    def _loiter_spacing_m(self) -> float:
+        """Return how far from a settled peer we loiter; one that cannot stop is somewhere on its circle."""
+        radius_m = 0.0 if self.adapter.can_stop else self._loiter_radius_m
+        return loiter_spacing_m(self.config.separation_m, radius_m) + radius_m
 
     def _guarded(self, wanted: Setpoint, motion: Motion, view: View) -> Verdict:
         radii_m = view.attack_radius_m if self.config.keep_out == "attack" else view.detection_radius_m

@@ -139,7 +139,8 @@ class GroundPicture:
                 if self._has_arrived(agent_id, target_id, near, assignment.get(agent_id) == target_id, now_s):
                     self.arrived.add(agent_id)
                     self.completed.add(target_id)
-                    self.reached_by[agent_id] = target_id
+                    if target_id not in self.reached_by.values():
+                        self.reached_by[agent_id] = target_id
         return before != (self.arrived, self.lost, self.completed)
 
     def _has_arrived(self, agent_id: int, target_id: int, near: bool, sent: bool, now_s: float) -> bool:

@@ -854,3 +854,37 @@ def test_only_the_law_with_a_surrogate_weighs_its_range(law: str, weighed: bool)
     on_the_edge_m = 1_000.0 - math.sqrt(400.0**2 - 100.0**2)
     short, plenty = (deflection_rad(range_m, law, 1e8, on_the_edge_m) for range_m in (4_400.0, 50_000.0))
     assert (short != plenty) is weighed
+
+
+def beside_its_target(north_m: float, rival_id: int, rival_target_id: int | None = 4, seen: bool = True) -> Flight:
+    """Return a flight `north_m` from its target at 0, 0 beside another agent that may go there too."""
+    flight = guided(CONFIG)
+    if seen:
+        flight.neighbour(north_m, 60.0, callsign=f"OW{rival_id:05d}".encode())
+    flight.broadcast((0.0, 0.0), agents=(AgentEntry(rival_id, None, None, rival_target_id),))
+    return flight
+
+
+def test_of_two_that_see_each_other_at_their_target_the_lower_id_goes_first() -> None:
+    second, first = beside_its_target(160.0, ME - 1), beside_its_target(160.0, ME + 1)
+    decision, _ = second.at(160.0, 0.0, (-10.0, 0.0))
+    assert (decision.purpose, decision.reason) == (Purpose.LOITER, f"agent {ME - 1} arrives first")
+    assert first.at(160.0, 0.0, (-10.0, 0.0))[0].purpose is Purpose.TARGET
+
+
+@pytest.mark.parametrize(
+    ("north_m", "rival_target_id", "seen"),
+    [(200.0, 4, True), (160.0, None, True), (160.0, 4, False)],
+    ids=["far from the target", "the other goes elsewhere", "the other is not seen"],
+)
+def test_otherwise_nobody_waits(north_m: float, rival_target_id: int | None, seen: bool) -> None:
+    flight = beside_its_target(north_m, ME - 1, rival_target_id, seen)
+    assert flight.at(north_m, 0.0, (-10.0, 0.0))[0].purpose is Purpose.TARGET
+
+
+def test_who_waits_does_so_until_well_away() -> None:
+    flight = beside_its_target(160.0, ME - 1)
+    assert flight.at(160.0, 0.0)[0].purpose is Purpose.LOITER
+    assert flight.at(260.0, 0.0)[0].purpose is Purpose.LOITER
+    assert flight.at(280.0, 0.0)[0].purpose is Purpose.TARGET
+    assert flight.at(260.0, 0.0)[0].purpose is Purpose.TARGET
