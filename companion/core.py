@@ -314,10 +314,23 @@ class Companion:
         waiting_m = self.config.arrival_radius_m + WAITING_SPACINGS * self._loiter_spacing_m()
         waiting_m *= 1.0 if not self._yielding else WAITING_LEAVE
         near = math.dist(position, view.target_ned_m) <= waiting_m
-        self._yielding = near and len(view.rivals_seen) > 0
-        if self._yielding:
-            return Purpose.LOITER, f"agent {min(view.rivals_seen)} arrives first"
+        first = self._who_goes_first(position, view.target_ned_m, view) if near else None
+        self._yielding = first is not None
+        if first is not None:
+            return Purpose.LOITER, f"agent {first} arrives first"
         return Purpose.TARGET, "assigned"
+
+    def _who_goes_first(
+        self, position: tuple[float, float], target_ned_m: tuple[float, float], view: View
+    ) -> int | None:
+        """Return whom we let go first: who is nearer to our target, or of two about as near the lower id."""
+        to_target_m = math.dist(position, target_ned_m)
+        for identity, place in view.rivals_seen:
+            behind_m = to_target_m - math.dist(place, target_ned_m)
+            abreast = abs(behind_m) <= self._loiter_spacing_m()
+            if (abreast and identity < self.config.agent_id) or (not abreast and behind_m > 0.0):
+                return identity
+        return None
 
     def _why_home(self, stage: Stage, home_m: float) -> str | None:
         if stage is Stage.RETURNING:

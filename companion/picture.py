@@ -45,8 +45,8 @@ class View:
     peers_ned_m: np.ndarray  # (P, 2) m, extrapolated to now
     peer_ids: np.ndarray  # (P,) int, 0 for one that is nobody known
     settled_ned_m: np.ndarray  # (Q, 2) m, those of the peers whose loiter place goes before ours
-    rivals_seen: tuple[int, ...] = ()
-    """Agents that our detector sees, that go where we go, and that go first."""
+    rivals_seen: tuple[tuple[int, tuple[float, float]], ...] = ()
+    """Agents that our detector sees and that go where we go: id, and north and east m."""
 
 
 @dataclass(frozen=True)
@@ -194,16 +194,18 @@ class Picture:
             view,
             peers_ned_m=np.concatenate((view.peers_ned_m[unseen], seen_ned_m)),
             peer_ids=np.concatenate((view.peer_ids[unseen], seen_ids)),
-            rivals_seen=tuple(identity for identity, _ in seen if identity is not None and self._is_rival(identity)),
+            rivals_seen=tuple(
+                (identity, at) for identity, at in seen if identity is not None and self._is_rival(identity)
+            ),
             settled_ned_m=np.concatenate(
                 (view.peers_ned_m[unseen][np.array(heard_before, dtype=bool)], seen_ned_m[before])
             ),
         )
 
     def _is_rival(self, peer_id: int) -> bool:
-        """Return whether a peer goes where we go, and before us: of two the lower id."""
+        """Return whether a peer was sent to the target that we were sent to."""
         known = self._agents.get(peer_id)
-        return known is not None and known[0].target_id == self.target_id and peer_id < self.agent_id
+        return known is not None and self.target_id is not None and known[0].target_id == self.target_id
 
     def _threat_table(self) -> _ThreatTable:
         entries = [self._threats[identity] for identity in sorted(self._threats)]

@@ -865,7 +865,19 @@ def beside_its_target(north_m: float, rival_id: int, rival_target_id: int | None
     return flight
 
 
-def test_of_two_that_see_each_other_at_their_target_the_lower_id_goes_first() -> None:
+@pytest.mark.parametrize(
+    ("rival_id", "rival_north_m", "waits"), [(ME + 1, 60.0, True), (ME - 1, 360.0, False)], ids=["nearer", "farther"]
+)
+def test_of_two_that_see_each_other_on_the_way_the_nearer_goes_first(
+    rival_id: int, rival_north_m: float, waits: bool
+) -> None:
+    flight = guided(CONFIG)
+    flight.neighbour(rival_north_m, 30.0, callsign=f"OW{rival_id:05d}".encode())
+    flight.broadcast((0.0, 0.0), agents=(AgentEntry(rival_id, None, None, 4),))
+    assert (flight.at(160.0, 0.0, (-10.0, 0.0))[0].purpose is Purpose.LOITER) is waits
+
+
+def test_of_two_abreast_at_their_target_the_lower_id_goes_first() -> None:
     second, first = beside_its_target(160.0, ME - 1), beside_its_target(160.0, ME + 1)
     decision, _ = second.at(160.0, 0.0, (-10.0, 0.0))
     assert (decision.purpose, decision.reason) == (Purpose.LOITER, f"agent {ME - 1} arrives first")
