@@ -285,7 +285,7 @@ def test_a_loiter_place_keeps_its_spacing_from_a_handful_of_peers(peers: list[tu
 
 @given(peers=PEERS)
 def test_a_free_position_is_its_own_loiter_place(peers: list[tuple[float, float]]) -> None:
-    assume(all(math.hypot(*peer) >= 200.0 for peer in peers))
+    peers = [peer for peer in peers if math.hypot(*peer) >= 200.0]
     assert loiter_place((0.0, 0.0), np.array(peers).reshape(-1, 2), 200.0) == (0.0, 0.0)
 
 
