@@ -18,13 +18,16 @@ from companion.mission import (
     NotNegative,
     Positive,
     Speed,
+    agent_height_m,
 )
 from companion.transport import parse_link
 from companion.yamlfile import Section, is_there, parse_yaml, read_text_file, validated
 
-Law = Literal["seed", "ramp", "step"]
-"""The paper's law on its surrogate, on the polygon F~, and on F itself, whose gradient is nothing."""
-LAWS: tuple[Law, ...] = ("seed", "ramp", "step")
+Law = Literal["routed", "seed", "ramp", "step"]
+"""The shortest way around the discs; the paper's law on its surrogate, on the polygon F~, and on F itself, whose
+gradient is nothing."""
+LAWS: tuple[Law, ...] = ("routed", "seed", "ramp", "step")
+DEFAULT_LAW: Law = "routed"
 Height = Annotated[float, Strict(), Field(ge=0, le=20_000, allow_inf_nan=False)]
 
 
@@ -78,6 +81,13 @@ class LimitsSection(Section):
     height_min_m: Height = 5.0
     height_max_m: Height = 120.0
     braking_m_s2: Positive = 2.0
+    reaction_s: NotNegative = 0.0
+    """From sending a setpoint to the vehicle beginning to obey it."""
+    rate_share: Annotated[float, Strict(), Field(gt=0, le=1, allow_inf_nan=False)] = 1.0
+    """How much of the turn rate n_max g/v the vehicle achieves."""
+    wind_m_s: NotNegative = 0.0
+    """The strongest wind, gusts included, that keep-out shall still hold in."""
+    position_error_m: NotNegative = 0.0
     fence: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3)] | None = None
 
     @model_validator(mode="after")
@@ -86,6 +96,8 @@ class LimitsSection(Section):
             raise ValueError(
                 f"height_min_m: {self.height_min_m:g}; allowed: at most height_max_m {self.height_max_m:g}"
             )
+        if self.wind_m_s >= self.speed_m_s:
+            raise ValueError(f"wind_m_s: {self.wind_m_s:g}; allowed: less than speed_m_s {self.speed_m_s:g}")
         return self
 
 
@@ -111,7 +123,7 @@ class Config(Section):
     broadcast: BroadcastSection | None = None
     limits: LimitsSection = LimitsSection()
     height_m: Height = 30.0
-    law: Law = "seed"
+    law: Law = DEFAULT_LAW
     surrogate: Literal["pairwise", "analytic", "monolithic"] = "pairwise"
     keep_out: Literal["attack", "detection"] = "detection"
     """Which discs the guard holds; what the law holds is its own affair."""
@@ -123,6 +135,8 @@ class Config(Section):
     range_policy: Literal["return", "arrive"] = "return"
     staleness: StalenessSection = StalenessSection()
     peer_memory_s: NotNegative = 30.0
+    vertical_separation_m: NotNegative = 0.0
+    """Neighbours that are at least so much higher or lower need not give way, nor be given way; 0: everybody does."""
     detector_range_m: NotNegative = 2_000.0
     """Neighbours that the autopilot passes on are minded within this distance."""
     report_period_s: NotNegative = 0.0
@@ -183,12 +197,24 @@ def load_config(name_or_path: str) -> Config:
 def config_for_agent(mission: Mission, agent_id: int, law: Law) -> Config:
     """Return the configuration a mission implies for one of its agents; links are left to the caller."""
     agent = next(agent for agent in mission.agents if agent.id == agent_id)
+    height_m = agent_height_m(mission, agent_id)
     return Config(
         agent_id=agent.id,
-        limits=LimitsSection(speed_m_s=agent.speed_m_s, n_max=agent.n_max, range_m=agent.range_m, fence=mission.fence),
+        limits=LimitsSection(
+            speed_m_s=agent.speed_m_s,
+            n_max=agent.n_max,
+            range_m=agent.range_m,
+            fence=mission.fence,
+            wind_m_s=mission.wind.speed_m_s + mission.wind.gust_m_s,
+            height_min_m=min(LimitsSection().height_min_m, height_m),
+            height_max_m=max(LimitsSection().height_max_m, height_m),
+        ),
+        height_m=height_m,
+        # Half-way between two layers: whoever is on his own is not mistaken for a neighbour's.
+        vertical_separation_m=0.5 * mission.layer_spacing_m,
         law=law,
         # The paper's laws are flown to see what they do: the guard shall not make up for them outside R_a.
-        keep_out="attack",
+        keep_out="detection" if law == "routed" else "attack",
         surrogate=mission.surrogate,
         weights=mission.weights,
         separation_m=mission.separation_m,

@@ -15,36 +15,24 @@ import numpy as np
 from companion.adapters import ADAPTERS
 from companion.adapters.base import COMPANION_COMPONENT, NEIGHBOUR_MEMORY_S, Adapter, Telemetry
 from companion.config import Config
-from companion.cost import Weights
 from companion.geodesy import LocalFrame, to_grid
-from companion.guard import Discs, Limits, Motion, Setpoint, Verdict, check
+from companion.guard import NO_BACKUP, Discs, Guard, Limits, Motion, Setpoint, Verdict
 from companion.guidance import (
     APPROACH_GAIN_1_S,
     RANGE_RESERVE,
-    MonolithicSurrogate,
-    PairSurrogate,
     Pull,
-    Surrogate,
     attraction,
-    direction,
     limit_turn,
     loiter_attraction,
     loiter_place,
     loiter_radius_m,
     loiter_spacing_m,
 )
-from companion.monolithic import load_monolithic
-from companion.picture import Picture, View
+from companion.laws import Pose, SteeringLaw, Task, Wish, law_of
+from companion.picture import Picture, Seen, View
+from companion.right_of_way import Rules, give_way, interaction_radius_m
 from companion.staleness import Stage, Thresholds, stage_of
-from companion.surrogate import (
-    HALF_WIDTH,
-    PolygonProfile,
-    RadialProfile,
-    StepProfile,
-    profile_by_name,
-    range_gradient,
-)
-from companion.wire import Directive, FrameReader, FrameWriter, MotionFrame, ReportFrame, StateFrame
+from companion.wire import BandsFrame, Directive, FrameReader, FrameWriter, MotionFrame, ReportFrame, StateFrame
 
 ARRIVAL_SHARE = 0.8
 """A target may have moved since it was heard of: arriving means being within this share of the arrival radius of where
@@ -55,6 +43,8 @@ WAITING_LEAVE = 1.5
 """...and until it is this many times as far, so that a loiter circle does not leave it."""
 SETTLED_M = 1.0
 """A vehicle that can stop stands still within this distance of its loiter place."""
+BAND_MARGIN_M = 5.0
+"""Above and below its height a vehicle minds the threats there: it does not hold a height to the metre."""
 HEARTBEAT_PERIOD_S = 1.0
 REPEAT_PERIOD_S = 1.0
 """A setpoint stands no longer than this without being sent again."""
@@ -89,20 +79,38 @@ class Decision:
     turn_limited: bool = False
     setpoint: Setpoint | None = None
     guard_changes: tuple[str, ...] = ()
+    broken: tuple[str, ...] = ()
+    """Assumptions of the guard's that do not hold (docs/guard.md)."""
+    gave_way: str | None = None
+    """What the right of way changed."""
+    stay: str | None = None
+    """Why the law could do no better than to loiter."""
+    opposed: bool = False
+    """The surrogate's component against the route was dropped."""
+
+    @property
+    def uncertified(self) -> bool:
+        """Whether the guard had no certified back-up for this decision."""
+        return NO_BACKUP in self.guard_changes
 
 
 class Companion:
     """Steers one vehicle by what it last heard. Times are Unix seconds by this vehicle's clock, given by the caller."""
 
-    def __init__(self, config: Config, adapter: Adapter | None = None) -> None:
+    def __init__(self, config: Config, adapter: Adapter | None = None, law: SteeringLaw | None = None) -> None:
+        """Take charge of a vehicle; without a `law` of the caller's the configured one steers."""
         if adapter is None:
             adapter = ADAPTERS[config.autopilot.kind if config.autopilot else "kinematic"]()
         self.config = config
         self.adapter = adapter
         self.reader = FrameReader()
         self.picture = Picture(config.agent_id, config.peer_memory_s)
-        self._surrogate = _surrogate(config)
-        self._limits = _limits(config, adapter.can_stop)
+        self._law = law or law_of(config)
+        self.guard = Guard(_limits(config, adapter.can_stop))
+        self._rules = _rules(config, adapter.can_stop) if config.law == "routed" else None
+        self._interaction_m = 0.0
+        if self._rules is not None:
+            self._interaction_m = interaction_radius_m(self._rules, config.guidance_step_s)
         self._thresholds = Thresholds(
             config.staleness.coasting_after_s, config.staleness.loitering_after_s, config.staleness.blind_after_s
         )
@@ -115,6 +123,7 @@ class Companion:
         self._yielding = False
         self._home = False
         self._engaged = False
+        self._informed = False
         self.flown_m = 0.0
         """Distance flown under guidance."""
         self._out_of_range = False
@@ -132,6 +141,8 @@ class Companion:
                 self.picture.take_state(frame, now_s)
             elif isinstance(frame, MotionFrame):
                 self.picture.take_motion(frame, now_s)
+            elif isinstance(frame, BandsFrame):
+                self.picture.take_bands(frame)
 
     def receive(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the autopilot link; never raises, whatever the bytes."""
@@ -202,25 +213,49 @@ class Companion:
             self._disengage()
             return Decision(now_s, Purpose.IDLE, idle, stage, age_s), 0.0
         self._engaged = True
+        if age_s is not None and not self._informed:
+            # Until now the guard knew of nothing: what the first picture holds is not news that breaks a promise.
+            self._informed = True
+            self.guard.reset()
         motion, convergence_rad, home_ned_m = self._motion(telemetry, now_s)
-        view = self.picture.with_seen(self.picture.view(now_s), self._seen(motion, now_s))
+        view = self.picture.view(now_s, self._band_m(telemetry))
+        view = self.picture.with_seen(view, self._seen(motion, now_s))
         purpose, reason = self._purpose(stage, age_s, motion, home_ned_m, view)
+        pose = Pose(motion.north_m, motion.east_m, motion.heading_rad, motion.speed_m_s)
         goal_ned_m = view.target_ned_m if purpose is Purpose.TARGET else home_ned_m
-        pull, speed_m_s = self._pull(None if purpose is Purpose.LOITER else goal_ned_m, motion, view)
-        gradient_m = self._surrogate.gradient_m((motion.north_m, motion.east_m), view)
-        if purpose is Purpose.TARGET and self.config.law == "seed" and view.target_ned_m is not None:
-            gradient_m = gradient_m + self._range_gradient_m(motion, view.target_ned_m)
-        wanted = direction(pull, gradient_m)
+        wish, speed_m_s = self._wish(None if purpose is Purpose.LOITER else goal_ned_m, purpose, pose, view, now_s)
+        stay = wish.stay
+        if stay is not None:
+            purpose, reason = Purpose.LOITER, stay
+            wish, speed_m_s = self._wish(None, purpose, pose, view, now_s)
+        if purpose is not Purpose.LOITER:
+            self._place_ned_m = None
+        wanted = wish.pull
         settled = self.adapter.can_stop and speed_m_s == 0.0 and wanted.strength_m <= SETTLED_M
         wanted_rad = motion.heading_rad if settled or wanted.strength_m == 0.0 else wanted.heading_rad
         if self.adapter.can_stop and purpose is not Purpose.TARGET and not settled:
             speed_m_s = min(self.config.limits.speed_m_s, APPROACH_GAIN_1_S * wanted.strength_m)
+        gave_way = None
+        steered_rad = wanted_rad
+        if self._rules is not None:
+            given = give_way(
+                wanted_rad,
+                motion,
+                view.seen_ned_m,
+                view.seen_velocity_m_s,
+                self._rules,
+                self.config.guidance_step_s,
+                heading_at_effect_rad=self._heading_at_effect_rad(),
+            )
+            steered_rad, gave_way = given.heading_rad, given.reason
+            if self.adapter.can_stop and gave_way is not None:
+                speed_m_s = min(speed_m_s, given.speed_m_s)
         # The turn is limited at the greater of the speeds during the step, as the guard does.
         faster_m_s = max(motion.speed_m_s, speed_m_s)
         heading_rad, limited = limit_turn(
-            motion.heading_rad, wanted_rad, faster_m_s, self.config.limits.n_max, self.config.guidance_step_s
+            motion.heading_rad, steered_rad, faster_m_s, self.config.limits.n_max, self.config.guidance_step_s
         )
-        verdict = self._guarded(Setpoint(heading_rad, speed_m_s, self.config.height_m), motion, view)
+        verdict = self._guarded(Setpoint(heading_rad, speed_m_s, self.config.height_m), motion, view, wish, now_s)
         decision = Decision(
             t_s=now_s,
             purpose=purpose,
@@ -232,6 +267,10 @@ class Companion:
             turn_limited=limited,
             setpoint=verdict.setpoint,
             guard_changes=verdict.changes,
+            broken=verdict.broken,
+            gave_way=gave_way,
+            stay=stay,
+            opposed=wish.opposed,
         )
         return decision, convergence_rad
 
@@ -262,6 +301,7 @@ class Companion:
         self._yielding = False
         self._home = False
         self._last_position_ned_m = None
+        self.guard.reset()
 
     def _motion(self, telemetry: Telemetry, now_s: float) -> tuple[Motion, float, tuple[float, float]]:
         """Return the vehicle's motion now, the convergence there, and home, on the plane of the picture."""
@@ -269,6 +309,7 @@ class Companion:
         if self._frame is None or self._frame_origin_deg != origin_deg:
             self._frame, self._frame_origin_deg = LocalFrame(*origin_deg), origin_deg
             self._place_ned_m = self._last_position_ned_m = None
+            self.guard.reset()
         north_m, east_m, convergence_rad = self._frame.to_local_with_convergence(telemetry.lat_deg, telemetry.lon_deg)
         speed_m_s = math.hypot(telemetry.velocity_north_m_s, telemetry.velocity_east_m_s)
         if speed_m_s >= COURSE_SPEED_M_S:
@@ -287,6 +328,20 @@ class Companion:
         east_m += since_m * math.sin(heading_rad)
         home_ned_m = self._frame.to_local(*(telemetry.home_deg or self._start_deg))
         return Motion(north_m, east_m, heading_rad, speed_m_s), convergence_rad, home_ned_m
+
+    def _heading_at_effect_rad(self) -> float | None:
+        """Return where the vehicle will head when this decision begins to act; None for now."""
+        if self.config.limits.reaction_s == 0.0 or self._standing is None:
+            return None
+        return self._standing[0].heading_rad
+
+    def _band_m(self, telemetry: Telemetry) -> tuple[float, float]:
+        """Return the altitudes above sea level that this vehicle is at or on its way to; NaN if it does not say."""
+        to_go_m = self.config.height_m - telemetry.height_m
+        return (
+            telemetry.altitude_m + min(0.0, to_go_m) - BAND_MARGIN_M,
+            telemetry.altitude_m + max(0.0, to_go_m) + BAND_MARGIN_M,
+        )
 
     def _purpose(
         self, stage: Stage, age_s: float | None, motion: Motion, home_ned_m: tuple[float, float], view: View
@@ -346,12 +401,31 @@ class Companion:
             self._out_of_range = short and self.flown_m + home_m <= range_m + step_m
         return "range" if self._out_of_range else None
 
-    def _pull(self, goal_ned_m: tuple[float, float] | None, motion: Motion, view: View) -> tuple[Pull, float]:
+    def _wish(
+        self,
+        goal_ned_m: tuple[float, float] | None,
+        purpose: Purpose,
+        pose: Pose,
+        view: View,
+        now_s: float,
+    ) -> tuple[Wish, float]:
+        """Return what the law wants, and the speed the vehicle shall have; without a goal it loiters."""
+        pull, speed_m_s = self._pull(goal_ned_m, pose, view)
+        task = Task(
+            place_ned_m=goal_ned_m or self._place_ned_m or pose.position_ned_m,
+            pull=pull,
+            loitering=goal_ned_m is None,
+            to_target=purpose is Purpose.TARGET,
+            flown_m=self.flown_m,
+            arrival_m=ARRIVAL_SHARE * self.config.arrival_radius_m,
+            crowded=self._crowded(pose, view),
+        )
+        return self._law.steer(task, pose, view, now_s), speed_m_s
+
+    def _pull(self, goal_ned_m: tuple[float, float] | None, pose: Pose, view: View) -> tuple[Pull, float]:
         """Return what attracts the vehicle now, and the speed it shall have; without a goal it loiters."""
-        position = (motion.north_m, motion.east_m)
-        cruise_m_s = self.config.limits.speed_m_s
+        position, cruise_m_s = pose.position_ned_m, self.config.limits.speed_m_s
         if goal_ned_m is not None:
-            self._place_ned_m = None
             return attraction(position, goal_ned_m), cruise_m_s
         if self._place_ned_m is None:
             self._place_ned_m = loiter_place(position, view.settled_ned_m, self._loiter_spacing_m())
@@ -360,13 +434,15 @@ class Companion:
         pull = attraction(position, self._place_ned_m)
         return pull, 0.0 if pull.strength_m <= SETTLED_M else cruise_m_s
 
-    def _seen(self, motion: Motion, now_s: float) -> list[tuple[int | None, tuple[float, float]]]:
+    def _seen(self, motion: Motion, now_s: float) -> list[Seen]:
         """Return who is near by the vehicle's own detector, and where by now on the plane of the picture."""
-        seen: list[tuple[int | None, tuple[float, float]]] = []
+        seen: list[Seen] = []
         for neighbour in self.adapter.neighbours:
             age_s = max(0.0, now_s - neighbour.seen_at_s)
             own_echo = neighbour.agent_id == self.config.agent_id
-            if own_echo or age_s > NEIGHBOUR_MEMORY_S or self._frame is None:
+            above_m = abs(neighbour.altitude_m - self.adapter.telemetry.altitude_m)
+            elsewhere = 0.0 < self.config.vertical_separation_m <= above_m
+            if own_echo or elsewhere or age_s > NEIGHBOUR_MEMORY_S or self._frame is None:
                 continue
             north_m, east_m, convergence_rad = self._frame.to_local_with_convergence(
                 neighbour.lat_deg, neighbour.lon_deg
@@ -374,42 +450,43 @@ class Companion:
             north_m_s, east_m_s = to_grid(neighbour.velocity_north_m_s, neighbour.velocity_east_m_s, convergence_rad)
             north_m, east_m = north_m + age_s * north_m_s, east_m + age_s * east_m_s
             if math.dist((north_m, east_m), (motion.north_m, motion.east_m)) <= self.config.detector_range_m:
-                seen.append((neighbour.agent_id, (north_m, east_m)))
+                seen.append(Seen(neighbour.agent_id, (north_m, east_m), (north_m_s, east_m_s)))
         return seen
-
-    def _range_gradient_m(self, motion: Motion, target_ned_m: tuple[float, float]) -> np.ndarray:  # (2,) m
-        """Return the gradient of the smooth f4 (paper: fun4)."""
-        return range_gradient(
-            np.array((motion.north_m, motion.east_m)),
-            np.array(target_ned_m),
-            self.flown_m,
-            self.config.limits.range_m,
-            self.config.weights.k_l,
-        )
 
     def _loiter_spacing_m(self) -> float:
         """Return how far from a settled peer we loiter; one that cannot stop is somewhere on its circle."""
         radius_m = 0.0 if self.adapter.can_stop else self._loiter_radius_m
         return loiter_spacing_m(self.config.separation_m, radius_m) + radius_m
 
-    def _guarded(self, wanted: Setpoint, motion: Motion, view: View) -> Verdict:
-        radii_m = view.attack_radius_m if self.config.keep_out == "attack" else view.detection_radius_m
-        discs = Discs(view.threats_ned_m, radii_m, view.threat_speed_m_s)
-        return check(wanted, motion, discs, self._limits, self.config.guidance_step_s)
+    def _guarded(self, wanted: Setpoint, motion: Motion, view: View, wish: Wish, now_s: float) -> Verdict:
+        by_attack = self.config.keep_out == "attack"
+        discs = Discs(
+            centres_ned_m=view.threats_ned_m,
+            radii_m=view.attack_radius_m if by_attack else view.detection_radius_m,
+            speeds_m_s=view.threat_speed_m_s,
+            attack_m=view.attack_radius_m,
+            ids=view.threat_ids,
+        )
+        route = () if wish.route is None else wish.route.pieces
+        keep_right = self._crowded(motion, view)
+        return self.guard.check(wanted, motion, discs, now_s, self.config.guidance_step_s, route, keep_right)
+
+    def _crowded(self, here: Motion | Pose, view: View) -> bool:
+        """Return whether another is within the interaction radius."""
+        apart_m = np.hypot(view.seen_ned_m[:, 0] - here.north_m, view.seen_ned_m[:, 1] - here.east_m)
+        return bool(np.any(apart_m <= self._interaction_m))
 
 
-def _surrogate(config: Config) -> Surrogate:
-    if config.law == "seed" and config.surrogate == "monolithic":
-        return MonolithicSurrogate(load_monolithic(), config.agent_id)
-    return PairSurrogate(_profile(config), config.separation_m, Weights(**config.weights.model_dump()))
-
-
-def _profile(config: Config) -> RadialProfile:
-    if config.law == "ramp":
-        return PolygonProfile(HALF_WIDTH)
-    if config.law == "step":
-        return StepProfile()
-    return profile_by_name(config.surrogate)
+def _rules(config: Config, can_stop: bool) -> Rules:
+    return Rules(
+        separation_m=config.separation_m,
+        n_max=config.limits.n_max,
+        speed_m_s=config.limits.speed_m_s,
+        reaction_s=config.limits.reaction_s,
+        can_stop=can_stop,
+        braking_m_s2=config.limits.braking_m_s2 if can_stop else None,
+        position_error_m=config.limits.position_error_m,
+    )
 
 
 def _limits(config: Config, can_stop: bool) -> Limits:
@@ -421,4 +498,8 @@ def _limits(config: Config, can_stop: bool) -> Limits:
         altitude_max_m=config.limits.height_max_m,
         braking_m_s2=config.limits.braking_m_s2 if can_stop else None,
         fence_ned_m=config.limits.fence,
+        reaction_s=config.limits.reaction_s,
+        rate_share=config.limits.rate_share,
+        wind_m_s=config.limits.wind_m_s,
+        position_error_m=config.limits.position_error_m,
     )

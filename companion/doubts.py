@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from companion.guidance import RANGE_RESERVE, turn_rate_rad_s
-from companion.mission import Mission
+from companion.mission import AgentSpec, Mission, ThreatSpec, agent_height_m
 
 APPROACH_SHARE = 0.1
 """Within this share of R_d outside a detection disc the surrogate's repulsion outweighs any attraction (measured: 0.09
@@ -18,6 +18,7 @@ def doubts(mission: Mission) -> list[str]:
         _first("targets", _unapproachable(mission)),
         _first("targets", _too_fast(mission)),
         _first("agents", _starts_inside(mission)),
+        _first("threats", _reaches_nobody(mission)),
         _first("agents", _too_wide_a_turn(mission)),
         _first("agents", _too_short_a_range(mission)),
     ]
@@ -48,7 +49,8 @@ def _unapproachable(mission: Mission) -> list[str]:
         f"{threat.detection_radius_m:g}: the law keeps agents farther off than it can be approached"
         for target in mission.targets
         for threat in mission.threats
-        if (distance_m := math.dist(target.position_ned_m, threat.position_ned_m)) - mission.arrival_radius_m
+        if any(_reaches(threat, agent, mission) for agent in mission.agents)
+        and (distance_m := math.dist(target.position_ned_m, threat.position_ned_m)) - mission.arrival_radius_m
         < threat.detection_radius_m * (1 + APPROACH_SHARE)
     ]
 
@@ -68,8 +70,24 @@ def _starts_inside(mission: Mission) -> list[str]:
         f"id {agent.id} starts inside detection_radius_m of threat {threat.id}; that is a depth, but no entry"
         for agent in mission.agents
         for threat in mission.threats
-        if math.dist(agent.position_ned_m, threat.position_ned_m) < threat.detection_radius_m
+        if _reaches(threat, agent, mission)
+        and math.dist(agent.position_ned_m, threat.position_ned_m) < threat.detection_radius_m
     ]
+
+
+def _reaches_nobody(mission: Mission) -> list[str]:
+    return [
+        f"id {threat.id} reaches no agent's height with its floor_m and ceiling_m, which count from sea level, so "
+        "nobody keeps clear of it"
+        for threat in mission.threats
+        if not any(_reaches(threat, agent, mission) for agent in mission.agents)
+    ]
+
+
+def _reaches(threat: ThreatSpec, agent: AgentSpec, mission: Mission) -> bool:
+    level_m = mission.origin.alt_m + agent_height_m(mission, agent.id)
+    above_floor = threat.floor_m is None or threat.floor_m <= level_m
+    return above_floor and (threat.ceiling_m is None or level_m <= threat.ceiling_m)
 
 
 def _too_wide_a_turn(mission: Mission) -> list[str]:

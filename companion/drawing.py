@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from companion.errors import InputError
-from companion.mission import AgentSpec, Defaults, Draw, Mission, PathMotion, TargetSpec, ThreatSpec
+from companion.mission import AgentSpec, Defaults, Draw, Mission, PathMotion, TargetSpec, ThreatSpec, in_the_way
 
 DRAW_CLEARANCE = 0.5
 """Drawn agents and targets keep this fraction of R_d clear of every detection disc. Within about 0.1 R_d (pairwise; 0.2
@@ -117,6 +117,8 @@ def check_start(mission: Mission, source: str) -> None:
     for key, item in starts:
         for threat in mission.threats:
             distance_m = math.dist(item.position_ned_m, threat.position_ned_m)
+            if isinstance(item, AgentSpec) and not in_the_way(mission, item.id, threat):
+                continue
             if distance_m <= threat.attack_radius_m:
                 raise InputError(
                     f"{source}: {key}: id {item.id} starts {distance_m:.1f} m from threat {threat.id}; "

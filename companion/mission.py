@@ -30,6 +30,10 @@ MAX_STEP_S = 10.0
 MAX_STEPS = 20_000_000
 """Integration steps of one flight: the default time at the least step, and already days of computing."""
 MAX_ITEMS = 2_000
+MAX_HEIGHT_M = 20_000.0
+"""An agent flies at most so high above the origin; a companion's own limits are narrower."""
+MIN_LEVEL_M, MAX_LEVEL_M = -1_000.0, 30_000.0
+"""Floors and ceilings, above sea level, travel as 16 bits of metres."""
 
 Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)]
@@ -41,6 +45,9 @@ Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)
 Speed = Annotated[float, Strict(), Field(gt=0, le=MAX_SPEED_M_S, allow_inf_nan=False)]
 ThreatSpeedBound = Annotated[float, Strict(), Field(ge=0, le=MAX_THREAT_SPEED_M_S, allow_inf_nan=False)]
 SpeedBound = Annotated[float, Strict(), Field(ge=0, le=MAX_SPEED_M_S, allow_inf_nan=False)]
+Height = Annotated[float, Strict(), Field(ge=0, le=MAX_HEIGHT_M, allow_inf_nan=False)]
+Level = Annotated[float, Strict(), Field(ge=MIN_LEVEL_M, le=MAX_LEVEL_M, allow_inf_nan=False)]
+SwitchingShare = Annotated[float, Strict(), Field(ge=0, lt=1, allow_inf_nan=False)]
 Identity = Annotated[int, Strict(), Field(ge=1, le=MAX_ID)]
 Count = Annotated[int, Strict(), Field(ge=0, le=MAX_ITEMS)]
 
@@ -97,6 +104,14 @@ Motion = Annotated[
 ]
 
 
+ThreatMotion = Annotated[
+    Annotated[Literal["static", "random", "chase"], Tag("kind:word")]
+    | Annotated[SteadyMotion, Tag("kind:steady")]
+    | Annotated[PathMotion, Tag("kind:path")],
+    Discriminator(_motion_kind),
+]
+
+
 class AgentSpec(Section):
     """A vehicle under guidance. A position or heading left out is drawn."""
 
@@ -107,6 +122,9 @@ class AgentSpec(Section):
     speed_m_s: Speed = 60.0
     n_max: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)] = 10.0
     range_m: Positive = 500_000.0
+    height_m: Height = 30.0
+    only_target: Identity | None = None
+    """The target it is kept for; None: any that the centre gives it."""
 
     @property
     def position_ned_m(self) -> tuple[float, float]:
@@ -124,7 +142,7 @@ class _Moving(Section):
     north_m: Coordinate | None = None
     east_m: Coordinate | None = None
     speed_bound_m_s: SpeedBound = 10.0
-    motion: Motion = "static"
+    motion: ThreatMotion = "static"
 
     @property
     def position_ned_m(self) -> tuple[float, float]:
@@ -149,13 +167,24 @@ class _Moving(Section):
 class TargetSpec(_Moving):
     """A place to reach; the wire says where it is, never where it will be."""
 
+    motion: Motion = "static"
+
 
 class ThreatSpec(_Moving):
-    """A moving keep-out disc."""
+    """A moving keep-out disc; `chase` flies at its speed bound at the nearest agent, in the simulator only."""
 
     detection_radius_m: Positive
     attack_radius_m: Positive
     speed_bound_m_s: ThreatSpeedBound = 10.0
+    motion: ThreatMotion = "static"
+    floor_m: Level | None = None
+    ceiling_m: Level | None = None
+
+    @model_validator(mode="after")
+    def _a_band(self) -> Self:
+        if self.floor_m is not None and self.ceiling_m is not None and self.floor_m >= self.ceiling_m:
+            raise ValueError(f"floor_m: {self.floor_m:g}; allowed: less than ceiling_m {self.ceiling_m:g}")
+        return self
 
     @model_validator(mode="after")
     def _nested(self) -> Self:
@@ -182,6 +211,7 @@ class AgentDefaults(Section):
     speed_m_s: Speed | None = None
     n_max: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)] | None = None
     range_m: Positive | None = None
+    height_m: Height | None = None
 
 
 class TargetDefaults(Section):
@@ -197,7 +227,9 @@ class ThreatDefaults(Section):
     detection_radius_m: Positive | None = None
     attack_radius_m: Positive | None = None
     speed_bound_m_s: ThreatSpeedBound | None = None
-    motion: Motion | None = None
+    motion: ThreatMotion | None = None
+    floor_m: Level | None = None
+    ceiling_m: Level | None = None
 
 
 class Defaults(Section):
@@ -276,7 +308,11 @@ class Mission(Section):
     report_period_s: NotNegative = 0.0
     case: Literal["I", "II"] = "I"
     range_policy: Literal["return", "arrive"] = "return"
-    objective: Literal["distance", "inverse-distance", "route"] = "distance"
+    objective: Literal["distance", "inverse-distance", "route", "latest"] = "distance"
+    switching_share: SwitchingShare | None = None
+    """By how much a new assignment must be better; None: the ground station's own for the objective."""
+    layers: Annotated[int, Strict(), Field(ge=1, le=MAX_ITEMS)] = 1
+    layer_spacing_m: Annotated[float, Strict(), Field(ge=0, le=MAX_HEIGHT_M, allow_inf_nan=False)] = 0.0
     surrogate: Literal["pairwise", "analytic", "monolithic"] = "pairwise"
     link: LinkSpec = LinkSpec()
     wind: Wind = Wind()
@@ -315,11 +351,18 @@ class Mission(Section):
             raise ValueError(
                 f"targets: {number_of_targets} with agents: {number_of_agents}; allowed: no more targets than agents"
             )
+        listed = {target.id for target in self.targets}
+        for index, agent in enumerate(self.agents):
+            if agent.only_target is not None and agent.only_target not in listed:
+                raise ValueError(
+                    f"agents[{index}].only_target: {agent.only_target}; allowed: the id of a listed target"
+                )
         if self.draw.threats:
             for radius in ("detection_radius_m", "attack_radius_m"):
                 if getattr(self.defaults.threat, radius) is None:
                     raise ValueError(f"draw.threats: {self.draw.threats}; allowed: only with defaults.threat.{radius}")
         self._refuse_bad_defaults()
+        self._refuse_bad_layers()
         if self.max_time_s / self.integration_step_s > MAX_STEPS:
             raise ValueError(
                 f"max_time_s: {self.max_time_s:g}; allowed: at most {MAX_STEPS} times integration_step_s "
@@ -332,6 +375,21 @@ class Mission(Section):
                 f"{self.integration_step_s:g}"
             )
         return self
+
+    def _refuse_bad_layers(self) -> None:
+        if (self.layers > 1) != (self.layer_spacing_m > 0.0):
+            raise ValueError(
+                f"layers: {self.layers} with layer_spacing_m {self.layer_spacing_m:g}; allowed: neither, or at least 2 "
+                "layers with a spacing"
+            )
+        given = self.defaults.agent.model_dump(include={"height_m"}, exclude_none=True)
+        drawn = [AgentSpec(id=1, **given)] if self.draw.agents else []
+        top_m = max(agent.height_m for agent in (*self.agents, *drawn)) + (self.layers - 1) * self.layer_spacing_m
+        if top_m > MAX_HEIGHT_M:
+            raise ValueError(
+                f"layer_spacing_m: {self.layer_spacing_m:g} puts an agent at {top_m:g} m; allowed: at most "
+                f"{MAX_HEIGHT_M:g}"
+            )
 
     def _refuse_bad_defaults(self) -> None:
         """Raise ValueError if nothing could be drawn with the defaults, each of which is legal by itself."""
@@ -360,6 +418,21 @@ class Mission(Section):
         return (*self.agents, *self.targets, *self.threats)
 
 
+def agent_height_m(mission: Mission, agent_id: int) -> float:
+    """Return at what height above the origin's altitude an agent flies: its own, and its layer's on top.
+
+    Agents are dealt to the layers in file order.
+
+    Raises:
+        ValueError: the mission lists no such agent.
+
+    """
+    for index, agent in enumerate(mission.agents):
+        if agent.id == agent_id:
+            return agent.height_m + mission.layer_spacing_m * (index % mission.layers)
+    raise ValueError(f"agent {agent_id} is not in mission {mission.name}")
+
+
 def packaged_missions() -> tuple[str, ...]:
     """Return the names of the missions that ship with the project."""
     folder = resources.files("companion") / "missions"
@@ -384,6 +457,18 @@ def load_mission(name_or_path: str | Path) -> Mission:
             f"{text}: no such mission file or packaged mission{hint}; packaged: {', '.join(packaged_missions())}"
         )
     return parse_mission(read_text_file(path), text)
+
+
+def in_the_way(mission: Mission, agent_id: int, threat: ThreatSpec) -> bool:
+    """Return whether a threat reaches the height at which an agent flies.
+
+    Raises:
+        ValueError: the mission lists no such agent.
+
+    """
+    level_m = mission.origin.alt_m + agent_height_m(mission, agent_id)
+    above = threat.floor_m is None or threat.floor_m <= level_m
+    return above and (threat.ceiling_m is None or level_m <= threat.ceiling_m)
 
 
 def parse_mission(text: str, source: str) -> Mission:
@@ -414,7 +499,7 @@ def _refuse_half_a_place(north_m: float | None, east_m: float | None) -> None:
         raise ValueError(f"{missing}: missing beside {given}; allowed: both, or neither (then the place is drawn)")
 
 
-def _greatest_speed_m_s(motion: Motion, north_m: float | None, east_m: float | None) -> float:
+def _greatest_speed_m_s(motion: ThreatMotion, north_m: float | None, east_m: float | None) -> float:
     if isinstance(motion, SteadyMotion):
         return motion.speed_m_s
     if not isinstance(motion, PathMotion):

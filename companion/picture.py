@@ -9,11 +9,21 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from companion.wire import AgentEntry, Directive, MotionFrame, Stamp, StateFrame, TargetEntry, ThreatEntry
+from companion.wire import (
+    AgentEntry,
+    BandEntry,
+    BandsFrame,
+    Directive,
+    MotionFrame,
+    Stamp,
+    StateFrame,
+    TargetEntry,
+    ThreatEntry,
+)
 
 NOBODY = 0
 """Stands for the id of one that is no agent: ids begin at 1."""
@@ -31,6 +41,10 @@ class Heard:
     """Epoch and sequence."""
 
 
+def _no_rows() -> np.ndarray:  # (0, 2)
+    return np.zeros((0, 2))
+
+
 @dataclass(frozen=True)
 class View:
     """The picture at one moment, ready for the guidance law."""
@@ -42,11 +56,25 @@ class View:
     attack_radius_m: np.ndarray  # (M,) m, grown likewise
     threat_speed_m_s: np.ndarray  # (M,) m/s, bounds
     threat_ids: np.ndarray  # (M,) int
+    threat_velocity_m_s: np.ndarray  # (M, 2) m/s, as broadcast; zero where none was
+    threat_age_s: np.ndarray  # (M,) s
     peers_ned_m: np.ndarray  # (P, 2) m, extrapolated to now
     peer_ids: np.ndarray  # (P,) int, 0 for one that is nobody known
     settled_ned_m: np.ndarray  # (Q, 2) m, those of the peers whose loiter place goes before ours
     rivals_seen: tuple[tuple[int, tuple[float, float]], ...] = ()
     """Agents that our detector sees and that go where we go: id, and north and east m."""
+    seen_ned_m: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m, whoever our detector sees
+    seen_velocity_m_s: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m/s
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Another aircraft that the vehicle's own detector sees, where it is by now on the plane of the picture."""
+
+    agent_id: int | None
+    """None for one that is not of the fleet."""
+    position_ned_m: tuple[float, float]
+    velocity_m_s: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -57,8 +85,11 @@ class _ThreatTable:
     detection_m: np.ndarray  # (M,) m
     attack_m: np.ndarray  # (M,) m
     speed_m_s: np.ndarray  # (M,) m/s, bounds
+    velocity_m_s: np.ndarray  # (M, 2) m/s
     true_at_s: np.ndarray  # (M,) s
     ids: np.ndarray  # (M,) int
+    floor_m: np.ndarray  # (M,) m above sea level, -inf: none heard of
+    ceiling_m: np.ndarray  # (M,) m above sea level, inf: none heard of
 
 
 @dataclass(frozen=True)
@@ -91,8 +122,11 @@ class Picture:
         self._targets: dict[int, tuple[TargetEntry, Heard]] = {}
         self._threats: dict[int, tuple[ThreatEntry, Heard]] = {}
         self._velocities: dict[int, tuple[float, float]] = {}
+        self._threat_velocities: dict[int, tuple[float, float]] = {}
+        self._bands: dict[int, BandEntry] = {}
         self._parts: set[int] = set()
         self._motion_order = (-1, -1)
+        self._bands_order = (-1, -1)
         self._cached: tuple[_ThreatTable, _PeerTable] | None = None
 
     def age_s(self, now_s: float) -> float | None:
@@ -153,14 +187,40 @@ class Picture:
                     agent.speed_m_s * math.cos(agent.heading_rad),
                     agent.speed_m_s * math.sin(agent.heading_rad),
                 )
+        for threat in frame.threats:
+            self._threat_velocities[threat.id] = (threat.velocity_north_m_s, threat.velocity_east_m_s)
         return True
 
-    def view(self, now_s: float) -> View:
-        """Return the picture as it must be believed at `now_s`."""
+    def take_bands(self, frame: BandsFrame) -> bool:
+        """Merge the heights that threats reach; return whether the frame belonged to this epoch and was not overtaken.
+
+        A threat keeps its band until a newer frame names it anew, or it leaves the picture.
+        """
+        if frame.stamp.epoch_s != self.epoch_s:
+            self.rejected["other epoch"] += 1
+            return False
+        order = (frame.stamp.sequence, frame.stamp.time_ms)
+        if frame.stamp.sequence < self.sequence or order < self._bands_order:
+            self.rejected["old"] += 1
+            return False
+        self._bands_order = order
+        self._cached = None
+        self._bands.update((threat.id, threat) for threat in frame.threats)
+        return True
+
+    def view(self, now_s: float, band_m: tuple[float, float] | None = None) -> View:
+        """Return the picture as it must be believed at `now_s`.
+
+        With a band, least and greatest height above sea level that the vehicle may be at, threats known to reach no
+        height of it are left out; one whose floor and ceiling were never heard of is not.
+        """
         if self._cached is None:
             self._cached = (self._threat_table(), self._peer_table())
         threats, peers = self._cached
-        growth_m = threats.speed_m_s * np.maximum(0.0, now_s - threats.true_at_s)
+        if band_m is not None:
+            threats = _reaching(threats, *band_m)
+        threat_age_s = np.maximum(0.0, now_s - threats.true_at_s)
+        growth_m = threats.speed_m_s * threat_age_s
         age_s = np.maximum(0.0, now_s - peers.true_at_s)
         peers_ned_m = peers.seen_ned_m + peers.velocity_m_s * age_s[:, None]
         remembered = age_s <= self.peer_memory_s
@@ -173,21 +233,23 @@ class Picture:
             attack_radius_m=threats.attack_m + growth_m,
             threat_speed_m_s=threats.speed_m_s,
             threat_ids=threats.ids,
+            threat_velocity_m_s=threats.velocity_m_s,
+            threat_age_s=threat_age_s,
             peers_ned_m=peers_ned_m[remembered],
             peer_ids=peers.ids[remembered],
             settled_ned_m=peers_ned_m[remembered & peers.settled],
         )
 
-    def with_seen(self, view: View, seen: Sequence[tuple[int | None, tuple[float, float]]]) -> View:
-        """Return the view with what the vehicle's own detector sees: (agent id or None, north and east m) each.
+    def with_seen(self, view: View, seen: Sequence[Seen]) -> View:
+        """Return the view with what the vehicle's own detector sees.
 
         A peer that is seen needs no word of the broadcast's about where it is.
         """
         if not seen:
             return view
-        seen_ids = np.array([identity or NOBODY for identity, _ in seen], dtype=int)
-        seen_ned_m = np.array([place for _, place in seen])
-        before = np.array([self._goes_before(identity) for identity, _ in seen], dtype=bool)
+        seen_ids = np.array([other.agent_id or NOBODY for other in seen], dtype=int)
+        seen_ned_m = np.array([other.position_ned_m for other in seen])
+        before = np.array([self._goes_before(other.agent_id) for other in seen], dtype=bool)
         unseen = ~np.isin(view.peer_ids, seen_ids)
         heard_before = [self._goes_before(int(identity)) for identity in view.peer_ids[unseen]]
         return replace(
@@ -195,8 +257,12 @@ class Picture:
             peers_ned_m=np.concatenate((view.peers_ned_m[unseen], seen_ned_m)),
             peer_ids=np.concatenate((view.peer_ids[unseen], seen_ids)),
             rivals_seen=tuple(
-                (identity, at) for identity, at in seen if identity is not None and self._is_rival(identity)
+                (other.agent_id, other.position_ned_m)
+                for other in seen
+                if other.agent_id is not None and self._is_rival(other.agent_id)
             ),
+            seen_ned_m=seen_ned_m,
+            seen_velocity_m_s=np.array([other.velocity_m_s for other in seen]),
             settled_ned_m=np.concatenate(
                 (view.peers_ned_m[unseen][np.array(heard_before, dtype=bool)], seen_ned_m[before])
             ),
@@ -214,8 +280,13 @@ class Picture:
             detection_m=np.array([threat.detection_radius_m for threat, _ in entries]),
             attack_m=np.array([threat.attack_radius_m for threat, _ in entries]),
             speed_m_s=np.array([threat.speed_bound_m_s for threat, _ in entries]),
+            velocity_m_s=np.array(
+                [self._threat_velocities.get(threat.id, (0.0, 0.0)) for threat, _ in entries]
+            ).reshape(-1, 2),
             true_at_s=np.array([heard.true_at_s for _, heard in entries]),
             ids=np.array([threat.id for threat, _ in entries], dtype=int),
+            floor_m=np.array([_floor_m(self._bands.get(threat.id)) for threat, _ in entries]),
+            ceiling_m=np.array([_ceiling_m(self._bands.get(threat.id)) for threat, _ in entries]),
         )
 
     def _peer_table(self) -> _PeerTable:
@@ -252,7 +323,8 @@ class Picture:
         self.epoch_s = stamp.epoch_s
         self.sequence = -1
         self._parts = set()
-        self._motion_order = (-1, -1)
+        self._motion_order = self._bands_order = (-1, -1)
+        self._bands.clear()
         return True
 
     def _forget_absent(self) -> None:
@@ -260,12 +332,32 @@ class Picture:
         for known in (self._agents, self._targets, self._threats):
             for identity in [key for key, (_, heard) in known.items() if heard.broadcast != newest]:
                 del known[identity]
-        for identity in self._velocities.keys() - self._agents.keys():
-            del self._velocities[identity]
+        for velocities, things in ((self._velocities, self._agents), (self._threat_velocities, self._threats)):
+            for identity in velocities.keys() - things.keys():
+                del velocities[identity]
+        for identity in self._bands.keys() - self._threats.keys():
+            del self._bands[identity]
         if self.agent_id not in self._agents:
             self.target_id = None
 
     def _forget_all(self) -> None:
-        for known in (self._agents, self._targets, self._threats, self._velocities):
+        for known in (self._agents, self._targets, self._threats, self._velocities, self._threat_velocities):
             known.clear()
+        self._bands.clear()
         self.target_id = None
+
+
+def _floor_m(band: BandEntry | None) -> float:
+    return -math.inf if band is None or band.floor_m is None else band.floor_m
+
+
+def _ceiling_m(band: BandEntry | None) -> float:
+    return math.inf if band is None or band.ceiling_m is None else band.ceiling_m
+
+
+def _reaching(threats: _ThreatTable, low_m: float, high_m: float) -> _ThreatTable:
+    """Return the threats that may reach a height between two; unless that is known not to be, they do."""
+    kept = ~((threats.ceiling_m < low_m) | (threats.floor_m > high_m))
+    if kept.all():
+        return threats
+    return _ThreatTable(**{part.name: getattr(threats, part.name)[kept] for part in fields(threats)})

@@ -22,6 +22,8 @@ from companion.weightsfile import read_weights
 HALF_WIDTH = 0.025
 """Half-width of the polygon, as a fraction of the radius: law `seed` (METHOD.md section 2, point 2)."""
 PROFILE_NAMES = ("pairwise", "analytic")
+_FLAT = 50.0
+"""So many half-widths outside its edge a logistic's slope is exp(-100) of its greatest: no weight can make it felt."""
 _PACKAGED = "pairwise.json"
 
 
@@ -174,6 +176,36 @@ def gradient_for_agent(
     slope_m = 2.0 * weights.k_c * slope_per_m[threats:]  # (M + P,), right for the peers, replaced for the threats
     slope_m[:threats] = weights.k_d * slope_per_m[:threats] + weights.k_a * slope_per_m[threats : 2 * threats]
     gradient_m: np.ndarray = (slope_m / _nonzero(distance_m)) @ offset_m
+    return gradient_m
+
+
+def wall_gradient(
+    position_ned_m: np.ndarray,
+    threats_ned_m: np.ndarray,
+    detection_radius_m: np.ndarray,
+    attack_radius_m: np.ndarray,
+    peers_ned_m: np.ndarray,
+    separation_m: float,
+    weights: Weights,
+    half_width_m: float,
+) -> np.ndarray:
+    """Return dF*/dU_i of one agent, (2,), m, whose edges are logistics of one half-width in metres whatever the radius.
+
+    What the route needs: so sharp that it does not reach where the route runs (METHOD.md section 3). Shapes as
+    `gradient_for_agent`.
+    """
+    threats = len(detection_radius_m)
+    offset_m = position_ned_m - np.concatenate((threats_ned_m, peers_ned_m))  # (M + P, 2)
+    distance_m = np.sqrt(offset_m[:, 0] ** 2 + offset_m[:, 1] ** 2)
+    outer_m = np.concatenate((detection_radius_m, np.full(len(peers_ned_m), separation_m)))
+    steepness_1_m = 2.0 / half_width_m
+    if not np.any(distance_m < outer_m + _FLAT * half_width_m):
+        return np.zeros(2)
+    slope_m = np.full(len(distance_m), 2.0 * weights.k_c)
+    slope_m[:threats] = weights.k_d
+    slope_m *= sigmoid_slope((outer_m - distance_m) * steepness_1_m)
+    slope_m[:threats] += weights.k_a * sigmoid_slope((attack_radius_m - distance_m[:threats]) * steepness_1_m)
+    gradient_m: np.ndarray = (-steepness_1_m * slope_m / _nonzero(distance_m)) @ offset_m
     return gradient_m
 
 

@@ -20,6 +20,7 @@ AGENTS_PER_FRAME = 10
 TARGETS_PER_FRAME = 5
 THREATS_PER_FRAME = 4
 DETECTIONS_PER_FRAME = 14
+BANDS_PER_FRAME = 20
 ID_SPAN = 256
 """Ids in one frame lie within this of the least one: they travel as 8 bits above a 16-bit base."""
 SIGNATURE_BYTES = 64
@@ -29,6 +30,7 @@ GROUND_COMPONENT = 190
 SENSOR_COMPONENT = 191
 
 _INT16_MAX = 32_767
+_INT16_MIN = -32_768
 _UNKNOWN_POSITION = -32_768
 """INT16_MIN as north and east of an agent: nobody on the ground knows where it is (Case II)."""
 _UINT16_MAX = 65_535
@@ -157,6 +159,23 @@ class MotionFrame:
 
 
 @dataclass(frozen=True)
+class BandEntry:
+    """Between which heights above sea level a threat reaches; None: no limit on that side."""
+
+    id: int
+    floor_m: float | None
+    ceiling_m: float | None
+
+
+@dataclass(frozen=True)
+class BandsFrame:
+    """ONEWAY_BANDS: the heights that threats reach. Who is not in it may reach everywhere."""
+
+    stamp: Stamp
+    threats: tuple[BandEntry, ...]
+
+
+@dataclass(frozen=True)
 class Detection:
     """Something the centre's sensor saw."""
 
@@ -203,7 +222,7 @@ class ReportFrame:
         return self.epoch_s + self.time_ms / 1000.0
 
 
-Frame = StateFrame | MotionFrame | DetectionsFrame | ReportFrame
+Frame = StateFrame | MotionFrame | BandsFrame | DetectionsFrame | ReportFrame
 
 
 class FrameWriter:
@@ -223,6 +242,8 @@ class FrameWriter:
             message = _state_message(frame, signature)
         elif isinstance(frame, MotionFrame):
             message = _motion_message(frame, signature)
+        elif isinstance(frame, BandsFrame):
+            message = _bands_message(frame, signature)
         elif isinstance(frame, DetectionsFrame):
             message = _detections_message(frame)
         else:
@@ -382,6 +403,40 @@ def _motion_message(frame: MotionFrame, signature: bytes) -> oneway.MAVLink_onew
     )
 
 
+def _bands_message(frame: BandsFrame, signature: bytes) -> oneway.MAVLink_oneway_bands_message:
+    base, ids = _based_ids([threat.id for threat in frame.threats], BANDS_PER_FRAME, "threats")
+    limits = [_band_limits(threat) for threat in frame.threats]
+    frame_index, frame_count = _part(frame.stamp)
+    return oneway.MAVLink_oneway_bands_message(
+        epoch=_whole(frame.stamp.epoch_s, _UINT32_MAX, "epoch"),
+        time_ms=_whole(frame.stamp.time_ms, _UINT32_MAX, "time_ms"),
+        sequence=_whole(frame.stamp.sequence, _UINT32_MAX, "sequence"),
+        threat_floor=_padded([floor for floor, _ in limits], BANDS_PER_FRAME),
+        threat_ceiling=_padded([ceiling for _, ceiling in limits], BANDS_PER_FRAME),
+        threat_id_base=base,
+        frame_index=frame_index,
+        frame_count=frame_count,
+        threat_count=len(frame.threats),
+        threat_id=ids,
+        ed25519_signature=_signature(signature),
+    )
+
+
+def _band_limits(threat: BandEntry) -> tuple[int, int]:
+    """Return floor and ceiling in whole metres, never a narrower band than the true one."""
+    floor = _INT16_MIN if threat.floor_m is None else _height_m(threat.floor_m, math.floor)
+    ceiling = _INT16_MAX if threat.ceiling_m is None else _height_m(threat.ceiling_m, math.ceil)
+    if threat.floor_m is not None and threat.ceiling_m is not None and threat.floor_m >= threat.ceiling_m:
+        raise WireError(f"threat {threat.id} has its floor at or above its ceiling")
+    return floor, ceiling
+
+
+def _height_m(height_m: float, rounded: Callable[[float], int]) -> int:
+    if not _INT16_MIN + 1 <= height_m <= _INT16_MAX - 1:
+        raise WireError(f"a height of {height_m} m does not fit a frame")
+    return rounded(height_m)
+
+
 def _detections_message(frame: DetectionsFrame) -> oneway.MAVLink_oneway_detections_message:
     seen = frame.detections
     if len(seen) > DETECTIONS_PER_FRAME:
@@ -506,6 +561,24 @@ def _point_motions(
     )
 
 
+def _bands_frame(message: oneway.MAVLink_oneway_bands_message) -> BandsFrame:
+    ids = _ids(message.threat_id_base, message.threat_id, message.threat_count)
+    limits = list(zip(message.threat_floor, message.threat_ceiling, strict=True))[: len(ids)]
+    if any(floor >= ceiling for floor, ceiling in limits):
+        raise WireError("band out of range")
+    return BandsFrame(
+        stamp=_stamp(message),
+        threats=tuple(
+            BandEntry(
+                identity,
+                None if floor == _INT16_MIN else float(floor),
+                None if ceiling == _INT16_MAX else float(ceiling),
+            )
+            for identity, (floor, ceiling) in zip(ids, limits, strict=True)
+        ),
+    )
+
+
 def _detections_frame(message: oneway.MAVLink_oneway_detections_message) -> DetectionsFrame:
     if message.count > DETECTIONS_PER_FRAME:
         raise WireError("count out of range")
@@ -549,6 +622,7 @@ def _report_frame(message: oneway.MAVLink_oneway_report_message) -> ReportFrame:
 _DECODERS: dict[str, Callable[[Any], Frame]] = {
     "ONEWAY_STATE": _state_frame,
     "ONEWAY_MOTION": _motion_frame,
+    "ONEWAY_BANDS": _bands_frame,
     "ONEWAY_DETECTIONS": _detections_frame,
     "ONEWAY_REPORT": _report_frame,
 }
@@ -592,7 +666,11 @@ def _ids(base: int, offsets: Sequence[int], count: int) -> list[int]:
     return ids
 
 
-def _stamp(message: oneway.MAVLink_oneway_state_message | oneway.MAVLink_oneway_motion_message) -> Stamp:
+def _stamp(
+    message: oneway.MAVLink_oneway_state_message
+    | oneway.MAVLink_oneway_motion_message
+    | oneway.MAVLink_oneway_bands_message,
+) -> Stamp:
     if message.frame_index >= message.frame_count:
         raise WireError("frame index out of range")
     return Stamp(message.epoch, message.time_ms, message.sequence, message.frame_index, message.frame_count)

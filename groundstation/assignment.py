@@ -1,12 +1,20 @@
 """Who goes where: targets are copied in turn until there is one for every agent, then the assignment problem is solved.
 
 METHOD.md section 1 item 6. The paper maximises the sum of lambda/D and calls that minimising the total distance; it is
-not (METHOD.md 2.3), so both objectives exist. The range budget takes part (METHOD.md 2.8): an agent is sent only where
-it can arrive, because one that turns home half-way leaves its target without anybody.
+not (METHOD.md 2.3), so both objectives exist; what a pair costs around the threats is for groundstation/ways.py to say.
+The range budget takes part (METHOD.md 2.8): an agent is sent only where it can arrive, because one that turns home
+half-way leaves its target without anybody.
+
+Assigning anew every period must not send agents back and forth. So the present pairs count `switching_share` less than
+they cost: agents change only where those that change save more than that share of what they cost together. Positions
+that are wrong by e each move the difference of two assignments by at most 2 e per agent that changes. While 2 e is less
+than the share of the mean cost of those that change, every change lowers the cost at the true positions, so none
+recurs.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -16,6 +24,10 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 Objective = Literal["distance", "inverse-distance"]
 OBJECTIVES: tuple[Objective, ...] = ("distance", "inverse-distance")
+"""Those that go by the straight distance; `route` and `latest` are in groundstation/ways.py."""
+SWITCHING_SHARE = 0.02
+"""Of `route` and `latest` unless the mission says otherwise: twice the 1 % that a flown way is longer than the shortest
+(METHOD.md section 3), so that flying less than perfectly is no reason to change."""
 CLOSEST_M = 1.0
 """Distances below this count as this, so that 1/D stays finite."""
 
@@ -25,6 +37,8 @@ def assign(
     targets_ned_m: np.ndarray,  # (K, 2) m
     objective: Objective,
     reachable: np.ndarray | None = None,  # (N, K) bool, None: everything
+    present: np.ndarray | None = None,  # (N,) index of each agent's present target, -1 for none
+    switching_share: float = 0.0,
 ) -> np.ndarray:  # (N,) index of each agent's target, -1 for none
     """Return each agent's target (paper: subsection "The target assignment for the agents").
 
@@ -38,20 +52,55 @@ def assign(
     number_of_agents, number_of_targets = len(agents_ned_m), len(targets_ned_m)
     _require_shape("agents_ned_m", agents_ned_m, (number_of_agents, 2))
     _require_shape("targets_ned_m", targets_ned_m, (number_of_targets, 2))
-    if reachable is not None:
-        _require_shape("reachable", reachable, (number_of_agents, number_of_targets))
-    chosen = np.full(number_of_agents, -1)
-    if number_of_agents == 0 or number_of_targets == 0:
-        return chosen
-    copies = np.arange(max(number_of_agents, number_of_targets)) % number_of_targets  # (C,), the first K in order
-    distance_m = np.maximum(_distances(agents_ned_m, targets_ned_m[copies]), CLOSEST_M)  # (N, C)
+    distance_m = np.maximum(distances(agents_ned_m, targets_ned_m), CLOSEST_M)  # (N, K)
     cost = distance_m if objective == "distance" else -1.0 / distance_m
-    if reachable is None or np.all(reachable):
-        rows, columns = linear_sum_assignment(cost)
-    else:
-        rows, columns = _solve_restricted(cost, np.asarray(reachable, dtype=bool)[:, copies], number_of_targets)
-    chosen[rows] = copies[columns]
-    return chosen
+    return assign_least_total(cost, reachable, None, present, switching_share)
+
+
+def assign_least_total(
+    cost: np.ndarray,  # (N, K)
+    reachable: np.ndarray | None = None,  # (N, K) bool, None: everything
+    blocked: np.ndarray | None = None,  # (N, K) bool, None: nothing
+    present: np.ndarray | None = None,  # (N,) index of each agent's present target, -1 for none
+    switching_share: float = 0.0,
+) -> np.ndarray:  # (N,) index of each agent's target, -1 for none
+    """Return the assignment of least total cost among those that `assign` allows.
+
+    A pair that is `blocked` is one where the agent would not arrive: before the cost decides, as few as possible of
+    them are used.
+
+    Raises ValueError if shapes do not agree, or the share is not in [0, 1).
+    """
+    cost, reachable, blocked = _tables(cost, reachable, blocked)
+    worth = _blocked_last(_present_cheaper(cost, reachable, present, switching_share), blocked)
+    return _solve(worth, reachable)
+
+
+def assign_least_latest(
+    arrival_s: np.ndarray,  # (N, K) s
+    reachable: np.ndarray | None = None,  # (N, K) bool, None: everything
+    blocked: np.ndarray | None = None,  # (N, K) bool, None: nothing
+    present: np.ndarray | None = None,  # (N,) index of each agent's present target, -1 for none
+    switching_share: float = 0.0,
+) -> np.ndarray:  # (N,) index of each agent's target, -1 for none
+    """Return the assignment whose latest arrival is least, and then its total time.
+
+    The rest is as in `assign_least_total`; those that are blocked never arrive and set no latest time. The present
+    assignment's latest arrival stands unless it can fall by more than the share.
+
+    Raises ValueError if shapes do not agree, or the share is not in [0, 1).
+    """
+    arrival_s, reachable, blocked = _tables(arrival_s, reachable, blocked)
+    worth = _present_cheaper(arrival_s, reachable, present, switching_share)
+    worth = _blocked_last(worth, blocked)
+    latest_s = _least_latest(arrival_s, reachable, blocked, worth)
+    if present is not None:
+        pair = _present_pairs(reachable & ~blocked, present)
+        present_s = float(np.max(arrival_s[pair], initial=-math.inf))
+        if latest_s <= present_s and (1.0 - switching_share) * present_s <= latest_s:
+            latest_s = present_s
+    in_time = reachable & (blocked | (arrival_s <= latest_s))
+    return _solve(worth, in_time)
 
 
 def within_range(
@@ -60,10 +109,11 @@ def within_range(
     left_m: np.ndarray,  # (N,) m, range budget less distance flown, may be infinite
     home_ned_m: np.ndarray | None,  # (N, 2) m
     reserve: float,
+    there_m: np.ndarray | None = None,  # (N, K) m, None: the straight distances
 ) -> np.ndarray:  # (N, K) bool
     """Return which agent can go to which target on what is left of its range (METHOD.md 2.8).
 
-    The straight way there must be in it. With homes (range policy `return`) the way home must be too, times `reserve`,
+    The way there must be in it. With homes (range policy `return`) the way home must be too, times `reserve`,
     from the target and from here: otherwise the companion turns home before it arrives. Once home is out of reach it
     flies on, so then the way there is enough.
 
@@ -73,15 +123,129 @@ def within_range(
     _require_shape("agents_ned_m", agents_ned_m, (number_of_agents, 2))
     _require_shape("targets_ned_m", targets_ned_m, (len(targets_ned_m), 2))
     _require_shape("left_m", left_m, (number_of_agents,))
-    there_m = _distances(agents_ned_m, targets_ned_m)  # (N, K)
+    if there_m is None:
+        there_m = distances(agents_ned_m, targets_ned_m)  # (N, K)
+    _require_shape("there_m", there_m, (number_of_agents, len(targets_ned_m)))
     within: np.ndarray = there_m <= left_m[:, np.newaxis]
     if home_ned_m is not None:
         _require_shape("home_ned_m", home_ned_m, (number_of_agents, 2))
         home_m = np.hypot(*(agents_ned_m - home_ned_m).T)  # (N,)
-        back_m = reserve * _distances(home_ned_m, targets_ned_m)
+        back_m = reserve * distances(home_ned_m, targets_ned_m)
         returns = (there_m + back_m <= left_m[:, np.newaxis]) & (reserve * home_m <= left_m)[:, np.newaxis]
         within &= returns | (home_m > left_m)[:, np.newaxis]
     return within
+
+
+def _tables(
+    cost: np.ndarray,  # (N, K)
+    reachable: np.ndarray | None,  # (N, K) bool
+    blocked: np.ndarray | None,  # (N, K) bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # (N, K) each
+    """Return the tables in full, nothing out of reach or blocked unless it is said to be."""
+    shape = np.shape(cost)
+    if len(shape) != 2:
+        raise ValueError(f"cost has shape {shape}, not (N, K)")
+    reachable = np.ones(shape, dtype=bool) if reachable is None else reachable
+    blocked = np.zeros(shape, dtype=bool) if blocked is None else blocked
+    _require_shape("reachable", reachable, shape)
+    _require_shape("blocked", blocked, shape)
+    return cost, np.asarray(reachable, dtype=bool), np.asarray(blocked, dtype=bool)
+
+
+def _present_pairs(
+    possible: np.ndarray,  # (N, K) bool
+    present: np.ndarray,  # (N,) index, -1 for none
+) -> tuple[np.ndarray, np.ndarray]:  # rows and columns of the present pairs that are possible
+    _require_shape("present", present, (len(possible),))
+    rows = np.flatnonzero(present >= 0)
+    rows = rows[possible[rows, present[rows]]]
+    return rows, present[rows]
+
+
+def _present_cheaper(
+    cost: np.ndarray,  # (N, K)
+    reachable: np.ndarray,  # (N, K) bool
+    present: np.ndarray | None,  # (N,) index, -1 for none
+    share: float,
+) -> np.ndarray:  # (N, K)
+    """Return the costs with the present pairs cheaper by a share of their size, however cost is signed.
+
+    This is a cost of every other pair, and of none, for who has a target: a gain of what is kept orders assignments
+    as a price of what is not.
+    """
+    if not 0.0 <= share < 1.0:
+        raise ValueError(f"switching_share is {share}; allowed: 0 to less than 1")
+    if present is None:
+        return cost
+    pair = _present_pairs(reachable, present)
+    cheaper = np.array(cost, dtype=float)
+    cheaper[pair] -= share * np.abs(cheaper[pair])
+    return cheaper
+
+
+def _blocked_last(cost: np.ndarray, blocked: np.ndarray) -> np.ndarray:  # (N, K) each
+    """Return the costs with each blocked pair dearer than anything that could be saved elsewhere for it."""
+    if not blocked.any():
+        return cost
+    dearer: np.ndarray = cost + blocked * (1.0 + len(cost) * (np.max(cost) - np.min(cost)))
+    return dearer
+
+
+def _least_latest(
+    arrival_s: np.ndarray,  # (N, K) s
+    reachable: np.ndarray,  # (N, K) bool
+    blocked: np.ndarray,  # (N, K) bool
+    worth: np.ndarray,  # (N, K), blocked pairs last
+) -> float:
+    """Return the least latest arrival of an assignment that is as good as any in who gets a target.
+
+    Found by bisection over the times that occur: with more time allowed an assignment can only become possible.
+    """
+    best = _best_rank(reachable, blocked, worth)
+    levels_s = np.unique(arrival_s[reachable & ~blocked])
+    low, high = 0, len(levels_s) - 1
+    while low < high:
+        middle = (low + high) // 2
+        if _best_rank(reachable & (blocked | (arrival_s <= levels_s[middle])), blocked, worth) == best:
+            high = middle
+        else:
+            low = middle + 1
+    return float(levels_s[low]) if len(levels_s) else -math.inf
+
+
+def _best_rank(
+    reachable: np.ndarray,  # (N, K) bool
+    blocked: np.ndarray,  # (N, K) bool
+    worth: np.ndarray,  # (N, K), blocked pairs last
+) -> tuple[int, int, int]:
+    """Return how many targets can have an agent, how many agents a target, and how few of these are blocked then."""
+    if not reachable.any():
+        return 0, 0, 0
+    if (blocked & reachable).any():
+        chosen = _solve(worth, reachable)
+        sent = np.flatnonzero(chosen >= 0)
+        return len(np.unique(chosen[sent])), len(sent), int(np.count_nonzero(blocked[sent, chosen[sent]]))
+    number_of_agents, number_of_targets = reachable.shape
+    return _matching_size(reachable), _matching_size(reachable[:, _copies(number_of_agents, number_of_targets)]), 0
+
+
+def _solve(cost: np.ndarray, reachable: np.ndarray) -> np.ndarray:
+    """Return each agent's target (N,), -1 for none, from tables (N, K) of what pairs cost and which are possible."""
+    number_of_agents, number_of_targets = cost.shape
+    chosen = np.full(number_of_agents, -1)
+    if number_of_agents == 0 or number_of_targets == 0:
+        return chosen
+    copies = _copies(number_of_agents, number_of_targets)
+    if np.all(reachable):
+        rows, columns = linear_sum_assignment(cost[:, copies])
+    else:
+        rows, columns = _solve_restricted(cost[:, copies], reachable[:, copies], number_of_targets)
+    chosen[rows] = copies[columns]
+    return chosen
+
+
+def _copies(number_of_agents: int, number_of_targets: int) -> np.ndarray:  # (C,) target of each, the first K in order
+    return np.arange(max(number_of_agents, number_of_targets)) % number_of_targets
 
 
 def _solve_restricted(
@@ -122,7 +286,7 @@ def _matching_size(allowed: np.ndarray) -> int:
     return int(np.count_nonzero(partner >= 0))
 
 
-def _distances(from_ned_m: np.ndarray, to_ned_m: np.ndarray) -> np.ndarray:
+def distances(from_ned_m: np.ndarray, to_ned_m: np.ndarray) -> np.ndarray:
     """Return the distances between each of A points (A, 2) and each of B points (B, 2), (A, B), m."""
     offset_m = from_ned_m[:, np.newaxis, :] - to_ned_m[np.newaxis, :, :]
     distance_m: np.ndarray = np.hypot(offset_m[..., 0], offset_m[..., 1])

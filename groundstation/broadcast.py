@@ -15,11 +15,14 @@ from typing import TypeVar
 from companion.mission import Mission, ThreatSpec
 from companion.wire import (
     AGENTS_PER_FRAME,
+    BANDS_PER_FRAME,
     ID_SPAN,
     TARGETS_PER_FRAME,
     THREATS_PER_FRAME,
     AgentEntry,
     AgentMotion,
+    BandEntry,
+    BandsFrame,
     Directive,
     Kind,
     MotionFrame,
@@ -31,7 +34,7 @@ from companion.wire import (
 )
 from groundstation.picture import GroundPicture, Track
 
-EntryT = TypeVar("EntryT", AgentEntry, TargetEntry, ThreatEntry, AgentMotion, PointMotion)
+EntryT = TypeVar("EntryT", AgentEntry, TargetEntry, ThreatEntry, AgentMotion, PointMotion, BandEntry)
 _UNTOLD: tuple[float | None, float | None] = (None, None)
 MOVING_M_S = 0.1
 """Below this speed a heading means nothing."""
@@ -61,7 +64,7 @@ def state_frames(
         AgentEntry(identity, *(place if mission.case == "I" else _UNTOLD), target_id=assignment.get(identity))
         for identity, place in here.items()
     ]
-    threats = [_grown(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
+    threats = [grown(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
     contents = []
     for group in _agent_groups(agents):
         wanted = sorted({agent.target_id for agent in group if agent.target_id is not None})
@@ -119,13 +122,27 @@ def motion_frames(picture: GroundPicture, mission: Mission, stamp: Stamp) -> lis
     ]
 
 
+def band_frames(mission: Mission, stamp: Stamp) -> list[BandsFrame]:
+    """Return the frames that go with a state broadcast and tell which heights threats reach, none if all reach all."""
+    entries = [
+        BandEntry(threat.id, threat.floor_m, threat.ceiling_m)
+        for threat in mission.threats
+        if threat.floor_m is not None or threat.ceiling_m is not None
+    ]
+    chunks = _chunks(entries, BANDS_PER_FRAME)
+    return [
+        BandsFrame(replace(stamp, frame_index=index, frame_count=len(chunks)), tuple(chunk))
+        for index, chunk in enumerate(chunks)
+    ]
+
+
 def _here(track: Track, now_s: float) -> tuple[float, float]:
     """Return where an agent must be by now, its track extrapolated: the vehicles themselves never say."""
     age_s = track.age_s(now_s)
     return track.north_m + track.velocity_north_m_s * age_s, track.east_m + track.velocity_east_m_s * age_s
 
 
-def _grown(threat: ThreatSpec, track: Track, now_s: float) -> ThreatEntry:
+def grown(threat: ThreatSpec, track: Track, now_s: float) -> ThreatEntry:
     """Return a threat where it was seen, its discs grown by what it may have moved since."""
     growth_m = threat.speed_bound_m_s * track.age_s(now_s)
     return ThreatEntry(

@@ -5,18 +5,33 @@ State and motion frames alternate: each kind goes out once per broadcast period,
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from companion.config import Law
 from companion.errors import InputError
 from companion.geodesy import LocalFrame, to_grid
-from companion.guidance import RANGE_RESERVE
-from companion.mission import Mission
-from companion.wire import DetectionsFrame, Directive, FrameReader, FrameWriter, Kind, ReportFrame, Stamp, WireError
-from groundstation.assignment import OBJECTIVES, assign, within_range
-from groundstation.broadcast import motion_frames, state_frames
-from groundstation.picture import GroundPicture
+from companion.guidance import RANGE_RESERVE, turn_rate_rad_s
+from companion.laws import SteeringOf
+from companion.mission import AgentSpec, Mission, agent_height_m
+from companion.wire import (
+    BandsFrame,
+    DetectionsFrame,
+    Directive,
+    FrameReader,
+    FrameWriter,
+    Kind,
+    ReportFrame,
+    Stamp,
+    StateFrame,
+    WireError,
+)
+from groundstation.assignment import SWITCHING_SHARE, assign, within_range
+from groundstation.broadcast import MOVING_M_S, band_frames, grown, motion_frames, state_frames
+from groundstation.picture import GroundPicture, Track
 from groundstation.reckoning import Reckoner
+from groundstation.ways import Scene, Ways, assign_by_ways
 
 _DUE_TOLERANCE_S = 1e-6
 MAX_EPOCH_S = 4.0e6
@@ -25,10 +40,6 @@ MAX_EPOCH_S = 4.0e6
 
 def check_runnable(mission: Mission, source: str) -> None:
     """Raise InputError if the mission asks for what the ground station cannot do; `source` names the file."""
-    if mission.objective not in OBJECTIVES:
-        raise InputError(
-            f"{source}: objective: '{mission.objective}' cannot be assigned; allowed: {', '.join(OBJECTIVES)}"
-        )
     wind_m_s = mission.wind.speed_m_s + mission.wind.gust_m_s
     slowest_m_s = min(agent.speed_m_s for agent in mission.agents)
     if wind_m_s >= slowest_m_s:
@@ -42,12 +53,18 @@ class GroundStation:
     """Runs one resolved mission from `start_s`; times are Unix seconds given by the caller."""
 
     def __init__(
-        self, mission: Mission, start_s: float, sensed: bool = True, law: Law = "seed", can_stop: bool = False
+        self,
+        mission: Mission,
+        start_s: float,
+        sensed: bool = True,
+        law: Law = "seed",
+        can_stop: bool = False,
+        steering: SteeringOf | None = None,
     ) -> None:
         """Begin a run, and with it an epoch.
 
         Without a sensor (`sensed` false) nobody is detected. `law` and `can_stop` say what the vehicles fly by and
-        whether they can stand still: in Case II they are reckoned by it.
+        whether they can stand still: in Case II they are reckoned by it, or by the law that `steering` makes.
 
         Raises:
             InputError: the mission asks for something the ground station cannot do.
@@ -56,11 +73,10 @@ class GroundStation:
         check_runnable(mission, mission.name)
         self.mission = mission
         self.directive = Directive.NORMAL
-        self._reckoner = Reckoner(mission, start_s, law, can_stop) if mission.case == "II" else None
+        self._reckoner = Reckoner(mission, start_s, law, can_stop, steering) if mission.case == "II" else None
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self.picture = GroundPicture(mission, start_s, _silent_after_s(mission, sensed))
-        self._homes_ned_m = {agent.id: agent.position_ned_m for agent in mission.agents}
-        self._ranges_m = {agent.id: agent.range_m for agent in mission.agents}
+        self._specs = {agent.id: agent for agent in mission.agents}
         self.assignment: dict[int, int] = {}
         self.uncovered: tuple[int, ...] = ()
         """Targets that no agent is left for, or none that can arrive there."""
@@ -71,7 +87,7 @@ class GroundStation:
         self._next_assignment_s = start_s
         self._next_state_s = start_s
         self._next_motion_s = start_s + mission.broadcast_period_s / 2.0
-        self._assign()
+        self._assign(start_s)
         try:
             self._state_datagrams(start_s)
         except WireError as error:
@@ -109,7 +125,7 @@ class GroundStation:
                 self.picture.place(identity, self._reckoner.estimate(identity, now_s), now_s)
         changed = self.picture.update(now_s, self.assignment)
         if changed or now_s >= self._next_assignment_s - _DUE_TOLERANCE_S:
-            self._assign()
+            self._assign(now_s)
             self._next_assignment_s = _after(self._next_assignment_s, self.mission.assignment_period_s, now_s)
         datagrams: list[bytes] = []
         if now_s >= self._next_state_s - _DUE_TOLERANCE_S:
@@ -126,35 +142,86 @@ class GroundStation:
         return datagrams
 
     def _state_datagrams(self, now_s: float) -> list[bytes]:
-        frames = state_frames(self.picture, self.mission, self.assignment, self.directive, self._stamp(now_s))
+        stamp = self._stamp(now_s)
+        frames: list[StateFrame | BandsFrame] = []
+        frames += state_frames(self.picture, self.mission, self.assignment, self.directive, stamp)
+        frames += band_frames(self.mission, stamp)
         return [self._writer.encode(frame) for frame in frames]
 
-    def _assign(self) -> None:
-        agents, targets = self.picture.active_agents, self.picture.open_targets
+    def _assign(self, now_s: float) -> None:
+        mission, picture = self.mission, self.picture
+        agents, targets = picture.active_agents, picture.open_targets
         agents_ned_m, targets_ned_m = self._positions(Kind.AGENT, agents), self._positions(Kind.TARGET, targets)
-        left_m = np.array([self._ranges_m[identity] - self.picture.flown_m[identity] for identity in agents])
-        homes_ned_m = np.array([self._homes_ned_m[identity] for identity in agents]).reshape(-1, 2)
-        chosen = assign(
-            agents_ned_m,
-            targets_ned_m,
-            "inverse-distance" if self.mission.objective == "inverse-distance" else "distance",
-            within_range(
-                agents_ned_m,
-                targets_ned_m,
-                left_m,
-                homes_ned_m if self.mission.range_policy == "return" else None,
-                RANGE_RESERVE,
-            ),
-        )
+        left_m = np.array([self._specs[identity].range_m - picture.flown_m[identity] for identity in agents])
+        homes_ned_m = np.array([self._specs[identity].position_ned_m for identity in agents]).reshape(-1, 2)
+
+        kept_for = [self._specs[agent].only_target for agent in agents]
+        allowed = np.array([[only in (None, target) for target in targets] for only in kept_for], dtype=bool)
+        allowed = allowed.reshape(len(agents), len(targets))
+
+        def in_range(there_m: np.ndarray | None = None) -> np.ndarray:  # (N, K) m -> (N, K) bool
+            homes = homes_ned_m if mission.range_policy == "return" else None
+            within: np.ndarray = allowed & within_range(
+                agents_ned_m, targets_ned_m, left_m, homes, RANGE_RESERVE, there_m
+            )
+            return within
+
+        places = {target: index for index, target in enumerate(targets)}
+        present = np.array([places.get(self.assignment.get(agent, 0), -1) for agent in agents], dtype=int)
+        share = mission.switching_share
+        if mission.objective == "distance" or mission.objective == "inverse-distance":
+            chosen = assign(agents_ned_m, targets_ned_m, mission.objective, in_range(), present, share or 0.0)
+        else:
+            chosen = assign_by_ways(
+                Ways(self._scene(agents, agents_ned_m, targets_ned_m, now_s)),
+                np.array([self._specs[agent].speed_m_s for agent in agents]),
+                mission.objective,
+                in_range,
+                present,
+                SWITCHING_SHARE if share is None else share,
+            )
         self.assignment = {agent: targets[index] for agent, index in zip(agents, chosen, strict=True) if index >= 0}
         covered = set(self.assignment.values())
         self.uncovered = tuple(target for target in targets if target not in covered)
+
+    def _scene(
+        self,
+        agents: list[int],
+        agents_ned_m: np.ndarray,  # (N, 2) m
+        targets_ned_m: np.ndarray,  # (K, 2) m
+        now_s: float,
+    ) -> Scene:
+        """Return what lies between agents and targets: the discs as the vehicles are told of them."""
+        mission = self.mission
+        discs = [grown(threat, self.picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
+        floors_m = np.array([-np.inf if threat.floor_m is None else threat.floor_m for threat in mission.threats])
+        ceilings_m = np.array([np.inf if threat.ceiling_m is None else threat.ceiling_m for threat in mission.threats])
+        levels_m = np.array([mission.origin.alt_m + agent_height_m(mission, agent) for agent in agents])[:, np.newaxis]
+        return Scene(
+            agents_ned_m=agents_ned_m,
+            headings_rad=np.array([_heading_rad(self.picture.tracks[Kind.AGENT, agent]) for agent in agents]),
+            turn_radii_m=np.array([_turn_radius_m(self._specs[agent]) for agent in agents]),
+            targets_ned_m=targets_ned_m,
+            centres_ned_m=np.array([(disc.north_m, disc.east_m) for disc in discs]).reshape(-1, 2),
+            radii_m=np.array([disc.detection_radius_m for disc in discs]),
+            in_the_way=(floors_m <= levels_m) & (levels_m <= ceilings_m),
+        )
 
     def _positions(self, kind: Kind, ids: list[int]) -> np.ndarray:  # (len(ids), 2) m
         return np.array([self.picture.tracks[kind, identity].position_ned_m for identity in ids]).reshape(-1, 2)
 
     def _stamp(self, now_s: float) -> Stamp:
         return Stamp(self._epoch_s, round((now_s - self._epoch_s) * 1000.0), self._sequence)
+
+
+def _heading_rad(track: Track) -> float:
+    """Return where an agent flies, nan if it hardly does or nobody has seen it move yet."""
+    speed_m_s = math.hypot(track.velocity_north_m_s, track.velocity_east_m_s)
+    return math.atan2(track.velocity_east_m_s, track.velocity_north_m_s) if speed_m_s >= MOVING_M_S else math.nan
+
+
+def _turn_radius_m(agent: AgentSpec) -> float:
+    return agent.speed_m_s / turn_rate_rad_s(agent.speed_m_s, agent.n_max)
 
 
 def _silent_after_s(mission: Mission, sensed: bool) -> float | None:

@@ -51,6 +51,7 @@ class GroundPicture:
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self._silent_after_s = silent_after_s
         self._speed_m_s = {agent.id: agent.speed_m_s for agent in mission.agents}
+        self._only_target = {agent.id: agent.only_target for agent in mission.agents}
         self._near: dict[int, tuple[int, float]] = {}
         """Agent to the target that it is believed to be near, and since when."""
         self.tracks: dict[tuple[Kind, int], Track] = {}
@@ -135,6 +136,8 @@ class GroundPicture:
             target = self.tracks[Kind.TARGET, target_id]
             for agent_id in self.active_agents:
                 agent = self.tracks[Kind.AGENT, agent_id]
+                if self._only_target[agent_id] not in (None, target_id):
+                    continue
                 near = math.dist(agent.position_ned_m, target.position_ned_m) <= self._mission.arrival_radius_m
                 if self._has_arrived(agent_id, target_id, near, assignment.get(agent_id) == target_id, now_s):
                     self.arrived.add(agent_id)

@@ -21,6 +21,7 @@ from companion.geodesy import LocalFrame
 from companion.guard import Setpoint
 from companion.guidance import turn_rate_rad_s
 from companion.kinematics import turn_towards
+from companion.laws import SteeringOf
 from companion.mission import AgentSpec, Mission
 
 DRIFT_SHARE = 0.01
@@ -45,8 +46,13 @@ class Estimate:
 class Reckoner:
     """Reckons all agents of one mission; times are Unix seconds given by the caller."""
 
-    def __init__(self, mission: Mission, now_s: float, law: Law, can_stop: bool) -> None:
-        """Begin with the agents where the mission says; `can_stop` is the kind of vehicle that they are."""
+    def __init__(
+        self, mission: Mission, now_s: float, law: Law, can_stop: bool, steering: SteeringOf | None = None
+    ) -> None:
+        """Begin with the agents where the mission says; `can_stop` is the kind of vehicle that they are.
+
+        `steering` makes the law that they fly by, where it is not one of the companion's own.
+        """
         self._delay_s = mission.link.delay_s
         self._step_s = mission.guidance_step_s
         self._detector_range_m = mission.detector_range_m
@@ -55,7 +61,9 @@ class Reckoner:
         self._steps = 0
         self._decided = False
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
-        self._agents = {spec.id: _Reckoned(mission, spec, self._frame, now_s, law, can_stop) for spec in mission.agents}
+        self._agents = {
+            spec.id: _Reckoned(mission, spec, self._frame, now_s, law, can_stop, steering) for spec in mission.agents
+        }
         self._under_way: list[tuple[float, int, bytes]] = []
         self._heard = 0
 
@@ -124,11 +132,19 @@ class _Reckoned:
     """One agent as it must be by now; it is to its companion what an autopilot would be."""
 
     def __init__(
-        self, mission: Mission, spec: AgentSpec, frame: LocalFrame, now_s: float, law: Law, can_stop: bool
+        self,
+        mission: Mission,
+        spec: AgentSpec,
+        frame: LocalFrame,
+        now_s: float,
+        law: Law,
+        can_stop: bool,
+        steering: SteeringOf | None,
     ) -> None:
+        config = config_for_agent(mission, spec.id, law)
         self.spec = spec
         self.can_stop = can_stop
-        self.companion = Companion(config_for_agent(mission, spec.id, law), self)
+        self.companion = Companion(config, self, None if steering is None else steering(config))
         self.neighbours: list[Neighbour] = []
         self.north_m, self.east_m = spec.position_ned_m
         self.heading_rad = math.radians(spec.heading_deg or 0.0)
@@ -137,6 +153,7 @@ class _Reckoned:
         self.fix_error_m = FIX_ERROR_M
         self._frame = frame
         self._home_deg = frame.to_global(self.north_m, self.east_m)
+        self._altitude_m = mission.origin.alt_m + config.height_m
         self._wanted_rad = self.heading_rad
         self.telemetry = Telemetry()
 
@@ -170,7 +187,7 @@ class _Reckoned:
         lat_deg, lon_deg, convergence_rad = self._frame.to_global_with_convergence(self.north_m, self.east_m)
         course_rad = self.heading_rad + convergence_rad
         velocity_m_s = (self.speed_m_s * math.cos(course_rad), self.speed_m_s * math.sin(course_rad))
-        return Neighbour(self.spec.id, lat_deg, lon_deg, *velocity_m_s, now_s)
+        return Neighbour(self.spec.id, lat_deg, lon_deg, *velocity_m_s, now_s, self._altitude_m)
 
     def decide(self, now_s: float) -> None:
         here = self.as_neighbour(now_s)
@@ -182,6 +199,7 @@ class _Reckoned:
             lat_deg=here.lat_deg,
             lon_deg=here.lon_deg,
             height_m=self.companion.config.height_m,
+            altitude_m=self._altitude_m,
             velocity_north_m_s=here.velocity_north_m_s,
             velocity_east_m_s=here.velocity_east_m_s,
             yaw_rad=None,

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 
 import click
 
+from companion.config import DEFAULT_LAW
 from companion.mission import Mission
 from companion.process import SteadyClock, wait
 from companion.transport import Link, open_receiver, open_sender
@@ -31,7 +32,7 @@ async def run_groundstation(
     """
     clock = SteadyClock()
     # The epoch is this run's whole second, and what is broadcast counts from it.
-    station = GroundStation(mission, clock.now_s(), sensed=sensor is not None, can_stop=can_stop)
+    station = GroundStation(mission, clock.now_s(), sensed=sensor is not None, law=DEFAULT_LAW, can_stop=can_stop)
     with ExitStack() as stack:
         sender = await open_sender(link)
         stack.callback(sender.close)

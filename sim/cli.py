@@ -18,11 +18,18 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 
 from companion.adapters import ADAPTERS
-from companion.config import LAWS, Law
+from companion.config import DEFAULT_LAW, LAWS, Law
 from companion.doubts import doubts
 from companion.drawing import resolve
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, run_program, tell
 from companion.mission import Mission, dump_mission, load_mission
+from sim.arena.families import FAMILIES
+from sim.arena.peers import PEERS
+from sim.arena.plots import draw_plots
+from sim.arena.report import JSON_NAME as ARENA_JSON_NAME
+from sim.arena.report import MARKDOWN_NAME as ARENA_MARKDOWN_NAME
+from sim.arena.report import broken_promise, failures, summaries, write_arena, write_worst
+from sim.arena.run import OWN_LAWS, Run, fly_all, jobs_of
 from sim.lockstep import WHY_NOT_MONOLITHIC, Flight, check_flyable, fly
 from sim.plots import clearance_png, plot_paths
 from sim.report import write_report
@@ -60,7 +67,7 @@ cli.add_command(vehicle)
 @click.option(
     "--seed", type=click.IntRange(0, MAX_SEED), default=1, show_default=True, help="What is drawn, and moves."
 )
-@click.option("--law", default="seed", show_default=True, help=f"Guidance law: {', '.join(LAWS)}.")
+@click.option("--law", default=DEFAULT_LAW, show_default=True, help=f"Guidance law: {', '.join(LAWS)}.")
 @click.option("--autopilot", default="kinematic", show_default=True, help=f"Stand-in: {', '.join(ADAPTERS)}.")
 @click.option("--vehicles", type=click.IntRange(1, 2_000), help="Fly this many agents instead of the mission's number.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for trajectory, logs, pictures and report.")
@@ -146,7 +153,7 @@ def reproduce_command(out: Path, seeds: int, samples: int, epochs: int) -> int:
     settings = Settings(seeds=seeds, samples=samples, epochs=epochs)
     folder = _writable_folder(out)
     began_s = time.perf_counter()
-    with _job_progress() as progress:
+    with _job_progress("reproduce", "flights and trainings") as progress:
         results = run_all(settings, min(os.cpu_count() or 1, MAX_WORKERS), progress)
         figures = draw_all(results, folder)
     claims = all_claims(results)
@@ -156,6 +163,41 @@ def reproduce_command(out: Path, seeds: int, samples: int, epochs: int) -> int:
     if apart:
         click.echo(f"sim: the wire disagrees with the pure core: seeds {', '.join(map(str, apart))}", err=True)
     return EXIT_FAILED if apart else EXIT_DONE
+
+
+@cli.command("arena")
+@click.option("--runs", type=click.IntRange(1, 10_000), default=None, help="Missions a family; default: a full arena.")
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True, help="Draws the missions.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("arena"),
+    show_default=True,
+    help="Folder for arena.md, arena.json, the plots and the worst runs.",
+)
+@click.option("--family", "families", multiple=True, help="Only this family; may be given several times.")
+@click.option("--law", "laws", multiple=True, help="Only this law or method; may be given several times.")
+def arena_command(runs: int | None, seed: int, out: Path, families: tuple[str, ...], laws: tuple[str, ...]) -> int:
+    """Fly our laws and published methods side by side over families of scenes (needs the extra `arena`).
+
+    Exit status 0 if `routed` kept its promises in every family: no entry from a certified start, no breach of
+    separation. 1 if it did not, 2 for unusable input or a folder that cannot be written.
+
+    Example: sim arena --runs 20 --seed 1 --out runs/arena
+    """
+    chosen_families = _chosen("--family", families, tuple(FAMILIES))
+    chosen_laws = _chosen("--law", laws, (*OWN_LAWS, *PEERS))
+    folder = _writable_folder(out)
+    began_s = time.perf_counter()
+    with _job_progress("arena", "missions") as progress:
+        flown = fly_all(
+            jobs_of(seed, runs, chosen_families, chosen_laws), min(os.cpu_count() or 1, MAX_WORKERS), progress
+        )
+    figures = draw_plots(folder, summaries(flown), flown)
+    saved = write_worst(folder, flown, seed)
+    write_arena(folder, flown, seed, time.perf_counter() - began_s, saved, figures)
+    tell(_arena_table(flown, folder))
+    return EXIT_FAILED if any(run.law == "routed" and broken_promise(run) for run in flown) else EXIT_DONE
 
 
 def result_of(scored: Score, flight: Flight, seed: int, law: Law) -> dict[str, Any]:
@@ -230,18 +272,54 @@ def _progress(targets: int) -> Iterator[Callable[[float, int], None]]:
 
 
 @contextmanager
-def _job_progress() -> Iterator[Callable[[int, int], None]]:
+def _job_progress(title: str, jobs: str) -> Iterator[Callable[[int, int], None]]:
     """Show jobs done on a terminal; nothing in a pipe."""
     console = Console(stderr=True)
     columns = (
         SpinnerColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f} flights and trainings"),
+        TextColumn(f"{{task.completed:.0f}}/{{task.total:.0f}} {jobs}"),
         BarColumn(),
         TimeElapsedColumn(),
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("reproduce", total=1)
+        task = bar.add_task(title, total=1)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _chosen(option: str, given: Sequence[str], allowed: Sequence[str]) -> list[str]:
+    """Return what was asked for in the order of what is allowed; everything if nothing was."""
+    for name in given:
+        if name not in allowed:
+            raise InputError(f"{option}: '{name}'{nearest_hint(name, allowed)}; allowed: {', '.join(allowed)}")
+    return [name for name in allowed if not given or name in given]
+
+
+def _arena_table(runs: Sequence[Run], folder: Path) -> str:
+    table = Table()
+    for column in ("family", "law", "feasible", "arrivals", "entries", "breaches", "path ratio", "decision us"):
+        table.add_column(column)
+    found = summaries(runs)
+    for place, summary in enumerate(found):
+        table.add_row(
+            summary.family,
+            summary.law,
+            f"{summary.feasible} of {summary.flights}",
+            f"{100.0 * summary.arrivals.value:.1f} %",
+            str(summary.entries),
+            str(summary.breaches),
+            f"{summary.ratio_median.value:.4f}",
+            f"{summary.decision_median_us:.0f}",
+            end_section=place + 1 == len(found) or found[place + 1].family != summary.family,
+        )
+    width = None if sys.stdout.isatty() else PIPE_COLUMNS
+    console = Console(soft_wrap=True, highlight=False, markup=False, width=width)
+    with console.capture() as capture:
+        console.print("Arrivals of feasible missions, entries from certified starts; kinematic simulator")
+        console.print(table, end="")
+        for run, why in failures(runs):
+            console.print(f"\n{run.family} {run.index}: {why}", end="")
+        console.print(f"\nwritten to {folder}: {ARENA_MARKDOWN_NAME}, {ARENA_JSON_NAME}, plots, worst/*.yaml")
+    return capture.get().rstrip("\n")
 
 
 def _claims_table(claims: Sequence[Claim], settings: Settings, folder: Path) -> str:

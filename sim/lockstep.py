@@ -187,6 +187,8 @@ def fly(
 
     """
     check_flyable(mission, allow_monolithic=allow_monolithic)
+    if mission.surrogate == "monolithic" and law != "seed":
+        raise InputError(f"--law: '{law}' has no use for surrogate 'monolithic'; allowed: seed")
     with ExitStack() as stack:
 
         def log(name: str) -> TlogWriter | None:
@@ -267,7 +269,7 @@ class _Flying:
             tamper,
         )
         detector = None
-        if self._mission.case == "II":
+        if self._mission.case == "II" or law == "routed":
             detector = Detector(spec.id, system_id, self._frame, self._mission.detector_range_m)
         return _Aircraft(spec, Companion(config, ADAPTERS[autopilot]()), vehicle, detector, link, log)
 
@@ -282,9 +284,10 @@ class _Flying:
         began_s = time.perf_counter()
         for tick in range(last_tick + 1):
             t_s = tick * step_s
-            self._world.advance(t_s)
+            self._world.advance(t_s, self._alive_ned_m())
+            wind_m_s = self._wind.at(t_s)
             for aircraft in self._fleet:
-                aircraft.vehicle.wind_m_s = self._wind.at(t_s)
+                aircraft.vehicle.wind_m_s = wind_m_s
             self._lose(t_s)
             agents, over = self._record(t_s)
             if progress is not None and tick % 100 == 0:
@@ -324,6 +327,9 @@ class _Flying:
             companions={aircraft.spec.id: aircraft.companion for aircraft in self._fleet},
         )
 
+    def _alive_ned_m(self) -> np.ndarray:  # (A, 2) m
+        return np.array([aircraft.row()[:2] for aircraft in self._fleet if aircraft.alive]).reshape(-1, 2)
+
     def _lose(self, t_s: float) -> None:
         for aircraft in self._fleet:
             if aircraft.alive and t_s >= self._losses_s.get(aircraft.spec.id, np.inf):
@@ -338,7 +344,9 @@ class _Flying:
         flying = [i for i, a in enumerate(self._fleet) if a.alive and i not in self._arrived]
         for target in list(self._open):
             apart_m = np.hypot(*(agents_ned_m[flying] - targets_ned_m[target]).T)
-            here = [flying[i] for i in np.flatnonzero(apart_m <= self._mission.arrival_radius_m)]
+            near = [flying[i] for i in np.flatnonzero(apart_m <= self._mission.arrival_radius_m)]
+            target_id = self._mission.targets[target].id
+            here = [i for i in near if self._fleet[i].spec.only_target in (None, target_id)]
             if here:
                 self._arrived.update(here)
                 flying = [i for i in flying if i not in self._arrived]

@@ -9,15 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from companion.mission import Mission, agent_height_m, in_the_way
 from sim.shortest_path import shortest_path_length
 from sim.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from companion.mission import Mission
 
 _CHUNK_CELLS = 400_000
 """Distances held at once: small enough for the processor's cache, large enough that numpy's calls cost nothing."""
@@ -123,7 +120,8 @@ def score(trajectory: Trajectory, mission: Mission) -> Score:
     * A lost agent counts for nothing from the first sample at or after its loss.
     * Samples are taken in order of time, and at each the targets not yet reached in file order: every agent alive that
       has not yet arrived and is within `arrival_radius_m` arrives there, and the target is reached and leaves. An agent
-      arrives once.
+      arrives once, and one that is kept for a target arrives only there.
+    * A threat counts for the agents whose height it reaches. Agents on different layers keep apart by their heights.
     * An entry is a step from outside to inside a threat's radius (distance less than it) between two samples; starting
       inside is none. Agents that have arrived still count. The worst depth is the deepest into any detection radius.
     * A path is the sum of straight segments between samples. The shortest path runs from the agent's first position to
@@ -137,9 +135,12 @@ def score(trajectory: Trajectory, mission: Mission) -> Score:
     """
     _check_ids(trajectory, mission)
     alive = _alive(trajectory, mission)
-    arrivals = _arrivals(trajectory, alive, mission.arrival_radius_m)
+    arrivals = _arrivals(trajectory, alive, mission)
     threats = _threats(trajectory, alive, mission)
-    separation_m, breaches = _separation(trajectory, alive, mission.separation_m)
+    heights_m = np.array([agent_height_m(mission, agent.id) for agent in mission.agents])
+    separation_m, breaches = _separation(
+        trajectory, alive, mission.separation_m, heights_m, 0.5 * mission.layer_spacing_m
+    )
     per_agent = _agents(trajectory, mission, alive, arrivals, threats)
     per_target = tuple(
         TargetScore(identity, float(trajectory.t_s[sample]), trajectory.agent_ids[agent])
@@ -206,13 +207,15 @@ def _distances_m(first_m: np.ndarray, second_m: np.ndarray) -> np.ndarray:
     return distance_m
 
 
-def _arrivals(trajectory: Trajectory, alive: np.ndarray, radius_m: float) -> _Arrivals:
+def _arrivals(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> _Arrivals:
     samples, agents = alive.shape
     targets = len(trajectory.target_ids)
+    open_to = [[agent.only_target in (None, target.id) for target in mission.targets] for agent in mission.agents]
+    allowed = np.array(open_to, dtype=bool).reshape(agents, targets)
     found = _Arrivals(np.full(agents, -1), np.full(agents, -1), np.full(targets, -1), np.full(targets, -1))
     for begin, end in _chunks(samples, agents * targets):
         distance_m = _distances_m(trajectory.agents_ned_m[begin:end], trajectory.targets_ned_m[begin:end])
-        near = (distance_m <= radius_m) & alive[begin:end, :, None]
+        near = (distance_m <= mission.arrival_radius_m) & alive[begin:end, :, None] & allowed
         while True:
             # Agents that arrived and targets that were reached leave; then the next sample with anyone near is next.
             near[:, found.sample >= 0] = False
@@ -234,6 +237,7 @@ def _threats(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> _Th
     samples, agents = alive.shape
     detection_m = np.array([threat.detection_radius_m for threat in mission.threats], dtype=float)
     attack_m = np.array([threat.attack_radius_m for threat in mission.threats], dtype=float)
+    reaches = np.array([[in_the_way(mission, a.id, threat) for threat in mission.threats] for a in mission.agents])
     entries_detection = np.zeros(agents, dtype=int)
     entries_attack = np.zeros(agents, dtype=int)
     clearance_m = np.full(samples, np.nan)
@@ -242,25 +246,31 @@ def _threats(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> _Th
     for begin, end in _chunks(samples, agents * len(detection_m)):
         before = max(begin - 1, 0)  # one sample more, for the step into the chunk
         distance_m = _distances_m(trajectory.agents_ned_m[before:end], trajectory.threats_ned_m[before:end])
-        counts = alive[before + 1 : end, :, None]
+        counts = alive[before + 1 : end, :, None] & reaches
         for entries, radius_m in ((entries_detection, detection_m), (entries_attack, attack_m)):
             inside = distance_m < radius_m
             entries += (inside[1:] & ~inside[:-1] & counts).sum(axis=(0, 2))
-        beyond_m = (distance_m[begin - before :] - detection_m).min(axis=-1)
+        beyond_m = np.where(reaches, distance_m[begin - before :] - detection_m, np.inf).min(axis=-1)
         beyond_m[~alive[begin:end]] = np.inf
         clearance_m[begin:end] = beyond_m.min(axis=-1)
-    clearance_m[np.isinf(clearance_m)] = np.nan
     worst_depth_m = 0.0 - float(np.nanmin(clearance_m, initial=0.0))
+    clearance_m[np.isinf(clearance_m)] = np.nan
     return _Threats(entries_detection, entries_attack, worst_depth_m, clearance_m)
 
 
-def _separation(trajectory: Trajectory, alive: np.ndarray, limit_m: float) -> tuple[np.ndarray, int]:
+def _separation(
+    trajectory: Trajectory, alive: np.ndarray, limit_m: float, heights_m: np.ndarray, vertical_m: float
+) -> tuple[np.ndarray, int]:
     """Return (S,) m, the closest approach of any two agents alive over the segment ending at each sample, and breaches.
+
+    Agents whose heights (N,) differ by `vertical_m` or more keep apart by that; 0 means that no height does.
 
     The first sample, at which no segment ends, has the distance there. NaN where fewer than two agents are alive.
     """
     samples, agents = alive.shape
     first, second = np.triu_indices(agents, k=1)
+    level = np.abs(heights_m[first] - heights_m[second]) < vertical_m if vertical_m > 0.0 else first >= 0
+    first, second = first[level], second[level]
     separation_m = np.full(samples, np.inf)
     if len(first) == 0:
         return np.full(samples, np.nan), 0
@@ -296,11 +306,11 @@ def _agents(
     step_m = np.diff(trajectory.agents_ned_m, axis=0)
     flown_m = np.zeros(alive.shape)
     flown_m[1:] = np.cumsum(np.hypot(step_m[..., 0], step_m[..., 1]) * alive[1:], axis=0)
-    static = np.array([threat.motion == "static" for threat in mission.threats], dtype=bool)
-    centres_m = trajectory.threats_ned_m[0, static]
-    radii_m = np.array([threat.detection_radius_m for threat in mission.threats], dtype=float)[static]
+    radii_m = np.array([threat.detection_radius_m for threat in mission.threats], dtype=float)
     scores = []
     for agent, identity in enumerate(trajectory.agent_ids):
+        fixed = [threat.motion == "static" and in_the_way(mission, identity, threat) for threat in mission.threats]
+        around = np.array(fixed, dtype=bool)
         samples_alive = int(alive[:, agent].sum())
         arrived = int(arrivals.sample[agent])
         end = arrived if arrived >= 0 else max(samples_alive - 1, 0)
@@ -314,7 +324,7 @@ def _agents(
                 lost_t_s=float(trajectory.t_s[samples_alive]) if samples_alive < len(alive) else None,
                 path_length_m=float(flown_m[-1, agent]),
                 path_to_end_m=float(flown_m[end, agent]),
-                shortest_path_m=_shortest_m(start_m, end_m, centres_m, radii_m),
+                shortest_path_m=_shortest_m(start_m, end_m, trajectory.threats_ned_m[0, around], radii_m[around]),
                 threat_entries_detection=int(threats.entries_detection[agent]),
                 threat_entries_attack=int(threats.entries_attack[agent]),
             )

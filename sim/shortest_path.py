@@ -3,6 +3,9 @@
 A shortest path around discs is made of straight segments that touch discs and of arcs along them. So the tangent points
 are the nodes of a graph whose edges are the free tangent segments and the free arcs, and Dijkstra's method on it is
 exact. Start and goal are discs of radius zero, which makes their tangents a case of the tangents between discs.
+
+A vehicle that cannot turn on the spot leaves along one of its two turning circles, so its shortest way starts from
+these circles instead, and every disc is passed at its turn radius or more (METHOD.md section 3, routed attraction).
 """
 
 from __future__ import annotations
@@ -19,6 +22,23 @@ TOLERANCE = 1e-9
 
 _START = 0
 _GOAL = 1
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A piece of a way at constant curvature; a positive turn is to the right."""
+
+    length_m: float
+    turn_rad: float
+
+
+@dataclass(frozen=True)
+class _Circles:
+    """Circles with a direction of travel, one row each; the first two are those at the start, right and left."""
+
+    centre_m: np.ndarray  # (C, 2) m
+    radius_m: np.ndarray  # (C,) m
+    side: np.ndarray  # (C,) 1 where they are travelled turning right, -1 left
 
 
 @dataclass(frozen=True)
@@ -162,3 +182,156 @@ def _distance(nodes: int, begin: np.ndarray, end: np.ndarray, weight_m: np.ndarr
     # Edges of length zero (a start on a disc's edge) are stored in it and count.
     edges = coo_array((weight_m[first], (low[first], high[first])), shape=(nodes, nodes)).tocsr()
     return float(dijkstra(edges, directed=False, indices=[_START])[0, _GOAL])
+
+
+def turning_path(
+    start_m: np.ndarray,
+    heading_rad: float,
+    turn_radius_m: float,
+    goal_m: np.ndarray,
+    goal_radius_m: float,
+    centres_m: np.ndarray,
+    radii_m: np.ndarray,
+) -> list[Piece] | None:
+    """Return a short way from a pose to within `goal_radius_m` of a goal (2,), turning no tighter than given.
+
+    Start (2,) and goal are in m, the heading in radians clockwise from the first axis; the way enters none of M discs,
+    centres (M, 2) and radii (M,) in m. It is the shortest of the ways that leave along a turning circle, then follow
+    straight lines and circles about discs, each of the disc's radius or the turn radius, whichever is greater, and end
+    on a straight line towards the goal. None where there is no such way; another kind of way may then exist, as it may
+    be shorter where discs are smaller than the turn radius.
+    """
+    start_m, goal_m = np.asarray(start_m, dtype=float), np.asarray(goal_m, dtype=float)
+    centres_m = np.asarray(centres_m, dtype=float).reshape(-1, 2)
+    radii_m = np.asarray(radii_m, dtype=float)
+    if np.linalg.norm(goal_m - start_m) <= goal_radius_m:
+        return []
+    size_m = float(np.abs(np.vstack((goal_m, centres_m)) - start_m).max(initial=0.0) + radii_m.max(initial=0.0))
+    tolerance_m = TOLERANCE * (size_m + turn_radius_m)
+    kept = _not_inside_another(centres_m, radii_m)
+    # About the start, so that large coordinates cost no digits.
+    centres_m, radii_m, goal_m = centres_m[kept] - start_m, radii_m[kept], goal_m - start_m
+    circles = _directed_circles(heading_rad, turn_radius_m, goal_m, centres_m, radii_m)
+    begin, end, course_rad, length_m = _directed_tangents(
+        circles, goal_m, goal_radius_m, centres_m, radii_m, tolerance_m
+    )
+
+    # A node is an end of a tangent on a circle; the goal and the two ways to leave the start come first.
+    tangents = len(begin)
+    circle = np.concatenate(([-1, 0, 1], begin, end))
+    angle_rad = course_rad - circles.side[begin] * math.pi / 2
+    end_angle_rad = course_rad - np.where(end >= 0, circles.side[end], 0.0) * math.pi / 2
+    away_rad = heading_rad - circles.side[:2] * math.pi / 2
+    angle_rad = np.concatenate(([0.0], away_rad, angle_rad, end_angle_rad))
+    ids = np.arange(tangents)
+    edges = [(3 + ids, np.where(end >= 0, 3 + tangents + ids, 0), length_m, np.zeros(tangents))]
+    for index in range(len(circles.side)):
+        on_circle = np.flatnonzero(circle == index)
+        if len(on_circle) > 1:
+            edges.append(
+                _directed_arcs(index, on_circle, angle_rad[on_circle], circles, centres_m, radii_m, tolerance_m)
+            )
+    return _pieces(3 + 2 * tangents, *(np.concatenate(column) for column in zip(*edges, strict=True)))
+
+
+def _directed_circles(
+    heading_rad: float, turn_radius_m: float, goal_m: np.ndarray, centres_m: np.ndarray, radii_m: np.ndarray
+) -> _Circles:
+    """Return the two turning circles of a start at (0, 0), then every disc's circle in both directions.
+
+    A disc smaller than the turn radius has a circle of that radius, unless that would hold the start or the goal.
+    """
+    to_right = np.array([-math.sin(heading_rad), math.cos(heading_rad)])
+    routed_m = np.maximum(radii_m, turn_radius_m)
+    nearest_m = np.minimum(np.linalg.norm(centres_m, axis=-1), np.linalg.norm(centres_m - goal_m, axis=-1))
+    usable = (routed_m <= nearest_m) | (radii_m >= turn_radius_m)
+    number = int(usable.sum())
+    return _Circles(
+        np.vstack((turn_radius_m * np.outer((1.0, -1.0), to_right), np.repeat(centres_m[usable], 2, axis=0))),
+        np.concatenate(((turn_radius_m, turn_radius_m), np.repeat(routed_m[usable], 2))),
+        np.tile((1.0, -1.0), number + 1),
+    )
+
+
+def _directed_tangents(
+    circles: _Circles,
+    goal_m: np.ndarray,
+    goal_radius_m: float,
+    centres_m: np.ndarray,
+    radii_m: np.ndarray,
+    tolerance_m: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the free lines from circle to circle and to the goal: begin, end (-1 the goal), course rad, length m."""
+    count = len(circles.side)
+    first = np.repeat(np.arange(count), count + 1)
+    second = np.tile(np.arange(count + 1), count)
+    centre_m = np.vstack((circles.centre_m, goal_m))
+    # Signed radii: a circle travelled turning right lies to the right of its tangents.
+    signed_m = np.append(circles.side * circles.radius_m, 0.0)
+    offset_m = centre_m[second] - centre_m[first]
+    gap_m = np.linalg.norm(offset_m, axis=-1)
+    difference_m = signed_m[first] - signed_m[second]
+    # Nothing leads back to a circle of the start.
+    apart = (gap_m > np.abs(difference_m)) & (gap_m > tolerance_m) & (second >= 2)
+    first, second, offset_m, gap_m, difference_m = (
+        column[apart] for column in (first, second, offset_m, gap_m, difference_m)
+    )
+    course_rad = np.arctan2(offset_m[:, 1], offset_m[:, 0]) + np.arcsin(difference_m / gap_m)
+    length_m = np.sqrt(gap_m**2 - difference_m**2)
+    along = np.column_stack((np.cos(course_rad), np.sin(course_rad)))
+    begin_m = centre_m[first] + signed_m[first, None] * np.column_stack((along[:, 1], -along[:, 0]))
+    length_m = np.where(second == count, np.maximum(length_m - goal_radius_m, 0.0), length_m)
+    segments_m = np.stack((begin_m, begin_m + length_m[:, None] * along), axis=1)
+    free = _free(segments_m, centres_m, radii_m, tolerance_m)
+    return first[free], np.where(second == count, -1, second)[free], course_rad[free], length_m[free]
+
+
+def _directed_arcs(
+    index: int,
+    node: np.ndarray,
+    angle_rad: np.ndarray,
+    circles: _Circles,
+    centres_m: np.ndarray,
+    radii_m: np.ndarray,
+    tolerance_m: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the free arcs from each node of a circle to the next one on the way: begin, end, length m, turn rad."""
+    side, radius_m = circles.side[index], circles.radius_m[index]
+    onward_rad = (side * angle_rad) % math.tau
+    order = np.argsort(onward_rad, kind="stable")
+    node, onward_rad = node[order], onward_rad[order]
+    sweep_rad = np.diff(onward_rad, append=onward_rad[:1] + math.tau)
+    middle_rad = side * (onward_rad + sweep_rad / 2)  # (A,)
+
+    offset_m = centres_m - circles.centre_m[index]
+    gap_m = np.linalg.norm(offset_m, axis=-1)
+    touching = (gap_m < radius_m + radii_m) & (gap_m + radii_m > radius_m + tolerance_m)
+    gap_m, other_m, offset_m = gap_m[touching], radii_m[touching], offset_m[touching]
+    ratio = (radius_m**2 + gap_m**2 - other_m**2) / np.maximum(2 * radius_m * gap_m, np.finfo(float).tiny)
+    covered_half_rad = np.arccos(np.clip(ratio, -1.0, 1.0))
+    covered_rad = np.arctan2(offset_m[:, 1], offset_m[:, 0])
+    between = np.abs((covered_rad - middle_rad[:, None] + math.pi) % math.tau - math.pi)  # (A, touching)
+    free = (covered_half_rad + sweep_rad[:, None] / 2 - between <= 2 * tolerance_m / radius_m).all(axis=-1)
+    return node[free], np.roll(node, -1)[free], radius_m * sweep_rad[free], side * sweep_rad[free]
+
+
+def _pieces(
+    nodes: int, begin: np.ndarray, end: np.ndarray, length_m: np.ndarray, turn_rad: np.ndarray
+) -> list[Piece] | None:
+    """Return the shortest way from node 1 or 2 to node 0 over directed edges, or None; arcs in a row are one piece."""
+    # Edges of length zero are stored and count; no two edges join the same nodes in the same direction.
+    edges = coo_array((length_m, (begin, end)), shape=(nodes, nodes)).tocsr()
+    turns = {(int(b), int(e)): (float(m), float(t)) for b, e, m, t in zip(begin, end, length_m, turn_rad, strict=True)}
+    distance_m, before, _ = dijkstra(edges, indices=[1, 2], min_only=True, return_predecessors=True)
+    if math.isinf(distance_m[0]):
+        return None
+    found: list[Piece] = []
+    node = 0
+    while before[node] >= 0:
+        length, turn = turns[int(before[node]), node]
+        node = int(before[node])
+        if found and turn and found[-1].turn_rad:
+            found[-1] = Piece(length + found[-1].length_m, turn + found[-1].turn_rad)
+        else:
+            found.append(Piece(length, turn))
+    return found[::-1]

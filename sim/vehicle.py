@@ -25,6 +25,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.geodesy import LocalFrame
 from companion.kinematics import GRAVITY_M_S2, advance, shorter_turn_rad, turn_towards
+from sim.wind import crabbed
 
 Message = Any
 """A message of the generated module, which carries no types."""
@@ -538,7 +539,7 @@ class StandIn:
             north_m_s, east_m_s, up_m_s = self._setpoint.velocity_m_s
             if north_m_s or east_m_s:
                 speed_m_s = _clip(math.hypot(north_m_s, east_m_s), point.min_speed_m_s, point.max_speed_m_s)
-                wanted_rad = _crabbed(math.atan2(east_m_s, north_m_s) - convergence_rad, speed_m_s, self.wind_m_s)
+                wanted_rad = crabbed(math.atan2(east_m_s, north_m_s) - convergence_rad, speed_m_s, self.wind_m_s)
                 self._climb_m_s = _clip(up_m_s, -_DESCENT_M_S, _CLIMB_M_S)
         rate_rad_s = point.n_max * GRAVITY_M_S2 / speed_m_s
         if wanted_rad is None:
@@ -865,15 +866,6 @@ def _rotated(north: float, east: float, angle_rad: float) -> tuple[float, float]
     """Return a horizontal vector turned clockwise."""
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
     return north * cosine - east * sine, north * sine + east * cosine
-
-
-def _crabbed(course_rad: float, airspeed_m_s: float, wind_m_s: tuple[float, float]) -> float:
-    """Return the heading whose sideways airspeed cancels the wind across a course: all of it, or as much as there is.
-
-    A head wind above the airspeed drives the vehicle backwards along the course, its nose still into the wind.
-    """
-    across_m_s = wind_m_s[1] * math.cos(course_rad) - wind_m_s[0] * math.sin(course_rad)
-    return course_rad - math.asin(_clip(across_m_s / airspeed_m_s, -1.0, 1.0))
 
 
 def _landing_climb_m_s(height_m: float) -> float:

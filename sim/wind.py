@@ -18,6 +18,15 @@ GUST_HOLD_S = 10.0
 time. Chosen, not measured: long enough for guidance to feel a gust, too long for turbulence, which is not modelled."""
 
 
+def crabbed(course_rad: float, airspeed_m_s: float, wind_m_s: tuple[float, float]) -> float:
+    """Return the heading whose sideways airspeed cancels the wind across a course: all of it, or as much as there is.
+
+    A head wind above the airspeed drives the vehicle backwards along the course, its nose still into the wind.
+    """
+    across_m_s = wind_m_s[1] * math.cos(course_rad) - wind_m_s[0] * math.sin(course_rad)
+    return course_rad - math.asin(min(max(across_m_s / airspeed_m_s, -1.0), 1.0))
+
+
 class WindField:
     """A mission's wind from time 0 on.
 

@@ -32,18 +32,24 @@ class World:
             if isinstance(thing.motion, SteadyMotion):
                 self._heading_rad[index] = math.radians(thing.motion.heading_deg) % math.tau
                 self._speed_m_s[index] = thing.motion.speed_m_s
-            elif thing.motion == "random":
+            elif thing.motion in ("random", "chase"):
                 self._speed_m_s[index] = thing.speed_bound_m_s
         self._paths = [
             (index, _way_points(thing.position_ned_m, thing.motion))
             for index, thing in enumerate(self._things)
             if isinstance(thing.motion, PathMotion)
         ]
+        self._chasers = [index for index, thing in enumerate(self._things) if thing.motion == "chase"]
         self._turn_wanderers()
         self._follow_paths(0.0)
 
-    def advance(self, t_s: float) -> None:
-        """Move everything to the time `t_s`, which is not earlier than the last."""
+    def advance(self, t_s: float, agents_ned_m: np.ndarray | None = None) -> None:  # (N, 2) m
+        """Move everything to the time `t_s`, which is not earlier than the last; who chases flies at the nearest agent.
+
+        Without any agent a chaser flies on as it did.
+        """
+        if agents_ned_m is not None and len(agents_ned_m):
+            self._turn_chasers(agents_ned_m)
         while self._t_s < t_s:
             next_turn_s = (self._holds + 1) * self._hold_s
             until_s = min(t_s, next_turn_s)
@@ -64,6 +70,12 @@ class World:
     def _turn_wanderers(self) -> None:
         count = int(self._wanders.sum())
         self._heading_rad[self._wanders] = self._generator.uniform(0.0, math.tau, count)
+
+    def _turn_chasers(self, agents_ned_m: np.ndarray) -> None:
+        for index in self._chasers:
+            offset_m = agents_ned_m - (self._north_m[index], self._east_m[index])
+            north_m, east_m = offset_m[np.argmin(offset_m[:, 0] ** 2 + offset_m[:, 1] ** 2)]
+            self._heading_rad[index] = math.atan2(east_m, north_m)
 
     def _follow_paths(self, t_s: float) -> None:
         for index, (times_s, north_m, east_m) in self._paths:

@@ -51,6 +51,8 @@ class Telemetry:
     lon_deg: float = math.nan
     height_m: float = math.nan
     """Above home."""
+    altitude_m: float = math.nan
+    """Above sea level."""
     velocity_north_m_s: float = math.nan
     velocity_east_m_s: float = math.nan
     yaw_rad: float | None = None
@@ -71,6 +73,8 @@ class Neighbour:
     velocity_north_m_s: float
     velocity_east_m_s: float
     seen_at_s: float
+    altitude_m: float = math.nan
+    """Above sea level; NaN if it did not say."""
 
 
 class Adapter(Protocol):
@@ -145,6 +149,7 @@ class TelemetryReader:
                     lat_deg=message.lat / 1e7,
                     lon_deg=message.lon / 1e7,
                     height_m=message.relative_alt / 1000.0,
+                    altitude_m=message.alt / 1000.0,
                     velocity_north_m_s=message.vx / 100.0,
                     velocity_east_m_s=message.vy / 100.0,
                     yaw_rad=None if message.hdg == 65_535 else math.radians(message.hdg / 100.0),
@@ -201,6 +206,7 @@ class TelemetryReader:
             velocity_north_m_s=speed_m_s * math.cos(course_rad),
             velocity_east_m_s=speed_m_s * math.sin(course_rad),
             seen_at_s=now_s - message.tslc,
+            altitude_m=message.altitude / 1000.0 if flags & common.ADSB_FLAGS_VALID_ALTITUDE else math.nan,
         )
 
 

@@ -887,6 +887,7 @@ MAVLINK_MSG_ID_ONEWAY_STATE = 10486016
 MAVLINK_MSG_ID_ONEWAY_MOTION = 10486017
 MAVLINK_MSG_ID_ONEWAY_DETECTIONS = 10486018
 MAVLINK_MSG_ID_ONEWAY_REPORT = 10486019
+MAVLINK_MSG_ID_ONEWAY_BANDS = 10486020
 MAVLINK_MSG_ID_HEARTBEAT = 0
 
 
@@ -1120,6 +1121,56 @@ class MAVLink_oneway_report_message(MAVLink_message):
 setattr(MAVLink_oneway_report_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_oneway_bands_message(MAVLink_message):
+    """
+    Ground station to all agents, once per broadcast period where some
+    threat has one: the heights between which threats reach. A threat
+    that is not named, or not heard of yet, reaches everywhere.
+    """
+
+    id = MAVLINK_MSG_ID_ONEWAY_BANDS
+    msgname = "ONEWAY_BANDS"
+    fieldnames = ["epoch", "time_ms", "sequence", "threat_floor", "threat_ceiling", "threat_id_base", "frame_index", "frame_count", "threat_count", "threat_id", "ed25519_signature"]
+    ordered_fieldnames = ["epoch", "time_ms", "sequence", "threat_floor", "threat_ceiling", "threat_id_base", "frame_index", "frame_count", "threat_count", "threat_id", "ed25519_signature"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int16_t", "int16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "threat_floor": "m", "threat_ceiling": "m"}
+    native_format = bytearray(b"<IIIhhHBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
+    lengths = [1, 1, 1, 20, 20, 1, 1, 1, 1, 20, 64]
+    array_lengths = [0, 0, 0, 20, 20, 0, 0, 0, 0, 20, 64]
+    crc_extra = 62
+    unpacker = struct.Struct("<III20h20hHBBB20B64B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, epoch: int, time_ms: int, sequence: int, threat_floor: Sequence[int], threat_ceiling: Sequence[int], threat_id_base: int, frame_index: int, frame_count: int, threat_count: int, threat_id: Sequence[int], ed25519_signature: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)):
+        MAVLink_message.__init__(self, MAVLink_oneway_bands_message.id, MAVLink_oneway_bands_message.msgname)
+        self._fieldnames = MAVLink_oneway_bands_message.fieldnames
+        self._instance_field = MAVLink_oneway_bands_message.instance_field
+        self._instance_offset = MAVLink_oneway_bands_message.instance_offset
+        self.epoch = epoch
+        self.time_ms = time_ms
+        self.sequence = sequence
+        self.threat_floor = threat_floor
+        self.threat_ceiling = threat_ceiling
+        self.threat_id_base = threat_id_base
+        self.frame_index = frame_index
+        self.frame_count = frame_count
+        self.threat_count = threat_count
+        self.threat_id = threat_id
+        self.ed25519_signature = ed25519_signature
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.threat_floor[0], self.threat_floor[1], self.threat_floor[2], self.threat_floor[3], self.threat_floor[4], self.threat_floor[5], self.threat_floor[6], self.threat_floor[7], self.threat_floor[8], self.threat_floor[9], self.threat_floor[10], self.threat_floor[11], self.threat_floor[12], self.threat_floor[13], self.threat_floor[14], self.threat_floor[15], self.threat_floor[16], self.threat_floor[17], self.threat_floor[18], self.threat_floor[19], self.threat_ceiling[0], self.threat_ceiling[1], self.threat_ceiling[2], self.threat_ceiling[3], self.threat_ceiling[4], self.threat_ceiling[5], self.threat_ceiling[6], self.threat_ceiling[7], self.threat_ceiling[8], self.threat_ceiling[9], self.threat_ceiling[10], self.threat_ceiling[11], self.threat_ceiling[12], self.threat_ceiling[13], self.threat_ceiling[14], self.threat_ceiling[15], self.threat_ceiling[16], self.threat_ceiling[17], self.threat_ceiling[18], self.threat_ceiling[19], self.threat_id_base, self.frame_index, self.frame_count, self.threat_count, self.threat_id[0], self.threat_id[1], self.threat_id[2], self.threat_id[3], self.threat_id[4], self.threat_id[5], self.threat_id[6], self.threat_id[7], self.threat_id[8], self.threat_id[9], self.threat_id[10], self.threat_id[11], self.threat_id[12], self.threat_id[13], self.threat_id[14], self.threat_id[15], self.threat_id[16], self.threat_id[17], self.threat_id[18], self.threat_id[19], self.ed25519_signature[0], self.ed25519_signature[1], self.ed25519_signature[2], self.ed25519_signature[3], self.ed25519_signature[4], self.ed25519_signature[5], self.ed25519_signature[6], self.ed25519_signature[7], self.ed25519_signature[8], self.ed25519_signature[9], self.ed25519_signature[10], self.ed25519_signature[11], self.ed25519_signature[12], self.ed25519_signature[13], self.ed25519_signature[14], self.ed25519_signature[15], self.ed25519_signature[16], self.ed25519_signature[17], self.ed25519_signature[18], self.ed25519_signature[19], self.ed25519_signature[20], self.ed25519_signature[21], self.ed25519_signature[22], self.ed25519_signature[23], self.ed25519_signature[24], self.ed25519_signature[25], self.ed25519_signature[26], self.ed25519_signature[27], self.ed25519_signature[28], self.ed25519_signature[29], self.ed25519_signature[30], self.ed25519_signature[31], self.ed25519_signature[32], self.ed25519_signature[33], self.ed25519_signature[34], self.ed25519_signature[35], self.ed25519_signature[36], self.ed25519_signature[37], self.ed25519_signature[38], self.ed25519_signature[39], self.ed25519_signature[40], self.ed25519_signature[41], self.ed25519_signature[42], self.ed25519_signature[43], self.ed25519_signature[44], self.ed25519_signature[45], self.ed25519_signature[46], self.ed25519_signature[47], self.ed25519_signature[48], self.ed25519_signature[49], self.ed25519_signature[50], self.ed25519_signature[51], self.ed25519_signature[52], self.ed25519_signature[53], self.ed25519_signature[54], self.ed25519_signature[55], self.ed25519_signature[56], self.ed25519_signature[57], self.ed25519_signature[58], self.ed25519_signature[59], self.ed25519_signature[60], self.ed25519_signature[61], self.ed25519_signature[62], self.ed25519_signature[63]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_oneway_bands_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_heartbeat_message(MAVLink_message):
     """
     The heartbeat message shows that a system or component is present
@@ -1173,6 +1224,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_ONEWAY_MOTION: MAVLink_oneway_motion_message,
     MAVLINK_MSG_ID_ONEWAY_DETECTIONS: MAVLink_oneway_detections_message,
     MAVLINK_MSG_ID_ONEWAY_REPORT: MAVLink_oneway_report_message,
+    MAVLINK_MSG_ID_ONEWAY_BANDS: MAVLink_oneway_bands_message,
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
 }
 
@@ -1797,6 +1849,50 @@ class MAVLink(object):
 
         """
         self.send(self.oneway_report_encode(epoch, time_ms, lat, lon, flown, velocity_north, velocity_east, agent_id), force_mavlink1=force_mavlink1)
+
+    def oneway_bands_encode(self, epoch: int, time_ms: int, sequence: int, threat_floor: Sequence[int], threat_ceiling: Sequence[int], threat_id_base: int, frame_index: int, frame_count: int, threat_count: int, threat_id: Sequence[int], ed25519_signature: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)) -> MAVLink_oneway_bands_message:
+        """
+        Ground station to all agents, once per broadcast period where some
+        threat has one: the heights between which threats reach. A
+        threat that is not named, or not heard of yet, reaches
+        everywhere.
+
+        epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
+        time_ms                   : Time of this frame since the epoch. [ms] (type:uint32_t)
+        sequence                  : Number of the last state broadcast before this frame. (type:uint32_t)
+        threat_floor              : Least height above sea level that each threat reaches, rounded down; INT16_MIN if it has none. [m] (type:int16_t)
+        threat_ceiling            : Greatest height above sea level that each threat reaches, rounded up; INT16_MAX if it has none. [m] (type:int16_t)
+        threat_id_base            : Added to each threat_id. (type:uint16_t)
+        frame_index               : Which of the frames this is, from 0. (type:uint8_t)
+        frame_count               : How many frames there are. (type:uint8_t)
+        threat_count              : How many threat entries are in use. (type:uint8_t)
+        threat_id                 : Id of each threat less threat_id_base. (type:uint8_t)
+        ed25519_signature         : Signature of the frame by the ground station; all zero (and then not transmitted) when unsigned. (type:uint8_t)
+
+        """
+        return MAVLink_oneway_bands_message(epoch, time_ms, sequence, threat_floor, threat_ceiling, threat_id_base, frame_index, frame_count, threat_count, threat_id, ed25519_signature)
+
+    def oneway_bands_send(self, epoch: int, time_ms: int, sequence: int, threat_floor: Sequence[int], threat_ceiling: Sequence[int], threat_id_base: int, frame_index: int, frame_count: int, threat_count: int, threat_id: Sequence[int], ed25519_signature: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0), force_mavlink1: bool = False) -> None:
+        """
+        Ground station to all agents, once per broadcast period where some
+        threat has one: the heights between which threats reach. A
+        threat that is not named, or not heard of yet, reaches
+        everywhere.
+
+        epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
+        time_ms                   : Time of this frame since the epoch. [ms] (type:uint32_t)
+        sequence                  : Number of the last state broadcast before this frame. (type:uint32_t)
+        threat_floor              : Least height above sea level that each threat reaches, rounded down; INT16_MIN if it has none. [m] (type:int16_t)
+        threat_ceiling            : Greatest height above sea level that each threat reaches, rounded up; INT16_MAX if it has none. [m] (type:int16_t)
+        threat_id_base            : Added to each threat_id. (type:uint16_t)
+        frame_index               : Which of the frames this is, from 0. (type:uint8_t)
+        frame_count               : How many frames there are. (type:uint8_t)
+        threat_count              : How many threat entries are in use. (type:uint8_t)
+        threat_id                 : Id of each threat less threat_id_base. (type:uint8_t)
+        ed25519_signature         : Signature of the frame by the ground station; all zero (and then not transmitted) when unsigned. (type:uint8_t)
+
+        """
+        self.send(self.oneway_bands_encode(epoch, time_ms, sequence, threat_floor, threat_ceiling, threat_id_base, frame_index, frame_count, threat_count, threat_id, ed25519_signature), force_mavlink1=force_mavlink1)
 
     def heartbeat_encode(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 3) -> MAVLink_heartbeat_message:
         """

@@ -8,11 +8,8 @@ from __future__ import annotations
 
 import functools
 import importlib.util
-import multiprocessing
-import signal
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +17,7 @@ import numpy as np
 from companion.drawing import resolve
 from companion.errors import InputError
 from companion.mission import Mission, load_mission
+from sim.jobs import outcomes
 from sim.lockstep import fly
 from sim.reproduction.core_flight import PERFECT_LINK, CoreFlight, CoreLaw, fly_core
 from sim.score import Score, score
@@ -298,7 +296,7 @@ def run_all(settings: Settings, workers: int, progress: Progress = lambda done, 
     trainings: dict[bool, Training] = {}
     flights: dict[str, dict[int, FlightFigures]] = defaultdict(dict)
     torch_version = ""
-    for done, (job, outcome) in enumerate(_outcomes(jobs, workers), start=1):
+    for done, (job, outcome) in enumerate(outcomes(_run, jobs, workers), start=1):
         if isinstance(job, _TrainingJob) and isinstance(outcome, tuple):
             trainings[job.monolithic], torch_version = outcome
         elif isinstance(job, _FlightJob) and isinstance(outcome, FlightFigures):
@@ -339,35 +337,8 @@ def median_seed(flights: Sequence[FlightFigures]) -> int:
     return sorted(flights, key=lambda flight: flight.steps)[(len(flights) - 1) // 2].seed
 
 
-def _outcomes(jobs: Sequence[_Job], workers: int) -> Iterator[tuple[_Job, _Outcome]]:
-    """Yield every job with what came of it, as they are done."""
-    if workers == 0:
-        for job in jobs:
-            yield job, _run(job)
-        return
-    # Forking would copy whatever threads the libraries have started; a fresh process has none.
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_die_quietly)
-    try:
-        futures = {executor.submit(_run, job): job for job in jobs}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    except BaseException:
-        # Interrupted: a training under way would go on for minutes.
-        for process in multiprocessing.active_children():
-            process.terminate()
-        raise
-    finally:
-        executor.shutdown(cancel_futures=True)
-
-
 def _run(job: _Job) -> _Outcome:
     return job.run()
-
-
-def _die_quietly() -> None:
-    """Let an interrupt from the keyboard, which reaches every process, end this one without a traceback."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _flown(series: Series, seed: int, limit_s: float | None) -> Flown:

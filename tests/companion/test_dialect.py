@@ -15,14 +15,21 @@ from companion.dialect import oneway
 from companion.dialect.__main__ import FOLDER, generate
 
 XML = FOLDER / "oneway.xml"
-OUR_MESSAGES = ("ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_DETECTIONS", "ONEWAY_REPORT")
-CRC_EXTRA = {"ONEWAY_STATE": 19, "ONEWAY_MOTION": 60, "ONEWAY_DETECTIONS": 88, "ONEWAY_REPORT": 110}
+OUR_MESSAGES = ("ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_DETECTIONS", "ONEWAY_REPORT", "ONEWAY_BANDS")
+CRC_EXTRA = {
+    "ONEWAY_STATE": 19,
+    "ONEWAY_MOTION": 60,
+    "ONEWAY_DETECTIONS": 88,
+    "ONEWAY_REPORT": 110,
+    "ONEWAY_BANDS": 62,
+}
 """A change of a field changes these: old and new vehicles then no longer hear each other."""
 MESSAGE_IDS = {
     "ONEWAY_STATE": 0xA00100,
     "ONEWAY_MOTION": 0xA00101,
     "ONEWAY_DETECTIONS": 0xA00102,
     "ONEWAY_REPORT": 0xA00103,
+    "ONEWAY_BANDS": 0xA00104,
 }
 GREATEST_PUBLIC_ID = 0xA00000
 GREATEST_PAYLOAD_BYTES = 255
@@ -131,7 +138,7 @@ def test_every_message_and_field_is_described() -> None:
     assert all((field.text or "").strip() for _, field in fields())
 
 
-@pytest.mark.parametrize("name", ["ONEWAY_STATE", "ONEWAY_MOTION"])
+@pytest.mark.parametrize("name", ["ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_BANDS"])
 def test_an_unsigned_frame_ends_before_the_signature(name: str) -> None:
     kind = messages()[name]
     assert kind.ordered_fieldnames[-1] == "ed25519_signature"
@@ -148,4 +155,6 @@ def test_a_value_that_stands_for_unknown_is_said_in_the_xml() -> None:
         ("ONEWAY_STATE", "agent_north"): "[INT16_MIN]",
         ("ONEWAY_STATE", "agent_east"): "[INT16_MIN]",
         ("ONEWAY_MOTION", "agent_heading"): "[UINT16_MAX]",
+        ("ONEWAY_BANDS", "threat_floor"): "[INT16_MIN]",
+        ("ONEWAY_BANDS", "threat_ceiling"): "[INT16_MAX]",
     }

@@ -183,7 +183,11 @@ def test_direction_is_the_attraction_less_the_gradient_of_the_surrogate(
     detection_m, attack_m = np.array([8e3, 9e3, 10e3]), np.array([4e3, 4e3, 6e3])
     gradient_m = surrogate_gradient(profile, agents, threats, detection_m, attack_m, separation_m, WEIGHTS)[0]
     ids, peer_ids, nobody = np.array([1, 2, 3]), np.array([2, 3]), np.zeros((0, 2))
-    view = View(None, math.inf, threats, detection_m, attack_m, np.zeros(3), ids, agents[1:], peer_ids, nobody)
+    still = np.zeros(3)
+    view = View(
+        *(None, math.inf, threats, detection_m, attack_m, still, ids, np.zeros((3, 2)), still),
+        *(agents[1:], peer_ids, nobody),
+    )
     found = direction(pull, PairSurrogate(profile, separation_m, WEIGHTS).gradient_m(places[0], view))
     expected = np.array([pull.north_m, pull.east_m]) - gradient_m
     np.testing.assert_allclose([found.north_m, found.east_m], expected, rtol=1e-9, atol=1e-6)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.picture import NOBODY, RESTART_AFTER_S, Picture
+from companion.picture import NOBODY, RESTART_AFTER_S, Picture, Seen
 from companion.wire import (
     AgentEntry,
     AgentMotion,
+    BandEntry,
+    BandsFrame,
     Directive,
     MotionFrame,
+    PointMotion,
     Stamp,
     StateFrame,
     TargetEntry,
@@ -400,14 +403,146 @@ def test_a_motion_overtaken_by_a_newer_one_is_refused() -> None:
     assert picture.view(time_of(1) + 10.0).peers_ned_m[0] == pytest.approx((200.0, 200.0))
 
 
+def test_a_threat_moves_as_its_motion_says_and_stands_until_one_does() -> None:
+    picture = picture_of(state(1, threats=(THREAT, replace(THREAT, id=2))))
+    picture.take_motion(replace(motion(1), threats=(PointMotion(2, 3.0, -4.0, 0.0),)), time_of(1))
+    view = picture.view(time_of(1) + 3.0)
+    assert view.threat_velocity_m_s.tolist() == [[0.0, 0.0], [3.0, -4.0]]
+    assert view.threat_age_s.tolist() == [3.0, 3.0]
+
+
 def test_a_motion_makes_the_picture_no_younger() -> None:
     picture = picture_of(state(1))
     picture.take_motion(motion(1, time_ms=90_000), time_of(1) + 90.0)
     assert picture.age_s(time_of(1) + 90.0) == pytest.approx(90.0)
 
 
+# Heights that threats reach
+
+LOW, HIGH = ThreatEntry(1, 1_000.0, 0.0, 500.0, 200.0, 10.0), ThreatEntry(2, 2_000.0, 0.0, 600.0, 300.0, 20.0)
+BANDS = (BandEntry(1, None, 400.0), BandEntry(2, 600.0, 900.0))
+
+
+def bands(sequence: int, *threats: BandEntry, epoch_s: int = EPOCH_S) -> BandsFrame:
+    return BandsFrame(stamp(sequence, epoch_s=epoch_s), threats)
+
+
+def banded(*threats: BandEntry) -> Picture:
+    picture = picture_of(state(1, threats=(LOW, HIGH)))
+    assert picture.take_bands(bands(1, *threats))
+    return picture
+
+
+def ids_at(picture: Picture, low_m: float, high_m: float, now_s: float = time_of(1)) -> list[int]:
+    return picture.view(now_s, (low_m, high_m)).threat_ids.tolist()
+
+
+@pytest.mark.parametrize(
+    ("band_m", "expected"),
+    [
+        ((450.0, 550.0), []),
+        ((350.0, 450.0), [1]),
+        ((-900.0, -800.0), [1]),
+        ((400.0, 450.0), [1]),
+        ((550.0, 600.0), [2]),
+        ((900.0, 950.0), [2]),
+        ((900.5, 9_000.0), []),
+        ((700.0, 750.0), [2]),
+        ((0.0, 9_000.0), [1, 2]),
+    ],
+)
+def test_threats_that_do_not_reach_the_vehicles_heights_are_left_out(
+    band_m: tuple[float, float], expected: list[int]
+) -> None:
+    assert ids_at(banded(*BANDS), *band_m) == expected
+
+
+def test_without_a_band_of_the_vehicles_own_all_threats_are_in_the_view() -> None:
+    assert banded(*BANDS).view(time_of(1)).threat_ids.tolist() == [1, 2]
+
+
+def test_a_threat_whose_band_was_never_heard_of_reaches_everywhere() -> None:
+    assert ids_at(picture_of(state(1, threats=(LOW, HIGH))), 450.0, 550.0) == [1, 2]
+    assert ids_at(banded(BANDS[1]), 450.0, 550.0) == [1]
+
+
+def test_a_vehicle_that_does_not_know_its_height_is_shown_every_threat() -> None:
+    assert ids_at(banded(*BANDS), math.nan, math.nan) == [1, 2]
+
+
+def test_what_is_left_of_the_view_is_of_the_threats_that_are_left() -> None:
+    picture = banded(*BANDS)
+    whole, view = picture.view(time_of(2)), picture.view(time_of(2), (700.0, 800.0))
+    for part in fields(view):
+        if part.name.startswith(("threat", "detection", "attack")):
+            assert np.array_equal(getattr(view, part.name), getattr(whole, part.name)[1:]), part.name
+
+
+def test_a_newer_band_replaces_the_one_heard_before() -> None:
+    picture = banded(*BANDS)
+    assert picture.take_bands(bands(2, BandEntry(2, 100.0, 200.0)))
+    assert ids_at(picture, 700.0, 800.0) == []
+    assert ids_at(picture, 150.0, 160.0) == [1, 2]
+
+
+def test_a_band_overtaken_by_a_newer_one_is_refused() -> None:
+    picture = banded(*BANDS)
+    picture.take_bands(bands(3, BandEntry(2, 100.0, 200.0)))
+    assert not picture.take_bands(bands(2, BandEntry(2, 5_000.0, None)))
+    assert picture.rejected == {"old": 1}
+    assert ids_at(picture, 150.0, 160.0) == [1, 2]
+
+
+def test_a_band_older_than_the_state_is_refused() -> None:
+    picture = picture_of(state(2, threats=(LOW, HIGH)))
+    assert not picture.take_bands(bands(1, *BANDS))
+    assert picture.rejected == {"old": 1}
+
+
+@pytest.mark.parametrize("epoch_s", [EPOCH_S - 1, EPOCH_S + 1])
+def test_the_bands_of_another_epoch_are_refused(epoch_s: int) -> None:
+    picture = picture_of(state(1, threats=(LOW, HIGH)))
+    assert not picture.take_bands(bands(9, *BANDS, epoch_s=epoch_s))
+    assert picture.rejected == {"other epoch": 1}
+    assert ids_at(picture, 450.0, 550.0) == [1, 2]
+
+
+def test_bands_that_overtake_their_state_are_kept_for_it() -> None:
+    picture = picture_of(state(1))
+    assert picture.take_bands(bands(2, *BANDS))
+    picture.take_state(state(2, threats=(LOW, HIGH)), time_of(2))
+    assert ids_at(picture, 450.0, 550.0, time_of(2)) == []
+
+
+def test_a_new_epoch_forgets_the_bands_of_the_old_one() -> None:
+    picture, later = banded(*BANDS), EPOCH_S + 2_600
+    picture.take_state(state(1, threats=(LOW, HIGH), epoch_s=later), time_of(1, later))
+    assert ids_at(picture, 450.0, 550.0, time_of(1, later)) == [1, 2]
+    assert picture.take_bands(bands(1, *BANDS, epoch_s=later))
+
+
+def test_a_threat_that_left_the_picture_comes_back_without_its_band() -> None:
+    picture = banded(*BANDS)
+    picture.take_state(state(2, threats=(LOW,)), time_of(2))
+    picture.take_state(state(3, threats=(LOW, HIGH)), time_of(3))
+    assert ids_at(picture, 450.0, 550.0, time_of(3)) == [2]
+
+
+def test_a_change_of_origin_forgets_the_bands() -> None:
+    picture = banded(*BANDS)
+    picture.take_state(state(2, threats=(LOW, HIGH), origin_deg=(48.0, 9.0)), time_of(2))
+    assert ids_at(picture, 450.0, 550.0, time_of(2)) == [1, 2]
+
+
+def test_bands_make_the_picture_no_younger() -> None:
+    picture = picture_of(state(1, threats=(LOW, HIGH)))
+    picture.take_bands(bands(3, *BANDS))
+    assert picture.age_s(time_of(3)) == pytest.approx(2 * PERIOD_S)
+
+
 # Case II: places that are not broadcast, and what the vehicle itself sees
 
+STILL = (0.0, 0.0)
 UNSEEN = (AgentEntry(ME, None, None, 1), AgentEntry(2, None, None, 1), AgentEntry(9, None, None, None))
 
 
@@ -437,17 +572,23 @@ def test_with_nobody_seen_the_view_is_as_it_was() -> None:
 
 def test_a_peer_that_is_seen_is_where_it_is_seen_and_not_where_it_was_broadcast() -> None:
     picture = picture_of(state(1, agents=(*WITH_PEER, AgentEntry(8, 8.0, 8.0, 1))))
-    view = picture.with_seen(picture.view(time_of(1)), [(9, (150.0, 250.0))])
+    view = picture.with_seen(picture.view(time_of(1)), [Seen(9, (150.0, 250.0), (1.0, -2.0))])
     assert dict(zip(view.peer_ids.tolist(), view.peers_ned_m.tolist(), strict=True)) == {
         8: [8.0, 8.0],
         9: [150.0, 250.0],
     }
 
 
+def test_whoever_is_seen_is_in_the_view_with_where_it_is_seen_to_go() -> None:
+    picture = picture_of(state(1, agents=WITH_PEER))
+    view = picture.with_seen(picture.view(time_of(1)), [Seen(9, (150.0, 250.0), (1.0, -2.0))])
+    assert (view.seen_ned_m.tolist(), view.seen_velocity_m_s.tolist()) == ([[150.0, 250.0]], [[1.0, -2.0]])
+
+
 def test_seeing_changes_nothing_but_the_peers() -> None:
     picture = picture_of(state(1, agents=WITH_PEER, threats=(THREAT,)))
     before = picture.view(time_of(1))
-    after = picture.with_seen(before, [(None, (1.0, 2.0))])
+    after = picture.with_seen(before, [Seen(None, (1.0, 2.0), STILL)])
     assert (after.target_ned_m, after.target_age_s) == (before.target_ned_m, before.target_age_s)
     assert np.array_equal(after.threats_ned_m, before.threats_ned_m)
     assert np.array_equal(after.attack_radius_m, before.attack_radius_m)
@@ -456,7 +597,8 @@ def test_seeing_changes_nothing_but_the_peers() -> None:
 
 def test_strangers_are_peers_that_nobody_knows_and_settle_first() -> None:
     picture = picture_of(state(1, agents=UNSEEN))
-    view = picture.with_seen(picture.view(time_of(1)), [(None, (1.0, 0.0)), (None, (2.0, 0.0)), (77, (3.0, 0.0))])
+    seen = [Seen(None, (1.0, 0.0), STILL), Seen(None, (2.0, 0.0), STILL), Seen(77, (3.0, 0.0), STILL)]
+    view = picture.with_seen(picture.view(time_of(1)), seen)
     assert view.peer_ids.tolist() == [NOBODY, NOBODY, 77]
     assert view.settled_ned_m[:, 0].tolist() == [1.0, 2.0, 3.0]
 
@@ -464,7 +606,7 @@ def test_strangers_are_peers_that_nobody_knows_and_settle_first() -> None:
 def test_of_the_peers_seen_those_that_loiter_or_have_a_lower_id_settle_first() -> None:
     agents = (*UNSEEN, AgentEntry(8, None, None, 1))
     picture = picture_of(state(1, agents=agents))
-    seen = [(2, (2.0, 0.0)), (8, (8.0, 0.0)), (9, (9.0, 0.0))]
+    seen = [Seen(k, (1.0 * k, 0.0), STILL) for k in (2, 8, 9)]
     view = picture.with_seen(picture.view(time_of(1)), seen)
     assert view.peers_ned_m[:, 0].tolist() == [2.0, 8.0, 9.0]
     assert view.settled_ned_m[:, 0].tolist() == [2.0, 9.0]
@@ -473,9 +615,9 @@ def test_of_the_peers_seen_those_that_loiter_or_have_a_lower_id_settle_first() -
 def test_a_settled_peer_that_is_only_broadcast_stays_settled_beside_one_that_is_seen() -> None:
     agents = (AgentEntry(ME, 0.0, 0.0, 1), AgentEntry(2, 2.0, 0.0, 1), AgentEntry(9, 9.0, 0.0, 1))
     picture = picture_of(state(1, agents=agents))
-    view = picture.with_seen(picture.view(time_of(1)), [(9, (90.0, 0.0))])
+    view = picture.with_seen(picture.view(time_of(1)), [Seen(9, (90.0, 0.0), STILL)])
     assert view.settled_ned_m[:, 0].tolist() == [2.0]
-    view = picture.with_seen(picture.view(time_of(1)), [(2, (20.0, 0.0))])
+    view = picture.with_seen(picture.view(time_of(1)), [Seen(2, (20.0, 0.0), STILL)])
     assert view.settled_ned_m[:, 0].tolist() == [20.0]
 
 
@@ -491,7 +633,7 @@ def test_everybody_seen_is_a_peer_once_and_everybody_unseen_stays(
     agents = (AgentEntry(ME, 0.0, 0.0, 1), *(AgentEntry(k, 1.0 * k, 5_000.0, 1) for k in sorted(heard - {ME})))
     picture = picture_of(state(1, agents=agents[:10]))
     before = picture.view(time_of(1))
-    view = picture.with_seen(before, seen)
+    view = picture.with_seen(before, [Seen(identity, place, STILL) for identity, place in seen])
     seen_ids = [identity or NOBODY for identity, _ in seen]
     assert sorted(view.peer_ids.tolist()) == sorted(
         [k for k in before.peer_ids.tolist() if k not in seen_ids] + seen_ids

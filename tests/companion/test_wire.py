@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from companion.dialect import oneway
 from companion.wire import (
     AGENTS_PER_FRAME,
+    BANDS_PER_FRAME,
     DETECTIONS_PER_FRAME,
     GROUND_COMPONENT,
     GROUND_SYSTEM,
@@ -22,6 +23,8 @@ from companion.wire import (
     THREATS_PER_FRAME,
     AgentEntry,
     AgentMotion,
+    BandEntry,
+    BandsFrame,
     Detection,
     DetectionsFrame,
     Directive,
@@ -72,6 +75,9 @@ SMALL_REPORT = ReportFrame(
     velocity_east_m_s=60.0,
     flown_m=12_346.0,
 )
+SMALL_BANDS = BandsFrame(
+    stamp=STAMP, threats=(BandEntry(9, 450.5, 1_200.25), BandEntry(10, None, 800.0), BandEntry(200, -3.5, None))
+)
 UNSEEN_STATE = StateFrame(
     stamp=STAMP,
     origin_lat_deg=47.0,
@@ -111,8 +117,14 @@ GOLDEN = [
         "0000000000000000000000000000000000000000000001000100010000000001020201000000000000000000000000000000"
         "01000000000000000001ae46",
     ),
+    (
+        SMALL_BANDS,
+        "fd64000000febe0401a0803bb16a3930000007000000c2010080fcff00000000000000000000000000000000000000000000"
+        "000000000000000000000000b1042003ff7f0000000000000000000000000000000000000000000000000000000000000000"
+        "000009000102030001bfe38f",
+    ),
 ]
-GOLDEN_NAMES = ["state", "motion", "detections", "report", "state of agents unseen"]
+GOLDEN_NAMES = ["state", "motion", "detections", "report", "state of agents unseen", "bands"]
 FULL_SIGNATURE = bytes(range(1, SIGNATURE_BYTES + 1))
 SIDE_M = 200_000.0
 
@@ -242,6 +254,14 @@ def test_the_pinned_bytes_decode_to_what_was_sent(frame: Frame, datagram: str) -
         assert decoded.agents[1] == AgentMotion(301, None, 0.0, 25.5)
         assert decoded.targets == (PointMotion(42, -1.25, 2.5, 3.0),)
         assert decoded.threats == (PointMotion(9, 10.0, -10.0, 6_553.5),)
+    elif isinstance(frame, BandsFrame):
+        assert isinstance(decoded, BandsFrame)
+        assert decoded.stamp == STAMP
+        assert decoded.threats == (
+            BandEntry(9, 450.0, 1_201.0),
+            BandEntry(10, None, 800.0),
+            BandEntry(200, -4.0, None),
+        )
     else:
         assert decoded == frame
 
@@ -388,8 +408,9 @@ def test_an_id_given_twice_is_refused() -> None:
         replace(SMALL_MOTION, targets=tuple(PointMotion(k, 0.0, 0.0, 0.0) for k in range(TARGETS_PER_FRAME + 1))),
         replace(SMALL_MOTION, threats=tuple(PointMotion(k, 0.0, 0.0, 0.0) for k in range(THREATS_PER_FRAME + 1))),
         replace(SMALL_DETECTIONS, detections=SMALL_DETECTIONS.detections * (DETECTIONS_PER_FRAME + 1)),
+        replace(SMALL_BANDS, threats=tuple(BandEntry(k, 0.0, 1.0) for k in range(BANDS_PER_FRAME + 1))),
     ],
-    ids=["agents", "targets", "threats", "agent motions", "target motions", "threat motions", "detections"],
+    ids=["agents", "targets", "threats", "agent motions", "target motions", "threat motions", "detections", "bands"],
 )
 def test_more_entries_than_a_frame_holds_are_refused(frame: Frame) -> None:
     with pytest.raises(WireError, match="a frame holds"):
@@ -419,6 +440,14 @@ NOT_FITTING: list[Frame] = [
     replace(SMALL_MOTION, targets=(PointMotion(1, 0.0, math.nan, 0.0),)),
     replace(SMALL_MOTION, threats=(PointMotion(1, 0.0, 0.0, math.nan),)),
     replace(SMALL_MOTION, stamp=replace(STAMP, frame_count=0)),
+    replace(SMALL_BANDS, threats=(BandEntry(1, 5.0, 5.0),)),
+    replace(SMALL_BANDS, threats=(BandEntry(1, 10.9, 10.1),)),
+    replace(SMALL_BANDS, threats=(BandEntry(1, math.nan, None),)),
+    replace(SMALL_BANDS, threats=(BandEntry(1, None, math.nan),)),
+    replace(SMALL_BANDS, threats=(BandEntry(1, -32_767.5, None),)),
+    replace(SMALL_BANDS, threats=(BandEntry(1, None, 32_766.5),)),
+    replace(SMALL_BANDS, threats=(BandEntry(65_536, 0.0, None),)),
+    replace(SMALL_BANDS, stamp=replace(STAMP, frame_index=2)),
     replace(SMALL_DETECTIONS, detections=(Detection(Kind.AGENT, 1, 3e7, 0.0, 0.0, 0.0),)),
     replace(SMALL_DETECTIONS, detections=(Detection(Kind.AGENT, 1, math.nan, 0.0, 0.0, 0.0),)),
     replace(SMALL_DETECTIONS, detections=(Detection(Kind.AGENT, 65_536, 0.0, 0.0, 0.0, 0.0),)),
@@ -478,6 +507,14 @@ numbers = st.one_of(st.floats(), st.floats(-1e3, 1e3))
         ).map(tuple),
         targets=st.lists(st.builds(PointMotion, st.integers(0, 9), *[numbers] * 3), max_size=6).map(tuple),
         threats=st.lists(st.builds(PointMotion, st.integers(0, 9), *[numbers] * 3), max_size=5).map(tuple),
+    )
+    | st.builds(
+        BandsFrame,
+        stamp=st.builds(Stamp, st.just(1), st.just(2), st.just(3), st.integers(-1, 4), st.integers(-1, 5)),
+        threats=st.lists(
+            st.builds(BandEntry, st.integers(-1, 9), *[st.none() | numbers | st.floats(-4e4, 4e4)] * 2),
+            max_size=BANDS_PER_FRAME + 1,
+        ).map(tuple),
     )
     | st.builds(ReportFrame, *[st.integers(-1, 2**33)] * 2, st.integers(-1, 70_000), *[numbers] * 5)
 )
@@ -595,6 +632,69 @@ def test_a_forged_report_that_is_not_on_earth_is_dropped_and_counted(lat_e7: int
     assert reader.rejected == {"position out of range": 1}
 
 
+# Heights that threats reach
+
+levels_m = st.floats(-32_767.0, 32_766.0)
+
+
+def bands_through(frame: BandsFrame) -> BandsFrame:
+    decoded = through(frame)
+    assert isinstance(decoded, BandsFrame)
+    return decoded
+
+
+@given(st.none() | levels_m, st.none() | levels_m)
+def test_a_decoded_band_holds_the_true_one_and_is_at_most_a_metre_wider_on_each_side(
+    floor_m: float | None, ceiling_m: float | None
+) -> None:
+    assume(floor_m is None or ceiling_m is None or floor_m < ceiling_m)
+    (threat,) = bands_through(replace(SMALL_BANDS, threats=(BandEntry(1, floor_m, ceiling_m),))).threats
+    assert (threat.floor_m is None, threat.ceiling_m is None) == (floor_m is None, ceiling_m is None)
+    if floor_m is not None and threat.floor_m is not None:
+        assert floor_m - 1.0 <= threat.floor_m <= floor_m
+    if ceiling_m is not None and threat.ceiling_m is not None:
+        assert ceiling_m <= threat.ceiling_m <= ceiling_m + 1.0
+
+
+def test_a_full_frame_of_bands_fits_with_both_signatures() -> None:
+    full = replace(SMALL_BANDS, threats=tuple(BandEntry(1_000 + k, -5.0, 9.0) for k in range(BANDS_PER_FRAME)))
+    assert bands_through(full) == full
+    assert len(FrameWriter().encode(full, FULL_SIGNATURE)) + 13 <= 252
+
+
+def forged_bands(**fields: object) -> bytes:
+    (message,) = oneway.MAVLink(None).parse_buffer(bytearray(FrameWriter().encode(SMALL_BANDS)))
+    values = {name: getattr(message, name) for name in message.fieldnames} | fields
+    return bytes(oneway.MAVLink_oneway_bands_message(**values).pack(oneway.MAVLink(None)))
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"threat_floor": [2_000] * 20}, "band out of range"),
+        ({"threat_floor": [800] * 20}, "band out of range"),
+        ({"threat_floor": [32_767] * 20}, "band out of range"),
+        ({"threat_ceiling": [-32_768] * 20}, "band out of range"),
+        ({"threat_count": 21}, "count out of range"),
+        ({"threat_id": [1] * 20}, "ids out of range"),
+        ({"threat_id_base": 65_535}, "ids out of range"),
+        ({"frame_count": 1}, "frame index out of range"),
+    ],
+)
+def test_a_band_that_makes_no_sense_is_dropped_and_counted_by_its_reason(
+    fields: dict[str, object], reason: str
+) -> None:
+    reader = FrameReader()
+    assert reader.read(forged_bands(**fields)) == []
+    assert reader.rejected == {reason: 1}
+
+
+def test_what_follows_the_entries_in_use_may_be_anything() -> None:
+    (frame,) = FrameReader().read(forged_bands(threat_floor=[450, -32_768, -4] + [32_767] * 17))
+    assert isinstance(frame, BandsFrame)
+    assert [threat.id for threat in frame.threats] == [9, 10, 200]
+
+
 # Agents whose place nobody knows
 
 maybe_places = st.none() | st.tuples(coordinates_m, coordinates_m)
@@ -707,6 +807,12 @@ def test_a_forged_frame_with_a_good_checksum_is_sensible_or_dropped(
             assert abs(frame.origin_lon_deg) <= 180.0
             assert len({agent.id for agent in frame.agents}) == len(frame.agents)
             assert all((agent.north_m is None) == (agent.east_m is None) for agent in frame.agents)
+        if isinstance(frame, BandsFrame):
+            limits = [
+                (-math.inf if t.floor_m is None else t.floor_m, math.inf if t.ceiling_m is None else t.ceiling_m)
+                for t in frame.threats
+            ]
+            assert all(floor_m < ceiling_m for floor_m, ceiling_m in limits)
         if isinstance(frame, ReportFrame):
             assert abs(frame.lat_deg) <= 90.0
             assert abs(frame.lon_deg) <= 180.0

@@ -19,6 +19,8 @@ from companion.wire import (
     GROUND_SYSTEM,
     AgentEntry,
     AgentMotion,
+    BandEntry,
+    BandsFrame,
     Directive,
     FrameWriter,
     MotionFrame,
@@ -30,6 +32,7 @@ from companion.wire import (
 )
 
 LIMIT_S = 60
+NAMES = ["ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_BANDS"]
 STAMP = Stamp(1_790_000_000, 12_345, 7, 0, 1)
 STATE = StateFrame(
     stamp=STAMP,
@@ -51,6 +54,7 @@ MOTION = MotionFrame(
     targets=tuple(PointMotion(2_000 + k, -1.0 * k, 2.0 * k, 100.0 * k) for k in range(5)),
     threats=tuple(PointMotion(3_000 + k, 9.0 - k, -9.0, 0.5) for k in range(4)),
 )
+BANDS = BandsFrame(STAMP, tuple(BandEntry(3_000 + k, None if k == 1 else -5.0 * k, 900.0 + k) for k in range(4)))
 SIGNATURE = bytes(range(192, 256))
 
 MAVSDK_READER = """
@@ -69,7 +73,7 @@ mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.COMPANION
 mavsdk.add_any_connection("raw://")
 server = MavlinkDirectServer(mavsdk.server_component(0))
 server.load_custom_xml(xml)
-for name in ("ONEWAY_STATE", "ONEWAY_MOTION"):
+for name in ("ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_BANDS"):
     server.subscribe_message(name, take)
 for datagram in datagrams:
     done.clear()
@@ -83,7 +87,7 @@ os._exit(0)  # its threads would outlive us
 
 def datagrams() -> list[bytes]:
     writer = FrameWriter()
-    return [writer.encode(STATE, SIGNATURE), writer.encode(MOTION, SIGNATURE)]
+    return [writer.encode(frame, SIGNATURE) for frame in (STATE, MOTION, BANDS)]
 
 
 def fields_of(datagram: bytes) -> dict[str, object]:
@@ -129,8 +133,8 @@ def read_by_mavsdk() -> list[tuple[int, int, dict[str, object]]]:
 def test_mavlogdump_lists_every_frame_of_a_log_without_knowing_the_dialect(tmp_path: Path) -> None:
     dumped = mavlogdump(str(broadcast_log(tmp_path)))
     ids = {kind.msgname: kind.id for kind in oneway.mavlink_map.values()}
-    assert dumped.count(f"UNKNOWN_{ids['ONEWAY_STATE']}") == 2
-    assert dumped.count(f"UNKNOWN_{ids['ONEWAY_MOTION']}") == 2
+    for name in NAMES:
+        assert dumped.count(f"UNKNOWN_{ids[name]}") == 2
 
 
 def test_mavlogdump_decodes_every_field_once_it_knows_the_dialect(tmp_path: Path) -> None:
@@ -147,16 +151,16 @@ def test_mavlogdump_decodes_every_field_once_it_knows_the_dialect(tmp_path: Path
         environment={"PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])},
     )
     records = [json.loads(line) for line in dumped.splitlines() if line.startswith("{")]
-    assert [record["meta"]["type"] for record in records] == ["ONEWAY_STATE", "ONEWAY_MOTION"] * 2
+    assert [record["meta"]["type"] for record in records] == NAMES * 2
     for record, datagram in zip(records, datagrams() * 2, strict=True):
         assert record["data"] == fields_of(datagram)
 
 
-@pytest.mark.parametrize(("index", "name"), [(0, "ONEWAY_STATE"), (1, "ONEWAY_MOTION")])
+@pytest.mark.parametrize(("index", "name"), list(enumerate(NAMES)))
 def test_mavsdk_decodes_every_field_from_the_xml_alone(
     read_by_mavsdk: list[tuple[int, int, dict[str, object]]], index: int, name: str
 ) -> None:
-    assert len(read_by_mavsdk) == 2
+    assert len(read_by_mavsdk) == len(NAMES)
     system, component, fields = read_by_mavsdk[index]
     assert (system, component) == (GROUND_SYSTEM, GROUND_COMPONENT)
     assert fields.pop("message_name") == name

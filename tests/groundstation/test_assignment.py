@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from groundstation.assignment import CLOSEST_M, OBJECTIVES, Objective, assign, within_range
+from groundstation.assignment import (
+    CLOSEST_M,
+    OBJECTIVES,
+    Objective,
+    assign,
+    assign_least_latest,
+    assign_least_total,
+    within_range,
+)
 
 Points = list[tuple[float, float]]
 Table = list[list[bool]]
@@ -227,6 +236,178 @@ def test_an_assignment_whose_shapes_disagree_is_refused(name: str, shapes: tuple
         assign(agents, targets, "distance", reachable)
 
 
+# Costs of any kind, blocked pairs, and the present assignment
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Costs, what is in reach and what is blocked, of up to 5 agents and 4 targets; and a present assignment."""
+
+    cost: np.ndarray  # (N, K)
+    reachable: np.ndarray  # (N, K) bool
+    blocked: np.ndarray  # (N, K) bool
+    present: np.ndarray  # (N,)
+
+    def ways(self) -> list[tuple[int, ...]]:
+        """Return every way of giving agents a target in reach, no target to more than its copies."""
+        n, k = self.cost.shape
+        copies = [sum(column % k == target for column in range(max(n, k))) for target in range(k)]
+        options = [[-1, *np.flatnonzero(row)] for row in self.reachable]
+        ways = [tuple(map(int, way)) for way in itertools.product(*options)]
+        return [way for way in ways if all(way.count(target) <= copies[target] for target in range(k))]
+
+    def rank(self, way: tuple[int, ...]) -> tuple[int, int, int]:
+        """Return what comes before any cost, each the greater the better."""
+        pairs = self.pairs(way)
+        return len({k for _, k in pairs}), len(pairs), -sum(bool(self.blocked[pair]) for pair in pairs)
+
+    def pairs(self, way: tuple[int, ...]) -> list[tuple[int, int]]:
+        return [(agent, target) for agent, target in enumerate(way) if target >= 0]
+
+    def best_ways(self) -> list[tuple[int, ...]]:
+        ways = self.ways()
+        best = max(self.rank(way) for way in ways)
+        return [way for way in ways if self.rank(way) == best]
+
+    def total(self, way: tuple[int, ...], share: float = 0.0) -> float:
+        """Return the total cost, present pairs counted less by a share."""
+        kept = {(agent, int(target)) for agent, target in enumerate(self.present)}
+        return sum(self.cost[pair] - share * (pair in kept) * abs(self.cost[pair]) for pair in self.pairs(way))
+
+    def latest(self, way: tuple[int, ...]) -> float:
+        return max((float(self.cost[pair]) for pair in self.pairs(way) if not self.blocked[pair]), default=-math.inf)
+
+
+@st.composite
+def tables(draw: st.DrawFn, least_cost: int = 1) -> Costs:
+    n, k = draw(st.integers(1, 5)), draw(st.integers(1, 4))
+    cells = n * k
+
+    def cell_table(cell: st.SearchStrategy[float] | st.SearchStrategy[bool]) -> np.ndarray:
+        return np.array(draw(st.lists(cell, min_size=cells, max_size=cells))).reshape(n, k)
+
+    cost = cell_table(st.integers(least_cost, 1_000).map(float))
+    reachable = cell_table(st.booleans()) | cell_table(st.booleans()) | draw(st.booleans())
+    blocked = cell_table(st.booleans()) & cell_table(st.booleans()) & draw(st.booleans())
+    table = Costs(cost, reachable, blocked, np.full(n, -1))
+    return replace(table, present=np.array(draw(st.sampled_from(table.ways()))))
+
+
+shares = st.sampled_from([0.0, 0.02, 0.3])
+
+
+@settings(max_examples=50, deadline=None)
+@given(table=tables(), share=shares)
+def test_fewest_blocked_pairs_are_used_and_then_the_total_is_least_what_is_kept_counting_a_share_less(
+    table: Costs, share: float
+) -> None:
+    chosen = tuple(assign_least_total(table.cost, table.reachable, table.blocked, table.present, share).tolist())
+    assert chosen in table.best_ways()
+    assert table.total(chosen, share) == pytest.approx(min(table.total(way, share) for way in table.best_ways()))
+
+
+@settings(max_examples=50, deadline=None)
+@given(table=tables())
+def test_without_a_share_the_latest_arrival_is_least_and_then_the_total(table: Costs) -> None:
+    chosen = assign_least_latest(table.cost, table.reachable, table.blocked, table.present, 0.0)
+    ways = table.best_ways()
+    latest, total = min((table.latest(way), table.total(way)) for way in ways)
+    assert tuple(chosen.tolist()) in ways
+    assert (table.latest(tuple(chosen)), table.total(tuple(chosen))) == pytest.approx((latest, total))
+
+
+@settings(max_examples=50, deadline=None)
+@given(table=tables(), share=shares)
+def test_the_latest_arrival_stands_unless_it_can_fall_by_more_than_the_share(table: Costs, share: float) -> None:
+    chosen = assign_least_latest(table.cost, table.reachable, table.blocked, table.present, share)
+    ways = table.best_ways()
+    assert tuple(chosen.tolist()) in ways
+    least = min(table.latest(way) for way in ways)
+    present = tuple(table.present.tolist())
+    if present in ways and least >= (1.0 - share) * table.latest(present):
+        assert table.latest(tuple(chosen)) <= table.latest(present)
+        assert table.total(tuple(chosen), share) <= table.total(present, share) + 1e-9
+    else:
+        assert table.latest(tuple(chosen)) <= max(least, table.latest(present) if share > 0.0 else least)
+
+
+def settle(table: Costs, latest: bool, present: np.ndarray | None, share: float) -> np.ndarray:
+    if latest:
+        return assign_least_latest(table.cost, table.reachable, table.blocked, present, share)
+    return assign_least_total(table.cost, table.reachable, table.blocked, present, share)
+
+
+@pytest.mark.parametrize("latest", [False, True], ids=["total", "latest"])
+@settings(max_examples=25, deadline=None)
+@given(table=tables(least_cost=100), seed=st.integers(0, 2**32))
+def test_costs_that_tremble_by_less_than_the_share_bring_no_assignment_back_that_was_left(
+    latest: bool, table: Costs, seed: int
+) -> None:
+    rng, share = np.random.default_rng(seed), 0.05
+    # Every cost is at least 100, and a change must save more than 5 of 100: trembling may then be just below 2.5.
+    tremble = 0.5 if latest else 2.4
+    present: np.ndarray | None = None
+    left: set[tuple[int, ...]] = set()
+    for _ in range(25):
+        shaken = replace(table, cost=table.cost + rng.uniform(-tremble, tremble, table.cost.shape))
+        chosen = settle(shaken, latest, present, share)
+        assert tuple(chosen.tolist()) not in left
+        if present is not None and not np.array_equal(present, chosen):
+            left.add(tuple(present.tolist()))
+        present = chosen
+
+
+@pytest.mark.parametrize("latest", [False, True], ids=["total", "latest"])
+def test_without_a_share_a_trembling_tie_is_settled_anew_each_time(latest: bool) -> None:
+    found = set()
+    for tremble in (-1.0, 1.0):
+        cost = np.array([[500.0 + tremble, 500.0], [500.0, 500.0 + tremble]])
+        tie = Costs(cost, np.ones((2, 2), dtype=bool), np.zeros((2, 2), dtype=bool), np.array([0, 1]))
+        found.add(tuple(settle(tie, latest, tie.present, 0.0).tolist()))
+        assert settle(tie, latest, tie.present, 0.02).tolist() == [0, 1]
+    assert found == {(0, 1), (1, 0)}
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_agents_change_when_those_that_change_save_more_than_the_share(objective: Objective) -> None:
+    targets = [(0.0, 0.0), (1_000.0, 0.0)]
+    for apart_m, expected in ((10.0, [0, 1]), (200.0, [1, 0])):
+        agents = np.array([(500.0 + apart_m, 0.0), (500.0 - apart_m, 0.0)])
+        kept = assign(agents, np.array(targets), objective, None, np.array([0, 1]), 0.2)
+        assert kept.tolist() == expected
+        assert assign(agents, np.array(targets), objective, None, np.array([0, 1]), 0.0).tolist() == [1, 0]
+
+
+def test_who_is_blocked_at_its_present_target_leaves_it_whatever_the_share() -> None:
+    cost, blocked = np.array([[1.0, 500.0], [500.0, 900.0]]), np.array([[True, False], [False, False]])
+    assert assign_least_total(cost, None, blocked, np.array([0, 1]), 0.5).tolist() == [1, 0]
+    assert assign_least_latest(cost, None, blocked, np.array([0, 1]), 0.5).tolist() == [1, 0]
+
+
+def test_a_target_that_is_blocked_to_all_has_its_agents_all_the_same() -> None:
+    cost, blocked = np.array([[1.0, 9.0], [2.0, 9.0]]), np.array([[True, False], [True, False]])
+    assert sorted(assign_least_total(cost, None, blocked).tolist()) == [0, 1]
+    assert sorted(assign_least_latest(cost, None, blocked).tolist()) == [0, 1]
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.0, math.nan])
+def test_a_share_that_is_none_is_refused(share: float) -> None:
+    with pytest.raises(ValueError, match="switching_share"):
+        assign_least_total(np.ones((1, 1)), switching_share=share)
+
+
+@pytest.mark.parametrize("name", ["cost", "reachable", "blocked", "present"])
+def test_costs_whose_shapes_disagree_are_refused(name: str) -> None:
+    given = {
+        "cost": np.ones((2, 3)),
+        "reachable": np.ones((2, 3)),
+        "blocked": np.ones((2, 3)),
+        "present": np.zeros(2, int),
+    }
+    with pytest.raises(ValueError, match=f"{name} has shape"):
+        assign_least_total(**(given | {name: np.ones(3)}))
+
+
 AGENTS = np.array([[0.0, 0.0], [1_000.0, 0.0]])
 TARGETS = np.array([[3_000.0, 4_000.0], [1_000.0, 0.0], [0.0, 9_000.0]])
 
@@ -261,6 +442,14 @@ def test_an_agent_that_cannot_return_any_more_may_still_arrive() -> None:
 def test_an_unlimited_range_reaches_everything_and_an_exceeded_or_unknown_one_nothing(homes: np.ndarray | None) -> None:
     assert within_range(AGENTS, TARGETS, np.full(2, np.inf), homes, 1.1).all()
     assert not within_range(AGENTS, TARGETS, np.array([-1.0, np.nan]), homes, 1.1).any()
+
+
+def test_ways_that_are_longer_than_the_straight_one_count_in_full() -> None:
+    there_m = np.array([[5_001.0, 1_000.0, 9_000.0], [1.0, 0.0, 1.0]])
+    within = within_range(AGENTS, TARGETS, np.array([5_000.0, 0.0]), None, 1.1, there_m)
+    assert within.tolist() == [[False, True, False], [False, True, False]]
+    with pytest.raises(ValueError, match="there_m has shape"):
+        within_range(AGENTS, TARGETS, np.zeros(2), None, 1.1, there_m.T)
 
 
 def test_nobody_and_nowhere_are_in_range_of_nothing() -> None:

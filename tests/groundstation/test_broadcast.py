@@ -13,7 +13,9 @@ from companion.drawing import resolve
 from companion.mission import AgentSpec, Mission, TargetSpec, ThreatSpec, load_mission
 from companion.picture import Picture
 from companion.wire import (
+    BANDS_PER_FRAME,
     THREATS_PER_FRAME,
+    BandEntry,
     Directive,
     FrameReader,
     FrameWriter,
@@ -22,7 +24,7 @@ from companion.wire import (
     Stamp,
     StateFrame,
 )
-from groundstation.broadcast import motion_frames, state_frames
+from groundstation.broadcast import band_frames, motion_frames, state_frames
 from groundstation.picture import GroundPicture, Track
 
 START_S = 1_790_000_000
@@ -294,3 +296,30 @@ def test_in_case_ii_the_papers_mission_takes_one_frame_of_the_same_size() -> Non
     mission = unseen(resolve(load_mission("paper-dynamic"), 1))
     (frame,) = states(mission, {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)})
     assert len(FrameWriter().encode(frame, bytes(range(1, 65)))) <= 235
+
+
+# Heights that threats reach
+
+limits = st.none() | st.integers(-900, 400).map(float)
+
+
+@settings(max_examples=30)
+@given(st.dictionaries(ids_16, st.tuples(limits, limits.map(lambda floor: None if floor is None else floor + 1_500.0))))
+def test_every_band_goes_out_once_and_a_threat_without_one_is_not_named(
+    bands: dict[int, tuple[float | None, float | None]],
+) -> None:
+    threats = tuple(
+        ThreatSpec(id=k, detection_radius_m=2.0, attack_radius_m=1.0, floor_m=floor_m, ceiling_m=ceiling_m)
+        for k, (floor_m, ceiling_m) in bands.items()
+    )
+    mission = mission_of({1: (0.0, 0.0)}, {1: (0.0, 0.0)}, {}).model_copy(update={"threats": threats})
+    frames = band_frames(mission, STAMP)
+    told = [threat for frame in frames for threat in frame.threats]
+    assert sorted(told, key=lambda threat: threat.id) == [
+        BandEntry(k, *limits_m) for k, limits_m in sorted(bands.items()) if limits_m != (None, None)
+    ]
+    assert [frame.stamp.frame_index for frame in frames] == list(range(len(frames)))
+    assert {frame.stamp.frame_count for frame in frames} <= {len(frames)}
+    for frame in frames:
+        assert len(frame.threats) <= BANDS_PER_FRAME
+        assert FrameReader().read(FrameWriter().encode(frame)) == [frame]

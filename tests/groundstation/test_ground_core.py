@@ -14,6 +14,7 @@ from companion.drawing import resolve
 from companion.errors import InputError
 from companion.mission import Mission, parse_mission
 from companion.wire import (
+    BandsFrame,
     Detection,
     DetectionsFrame,
     Directive,
@@ -182,9 +183,8 @@ def test_the_broadcast_itself_on_the_sensors_channel_changes_nothing() -> None:
 
 def test_what_it_cannot_do_is_refused_in_one_line() -> None:
     with pytest.raises(InputError) as caught:
-        GroundStation(mission("name: test\nobjective: route\n"), START_S)
-    said = "test: objective: 'route' cannot be assigned; allowed: distance, inverse-distance"
-    assert str(caught.value) == said
+        GroundStation(mission("name: test\nwind: {speed_m_s: 50, gust_m_s: 10}\n"), START_S)
+    assert str(caught.value).startswith("test: wind: speed_m_s and gust_m_s together 60; allowed: less than ")
 
 
 @pytest.mark.parametrize(("objective", "chosen"), [("distance", {1: 1, 2: 2}), ("inverse-distance", {1: 2, 2: 1})])
@@ -196,6 +196,133 @@ targets: [{id: 1, north_m: 8500, east_m: 0}, {id: 2, north_m: 50000, east_m: 0}]
     station = GroundStation(parse_mission(f"{text}objective: {objective}\n", "test"), START_S)
     station.tick(START_S)
     assert station.assignment == chosen
+
+
+@pytest.mark.parametrize("objective", ["distance", "inverse-distance", "route", "latest"])
+def test_an_agent_that_is_kept_for_a_target_is_sent_there_or_nowhere(objective: str) -> None:
+    text = f"""
+agents: [{{id: 1, north_m: 0, east_m: 0, only_target: 2}}, {{id: 2, north_m: 9000, east_m: 0}}]
+targets: [{{id: 1, north_m: 1000, east_m: 0}}, {{id: 2, north_m: 9900, east_m: 0}}]
+objective: {objective}
+"""
+    assert GroundStation(parse_mission(text, "kept"), START_S).assignment == {1: 2, 2: 1}
+    both = text.replace("east_m: 0}]\ntargets", "east_m: 0, only_target: 2}]\ntargets")
+    station = GroundStation(parse_mission(both, "kept"), START_S)
+    assert (set(station.assignment.values()), station.uncovered) == ({2}, (1,))
+
+
+BEHIND = """
+agents: [{id: 1, north_m: 0, east_m: -2000}, {id: 2, north_m: 12000, east_m: 0}]
+targets: [{id: 1, north_m: 0, east_m: 2000}, {id: 2, north_m: 7000, east_m: -4500}]
+defaults: {threat: {detection_radius_m: 1500, attack_radius_m: 500, speed_bound_m_s: 0}}
+threats: [{id: 1, north_m: -8000, east_m: 0}, {id: 2, north_m: -6000, east_m: 0}, {id: 3, north_m: -4000, east_m: 0},
+  {id: 4, north_m: -2000, east_m: 0}, {id: 5, north_m: 0, east_m: 0}, {id: 6, north_m: 2000, east_m: 0},
+  {id: 7, north_m: 4000, east_m: 0}, {id: 8, north_m: 6000, east_m: 0}, {id: 9, north_m: 8000, east_m: 0}]
+arrival_radius_m: 300
+"""
+SWAPPED, STRAIGHT = {1: 2, 2: 1}, {1: 1, 2: 2}
+
+
+@pytest.mark.parametrize(
+    ("lines", "chosen"),
+    [
+        ("objective: distance", STRAIGHT),
+        ("objective: route", SWAPPED),
+        ("objective: latest", SWAPPED),
+    ],
+)
+def test_by_the_way_nobody_is_sent_through_a_wall_of_threats(lines: str, chosen: dict[int, int]) -> None:
+    assert GroundStation(parse_mission(f"{BEHIND}{lines}\n", "behind"), START_S).assignment == chosen
+
+
+@pytest.mark.parametrize(
+    ("alt_m", "height_m", "chosen"), [(500, 30, SWAPPED), (500, 120, STRAIGHT), (600, 30, STRAIGHT)]
+)
+def test_a_wall_below_the_agents_is_in_nobodys_way(alt_m: int, height_m: int, chosen: dict[int, int]) -> None:
+    text = BEHIND.replace(
+        "defaults: {threat: {", f"defaults: {{agent: {{height_m: {height_m}}}, threat: {{ceiling_m: 600, "
+    )
+    station = GroundStation(parse_mission(f"{text}objective: route\norigin: {{alt_m: {alt_m}}}\n", "below"), START_S)
+    assert station.assignment == chosen
+
+
+def seen_at(station: GroundStation, t_s: float, *agents: tuple[float, float, float, float]) -> None:
+    """Detect the agents, each (north_m, east_m, velocity north and east m/s), and let the time come."""
+    detections = tuple(Detection(Kind.AGENT, k, *agent) for k, agent in enumerate(agents, 1))
+    frame = DetectionsFrame(int(START_S), round(1000 * t_s), 47.0, 8.0, detections)
+    station.sense(FrameWriter().encode(frame), START_S + t_s)
+    station.tick(START_S + t_s)
+
+
+ABREAST = """
+agents: [{id: 1, north_m: 0, east_m: 0, n_max: 0.5}, {id: 2, north_m: 0, east_m: 200, n_max: 0.5}]
+targets: [{id: 1, north_m: 9000, east_m: 0}, {id: 2, north_m: 9000, east_m: 200}]
+assignment_period_s: 5
+"""
+
+
+@pytest.mark.parametrize(
+    ("lines", "changes"),
+    [("objective: distance", True), ("objective: route", False), ("objective: route\nswitching_share: 0", True)],
+)
+def test_agents_that_stray_across_each_other_keep_their_targets_where_a_share_is_set(lines: str, changes: bool) -> None:
+    station = GroundStation(parse_mission(f"{ABREAST}{lines}\n", "abreast"), START_S)
+    found = []
+    for step in range(1, 7):
+        off_m = 20.0 * (-1) ** step
+        seen_at(station, 5.0 * step, (300.0, 100.0 + off_m, 60.0, 0.0), (300.0, 100.0 - off_m, 60.0, 0.0))
+        found.append(station.assignment)
+    assert (len({tuple(sorted(each.items())) for each in found}) > 1) is changes
+
+
+@pytest.mark.parametrize(("heading", "chosen"), [(1.0, STRAIGHT), (-1.0, SWAPPED)])
+def test_the_way_begins_as_the_agent_flies(heading: float, chosen: dict[int, int]) -> None:
+    """Agent 1 is between a target ahead and one behind it; agent 2 stands still abeam of both."""
+    text = """
+agents: [{id: 1, north_m: 0, east_m: 0, n_max: 0.5}, {id: 2, north_m: 0, east_m: -8000}]
+targets: [{id: 1, north_m: 4000, east_m: 0}, {id: 2, north_m: -4000, east_m: 0}]
+assignment_period_s: 5
+objective: route
+switching_share: 0
+"""
+    station = GroundStation(parse_mission(text, "ways"), START_S)
+    seen_at(station, 5.0, (0.0, 0.0, 60.0 * heading, 0.0), (0.0, -8_000.0, 0.0, 0.0))
+    assert station.assignment == chosen
+
+
+def test_by_the_way_the_range_must_be_enough_for_the_way() -> None:
+    text = """
+agents: [{id: 1, north_m: 0, east_m: -5000, range_m: RANGE}]
+targets: [{id: 1, north_m: 0, east_m: 5000}]
+threats: [{id: 1, north_m: 0, east_m: 0, detection_radius_m: 3000, attack_radius_m: 500, speed_bound_m_s: 0}]
+range_policy: arrive
+"""
+    found = {}
+    for objective in ("distance", "route", "latest"):
+        for range_m in (11_000, 12_500):
+            lines = f"{text.replace('RANGE', str(range_m))}objective: {objective}\n"
+            found[objective, range_m] = GroundStation(parse_mission(lines, "range"), START_S).uncovered == ()
+    assert found == {
+        ("distance", 11_000): True,
+        ("distance", 12_500): True,
+        ("route", 11_000): False,
+        ("route", 12_500): True,
+        ("latest", 11_000): False,
+        ("latest", 12_500): True,
+    }
+
+
+def test_where_threats_have_bands_they_go_out_with_every_state() -> None:
+    text = TEXT.replace("attack_radius_m: 1000", "attack_radius_m: 1000, floor_m: 100.5, ceiling_m: 900")
+    station, reader = GroundStation(parse_mission(text, "bands"), START_S), FrameReader()
+    plain = GroundStation(mission("name: bands\n"), START_S)
+    sent = [[type(f) for d in station.tick(START_S + t_s) for f in reader.read(d)] for t_s in (0.0, 2.5, 5.0)]
+    assert sent == [[StateFrame, BandsFrame], [MotionFrame], [StateFrame, BandsFrame]]
+    assert plain.tick(START_S)[0][7:-2] == GroundStation(parse_mission(text, "b"), START_S).tick(START_S)[0][7:-2]
+
+
+def test_where_no_threat_has_a_band_none_go_out() -> None:
+    assert Run().to(20.0).times(BandsFrame) == []
 
 
 def test_a_mission_of_more_frames_than_can_be_numbered_is_refused() -> None:

@@ -35,12 +35,27 @@ def mission_of(
     losses: Sequence[tuple[int, float]] = (),
     arrival_radius_m: float = 10.0,
     separation_m: float = 5.0,
+    floor_m: float | None = None,
+    layers: int = 1,
+    layer_spacing_m: float = 0.0,
+    only_target: int | None = None,
 ) -> Any:  # noqa: ANN401  (stands in for a Mission)
     return SimpleNamespace(
-        agents=tuple(SimpleNamespace(id=index + 1) for index in range(agents)),
+        name="stand-in",
+        origin=SimpleNamespace(alt_m=500.0),
+        layers=layers,
+        layer_spacing_m=layer_spacing_m,
+        agents=tuple(SimpleNamespace(id=index + 1, height_m=30.0, only_target=only_target) for index in range(agents)),
         targets=tuple(SimpleNamespace(id=index + 11) for index in range(targets)),
         threats=tuple(
-            SimpleNamespace(id=index + 21, detection_radius_m=detection, attack_radius_m=attack, motion=motion)
+            SimpleNamespace(
+                id=index + 21,
+                detection_radius_m=detection,
+                attack_radius_m=attack,
+                motion=motion,
+                floor_m=floor_m,
+                ceiling_m=None,
+            )
             for index, (detection, attack) in enumerate(threats)
         ),
         losses=tuple(SimpleNamespace(agent=agent, t_s=t_s) for agent, t_s in losses),
@@ -389,3 +404,27 @@ def test_the_score_equals_plain_loops_over_the_file(
         expected = by_plain_loops(path, mission)
     for name, value in expected.items():
         assert found.to_dict()[name] == pytest.approx(value, abs=2e-6), name
+
+
+def test_a_threat_above_the_agents_height_is_not_entered() -> None:
+    across = [[(0, 0), (50, 0), (100, 0)]]
+    above = score(flown(across, [[(100, 0)]], [[(50, 0)]]), mission_of(1, 1, [(20.0, 10.0)], floor_m=531.0))
+    assert (above.threat_entries_detection, above.worst_depth_m) == (0, 0.0)
+    assert above.shortest_path_m == (100.0,)
+    level = score(flown(across, [[(100, 0)]], [[(50, 0)]]), mission_of(1, 1, [(20.0, 10.0)], floor_m=530.0))
+    assert level.threat_entries_detection == 1
+
+
+def test_agents_on_different_layers_keep_apart_by_their_heights() -> None:
+    crossing = flown([[(0, 0), (10, 0)], [(10, 0), (0, 0)]])
+    assert score(crossing, mission_of(2, 0)).separation_breaches == 1
+    layered = score(crossing, mission_of(2, 0, layers=2, layer_spacing_m=30.0))
+    assert layered.separation_breaches == 0
+    assert layered.min_separation_m is None
+
+
+def test_an_agent_that_is_kept_for_a_target_arrives_only_there() -> None:
+    run = flown([[(0, 0), (100, 0), (200, 0)]], [[(100, 0)], [(200, 0)]])
+    kept = score(run, mission_of(1, 2, only_target=12))
+    assert kept.per_agent[0].target_id == 12
+    assert [target.reached_t_s for target in kept.per_target] == [None, 2.0]

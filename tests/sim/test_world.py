@@ -79,3 +79,15 @@ def test_nothing_moves_faster_than_its_bound(t_s: float, dt_s: float) -> None:
         before = target_at(world, t_s)[:2]
         after = target_at(world, t_s + dt_s)[:2]
         assert math.dist(before, after) <= 20.0 * dt_s + 1e-6
+
+
+def test_a_chaser_flies_at_its_bound_towards_the_nearest_agent() -> None:
+    text = TEXT.format(motion="static").replace("attack_radius_m: 200", "attack_radius_m: 200, motion: chase")
+    world = World(resolve(parse_mission(text, "test"), 1), 1)
+    agents_ned_m = np.array([[9_000.0, 400.0], [0.0, 0.0]])
+    world.advance(0.0, agents_ned_m)
+    world.advance(10.0, agents_ned_m)
+    assert world.rows()[1][0].tolist() == pytest.approx([9_000.0, 100.0, 90.0, 10.0])
+    world.advance(10.0, agents_ned_m[1:])
+    world.advance(20.0)
+    assert world.rows()[1][0, 0] == pytest.approx(8_900.0, abs=1.0)

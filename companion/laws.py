@@ -1,0 +1,261 @@
+"""What steers: from where the vehicle is to be and what it knows, to a wanted direction (METHOD.md sections 1 and 3).
+
+A law says where it would like to head. The right of way, the turn limit and the guard come after it, whatever the law.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from companion.config import Config
+from companion.cost import Weights
+from companion.guidance import (
+    MonolithicSurrogate,
+    PairSurrogate,
+    Pull,
+    Surrogate,
+    direction,
+    turn_rate_rad_s,
+)
+from companion.kinematics import shorter_turn_rad
+from companion.monolithic import load_monolithic
+from companion.picture import View
+from companion.route import Reach, Route, Router
+from companion.surrogate import (
+    HALF_WIDTH,
+    PolygonProfile,
+    RadialProfile,
+    StepProfile,
+    profile_by_name,
+    range_gradient,
+    wall_gradient,
+)
+
+ROUTE_MARGIN_M = 2.0
+"""The route keeps at least so far outside what the guard keeps (METHOD.md section 3: margins nest)..."""
+ROUTE_MARGIN_STEPS = 0.05
+"""...or this share of the way flown in a step, if that is more: a step cuts its corners."""
+WALL_SHARE = 22.0
+"""Half-width of F*'s edge is the route's margin over this: at the route it weighs less than any attraction."""
+OPPOSED_SHARE = 0.01
+"""A component against the route is worth counting from this share of the attraction."""
+COASTING_PERIODS = 3.0
+"""Broadcast periods after which a picture counts as coasting: the configuration says no more of the period."""
+LOOK_AHEAD_S = 30.0
+"""A broadcast velocity is believed for so long; after that the threat may be anywhere its bound allows."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the vehicle is, where it heads, and how fast over the ground."""
+
+    north_m: float
+    east_m: float
+    heading_rad: float
+    speed_m_s: float
+
+    @property
+    def position_ned_m(self) -> tuple[float, float]:
+        """(north, east)."""
+        return self.north_m, self.east_m
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the vehicle is to do now: go to a place, or keep a place that it loiters at."""
+
+    place_ned_m: tuple[float, float]
+    pull: Pull
+    """What would attract it if there were nothing else."""
+    loitering: bool
+    to_target: bool
+    flown_m: float
+    arrival_m: float
+    """As near as this is there."""
+    crowded: bool = False
+    """Others are so near that the right of way may ask for a circle to the right at any time."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """Where a law wants to go, as strongly as the gradient of its cost."""
+
+    pull: Pull
+    stay: str | None = None
+    """Why the vehicle can do no better than to loiter here; None while it can."""
+    note: str | None = None
+    """What else is worth knowing of this decision."""
+    opposed: bool = False
+    """The surrogate's component against the route was dropped."""
+    route: Route | None = None
+
+
+class SteeringLaw(Protocol):
+    """A guidance law of one vehicle; it may remember, but time and inputs are given to it."""
+
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+        """Return what it wants; `now_s` is this vehicle's clock."""
+        ...
+
+
+SteeringOf = Callable[[Config], SteeringLaw]
+"""Makes a vehicle's law from its configuration."""
+
+
+class GradientLaw:
+    """The paper's laws: the attraction less the gradient of the surrogate (paper: direct1)."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._surrogate = _surrogate(config)
+
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+        """See SteeringLaw."""
+        gradient_m = self._surrogate.gradient_m(pose.position_ned_m, view)
+        if task.to_target and self._config.law == "seed":
+            gradient_m = gradient_m + _range_gradient(task, pose, self._config)
+        return Wish(direction(task.pull, gradient_m))
+
+
+class RoutedLaw:
+    """H* = F* + 1/2 D_geo^2: the attraction follows the shortest path around the discs (METHOD.md section 3)."""
+
+    def __init__(self, config: Config) -> None:
+        limits = config.limits
+        self._config = config
+        self._weights = Weights(**config.weights.model_dump())
+        self._margin_m = max(ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS * limits.speed_m_s * config.guidance_step_s)
+        ground_m_s = limits.speed_m_s + limits.wind_m_s
+        rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
+        self._turn_radius_m = ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
+        self._period_s = config.staleness.coasting_after_s / COASTING_PERIODS
+        self._router = Router()
+
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+        """See SteeringLaw."""
+        wall_m = self._wall_gradient(pose, view)
+        if task.loitering:
+            return Wish(direction(task.pull, wall_m))
+        centres_ned_m, radii_m = foreseen(view, pose, self._config.limits.speed_m_s, self._period_s)
+        route = self._route(task, pose, centres_ned_m, radii_m + self._margin_m, view)
+        if route.reach is Reach.NONE:
+            return Wish(direction(task.pull, wall_m), stay="no way to the target", route=route)
+        note = None
+        if route.reach is Reach.NEAREST:
+            note = "target out of reach: to the nearest safe point"
+            if route.length_m <= max(task.arrival_m, 2.0 * self._turn_radius_m):
+                return Wish(Pull(0.0, 0.0), stay="at the nearest safe point", note=note, route=route)
+        pull = Pull(route.length_m * math.cos(route.heading_rad), route.length_m * math.sin(route.heading_rad))
+        wanted, opposed = _unopposed(pull, wall_m)
+        if route.turn != 0:
+            # The shorter side of a long turn may be the other one: then the side is wanted, not the end of it.
+            wanted = _on_side(wanted, pose.heading_rad, route.turn)
+        return Wish(wanted, note=note, opposed=opposed, route=route)
+
+    def _route(
+        self, task: Task, pose: Pose, centres_ned_m: np.ndarray, radii_m: np.ndarray, view: View
+    ) -> Route:  # (M, 2) m, (M,) m
+        """Return the way to the place; with others near, where there is one, the way that leaves room for a circle."""
+        for room_m in (2.0 * self._turn_radius_m, 0.0) if task.crowded and len(radii_m) else (0.0,):
+            route = self._router.route(
+                pose.position_ned_m,
+                pose.heading_rad,
+                self._turn_radius_m,
+                task.place_ned_m,
+                centres_ned_m,
+                radii_m + room_m,
+                view.threat_ids,
+            )
+            if route.reach is Reach.TARGET:
+                break
+        return route
+
+    def _wall_gradient(self, pose: Pose, view: View) -> np.ndarray:  # (2,) m
+        return wall_gradient(
+            np.array(pose.position_ned_m),
+            view.threats_ned_m,
+            view.detection_radius_m,
+            view.attack_radius_m,
+            view.peers_ned_m,
+            self._config.separation_m,
+            self._weights,
+            self._margin_m / WALL_SHARE,
+        )
+
+
+def foreseen(
+    view: View, pose: Pose, speed_m_s: float, period_s: float
+) -> tuple[np.ndarray, np.ndarray]:  # (M, 2) m, (M,) m
+    """Return discs that hold each threat when the vehicle could be at it: what a route must go around.
+
+    A broadcast velocity is believed for LOOK_AHEAD_S and only as far as the announced bound; what a threat may have
+    done beyond it since it was heard of stays in the radius. That counts as if a broadcast period had gone by: discs
+    that grow and shrink with every broadcast would open and close gaps, and the route would go to and fro.
+    """
+    if not view.threat_speed_m_s.any():
+        return view.threats_ned_m, view.detection_radius_m
+    offset_m = view.threats_ned_m - np.array(pose.position_ned_m)
+    apart_m = np.sqrt(offset_m[:, 0] ** 2 + offset_m[:, 1] ** 2) - view.detection_radius_m
+    ahead_s = np.clip(apart_m / speed_m_s, 0.0, LOOK_AHEAD_S)
+    moved_m = view.threat_velocity_m_s * (view.threat_age_s + ahead_s)[:, np.newaxis]
+    known_m_s = np.sqrt(view.threat_velocity_m_s[:, 0] ** 2 + view.threat_velocity_m_s[:, 1] ** 2)
+    unexplained_m_s = view.threat_speed_m_s - np.minimum(known_m_s, view.threat_speed_m_s)
+    heard_m = view.detection_radius_m - view.threat_speed_m_s * view.threat_age_s
+    grown_m = unexplained_m_s * np.maximum(view.threat_age_s, period_s)
+    return view.threats_ned_m + moved_m, heard_m + grown_m
+
+
+def law_of(config: Config) -> SteeringLaw:
+    """Return the law that a configuration names."""
+    return RoutedLaw(config) if config.law == "routed" else GradientLaw(config)
+
+
+def _unopposed(pull: Pull, gradient_m: np.ndarray) -> tuple[Pull, bool]:
+    """Return the direction without what the surrogate puts against the route, and whether there was any."""
+    strength_m = pull.strength_m
+    if strength_m == 0.0:
+        return direction(pull, gradient_m), False
+    ahead = (pull.north_m / strength_m, pull.east_m / strength_m)
+    against_m = float(gradient_m[0]) * ahead[0] + float(gradient_m[1]) * ahead[1]
+    if against_m <= 0.0:
+        return direction(pull, gradient_m), False
+    sideways_m = gradient_m - against_m * np.array(ahead)
+    return direction(pull, sideways_m), against_m > OPPOSED_SHARE * strength_m
+
+
+def _on_side(wanted: Pull, heading_rad: float, side: int) -> Pull:
+    """Return the wanted direction, or a right angle to the side if it would be turned to by the other one."""
+    if side * shorter_turn_rad(heading_rad, wanted.heading_rad) >= 0.0:
+        return wanted
+    turned_rad = heading_rad + side * math.pi / 2.0
+    return Pull(wanted.strength_m * math.cos(turned_rad), wanted.strength_m * math.sin(turned_rad))
+
+
+def _range_gradient(task: Task, pose: Pose, config: Config) -> np.ndarray:  # (2,) m
+    """Return the gradient of the smooth f4 (paper: fun4)."""
+    return range_gradient(
+        np.array(pose.position_ned_m),
+        np.array(task.place_ned_m),
+        task.flown_m,
+        config.limits.range_m,
+        config.weights.k_l,
+    )
+
+
+def _surrogate(config: Config) -> Surrogate:
+    if config.law == "seed" and config.surrogate == "monolithic":
+        return MonolithicSurrogate(load_monolithic(), config.agent_id)
+    return PairSurrogate(_profile(config), config.separation_m, Weights(**config.weights.model_dump()))
+
+
+def _profile(config: Config) -> RadialProfile:
+    if config.law == "ramp":
+        return PolygonProfile(HALF_WIDTH)
+    if config.law == "step":
+        return StepProfile()
+    return profile_by_name(config.surrogate)

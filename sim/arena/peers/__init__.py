@@ -1,0 +1,26 @@
+"""Published methods that the arena flies beside our laws: the same picture, the same turn limit, a heading each.
+
+See docs/peers.md for what was implemented, with which parameters, and where each is disadvantaged here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from companion.config import Config
+from companion.laws import SteeringLaw
+from sim.arena.peers.apf import PotentialField
+from sim.arena.peers.bendyruler import BendyRuler
+from sim.arena.peers.horizon import RecedingHorizon
+from sim.arena.peers.orca import ReciprocalAvoidance
+from sim.arena.peers.vfhplus import VectorFieldHistogram
+
+PEERS: dict[str, Callable[[Config], SteeringLaw]] = {
+    "apf": PotentialField,
+    "vfhplus": VectorFieldHistogram,
+    "bendyruler": BendyRuler,
+    "orca": ReciprocalAvoidance,
+    "horizon": RecedingHorizon,
+}
+SLOW: frozenset[str] = frozenset({"horizon"})
+"""Those that take tens of milliseconds for some decisions: they fly fewer missions."""

@@ -1,0 +1,58 @@
+"""Artificial potential field (Khatib 1986, Int. J. Robotics Research 5(1)): the oldest reactive method, as a baseline.
+
+The target attracts, every disc nearer than an influence distance repels, and the vehicle heads along the sum.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from companion.config import Config
+from companion.guidance import Pull
+from companion.laws import Pose, Task, Wish
+from companion.picture import View
+from sim.arena.peers.surroundings import discs_foreseen, distances_m, goal_of, scale_of
+
+INFLUENCE_TURN_RADII = 2.0
+"""d0 in turn radii: a vehicle turned back at d0 has room for its half circle."""
+BALANCE_SHARE = 0.5
+"""Of d0: where the repulsion of one disc is as strong as the attraction; gives the gain eta."""
+NEAREST_SHARE = 0.01
+"""Of d0: the repulsion grows no further than here, inside a disc either."""
+
+
+class PotentialField:
+    """Conic attraction, quadratic near the target; Khatib's repulsion from the edge of every disc."""
+
+    def __init__(
+        self, config: Config, influence_turn_radii: float = INFLUENCE_TURN_RADII, balance_share: float = BALANCE_SHARE
+    ) -> None:
+        self._scale = scale_of(config)
+        self._influence_m = max(influence_turn_radii * self._scale.turn_radius_m, 2.0 * self._scale.step_m)
+        balance_m = balance_share * self._influence_m
+        self._gain = balance_m**2 / (1.0 / balance_m - 1.0 / self._influence_m)
+
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+        """See SteeringLaw."""
+        if task.loitering:
+            return Wish(task.pull)
+        distance_m, bearing_rad = goal_of(task, pose)
+        attraction = min(1.0, distance_m / task.arrival_m)
+        repulsion = self._repulsion(pose, view)
+        return Wish(
+            Pull(
+                distance_m * (attraction * math.cos(bearing_rad) + float(repulsion[0])),
+                distance_m * (attraction * math.sin(bearing_rad) + float(repulsion[1])),
+            )
+        )
+
+    def _repulsion(self, pose: Pose, view: View) -> np.ndarray:  # (2,), attraction = 1
+        """Return sum of eta (1/rho - 1/d0) / rho^2 away from each disc, rho being the distance to its edge."""
+        discs = discs_foreseen(view, pose, self._scale)
+        offset_m, apart_m = distances_m(discs, pose.position_ned_m)
+        edge_m = np.maximum(apart_m - discs.radius_m, NEAREST_SHARE * self._influence_m)
+        strength = self._gain * np.maximum(0.0, 1.0 / edge_m - 1.0 / self._influence_m) / edge_m**2
+        total: np.ndarray = -(strength / apart_m) @ offset_m
+        return total

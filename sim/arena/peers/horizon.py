@@ -1,0 +1,232 @@
+"""Receding-horizon planning: BIT* (Gammell, Srinivasa & Barfoot 2015, ICRA) of OMPL, anew every two seconds.
+
+The planner knows the whole way to the target, as our route does, but searches it by sampling the plane; the turn limit
+is not in its plan. Between plans the vehicle heads for the farthest point of the last plan that it sees.
+"""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from types import ModuleType
+
+import numpy as np
+
+from companion.config import Config
+from companion.errors import InputError
+from companion.laws import Pose, Task, Wish
+from companion.picture import View
+from sim.arena.peers.surroundings import (
+    Discs,
+    discs_foreseen,
+    distances_m,
+    goal_of,
+    heading_for,
+    ray_margins_m,
+    scale_of,
+)
+
+REPLAN_S = 2.0
+"""As often a plan is made."""
+ITERATIONS = 3000
+"""Of BIT*: 23 to 76 ms with 14 to 60 discs. A budget in iterations gives the same plan on every machine."""
+CLEARANCE_TURN_RADII = 0.1
+"""The plan keeps this much more from the discs than the common margin, for corners that the vehicle cannot turn."""
+NEAR_SHARE = 0.999
+"""A disc about the vehicle itself is planned with as this share of the distance of its centre."""
+BOX_SHARE = 1.5
+"""The sampled box reaches this many greatest radii beyond vehicle, target and discs."""
+SEED = 1
+
+
+class RecedingHorizon:
+    """Plans are the same for the same inputs: the sampler is seeded before each."""
+
+    def __init__(
+        self, config: Config, clearance_turn_radii: float = CLEARANCE_TURN_RADII, iterations: int = ITERATIONS
+    ) -> None:
+        self._planner = BatchPlanner(iterations)
+        self._scale = scale_of(config)
+        self._clearance_m = clearance_turn_radii * self._scale.turn_radius_m
+        self._way_ned_m = np.zeros((0, 2))
+        self._planned_at_s = -math.inf
+        self._planned_for: tuple[float, float] | None = None
+        self._plans = 0
+
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+        """See SteeringLaw."""
+        if task.loitering:
+            # It may be loitering for want of a plan: that is no reason to plan more often.
+            return Wish(task.pull)
+        discs = discs_foreseen(view, pose, self._scale)
+        if task.place_ned_m != self._planned_for:
+            self._way_ned_m, self._planned_at_s, self._planned_for = np.zeros((0, 2)), -math.inf, task.place_ned_m
+        if now_s - self._planned_at_s >= REPLAN_S - 1e-6:
+            self._plan(task, pose, discs)
+            self._planned_at_s = now_s
+        if not len(self._way_ned_m):
+            return Wish(task.pull, stay="no plan")
+        return Wish(heading_for(self._follow(pose, discs), goal_of(task, pose)[0]))
+
+    def _plan(self, task: Task, pose: Pose, discs: Discs) -> None:
+        """Plan from here; the last plan stays where there is no new one."""
+        swept = self._swept(discs)
+        apart_m = distances_m(swept, pose.position_ned_m)[1]
+        radius_m = np.minimum(swept.radius_m + self._clearance_m, NEAR_SHARE * apart_m)
+        self._plans += 1
+        way_ned_m = self._planner.plan(
+            pose.position_ned_m, task.place_ned_m, swept.centres_ned_m, radius_m, SEED + self._plans
+        )
+        if len(way_ned_m):
+            self._way_ned_m = way_ned_m
+
+    def _swept(self, discs: Discs) -> Discs:
+        """Return the discs and once more those that move, where they will be when the vehicle has passed them.
+
+        Each is as much larger as it may move before the next plan.
+        """
+        moving = discs.velocity_m_s.any(axis=1)
+        radius_m = discs.radius_m + REPLAN_S * np.hypot(discs.velocity_m_s[:, 0], discs.velocity_m_s[:, 1])
+        passing_s = 2.0 * discs.radius_m[moving] / self._scale.speed_m_s
+        later_ned_m = discs.centres_ned_m[moving] + discs.velocity_m_s[moving] * passing_s[:, np.newaxis]
+        return Discs(
+            centres_ned_m=np.concatenate((discs.centres_ned_m, later_ned_m)),
+            radius_m=np.concatenate((radius_m, radius_m[moving])),
+            velocity_m_s=np.concatenate((discs.velocity_m_s, discs.velocity_m_s[moving])),
+            threats=discs.threats,
+        )
+
+    def _follow(self, pose: Pose, discs: Discs) -> float:
+        """Return the heading of the farthest point of the way in sight, and forget those before it."""
+        here_m = np.broadcast_to(np.array(pose.position_ned_m), self._way_ned_m.shape)
+        visible = np.flatnonzero(ray_margins_m(discs, here_m, self._way_ned_m) >= 0.0)
+        if visible.size:
+            self._way_ned_m = self._way_ned_m[visible[-1] :]
+        elif len(self._way_ned_m) > 1 and math.dist(pose.position_ned_m, self._way_ned_m[0]) <= self._scale.step_m:
+            self._way_ned_m = self._way_ned_m[1:]
+        north_m, east_m = self._way_ned_m[0] - pose.position_ned_m
+        return math.atan2(east_m, north_m)
+
+
+class BatchPlanner:
+    """BIT* in the plane, with an exact test of straight motions against discs."""
+
+    def __init__(self, iterations: int) -> None:
+        """Load OMPL.
+
+        Raises:
+            InputError: the library is not installed.
+
+        """
+        try:
+            self._base: ModuleType = importlib.import_module("ompl.base")
+            self._geometric: ModuleType = importlib.import_module("ompl.geometric")
+            self._util: ModuleType = importlib.import_module("ompl.util")
+        except ImportError as error:
+            raise InputError("horizon: needs the library OMPL; install '.[arena]'") from error
+        self._iterations = iterations
+
+    def plan(
+        self,
+        start_ned_m: tuple[float, float],
+        goal_ned_m: tuple[float, float],
+        centres_ned_m: np.ndarray,  # (D, 2) m
+        radius_m: np.ndarray,  # (D,) m
+        seed: int,
+    ) -> np.ndarray:  # (W, 2) m
+        """Return the corners of the way after the start, the goal last; none if none was found."""
+        discs = [(*centre, radius**2) for centre, radius in zip(centres_ned_m.tolist(), radius_m.tolist(), strict=True)]
+        if not _clear(discs, *goal_ned_m, *goal_ned_m):
+            return np.zeros((0, 2))
+        if _clear(discs, *start_ned_m, *goal_ned_m):
+            return np.array([goal_ned_m])
+        # OMPL warns that a seed comes late when it is not the first; it takes it all the same.
+        level = self._util.getLogLevel()
+        self._util.setLogLevel(self._util.LOG_NONE)
+        try:
+            self._util.RNG.setSeed(seed)
+            return self._search(start_ned_m, goal_ned_m, centres_ned_m, radius_m, discs)
+        finally:
+            self._util.setLogLevel(level)
+
+    def _search(
+        self,
+        start_ned_m: tuple[float, float],
+        goal_ned_m: tuple[float, float],
+        centres_ned_m: np.ndarray,
+        radius_m: np.ndarray,
+        discs: list[tuple[float, float, float]],
+    ) -> np.ndarray:
+        space = self._base.RealVectorStateSpace(2)
+        space.setBounds(self._box(np.vstack((start_ned_m, goal_ned_m, centres_ned_m)), float(radius_m.max())))
+        information = self._base.SpaceInformation(space)
+        information.setStateValidityChecker(lambda state: _clear(discs, state[0], state[1], state[0], state[1]))
+        validator = _motion_validator(self._base)(information, discs)
+        information.setMotionValidator(validator)
+        information.setup()
+        problem = self._base.ProblemDefinition(information)
+        ends = []
+        for place in (start_ned_m, goal_ned_m):
+            state = information.allocState()
+            state[0], state[1] = place
+            ends.append(state)
+        problem.setStartAndGoalStates(*ends)
+        problem.setOptimizationObjective(self._base.PathLengthOptimizationObjective(information))
+        planner = self._geometric.BITstar(information)
+        planner.setProblemDefinition(problem)
+        planner.setup()
+        asked = itertools.count(1)
+        planner.solve(self._base.PlannerTerminationCondition(lambda: next(asked) > self._iterations))
+        if not problem.hasExactSolution():
+            return np.zeros((0, 2))
+        path = problem.getSolutionPath()
+        corners = [path.getState(index) for index in range(1, path.getStateCount())]
+        return np.array([(corner[0], corner[1]) for corner in corners])
+
+    def _box(self, places_ned_m: np.ndarray, radius_m: float) -> object:
+        low_m, high_m = places_ned_m.min(axis=0) - BOX_SHARE * radius_m, places_ned_m.max(axis=0) + BOX_SHARE * radius_m
+        bounds = self._base.RealVectorBounds(2)
+        for axis in (0, 1):
+            bounds.setLow(axis, float(low_m[axis]))
+            bounds.setHigh(axis, float(high_m[axis]))
+        return bounds
+
+
+def _motion_validator(base: ModuleType) -> Callable[[object, list[tuple[float, float, float]]], object]:
+    """Return the class of the motion test; its parent is known only once OMPL is loaded."""
+
+    class Straight(base.MotionValidator):  # type: ignore[misc, name-defined]
+        """A straight motion is valid if it keeps out of every disc."""
+
+        def __init__(self, information: object, discs: list[tuple[float, float, float]]) -> None:
+            super().__init__(information)
+            self._discs = discs
+
+        def checkMotion(self, begin: Sequence[float], end: Sequence[float]) -> bool:
+            return _clear(self._discs, begin[0], begin[1], end[0], end[1])
+
+    return Straight
+
+
+def _clear(
+    discs: list[tuple[float, float, float]], north_m: float, east_m: float, to_north_m: float, to_east_m: float
+) -> bool:
+    """Return whether a straight motion keeps out of discs (north m, east m, radius squared m^2).
+
+    Plain floats: called some hundreds of times a plan, each time with a few tens of discs, where arrays cost more.
+    """
+    along_north_m, along_east_m = to_north_m - north_m, to_east_m - east_m
+    length2_m2 = along_north_m**2 + along_east_m**2
+    for disc_north_m, disc_east_m, radius2_m2 in discs:
+        off_north_m, off_east_m = disc_north_m - north_m, disc_east_m - east_m
+        share = 0.0
+        if length2_m2 > 0.0:
+            share = (off_north_m * along_north_m + off_east_m * along_east_m) / length2_m2
+            share = 0.0 if share < 0.0 else min(share, 1.0)
+        off_north_m -= share * along_north_m
+        off_east_m -= share * along_east_m
+        if off_north_m**2 + off_east_m**2 < radius2_m2:
+            return False
+    return True

@@ -1,0 +1,132 @@
+"""What the published methods steer among, taken from the same picture as our laws' (`companion.picture.View`).
+
+None of the methods knows of old reports: here a threat becomes a disc that holds it now, and another agent becomes a
+disc of the separation to keep.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.config import Config
+from companion.guidance import Pull, turn_rate_rad_s
+from companion.laws import LOOK_AHEAD_S, ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS, Pose, Task
+from companion.picture import View
+
+_NEAREST_M = 1e-6
+"""Distances are not taken as less than this, so that nothing divides by zero."""
+
+
+@dataclass(frozen=True)
+class Discs:
+    """Moving discs to keep out of, the margin included: the threats, and after them the other agents."""
+
+    centres_ned_m: np.ndarray  # (D, 2) m, now
+    radius_m: np.ndarray  # (D,) m
+    velocity_m_s: np.ndarray  # (D, 2) m/s
+    threats: int
+    """How many of them are threats."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Lengths of a vehicle that the methods' parameters are scaled with."""
+
+    speed_m_s: float
+    step_m: float
+    """Flown in a guidance step."""
+    turn_radius_m: float
+    """At the least turn rate and the greatest ground speed that the configuration allows for, as in RoutedLaw."""
+    margin_m: float
+    """What every method is given outside the discs: that of our route."""
+    separation_m: float
+
+
+def scale_of(config: Config) -> Scale:
+    """Return the lengths that a configuration implies."""
+    limits = config.limits
+    step_m = limits.speed_m_s * config.guidance_step_s
+    ground_m_s = limits.speed_m_s + limits.wind_m_s
+    rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
+    return Scale(
+        speed_m_s=limits.speed_m_s,
+        step_m=step_m,
+        turn_radius_m=ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s),
+        margin_m=max(ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS * step_m),
+        separation_m=config.separation_m,
+    )
+
+
+def discs_around(view: View, scale: Scale) -> Discs:
+    """Return the discs that hold the threats now, and those of the agents.
+
+    A threat has gone on with the velocity it was last heard of with; what it may have done beyond that, up to its
+    bound, stays in the radius. Agents that the own detector does not see are taken as standing where they are reckoned.
+    """
+    heard_m_s = np.hypot(view.threat_velocity_m_s[:, 0], view.threat_velocity_m_s[:, 1])
+    explained_m = np.minimum(heard_m_s, view.threat_speed_m_s) * view.threat_age_s
+    seen = len(view.seen_ned_m)
+    agent_velocity_m_s = np.zeros_like(view.peers_ned_m)
+    if seen:
+        # The picture lists those that are seen last, in the detector's order.
+        agent_velocity_m_s[-seen:] = view.seen_velocity_m_s
+    threats_ned_m = view.threats_ned_m + view.threat_velocity_m_s * view.threat_age_s[:, np.newaxis]
+    return Discs(
+        centres_ned_m=np.concatenate((threats_ned_m, view.peers_ned_m)),
+        radius_m=np.concatenate(
+            (view.detection_radius_m - explained_m, np.full(len(view.peers_ned_m), scale.separation_m))
+        )
+        + scale.margin_m,
+        velocity_m_s=np.concatenate((view.threat_velocity_m_s, agent_velocity_m_s)),
+        threats=len(threats_ned_m),
+    )
+
+
+def discs_foreseen(view: View, pose: Pose, scale: Scale) -> Discs:
+    """Return the discs each where it will be when the vehicle could be at it.
+
+    As our route foresees them (companion.laws.foreseen), for methods that know only of obstacles that stand still.
+    """
+    discs = discs_around(view, scale)
+    gap_m = distances_m(discs, pose.position_ned_m)[1] - discs.radius_m
+    ahead_s = np.clip(gap_m / scale.speed_m_s, 0.0, LOOK_AHEAD_S)
+    return replace(discs, centres_ned_m=discs.centres_ned_m + discs.velocity_m_s * ahead_s[:, np.newaxis])
+
+
+def distances_m(discs: Discs, position_ned_m: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the offsets (D, 2) m of the centres from a position, and their lengths (D,) m, never zero."""
+    offset_m = discs.centres_ned_m - np.array(position_ned_m)
+    return offset_m, np.maximum(np.hypot(offset_m[:, 0], offset_m[:, 1]), _NEAREST_M)
+
+
+def goal_of(task: Task, pose: Pose) -> tuple[float, float]:
+    """Return the distance to where the vehicle is to be, m, and the bearing, rad."""
+    north_m, east_m = task.place_ned_m[0] - pose.north_m, task.place_ned_m[1] - pose.east_m
+    return math.hypot(north_m, east_m), math.atan2(east_m, north_m)
+
+
+def heading_for(heading_rad: float, strength_m: float) -> Pull:
+    """Return the pull along a heading, as strong as the way that is left."""
+    return Pull(strength_m * math.cos(heading_rad), strength_m * math.sin(heading_rad))
+
+
+def wrapped(angle_rad: np.ndarray) -> np.ndarray:  # (...) rad
+    """Return angles in [-pi, pi)."""
+    turned: np.ndarray = (angle_rad + math.pi) % math.tau - math.pi
+    return turned
+
+
+def ray_margins_m(discs: Discs, begins_m: np.ndarray, ends_m: np.ndarray) -> np.ndarray:  # (S, 2), (S, 2) -> (S,) m
+    """Return the least distance of each straight ray from the edges of the discs, negative inside; inf without any."""
+    along_m = ends_m - begins_m
+    length2_m2 = np.maximum(np.einsum("si,si->s", along_m, along_m), _NEAREST_M**2)
+    north_m = discs.centres_ned_m[:, 0] - begins_m[:, :1]
+    east_m = discs.centres_ned_m[:, 1] - begins_m[:, 1:]
+    share = (north_m * along_m[:, :1] + east_m * along_m[:, 1:]) / length2_m2[:, np.newaxis]
+    share = np.clip(share, 0.0, 1.0)
+    apart_m = np.hypot(north_m - share * along_m[:, :1], east_m - share * along_m[:, 1:])
+    margins_m: np.ndarray = (apart_m - discs.radius_m).min(axis=1, initial=math.inf)
+    return margins_m

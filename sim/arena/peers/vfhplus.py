@@ -1,0 +1,137 @@
+"""VFH+ (Ulrich & Borenstein 1998, ICRA): the vector field histogram with the vehicle's size and turning circles.
+
+The discs block sectors about the vehicle; sectors that its turning circles cannot reach are blocked too; among the
+openings that are left, the candidate of least cost is taken.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from companion.config import Config
+from companion.laws import Pose, Task, Wish
+from companion.picture import View
+from sim.arena.peers.surroundings import Discs, discs_foreseen, distances_m, goal_of, heading_for, scale_of, wrapped
+
+SECTORS = 72
+"""The paper's angular resolution of 5 degrees."""
+SECTOR_RAD = math.tau / SECTORS
+WIDE_SECTORS = 8
+"""s_max: an opening of more sectors is wide, and its sides are candidates."""
+GOAL_COST, HEADING_COST, PREVIOUS_COST = 5.0, 2.0, 2.0
+"""mu_1, mu_2, mu_3 of the paper, for a robot that is to reach a goal."""
+BLOCKED_ABOVE, FREE_BELOW = 0.10, 0.05
+"""tau_high and tau_low for magnitudes that fall from 1 at the disc's edge to 0 at the window's."""
+WINDOW_TURN_RADII = 8.0
+"""Active window, in turn radii."""
+_ARC_RAD = math.radians(5.0) * np.arange(1, 37)
+"""Turns at which the turning circles are tested, up to half a circle."""
+
+
+class VectorFieldHistogram:
+    """Remembers the binary histogram and the direction chosen last, as the method does."""
+
+    def __init__(
+        self, config: Config, window_turn_radii: float = WINDOW_TURN_RADII, wide_sectors: int = WIDE_SECTORS
+    ) -> None:
+        self._scale = scale_of(config)
+        self._window_m = max(window_turn_radii * self._scale.turn_radius_m, 8.0 * self._scale.step_m)
+        self._wide = wide_sectors
+        self._blocked = np.zeros(SECTORS, dtype=bool)
+        self._previous_rad: float | None = None
+
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+        """See SteeringLaw."""
+        if task.loitering:
+            self._previous_rad = None
+            return Wish(task.pull)
+        distance_m, goal_rad = goal_of(task, pose)
+        discs = discs_foreseen(view, pose, self._scale)
+        self._blocked = self._binary(discs, pose, min(self._window_m, distance_m))
+        left_rad, right_rad = self._reach(discs, pose)
+        turn_rad = wrapped(sector_headings_rad() - pose.heading_rad)
+        half_rad = SECTOR_RAD / 2.0  # the sector of the heading itself is always within reach
+        masked = self._blocked | (turn_rad > right_rad + half_rad) | (turn_rad < -left_rad - half_rad)
+        chosen_rad = self._cheapest(masked, goal_rad, pose.heading_rad)
+        if chosen_rad is None:
+            # The paper's robot would stop: go on turning to the side where the turning circle is clear for longer.
+            side = 1.0 if right_rad >= left_rad else -1.0
+            chosen_rad = pose.heading_rad + side * math.pi / 2.0
+        self._previous_rad = chosen_rad
+        return Wish(heading_for(chosen_rad, distance_m))
+
+    def _binary(self, discs: Discs, pose: Pose, window_m: float) -> np.ndarray:  # (SECTORS,)
+        """Return the binary polar histogram: blocked, free, or as before in between."""
+        offset_m, apart_m = distances_m(discs, pose.position_ned_m)
+        edge_m = np.maximum(apart_m - discs.radius_m, 0.0)
+        magnitude = np.maximum(0.0, 1.0 - (edge_m / window_m) ** 2)
+        bearing_rad = np.arctan2(offset_m[:, 1], offset_m[:, 0])
+        # Inside a disc the half plane towards its centre is blocked, so that the vehicle leaves.
+        half_rad = np.arcsin(np.minimum(1.0, discs.radius_m / apart_m))
+        covered = np.abs(wrapped(sector_headings_rad() - bearing_rad[:, np.newaxis])) <= half_rad[:, np.newaxis]
+        density = magnitude @ covered
+        held: np.ndarray = (density > BLOCKED_ABOVE) | (self._blocked & (density >= FREE_BELOW))
+        return held
+
+    def _reach(self, discs: Discs, pose: Pose) -> tuple[float, float]:
+        """Return how far the vehicle can turn left and right before its turning circle meets a disc, rad."""
+        radius_m = self._scale.turn_radius_m
+        ahead_m, aside_m = radius_m * np.sin(_ARC_RAD), radius_m * (1.0 - np.cos(_ARC_RAD))
+        reach_rad = []
+        for side in (-1.0, 1.0):
+            cosine, sine = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
+            north_m = pose.north_m + ahead_m * cosine - side * aside_m * sine
+            east_m = pose.east_m + ahead_m * sine + side * aside_m * cosine
+            apart_m = np.hypot(
+                discs.centres_ned_m[:, :1] - north_m, discs.centres_ned_m[:, 1:] - east_m
+            )  # (D, turns) m
+            hit = (apart_m < discs.radius_m[:, np.newaxis]).any(axis=0)
+            first = int(np.argmax(hit)) if hit.any() else len(_ARC_RAD)
+            reach_rad.append(math.pi if first == len(_ARC_RAD) else float(_ARC_RAD[first] - _ARC_RAD[0]))
+        return reach_rad[0], reach_rad[1]
+
+    def _cheapest(self, masked: np.ndarray, goal_rad: float, heading_rad: float) -> float | None:
+        """Return the candidate direction of least cost, None if no sector is free."""
+        candidates = np.array(candidates_rad(masked, goal_rad, self._wide))
+        if not candidates.size:
+            return None
+        previous_rad = heading_rad if self._previous_rad is None else self._previous_rad
+        cost = (
+            GOAL_COST * np.abs(wrapped(candidates - goal_rad))
+            + HEADING_COST * np.abs(wrapped(candidates - heading_rad))
+            + PREVIOUS_COST * np.abs(wrapped(candidates - previous_rad))
+        )
+        return float(candidates[int(np.argmin(cost))])
+
+
+def sector_headings_rad() -> np.ndarray:  # (SECTORS,) rad
+    """Return the headings of the sectors' middles."""
+    return SECTOR_RAD * np.arange(SECTORS)
+
+
+def candidates_rad(masked: np.ndarray, goal_rad: float, wide_sectors: int) -> list[float]:
+    """Return the candidate directions of the openings between masked sectors (SECTORS,).
+
+    The middle of a narrow opening; of a wide one a direction half of `wide_sectors` inside each edge, and the goal's
+    own if it lies between them.
+    """
+    if masked.all():
+        return []
+    if not masked.any():
+        return [goal_rad]
+    begins = np.flatnonzero(~masked & np.roll(masked, 1))
+    found: list[float] = []
+    for begin in begins:
+        beyond = np.flatnonzero(np.roll(masked, -int(begin)))
+        width = int(beyond[0])
+        if width <= wide_sectors:
+            found.append(SECTOR_RAD * (begin + (width - 1) / 2.0))
+            continue
+        first_rad = SECTOR_RAD * (begin + wide_sectors / 2.0)
+        span_rad = SECTOR_RAD * (width - 1 - wide_sectors)
+        found += [first_rad, first_rad + span_rad]
+        if (goal_rad - first_rad) % math.tau <= span_rad:
+            found.append(goal_rad)
+    return found

@@ -1,0 +1,254 @@
+"""What the arena flies: every law on every mission, and the figures of each flight.
+
+A mission's flights share nothing with another's, so they run on as many processes as there are cores; what comes out
+depends on seed and runs alone, but for the decision times.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from companion.config import LAWS, Config, Law
+from companion.laws import SteeringLaw, SteeringOf
+from companion.mission import Mission
+from sim.arena.families import FAMILIES, draw
+from sim.arena.flight import ArenaFlight, fly_arena
+from sim.arena.peers import PEERS, SLOW
+from sim.arena.planner import plan, target_stays_clear
+from sim.jobs import outcomes
+from sim.score import AgentScore, Score, score
+
+OWN_LAWS: tuple[Law, ...] = ("routed", "seed")
+"""Ours and the paper's; `ramp` and `step` are the paper's contrast, not contestants."""
+FULL_RUNS = 500
+"""Missions of a full arena."""
+SLOW_RUNS = 20
+"""Single-agent missions of a family that a slow method flies, where the family has as many."""
+TIME_BINS_US = np.geomspace(1.0, 1e7, 281)
+"""Edges of the bins in which decision times are counted, so that those of many flights add up: 6 % wide."""
+
+
+@dataclass(frozen=True)
+class Feasibility:
+    """Whether a mission can be flown at all, by means that no law shares (docs/arena.md)."""
+
+    feasible: bool
+    why_not: str | None = None
+    gap: float | None = None
+    """Of the planner's length over its lower bound, the worst of its agents."""
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """One law on one mission. Lengths in metres, times in seconds unless said."""
+
+    family: str
+    index: int
+    law: str
+    feasibility: Feasibility
+    certified: bool
+    """Whether the guard certified every start, on the first picture (known from the flight of `routed`)."""
+    agents: int
+    targets: int
+    reached: int
+    entries: int
+    entries_attack: int
+    worst_depth_m: float
+    breaches: int
+    min_separation_m: float | None
+    path_ratios: tuple[float, ...]
+    """Flown over planned, of every agent that arrived and that the planner has a length for."""
+    flight_time_s: float
+    decision_counts: tuple[int, ...] = field(repr=False, default=())
+    """Decisions by TIME_BINS_US."""
+    decision_max_us: float = 0.0
+    guarded: int = 0
+    uncertified: int = 0
+    gave_way: int = 0
+    opposed: int = 0
+    broken: dict[str, int] = field(default_factory=dict)
+    stays: dict[str, int] = field(default_factory=dict)
+    wall_s: float = 0.0
+
+    @property
+    def complete(self) -> bool:
+        """Whether every target was reached."""
+        return self.reached == self.targets
+
+
+@dataclass(frozen=True)
+class Job:
+    """All the laws that fly one mission."""
+
+    family: str
+    seed: int
+    index: int
+    laws: tuple[str, ...]
+
+
+def jobs_of(seed: int, runs: int | None, families: Sequence[str], laws: Sequence[str]) -> list[Job]:
+    """Return the jobs of an arena: `runs` missions a family, or without it each family's share of FULL_RUNS.
+
+    Slow methods fly the first SLOW_RUNS missions of the families with a single agent.
+    """
+    jobs = []
+    for family in families:
+        count = runs if runs is not None else max(1, round(FAMILIES[family].share * FULL_RUNS))
+        for index in range(count):
+            flown = [law for law in laws if law not in SLOW or (FAMILIES[family].single and index < SLOW_RUNS)]
+            jobs.append(Job(family, seed, index, tuple(flown)))
+    return jobs
+
+
+def fly_all(jobs: Sequence[Job], workers: int, progress: Callable[[int, int], None]) -> list[Run]:
+    """Fly every job, on `workers` processes (0: in this one); return the runs in order of family, index and law."""
+    # Fleets last as long as many single agents: first, so that no core waits for one of them at the end.
+    ordered = sorted(jobs, key=lambda job: FAMILIES[job.family].single)
+    runs: list[Run] = []
+    for done, (_, flown) in enumerate(outcomes(fly_job, ordered, workers), start=1):
+        runs += flown
+        progress(done, len(ordered))
+    families = list(FAMILIES)
+    return sorted(runs, key=lambda run: (families.index(run.family), run.index, law_order(run.law)))
+
+
+def law_order(law: str) -> int:
+    """Return where a law stands in tables: ours, the paper's, the peers."""
+    return [*LAWS, *PEERS].index(law)
+
+
+def fly_job(job: Job) -> list[Run]:
+    """Fly one mission with each of its laws."""
+    mission = draw(job.family, job.seed, job.index)
+    seed = flight_seed(job.seed, job.index)
+    planned = _Planned(mission, seed)
+    feasibility = _feasibility(mission, planned)
+    certified = True
+    runs = []
+    for law in sorted(job.laws, key=law_order):
+        began_s = time.perf_counter()
+        flight = fly_law(mission, seed, law)
+        if law == "routed":
+            certified = flight.certified
+        scored = score(flight.trajectory, mission)
+        runs.append(
+            Run(
+                family=job.family,
+                index=job.index,
+                law=law,
+                feasibility=feasibility,
+                certified=certified,
+                agents=len(mission.agents),
+                targets=scored.targets,
+                reached=scored.targets_reached,
+                entries=scored.threat_entries_detection,
+                entries_attack=scored.threat_entries_attack,
+                worst_depth_m=scored.worst_depth_m,
+                breaches=scored.separation_breaches,
+                min_separation_m=scored.min_separation_m,
+                path_ratios=_ratios(scored, flight, mission, planned),
+                flight_time_s=scored.flight_time_s,
+                decision_counts=tuple(np.histogram(flight.decision_us, TIME_BINS_US)[0].tolist()),
+                decision_max_us=float(flight.decision_us.max(initial=0.0)),
+                guarded=flight.guarded,
+                uncertified=flight.uncertified,
+                gave_way=flight.gave_way,
+                opposed=flight.opposed,
+                broken=flight.broken,
+                stays=flight.stays,
+                wall_s=time.perf_counter() - began_s,
+            )
+        )
+    return runs
+
+
+def flight_seed(seed: int, index: int) -> int:
+    """Return the seed that a mission is flown with: `sim fly --seed`."""
+    return seed * 100_000 + index
+
+
+def fly_law(mission: Mission, seed: int, law: str) -> ArenaFlight:
+    """Fly a mission with one of our laws or one of the peers."""
+    own = next((name for name in LAWS if name == law), None)
+    if own is not None:
+        return fly_arena(mission, seed, own)
+    return fly_arena(mission, seed, "seed", _steering(law))
+
+
+def _steering(law: str) -> SteeringOf:
+    def make(config: Config) -> SteeringLaw:
+        return PEERS[law](config)
+
+    return make
+
+
+class _Planned:
+    """The planner's lengths for one mission, each computed once."""
+
+    def __init__(self, mission: Mission, seed: int) -> None:
+        self._mission = mission
+        self.seconds = 0.0
+        self.worst_gap: float | None = None
+        self._plan = functools.cache(functools.partial(plan, mission, seed=seed))
+
+    def length_m(self, agent_id: int, target_ned_m: tuple[float, float]) -> float:
+        """Return the turn-feasible length to within the arrival radius of a place; infinite where there is no way."""
+        found = self._plan(agent_id, target_ned_m, until_s=self._mission.max_time_s)
+        if math.isfinite(found.length_m) and found.lower_bound_m > 0.0:
+            self.worst_gap = max(self.worst_gap or 0.0, found.gap)
+        return found.length_m
+
+
+def _feasibility(mission: Mission, planned: _Planned) -> Feasibility:
+    """Say whether a mission can be flown: targets clear to the end, and for each the planner finds somebody's way.
+
+    The third condition, a certified start, is the guard's to say: see Run.certified.
+    """
+    began_s = time.perf_counter()
+
+    def verdict(why_not: str | None) -> Feasibility:
+        return Feasibility(why_not is None, why_not, planned.worst_gap, time.perf_counter() - began_s)
+
+    lost = {loss.agent for loss in mission.losses}
+    able = [agent for agent in mission.agents if agent.id not in lost]
+    for target in mission.targets:
+        if not target_stays_clear(mission, target.position_ned_m, mission.max_time_s):
+            return verdict(f"target {target.id} is inside a disc by the end")
+    if len(able) < len(mission.targets):
+        return verdict("fewer agents are left than there are targets")
+    for target in mission.targets:
+        sent = [agent for agent in able if agent.only_target == target.id] or [
+            agent for agent in able if agent.only_target is None
+        ]
+        nearest = sorted(sent, key=lambda agent: math.dist(agent.position_ned_m, target.position_ned_m))
+        if not any(math.isfinite(planned.length_m(agent.id, target.position_ned_m)) for agent in nearest):
+            return verdict(f"no way to target {target.id}")
+    return verdict(None)
+
+
+def _ratios(scored: Score, flight: ArenaFlight, mission: Mission, planned: _Planned) -> tuple[float, ...]:
+    """Return flown over planned lengths; to a target that moves, planned to where it was reached."""
+    static = {target.id: target.position_ned_m for target in mission.targets if target.motion == "static"}
+    ratios = []
+    for agent in scored.per_agent:
+        if agent.arrived_t_s is None or agent.target_id is None:
+            continue
+        place = static.get(agent.target_id) or _target_at(flight, agent)
+        length_m = planned.length_m(agent.id, place)
+        if 0.0 < length_m < math.inf:
+            ratios.append(agent.path_to_end_m / length_m)
+    return tuple(ratios)
+
+
+def _target_at(flight: ArenaFlight, agent: AgentScore) -> tuple[float, float]:
+    trajectory = flight.trajectory
+    sample = int(np.searchsorted(trajectory.t_s, agent.arrived_t_s or 0.0))
+    north_m, east_m = trajectory.targets_ned_m[sample, trajectory.target_ids.index(agent.target_id or 0)]
+    return float(north_m), float(east_m)

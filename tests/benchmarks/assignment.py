@@ -1,0 +1,80 @@
+"""How long an assignment around threats takes: `python tests/benchmarks/assignment.py`.
+
+Random scenes of 25 discs with the agents on their way somewhere; the paper's speeds at n = 1. For each it prints the
+median and greatest time of one assignment, and how many paths it searched of how many pairs.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from functools import partial
+
+import numpy as np
+
+from groundstation.assignment import SWITCHING_SHARE
+from groundstation.ways import MAX_ROUTES, Scene, WayObjective, Ways, assign_by_ways
+
+SIDE_M = 200_000.0
+SPEED_M_S, TURN_RADIUS_M = 60.0, 367.0
+RADII_M = (5_000.0, 20_000.0)
+SCENES = 20
+
+
+def scene(rng: np.random.Generator, agents: int, targets: int, discs: int) -> Scene:
+    """Return a scene whose targets and agents lie outside all discs."""
+    centres_ned_m = rng.uniform(0.0, SIDE_M, (discs, 2))
+    radii_m = rng.uniform(*RADII_M, discs)
+
+    def free(count: int) -> np.ndarray:
+        points: list[np.ndarray] = []
+        while len(points) < count:
+            point = rng.uniform(0.0, SIDE_M, 2)
+            if np.all(np.hypot(*(centres_ned_m - point).T) > 1.1 * radii_m):
+                points.append(point)
+        return np.array(points)
+
+    return Scene(
+        free(agents),
+        rng.uniform(0.0, math.tau, agents),
+        np.full(agents, TURN_RADIUS_M),
+        free(targets),
+        centres_ned_m,
+        radii_m,
+        np.ones((agents, discs), dtype=bool),
+    )
+
+
+def everything(there_m: np.ndarray) -> np.ndarray:
+    """Return that all is within range."""
+    return np.isfinite(there_m)
+
+
+def measure(agents: int, targets: int, discs: int, objective: WayObjective, again: bool) -> str:
+    """Return a line on assignments of one kind; `again`: of the second in a flight, with the first one present."""
+    rng = np.random.default_rng(7)
+    speeds_m_s = np.full(agents, SPEED_M_S)
+    settle = partial(assign_by_ways, speeds_m_s=speeds_m_s, objective=objective, in_range=everything)
+    took_ms, searched = [], []
+    for _ in range(SCENES):
+        drawn = scene(rng, agents, targets, discs)
+        present, share = np.full(agents, -1), SWITCHING_SHARE
+        if again:
+            present = settle(Ways(drawn), present=present, switching_share=share)
+        started_s = time.perf_counter()
+        ways = Ways(drawn)
+        settle(ways, present=present, switching_share=share)
+        took_ms.append(1e3 * (time.perf_counter() - started_s))
+        searched.append(ways.searched)
+    return (
+        f"{agents} x {targets}, {discs} discs, {objective}, {'again' if again else 'first'}: "
+        f"{np.median(took_ms):.0f} ms median, {max(took_ms):.0f} ms at most; "
+        f"{np.median(searched):.0f} paths median, {max(searched)} at most (bound {MAX_ROUTES}), of {agents * targets}"
+    )
+
+
+if __name__ == "__main__":
+    for agents, targets in ((10, 5), (50, 20)):
+        for objective in ("route", "latest"):
+            for again in (False, True):
+                print(measure(agents, targets, 25, objective, again), flush=True)

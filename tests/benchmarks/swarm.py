@@ -1,0 +1,396 @@
+"""Swarms that keep the right of way, in a kinematic loop of their own: `python tests/benchmarks/swarm.py [SCENE]`.
+
+Every vehicle decides alone and at the same time as all others, from what its own detector sees at that moment, and
+flies the exact arc to the heading that it chose. Nothing else keeps them apart: no guard, no surrogate, no broadcast.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from companion.guard import Motion
+from companion.guidance import (
+    loiter_attraction,
+    loiter_place,
+    loiter_radius_m,
+    loiter_spacing_m,
+    turn_rate_rad_s,
+)
+from companion.kinematics import turn_towards
+from companion.right_of_way import Rules, give_way, reserved_radius_m
+
+DT_S = 0.5
+PIECES = 5
+"""Samples of a step between which the separation is interpolated."""
+ARRIVAL_RADIUS_M = 300.0
+DETECTOR_RANGE_M = 2000.0
+ATTEMPTS = 100
+"""How often the drawing of a scene is begun again..."""
+DRAWS = 4000
+"""...and how many draws each attempt has."""
+
+
+@dataclass
+class Craft:
+    """One vehicle of a swarm and what it is after."""
+
+    north_m: float
+    east_m: float
+    heading_rad: float
+    speed_m_s: float
+    target_ned_m: tuple[float, float] | None  # None: it loiters from the start
+    target_id: int = -1
+    cruise_m_s: float = 0.0
+    place_ned_m: tuple[float, float] | None = None
+    flown_m: float = 0.0
+    pending: list[tuple[float, float]] = field(default_factory=list)  # decisions on their way: heading rad, speed m/s
+    done_s: float | None = None  # when its target was completed, by itself or by another
+    reached: bool = False
+    shortest_m: float = 0.0
+
+
+@dataclass
+class Outcome:
+    """What a flight came to."""
+
+    vehicles: int
+    bound: int  # vehicles that had a target
+    arrived: int
+    breaches: int  # pairs that came closer than D_safe, each entry counted
+    least_m: float
+    time_s: float
+    path_ratios: list[float] = field(default_factory=list)
+
+
+def fly(
+    crafts: Sequence[Craft],
+    rules: Rules,
+    time_limit_s: float,
+    after_s: float = 0.0,
+    detector_range_m: float = DETECTOR_RANGE_M,
+    arrival_radius_m: float = ARRIVAL_RADIUS_M,
+    give: bool = True,
+    noise: Callable[[tuple[int, ...]], np.ndarray] | None = None,
+) -> Outcome:
+    """Fly until all have arrived and `after_s` more, or to the time limit.
+
+    Without `give` nobody gives way. `noise` returns position errors of a shape, m. Changes the crafts.
+    """
+    for craft in crafts:
+        craft.cruise_m_s = craft.speed_m_s
+        if craft.target_ned_m is None:
+            craft.place_ned_m = (craft.north_m, craft.east_m)
+        else:
+            craft.shortest_m = math.dist((craft.north_m, craft.east_m), craft.target_ned_m) - arrival_radius_m
+    close = np.zeros((len(crafts), len(crafts)), dtype=bool)
+    outcome = Outcome(len(crafts), sum(c.target_ned_m is not None for c in crafts), 0, 0, math.inf, 0.0)
+    now_s, end_s = 0.0, time_limit_s
+    while now_s < end_s:
+        positions = np.array([(c.north_m, c.east_m) for c in crafts])
+        velocities = np.array([(math.cos(c.heading_rad), math.sin(c.heading_rad)) for c in crafts])
+        velocities *= np.array([[c.speed_m_s] for c in crafts])
+        settled = np.array([c.place_ned_m is not None for c in crafts])
+        decisions = []
+        for k, craft in enumerate(crafts):
+            seen = np.hypot(*(positions - positions[k]).T) <= detector_range_m
+            seen[k] = False
+            wanted_rad = _wanted_rad(craft, positions[seen & settled], rules, arrival_radius_m)
+            motion = Motion(craft.north_m, craft.east_m, craft.heading_rad, craft.speed_m_s)
+            heard = positions[seen]
+            if noise is not None:
+                heard = heard + noise(heard.shape)
+            if give:
+                at_effect_rad = _heading_at_effect_rad(craft, rules)
+                chosen = give_way(
+                    wanted_rad, motion, heard, velocities[seen], rules, DT_S, heading_at_effect_rad=at_effect_rad
+                )
+                speed_m_s = min(chosen.speed_m_s, _wanted_m_s(craft, rules))
+                decisions.append((chosen.heading_rad, speed_m_s))
+            else:
+                decisions.append((wanted_rad, craft.speed_m_s))
+        for craft, decision in zip(crafts, decisions, strict=True):
+            craft.pending.append(decision)
+        delay = round(rules.reaction_s / DT_S)
+        ripe = [c.pending.pop(0) if len(c.pending) > delay else (c.heading_rad, c.speed_m_s) for c in crafts]
+        samples = np.array([_step(c, h, v, rules) for c, (h, v) in zip(crafts, ripe, strict=True)])
+        _score(samples, rules, close, outcome)
+        now_s += DT_S
+        _arrive(crafts, now_s, arrival_radius_m)
+        if end_s == time_limit_s and all(c.done_s is not None or c.target_ned_m is None for c in crafts):
+            end_s = min(end_s, now_s + after_s)
+    outcome.arrived = sum(c.done_s is not None for c in crafts)
+    outcome.time_s = max((c.done_s for c in crafts if c.done_s is not None), default=math.inf)
+    outcome.path_ratios = [c.flown_m / c.shortest_m for c in crafts if c.reached and c.shortest_m > 0.0]
+    return outcome
+
+
+def _heading_at_effect_rad(craft: Craft, rules: Rules) -> float:
+    """Return the heading after the decisions on their way."""
+    heading_rad = craft.heading_rad
+    for wanted_rad, speed_m_s in craft.pending:
+        rate_rad_s = turn_rate_rad_s(speed_m_s, rules.n_max)
+        heading_rad = turn_towards(0.0, 0.0, heading_rad, speed_m_s, wanted_rad, rate_rad_s, DT_S)[2]
+    return heading_rad
+
+
+def _wanted_m_s(craft: Craft, rules: Rules) -> float:
+    """Return cruise speed, or for a craft that can stop and loiters what its distance to the place allows."""
+    if not rules.can_stop or craft.place_ned_m is None:
+        return craft.cruise_m_s
+    return min(craft.cruise_m_s, 0.3 * math.dist((craft.north_m, craft.east_m), craft.place_ned_m))
+
+
+def _wanted_rad(craft: Craft, settled_ned_m: np.ndarray, rules: Rules, arrival_radius_m: float) -> float:
+    """Return the heading of plain attraction or loitering; straight on where the target is inside a turning circle."""
+    here = (craft.north_m, craft.east_m)
+    if craft.done_s is not None or craft.target_ned_m is None:
+        if rules.can_stop:
+            craft.place_ned_m = craft.place_ned_m or loiter_place(here, settled_ned_m, 2.0 * rules.separation_m)
+            return math.atan2(craft.place_ned_m[1] - here[1], craft.place_ned_m[0] - here[0])
+        radius_m = loiter_radius_m(craft.cruise_m_s, rules.n_max, DT_S)
+        if craft.place_ned_m is None:
+            craft.place_ned_m = loiter_place(
+                here, settled_ned_m, loiter_spacing_m(rules.separation_m, radius_m) + radius_m
+            )
+        return loiter_attraction(here, craft.place_ned_m, radius_m).heading_rad
+    rho_m = craft.speed_m_s / turn_rate_rad_s(craft.speed_m_s, rules.n_max)
+    north_m, east_m = craft.target_ned_m[0] - here[0], craft.target_ned_m[1] - here[1]
+    across_m = -north_m * math.sin(craft.heading_rad) + east_m * math.cos(craft.heading_rad)
+    along_m = north_m * math.cos(craft.heading_rad) + east_m * math.sin(craft.heading_rad)
+    if math.hypot(along_m, abs(across_m) - rho_m) < rho_m - 0.9 * arrival_radius_m:
+        return craft.heading_rad
+    return math.atan2(east_m, north_m)
+
+
+def _step(craft: Craft, heading_rad: float, speed_m_s: float, rules: Rules) -> list[tuple[float, float]]:
+    """Move a craft by a step and return where it was at the samples, its start first."""
+    places = [(craft.north_m, craft.east_m)]
+    start = (craft.north_m, craft.east_m, craft.heading_rad)
+    for piece in range(1, PIECES + 1):
+        if rules.braking_m_s2 is None:
+            # Each sample from the beginning of the step: half a circle must not be decided again on the way.
+            elapsed_s = DT_S * piece / PIECES
+        else:
+            start, elapsed_s = (craft.north_m, craft.east_m, craft.heading_rad), DT_S / PIECES
+            most_m_s = rules.braking_m_s2 * elapsed_s
+            craft.speed_m_s += max(-most_m_s, min(most_m_s, speed_m_s - craft.speed_m_s))
+        rate_rad_s = turn_rate_rad_s(craft.speed_m_s, rules.n_max)
+        craft.north_m, craft.east_m, craft.heading_rad = turn_towards(
+            *start, craft.speed_m_s, heading_rad, rate_rad_s, elapsed_s
+        )
+        places.append((craft.north_m, craft.east_m))
+        if craft.done_s is None:
+            craft.flown_m += craft.speed_m_s * DT_S / PIECES
+    return places
+
+
+def _score(samples: np.ndarray, rules: Rules, close: np.ndarray, outcome: Outcome) -> None:
+    """Count the pairs that came closer than D_safe in a step, between samples too; samples (N, pieces + 1, 2) m."""
+    offset = samples[:, None] - samples[None, :]  # (N, N, pieces + 1, 2)
+    begin, way = offset[:, :, :-1], np.diff(offset, axis=2)
+    square = np.maximum((way**2).sum(axis=3), 1e-12)
+    part = np.clip(-(begin * way).sum(axis=3) / square, 0.0, 1.0)
+    apart_m = np.sqrt(((begin + part[..., None] * way) ** 2).sum(axis=3)).min(axis=2)
+    np.fill_diagonal(apart_m, math.inf)
+    outcome.least_m = min(outcome.least_m, float(apart_m.min()))
+    now_close = apart_m < rules.separation_m
+    outcome.breaches += int((now_close & ~close).sum()) // 2
+    close[:] = now_close
+
+
+def _arrive(crafts: Sequence[Craft], now_s: float, arrival_radius_m: float) -> None:
+    """Complete the targets that somebody has reached; all who had one of them are done."""
+    reached = set()
+    for craft in crafts:
+        if craft.done_s is None and craft.target_ned_m is not None:
+            if math.dist((craft.north_m, craft.east_m), craft.target_ned_m) <= arrival_radius_m:
+                craft.reached = True
+                reached.add(craft.target_id)
+    for craft in crafts:
+        if craft.done_s is None and craft.target_ned_m is not None and craft.target_id in reached:
+            craft.done_s = now_s
+
+
+def facing_rad(here: tuple[float, float], there: tuple[float, float]) -> float:
+    """Return the heading from one place to another."""
+    return math.atan2(there[1] - here[1], there[0] - here[0])
+
+
+def bound(here: tuple[float, float], there: tuple[float, float], speed_m_s: float, target_id: int) -> Craft:
+    """Return a craft at a place, heading for another."""
+    return Craft(*here, facing_rad(here, there), speed_m_s, there, target_id)
+
+
+def circle(count: int, free: float, rules: Rules, rng: np.random.Generator, jitter: float = 0.0) -> list[Craft]:
+    """Return crafts on a circle, each bound for the opposite point; the circle has `free` reserved areas for each."""
+    radius_m = math.sqrt(count * free) * reserved_radius_m(rules.speed_m_s, rules, DT_S)
+    crafts = []
+    for k in range(count):
+        angle_rad = math.tau * (k + jitter * rng.uniform(-0.5, 0.5)) / count
+        here = (radius_m * math.cos(angle_rad), radius_m * math.sin(angle_rad))
+        crafts.append(bound(here, (-here[0], -here[1]), rules.speed_m_s, k))
+    return crafts
+
+
+def scattered(count: int, side_m: float, apart_m: float, rng: np.random.Generator) -> list[tuple[float, float]]:
+    """Return that many places in a square that are so far apart; raise ValueError if they do not fit."""
+    for _ in range(ATTEMPTS):
+        places: list[tuple[float, float]] = []
+        for north_m, east_m in rng.uniform(0.0, side_m, (DRAWS, 2)).tolist():
+            if all(math.dist((north_m, east_m), other) >= apart_m for other in places):
+                places.append((north_m, east_m))
+            if len(places) == count:
+                return places
+    raise ValueError(f"{count} places {apart_m:.0f} m apart do not fit into {side_m:.0f} m: take a greater --free")
+
+
+def target_spacing_m(rules: Rules) -> float:
+    """Return how far apart targets must be for all to be reached while others loiter at theirs."""
+    if rules.can_stop:
+        return 3.0 * rules.separation_m
+    return 1.2 * loiter_spacing_m(rules.separation_m, loiter_radius_m(rules.speed_m_s, rules.n_max, DT_S))
+
+
+def random_pairs(count: int, free: float, rules: Rules, rng: np.random.Generator) -> list[Craft]:
+    """Return crafts at random places of a square of `free` reserved areas for each, bound for random places of it.
+
+    Their reserved discs do not overlap at the start.
+    """
+    radius_m = reserved_radius_m(rules.speed_m_s, rules, DT_S)
+    side_m = math.sqrt(count * free * math.pi) * radius_m
+    ends = scattered(count, side_m, target_spacing_m(rules), rng)
+    for _ in range(ATTEMPTS):
+        crafts: list[Craft] = []
+        for north_m, east_m in rng.uniform(0.0, side_m, (DRAWS, 2)).tolist():
+            craft = bound((north_m, east_m), ends[len(crafts)], rules.speed_m_s, len(crafts))
+            centre = centre_ned_m(craft, rules)
+            if all(math.dist(centre, centre_ned_m(other, rules)) > 2.0 * radius_m for other in crafts):
+                crafts.append(craft)
+            if len(crafts) == count:
+                return crafts
+    raise ValueError(f"{count} reserved discs do not fit into {side_m:.0f} m: take a greater --free")
+
+
+def spread_pairs(count: int, free: float, rules: Rules, rng: np.random.Generator) -> list[Craft]:
+    """Return random pairs whose starts are so far apart that they may have any heading and circle where they are."""
+    radius_m = reserved_radius_m(rules.speed_m_s, rules, DT_S)
+    side_m = math.sqrt(count * free * math.pi) * radius_m
+    starts = scattered(count, side_m, (2.0 if rules.can_stop else 4.0) * radius_m, rng)
+    ends = scattered(count, side_m, target_spacing_m(rules), rng)
+    return [bound(here, there, rules.speed_m_s, k) for k, (here, there) in enumerate(zip(starts, ends, strict=True))]
+
+
+def centre_ned_m(craft: Craft, rules: Rules) -> tuple[float, float]:
+    """Return the centre of the disc that a craft reserves."""
+    if rules.can_stop:
+        return craft.north_m, craft.east_m
+    radius_m = craft.speed_m_s / turn_rate_rad_s(craft.speed_m_s, rules.n_max)
+    return (
+        craft.north_m - radius_m * math.sin(craft.heading_rad),
+        craft.east_m + radius_m * math.cos(craft.heading_rad),
+    )
+
+
+def streams(count: int, free: float, rules: Rules, rng: np.random.Generator) -> list[Craft]:
+    """Return two opposing streams through one square, half of the crafts each, bound for the other side."""
+    radius_m = reserved_radius_m(rules.speed_m_s, rules, DT_S)
+    side_m = math.sqrt(count * free * math.pi) * radius_m
+    crafts = []
+    for way, number in ((1.0, count - count // 2), (-1.0, count // 2)):
+        for north_m, east_m in scattered(number, side_m, max(2.0 * radius_m, target_spacing_m(rules)), rng):
+            # Each stream starts in a square of its own, a square apart, and ends in the other's.
+            here, there = (north_m - way * side_m, east_m), (north_m + way * side_m, east_m)
+            crafts.append(bound(here, there, rules.speed_m_s, len(crafts)))
+    return crafts
+
+
+def among_loiterers(count: int, free: float, rules: Rules, rng: np.random.Generator) -> list[Craft]:
+    """Return random pairs of which every other craft loiters at its start from the beginning."""
+    crafts = spread_pairs(count, free, rules, rng)
+    spacing_m = target_spacing_m(rules)
+    for k, craft in enumerate(crafts):
+        if k % 2:
+            craft.target_ned_m = None
+    places = [(c.north_m, c.east_m) for c in crafts if c.target_ned_m is None]
+    # Nobody can reach a target inside a loiter circle: such a craft stays out of it.
+    return [c for c in crafts if not c.target_ned_m or all(math.dist(c.target_ned_m, p) > spacing_m for p in places)]
+
+
+def converging(count: int, free: float, rules: Rules, rng: np.random.Generator) -> list[Craft]:
+    """Return groups of five with one target each."""
+    crafts = spread_pairs(count, free, rules, rng)
+    for k, craft in enumerate(crafts):
+        leader = crafts[k - k % 5]
+        craft.target_ned_m, craft.target_id = leader.target_ned_m, k - k % 5
+        assert craft.target_ned_m is not None
+        craft.heading_rad = facing_rad((craft.north_m, craft.east_m), craft.target_ned_m)
+    return crafts
+
+
+SCENES: dict[str, Callable[[int, float, Rules, np.random.Generator], list[Craft]]] = {
+    "circle": circle,
+    "random": random_pairs,
+    "streams": streams,
+    "loiterers": among_loiterers,
+    "converge": converging,
+}
+
+
+def measure(
+    name: str,
+    count: int,
+    free: float,
+    rules: Rules,
+    seeds: Sequence[int],
+    time_limit_s: float = 3000.0,
+    **options: float,
+) -> str:
+    """Fly a scene once per seed and return a line of the table."""
+    started_s = time.perf_counter()
+    outcomes = [
+        fly(SCENES[name](count, free, rules, np.random.default_rng(seed)), rules, time_limit_s, 100.0, **options)
+        for seed in seeds
+    ]
+    ratios = [ratio for each in outcomes for ratio in each.path_ratios] or [math.nan]
+    arrived, meant = sum(each.arrived for each in outcomes), sum(each.bound for each in outcomes)
+    return (
+        f"{name:10s} N {count:3d} n {rules.n_max:4.1f} free {free:5.1f} runs {len(seeds):2d} arrived {arrived}/{meant}"
+        f" breaches {sum(e.breaches for e in outcomes)} least {min(e.least_m for e in outcomes):6.1f} m"
+        f" ratio {statistics.mean(ratios):5.2f} (worst {max(ratios):6.2f})"
+        f" last {max(e.time_s for e in outcomes):6.1f} s wall {time.perf_counter() - started_s:5.1f} s"
+    )
+
+
+def main() -> None:
+    """Print a line per scene, size and density."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenes", nargs="*", default=list(SCENES))
+    parser.add_argument("--count", type=int, nargs="+", default=[10, 20, 30, 50])
+    parser.add_argument("--free", type=float, nargs="+", default=[8.0, 12.0, 20.0])
+    parser.add_argument("--n-max", type=float, nargs="+", default=[1.0])
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--range-m", type=float, default=DETECTOR_RANGE_M)
+    parser.add_argument("--reaction-s", type=float, default=0.0)
+    parser.add_argument("--copters", action="store_true")
+    asked = parser.parse_args()
+    for name in asked.scenes:
+        for n_max in asked.n_max:
+            rules = Rules(100.0, n_max, 60.0, asked.reaction_s)
+            options: dict[str, float] = {"detector_range_m": asked.range_m}
+            if asked.copters:
+                rules = Rules(20.0, n_max, 15.0, asked.reaction_s, can_stop=True, braking_m_s2=3.0)
+                options["arrival_radius_m"] = 10.0
+            for count in asked.count:
+                for free in asked.free:
+                    print(measure(name, count, free, rules, range(asked.seeds), **options), flush=True)
+
+
+if __name__ == "__main__":
+    main()
