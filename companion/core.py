@@ -83,6 +83,8 @@ class Decision:
     """Assumptions of the guard's that do not hold (docs/guard.md)."""
     gave_way: str | None = None
     """What the right of way changed."""
+    note: str | None = None
+    """What else the law says of it."""
     stay: str | None = None
     """Why the law could do no better than to loiter."""
     opposed: bool = False
@@ -224,7 +226,7 @@ class Companion:
         pose = Pose(motion.north_m, motion.east_m, motion.heading_rad, motion.speed_m_s)
         goal_ned_m = view.target_ned_m if purpose is Purpose.TARGET else home_ned_m
         wish, speed_m_s = self._wish(None if purpose is Purpose.LOITER else goal_ned_m, purpose, pose, view, now_s)
-        stay = wish.stay
+        stay, note = wish.stay, wish.note
         if stay is not None:
             purpose, reason = Purpose.LOITER, stay
             wish, speed_m_s = self._wish(None, purpose, pose, view, now_s)
@@ -269,6 +271,7 @@ class Companion:
             guard_changes=verdict.changes,
             broken=verdict.broken,
             gave_way=gave_way,
+            note=note,
             stay=stay,
             opposed=wish.opposed,
         )
@@ -473,6 +476,8 @@ class Companion:
 
     def _crowded(self, here: Motion | Pose, view: View) -> bool:
         """Return whether another is within the interaction radius."""
+        if len(view.seen_ned_m) == 0:
+            return False
         apart_m = np.hypot(view.seen_ned_m[:, 0] - here.north_m, view.seen_ned_m[:, 1] - here.east_m)
         return bool(np.any(apart_m <= self._interaction_m))
 

@@ -280,6 +280,7 @@ class Guard:
         self._left_s = 0.0
         self._heard: _Heard | None = None
         self._heard_s = 0.0
+        self._far: Discs | None = None
 
     def certify(self, motion: Motion, discs: Discs, dt_s: float) -> bool:
         """Return whether a start is certified: straight on for the reaction time, then a path that stays clear.
@@ -333,6 +334,7 @@ class Guard:
         moving = max(discs.speeds_m_s.tolist(), default=0.0) > 0.0
         if self._fence is None and not moving and min(slack_m, default=math.inf) > near_m:
             self._path, self._left_s = None, math.inf
+            self._far, self._heard, self._heard_s = discs, None, 0.0
         else:
             flight = self._flight(tip, before_m_s, motion, discs, dt_s, route)
             if not moving:
@@ -403,9 +405,12 @@ class Guard:
         One that sticks out by no more than rounding explains leaves its earlier self in force, so that small excesses
         add up.
         """
-        ids = list(range(len(discs.radii_m))) if discs.ids is None else discs.ids.tolist()
+        ids = _ids_of(discs)
         heard, since_s = self._heard, self._heard_s
         self._heard_s = 0.0
+        if heard is None and self._far is not None:
+            far = self._far
+            heard = _Heard(_ids_of(far), far.centres_ned_m, far.radii_m, far.speeds_m_s)
         if heard is not None and heard.ids == ids:
             north_m, east_m = (discs.centres_ned_m - heard.centres_ned_m).T
             grown_m = heard.radii_m + heard.speeds_m_s * since_s
@@ -965,6 +970,12 @@ class _Fence:
         norths_m = np.concatenate([starts[:, 0], *(point[0] for point in points)])
         easts_m = np.concatenate([starts[:, 1], *(point[1] for point in points)])
         return zip(norths_m.tolist(), easts_m.tolist(), strict=True)
+
+
+def _ids_of(discs: Discs) -> list[int]:
+    """Return what tells the discs apart: their ids, or else their places."""
+    ids: list[int] = list(range(len(discs.radii_m))) if discs.ids is None else discs.ids.tolist()
+    return ids
 
 
 def _contradictions(before: _Heard, now: _Heard, elapsed_s: float) -> list[str]:

@@ -741,7 +741,8 @@ def _as_route(scene: _Scene, chain: list[_State], reach: Reach, radii_m: np.ndar
             begin = place + _polar(radius_m, after.heading_rad - side * _HALF_PI)
             pieces.append(Piece(_pair(begin), after.heading_rad, 0.0, after.segment_m))
     first, second = chain[0], chain[1]
-    turning = first.circle > scene.goal_node and pieces[0].curvature_1_m != 0.0
+    # Without any pieces the vehicle is at the goal, to rounding.
+    turning = first.circle > scene.goal_node and bool(pieces) and pieces[0].curvature_1_m != 0.0
     if first.circle > scene.goal_node:
         heading_rad = second.heading_rad
     else:

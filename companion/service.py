@@ -150,5 +150,7 @@ class _Listening:
 def _line(decision: Decision) -> str:
     target = f" {decision.target_id}" if decision.target_id is not None else ""
     changes = f", guard: {', '.join(decision.guard_changes)}" if decision.guard_changes else ""
+    changes += "".join(f", {said}" for said in (decision.note, decision.gave_way) if said is not None)
+    changes += f", broken: {', '.join(decision.broken)}" if decision.broken else ""
     picture = "none" if decision.picture_age_s is None else decision.stage.value
     return f"{decision.purpose.value}{target} ({decision.reason}), picture {picture}{changes}"

@@ -25,7 +25,7 @@ from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, r
 from companion.mission import Mission, dump_mission, load_mission
 from sim.arena.families import FAMILIES
 from sim.arena.peers import PEERS
-from sim.arena.plots import draw_plots
+from sim.arena.plots import PLOT_NAMES, draw_plots
 from sim.arena.report import JSON_NAME as ARENA_JSON_NAME
 from sim.arena.report import MARKDOWN_NAME as ARENA_MARKDOWN_NAME
 from sim.arena.report import broken_promise, failures, summaries, write_arena, write_worst
@@ -166,7 +166,12 @@ def reproduce_command(out: Path, seeds: int, samples: int, epochs: int) -> int:
 
 
 @cli.command("arena")
-@click.option("--runs", type=click.IntRange(1, 10_000), default=None, help="Missions a family; default: a full arena.")
+@click.option(
+    "--runs",
+    type=click.IntRange(1, 10_000),
+    default=None,
+    help="Missions a family, a quarter of it for fleets; default: a full arena.",
+)
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True, help="Draws the missions.")
 @click.option(
     "--out",
@@ -193,9 +198,10 @@ def arena_command(runs: int | None, seed: int, out: Path, families: tuple[str, .
         flown = fly_all(
             jobs_of(seed, runs, chosen_families, chosen_laws), min(os.cpu_count() or 1, MAX_WORKERS), progress
         )
-    figures = draw_plots(folder, summaries(flown), flown)
+    # The figures first: half an hour of flights must not hang on a picture.
     saved = write_worst(folder, flown, seed)
-    write_arena(folder, flown, seed, time.perf_counter() - began_s, saved, figures)
+    write_arena(folder, flown, seed, time.perf_counter() - began_s, saved, PLOT_NAMES)
+    draw_plots(folder, summaries(flown), flown)
     tell(_arena_table(flown, folder))
     return EXIT_FAILED if any(run.law == "routed" and broken_promise(run) for run in flown) else EXIT_DONE
 

@@ -17,16 +17,16 @@ from sim.plots import AGENT_COLOURS, DPI, figure_png
 
 RATES_NAME = "arena-rates.png"
 RATIOS_NAME = "arena-ratios.png"
+PLOT_NAMES = (RATES_NAME, RATIOS_NAME)
 RATIO_AXIS = (0.98, 1.5)
 """Longer paths than this are counted at the right edge."""
 COLUMNS = 5
 
 
-def draw_plots(folder: Path, found: Sequence[Summary], runs: Sequence[Run]) -> list[str]:
-    """Write the plots into a folder and return their names."""
+def draw_plots(folder: Path, found: Sequence[Summary], runs: Sequence[Run]) -> None:
+    """Write the plots, PLOT_NAMES, into a folder."""
     (folder / RATES_NAME).write_bytes(_rates_png(found))
     (folder / RATIOS_NAME).write_bytes(_ratios_png(runs))
-    return [RATES_NAME, RATIOS_NAME]
 
 
 def _rates_png(found: Sequence[Summary]) -> bytes:

@@ -30,6 +30,8 @@ FULL_RUNS = 500
 """Missions of a full arena."""
 SLOW_RUNS = 20
 """Single-agent missions of a family that a slow method flies, where the family has as many."""
+FLEET_SHARE = 0.25
+"""Of the missions asked for, what a family of fleets flies: one of its flights costs as much as dozens of others."""
 TIME_BINS_US = np.geomspace(1.0, 1e7, 281)
 """Edges of the bins in which decision times are counted, so that those of many flights add up: 6 % wide."""
 
@@ -94,13 +96,14 @@ class Job:
 
 
 def jobs_of(seed: int, runs: int | None, families: Sequence[str], laws: Sequence[str]) -> list[Job]:
-    """Return the jobs of an arena: `runs` missions a family, or without it each family's share of FULL_RUNS.
+    """Return the jobs of an arena: `runs` missions a family, fewer for fleets, or each family's share of FULL_RUNS.
 
     Slow methods fly the first SLOW_RUNS missions of the families with a single agent.
     """
     jobs = []
     for family in families:
-        count = runs if runs is not None else max(1, round(FAMILIES[family].share * FULL_RUNS))
+        share = 1.0 if FAMILIES[family].single else FLEET_SHARE
+        count = round(FAMILIES[family].share * FULL_RUNS) if runs is None else max(1, round(share * runs))
         for index in range(count):
             flown = [law for law in laws if law not in SLOW or (FAMILIES[family].single and index < SLOW_RUNS)]
             jobs.append(Job(family, seed, index, tuple(flown)))

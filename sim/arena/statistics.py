@@ -88,7 +88,8 @@ def wilson(successes: int, trials: int) -> Estimate:
     denominator = 1.0 + Z * Z / trials
     middle = (rate + Z * Z / (2.0 * trials)) / denominator
     half = Z / denominator * math.sqrt(rate * (1.0 - rate) / trials + Z * Z / (4.0 * trials * trials))
-    return Estimate(rate, max(0.0, middle - half), min(1.0, middle + half))
+    # Rounding must not put an end on the wrong side of the rate.
+    return Estimate(rate, min(rate, max(0.0, middle - half)), max(rate, min(1.0, middle + half)))
 
 
 def quantile(values: np.ndarray, share: float) -> Estimate:  # (V,)

@@ -1,20 +1,28 @@
 """What one decision costs with 4, 25 and 100 threats, every law in the same run: `python tests/benchmarks/decision.py`.
 
 One agent flies through static and through moving threats, hearing a broadcast every five seconds; what is timed is the
-companion's whole tick (picture, law, right of way, turn limit, guard), the steps of a new broadcast among them. Machines
-differ and are noisy: compare with the paper's law on the same row, timed in turn on the same missions.
+companion's whole tick (picture, law, right of way, turn limit, guard) and in it law and guard alone, the steps of a new
+broadcast among them. With the paper's law and the peers the guard has only R_a to keep, so it costs them little.
+Machines differ and are noisy: compare with the paper's law on the same row, timed in turn on the same missions.
 """
 
 from __future__ import annotations
 
 import sys
+import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from companion.config import Config, Law
 from companion.drawing import resolve
+from companion.guard import Guard
+from companion.laws import SteeringLaw, law_of
 from companion.mission import AgentSpec, Defaults, Draw, Mission, TargetSpec, ThreatDefaults
+from sim.arena.flight import fly_arena
 from sim.arena.peers import PEERS, SLOW
-from sim.arena.run import OWN_LAWS, fly_law
+from sim.arena.run import OWN_LAWS
 
 THREATS = (4, 25, 100)
 SCENES = 4
@@ -49,25 +57,76 @@ def scene(threats: int, speed_m_s: float, seed: int) -> Mission:
     return resolve(mission, seed)
 
 
+class Stopwatch:
+    """Adds up the time spent in functions that it wraps."""
+
+    def __init__(self) -> None:
+        self.spent_ns = 0
+
+    def timed(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a function that does the same and counts its time."""
+
+        def wrapped(*given: Any, **named: Any) -> Any:  # noqa: ANN401
+            began_ns = time.perf_counter_ns()
+            try:
+                return call(*given, **named)
+            finally:
+                self.spent_ns += time.perf_counter_ns() - began_ns
+
+        return wrapped
+
+
+def fly_timed(mission: Mission, seed: int, law: str) -> tuple[np.ndarray, np.ndarray]:  # (D,) us, (D,) us
+    """Return the times of every whole tick, and of law and guard in it."""
+    watch = Stopwatch()
+    parts_us: list[float] = []
+    check, timed_check = Guard.check, watch.timed(Guard.check)
+
+    def decided(*given: Any, **named: Any) -> Any:  # noqa: ANN401
+        verdict = timed_check(*given, **named)
+        parts_us.append(watch.spent_ns / 1000.0)
+        watch.spent_ns = 0
+        return verdict
+
+    def steering(config: Config) -> SteeringLaw:
+        made: Any = PEERS[law](config) if law in PEERS else law_of(config)
+        made.steer = watch.timed(made.steer)
+        steered: SteeringLaw = made
+        return steered
+
+    own: Law = "routed" if law == "routed" else "seed"
+    Guard.check = decided  # type: ignore[method-assign]
+    try:
+        ticks_us = fly_arena(mission, seed, own, steering).decision_us
+    finally:
+        Guard.check = check  # type: ignore[method-assign]
+    return ticks_us, np.array(parts_us)
+
+
 def main() -> None:
     """Print the table; arguments restrict it to the laws named."""
     laws = sys.argv[1:] or [law for law in (*OWN_LAWS, *PEERS) if law not in SLOW]
-    print(
-        f"{'threats':>7s} {'motion':7s} {'law':12s} {'median us':>10s} {'p99 us':>10s} {'max us':>10s} {'x seed':>7s}"
-    )
+    columns = ("tick med us", "p99", "max", "law+guard med", "p99", "max", "x seed")
+    print(f"{'threats':>7s} {'motion':7s} {'law':12s}" + "".join(f"{column:>15s}" for column in columns))
     for threats in THREATS:
         for speed_m_s in (0.0, 2.5):
-            times_us: dict[str, list[np.ndarray]] = {law: [] for law in laws}
+            times_us: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {law: [] for law in laws}
             for seed in range(1, SCENES + 1):
                 mission = scene(threats, speed_m_s, seed)
                 for law in laws:
-                    times_us[law].append(fly_law(mission, seed, law).decision_us)
-            base_us = np.median(np.concatenate(times_us["seed"])) if "seed" in laws else np.nan
+                    times_us[law].append(fly_timed(mission, seed, law))
+            base_us = np.median(np.concatenate([part for _, part in times_us["seed"]])) if "seed" in laws else np.nan
             for law in laws:
-                us = np.concatenate(times_us[law])
+                tick_us, part_us = (np.concatenate(times) for times in zip(*times_us[law], strict=True))
+                figures = [
+                    f"{figure:15.0f}"
+                    for us in (tick_us, part_us)
+                    for figure in (np.median(us), np.percentile(us, 99), us.max())
+                ]
+                motion = "random" if speed_m_s else "static"
                 print(
-                    f"{threats:7d} {'random' if speed_m_s else 'static':7s} {law:12s} {np.median(us):10.0f} "
-                    f"{np.percentile(us, 99):10.0f} {us.max():10.0f} {np.median(us) / base_us:7.2f}"
+                    f"{threats:7d} {motion:7s} {law:12s}{''.join(figures)}{np.median(part_us) / base_us:15.2f}",
+                    flush=True,
                 )
 
 

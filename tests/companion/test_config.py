@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.config import LAWS, Config, config_for_agent, load_config, packaged_configs
+from companion.config import LAWS, Config, Law, config_for_agent, load_config, packaged_configs
 from companion.drawing import resolve
 from companion.errors import InputError
 from companion.mission import load_mission, packaged_missions, parse_mission
@@ -79,6 +79,16 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
     "a step too long": (GOOD + "guidance_step_s: 11\n", ("guidance_step_s", "11", "10")),
     "a fence of two corners": (GOOD + "limits: {fence: [[0, 0], [1, 1]]}\n", ("limits.fence", "3")),
     "a keep-out that is not": (GOOD + "keep_out: all\n", ("keep_out", "'all'", "'attack' or 'detection'")),
+    "a wind as fast as the vehicle": (
+        GOOD + "limits: {speed_m_s: 5, wind_m_s: 5}\n",
+        ("limits", "wind_m_s: 5", "less than speed_m_s 5"),
+    ),
+    "a wind of less than nothing": (GOOD + "limits: {wind_m_s: -1}\n", ("limits.wind_m_s", "-1")),
+    "a reaction before the setpoint": (GOOD + "limits: {reaction_s: -0.1}\n", ("limits.reaction_s", "-0.1")),
+    "no share of the turn rate": (GOOD + "limits: {rate_share: 0}\n", ("limits.rate_share", "greater than 0")),
+    "more than the turn rate": (GOOD + "limits: {rate_share: 1.1}\n", ("limits.rate_share", "1.1")),
+    "an endless error": (GOOD + "limits: {position_error_m: .inf}\n", ("limits.position_error_m", "inf")),
+    "layers of less than nothing": (GOOD + "vertical_separation_m: -1\n", ("vertical_separation_m", "-1")),
     "a log folder without a name": (GOOD + "log_dir: ''\n", ("log_dir", "1")),
 }
 
@@ -114,7 +124,7 @@ def test_the_packaged_configuration_is_of_an_agent_of_its_mission_and_flies_as_i
 
 def test_a_configuration_needs_only_agent_and_links(tmp_path: Path) -> None:
     config = load(tmp_path, GOOD)
-    assert (config.agent_id, config.law, config.keep_out) == (3, "seed", "detection")
+    assert (config.agent_id, config.law, config.keep_out) == (3, "routed", "detection")
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -189,8 +199,8 @@ def test_every_legal_mission_implies_a_legal_configuration(
     assert config.staleness.coasting_after_s > period_s
 
 
-def implied(lines: str) -> Config:
-    return config_for_agent(parse_mission(f"agents: [{{id: 1}}]\ntargets: [{{id: 1}}]\n{lines}\n", "x"), 1, "seed")
+def implied(lines: str, law: Law = "seed") -> Config:
+    return config_for_agent(parse_mission(f"agents: [{{id: 1}}]\ntargets: [{{id: 1}}]\n{lines}\n", "x"), 1, law)
 
 
 def test_the_surrogate_that_does_not_fly_is_implied_for_the_simulator_only() -> None:
@@ -211,3 +221,22 @@ def test_an_uplink_with_a_period_is_ready_to_fly(tmp_path: Path) -> None:
     config = load(tmp_path, GOOD + UPLINK + "report_period_s: 30\n")
     assert config.uplink is not None
     assert (config.uplink.link, config.report_period_s) == ("udpout:127.0.0.1:14700", 30.0)
+
+
+def test_by_itself_a_configuration_assumes_a_vehicle_that_obeys_at_once_and_whole_in_still_air(tmp_path: Path) -> None:
+    limits = load(tmp_path, GOOD).limits
+    assert (limits.reaction_s, limits.rate_share, limits.wind_m_s, limits.position_error_m) == (0.0, 1.0, 0.0, 0.0)
+
+
+def test_the_strongest_wind_of_the_mission_is_implied_with_its_gusts() -> None:
+    assert implied("wind: {speed_m_s: 5, gust_m_s: 2}").limits.wind_m_s == 7.0
+
+
+@pytest.mark.parametrize(("law", "keep_out"), [(law, "detection" if law == "routed" else "attack") for law in LAWS])
+def test_the_guard_makes_up_for_none_of_the_papers_laws_outside_the_attack_discs(law: Law, keep_out: str) -> None:
+    assert implied("", law).keep_out == keep_out
+
+
+def test_layers_are_told_apart_half_way_between_them() -> None:
+    assert implied("layers: 3\nlayer_spacing_m: 40").vertical_separation_m == 20.0
+    assert implied("").vertical_separation_m == 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -12,14 +13,23 @@ from pymavlink.dialects.v20 import common
 from companion.adapters import ADAPTERS
 from companion.adapters.base import NEIGHBOUR_MEMORY_S
 from companion.adapters.velocity import GUIDED_MODE
-from companion.config import Config, LimitsSection, StalenessSection
+from companion.config import LAWS, Config, LimitsSection, StalenessSection
 from companion.core import ARRIVAL_SHARE, HEARTBEAT_TIMEOUT_S, Companion, Decision, Purpose
 from companion.geodesy import LocalFrame
+from companion.guard import KEEP_OUT, NEW_THREAT, Verdict
+from companion.guidance import Pull
+from companion.kinematics import turn_towards
+from companion.laws import ROUTE_MARGIN_M, Pose, Task, Wish
 from companion.mission import CostWeights
+from companion.picture import View
+from companion.right_of_way import PASSING, SLOWING, STOPPING
 from companion.staleness import Stage
 from companion.wire import (
+    THREATS_PER_FRAME,
     AgentEntry,
     AgentMotion,
+    BandEntry,
+    BandsFrame,
     Directive,
     FrameReader,
     FrameWriter,
@@ -37,6 +47,7 @@ SYSTEM = 9
 EPOCH_S = 1_790_000_000
 NOW_S = EPOCH_S + 100.0
 ORIGIN_DEG = (47.0, 8.0)
+ALTITUDE_M = 530.0
 FRAME = LocalFrame(*ORIGIN_DEG)
 GUIDED = common.MAV_MODE_FLAG_SAFETY_ARMED | common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 CONFIG = Config(
@@ -47,6 +58,8 @@ CONFIG = Config(
     separation_m=20.0,
     staleness=StalenessSection(coasting_after_s=15.0, loitering_after_s=60.0, blind_after_s=300.0),
 )
+BY_F_STAR = CONFIG.model_copy(update={"law": "seed"})
+"""Steered by the surrogate's gradient, which neighbours push: no right of way."""
 
 
 class Flight:
@@ -83,7 +96,7 @@ class Flight:
         vx, vy = (round(100 * speed) for speed in velocity)
         self._tell(
             common.MAVLink_global_position_int_message(
-                0, round(lat_deg * 1e7), round(lon_deg * 1e7), 530_000, 30_000, vx, vy, 0, hdg
+                0, round(lat_deg * 1e7), round(lon_deg * 1e7), round(1e3 * ALTITUDE_M), 30_000, vx, vy, 0, hdg
             )
         )
 
@@ -104,11 +117,18 @@ class Flight:
         agents: tuple[AgentEntry, ...] = (),
     ) -> None:
         self.sequence += 1
-        stamp = Stamp(EPOCH_S, round((self.now_s - EPOCH_S) * 1000), self.sequence)
         targets = () if target is None else (TargetEntry(4, *target),)
         me = AgentEntry(ME, 0.0, 0.0, 4 if targets else None)
-        frame = StateFrame(stamp, *ORIGIN_DEG, directive, (me, *agents), targets, threats)
-        self.companion.hear(self._writer.encode(frame), self.now_s)
+        parts = [threats[k : k + THREATS_PER_FRAME] for k in range(0, max(1, len(threats)), THREATS_PER_FRAME)]
+        for index, part in enumerate(parts):
+            stamp = Stamp(EPOCH_S, round((self.now_s - EPOCH_S) * 1000), self.sequence, index, len(parts))
+            frame = StateFrame(stamp, *ORIGIN_DEG, directive, (me, *agents), targets, part)
+            self.companion.hear(self._writer.encode(frame), self.now_s)
+
+    def bands(self, *bands: BandEntry) -> None:
+        """Tell the heights of the threats of the last broadcast."""
+        stamp = Stamp(EPOCH_S, round((self.now_s - EPOCH_S) * 1000), self.sequence)
+        self.companion.hear(self._writer.encode(BandsFrame(stamp, bands)), self.now_s)
 
     def neighbour(
         self,
@@ -118,6 +138,7 @@ class Flight:
         *,
         callsign: bytes = b"OW00012",
         address: int = 0xABC,
+        above_m: float | None = None,
     ) -> None:
         """Let the vehicle's own detector see somebody; velocity from true north."""
         lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
@@ -128,7 +149,11 @@ class Flight:
             | common.ADSB_FLAGS_VALID_VELOCITY
             | common.ADSB_FLAGS_VALID_CALLSIGN
         )
-        place = (address, round(lat_deg * 1e7), round(lon_deg * 1e7), 0, 530_000)
+        if above_m is not None:
+            valid |= common.ADSB_FLAGS_VALID_ALTITUDE
+        altitude_mm = round(1e3 * (ALTITUDE_M + (above_m or 0.0)))
+        altitude_type = common.ADSB_ALTITUDE_TYPE_GEOMETRIC
+        place = (address, round(lat_deg * 1e7), round(lon_deg * 1e7), altitude_type, altitude_mm)
         motion = (round(math.degrees(course_rad) * 100) % 36_000, round(speed_m_s * 100), 0)
         self._tell(common.MAVLink_adsb_vehicle_message(*place, *motion, callsign, 14, 0, valid, 0))
 
@@ -501,7 +526,7 @@ pairs = st.tuples(places_m, places_m)
 @settings(max_examples=150, deadline=None)
 @given(
     st.sampled_from(sorted(ADAPTERS)),
-    st.sampled_from(["seed", "ramp", "step"]),
+    st.sampled_from(LAWS),
     pairs,
     st.none() | pairs,
     st.lists(st.tuples(pairs, st.floats(1.0, 1e5), st.floats(0.01, 1.0), st.floats(0.0, 255.0)), max_size=4),
@@ -623,7 +648,7 @@ def test_having_come_home_blind_it_stays_home_though_its_circle_is_wide() -> Non
     assert reasons == [Purpose.RETURN, Purpose.LOITER, Purpose.LOITER, Purpose.RETURN]
 
 
-# Neighbours seen by the vehicle's own detector
+# Neighbours seen by the vehicle's own detector, as the law `seed` shows them: it turns away from them
 
 CLOSE_M = (20.2, 3.0)
 """Where a neighbour stands that is a little more than a separation ahead, and to the right."""
@@ -631,7 +656,7 @@ CLOSE_M = (20.2, 3.0)
 
 def wanted_beside(
     *neighbours_ned_m: tuple[float, float],
-    config: Config = CONFIG,
+    config: Config = BY_F_STAR,
     wait_s: float = 0.0,
     velocity: tuple[float, float] = (0.0, 0.0),
     callsign: bytes = b"OW00012",
@@ -662,12 +687,12 @@ def test_a_stranger_is_kept_clear_of_as_a_peer_is(callsign: bytes) -> None:
 
 @pytest.mark.parametrize("range_m", [0.0, 20.0])
 def test_a_neighbour_beyond_the_range_of_the_detector_is_not_minded(range_m: float) -> None:
-    short_sighted = CONFIG.model_copy(update={"detector_range_m": range_m})
+    short_sighted = BY_F_STAR.model_copy(update={"detector_range_m": range_m})
     assert wanted_beside(CLOSE_M, config=short_sighted) == STRAIGHT_RAD
 
 
 def test_a_neighbour_just_within_the_range_of_the_detector_is_minded() -> None:
-    assert wanted_beside(CLOSE_M, config=CONFIG.model_copy(update={"detector_range_m": 21.0})) < -0.5
+    assert wanted_beside(CLOSE_M, config=BY_F_STAR.model_copy(update={"detector_range_m": 21.0})) < -0.5
 
 
 def test_a_neighbour_is_remembered_for_a_while_and_then_forgotten() -> None:
@@ -686,7 +711,7 @@ def test_far_from_the_origin_a_neighbours_velocity_is_turned_from_true_north_to_
     east_m, since_s, speed_m_s = 150_000.0, 4.0, 50.0
 
     def wanted(neighbour_ned_m: tuple[float, float], wait_s: float, velocity: tuple[float, float]) -> float:
-        flight = Flight()
+        flight = Flight(BY_F_STAR)
         flight.heartbeat()
         flight.position(0.0, east_m)
         flight.neighbour(*neighbour_ned_m, velocity)
@@ -704,7 +729,7 @@ def test_far_from_the_origin_a_neighbours_velocity_is_turned_from_true_north_to_
 
 def test_what_the_vehicle_sees_goes_before_what_is_broadcast() -> None:
     def wanted(*seen_ned_m: tuple[float, float]) -> float:
-        flight = guided()
+        flight = guided(BY_F_STAR)
         for place in seen_ned_m:
             flight.neighbour(*place, callsign=b"OW00012")
         flight.broadcast((5_000.0, 0.0), agents=(AgentEntry(12, *CLOSE_M, None),))
@@ -722,12 +747,264 @@ def test_its_own_echo_is_no_neighbour() -> None:
 def test_where_a_neighbour_is_seen_there_is_no_place_to_loiter(
     seen_ned_m: tuple[float, float], speed_m_s: float
 ) -> None:
-    flight = guided()
+    flight = guided(BY_F_STAR)
     flight.neighbour(*seen_ned_m)
     decision, setpoint = flight.tick()
     assert (decision.purpose, decision.reason) == (Purpose.LOITER, "no picture")
     assert setpoint is not None
     assert math.hypot(setpoint.vx, setpoint.vy) == pytest.approx(speed_m_s, abs=1e-3)
+
+
+# The law routed, with the right of way and the guard
+
+AHEAD = ThreatEntry(1, 1_000.0, 0.0, 400.0, 200.0, 0.0)
+NORTH_M_S = (10.0, 0.0)
+
+
+def wanted_rad(decision: Decision) -> float:
+    """Return the wanted heading in (-pi, pi]."""
+    return math.remainder(decision.wanted_heading_rad, math.tau)
+
+
+def test_it_heads_for_the_tangent_of_a_disc_ahead() -> None:
+    flight = guided()
+    flight.broadcast((5_000.0, 0.0), threats=(AHEAD,))
+    decision, _ = flight.at(velocity=NORTH_M_S)
+    assert (decision.purpose, decision.stay, decision.opposed) == (Purpose.TARGET, None, False)
+    tangent_rad = math.asin((AHEAD.detection_radius_m + ROUTE_MARGIN_M) / AHEAD.north_m)
+    assert abs(wanted_rad(decision)) == pytest.approx(tangent_rad, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ADAPTERS)
+def test_it_flies_around_a_disc_ahead_to_its_target_without_entering_it(kind: str) -> None:
+    flight = guided(kind=kind)
+    state, least_m, steps = (0.0, 0.0, 0.3), math.inf, 0
+    while (decision := flight.at(*state[:2], velocity_of(state))[0]).purpose is Purpose.TARGET or steps == 0:
+        assert (decision.broken, decision.uncertified) == ((), False)
+        flight.broadcast((2_000.0, 0.0), threats=(AHEAD,))
+        setpoint = decision.setpoint
+        assert setpoint is not None
+        heading_rad, rate_rad_s = setpoint.heading_rad, 9.80665 / 10.0
+        state = turn_towards(*state[:2], state[2], 10.0, heading_rad, rate_rad_s, CONFIG.guidance_step_s)
+        least_m = min(least_m, math.dist(state[:2], (AHEAD.north_m, AHEAD.east_m)))
+        flight.now_s += CONFIG.guidance_step_s
+        steps += 1
+        assert steps < 600
+    assert decision.reason == "arrived"
+    assert AHEAD.detection_radius_m < least_m < AHEAD.detection_radius_m + 10.0
+
+
+def velocity_of(state: tuple[float, float, float]) -> tuple[float, float]:
+    return 10.0 * math.cos(state[2]), 10.0 * math.sin(state[2])
+
+
+def test_to_a_target_inside_a_disc_it_goes_as_near_as_is_safe_and_loiters_there_and_says_so() -> None:
+    flight = guided()
+    flight.broadcast((900.0, 0.0), threats=(AHEAD,))
+    assert flight.at(0.0, 0.0, NORTH_M_S)[0].purpose is Purpose.TARGET
+    decision, setpoint = flight.at(560.0, 0.0, NORTH_M_S)
+    assert (decision.purpose, decision.reason) == (Purpose.LOITER, "at the nearest safe point")
+    assert decision.stay == decision.reason
+    assert decision.target_id is None
+    assert setpoint is not None
+
+
+def test_with_no_way_out_of_a_ring_of_threats_it_loiters_and_says_so() -> None:
+    flight = guided()
+    ring = [(700.0 * math.cos(k * math.tau / 24), 700.0 * math.sin(k * math.tau / 24), 300.0) for k in range(24)]
+    # And one about the vehicle: it is on no shore.
+    discs = [*ring, (0.0, 0.0, 90.0)]
+    threats = (ThreatEntry(k, *disc, 1.0, 0.0) for k, disc in enumerate(discs))
+    flight.broadcast((3_500.0, 0.0), threats=tuple(threats))
+    decision, setpoint = flight.at(0.0, 0.0, NORTH_M_S)
+    assert (decision.purpose, decision.reason) == (Purpose.LOITER, "no way to the target")
+    assert setpoint is not None
+
+
+def test_what_keeps_the_law_from_its_goal_is_the_reason_of_the_decision() -> None:
+    class Resigned:
+        """Wants to go nowhere."""
+
+        def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+            """Loiter as asked, else stay."""
+            return Wish(task.pull) if task.loitering else Wish(Pull(0.0, 0.0), stay="weary")
+
+    flight = guided()
+    flight.companion = Companion(CONFIG, ADAPTERS["kinematic"](), Resigned())
+    flight.heartbeat()
+    flight.broadcast()
+    decision, setpoint = flight.at(velocity=NORTH_M_S)
+    assert (decision.purpose, decision.reason, decision.stay) == (Purpose.LOITER, "weary", "weary")
+    assert setpoint is not None
+    assert math.hypot(setpoint.vx, setpoint.vy) == pytest.approx(10.0, abs=1e-3)
+
+
+def meeting(config: Config = CONFIG, kind: str = "kinematic", above_m: float | None = None) -> Decision:
+    """Return the decision on the way north of one that sees another come head-on, both at 10 m/s."""
+    flight = guided(config, kind)
+    flight.neighbour(44.0, 0.0, (-10.0, 0.0), above_m=above_m)
+    flight.broadcast((5_000.0, 0.0))
+    return flight.at(velocity=NORTH_M_S)[0]
+
+
+def test_of_two_that_meet_head_on_it_turns_right_and_says_so() -> None:
+    decision = meeting()
+    assert wanted_rad(decision) == pytest.approx(0.0, abs=1e-6)
+    assert decision.gave_way == PASSING
+    assert decision.setpoint is not None
+    assert 0.1 < decision.setpoint.heading_rad < math.pi
+
+
+def test_one_that_can_stop_slows_down_as_well() -> None:
+    decision = meeting(kind="arducopter")
+    assert decision.gave_way == SLOWING
+    assert decision.setpoint is not None
+    assert 0.0 < decision.setpoint.speed_m_s < CONFIG.limits.speed_m_s
+
+
+def test_one_that_can_stop_stands_still_within_the_separation_of_another() -> None:
+    flight = guided()
+    flight.neighbour(0.5 * CONFIG.separation_m, 0.0)
+    flight.broadcast((5_000.0, 0.0))
+    decision, setpoint = flight.at()
+    assert decision.gave_way == STOPPING
+    assert setpoint is not None
+    assert math.hypot(setpoint.vx, setpoint.vy) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_nobody_gives_way_to_one_that_is_only_broadcast() -> None:
+    flight = guided(kind="kinematic")
+    flight.broadcast((5_000.0, 0.0), agents=(AgentEntry(12, 44.0, 0.0, None),))
+    assert flight.at(velocity=NORTH_M_S)[0].gave_way is None
+
+
+@pytest.mark.parametrize("above_m", [-40.0, 40.0])
+def test_nobody_gives_way_to_one_on_another_layer(above_m: float) -> None:
+    layered = CONFIG.model_copy(update={"vertical_separation_m": 30.0})
+    assert meeting(layered, above_m=above_m).gave_way is None
+    assert meeting(layered, above_m=0.5 * above_m).gave_way is not None
+
+
+def test_way_is_given_to_one_that_does_not_say_how_high_it_is() -> None:
+    assert meeting(CONFIG.model_copy(update={"vertical_separation_m": 30.0})).gave_way is not None
+
+
+def test_without_layers_way_is_given_at_any_height() -> None:
+    assert meeting(above_m=1_000.0).gave_way is not None
+
+
+@pytest.mark.parametrize("law", [law for law in LAWS if law != "routed"])
+def test_the_papers_laws_know_of_no_right_of_way(law: str) -> None:
+    assert meeting(CONFIG.model_copy(update={"law": law})).gave_way is None
+
+
+def told_to_the_guard(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """Return a list that each call of the guard from now on adds its arguments to."""
+    told, check = [], flight.companion.guard.check
+
+    def listening(*arguments: Any) -> Verdict:  # noqa: ANN401
+        told.append(arguments)
+        return check(*arguments)
+
+    monkeypatch.setattr(flight.companion.guard, "check", listening)
+    return told
+
+
+def test_the_guard_is_given_the_route_as_a_possible_back_up_but_none_while_loitering(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    flight = guided()
+    told = told_to_the_guard(flight, monkeypatch)
+    flight.broadcast((2_000.0, 0.0), threats=(AHEAD,))
+    flight.at(velocity=NORTH_M_S)
+    flight.broadcast(directive=Directive.HOLD, threats=(AHEAD,))
+    flight.at(velocity=NORTH_M_S)
+    (*_, pieces, _), (*_, none, _) = told
+    length_m = sum(piece.length_m for piece in pieces)
+    assert 2_100.0 < length_m < 2_300.0
+    assert none == ()
+
+
+def test_what_the_surrogate_has_against_the_route_is_said() -> None:
+    flight = guided()
+    flight.neighbour(CONFIG.separation_m, 0.0)
+    flight.broadcast((5_000.0, 0.0))
+    assert flight.at(velocity=NORTH_M_S)[0].opposed
+
+
+@pytest.mark.parametrize(("apart_m", "kept_right"), [(40.0, True), (99.0, True), (103.0, False)])
+def test_the_guard_is_told_to_keep_the_right_circle_where_another_is_within_the_interaction_radius(
+    apart_m: float, kept_right: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = guided(kind="kinematic")
+    told = told_to_the_guard(flight, monkeypatch)
+    flight.neighbour(apart_m, 0.0)
+    flight.broadcast((5_000.0, 0.0))
+    flight.at(velocity=NORTH_M_S)
+    assert [arguments[-1] for arguments in told] == [kept_right]
+
+
+def test_a_threat_that_appears_later_breaks_an_assumption_of_the_guards_which_is_said() -> None:
+    flight, beside = guided(kind="kinematic"), ThreatEntry(1, 0.0, -80.0, 60.0, 30.0, 0.0)
+    flight.broadcast((5_000.0, 0.0), threats=(beside,))
+    assert flight.at(velocity=NORTH_M_S)[0].broken == ()
+    flight.now_s += CONFIG.guidance_step_s
+    flight.broadcast((5_000.0, 0.0), threats=(beside, ThreatEntry(2, 0.0, 80.0, 60.0, 30.0, 0.0)))
+    assert flight.at(5.0, 0.0, NORTH_M_S)[0].broken == (NEW_THREAT,)
+
+
+def test_the_threats_of_the_first_picture_are_no_news() -> None:
+    corners = ((-9_000.0, -9_000.0), (9_000.0, -9_000.0), (9_000.0, 9_000.0), (-9_000.0, 9_000.0))
+    fenced = CONFIG.model_copy(update={"limits": CONFIG.limits.model_copy(update={"fence": corners})})
+    flight = guided(fenced, "kinematic")
+    flight.at(velocity=NORTH_M_S)
+    flight.now_s += CONFIG.guidance_step_s
+    flight.broadcast((5_000.0, 0.0), threats=(ThreatEntry(2, 0.0, 80.0, 60.0, 30.0, 0.0),))
+    assert flight.at(5.0, 0.0, NORTH_M_S)[0].broken == ()
+
+
+def test_inside_an_attack_disc_nothing_is_certified_and_it_says_so() -> None:
+    flight = guided(kind="kinematic")
+    flight.broadcast((5_000.0, 0.0), threats=(ThreatEntry(2, 0.0, 0.0, 300.0, 200.0, 0.0),))
+    assert flight.at(100.0, 0.0, NORTH_M_S)[0].uncertified
+
+
+# The heights that threats reach
+
+
+def on_the_way_north(*bands: BandEntry, height_m: float = 30.0) -> float:
+    """Return how far a disc ahead turns the vehicle, at 530 m above the sea and 30 m above home, to either side."""
+    limits = CONFIG.limits.model_copy(update={"height_max_m": 200.0})
+    flight = guided(CONFIG.model_copy(update={"height_m": height_m, "limits": limits}))
+    flight.broadcast((5_000.0, 0.0), threats=(AHEAD,))
+    flight.bands(*bands)
+    return abs(wanted_rad(flight.at(velocity=NORTH_M_S)[0]))
+
+
+@pytest.mark.parametrize("band", [BandEntry(1, 540.0, None), BandEntry(1, None, 520.0), BandEntry(1, 540.0, 600.0)])
+def test_a_threat_whose_band_is_above_or_below_is_flown_over_or_under(band: BandEntry) -> None:
+    assert on_the_way_north(band) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "band",
+    [BandEntry(1, 500.0, 600.0), BandEntry(1, 534.0, None), BandEntry(1, None, 526.0), BandEntry(7, 540.0, None)],
+)
+def test_a_threat_whose_band_holds_the_height_or_is_not_known_is_gone_around(band: BandEntry) -> None:
+    assert on_the_way_north(band) == on_the_way_north() > 0.3
+
+
+def test_a_threat_on_the_way_to_the_wanted_height_is_gone_around() -> None:
+    assert on_the_way_north(BandEntry(1, 600.0, None), height_m=120.0) > 0.3
+    assert on_the_way_north(BandEntry(1, 640.0, None), height_m=120.0) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_guard_too_leaves_a_threat_above_alone() -> None:
+    flight = guided(CONFIG.model_copy(update={"law": "step"}))
+    flight.broadcast((5_000.0, 0.0), threats=(AHEAD,))
+    assert flight.at(570.0, 0.0, NORTH_M_S)[0].guard_changes == (KEEP_OUT,)
+    flight.bands(BandEntry(1, 540.0, None))
+    assert flight.at(570.0, 0.0, NORTH_M_S)[0].guard_changes == ()
 
 
 # Reports on an uplink

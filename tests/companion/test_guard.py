@@ -1155,6 +1155,10 @@ def test_a_disc_never_heard_of_is_named() -> None:
     assert broken_after(first=old, later=other) == (NEW_THREAT,)
 
 
+def test_a_disc_that_appears_where_nothing_was_near_is_named() -> None:
+    assert broken_after(first=discs(), later=discs((30.0, 0.0, 20.0))) == (NEW_THREAT,)
+
+
 def test_a_disc_that_is_not_heard_of_any_more_is_not_named() -> None:
     first = replace(discs((130.0, 0.0, 20.0), (130.0, 90.0, 20.0)), ids=np.array([3, 4]))
     assert broken_after(first=first, later=replace(discs((130.0, 90.0, 20.0)), ids=np.array([4]))) == ()

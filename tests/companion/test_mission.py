@@ -725,7 +725,7 @@ def test_sim_fly_refuses_an_id_that_the_one_network_has_no_place_for(program: Pr
 
 def test_sim_fly_flies_the_one_network_when_told_to_and_warns_of_it(program: Program, tmp_path: Path) -> None:
     path = file_of(f"{ONE_EACH}surrogate: monolithic\nmax_time_s: 5\n".encode())(tmp_path)
-    status, out, err = program("sim", "fly", path, "--allow-monolithic", "--json")
+    status, out, err = program("sim", "fly", path, "--law", "seed", "--allow-monolithic", "--json")
     assert (status, json.loads(out)["steps"]) == (EXIT_FAILED, 10)
     assert err.startswith("sim: warning: ")
     assert "should not fly" in err

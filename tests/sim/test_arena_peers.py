@@ -232,7 +232,7 @@ def test_horizon_stays_where_the_target_is_covered() -> None:
 def test_horizon_plans_no_more_often_while_it_loiters_for_want_of_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ompl")
     asked_at_s: list[float] = []
-    law, pose, view = PEERS["horizon"](CONFIG), Pose(0.0, 0.0, 0.0, SPEED_M_S), view_of([Threat(3000.0, 0.0, 300.0)])
+    law, pose, view = PEERS["horizon"](CONFIG), Pose(0.0, 0.0, 0.0, SPEED_M_S), view_of([Threat(1500.0, 0.0, 300.0)])
     for step in range(8):
         now_s = STEP_S * step
         monkeypatch.setattr(BatchPlanner, "plan", lambda *_, at_s=now_s: asked_at_s.append(at_s) or NOWHERE)

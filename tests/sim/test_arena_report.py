@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import binomtest
 
 from companion.mission import load_mission
+from sim.arena.plots import PLOT_NAMES, draw_plots
 from sim.arena.report import (
     JSON_NAME,
     MARKDOWN_NAME,
@@ -158,3 +159,18 @@ def test_slow_methods_fly_only_the_first_missions_of_single_agents() -> None:
     jobs = jobs_of(1, 25, ["dense", "swarm"], ["routed", "horizon"])
     assert sum("horizon" in job.laws for job in jobs if job.family == "dense") == 20
     assert not any("horizon" in job.laws for job in jobs if job.family == "swarm")
+
+
+@pytest.mark.parametrize("trials", range(1, 600, 7))
+def test_the_interval_of_a_rate_holds_the_rate(trials: int) -> None:
+    for successes in (0, trials // 3, trials):
+        found = wilson(successes, trials)
+        assert found.low <= found.value <= found.high
+
+
+def test_the_plots_are_drawn_whatever_the_laws_reached(tmp_path) -> None:  # noqa: ANN001
+    runs = [a_run(index=k) for k in range(193)]
+    runs += [a_run(index=k, law="seed", reached=0, entries=1, path_ratios=()) for k in range(193)]
+    runs += [a_run(family="swarm", index=k, feasibility=Feasibility(False, "no way to target 1")) for k in range(3)]
+    draw_plots(tmp_path, summaries(runs), runs)
+    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in PLOT_NAMES)

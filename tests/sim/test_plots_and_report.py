@@ -30,10 +30,20 @@ VOID_TAGS = frozenset({"meta", "img", "br", "link"})
 def mission_of(agents: int, targets: int, threats: int, name: str = "two by two", losses: Sequence[int] = ()) -> Any:  # noqa: ANN401
     return SimpleNamespace(
         name=name,
-        agents=tuple(SimpleNamespace(id=index + 1) for index in range(agents)),
+        origin=SimpleNamespace(alt_m=500.0),
+        layers=1,
+        layer_spacing_m=0.0,
+        agents=tuple(SimpleNamespace(id=index + 1, height_m=30.0, only_target=None) for index in range(agents)),
         targets=tuple(SimpleNamespace(id=index + 1) for index in range(targets)),
         threats=tuple(
-            SimpleNamespace(id=index + 1, detection_radius_m=300.0, attack_radius_m=150.0, motion="random")
+            SimpleNamespace(
+                id=index + 1,
+                detection_radius_m=300.0,
+                attack_radius_m=150.0,
+                motion="random",
+                floor_m=None,
+                ceiling_m=None,
+            )
             for index in range(threats)
         ),
         losses=tuple(SimpleNamespace(agent=agent, t_s=20.0) for agent in losses),

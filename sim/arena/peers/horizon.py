@@ -76,6 +76,9 @@ class RecedingHorizon:
         apart_m = distances_m(swept, pose.position_ned_m)[1]
         radius_m = np.minimum(swept.radius_m + self._clearance_m, NEAR_SHARE * apart_m)
         self._plans += 1
+        to_place_m = distances_m(swept, task.place_ned_m)[1]
+        if np.any(to_place_m < radius_m):
+            return  # no way can end there, and the planner would spend its whole budget to find none
         way_ned_m = self._planner.plan(
             pose.position_ned_m, task.place_ned_m, swept.centres_ned_m, radius_m, SEED + self._plans
         )
