@@ -470,7 +470,7 @@ class Companion:
             attack_m=view.attack_radius_m,
             ids=view.threat_ids,
         )
-        route = () if wish.route is None else wish.route.pieces
+        route = () if wish.route is None else wish.route.pieces + wish.onward
         keep_right = self._crowded(motion, view)
         return self.guard.check(wanted, motion, discs, now_s, self.config.guidance_step_s, route, keep_right)
 

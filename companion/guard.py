@@ -46,7 +46,9 @@ FAN_STEP_RAD = math.tau / FAN_STEPS
 SUB_ARC_RAD = math.pi / 4.0
 """On an arc a moving disc counts as large as at the end of each part of this size; in the fan, of each of its steps."""
 ROUTE_STEPS = 60
-"""Steps along the route within which a turning circle must be clear, or those of a whole circle if they are more."""
+"""Steps along the route within which a turning circle must be clear..."""
+ROUTE_CIRCLES = 3
+"""...or those of so many turning circles, if they are more."""
 CIRCLE_PARTS = 24
 """Along the route, a turning circle is looked for so many times in the length of one."""
 FOLLOW_RAD = 0.01
@@ -738,6 +740,9 @@ class Guard:
     def _along_route(self, pose: _Pose, step: _Step, spare_m: float, flight: _Flight) -> _Path | None:
         """Return a path along the route to where a turning circle is clear; None if it is too far or not clear."""
         pieces_of_route = tuple(Piece(*start_ned_m, *rest) for start_ned_m, *rest in flight.route)
+        rate_1_m = self._curvature_1_m(step.speed_m_s)
+        # Where the route ends nothing need be clear: straight on from there something may be.
+        pieces_of_route += (_straight(_end_of(pieces_of_route[-1]), math.tau / rate_1_m),)
         if self._limits.braking_m_s2 is not None or not all(map(math.isfinite, itertools.chain(*pieces_of_route))):
             return None
         speed_m_s, dt_s = step.speed_m_s, flight.dt_s
@@ -745,9 +750,8 @@ class Guard:
         along_m = _nearest_along_m(route, pose)
         left_m = sum(stretch.length_m for stretch in route.pieces) - along_m
         flown: list[Piece] = []
-        rate_1_m = self._curvature_1_m(speed_m_s)
         around = math.ceil(math.tau / (rate_1_m * speed_m_s * dt_s))
-        steps = min(max(ROUTE_STEPS, around), math.ceil(left_m / (speed_m_s * dt_s)))
+        steps = min(max(ROUTE_STEPS, ROUTE_CIRCLES * around), math.ceil(left_m / (speed_m_s * dt_s)))
         every = max(1, around // CIRCLE_PARTS)
         for count in range(1, steps + 1):
             turn_rad = self._steered_rad(route, along_m, pose, speed_m_s, dt_s, dt_s)

@@ -14,6 +14,7 @@ import numpy as np
 
 from companion.config import Config
 from companion.cost import Weights
+from companion.guard import TRACKING_REACTIONS, TRACKING_STEPS
 from companion.guidance import (
     MonolithicSurrogate,
     PairSurrogate,
@@ -25,7 +26,7 @@ from companion.guidance import (
 from companion.kinematics import shorter_turn_rad
 from companion.monolithic import load_monolithic
 from companion.picture import View
-from companion.route import Reach, Route, Router
+from companion.route import Piece, Reach, Route, Router, shortest_route
 from companion.surrogate import (
     HALF_WIDTH,
     PolygonProfile,
@@ -42,6 +43,11 @@ ROUTE_MARGIN_STEPS = 0.05
 """...or this share of the way flown in a step, if that is more: a step cuts its corners."""
 WALL_SHARE = 22.0
 """Half-width of F*'s edge is the route's margin over this: at the route it weighs less than any attraction."""
+ONWARD_CIRCLES = 3
+"""A way on from the route's end is kept ready once the end is so many turning circles' lengths away: the guard
+looks so far along a route."""
+ONWARD_RAD = 0.05
+"""And until the route arrives on a heading that differs by more than this."""
 OPPOSED_SHARE = 0.01
 """A component against the route is worth counting from this share of the attraction."""
 COASTING_PERIODS = 3.0
@@ -93,6 +99,8 @@ class Wish:
     opposed: bool = False
     """The surrogate's component against the route was dropped."""
     route: Route | None = None
+    onward: tuple[Piece, ...] = ()
+    """A way on from where the route ends, for a vehicle that cannot stop there."""
 
 
 class SteeringLaw(Protocol):
@@ -101,6 +109,20 @@ class SteeringLaw(Protocol):
     def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
         """Return what it wants; `now_s` is this vehicle's clock."""
         ...
+
+
+@dataclass(frozen=True)
+class _OnwardFor:
+    """What a way on was found for."""
+
+    from_ned_m: tuple[float, float]
+    threat_ids: tuple[int, ...]
+    heading_rad: float
+
+    def serves(self, other: _OnwardFor) -> bool:
+        """Return whether it will do for another as well."""
+        same = self.from_ned_m == other.from_ned_m and self.threat_ids == other.threat_ids
+        return same and abs(math.remainder(self.heading_rad - other.heading_rad, math.tau)) <= ONWARD_RAD
 
 
 SteeringOf = Callable[[Config], SteeringLaw]
@@ -130,19 +152,26 @@ class RoutedLaw:
         self._config = config
         self._weights = Weights(**config.weights.model_dump())
         self._margin_m = max(ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS * limits.speed_m_s * config.guidance_step_s)
+        # What the guard adds to every disc, so that the route lies outside what it keeps.
+        held_s = TRACKING_STEPS * config.guidance_step_s + TRACKING_REACTIONS * limits.reaction_s
+        self._clearance_m = self._margin_m + limits.position_error_m + limits.wind_m_s * held_s
         ground_m_s = limits.speed_m_s + limits.wind_m_s
         rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
         self._turn_radius_m = ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
         self._period_s = config.staleness.coasting_after_s / COASTING_PERIODS
         self._router = Router()
+        self._began_ned_m: tuple[float, float] | None = None
+        self._onward: tuple[_OnwardFor, tuple[Piece, ...]] | None = None
 
     def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
         """See SteeringLaw."""
+        self._began_ned_m = self._began_ned_m or pose.position_ned_m
         wall_m = self._wall_gradient(pose, view)
         if task.loitering:
             return Wish(direction(task.pull, wall_m))
         centres_ned_m, radii_m = foreseen(view, pose, self._config.limits.speed_m_s, self._period_s)
-        route = self._route(task, pose, centres_ned_m, radii_m + self._margin_m, view)
+        radii_m = radii_m + self._clearance_m
+        route = self._route(task, pose, centres_ned_m, radii_m, view)
         if route.reach is Reach.NONE:
             return Wish(direction(task.pull, wall_m), stay="no way to the target", route=route)
         note = None
@@ -155,7 +184,8 @@ class RoutedLaw:
         if route.turn != 0:
             # The shorter side of a long turn may be the other one: then the side is wanted, not the end of it.
             wanted = _on_side(wanted, pose.heading_rad, route.turn)
-        return Wish(wanted, note=note, opposed=opposed, route=route)
+        onward = self._way_on(route, self._began_ned_m, centres_ned_m, radii_m, view)
+        return Wish(wanted, note=note, opposed=opposed, route=route, onward=onward)
 
     def _route(
         self, task: Task, pose: Pose, centres_ned_m: np.ndarray, radii_m: np.ndarray, view: View
@@ -174,6 +204,26 @@ class RoutedLaw:
             if route.reach is Reach.TARGET:
                 break
         return route
+
+    def _way_on(
+        self, route: Route, back_ned_m: tuple[float, float], centres_ned_m: np.ndarray, radii_m: np.ndarray, view: View
+    ) -> tuple[Piece, ...]:  # (M, 2) m, (M,) m
+        """Return the way from the end of a route back to where guidance began, among discs that stand still.
+
+        A place is worth going to only if there is a way on from it; the guard looks along it for room to circle.
+        """
+        near = route.length_m <= ONWARD_CIRCLES * math.tau * self._turn_radius_m
+        if not near or not route.pieces or view.threat_speed_m_s.any():
+            return ()
+        last = route.pieces[-1]
+        arrival_rad = (last.heading_rad + last.curvature_1_m * last.length_m) % math.tau
+        wanted_for = _OnwardFor(route.goal_ned_m, tuple(view.threat_ids.tolist()), arrival_rad)
+        if self._onward is None or not self._onward[0].serves(wanted_for):
+            found = shortest_route(
+                route.goal_ned_m, back_ned_m, centres_ned_m, radii_m, arrival_rad, self._turn_radius_m
+            )
+            self._onward = (wanted_for, found.pieces)
+        return self._onward[1]
 
     def _wall_gradient(self, pose: Pose, view: View) -> np.ndarray:  # (2,) m
         return wall_gradient(
