@@ -736,10 +736,60 @@ def test_a_route_into_a_disc_is_no_back_up() -> None:
     assert Guard(PLANE).check(AHEAD, motion, blocked, 0.0, DT_S, THROUGH).changes[0] == KEEP_OUT
 
 
-def test_a_route_that_ends_in_the_gap_is_no_back_up() -> None:
+def test_a_route_that_ends_in_the_gap_is_a_back_up_only_if_straight_on_from_there_is_clear() -> None:
     motion = replace(NORTHWARD, north_m=60.0)
     short = (((0.0, 0.0), 0.0, 0.0, 90.0),)
-    assert Guard(PLANE).check(AHEAD, motion, GATE, 0.0, DT_S, short).changes[0] == KEEP_OUT
+    assert Guard(PLANE).check(AHEAD, motion, GATE, 0.0, DT_S, short).changes == ()
+    closed = Discs(np.vstack([GATE.centres_ned_m, [150.0, 0.0]]), np.append(GATE.radii_m, 10.0), np.zeros(5))
+    assert Guard(PLANE).check(AHEAD, motion, closed, 0.0, DT_S, short).changes[0] == KEEP_OUT
+
+
+def test_a_path_in_hand_that_leads_nearly_where_it_is_wanted_is_flown() -> None:
+    motion = replace(NORTHWARD, north_m=60.0)
+    guard = Guard(PLANE)
+    assert guard.check(AHEAD, motion, GATE, 0.0, DT_S, THROUGH).changes == ()
+    on = replace(motion, north_m=60.0 + motion.speed_m_s * DT_S)
+    nearly = replace(AHEAD, heading_rad=0.005)
+    verdict = guard.check(nearly, on, GATE, DT_S, DT_S, THROUGH)
+    assert verdict.changes == (BACKUP,)
+    assert verdict.setpoint is not None
+    assert verdict.setpoint.heading_rad == pytest.approx(0.0, abs=1e-9)
+
+
+def test_with_keep_right_only_the_circle_to_the_right_takes_the_place_of_a_step_that_would_close_it() -> None:
+    closing = discs((60.0, 110.0, 48.0))
+    assert Guard(PLANE).check(AHEAD, NORTHWARD, closing, 0.0, DT_S).changes == ()
+    verdict = Guard(PLANE).check(AHEAD, NORTHWARD, closing, 0.0, DT_S, (), True)
+    assert verdict.changes == (KEEP_OUT,)
+    assert verdict.setpoint is not None
+    assert verdict.setpoint.heading_rad == pytest.approx(G_M_S2 / 20.0 * DT_S)
+
+
+def test_with_keep_right_what_leaves_the_circle_to_the_right_clear_is_let_through() -> None:
+    away = discs((60.0, -110.0, 60.0))
+    assert Guard(PLANE).check(AHEAD, NORTHWARD, away, 0.0, DT_S, (), True).changes == ()
+
+
+def test_with_keep_right_where_no_circle_to_the_right_is_clear_any_other_back_up_serves() -> None:
+    closed = discs((0.0, 95.0, 50.0))
+    wanted = replace(AHEAD, heading_rad=math.tau - 0.1)
+    assert Guard(PLANE).check(wanted, NORTHWARD, closed, 0.0, DT_S, (), True).changes == ()
+
+
+def test_who_can_stop_keeps_no_circle() -> None:
+    closing = discs((60.0, 110.0, 48.0))
+    assert Guard(COPTER).check(AHEAD, NORTHWARD, closing, 0.0, DT_S, (), True).changes == ()
+
+
+def test_with_short_steps_a_circle_is_looked_for_only_now_and_then_along_the_route() -> None:
+    motion = replace(NORTHWARD, north_m=60.0)
+    assert Guard(PLANE).check(AHEAD, motion, GATE, 0.0, DT_S / 10.0, THROUGH).changes == ()
+
+
+def test_a_corridor_without_an_end_in_sight_is_not_entered() -> None:
+    walls = [(80.0 * k - 60.0, side * 60.0, 50.0) for k in range(30) for side in (1.0, -1.0)]
+    route = (((0.0, 0.0), 0.0, 0.0, 2_000.0),)
+    assert Guard(PLANE).check(AHEAD, NORTHWARD, discs(*walls), 0.0, DT_S, route).changes[0] == KEEP_OUT
 
 
 def test_a_vehicle_that_can_stop_needs_no_route() -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from companion.config import LAWS, Config, LimitsSection
 from companion.cost import Weights
+from companion.guard import TRACKING_STEPS
 from companion.guidance import PairSurrogate, Pull, attraction, turn_rate_rad_s
 from companion.kinematics import shorter_turn_rad
 from companion.laws import (
@@ -488,3 +489,45 @@ def test_it_passes_behind_a_threat_that_crosses_its_way() -> None:
     wish = steered((2_000.0, 0.0), mirrored)
     assert wish.route is not None
     assert wish.route.via == ((0, -1),)
+
+
+# The way on
+
+
+def test_near_its_target_among_standing_discs_it_knows_a_way_on() -> None:
+    wish = steered((600.0, 0.0), view_of((600.0, 300.0, 150.0)))
+    assert wish.route is not None and wish.onward
+    assert wish.onward[0].start_ned_m == pytest.approx(wish.route.goal_ned_m)
+    last = wish.onward[-1]
+    end = last.start_ned_m[0] + last.length_m * math.cos(last.heading_rad + 0.5 * last.curvature_1_m * last.length_m)
+    assert end == pytest.approx(0.0, abs=1.0)
+
+
+def test_far_from_its_target_or_among_discs_that_move_it_looks_for_no_way_on() -> None:
+    assert steered((50_000.0, 0.0), view_of((600.0, 300.0, 150.0))).onward == ()
+    assert steered((600.0, 0.0), view_of((600.0, 300.0, 150.0), bound_m_s=5.0)).onward == ()
+
+
+def test_a_way_on_is_kept_while_it_arrives_on_the_same_heading() -> None:
+    law, view = RoutedLaw(CONFIG), view_of((600.0, 300.0, 150.0))
+    first = law.steer(to((600.0, 0.0)), NORTHWARDS, view, 0.0).onward
+    ahead = Pose(12.5, 0.0, 0.0, SPEED_M_S)
+    assert law.steer(to((600.0, 0.0), ahead), ahead, view, 0.5).onward is first
+    aside = Pose(400.0, -200.0, 0.5, SPEED_M_S)
+    assert law.steer(to((600.0, 0.0), aside), aside, view, 1.0).onward is not first
+
+
+def test_in_wind_the_route_keeps_outside_what_the_guard_adds_to_every_disc() -> None:
+    limits = CONFIG.limits.model_copy(update={"wind_m_s": 5.0, "position_error_m": 1.0})
+    windy = CONFIG.model_copy(update={"limits": limits})
+    disc = view_of((1_000.0, 0.0, 300.0))
+    still = RoutedLaw(CONFIG).steer(to((3_000.0, 0.0)), NORTHWARDS, disc, 0.0)
+    wish = RoutedLaw(windy).steer(to((3_000.0, 0.0)), NORTHWARDS, disc, 0.0)
+    assert still.route is not None and wish.route is not None
+    # The arc about the disc is the flattest: that of the first turn is as tight as can be.
+    radius_m, still_m = (
+        max(1.0 / abs(piece.curvature_1_m) for piece in route.pieces if piece.curvature_1_m)
+        for route in (wish.route, still.route)
+    )
+    wider_m = radius_m - still_m
+    assert wider_m == pytest.approx(1.0 + 5.0 * TRACKING_STEPS * CONFIG.guidance_step_s)
