@@ -416,8 +416,19 @@ class Guard:
         if heard is not None and heard.ids == ids:
             north_m, east_m = (discs.centres_ned_m - heard.centres_ned_m).T
             grown_m = heard.radii_m + heard.speeds_m_s * since_s
-            if max((np.hypot(north_m, east_m) + discs.radii_m - grown_m).tolist(), default=0.0) <= ROUNDING_M:
+            beyond_m = np.hypot(north_m, east_m) + discs.radii_m - grown_m
+            worst_m = max(beyond_m.tolist(), default=0.0)
+            if worst_m <= ROUNDING_M:
                 self._heard = _Heard(ids, discs.centres_ned_m, discs.radii_m, discs.speeds_m_s)
+                return []
+            if worst_m <= THREAT_TOLERANCE_M:
+                earlier = beyond_m > ROUNDING_M
+                self._heard = _Heard(
+                    ids,
+                    np.where(earlier[:, np.newaxis], heard.centres_ned_m, discs.centres_ned_m),
+                    np.where(earlier, grown_m, discs.radii_m),
+                    np.where(earlier, heard.speeds_m_s, discs.speeds_m_s),
+                )
                 return []
         self._heard = _Heard(ids, discs.centres_ned_m.copy(), discs.radii_m.copy(), discs.speeds_m_s.copy())
         return [] if heard is None else _contradictions(heard, self._heard, since_s)

@@ -1186,6 +1186,19 @@ def test_a_disc_outside_its_earlier_self_grown_is_named(
         assert broken_after(first=first, later=later) == broken
 
 
+def test_small_excesses_add_up_even_where_another_disc_is_not_heard_of_any_more() -> None:
+    guarded, vehicle = Guard(PLANE), Vehicle(NORTHWARD, PLANE)
+    two = replace(discs((130.0, 0.0, 20.0), (130.0, 90.0, 20.0)), ids=np.array([3, 4]))
+    larger, larger_still = (replace(discs((130.0, 90.0, 20.0 + by_m)), ids=np.array([4])) for by_m in (8.0, 16.0))
+    said = []
+    for call, known in enumerate((two, larger, larger_still)):
+        verdict = guarded.check(AHEAD, vehicle.motion, known, call * DT_S, DT_S)
+        said.append(verdict.broken)
+        vehicle.obey(sent(verdict))
+        vehicle.fly(DT_S)
+    assert said == [(), (), (THREAT_FASTER,)]
+
+
 def test_small_excesses_add_up_to_a_threat_faster_than_its_bound() -> None:
     guarded, vehicle, named = Guard(PLANE), Vehicle(NORTHWARD, PLANE), []
     for step in range(10):
