@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.guard import Motion
-from companion.guidance import PIVOT_SPEED_M_S, turn_rate_rad_s
+from companion.guidance import turn_rate_rad_s
 from companion.kinematics import shorter_turn_rad
 
 GREATEST_STEP_TURN_RAD = 2.8
@@ -427,7 +427,8 @@ def _speed_allowed(
     braking_s = max(motion.speed_m_s - speed_m_s, 0.0) / _braking_m_s2(rules)
     way_m = speed_m_s * max(dt_s - braking_s, 0.0)
     added_m = max(_braking_way_m(speed_m_s, rules) - _braking_way_m(motion.speed_m_s, rules), 0.0)
-    turn_rad = shorter_turn_rad(motion.heading_rad, heading_rad) if motion.speed_m_s > PIVOT_SPEED_M_S else 0.0
+    # Who stands may begin in any direction; who moves sweeps all headings between.
+    turn_rad = shorter_turn_rad(motion.heading_rad, heading_rad) if motion.speed_m_s > 0.0 else 0.0
     for each in neighbours:
         # The heading nearest to the neighbour among all that the turn sweeps.
         off_rad = abs(math.remainder(heading_rad - 0.5 * turn_rad - each.bearing_rad, math.tau)) - 0.5 * abs(turn_rad)

@@ -172,8 +172,11 @@ def _wanted_rad(craft: Craft, settled_ned_m: np.ndarray, rules: Rules, arrival_r
 def _step(craft: Craft, heading_rad: float, speed_m_s: float, rules: Rules) -> list[tuple[float, float]]:
     """Move a craft by a step and return where it was at the samples, its start first."""
     places = [(craft.north_m, craft.east_m)]
+    if rules.braking_m_s2 is not None and craft.speed_m_s == 0.0:
+        craft.heading_rad = heading_rad  # who stands has no course to turn from
     start = (craft.north_m, craft.east_m, craft.heading_rad)
     for piece in range(1, PIECES + 1):
+        before_m_s = craft.speed_m_s
         if rules.braking_m_s2 is None:
             # Each sample from the beginning of the step: half a circle must not be decided again on the way.
             elapsed_s = DT_S * piece / PIECES
@@ -181,13 +184,15 @@ def _step(craft: Craft, heading_rad: float, speed_m_s: float, rules: Rules) -> l
             start, elapsed_s = (craft.north_m, craft.east_m, craft.heading_rad), DT_S / PIECES
             most_m_s = rules.braking_m_s2 * elapsed_s
             craft.speed_m_s += max(-most_m_s, min(most_m_s, speed_m_s - craft.speed_m_s))
+        # At a constant acceleration the way is that at the mean speed: at the last one it would be too long.
+        mean_m_s = 0.5 * (before_m_s + craft.speed_m_s)
         rate_rad_s = turn_rate_rad_s(craft.speed_m_s, rules.n_max)
         craft.north_m, craft.east_m, craft.heading_rad = turn_towards(
-            *start, craft.speed_m_s, heading_rad, rate_rad_s, elapsed_s
+            *start, mean_m_s, heading_rad, rate_rad_s, elapsed_s
         )
         places.append((craft.north_m, craft.east_m))
         if craft.done_s is None:
-            craft.flown_m += craft.speed_m_s * DT_S / PIECES
+            craft.flown_m += mean_m_s * DT_S / PIECES
     return places
 
 

@@ -152,6 +152,7 @@ def test_a_left_turn_is_allowed_if_and_only_if_the_centre_stays_in_its_share(
 @given(
     st.lists(st.tuples(headings_rad, headings_rad, st.floats(0.0, 15.0)), min_size=2, max_size=2), st.floats(0.0, 40.0)
 )
+@example([(0.0, 0.0, 0.0), (-2.0, 0.0, 0.5)], 0.75)  # one gathers way
 @example([(math.pi / 2, -1.5, 15.0), (-math.pi / 2, 1.6, 15.0)], 0.0)  # both want to turn about, and fly on meanwhile
 def test_ways_to_a_stop_that_do_not_overlap_never_will(pair: list[tuple[float, float, float]], gap_m: float) -> None:
     braking_m_s2 = 3.0
@@ -166,7 +167,9 @@ def test_ways_to_a_stop_that_do_not_overlap_never_will(pair: list[tuple[float, f
     decisions = [decide(motions[k], pair[k][1], [motions[1 - k]], COPTERS) for k in (0, 1)]
     for craft, decision in zip(crafts, decisions, strict=True):
         swarm._step(craft, decision.heading_rad, decision.speed_m_s, COPTERS)
-    assert stopping_gap_m(crafts) >= 20.0 - 1e-3
+    # The harness flies pieces at their mean speed: one in which a craft comes to a stop is too long by up to this.
+    piece_s = DT_S / swarm.PIECES
+    assert stopping_gap_m(crafts) >= 20.0 - len(crafts) * braking_m_s2 * piece_s**2 / 8.0
 
 
 @pytest.mark.parametrize("rules", [PLANES, SLOW_TURNERS, replace(PLANES, n_max=10.0), COPTERS])
