@@ -27,6 +27,7 @@ from companion.monolithic import load_monolithic
 from companion.tlog import TlogWriter
 from companion.wire import Detection, Kind
 from groundstation.core import GroundStation, check_runnable
+from sim.arrivals import Arrivals
 from sim.detector import Detector, Fleet
 from sim.link import LINK_STREAM, LossyLink, Tamper
 from sim.sensor import LOOK_PERIOD_S, mission_sensor, seen
@@ -227,8 +228,7 @@ class _Flying:
             [target.id for target in mission.targets],
             [threat.id for threat in mission.threats],
         )
-        self._open = list(range(len(mission.targets)))
-        self._arrived: set[int] = set()
+        self._arrivals = Arrivals(mission)
         self._decision_us: list[float] = []
         self._turn_limited = self._guarded = self._frames = self._bytes = 0
 
@@ -291,7 +291,7 @@ class _Flying:
             self._lose(t_s)
             agents, over = self._record(t_s)
             if progress is not None and tick % 100 == 0:
-                progress(t_s, len(mission.targets) - len(self._open))
+                progress(t_s, len(mission.targets) - len(self._arrivals.open))
             if over or tick == last_tick:
                 break
             if t_s >= next_look_s - _TOLERANCE_S:
@@ -336,22 +336,12 @@ class _Flying:
                 aircraft.alive = False
 
     def _record(self, t_s: float) -> tuple[np.ndarray, bool]:  # (N, 4)
-        """Log the truth and note arrivals by the rule of `sim.score`; return the agents and whether it is over."""
+        """Log the truth and note arrivals; return the agents and whether it is over."""
         agents = np.array([aircraft.row() for aircraft in self._fleet])
         targets, threats = self._world.rows()
         self._trajectory.append(t_s, agents, targets, threats)
-        agents_ned_m, targets_ned_m = np.round(agents[:, :2], 3), np.round(targets[:, :2], 3)
-        flying = [i for i, a in enumerate(self._fleet) if a.alive and i not in self._arrived]
-        for target in list(self._open):
-            apart_m = np.hypot(*(agents_ned_m[flying] - targets_ned_m[target]).T)
-            near = [flying[i] for i in np.flatnonzero(apart_m <= self._mission.arrival_radius_m)]
-            target_id = self._mission.targets[target].id
-            here = [i for i in near if self._fleet[i].spec.only_target in (None, target_id)]
-            if here:
-                self._arrived.update(here)
-                flying = [i for i in flying if i not in self._arrived]
-                self._open.remove(target)
-        return agents, not self._open or not flying
+        over = self._arrivals.note(agents[:, :2], [aircraft.alive for aircraft in self._fleet], targets[:, :2])
+        return agents, over
 
     def _look(self, t_s: float) -> None:
         mission = self._mission

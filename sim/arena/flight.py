@@ -26,10 +26,11 @@ from companion.laws import SteeringOf
 from companion.mission import AgentSpec, Mission
 from companion.wire import Detection, DetectionsFrame, Kind
 from groundstation.core import GroundStation
+from sim.arrivals import Arrivals
 from sim.link import LINK_STREAM, LossyLink
 from sim.lockstep import START_S
 from sim.sensor import LOOK_PERIOD_S, seen
-from sim.trajectory import POSITION_DECIMALS, Trajectory, TrajectoryBuilder
+from sim.trajectory import Trajectory, TrajectoryBuilder
 from sim.wind import WindField, crabbed
 from sim.world import World
 
@@ -155,8 +156,7 @@ class _Flying:
             for index in range(len(self._fleet))
         ]
         self._losses_s = {loss.agent: loss.t_s for loss in mission.losses}
-        self._open = list(range(len(mission.targets)))
-        self._arrived: set[int] = set()
+        self._arrivals = Arrivals(mission)
         self._trajectory = TrajectoryBuilder(
             [agent.id for agent in mission.agents],
             [target.id for target in mission.targets],
@@ -209,23 +209,11 @@ class _Flying:
         )
 
     def _record(self, t_s: float) -> bool:
-        """Log the truth and note arrivals by the rule of `sim.score`; return whether the flight is over."""
+        """Log the truth and note arrivals; return whether the flight is over."""
         agents = np.array([vehicle.row() for vehicle in self._fleet])
         targets, threats = self._world.rows()
         self._trajectory.append(t_s, agents, targets, threats)
-        agents_ned_m = np.round(agents[:, :2], POSITION_DECIMALS)
-        targets_ned_m = np.round(targets[:, :2], POSITION_DECIMALS)
-        flying = [i for i, v in enumerate(self._fleet) if v.alive and i not in self._arrived]
-        for target in list(self._open):
-            apart_m = np.hypot(*(agents_ned_m[flying] - targets_ned_m[target]).T)
-            near = [flying[i] for i in np.flatnonzero(apart_m <= self._mission.arrival_radius_m)]
-            target_id = self._mission.targets[target].id
-            here = [i for i in near if self._fleet[i].spec.only_target in (None, target_id)]
-            if here:
-                self._arrived.update(here)
-                flying = [i for i in flying if i not in self._arrived]
-                self._open.remove(target)
-        return not self._open or not flying
+        return self._arrivals.note(agents[:, :2], [vehicle.alive for vehicle in self._fleet], targets[:, :2])
 
     def _look(self, t_s: float) -> None:
         mission, now_s = self._mission, START_S + t_s
