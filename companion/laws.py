@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -87,8 +87,7 @@ class Task:
     """Others are so near that the right of way may ask for a circle to the right at any time."""
 
 
-@dataclass(frozen=True)
-class Wish:
+class Wish(NamedTuple):
     """Where a law wants to go, as strongly as the gradient of its cost."""
 
     pull: Pull
@@ -213,7 +212,7 @@ class RoutedLaw:
         A place is worth going to only if there is a way on from it; the guard looks along it for room to circle.
         """
         near = route.length_m <= ONWARD_CIRCLES * math.tau * self._turn_radius_m
-        if not near or not route.pieces or view.threat_speed_m_s.any():
+        if not near or not route.pieces or np.count_nonzero(view.threat_speed_m_s):
             return ()
         last = route.pieces[-1]
         arrival_rad = (last.heading_rad + last.curvature_1_m * last.length_m) % math.tau
@@ -247,17 +246,23 @@ def foreseen(
     done beyond it since it was heard of stays in the radius. That counts as if a broadcast period had gone by: discs
     that grow and shrink with every broadcast would open and close gaps, and the route would go to and fro.
     """
-    if not view.threat_speed_m_s.any():
+    if not np.count_nonzero(view.threat_speed_m_s):
         return view.threats_ned_m, view.detection_radius_m
     offset_m = view.threats_ned_m - np.array(pose.position_ned_m)
-    apart_m = np.sqrt(offset_m[:, 0] ** 2 + offset_m[:, 1] ** 2) - view.detection_radius_m
-    ahead_s = np.clip(apart_m / speed_m_s, 0.0, LOOK_AHEAD_S)
+    apart_m = _lengths(offset_m) - view.detection_radius_m
+    ahead_s = np.minimum(np.maximum(apart_m / speed_m_s, 0.0), LOOK_AHEAD_S)
     moved_m = view.threat_velocity_m_s * (view.threat_age_s + ahead_s)[:, np.newaxis]
-    known_m_s = np.sqrt(view.threat_velocity_m_s[:, 0] ** 2 + view.threat_velocity_m_s[:, 1] ** 2)
+    known_m_s = _lengths(view.threat_velocity_m_s)
     unexplained_m_s = view.threat_speed_m_s - np.minimum(known_m_s, view.threat_speed_m_s)
     heard_m = view.detection_radius_m - view.threat_speed_m_s * view.threat_age_s
     grown_m = unexplained_m_s * np.maximum(view.threat_age_s, period_s)
     return view.threats_ned_m + moved_m, heard_m + grown_m
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:  # (M, 2) -> (M,)
+    squares = vectors * vectors
+    lengths: np.ndarray = np.sqrt(squares[:, 0] + squares[:, 1])
+    return lengths
 
 
 def law_of(config: Config) -> SteeringLaw:

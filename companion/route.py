@@ -10,6 +10,7 @@ Headings grow clockwise and a disc kept on the right is gone around clockwise: s
 
 from __future__ import annotations
 
+import cmath
 import heapq
 import itertools
 import math
@@ -67,8 +68,7 @@ class Piece(NamedTuple):
     length_m: float
 
 
-@dataclass(frozen=True)
-class Route:
+class Route(NamedTuple):
     """A way, its length and where to head now."""
 
     reach: Reach
@@ -133,7 +133,8 @@ class _Scene:
         self.near: list[int] = []  # discs that a turning circle may meet
         if self.limited:
             self.near = (self.start_m < self.arc_m + 2.0 * self.turn_radius_m).nonzero()[0].tolist()
-            self._shrink_to_avoidable(radii_m)
+            if self.near:
+                self._shrink_to_avoidable(radii_m)
         goal_m = np.abs(self.centre - self.goal)  # (M,)
         about_goal = goal_m < wide_m
         self.goal_inside = False
@@ -461,32 +462,43 @@ def shortest_route(
     start or goal lies nearer to a disc than that. docs/route.md says what is decided where start or goal is inside a
     disc or walled off. Raises ValueError for what is not finite or shapes that do not fit.
     """
-    centres, radii_m = _checked(position_ned_m, goal_ned_m, centres_ned_m, radii_m, heading_rad, turn_radius_m)
+    _check_finite(*position_ned_m, *goal_ned_m, heading_rad or 0.0, turn_radius_m)
+    centres, radii_m = _checked(centres_ned_m, radii_m)
     start, goal = complex(*position_ned_m), complex(*goal_ned_m)
     return _Plan(start, goal, centres, radii_m, heading_rad, turn_radius_m).route()
+
+
+class _Discs(NamedTuple):
+    """Discs of a call, known again in the next one by what was given: threats that stand still are checked once."""
+
+    given: tuple[bytes, bytes, bytes]
+    ids: np.ndarray  # (M,) int
+    centres: np.ndarray  # (M,) complex, m
+    radii_m: np.ndarray  # (M,)
 
 
 @dataclass(frozen=True)
 class _Memory:
     """What a router keeps of its last plan."""
 
-    via: tuple[tuple[int, int], ...]  # index of the disc in `ids`, and side
+    via: tuple[tuple[int, int], ...]  # index of the disc in `discs`, and side
     reach: Reach
     goal: complex
     asked: complex  # the goal it was asked for; it is another one if that cannot be reached
-    ids: np.ndarray  # (M,) int
-    centres: np.ndarray  # (M,) complex, m
-    radii_m: np.ndarray  # (M,)
+    discs: _Discs
     limit_m: np.ndarray  # (M,) how far centre and radius together may change
     goal_limit_m: float
 
-    def moved(self, asked: complex, ids: np.ndarray, centres: np.ndarray, radii_m: np.ndarray) -> bool:
+    def moved(self, asked: complex, discs: _Discs) -> bool:
         """Whether the scene differs so much from the one of the plan that another way may be the better one."""
-        if ids.shape != self.ids.shape or np.count_nonzero(ids != self.ids):
+        before = self.discs
+        if discs is not before and (discs.ids.shape != before.ids.shape or np.count_nonzero(discs.ids != before.ids)):
             return True
         if abs(asked - self.asked) > self.goal_limit_m:
             return True
-        change_m = np.abs(centres - self.centres) + np.abs(radii_m - self.radii_m)
+        if discs is before:
+            return False
+        change_m = np.abs(discs.centres - before.centres) + np.abs(discs.radii_m - before.radii_m)
         return bool(np.count_nonzero(change_m > self.limit_m))
 
 
@@ -502,6 +514,7 @@ class Router:
         """Keep a way unless another saves more than this share of its length."""
         self._switch_share = switch_share
         self._memory: _Memory | None = None
+        self._discs: _Discs | None = None
         self._calls = 0
 
     def route(
@@ -518,17 +531,15 @@ class Router:
 
         `ids` name the discs from call to call. Raises ValueError as `shortest_route` does.
         """
-        centres, radii_m = _checked(position_ned_m, goal_ned_m, centres_ned_m, radii_m, heading_rad, turn_radius_m)
-        ids = np.asarray(ids)
-        if ids.shape != radii_m.shape:
-            raise ValueError(f"{len(radii_m)} discs, but ids of shape {ids.shape}")
+        _check_finite(*position_ned_m, *goal_ned_m, heading_rad or 0.0, turn_radius_m)
+        discs = self._discs = self._known_discs(centres_ned_m, radii_m, ids)
         start, goal = complex(*position_ned_m), complex(*goal_ned_m)
-        plan = _Plan(start, goal, centres, radii_m, heading_rad, turn_radius_m)
+        plan = _Plan(start, goal, discs.centres, discs.radii_m, heading_rad, turn_radius_m)
         kept, moved = None, True
         memory = self._memory
         if memory is not None:
-            moved = memory.moved(goal, ids, centres, radii_m)
-            kept = self._kept(memory, plan, moved, ids)
+            moved = memory.moved(goal, discs)
+            kept = self._kept(memory, plan, moved, discs.ids)
         self._calls += 1
         if kept is not None and not moved and self._calls < REPLAN_STEPS:
             return kept
@@ -539,19 +550,30 @@ class Router:
         self._calls = 0
         self._memory = None
         if route.reach is not Reach.NONE:
-            limit_m = radii_m * (REPLAN_SHARE if route.reach is Reach.TARGET else 0.0)
+            limit_m = discs.radii_m * (REPLAN_SHARE if route.reach is Reach.TARGET else 0.0)
             self._memory = _Memory(
                 route.via,
                 route.reach,
                 complex(*route.goal_ned_m),
                 goal,
-                ids.copy(),
-                centres.copy(),
-                radii_m,
+                discs,
                 limit_m,
                 float(limit_m.min()) if len(limit_m) else 0.0,
             )
         return route
+
+    def _known_discs(self, centres_ned_m: np.ndarray, radii_m: np.ndarray, ids: np.ndarray) -> _Discs:
+        """Return discs as the plan takes them, the last call's if nothing about them has changed."""
+        table_m, radii_m = np.asarray(centres_ned_m, dtype=float), np.asarray(radii_m, dtype=float)
+        ids = np.asarray(ids)
+        if ids.shape != radii_m.shape:
+            raise ValueError(f"{len(radii_m)} discs, but ids of shape {ids.shape}")
+        given = table_m.tobytes(), radii_m.tobytes(), ids.tobytes()
+        if self._discs is not None and self._discs.given == given:
+            return self._discs
+        centres, radii_m = _checked(table_m, radii_m)
+        # The caller may write to its arrays, of which the centres are a view.
+        return _Discs(given, ids.copy(), centres.copy(), radii_m)
 
     @staticmethod
     def _kept(memory: _Memory, plan: _Plan, moved: bool, ids: np.ndarray) -> Route | None:
@@ -563,7 +585,7 @@ class Router:
         via = memory.via
         if moved:
             index_of = {identity: index for index, identity in enumerate(ids.tolist())}
-            touched = [(index_of.get(int(memory.ids[index])), side) for index, side in via]
+            touched = [(index_of.get(int(memory.discs.ids[index])), side) for index, side in via]
             via = tuple((index, side) for index, side in touched if index is not None)
         return plan.along(via, memory.reach)
 
@@ -698,30 +720,31 @@ def _chain_free(scene: _Scene, chain: list[_State]) -> bool:
     for state, after in itertools.pairwise(chain):
         place = complex(scene.north_m[state.circle], scene.east_m[state.circle])
         radius_m, heading_rad = scene.radius_m[state.circle], after.heading_rad
-        base.append(place + _polar(radius_m, heading_rad - state.side * _HALF_PI))
-        ahead.append(_polar(1.0, -heading_rad))
+        base.append(place + cmath.rect(radius_m, heading_rad - state.side * _HALF_PI))
+        ahead.append(cmath.rect(1.0, -heading_rad))
         length_m.append(after.segment_m)
         half_rad = 0.5 * _sweep_rad(state, heading_rad)
         if radius_m > 0.0 and half_rad > 0.0:
             centre.append(place)
-            middle.append(_polar(1.0, -state.angle_rad - state.side * half_rad))
+            middle.append(cmath.rect(1.0, -state.angle_rad - state.side * half_rad))
             reach_m.append(radius_m)
             cosine.append(math.cos(half_rad))
     segments = len(base)
-    rows = np.array([base + centre, ahead + middle])
-    offset = (scene.centre - rows[0][:, np.newaxis]) * rows[1][:, np.newaxis]  # (segments + arcs, M)
+    rows = np.array([base + centre, ahead + middle])[:, :, np.newaxis]
+    offset = (scene.centre - rows[0]) * rows[1]  # (segments + arcs, M)
     along_m, aside_m = offset.real[:segments], offset.imag[:segments]
     beyond_m = along_m - np.minimum(np.maximum(along_m, 0.0), np.array(length_m)[:, np.newaxis])
     if np.count_nonzero(beyond_m * beyond_m + aside_m * aside_m < scene.entered_m2):
         return False
     if not centre:
         return True
-    arcs = np.array([reach_m, cosine])[:, :, np.newaxis]
-    gap_m = np.abs(offset[segments:])
     # A disc is nearest to an arc on its own bearing, or else at an end of the arc, where a segment was looked at.
-    off_m = gap_m - arcs[0]
+    gap_m = np.abs(offset[segments:])
+    off_m = gap_m - np.array(reach_m)[:, np.newaxis]
     near = off_m * off_m < scene.entered_m2
-    return not np.count_nonzero(near & (offset.real[segments:] >= gap_m * arcs[1]))
+    if not np.count_nonzero(near):
+        return True
+    return not np.count_nonzero(near & (offset.real[segments:] >= gap_m * np.array(cosine)[:, np.newaxis]))
 
 
 def _as_route(scene: _Scene, chain: list[_State], reach: Reach, radii_m: np.ndarray) -> Route:
@@ -735,10 +758,10 @@ def _as_route(scene: _Scene, chain: list[_State], reach: Reach, radii_m: np.ndar
         if state.circle < scene.goal_node:
             via.append((state.circle, side))
         if arc_m > scene.tolerance_m:
-            begin = place + _polar(radius_m, state.angle_rad)
+            begin = place + cmath.rect(radius_m, state.angle_rad)
             pieces.append(Piece(_pair(begin), state.angle_rad + side * _HALF_PI, side / radius_m, arc_m))
         if after.segment_m > 0.0:
-            begin = place + _polar(radius_m, after.heading_rad - side * _HALF_PI)
+            begin = place + cmath.rect(radius_m, after.heading_rad - side * _HALF_PI)
             pieces.append(Piece(_pair(begin), after.heading_rad, 0.0, after.segment_m))
     first, second = chain[0], chain[1]
     # Without any pieces the vehicle is at the goal, to rounding.
@@ -823,33 +846,27 @@ def _gaps(covered: list[tuple[float, float, int]]) -> list[tuple[float, float]]:
 
 def _tolerance_m(start_m: np.ndarray, radii_m: np.ndarray, goal: complex) -> float:
     """Return how deep rounding may seem to cut, m: in proportion to the scene as seen from the start."""
-    reach_m = max(start_m.tolist()) + max(radii_m.tolist()) if len(radii_m) else 0.0
+    reach_m = start_m.item(start_m.argmax()) + radii_m.item(radii_m.argmax()) if len(radii_m) else 0.0
     return TOLERANCE * max(reach_m, abs(goal))
-
-
-def _polar(radius_m: float, angle_rad: float) -> complex:
-    return radius_m * complex(math.cos(angle_rad), math.sin(angle_rad))
 
 
 def _pair(place: complex) -> tuple[float, float]:
     return place.real, place.imag
 
 
-def _checked(
-    position_ned_m: Sequence[float] | np.ndarray,
-    goal_ned_m: Sequence[float] | np.ndarray,
-    centres_ned_m: np.ndarray,
-    radii_m: np.ndarray,
-    heading_rad: float | None,
-    turn_radius_m: float,
-) -> tuple[np.ndarray, np.ndarray]:  # (M,) complex, (M,)
+def _check_finite(*numbers: float) -> None:
+    """Raise ValueError for numbers of a question that are not finite."""
+    # A sum is finite only if every term is; it costs a quarter of asking each one.
+    if not math.isfinite(sum(numbers)):
+        raise ValueError("position, goal, heading and turn radius must be finite")
+
+
+def _checked(centres_ned_m: np.ndarray, radii_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # (M,) complex, (M,)
     """Return centres and radii as the plan takes them, or raise ValueError."""
     table_m = np.asarray(centres_ned_m, dtype=float).reshape(-1, 2)
     radii_m = np.asarray(radii_m, dtype=float)
     if radii_m.shape != (len(table_m),):
         raise ValueError(f"{len(table_m)} centres, but radii of shape {radii_m.shape}")
-    numbers = (*position_ned_m, *goal_ned_m, heading_rad or 0.0, turn_radius_m)
-    # A sum is finite only if every term is; it costs a quarter of asking each one.
-    if not math.isfinite(sum(numbers)) or not math.isfinite(np.add.reduce(table_m, None) + np.add.reduce(radii_m)):
-        raise ValueError("position, goal, discs, heading and turn radius must be finite")
+    if not math.isfinite(np.add.reduce(table_m, None) + np.add.reduce(radii_m)):
+        raise ValueError("centres and radii must be finite")
     return np.ascontiguousarray(table_m).view(complex)[:, 0], np.maximum(radii_m, 0.0)

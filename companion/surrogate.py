@@ -195,12 +195,16 @@ def wall_gradient(
     `gradient_for_agent`.
     """
     threats = len(detection_radius_m)
-    offset_m = position_ned_m - np.concatenate((threats_ned_m, peers_ned_m))  # (M + P, 2)
-    distance_m = np.sqrt(offset_m[:, 0] ** 2 + offset_m[:, 1] ** 2)
-    outer_m = np.concatenate((detection_radius_m, np.full(len(peers_ned_m), separation_m)))
-    steepness_1_m = 2.0 / half_width_m
-    if not np.any(distance_m < outer_m + _FLAT * half_width_m):
+    others_ned_m, outer_m = threats_ned_m, detection_radius_m
+    if len(peers_ned_m):
+        others_ned_m = np.concatenate((threats_ned_m, peers_ned_m))  # (M + P, 2)
+        outer_m = np.concatenate((detection_radius_m, np.full(len(peers_ned_m), separation_m)))
+    offset_m = position_ned_m - others_ned_m
+    square_m2 = offset_m * offset_m
+    distance_m = np.sqrt(square_m2[:, 0] + square_m2[:, 1])
+    if not np.count_nonzero(distance_m < outer_m + _FLAT * half_width_m):
         return np.zeros(2)
+    steepness_1_m = 2.0 / half_width_m
     slope_m = np.full(len(distance_m), 2.0 * weights.k_c)
     slope_m[:threats] = weights.k_d
     slope_m *= sigmoid_slope((outer_m - distance_m) * steepness_1_m)

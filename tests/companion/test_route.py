@@ -448,6 +448,30 @@ def test_a_router_knows_discs_by_their_ids() -> None:
     assert route.via == ((1, 1),)
 
 
+@pytest.mark.parametrize("written_to", ["centres", "radii", "ids"])
+def test_a_router_goes_by_what_it_is_given_though_the_arrays_of_the_last_call_were_written_to(written_to: str) -> None:
+    given = {"centres": np.array([[50.0, 0.3]]), "radii": np.array([10.0]), "ids": np.array([4])}
+    same = {name: array.copy() for name, array in given.items()}
+    router = Router()
+
+    def via(discs: dict[str, np.ndarray]) -> tuple[tuple[int, int], ...]:
+        return router.route((0.0, 0.0), None, 0.0, (100.0, 0.0), discs["centres"], discs["radii"], discs["ids"]).via
+
+    assert via(given) == ((0, 1),)
+    given[written_to][...] = 0
+    assert via(same) == ((0, 1),)
+    assert via(given) == (((0, 1),) if written_to == "ids" else ())
+
+
+def test_a_router_refuses_discs_that_are_no_longer_finite() -> None:
+    centres, radii, ids = np.array([[50.0, 0.3]]), np.array([10.0]), np.array([4])
+    router = Router()
+    router.route((0.0, 0.0), None, 0.0, (100.0, 0.0), centres, radii, ids)
+    radii[0] = math.nan
+    with pytest.raises(ValueError, match="finite"):
+        router.route((0.0, 0.0), None, 0.0, (100.0, 0.0), centres, radii, ids)
+
+
 def test_a_kept_way_has_the_length_of_a_fresh_one_on_the_same_sides() -> None:
     for start, goal, centres, radii in scenes("random", 20, seed=12):
         router, ids = Router(), np.arange(len(radii))
