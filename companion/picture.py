@@ -18,11 +18,17 @@ from companion.wire import (
     BandEntry,
     BandsFrame,
     Directive,
+    FleetFrame,
+    Frame,
+    MissionFrame,
     MotionFrame,
+    RadiiEntry,
+    RadiiFrame,
     Stamp,
     StateFrame,
     TargetEntry,
     ThreatEntry,
+    ThreatPlace,
 )
 
 NOBODY = 0
@@ -39,6 +45,15 @@ class Heard:
     true_at_s: float
     broadcast: tuple[int, int]
     """Epoch and sequence."""
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Where a threat was heard to be, its radii being told elsewhere."""
+
+    place: ThreatPlace
+    rounding_m: float
+    heard: Heard
 
 
 def _no_rows() -> np.ndarray:  # (0, 2)
@@ -124,6 +139,18 @@ class Picture:
         self._velocities: dict[int, tuple[float, float]] = {}
         self._threat_velocities: dict[int, tuple[float, float]] = {}
         self._bands: dict[int, BandEntry] = {}
+        self._placed: dict[int, _Placed] = {}
+        """Threats of fleet frames of this epoch; in `_threats` too once their radii are known."""
+        self._radii: dict[int, RadiiEntry] = {}
+        """Of radii frames of this epoch."""
+        self._origin_told = False
+        """Whether the origin was told in this epoch: until then nobody can say where a fleet frame's places are."""
+        self._threats_told = 0
+        """How many threats the mission frame of this epoch says there are, 0 if none was heard."""
+        self._mission: MissionFrame | None = None
+        """The last that was heard of, of any epoch, without its stamp: with another one nothing known holds."""
+        self._waiting: dict[int, tuple[FleetFrame, float]] = {}
+        """The newest fleet frame of each index, and when it came, until the origin is told."""
         self._parts: set[int] = set()
         self._motion_order = (-1, -1)
         self._bands_order = (-1, -1)
@@ -133,38 +160,71 @@ class Picture:
         """Return the age of the newest state heard, None if none ever was."""
         return None if self._state_true_at_s is None else max(0.0, now_s - self._state_true_at_s)
 
+    def take(self, frame: Frame, now_s: float) -> bool:
+        """Merge a frame received at `now_s`; return whether it was one of a broadcast's, and new."""
+        if isinstance(frame, StateFrame):
+            return self.take_state(frame, now_s)
+        if isinstance(frame, FleetFrame):
+            return self.take_fleet(frame, now_s)
+        if isinstance(frame, RadiiFrame):
+            return self.take_radii(frame, now_s)
+        if isinstance(frame, MissionFrame):
+            return self.take_mission(frame, now_s)
+        if isinstance(frame, MotionFrame):
+            return self.take_motion(frame, now_s)
+        return isinstance(frame, BandsFrame) and self.take_bands(frame)
+
     def take_state(self, frame: StateFrame, now_s: float) -> bool:
         """Merge a state frame received at `now_s`; return whether it was new."""
-        if not self._accept(frame.stamp, now_s):
+        if not self._accept_part(frame.stamp, now_s):
             return False
-        if frame.stamp.sequence > self.sequence:
-            self._parts = set()
-        elif frame.stamp.frame_index in self._parts:
-            self.rejected["repeated"] += 1
-            return False
-        origin_deg = (frame.origin_lat_deg, frame.origin_lon_deg)
-        if self.origin_deg != origin_deg:
-            self._forget_all()
-            self.origin_deg = origin_deg
-        self.sequence = frame.stamp.sequence
-        self._parts.add(frame.stamp.frame_index)
-        # A sender's clock behind ours means an old frame; ahead of ours, only the time of receipt can be believed.
-        true_at_s = min(now_s, frame.stamp.unix_s)
-        heard = Heard(true_at_s, (frame.stamp.epoch_s, frame.stamp.sequence))
-        self._received_s = now_s
-        self._state_true_at_s = true_at_s
         self.directive = frame.directive
-        for agent in frame.agents:
-            self._agents[agent.id] = (agent, heard)
-            if agent.id == self.agent_id:
-                self.target_id = agent.target_id
-        for target in frame.targets:
-            self._targets[target.id] = (target, heard)
+        self._take_origin((frame.origin_lat_deg, frame.origin_lon_deg))
+        heard = self._merge(frame, now_s)
         for threat in frame.threats:
             self._threats[threat.id] = (threat, heard)
+            self._placed.pop(threat.id, None)
         if len(self._parts) == frame.stamp.frame_count:
             self._forget_absent()
+        return True
+
+    def take_fleet(self, frame: FleetFrame, now_s: float) -> bool:
+        """Merge a fleet frame received at `now_s`; return whether it was new.
+
+        A threat is believed once its radii are known as well. Until the epoch's origin is known only the directive is
+        obeyed and the frame waits: what was believed of an epoch before stands.
+        """
+        if not self._accept_part(frame.stamp, now_s):
+            return False
+        self.directive = frame.directive
+        if self._origin_told:
+            self._merge_fleet([(frame, now_s)])
+        else:
+            self._waiting[frame.stamp.frame_index] = (frame, now_s)
+        return True
+
+    def take_radii(self, frame: RadiiFrame, now_s: float) -> bool:
+        """Merge the radii of some threats; return whether the frame was of the newest epoch."""
+        if not self._accept_beside(frame.stamp, now_s):
+            return False
+        for entry in frame.threats:
+            self._radii[entry.id] = entry
+            self._join(entry.id)
         self._cached = None
+        return True
+
+    def take_mission(self, frame: MissionFrame, now_s: float) -> bool:
+        """Take what holds for this epoch; return whether the frame was of the newest epoch."""
+        if not self._accept_beside(frame.stamp, now_s):
+            return False
+        self._take_origin((frame.origin_lat_deg, frame.origin_lon_deg))
+        mission = replace(frame, stamp=Stamp(0, 0, 0))
+        if self._mission not in (None, mission):
+            self._forget_all()
+        self._mission = mission
+        self._threats_told = frame.threats
+        waiting, self._waiting = self._waiting, {}
+        self._merge_fleet(sorted(waiting.values(), key=lambda item: item[0].stamp.sequence))
         return True
 
     def take_motion(self, frame: MotionFrame, now_s: float) -> bool:
@@ -224,7 +284,9 @@ class Picture:
         age_s = np.maximum(0.0, now_s - peers.true_at_s)
         peers_ned_m = peers.seen_ned_m + peers.velocity_m_s * age_s[:, None]
         remembered = age_s <= self.peer_memory_s
-        assigned = None if self.target_id is None else self._targets.get(self.target_id)
+        # Who does not know of all threats yet cannot go past them: it has nowhere to go.
+        lacking = len(self._threats) < self._threats_told
+        assigned = None if self.target_id is None or lacking else self._targets.get(self.target_id)
         return View(
             target_ned_m=None if assigned is None else (assigned[0].north_m, assigned[0].east_m),
             target_age_s=math.inf if assigned is None else max(0.0, now_s - assigned[1].true_at_s),
@@ -311,6 +373,78 @@ class Picture:
             return True
         return self._agents[peer_id][0].target_id is None or peer_id < self.agent_id
 
+    def _merge(self, frame: StateFrame | FleetFrame, received_s: float) -> Heard:
+        """Take what state and fleet frames tell alike; return when it was true."""
+        # A sender's clock behind ours means an old frame; ahead of ours, only the time of receipt can be believed.
+        true_at_s = min(received_s, frame.stamp.unix_s)
+        heard = Heard(true_at_s, (frame.stamp.epoch_s, frame.stamp.sequence))
+        self._state_true_at_s = true_at_s
+        for agent in frame.agents:
+            self._agents[agent.id] = (agent, heard)
+            if agent.id == self.agent_id:
+                self.target_id = agent.target_id
+        for target in frame.targets:
+            self._targets[target.id] = (target, heard)
+        self._cached = None
+        return heard
+
+    def _merge_fleet(self, frames: Sequence[tuple[FleetFrame, float]]) -> None:
+        """Merge fleet frames, each with the time when it came, the oldest first."""
+        for frame, received_s in frames:
+            heard = self._merge(frame, received_s)
+            for place in frame.threats:
+                self._placed[place.id] = _Placed(place, frame.rounding_m, heard)
+                self._join(place.id)
+        if frames and len(self._parts) == frames[-1][0].stamp.frame_count:
+            self._forget_absent()
+
+    def _join(self, identity: int) -> None:
+        """Believe a threat whose place and radii are both known, grown by what it moved before it was told of."""
+        placed, radii = self._placed.get(identity), self._radii.get(identity)
+        if placed is None or radii is None:
+            return
+        place, growth_m = placed.place, placed.rounding_m + radii.speed_bound_m_s * placed.place.age_s
+        threat = ThreatEntry(
+            id=identity,
+            north_m=place.north_m,
+            east_m=place.east_m,
+            detection_radius_m=radii.detection_radius_m + growth_m,
+            attack_radius_m=radii.attack_radius_m + growth_m,
+            speed_bound_m_s=radii.speed_bound_m_s,
+        )
+        self._threats[identity] = (threat, placed.heard)
+        if radii.floor_m is not None or radii.ceiling_m is not None:
+            self._bands[identity] = BandEntry(identity, radii.floor_m, radii.ceiling_m)
+
+    def _take_origin(self, origin_deg: tuple[float, float]) -> None:
+        self._origin_told = True
+        if self.origin_deg != origin_deg:
+            self._forget_all()
+            self.origin_deg = origin_deg
+
+    def _accept_part(self, stamp: Stamp, now_s: float) -> bool:
+        """Return whether a state or fleet frame is new, and count it among the parts of its broadcast."""
+        if not self._accept(stamp, now_s):
+            return False
+        if stamp.sequence > self.sequence:
+            self._parts = set()
+        elif stamp.frame_index in self._parts:
+            self.rejected["repeated"] += 1
+            return False
+        self.sequence = stamp.sequence
+        self._parts.add(stamp.frame_index)
+        self._received_s = now_s
+        return True
+
+    def _accept_beside(self, stamp: Stamp, now_s: float) -> bool:
+        """Return whether a frame that tells what does not change is of the newest epoch, or begins one."""
+        if stamp.epoch_s == self.epoch_s:
+            return True
+        if not self._accept(stamp, now_s):
+            return False
+        self._received_s = now_s
+        return True
+
     def _accept(self, stamp: Stamp, now_s: float) -> bool:
         if self.epoch_s is not None and stamp.epoch_s < self.epoch_s and now_s - self._received_s < RESTART_AFTER_S:
             self.rejected["old epoch"] += 1
@@ -325,13 +459,22 @@ class Picture:
         self._parts = set()
         self._motion_order = self._bands_order = (-1, -1)
         self._bands.clear()
+        self._placed.clear()
+        self._radii.clear()
+        self._waiting.clear()
+        self._origin_told = False
+        self._threats_told = 0
         return True
 
     def _forget_absent(self) -> None:
         newest = (self.epoch_s, self.sequence)
+        for identity in [key for key, placed in self._placed.items() if placed.heard.broadcast != newest]:
+            del self._placed[identity]
         for known in (self._agents, self._targets, self._threats):
             for identity in [key for key, (_, heard) in known.items() if heard.broadcast != newest]:
-                del known[identity]
+                # A threat whose new radii are still to come is believed where and as large as it was before.
+                if known is not self._threats or identity not in self._placed:
+                    del known[identity]
         for velocities, things in ((self._velocities, self._agents), (self._threat_velocities, self._threats)):
             for identity in velocities.keys() - things.keys():
                 del velocities[identity]
@@ -344,7 +487,9 @@ class Picture:
         for known in (self._agents, self._targets, self._threats, self._velocities, self._threat_velocities):
             known.clear()
         self._bands.clear()
+        self._placed.clear()
         self.target_id = None
+        self._cached = None
 
 
 def _floor_m(band: BandEntry | None) -> float:

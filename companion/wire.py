@@ -2,19 +2,114 @@
 
 A frame is one MAVLink 2 message. Encoding chooses the resolution of positions per frame and rounds radii up, so that a
 receiver's disc always holds the true one; decoding trusts nothing: a message whose counts, ids, indices or ranges do
-not make sense is dropped and counted, never raised.
+not make sense is dropped and counted, never raised. Frames are written without signatures: those come last, over bytes
+(companion/sealing.py, companion/signing.py).
 """
 
 from __future__ import annotations
 
 import math
+import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from enum import IntEnum
+from types import SimpleNamespace as Fields
 from typing import Any
 
 from companion.dialect import oneway
+from companion.fields import (
+    INT16_MAX,
+    INT16_MIN,
+    INT32_MAX,
+    UINT8_MAX,
+    UINT16_MAX,
+    UINT32_MAX,
+    UINT64_MAX,
+    band_limits,
+    band_of,
+    ceiling,
+    degrees_of,
+    on_earth_e7,
+    rounded,
+    whole,
+)
+from companion.frames import (
+    AgentEntry,
+    AgentMotion,
+    BandEntry,
+    BandsFrame,
+    DecisionFlag,
+    DecisionFrame,
+    Detection,
+    DetectionsFrame,
+    Directive,
+    FleetFrame,
+    Frame,
+    Kind,
+    MissionFrame,
+    MotionFrame,
+    PointMotion,
+    RadiiEntry,
+    RadiiFrame,
+    ReportFrame,
+    Stamp,
+    StateFrame,
+    TargetEntry,
+    ThreatEntry,
+    ThreatPlace,
+    WireError,
+)
+from companion.packed import (
+    FLEET_HEAD_BYTES,
+    MISSION_HEAD_BYTES,
+    PAYLOAD_BYTES,
+    RADII_HEAD_BYTES,
+    FleetEntry,
+    read_fleet,
+    read_radii,
+    write_fleet,
+    write_radii,
+)
+
+__all__ = [
+    "AGENTS_PER_FRAME",
+    "BANDS_PER_FRAME",
+    "DETECTIONS_PER_FRAME",
+    "GROUND_COMPONENT",
+    "GROUND_SYSTEM",
+    "ID_SPAN",
+    "SENSOR_COMPONENT",
+    "SIGNATURE_BYTES",
+    "TARGETS_PER_FRAME",
+    "THREATS_PER_FRAME",
+    "AgentEntry",
+    "AgentMotion",
+    "BandEntry",
+    "BandsFrame",
+    "DecisionFlag",
+    "DecisionFrame",
+    "Detection",
+    "DetectionsFrame",
+    "Directive",
+    "FleetFrame",
+    "Frame",
+    "FrameReader",
+    "FrameWriter",
+    "Kind",
+    "MissionFrame",
+    "MotionFrame",
+    "PointMotion",
+    "RadiiEntry",
+    "RadiiFrame",
+    "ReportFrame",
+    "Stamp",
+    "StateFrame",
+    "TargetEntry",
+    "ThreatEntry",
+    "ThreatPlace",
+    "WireError",
+    "decode_frame",
+    "frame_resolution_cm",
+]
 
 AGENTS_PER_FRAME = 10
 TARGETS_PER_FRAME = 5
@@ -22,207 +117,25 @@ THREATS_PER_FRAME = 4
 DETECTIONS_PER_FRAME = 14
 BANDS_PER_FRAME = 20
 ID_SPAN = 256
-"""Ids in one frame lie within this of the least one: they travel as 8 bits above a 16-bit base."""
+"""Ids in one state frame lie within this of the least one: they travel as 8 bits above a 16-bit base."""
 SIGNATURE_BYTES = 64
 GROUND_SYSTEM = 254
 """MAVLink system id of the ground station; 255/190 would be dropped by a receiver that is a ground station itself."""
 GROUND_COMPONENT = 190
 SENSOR_COMPONENT = 191
 
-_INT16_MAX = 32_767
-_INT16_MIN = -32_768
-_UNKNOWN_POSITION = -32_768
-"""INT16_MIN as north and east of an agent: nobody on the ground knows where it is (Case II)."""
-_UINT16_MAX = 65_535
-_UINT8_MAX = 255
-_UINT32_MAX = 4_294_967_295
-_INT32_MAX = 2_147_483_647
-_LAT_MAX_E7 = 900_000_000
-_LON_MAX_E7 = 1_800_000_000
-_UNKNOWN_HEADING = 65_535
+_UNKNOWN_POSITION = INT16_MIN
+"""As north and east of an agent: nobody on the ground knows where it is (Case II)."""
+_UNKNOWN_HEADING = UINT16_MAX
 _MIN_RESOLUTION_CM = 1
-
-
-class Directive(IntEnum):
-    """What the ground station wants of every agent at once (ONEWAY_DIRECTIVE)."""
-
-    NORMAL = oneway.ONEWAY_DIRECTIVE_NORMAL
-    HOLD = oneway.ONEWAY_DIRECTIVE_HOLD
-    RETURN = oneway.ONEWAY_DIRECTIVE_RETURN
-
-
-class Kind(IntEnum):
-    """What a detection is of (ONEWAY_KIND)."""
-
-    AGENT = oneway.ONEWAY_KIND_AGENT
-    TARGET = oneway.ONEWAY_KIND_TARGET
-    THREAT = oneway.ONEWAY_KIND_THREAT
-
-
-class WireError(ValueError):
-    """Values that no frame can carry."""
-
-
-@dataclass(frozen=True)
-class AgentEntry:
-    """Which target an agent goes to (None: loiter), and where it is; both coordinates are None if that is not known."""
-
-    id: int
-    north_m: float | None
-    east_m: float | None
-    target_id: int | None
-
-    @property
-    def position_ned_m(self) -> tuple[float, float] | None:
-        """(north, east), None if not known."""
-        return None if self.north_m is None or self.east_m is None else (self.north_m, self.east_m)
-
-
-@dataclass(frozen=True)
-class TargetEntry:
-    """Where a target is."""
-
-    id: int
-    north_m: float
-    east_m: float
-
-
-@dataclass(frozen=True)
-class ThreatEntry:
-    """Where a threat is. The radii already hold what it may have moved since it was seen."""
-
-    id: int
-    north_m: float
-    east_m: float
-    detection_radius_m: float
-    attack_radius_m: float
-    speed_bound_m_s: float
-
-
-@dataclass(frozen=True)
-class Stamp:
-    """Which broadcast a frame belongs to; the order of (epoch, sequence) is the order of age."""
-
-    epoch_s: int
-    time_ms: int
-    sequence: int
-    frame_index: int = 0
-    frame_count: int = 1
-
-    @property
-    def unix_s(self) -> float:
-        """Time of the frame as the sender's clock had it."""
-        return self.epoch_s + self.time_ms / 1000.0
-
-
-@dataclass(frozen=True)
-class StateFrame:
-    """ONEWAY_STATE: who goes where and where the threats are, on the plane about the origin."""
-
-    stamp: Stamp
-    origin_lat_deg: float
-    origin_lon_deg: float
-    directive: Directive
-    agents: tuple[AgentEntry, ...]
-    targets: tuple[TargetEntry, ...]
-    threats: tuple[ThreatEntry, ...]
-
-
-@dataclass(frozen=True)
-class AgentMotion:
-    """How an agent moves; heading_rad is None if unknown."""
-
-    id: int
-    heading_rad: float | None
-    speed_m_s: float
-    age_s: float
-
-
-@dataclass(frozen=True)
-class PointMotion:
-    """How a target or threat moves."""
-
-    id: int
-    velocity_north_m_s: float
-    velocity_east_m_s: float
-    age_s: float
-
-
-@dataclass(frozen=True)
-class MotionFrame:
-    """ONEWAY_MOTION: velocities, headings and ages."""
-
-    stamp: Stamp
-    agents: tuple[AgentMotion, ...]
-    targets: tuple[PointMotion, ...]
-    threats: tuple[PointMotion, ...]
-
-
-@dataclass(frozen=True)
-class BandEntry:
-    """Between which heights above sea level a threat reaches; None: no limit on that side."""
-
-    id: int
-    floor_m: float | None
-    ceiling_m: float | None
-
-
-@dataclass(frozen=True)
-class BandsFrame:
-    """ONEWAY_BANDS: the heights that threats reach. Who is not in it may reach everywhere."""
-
-    stamp: Stamp
-    threats: tuple[BandEntry, ...]
-
-
-@dataclass(frozen=True)
-class Detection:
-    """Something the centre's sensor saw."""
-
-    kind: Kind
-    id: int
-    north_m: float
-    east_m: float
-    velocity_north_m_s: float
-    velocity_east_m_s: float
-
-
-@dataclass(frozen=True)
-class DetectionsFrame:
-    """ONEWAY_DETECTIONS: one look of a sensor, or a part of one."""
-
-    epoch_s: int
-    time_ms: int
-    origin_lat_deg: float
-    origin_lon_deg: float
-    detections: tuple[Detection, ...]
-
-    @property
-    def unix_s(self) -> float:
-        """Time of the look as the sensor's clock had it."""
-        return self.epoch_s + self.time_ms / 1000.0
-
-
-@dataclass(frozen=True)
-class ReportFrame:
-    """ONEWAY_REPORT: where an agent is, on the uplink where there is one. Velocities are from true north."""
-
-    epoch_s: int
-    time_ms: int
-    agent_id: int
-    lat_deg: float
-    lon_deg: float
-    velocity_north_m_s: float
-    velocity_east_m_s: float
-    flown_m: float
-
-    @property
-    def unix_s(self) -> float:
-        """Time of the position as the vehicle's clock had it."""
-        return self.epoch_s + self.time_ms / 1000.0
-
-
-Frame = StateFrame | MotionFrame | BandsFrame | DetectionsFrame | ReportFrame
+_DIGEST_BYTES = 8
+_MISSION_NAME_BYTES = PAYLOAD_BYTES - MISSION_HEAD_BYTES
+_HEADER_BYTES = 10
+"""Of a MAVLink 2 frame, before its payload."""
+_MARKER = 0xFD
+_LENGTH_AT = 1
+_ID_AT = 7
+_NO_SIGNATURE = [0] * SIGNATURE_BYTES
 
 
 class FrameWriter:
@@ -231,30 +144,20 @@ class FrameWriter:
     def __init__(self, system: int = GROUND_SYSTEM, component: int = GROUND_COMPONENT) -> None:
         self._mav = oneway.MAVLink(None, srcSystem=system, srcComponent=component)
 
-    def encode(self, frame: Frame, signature: bytes = bytes(SIGNATURE_BYTES)) -> bytes:
-        """Return the bytes of a frame; `signature` goes into its ed25519_signature field.
+    def encode(self, frame: Frame) -> bytes:
+        """Return the bytes of a frame, unsigned.
 
         Raises:
             WireError: the frame holds too many entries, or a value that does not fit its field.
 
         """
-        if isinstance(frame, StateFrame):
-            message = _state_message(frame, signature)
-        elif isinstance(frame, MotionFrame):
-            message = _motion_message(frame, signature)
-        elif isinstance(frame, BandsFrame):
-            message = _bands_message(frame, signature)
-        elif isinstance(frame, DetectionsFrame):
-            message = _detections_message(frame)
-        else:
-            message = _report_message(frame)
-        data = bytes(message.pack(self._mav))
+        data = bytes(_ENCODERS[type(frame)](frame).pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
         return data
 
 
 class FrameReader:
-    """Decodes datagrams into frames; anything else is dropped and counted by reason in `rejected`.
+    """Decodes datagrams of a trusted channel; anything else is dropped and counted by reason in `rejected`.
 
     The parser starts afresh with every datagram, so that junk in one cannot swallow the next.
     """
@@ -272,21 +175,45 @@ class FrameReader:
         if not messages:
             self.rejected["incomplete"] += 1
         for message in messages:
-            name = message.get_type()
-            if name == "BAD_DATA":
+            if message.get_type() == "BAD_DATA":
                 self.rejected["damaged"] += 1
-            elif name not in _DECODERS:
-                self.rejected["foreign"] += 1
-            else:
-                try:
-                    frames.append(_DECODERS[name](message))
-                except WireError as error:
-                    self.rejected[str(error)] += 1
+                continue
+            try:
+                frames.append(decode_frame(bytes(message.get_msgbuf())))
+            except WireError as error:
+                self.rejected[str(error)] += 1
         self.accepted += len(frames)
         return frames
 
 
-def _state_message(frame: StateFrame, signature: bytes) -> oneway.MAVLink_oneway_state_message:
+def decode_frame(raw: bytes) -> Frame:
+    """Return what one whole MAVLink 2 frame says, whose checksum the caller has found right.
+
+    A MAVLink signature may follow; neither it nor an Ed25519 signature is looked at.
+
+    Raises:
+        WireError: the frame is not of the dialect's own messages, or its fields make no sense; the text is a fixed one.
+
+    """
+    number = int.from_bytes(raw[_ID_AT:_HEADER_BYTES], "little")
+    if len(raw) < _HEADER_BYTES or raw[0] != _MARKER or number not in _DECODERS:
+        raise WireError("foreign")
+    return _DECODERS[number](_fields(number, raw[_HEADER_BYTES : _HEADER_BYTES + raw[_LENGTH_AT]]))
+
+
+def _fields(number: int, payload: bytes) -> Fields:
+    """Return the fields by name, arrays as tuples; MAVLink cuts the zeros at the end of a payload."""
+    kind = oneway.mavlink_map[number]
+    values = kind.unpacker.unpack(payload[: kind.unpacker.size].ljust(kind.unpacker.size, b"\0"))
+    named: dict[str, object] = {}
+    at = 0
+    for name, length in zip(kind.ordered_fieldnames, kind.lengths, strict=True):
+        named[name] = values[at] if length == 1 else values[at : at + length]
+        at += length
+    return Fields(**named)
+
+
+def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
     located = [agent.position_ned_m for agent in frame.agents]
     points = [point for point in located if point is not None]
     points += [(target.north_m, target.east_m) for target in frame.targets]
@@ -296,7 +223,7 @@ def _state_message(frame: StateFrame, signature: bytes) -> oneway.MAVLink_oneway
         raise WireError("a threat's radii are not in order; allowed: 0 < attack radius <= detection radius")
     resolution_cm = frame_resolution_cm(points, radii_m)
     unit_m = resolution_cm / 100.0
-    origin_lat, origin_lon = _on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
+    origin_lat, origin_lon = on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
     frame_index, frame_count = _part(frame.stamp)
     agent_base, agent_ids = _based_ids([agent.id for agent in frame.agents], AGENTS_PER_FRAME, "agents")
     target_base, target_ids = _based_ids([target.id for target in frame.targets], TARGETS_PER_FRAME, "targets")
@@ -322,9 +249,9 @@ def _state_message(frame: StateFrame, signature: bytes) -> oneway.MAVLink_oneway
         return math.ceil((radius_m + rounding_m) / unit_m)
 
     return oneway.MAVLink_oneway_state_message(
-        epoch=_whole(frame.stamp.epoch_s, _UINT32_MAX, "epoch"),
-        time_ms=_whole(frame.stamp.time_ms, _UINT32_MAX, "time_ms"),
-        sequence=_whole(frame.stamp.sequence, _UINT32_MAX, "sequence"),
+        epoch=whole(frame.stamp.epoch_s, UINT32_MAX, "epoch"),
+        time_ms=whole(frame.stamp.time_ms, UINT32_MAX, "time_ms"),
+        sequence=whole(frame.stamp.sequence, UINT32_MAX, "sequence"),
         origin_lat=origin_lat,
         origin_lon=origin_lon,
         agent_north=agent_north,
@@ -346,18 +273,18 @@ def _state_message(frame: StateFrame, signature: bytes) -> oneway.MAVLink_oneway
         target_count=len(frame.targets),
         threat_count=len(frame.threats),
         threat_speed_bound=_padded(
-            [_ceiling(t.speed_bound_m_s, _UINT8_MAX, "threat_speed_bound") for t in frame.threats],
+            [ceiling(t.speed_bound_m_s, UINT8_MAX, "threat_speed_bound") for t in frame.threats],
             THREATS_PER_FRAME,
         ),
         threat_id=threat_ids,
         target_id=target_ids,
         agent_id=agent_ids,
         agent_target=_padded(assigned, AGENTS_PER_FRAME),
-        ed25519_signature=_signature(signature),
+        ed25519_signature=_NO_SIGNATURE,
     )
 
 
-def _motion_message(frame: MotionFrame, signature: bytes) -> oneway.MAVLink_oneway_motion_message:
+def _motion_message(frame: MotionFrame) -> oneway.MAVLink_oneway_motion_message:
     agent_base, agent_ids = _based_ids([agent.id for agent in frame.agents], AGENTS_PER_FRAME, "agents")
     target_base, target_ids = _based_ids([target.id for target in frame.targets], TARGETS_PER_FRAME, "targets")
     threat_base, threat_ids = _based_ids([threat.id for threat in frame.threats], THREATS_PER_FRAME, "threats")
@@ -366,19 +293,19 @@ def _motion_message(frame: MotionFrame, signature: bytes) -> oneway.MAVLink_onew
         return (
             _padded([_speed_cm_s(entry.velocity_north_m_s) for entry in entries], length),
             _padded([_speed_cm_s(entry.velocity_east_m_s) for entry in entries], length),
-            _padded([_age_ds(entry.age_s, _UINT16_MAX) for entry in entries], length),
+            _padded([_age_ds(entry.age_s, UINT16_MAX) for entry in entries], length),
         )
 
     target_north, target_east, target_age = velocities(frame.targets, TARGETS_PER_FRAME)
     threat_north, threat_east, threat_age = velocities(frame.threats, THREATS_PER_FRAME)
     frame_index, frame_count = _part(frame.stamp)
     return oneway.MAVLink_oneway_motion_message(
-        epoch=_whole(frame.stamp.epoch_s, _UINT32_MAX, "epoch"),
-        time_ms=_whole(frame.stamp.time_ms, _UINT32_MAX, "time_ms"),
-        sequence=_whole(frame.stamp.sequence, _UINT32_MAX, "sequence"),
+        epoch=whole(frame.stamp.epoch_s, UINT32_MAX, "epoch"),
+        time_ms=whole(frame.stamp.time_ms, UINT32_MAX, "time_ms"),
+        sequence=whole(frame.stamp.sequence, UINT32_MAX, "sequence"),
         agent_heading=_padded([_heading_cdeg(agent.heading_rad) for agent in frame.agents], AGENTS_PER_FRAME),
         agent_speed=_padded(
-            [_whole(_rounded(agent.speed_m_s * 100), _UINT16_MAX, "agent_speed") for agent in frame.agents],
+            [whole(rounded(agent.speed_m_s * 100), UINT16_MAX, "agent_speed") for agent in frame.agents],
             AGENTS_PER_FRAME,
         ),
         target_velocity_north=target_north,
@@ -395,22 +322,22 @@ def _motion_message(frame: MotionFrame, signature: bytes) -> oneway.MAVLink_onew
         agent_count=len(frame.agents),
         target_count=len(frame.targets),
         threat_count=len(frame.threats),
-        agent_age=_padded([_age_ds(agent.age_s, _UINT8_MAX) for agent in frame.agents], AGENTS_PER_FRAME),
+        agent_age=_padded([_age_ds(agent.age_s, UINT8_MAX) for agent in frame.agents], AGENTS_PER_FRAME),
         threat_id=threat_ids,
         target_id=target_ids,
         agent_id=agent_ids,
-        ed25519_signature=_signature(signature),
+        ed25519_signature=_NO_SIGNATURE,
     )
 
 
-def _bands_message(frame: BandsFrame, signature: bytes) -> oneway.MAVLink_oneway_bands_message:
+def _bands_message(frame: BandsFrame) -> oneway.MAVLink_oneway_bands_message:
     base, ids = _based_ids([threat.id for threat in frame.threats], BANDS_PER_FRAME, "threats")
-    limits = [_band_limits(threat) for threat in frame.threats]
+    limits = [band_limits(threat.floor_m, threat.ceiling_m, threat.id) for threat in frame.threats]
     frame_index, frame_count = _part(frame.stamp)
     return oneway.MAVLink_oneway_bands_message(
-        epoch=_whole(frame.stamp.epoch_s, _UINT32_MAX, "epoch"),
-        time_ms=_whole(frame.stamp.time_ms, _UINT32_MAX, "time_ms"),
-        sequence=_whole(frame.stamp.sequence, _UINT32_MAX, "sequence"),
+        epoch=whole(frame.stamp.epoch_s, UINT32_MAX, "epoch"),
+        time_ms=whole(frame.stamp.time_ms, UINT32_MAX, "time_ms"),
+        sequence=whole(frame.stamp.sequence, UINT32_MAX, "sequence"),
         threat_floor=_padded([floor for floor, _ in limits], BANDS_PER_FRAME),
         threat_ceiling=_padded([ceiling for _, ceiling in limits], BANDS_PER_FRAME),
         threat_id_base=base,
@@ -418,23 +345,8 @@ def _bands_message(frame: BandsFrame, signature: bytes) -> oneway.MAVLink_oneway
         frame_count=frame_count,
         threat_count=len(frame.threats),
         threat_id=ids,
-        ed25519_signature=_signature(signature),
+        ed25519_signature=_NO_SIGNATURE,
     )
-
-
-def _band_limits(threat: BandEntry) -> tuple[int, int]:
-    """Return floor and ceiling in whole metres, never a narrower band than the true one."""
-    floor = _INT16_MIN if threat.floor_m is None else _height_m(threat.floor_m, math.floor)
-    ceiling = _INT16_MAX if threat.ceiling_m is None else _height_m(threat.ceiling_m, math.ceil)
-    if threat.floor_m is not None and threat.ceiling_m is not None and threat.floor_m >= threat.ceiling_m:
-        raise WireError(f"threat {threat.id} has its floor at or above its ceiling")
-    return floor, ceiling
-
-
-def _height_m(height_m: float, rounded: Callable[[float], int]) -> int:
-    if not _INT16_MIN + 1 <= height_m <= _INT16_MAX - 1:
-        raise WireError(f"a height of {height_m} m does not fit a frame")
-    return rounded(height_m)
 
 
 def _detections_message(frame: DetectionsFrame) -> oneway.MAVLink_oneway_detections_message:
@@ -442,41 +354,40 @@ def _detections_message(frame: DetectionsFrame) -> oneway.MAVLink_oneway_detecti
     if len(seen) > DETECTIONS_PER_FRAME:
         raise WireError(f"{len(seen)} detections; a frame holds {DETECTIONS_PER_FRAME}")
     length = DETECTIONS_PER_FRAME
-    origin_lat, origin_lon = _on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
+    origin_lat, origin_lon = on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
     return oneway.MAVLink_oneway_detections_message(
-        epoch=_whole(frame.epoch_s, _UINT32_MAX, "epoch"),
-        time_ms=_whole(frame.time_ms, _UINT32_MAX, "time_ms"),
+        epoch=whole(frame.epoch_s, UINT32_MAX, "epoch"),
+        time_ms=whole(frame.time_ms, UINT32_MAX, "time_ms"),
         origin_lat=origin_lat,
         origin_lon=origin_lon,
         north=_padded([_coordinate_cm(item.north_m) for item in seen], length),
         east=_padded([_coordinate_cm(item.east_m) for item in seen], length),
         velocity_north=_padded([_speed_cm_s(item.velocity_north_m_s) for item in seen], length),
         velocity_east=_padded([_speed_cm_s(item.velocity_east_m_s) for item in seen], length),
-        id=_padded([_whole(item.id, _UINT16_MAX, "id") for item in seen], length),
+        id=_padded([whole(item.id, UINT16_MAX, "id") for item in seen], length),
         count=len(seen),
         kind=_padded([int(item.kind) for item in seen], length),
     )
 
 
 def _report_message(frame: ReportFrame) -> oneway.MAVLink_oneway_report_message:
-    lat_e7, lon_e7 = _on_earth_e7(frame.lat_deg, frame.lon_deg)
+    lat_e7, lon_e7 = on_earth_e7(frame.lat_deg, frame.lon_deg)
     return oneway.MAVLink_oneway_report_message(
-        epoch=_whole(frame.epoch_s, _UINT32_MAX, "epoch"),
-        time_ms=_whole(frame.time_ms, _UINT32_MAX, "time_ms"),
+        epoch=whole(frame.epoch_s, UINT32_MAX, "epoch"),
+        time_ms=whole(frame.time_ms, UINT32_MAX, "time_ms"),
         lat=lat_e7,
         lon=lon_e7,
-        flown=_ceiling(frame.flown_m, _UINT32_MAX, "flown"),
+        flown=ceiling(frame.flown_m, UINT32_MAX, "flown"),
         velocity_north=_speed_cm_s(frame.velocity_north_m_s),
         velocity_east=_speed_cm_s(frame.velocity_east_m_s),
-        agent_id=_whole(frame.agent_id, _UINT16_MAX, "agent_id"),
+        agent_id=whole(frame.agent_id, UINT16_MAX, "agent_id"),
     )
 
 
-def _state_frame(message: oneway.MAVLink_oneway_state_message) -> StateFrame:
+def _state_frame(message: Fields) -> StateFrame:
     stamp = _stamp(message)
-    origin_lat_deg, origin_lon_deg = _origin(message)
-    if message.directive > max(Directive):
-        raise WireError("unknown directive")
+    origin_lat_deg, origin_lon_deg = degrees_of(message.origin_lat, message.origin_lon, "origin")
+    directive = _directive(message)
     unit_m = message.resolution / 100.0
     if unit_m <= 0:
         raise WireError("resolution is zero")
@@ -490,7 +401,7 @@ def _state_frame(message: oneway.MAVLink_oneway_state_message) -> StateFrame:
         stamp=stamp,
         origin_lat_deg=origin_lat_deg,
         origin_lon_deg=origin_lon_deg,
-        directive=Directive(message.directive),
+        directive=directive,
         agents=tuple(
             AgentEntry(identity, *_position_m(north, east, unit_m), target_ids[place - 1] if place else None)
             for identity, north, east, place in zip(
@@ -514,9 +425,7 @@ def _position_m(north: int, east: int, unit_m: float) -> tuple[float | None, flo
     return north * unit_m, east * unit_m
 
 
-def _threat_entry(
-    identity: int, message: oneway.MAVLink_oneway_state_message, index: int, unit_m: float
-) -> ThreatEntry:
+def _threat_entry(identity: int, message: Fields, index: int, unit_m: float) -> ThreatEntry:
     detection_units, attack_units = message.threat_detection[index], message.threat_attack[index]
     if not 0 < attack_units <= detection_units:
         raise WireError("radii out of range")
@@ -530,7 +439,7 @@ def _threat_entry(
     )
 
 
-def _motion_frame(message: oneway.MAVLink_oneway_motion_message) -> MotionFrame:
+def _motion_frame(message: Fields) -> MotionFrame:
     agent_ids = _ids(message.agent_id_base, message.agent_id, message.agent_count)
     target_ids = _ids(message.target_id_base, message.target_id, message.target_count)
     threat_ids = _ids(message.threat_id_base, message.threat_id, message.threat_count)
@@ -561,30 +470,23 @@ def _point_motions(
     )
 
 
-def _bands_frame(message: oneway.MAVLink_oneway_bands_message) -> BandsFrame:
+def _bands_frame(message: Fields) -> BandsFrame:
     ids = _ids(message.threat_id_base, message.threat_id, message.threat_count)
-    limits = list(zip(message.threat_floor, message.threat_ceiling, strict=True))[: len(ids)]
-    if any(floor >= ceiling for floor, ceiling in limits):
-        raise WireError("band out of range")
+    bands = [band_of(*limits) for limits in zip(message.threat_floor[: len(ids)], message.threat_ceiling, strict=False)]
     return BandsFrame(
         stamp=_stamp(message),
         threats=tuple(
-            BandEntry(
-                identity,
-                None if floor == _INT16_MIN else float(floor),
-                None if ceiling == _INT16_MAX else float(ceiling),
-            )
-            for identity, (floor, ceiling) in zip(ids, limits, strict=True)
+            BandEntry(identity, band.floor_m, band.ceiling_m) for identity, band in zip(ids, bands, strict=True)
         ),
     )
 
 
-def _detections_frame(message: oneway.MAVLink_oneway_detections_message) -> DetectionsFrame:
+def _detections_frame(message: Fields) -> DetectionsFrame:
     if message.count > DETECTIONS_PER_FRAME:
         raise WireError("count out of range")
     if any(kind > max(Kind) for kind in message.kind[: message.count]):
         raise WireError("unknown kind")
-    origin_lat_deg, origin_lon_deg = _origin(message)
+    origin_lat_deg, origin_lon_deg = degrees_of(message.origin_lat, message.origin_lon, "origin")
     return DetectionsFrame(
         epoch_s=message.epoch,
         time_ms=message.time_ms,
@@ -604,27 +506,201 @@ def _detections_frame(message: oneway.MAVLink_oneway_detections_message) -> Dete
     )
 
 
-def _report_frame(message: oneway.MAVLink_oneway_report_message) -> ReportFrame:
-    if abs(message.lat) > _LAT_MAX_E7 or abs(message.lon) > _LON_MAX_E7:
-        raise WireError("position out of range")
+def _report_frame(message: Fields) -> ReportFrame:
+    lat_deg, lon_deg = degrees_of(message.lat, message.lon, "position")
     return ReportFrame(
         epoch_s=message.epoch,
         time_ms=message.time_ms,
         agent_id=message.agent_id,
-        lat_deg=message.lat / 1e7,
-        lon_deg=message.lon / 1e7,
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
         velocity_north_m_s=message.velocity_north / 100.0,
         velocity_east_m_s=message.velocity_east / 100.0,
         flown_m=float(message.flown),
     )
 
 
-_DECODERS: dict[str, Callable[[Any], Frame]] = {
-    "ONEWAY_STATE": _state_frame,
-    "ONEWAY_MOTION": _motion_frame,
-    "ONEWAY_BANDS": _bands_frame,
-    "ONEWAY_DETECTIONS": _detections_frame,
-    "ONEWAY_REPORT": _report_frame,
+def _fleet_message(frame: FleetFrame) -> oneway.MAVLink_oneway_fleet_message:
+    entries: list[FleetEntry] = [*frame.agents, *frame.targets, *frame.threats]
+    north_base, east_base, data = write_fleet(entries, frame.resolution_cm)
+    frame_index, frame_count = _part(frame.stamp)
+    return oneway.MAVLink_oneway_fleet_message(
+        **_times(frame.stamp),
+        north_base=north_base,
+        east_base=east_base,
+        resolution=frame.resolution_cm,
+        directive=int(frame.directive),
+        frame_index=frame_index,
+        frame_count=frame_count,
+        **_data(data, FLEET_HEAD_BYTES),
+    )
+
+
+def _radii_message(frame: RadiiFrame) -> oneway.MAVLink_oneway_radii_message:
+    resolution_cm, data = write_radii(frame.threats)
+    frame_index, frame_count = _part(frame.stamp)
+    return oneway.MAVLink_oneway_radii_message(
+        **_times(frame.stamp),
+        resolution=resolution_cm,
+        frame_index=frame_index,
+        frame_count=frame_count,
+        **_data(data, RADII_HEAD_BYTES),
+    )
+
+
+def _mission_message(frame: MissionFrame) -> oneway.MAVLink_oneway_mission_message:
+    origin_lat, origin_lon = on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
+    origin_alt = rounded(frame.origin_alt_m * 10)
+    if abs(origin_alt) > INT32_MAX:
+        raise WireError(f"an origin {frame.origin_alt_m} m above the sea does not fit a frame")
+    if len(frame.surrogate_digest) != _DIGEST_BYTES:
+        raise WireError(f"a digest of {len(frame.surrogate_digest)} bytes; allowed: {_DIGEST_BYTES}")
+    name = frame.name.encode()
+    if len(name) > _MISSION_NAME_BYTES:
+        raise WireError(f"a name of {len(name)} bytes; a frame holds {_MISSION_NAME_BYTES}")
+    return oneway.MAVLink_oneway_mission_message(
+        **_times(frame.stamp),
+        origin_lat=origin_lat,
+        origin_lon=origin_lon,
+        origin_alt=origin_alt,
+        separation=whole(rounded(frame.separation_m * 10), UINT16_MAX, "separation"),
+        arrival_radius=whole(rounded(frame.arrival_radius_m * 10), UINT16_MAX, "arrival_radius"),
+        agent_count=whole(frame.agents, UINT16_MAX, "agent_count"),
+        target_count=whole(frame.targets, UINT16_MAX, "target_count"),
+        threat_count=whole(frame.threats, UINT16_MAX, "threat_count"),
+        surrogate_digest=list(frame.surrogate_digest),
+        **_data(name, MISSION_HEAD_BYTES),
+    )
+
+
+def _decision_message(frame: DecisionFrame) -> oneway.MAVLink_oneway_decision_message:
+    return oneway.MAVLink_oneway_decision_message(
+        time_usec=whole(frame.time_us, UINT64_MAX, "time_usec"),
+        picture_age=_float(frame.picture_age_s),
+        wanted_heading=_float(frame.wanted_heading_rad),
+        heading=_float(frame.heading_rad),
+        speed=_float(frame.speed_m_s),
+        altitude=_float(frame.altitude_m),
+        words_crc=whole(frame.words_crc, UINT32_MAX, "words_crc"),
+        target_id=0 if frame.target_id is None else whole(frame.target_id, UINT16_MAX, "target_id"),
+        purpose=whole(frame.purpose, UINT8_MAX, "purpose"),
+        stage=whole(frame.stage, UINT8_MAX, "stage"),
+        flags=int(frame.flags),
+    )
+
+
+def _fleet_frame(message: Fields) -> FleetFrame:
+    data = _data_of(message)
+    agents, targets, threats = read_fleet(data, message.resolution, message.north_base, message.east_base)
+    return FleetFrame(_stamp(message), _directive(message), message.resolution, agents, targets, threats)
+
+
+def _radii_frame(message: Fields) -> RadiiFrame:
+    return RadiiFrame(_stamp(message), read_radii(_data_of(message), message.resolution))
+
+
+def _mission_frame(message: Fields) -> MissionFrame:
+    origin_lat_deg, origin_lon_deg = degrees_of(message.origin_lat, message.origin_lon, "origin")
+    try:
+        name = _data_of(message).decode()
+    except UnicodeDecodeError as error:
+        raise WireError("name is not UTF-8") from error
+    return MissionFrame(
+        stamp=Stamp(message.epoch, message.time_ms, message.sequence),
+        origin_lat_deg=origin_lat_deg,
+        origin_lon_deg=origin_lon_deg,
+        origin_alt_m=message.origin_alt / 10.0,
+        separation_m=message.separation / 10.0,
+        arrival_radius_m=message.arrival_radius / 10.0,
+        surrogate_digest=bytes(message.surrogate_digest),
+        agents=message.agent_count,
+        targets=message.target_count,
+        threats=message.threat_count,
+        name=name,
+    )
+
+
+def _decision_frame(message: Fields) -> DecisionFrame:
+    numbers = (message.picture_age, message.wanted_heading, message.heading, message.speed, message.altitude)
+    if any(math.isinf(number) for number in numbers):
+        raise WireError("number out of range")
+    if message.flags & ~_ALL_FLAGS:
+        raise WireError("unknown flag")
+    return DecisionFrame(
+        time_us=message.time_usec,
+        purpose=message.purpose,
+        stage=message.stage,
+        target_id=message.target_id or None,
+        flags=DecisionFlag(message.flags),
+        picture_age_s=message.picture_age,
+        wanted_heading_rad=message.wanted_heading,
+        heading_rad=message.heading,
+        speed_m_s=message.speed,
+        altitude_m=message.altitude,
+        words_crc=message.words_crc,
+    )
+
+
+def _times(stamp: Stamp) -> dict[str, int]:
+    return {
+        "epoch": whole(stamp.epoch_s, UINT32_MAX, "epoch"),
+        "time_ms": whole(stamp.time_ms, UINT32_MAX, "time_ms"),
+        "sequence": whole(stamp.sequence, UINT32_MAX, "sequence"),
+    }
+
+
+def _data(data: bytes, head_bytes: int) -> dict[str, object]:
+    """Return the fields size and data of a packed message."""
+    return {"size": len(data), "data": list(data.ljust(PAYLOAD_BYTES - head_bytes, b"\0"))}
+
+
+def _data_of(message: Fields) -> bytes:
+    if message.size > len(message.data):
+        raise WireError("size out of range")
+    return bytes(message.data[: message.size])
+
+
+def _directive(message: Fields) -> Directive:
+    if message.directive > _GREATEST_DIRECTIVE:
+        raise WireError("unknown directive")
+    return Directive(message.directive)
+
+
+def _float(value: float) -> float:
+    """Return the value as a 32-bit float holds it; nan stays."""
+    try:
+        held: float = _FLOAT.unpack(_FLOAT.pack(value))[0]
+    except OverflowError:
+        held = math.inf
+    if math.isinf(held):
+        raise WireError(f"{value} does not fit its field; allowed: a 32-bit float")
+    return held
+
+
+_FLOAT = struct.Struct("<f")
+_GREATEST_DIRECTIVE = max(Directive)
+_ALL_FLAGS = int(~DecisionFlag(0))
+_ENCODERS: dict[type[Frame], Callable[[Any], oneway.MAVLink_message]] = {
+    StateFrame: _state_message,
+    MotionFrame: _motion_message,
+    BandsFrame: _bands_message,
+    DetectionsFrame: _detections_message,
+    ReportFrame: _report_message,
+    FleetFrame: _fleet_message,
+    RadiiFrame: _radii_message,
+    MissionFrame: _mission_message,
+    DecisionFrame: _decision_message,
+}
+_DECODERS: dict[int, Callable[[Fields], Frame]] = {
+    oneway.MAVLINK_MSG_ID_ONEWAY_STATE: _state_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_MOTION: _motion_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_BANDS: _bands_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_DETECTIONS: _detections_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_REPORT: _report_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_FLEET: _fleet_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_RADII: _radii_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_MISSION: _mission_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_DECISION: _decision_frame,
 }
 
 
@@ -635,8 +711,8 @@ def frame_resolution_cm(points: Sequence[tuple[float, float]], radii_m: Sequence
     if not (math.isfinite(reach_m) and math.isfinite(radius_m)):
         raise WireError("a position or radius is not finite")
     # A radius gains up to sqrt(1/2) of a unit for the rounding of its centre and up to one for its own.
-    needed_cm = max(100 * reach_m / _INT16_MAX, 100 * radius_m / (_UINT16_MAX - 2))
-    if needed_cm > _UINT16_MAX:
+    needed_cm = max(100 * reach_m / INT16_MAX, 100 * radius_m / (UINT16_MAX - 2))
+    if needed_cm > UINT16_MAX:
         raise WireError(
             f"a position {reach_m:.3g} m from the origin or a radius of {radius_m:.3g} m does not fit a frame"
         )
@@ -653,80 +729,44 @@ def _based_ids(ids: Sequence[int], length: int, what: str) -> tuple[int, list[in
         raise WireError(f"{what}: ids {base} and {max(ids)} are too far apart for one frame")
     if len(set(ids)) != len(ids):
         raise WireError(f"{what}: an id is given twice")
-    _whole(max(ids), _UINT16_MAX, f"{what} id")
-    return _whole(base, _UINT16_MAX, f"{what} id"), _padded([identity - base for identity in ids], length)
+    whole(max(ids), UINT16_MAX, f"{what} id")
+    return whole(base, UINT16_MAX, f"{what} id"), _padded([identity - base for identity in ids], length)
 
 
 def _ids(base: int, offsets: Sequence[int], count: int) -> list[int]:
     if count > len(offsets):
         raise WireError("count out of range")
     ids = [base + offset for offset in offsets[:count]]
-    if len(set(ids)) != count or any(identity > _UINT16_MAX for identity in ids):
+    if len(set(ids)) != count or any(identity > UINT16_MAX for identity in ids):
         raise WireError("ids out of range")
     return ids
 
 
-def _stamp(
-    message: oneway.MAVLink_oneway_state_message
-    | oneway.MAVLink_oneway_motion_message
-    | oneway.MAVLink_oneway_bands_message,
-) -> Stamp:
+def _stamp(message: Fields) -> Stamp:
     if message.frame_index >= message.frame_count:
         raise WireError("frame index out of range")
     return Stamp(message.epoch, message.time_ms, message.sequence, message.frame_index, message.frame_count)
-
-
-def _origin(
-    message: oneway.MAVLink_oneway_state_message | oneway.MAVLink_oneway_detections_message,
-) -> tuple[float, float]:
-    if abs(message.origin_lat) > _LAT_MAX_E7 or abs(message.origin_lon) > _LON_MAX_E7:
-        raise WireError("origin out of range")
-    return message.origin_lat / 1e7, message.origin_lon / 1e7
 
 
 def _padded(values: list[int], length: int) -> list[int]:
     return values + [0] * (length - len(values))
 
 
-def _whole(value: int, greatest: int, what: str) -> int:
-    if not 0 <= value <= greatest:
-        raise WireError(f"{what} {value} does not fit its field; allowed: 0 to {greatest}")
-    return value
-
-
-def _rounded(value: float) -> int:
-    if not math.isfinite(value):
-        raise WireError(f"{value} does not fit any field; allowed: a finite number")
-    return round(value)
-
-
-def _ceiling(value: float, greatest: int, what: str) -> int:
-    _rounded(value)
-    return _whole(math.ceil(value), greatest, what)
-
-
 def _coordinate_cm(coordinate_m: float) -> int:
-    value_cm = _rounded(coordinate_m * 100)
-    if abs(value_cm) > _INT32_MAX:
+    value_cm = rounded(coordinate_m * 100)
+    if abs(value_cm) > INT32_MAX:
         raise WireError(f"a position {coordinate_m:.0f} m from the origin does not fit a frame")
     return value_cm
 
 
-def _on_earth_e7(lat_deg: float, lon_deg: float) -> tuple[int, int]:
-    lat_e7, lon_e7 = _rounded(lat_deg * 1e7), _rounded(lon_deg * 1e7)
-    if abs(lat_e7) > _LAT_MAX_E7 or abs(lon_e7) > _LON_MAX_E7:
-        raise WireError(f"{lat_deg}, {lon_deg} is not on Earth")
-    return lat_e7, lon_e7
-
-
 def _part(stamp: Stamp) -> tuple[int, int]:
     """Return frame index and count."""
-    count = _whole(stamp.frame_count, _UINT8_MAX, "frame_count")
-    return _whole(stamp.frame_index, count - 1, "frame_index"), count
+    count = whole(stamp.frame_count, UINT8_MAX, "frame_count")
+    return whole(stamp.frame_index, count - 1, "frame_index"), count
 
 
 def _speed_cm_s(speed_m_s: float) -> int:
-    return max(-_INT16_MAX, min(_INT16_MAX, _rounded(speed_m_s * 100)))
+    return max(-INT16_MAX, min(INT16_MAX, rounded(speed_m_s * 100)))
 
 
 def _age_ds(age_s: float, greatest: int) -> int:
@@ -736,7 +776,7 @@ def _age_ds(age_s: float, greatest: int) -> int:
 
 
 def _heading_cdeg(heading_rad: float | None) -> int:
-    return _UNKNOWN_HEADING if heading_rad is None else _rounded(math.degrees(heading_rad) * 100) % 36_000
+    return _UNKNOWN_HEADING if heading_rad is None else rounded(math.degrees(heading_rad) * 100) % 36_000
 
 
 def _heading_rad(value_cdeg: int) -> float | None:
@@ -745,9 +785,3 @@ def _heading_rad(value_cdeg: int) -> float | None:
     if value_cdeg >= 36_000:
         raise WireError("heading out of range")
     return math.radians(value_cdeg / 100.0)
-
-
-def _signature(signature: bytes) -> list[int]:
-    if len(signature) != SIGNATURE_BYTES:
-        raise WireError(f"a signature of {len(signature)} bytes; allowed: {SIGNATURE_BYTES}")
-    return list(signature)

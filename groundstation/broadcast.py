@@ -2,17 +2,22 @@
 
 A state frame holds up to 10 agents with the (up to 5) targets they go to and the 4 threats nearest to them; whatever
 did not fit anywhere travels in frames of its own, so that a whole broadcast holds everything. The paper's mission fits
-one frame.
+one frame. A larger mission travels packed: places and assignments in fleet frames, what does not change in radii and
+mission frames beside them.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from importlib import resources
 from typing import TypeVar
 
 from companion.mission import Mission, ThreatSpec
+from companion.packed import Entry, FleetEntry, Layout, finest_resolution_cm
+from companion.weightsfile import content_digest
 from companion.wire import (
     AGENTS_PER_FRAME,
     BANDS_PER_FRAME,
@@ -24,20 +29,30 @@ from companion.wire import (
     BandEntry,
     BandsFrame,
     Directive,
+    FleetFrame,
     Kind,
+    MissionFrame,
     MotionFrame,
     PointMotion,
+    RadiiEntry,
+    RadiiFrame,
     Stamp,
     StateFrame,
     TargetEntry,
     ThreatEntry,
+    ThreatPlace,
+    WireError,
 )
 from groundstation.picture import GroundPicture, Track
 
 EntryT = TypeVar("EntryT", AgentEntry, TargetEntry, ThreatEntry, AgentMotion, PointMotion, BandEntry)
+PackedT = TypeVar("PackedT", bound=Entry)
 _UNTOLD: tuple[float | None, float | None] = (None, None)
 MOVING_M_S = 0.1
 """Below this speed a heading means nothing."""
+DIGEST_BYTES = 8
+_CURVE_CELLS = 2**16 - 1
+"""Cells on a side, for the order of nearness."""
 
 
 def state_frames(
@@ -53,17 +68,8 @@ def state_frames(
     agent that has arrived by reckoning keeps its target: only it knows whether it is there.
     """
     now_s = stamp.unix_s
-    if mission.case == "II":
-        assignment = {**picture.reached_by, **assignment}
     here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
-    targets = {
-        identity: TargetEntry(identity, *picture.tracks[Kind.TARGET, identity].position_ned_m)
-        for identity in [*picture.open_targets, *sorted(picture.completed & set(assignment.values()))]
-    }
-    agents = [
-        AgentEntry(identity, *(place if mission.case == "I" else _UNTOLD), target_id=assignment.get(identity))
-        for identity, place in here.items()
-    ]
+    agents, targets = _agents_and_targets(picture, mission, assignment, here)
     threats = [grown(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
     contents = []
     for group in _agent_groups(agents):
@@ -136,6 +142,96 @@ def band_frames(mission: Mission, stamp: Stamp) -> list[BandsFrame]:
     ]
 
 
+def fleet_frames(
+    picture: GroundPicture,
+    mission: Mission,
+    assignment: dict[int, int],  # agent id -> target id
+    directive: Directive,
+    stamp: Stamp,
+    data_bytes: int,
+) -> list[FleetFrame]:
+    """Return the fleet frames of one broadcast, each with at most `data_bytes` of data (companion.packed.data_bytes).
+
+    In Case II no place of an agent is told, as in a state frame.
+
+    Raises:
+        WireError: a frame has no room for one entry, or there would be too many frames.
+
+    """
+    now_s = stamp.unix_s
+    here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
+    agents, targets = _agents_and_targets(picture, mission, assignment, here)
+    entries: list[FleetEntry] = [*_by_id(agents), *_by_id(targets.values())]
+    entries += _by_id(
+        _threat_place(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats
+    )
+    contents = min(_filled(entries, data_bytes), _filled(_along_a_curve(entries), data_bytes), key=_burden)
+    return [
+        FleetFrame(
+            stamp=replace(stamp, frame_index=index, frame_count=len(contents)),
+            directive=directive,
+            resolution_cm=_resolution_cm(content),
+            agents=tuple(_by_id(entry for entry in content if isinstance(entry, AgentEntry))),
+            targets=tuple(_by_id(entry for entry in content if isinstance(entry, TargetEntry))),
+            threats=tuple(_by_id(entry for entry in content if isinstance(entry, ThreatPlace))),
+        )
+        for index, content in enumerate(contents)
+    ]
+
+
+def radii_frames(mission: Mission, stamp: Stamp, data_bytes: int) -> list[RadiiFrame]:
+    """Return the frames that tell the radii of all threats, none if there are no threats.
+
+    Raises:
+        WireError: a frame has no room for one entry.
+
+    """
+    entries = [
+        RadiiEntry(
+            id=threat.id,
+            detection_radius_m=threat.detection_radius_m,
+            attack_radius_m=threat.attack_radius_m,
+            speed_bound_m_s=threat.speed_bound_m_s,
+            floor_m=threat.floor_m,
+            ceiling_m=threat.ceiling_m,
+        )
+        for threat in mission.threats
+    ]
+    contents = _filled(_by_id(entries), data_bytes) if entries else []
+    return [
+        RadiiFrame(replace(stamp, frame_index=index, frame_count=len(contents)), tuple(content))
+        for index, content in enumerate(contents)
+    ]
+
+
+def mission_frame(mission: Mission, surrogate_digest: bytes, stamp: Stamp, data_bytes: int) -> MissionFrame:
+    """Return the frame that tells what holds for the whole epoch; the name is cut to `data_bytes` of UTF-8.
+
+    `surrogate_digest` is the first 8 bytes of the SHA-256 of the weights, all zero where there are none.
+    """
+    return MissionFrame(
+        stamp=stamp,
+        origin_lat_deg=mission.origin.lat_deg,
+        origin_lon_deg=mission.origin.lon_deg,
+        origin_alt_m=mission.origin.alt_m,
+        separation_m=mission.separation_m,
+        arrival_radius_m=mission.arrival_radius_m,
+        surrogate_digest=surrogate_digest,
+        agents=len(mission.agents),
+        targets=len(mission.targets),
+        threats=len(mission.threats),
+        name=mission.name.encode()[:data_bytes].decode(errors="ignore"),
+    )
+
+
+def surrogate_digest(mission: Mission) -> bytes:
+    """Return the first 8 bytes of the SHA-256 of the packaged weights of a mission's surrogate; zeros: it has none."""
+    if mission.surrogate == "analytic":
+        return bytes(DIGEST_BYTES)
+    weights = resources.files("companion").joinpath("weights", f"{mission.surrogate}.json")
+    return bytes.fromhex(content_digest(json.loads(weights.read_text(encoding="utf-8"))))[:DIGEST_BYTES]
+
+
 def _here(track: Track, now_s: float) -> tuple[float, float]:
     """Return where an agent must be by now, its track extrapolated: the vehicles themselves never say."""
     age_s = track.age_s(now_s)
@@ -153,6 +249,94 @@ def grown(threat: ThreatSpec, track: Track, now_s: float) -> ThreatEntry:
         attack_radius_m=threat.attack_radius_m + growth_m,
         speed_bound_m_s=threat.speed_bound_m_s,
     )
+
+
+def _agents_and_targets(
+    picture: GroundPicture,
+    mission: Mission,
+    assignment: dict[int, int],  # agent id -> target id
+    here: dict[int, tuple[float, float]],  # agent id -> m
+) -> tuple[list[AgentEntry], dict[int, TargetEntry]]:
+    """Return the agents, and the targets that are open or that somebody is still sent to, by id."""
+    if mission.case == "II":
+        assignment = {**picture.reached_by, **assignment}
+    targets = {
+        identity: TargetEntry(identity, *picture.tracks[Kind.TARGET, identity].position_ned_m)
+        for identity in [*picture.open_targets, *sorted(picture.completed & set(assignment.values()))]
+    }
+    agents = [
+        AgentEntry(identity, *(place if mission.case == "I" else _UNTOLD), target_id=assignment.get(identity))
+        for identity, place in here.items()
+    ]
+    return agents, targets
+
+
+def _threat_place(threat: ThreatSpec, track: Track, now_s: float) -> ThreatPlace:
+    return ThreatPlace(threat.id, track.north_m, track.east_m, track.age_s(now_s))
+
+
+def _filled(entries: Iterable[PackedT], data_bytes: int) -> list[list[PackedT]]:
+    """Return the entries dealt to frames in the order given, each frame as full as it gets; at least one frame."""
+    contents: list[list[PackedT]] = [[]]
+    layout = Layout[PackedT]()
+    for entry in entries:
+        if contents[-1] and layout.size + layout.cost(entry) > data_bytes:
+            contents.append([])
+            layout = Layout[PackedT]()
+        layout.add(entry)
+        contents[-1].append(entry)
+        if layout.size > data_bytes:
+            raise WireError(f"{data_bytes} bytes of data; allowed: at least {layout.size}, for one entry")
+    return contents
+
+
+def _along_a_curve(entries: Sequence[FleetEntry]) -> list[FleetEntry]:
+    """Return the entries so that those near each other in the order are near each other on the ground.
+
+    What shares a section stays together, so that this costs no bytes. The order is that of the bits of north and east
+    of a section's first place, taken in turn; sections without places come first.
+    """
+    points = [point for point in map(_place, entries) if point is not None]
+    if not points:
+        return list(entries)
+    lows_m = [min(along_m) for along_m in zip(*points, strict=True)]
+    extent_m = max(
+        1.0, *(max(along_m) - low_m for along_m, low_m in zip(zip(*points, strict=True), lows_m, strict=True))
+    )
+
+    def along(group: Sequence[FleetEntry]) -> int:
+        point = _place(group[0])
+        if point is None:
+            return -1
+        north, east = (int(_CURVE_CELLS * (x - low) / extent_m) for x, low in zip(point, lows_m, strict=True))
+        return int("".join(a + b for a, b in zip(f"{north:016b}", f"{east:016b}", strict=True)), 2)
+
+    return [entry for group in sorted(_layout(entries).sections, key=along) for entry in group]
+
+
+def _place(entry: FleetEntry) -> tuple[float, float] | None:
+    return None if entry.north_m is None or entry.east_m is None else (entry.north_m, entry.east_m)
+
+
+def _resolution_cm(content: Sequence[FleetEntry]) -> int:
+    return finest_resolution_cm([point for point in map(_place, content) if point is not None])
+
+
+def _burden(contents: Sequence[Sequence[FleetEntry]]) -> tuple[int, int, int]:
+    """Return what to keep low, first things first: frames, bytes, and the coarsest resolution of any."""
+    size = sum(_layout(content).size for content in contents)
+    return len(contents), size, max(map(_resolution_cm, contents))
+
+
+def _layout(entries: Iterable[FleetEntry]) -> Layout[FleetEntry]:
+    layout = Layout[FleetEntry]()
+    for entry in entries:
+        layout.add(entry)
+    return layout
+
+
+def _by_id(entries: Iterable[PackedT]) -> list[PackedT]:
+    return sorted(entries, key=lambda entry: entry.id)
 
 
 def _agent_groups(agents: Sequence[AgentEntry]) -> Iterator[list[AgentEntry]]:

@@ -18,7 +18,7 @@ from companion.wire import FrameReader, StateFrame
 
 ROOT = Path(__file__).parents[1]
 FORBIDDEN = {"companion": {"groundstation", "sim"}, "groundstation": {"sim"}, "sim": set[str]()}
-COMPANION_NEEDS = ("numpy", "pymavlink", "fastcrc", "pydantic", "pyyaml", "pyproj", "click", "rich")
+COMPANION_NEEDS = ("numpy", "pymavlink", "cryptography", "fastcrc", "pydantic", "pyyaml", "pyproj", "click", "rich")
 """What the vehicle's computer must have; torch, scipy and matplotlib are not among it."""
 DECIDE = """
 import importlib.util, math
@@ -44,12 +44,12 @@ print("decided")
 """
 
 
-WIDTHS = {b"B": 1, b"b": 1, b"H": 2, b"h": 2, b"I": 4, b"i": 4}
+WIDTHS = {b"B": 1, b"b": 1, b"H": 2, b"h": 2, b"I": 4, b"i": 4, b"f": 4, b"Q": 8}
 
 
 def format_of(message: type[oneway.MAVLink_message]) -> bytes:
     """Return one struct letter per field on the wire."""
-    letters = re.findall(r"(\d*)([BbHhIi])", message.unpacker.format)
+    letters = re.findall(r"(\d*)([BbHhIifQ])", message.unpacker.format)
     runs = b"".join(letter.encode() * int(count or 1) for count, letter in letters)
     found, position = b"", 0
     for length in message.array_lengths:

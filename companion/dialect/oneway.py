@@ -382,6 +382,44 @@ enums["ONEWAY_KIND"][2] = EnumEntry("ONEWAY_KIND_THREAT", """A moving keep-out d
 ONEWAY_KIND_ENUM_END = 3
 enums["ONEWAY_KIND"][3] = EnumEntry("ONEWAY_KIND_ENUM_END", """""")
 
+# ONEWAY_SECTION
+enums["ONEWAY_SECTION"] = Enum()
+enums["ONEWAY_SECTION"].bitmask = False
+ONEWAY_SECTION_AGENTS = 1
+enums["ONEWAY_SECTION"][1] = EnumEntry("ONEWAY_SECTION_AGENTS", """north, east (uint16, units of resolution from the base), target (uint8: 0 none, else 1 + id - target_base). UINT16_MAX, UINT16_MAX, 0: nobody has this id.""")
+ONEWAY_SECTION_AGENTS_UNPLACED = 2
+enums["ONEWAY_SECTION"][2] = EnumEntry("ONEWAY_SECTION_AGENTS_UNPLACED", """Agents of whom the ground station does not know where they are. target (uint8) as in ONEWAY_SECTION_AGENTS; 255: nobody has this id.""")
+ONEWAY_SECTION_TARGETS = 3
+enums["ONEWAY_SECTION"][3] = EnumEntry("ONEWAY_SECTION_TARGETS", """north, east (uint16, units of resolution from the base).""")
+ONEWAY_SECTION_THREATS = 4
+enums["ONEWAY_SECTION"][4] = EnumEntry("ONEWAY_SECTION_THREATS", """north, east (uint16, units of resolution from the base), age of the position (uint8: tenths of a second up to 10, beyond 1.065^(code - 10) s, rounded up).""")
+ONEWAY_SECTION_RADII = 5
+enums["ONEWAY_SECTION"][5] = EnumEntry("ONEWAY_SECTION_RADII", """detection radius, attack radius (uint16, units of resolution, rounded up), greatest speed (uint8, m/s, rounded up).""")
+ONEWAY_SECTION_RADII_BANDS = 6
+enums["ONEWAY_SECTION"][6] = EnumEntry("ONEWAY_SECTION_RADII_BANDS", """As ONEWAY_SECTION_RADII, then least and greatest height above sea level that the threat reaches (int16, m, rounded outwards; INT16_MIN, INT16_MAX: no limit).""")
+ONEWAY_SECTION_ENUM_END = 7
+enums["ONEWAY_SECTION"][7] = EnumEntry("ONEWAY_SECTION_ENUM_END", """""")
+
+# ONEWAY_DECISION_FLAGS
+enums["ONEWAY_DECISION_FLAGS"] = Enum()
+enums["ONEWAY_DECISION_FLAGS"].bitmask = True
+ONEWAY_DECISION_TURN_LIMITED = 1
+enums["ONEWAY_DECISION_FLAGS"][1] = EnumEntry("ONEWAY_DECISION_TURN_LIMITED", """The turn limit changed the heading.""")
+ONEWAY_DECISION_GUARD_CHANGED = 2
+enums["ONEWAY_DECISION_FLAGS"][2] = EnumEntry("ONEWAY_DECISION_GUARD_CHANGED", """The guard changed the setpoint.""")
+ONEWAY_DECISION_UNCERTIFIED = 4
+enums["ONEWAY_DECISION_FLAGS"][4] = EnumEntry("ONEWAY_DECISION_UNCERTIFIED", """The guard had no certified back-up.""")
+ONEWAY_DECISION_BROKEN = 8
+enums["ONEWAY_DECISION_FLAGS"][8] = EnumEntry("ONEWAY_DECISION_BROKEN", """An assumption of the guard's did not hold.""")
+ONEWAY_DECISION_GAVE_WAY = 16
+enums["ONEWAY_DECISION_FLAGS"][16] = EnumEntry("ONEWAY_DECISION_GAVE_WAY", """The right of way changed the heading.""")
+ONEWAY_DECISION_STAY = 32
+enums["ONEWAY_DECISION_FLAGS"][32] = EnumEntry("ONEWAY_DECISION_STAY", """The law could do no better than to loiter.""")
+ONEWAY_DECISION_OPPOSED = 64
+enums["ONEWAY_DECISION_FLAGS"][64] = EnumEntry("ONEWAY_DECISION_OPPOSED", """The surrogate's component against the route was dropped.""")
+ONEWAY_DECISION_FLAGS_ENUM_END = 65
+enums["ONEWAY_DECISION_FLAGS"][65] = EnumEntry("ONEWAY_DECISION_FLAGS_ENUM_END", """""")
+
 # MAV_AUTOPILOT
 enums["MAV_AUTOPILOT"] = Enum()
 enums["MAV_AUTOPILOT"].bitmask = False
@@ -888,6 +926,10 @@ MAVLINK_MSG_ID_ONEWAY_MOTION = 10486017
 MAVLINK_MSG_ID_ONEWAY_DETECTIONS = 10486018
 MAVLINK_MSG_ID_ONEWAY_REPORT = 10486019
 MAVLINK_MSG_ID_ONEWAY_BANDS = 10486020
+MAVLINK_MSG_ID_ONEWAY_FLEET = 10486021
+MAVLINK_MSG_ID_ONEWAY_RADII = 10486022
+MAVLINK_MSG_ID_ONEWAY_MISSION = 10486023
+MAVLINK_MSG_ID_ONEWAY_DECISION = 10486024
 MAVLINK_MSG_ID_HEARTBEAT = 0
 
 
@@ -1171,6 +1213,207 @@ class MAVLink_oneway_bands_message(MAVLink_message):
 setattr(MAVLink_oneway_bands_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_oneway_fleet_message(MAVLink_message):
+    """
+    Ground station to all agents, in place of ONEWAY_STATE for a
+    mission too large for one: a part of who goes where and where the
+    threats are, packed. Each frame is useful alone beside
+    ONEWAY_MISSION and ONEWAY_RADII of the same epoch. Newest (epoch,
+    sequence) wins.
+    """
+
+    id = MAVLINK_MSG_ID_ONEWAY_FLEET
+    msgname = "ONEWAY_FLEET"
+    fieldnames = ["epoch", "time_ms", "sequence", "north_base", "east_base", "resolution", "directive", "frame_index", "frame_count", "size", "data"]
+    ordered_fieldnames = ["epoch", "time_ms", "sequence", "north_base", "east_base", "resolution", "directive", "frame_index", "frame_count", "size", "data"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int16_t", "int16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"directive": "ONEWAY_DIRECTIVE"}
+    fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "resolution": "cm", "size": "bytes"}
+    native_format = bytearray(b"<IIIhhHBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 233]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 233]
+    crc_extra = 76
+    unpacker = struct.Struct("<IIIhhHBBBB233B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, epoch: int, time_ms: int, sequence: int, north_base: int, east_base: int, resolution: int, directive: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_oneway_fleet_message.id, MAVLink_oneway_fleet_message.msgname)
+        self._fieldnames = MAVLink_oneway_fleet_message.fieldnames
+        self._instance_field = MAVLink_oneway_fleet_message.instance_field
+        self._instance_offset = MAVLink_oneway_fleet_message.instance_offset
+        self.epoch = epoch
+        self.time_ms = time_ms
+        self.sequence = sequence
+        self.north_base = north_base
+        self.east_base = east_base
+        self.resolution = resolution
+        self.directive = directive
+        self.frame_index = frame_index
+        self.frame_count = frame_count
+        self.size = size
+        self.data = data
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.north_base, self.east_base, self.resolution, self.directive, self.frame_index, self.frame_count, self.size, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89], self.data[90], self.data[91], self.data[92], self.data[93], self.data[94], self.data[95], self.data[96], self.data[97], self.data[98], self.data[99], self.data[100], self.data[101], self.data[102], self.data[103], self.data[104], self.data[105], self.data[106], self.data[107], self.data[108], self.data[109], self.data[110], self.data[111], self.data[112], self.data[113], self.data[114], self.data[115], self.data[116], self.data[117], self.data[118], self.data[119], self.data[120], self.data[121], self.data[122], self.data[123], self.data[124], self.data[125], self.data[126], self.data[127], self.data[128], self.data[129], self.data[130], self.data[131], self.data[132], self.data[133], self.data[134], self.data[135], self.data[136], self.data[137], self.data[138], self.data[139], self.data[140], self.data[141], self.data[142], self.data[143], self.data[144], self.data[145], self.data[146], self.data[147], self.data[148], self.data[149], self.data[150], self.data[151], self.data[152], self.data[153], self.data[154], self.data[155], self.data[156], self.data[157], self.data[158], self.data[159], self.data[160], self.data[161], self.data[162], self.data[163], self.data[164], self.data[165], self.data[166], self.data[167], self.data[168], self.data[169], self.data[170], self.data[171], self.data[172], self.data[173], self.data[174], self.data[175], self.data[176], self.data[177], self.data[178], self.data[179], self.data[180], self.data[181], self.data[182], self.data[183], self.data[184], self.data[185], self.data[186], self.data[187], self.data[188], self.data[189], self.data[190], self.data[191], self.data[192], self.data[193], self.data[194], self.data[195], self.data[196], self.data[197], self.data[198], self.data[199], self.data[200], self.data[201], self.data[202], self.data[203], self.data[204], self.data[205], self.data[206], self.data[207], self.data[208], self.data[209], self.data[210], self.data[211], self.data[212], self.data[213], self.data[214], self.data[215], self.data[216], self.data[217], self.data[218], self.data[219], self.data[220], self.data[221], self.data[222], self.data[223], self.data[224], self.data[225], self.data[226], self.data[227], self.data[228], self.data[229], self.data[230], self.data[231], self.data[232]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_oneway_fleet_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_oneway_radii_message(MAVLink_message):
+    """
+    Ground station to all agents, now and then: what of the threats of
+    ONEWAY_FLEET does not change. Each frame is useful alone. The
+    radii are those of a threat just seen: they grow by its greatest
+    speed times the age of its position.
+    """
+
+    id = MAVLINK_MSG_ID_ONEWAY_RADII
+    msgname = "ONEWAY_RADII"
+    fieldnames = ["epoch", "time_ms", "sequence", "resolution", "frame_index", "frame_count", "size", "data"]
+    ordered_fieldnames = ["epoch", "time_ms", "sequence", "resolution", "frame_index", "frame_count", "size", "data"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "resolution": "cm", "size": "bytes"}
+    native_format = bytearray(b"<IIIHBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 238]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 238]
+    crc_extra = 41
+    unpacker = struct.Struct("<IIIHBBB238B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, epoch: int, time_ms: int, sequence: int, resolution: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_oneway_radii_message.id, MAVLink_oneway_radii_message.msgname)
+        self._fieldnames = MAVLink_oneway_radii_message.fieldnames
+        self._instance_field = MAVLink_oneway_radii_message.instance_field
+        self._instance_offset = MAVLink_oneway_radii_message.instance_offset
+        self.epoch = epoch
+        self.time_ms = time_ms
+        self.sequence = sequence
+        self.resolution = resolution
+        self.frame_index = frame_index
+        self.frame_count = frame_count
+        self.size = size
+        self.data = data
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.resolution, self.frame_index, self.frame_count, self.size, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89], self.data[90], self.data[91], self.data[92], self.data[93], self.data[94], self.data[95], self.data[96], self.data[97], self.data[98], self.data[99], self.data[100], self.data[101], self.data[102], self.data[103], self.data[104], self.data[105], self.data[106], self.data[107], self.data[108], self.data[109], self.data[110], self.data[111], self.data[112], self.data[113], self.data[114], self.data[115], self.data[116], self.data[117], self.data[118], self.data[119], self.data[120], self.data[121], self.data[122], self.data[123], self.data[124], self.data[125], self.data[126], self.data[127], self.data[128], self.data[129], self.data[130], self.data[131], self.data[132], self.data[133], self.data[134], self.data[135], self.data[136], self.data[137], self.data[138], self.data[139], self.data[140], self.data[141], self.data[142], self.data[143], self.data[144], self.data[145], self.data[146], self.data[147], self.data[148], self.data[149], self.data[150], self.data[151], self.data[152], self.data[153], self.data[154], self.data[155], self.data[156], self.data[157], self.data[158], self.data[159], self.data[160], self.data[161], self.data[162], self.data[163], self.data[164], self.data[165], self.data[166], self.data[167], self.data[168], self.data[169], self.data[170], self.data[171], self.data[172], self.data[173], self.data[174], self.data[175], self.data[176], self.data[177], self.data[178], self.data[179], self.data[180], self.data[181], self.data[182], self.data[183], self.data[184], self.data[185], self.data[186], self.data[187], self.data[188], self.data[189], self.data[190], self.data[191], self.data[192], self.data[193], self.data[194], self.data[195], self.data[196], self.data[197], self.data[198], self.data[199], self.data[200], self.data[201], self.data[202], self.data[203], self.data[204], self.data[205], self.data[206], self.data[207], self.data[208], self.data[209], self.data[210], self.data[211], self.data[212], self.data[213], self.data[214], self.data[215], self.data[216], self.data[217], self.data[218], self.data[219], self.data[220], self.data[221], self.data[222], self.data[223], self.data[224], self.data[225], self.data[226], self.data[227], self.data[228], self.data[229], self.data[230], self.data[231], self.data[232], self.data[233], self.data[234], self.data[235], self.data[236], self.data[237]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_oneway_radii_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_oneway_mission_message(MAVLink_message):
+    """
+    Ground station to all agents, now and then: what holds for the
+    whole epoch. Positions of ONEWAY_FLEET are north/east on the WGS84
+    azimuthal equidistant plane about this origin.
+    """
+
+    id = MAVLINK_MSG_ID_ONEWAY_MISSION
+    msgname = "ONEWAY_MISSION"
+    fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "origin_alt", "separation", "arrival_radius", "agent_count", "target_count", "threat_count", "surrogate_digest", "size", "data"]
+    ordered_fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "origin_alt", "separation", "arrival_radius", "agent_count", "target_count", "threat_count", "surrogate_digest", "size", "data"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int32_t", "int32_t", "int32_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "origin_lat": "degE7", "origin_lon": "degE7", "origin_alt": "dm", "separation": "dm", "arrival_radius": "dm", "size": "bytes"}
+    native_format = bytearray(b"<IIIiiiHHHHHBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 8, 1, 212]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 8, 0, 212]
+    crc_extra = 35
+    unpacker = struct.Struct("<IIIiiiHHHHH8BB212B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], size: int, data: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_oneway_mission_message.id, MAVLink_oneway_mission_message.msgname)
+        self._fieldnames = MAVLink_oneway_mission_message.fieldnames
+        self._instance_field = MAVLink_oneway_mission_message.instance_field
+        self._instance_offset = MAVLink_oneway_mission_message.instance_offset
+        self.epoch = epoch
+        self.time_ms = time_ms
+        self.sequence = sequence
+        self.origin_lat = origin_lat
+        self.origin_lon = origin_lon
+        self.origin_alt = origin_alt
+        self.separation = separation
+        self.arrival_radius = arrival_radius
+        self.agent_count = agent_count
+        self.target_count = target_count
+        self.threat_count = threat_count
+        self.surrogate_digest = surrogate_digest
+        self.size = size
+        self.data = data
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.origin_lat, self.origin_lon, self.origin_alt, self.separation, self.arrival_radius, self.agent_count, self.target_count, self.threat_count, self.surrogate_digest[0], self.surrogate_digest[1], self.surrogate_digest[2], self.surrogate_digest[3], self.surrogate_digest[4], self.surrogate_digest[5], self.surrogate_digest[6], self.surrogate_digest[7], self.size, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89], self.data[90], self.data[91], self.data[92], self.data[93], self.data[94], self.data[95], self.data[96], self.data[97], self.data[98], self.data[99], self.data[100], self.data[101], self.data[102], self.data[103], self.data[104], self.data[105], self.data[106], self.data[107], self.data[108], self.data[109], self.data[110], self.data[111], self.data[112], self.data[113], self.data[114], self.data[115], self.data[116], self.data[117], self.data[118], self.data[119], self.data[120], self.data[121], self.data[122], self.data[123], self.data[124], self.data[125], self.data[126], self.data[127], self.data[128], self.data[129], self.data[130], self.data[131], self.data[132], self.data[133], self.data[134], self.data[135], self.data[136], self.data[137], self.data[138], self.data[139], self.data[140], self.data[141], self.data[142], self.data[143], self.data[144], self.data[145], self.data[146], self.data[147], self.data[148], self.data[149], self.data[150], self.data[151], self.data[152], self.data[153], self.data[154], self.data[155], self.data[156], self.data[157], self.data[158], self.data[159], self.data[160], self.data[161], self.data[162], self.data[163], self.data[164], self.data[165], self.data[166], self.data[167], self.data[168], self.data[169], self.data[170], self.data[171], self.data[172], self.data[173], self.data[174], self.data[175], self.data[176], self.data[177], self.data[178], self.data[179], self.data[180], self.data[181], self.data[182], self.data[183], self.data[184], self.data[185], self.data[186], self.data[187], self.data[188], self.data[189], self.data[190], self.data[191], self.data[192], self.data[193], self.data[194], self.data[195], self.data[196], self.data[197], self.data[198], self.data[199], self.data[200], self.data[201], self.data[202], self.data[203], self.data[204], self.data[205], self.data[206], self.data[207], self.data[208], self.data[209], self.data[210], self.data[211]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_oneway_mission_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_oneway_decision_message(MAVLink_message):
+    """
+    What a companion decided, in its own log. Never sent.
+    """
+
+    id = MAVLINK_MSG_ID_ONEWAY_DECISION
+    msgname = "ONEWAY_DECISION"
+    fieldnames = ["time_usec", "picture_age", "wanted_heading", "heading", "speed", "altitude", "words_crc", "target_id", "purpose", "stage", "flags"]
+    ordered_fieldnames = ["time_usec", "picture_age", "wanted_heading", "heading", "speed", "altitude", "words_crc", "target_id", "purpose", "stage", "flags"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
+    fieldenums_by_name: Dict[str, str] = {"flags": "ONEWAY_DECISION_FLAGS"}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "picture_age": "s", "wanted_heading": "rad", "heading": "rad", "speed": "m/s", "altitude": "m"}
+    native_format = bytearray(b"<QfffffIHBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 19
+    unpacker = struct.Struct("<QfffffIHBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, picture_age: float, wanted_heading: float, heading: float, speed: float, altitude: float, words_crc: int, target_id: int, purpose: int, stage: int, flags: int):
+        MAVLink_message.__init__(self, MAVLink_oneway_decision_message.id, MAVLink_oneway_decision_message.msgname)
+        self._fieldnames = MAVLink_oneway_decision_message.fieldnames
+        self._instance_field = MAVLink_oneway_decision_message.instance_field
+        self._instance_offset = MAVLink_oneway_decision_message.instance_offset
+        self.time_usec = time_usec
+        self.picture_age = picture_age
+        self.wanted_heading = wanted_heading
+        self.heading = heading
+        self.speed = speed
+        self.altitude = altitude
+        self.words_crc = words_crc
+        self.target_id = target_id
+        self.purpose = purpose
+        self.stage = stage
+        self.flags = flags
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.picture_age, self.wanted_heading, self.heading, self.speed, self.altitude, self.words_crc, self.target_id, self.purpose, self.stage, self.flags), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_oneway_decision_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_heartbeat_message(MAVLink_message):
     """
     The heartbeat message shows that a system or component is present
@@ -1225,6 +1468,10 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_ONEWAY_DETECTIONS: MAVLink_oneway_detections_message,
     MAVLINK_MSG_ID_ONEWAY_REPORT: MAVLink_oneway_report_message,
     MAVLINK_MSG_ID_ONEWAY_BANDS: MAVLink_oneway_bands_message,
+    MAVLINK_MSG_ID_ONEWAY_FLEET: MAVLink_oneway_fleet_message,
+    MAVLINK_MSG_ID_ONEWAY_RADII: MAVLink_oneway_radii_message,
+    MAVLINK_MSG_ID_ONEWAY_MISSION: MAVLink_oneway_mission_message,
+    MAVLINK_MSG_ID_ONEWAY_DECISION: MAVLink_oneway_decision_message,
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
 }
 
@@ -1893,6 +2140,176 @@ class MAVLink(object):
 
         """
         self.send(self.oneway_bands_encode(epoch, time_ms, sequence, threat_floor, threat_ceiling, threat_id_base, frame_index, frame_count, threat_count, threat_id, ed25519_signature), force_mavlink1=force_mavlink1)
+
+    def oneway_fleet_encode(self, epoch: int, time_ms: int, sequence: int, north_base: int, east_base: int, resolution: int, directive: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]) -> MAVLink_oneway_fleet_message:
+        """
+        Ground station to all agents, in place of ONEWAY_STATE for a mission
+        too large for one: a part of who goes where and where the
+        threats are, packed. Each frame is useful alone beside
+        ONEWAY_MISSION and ONEWAY_RADII of the same epoch. Newest
+        (epoch, sequence) wins.
+
+        epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
+        time_ms                   : Time of the positions since the epoch. [ms] (type:uint32_t)
+        sequence                  : Number of this broadcast within the epoch, the same in all its frames. (type:uint32_t)
+        north_base                : North of the point that this frame's positions count from, in units of 256 times the resolution. (type:int16_t)
+        east_base                 : East of the point that this frame's positions count from, in units of 256 times the resolution. (type:int16_t)
+        resolution                : Length of one unit of every position in this frame. [cm] (type:uint16_t)
+        directive                 : What every agent shall do. (type:uint8_t, values:ONEWAY_DIRECTIVE)
+        frame_index               : Which of the broadcast's frames this is, from 0. (type:uint8_t)
+        frame_count               : How many frames the broadcast has. (type:uint8_t)
+        size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
+        data                      : Sections of agents, targets and threats (ONEWAY_SECTION). (type:uint8_t)
+
+        """
+        return MAVLink_oneway_fleet_message(epoch, time_ms, sequence, north_base, east_base, resolution, directive, frame_index, frame_count, size, data)
+
+    def oneway_fleet_send(self, epoch: int, time_ms: int, sequence: int, north_base: int, east_base: int, resolution: int, directive: int, frame_index: int, frame_count: int, size: int, data: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        Ground station to all agents, in place of ONEWAY_STATE for a mission
+        too large for one: a part of who goes where and where the
+        threats are, packed. Each frame is useful alone beside
+        ONEWAY_MISSION and ONEWAY_RADII of the same epoch. Newest
+        (epoch, sequence) wins.
+
+        epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
+        time_ms                   : Time of the positions since the epoch. [ms] (type:uint32_t)
+        sequence                  : Number of this broadcast within the epoch, the same in all its frames. (type:uint32_t)
+        north_base                : North of the point that this frame's positions count from, in units of 256 times the resolution. (type:int16_t)
+        east_base                 : East of the point that this frame's positions count from, in units of 256 times the resolution. (type:int16_t)
+        resolution                : Length of one unit of every position in this frame. [cm] (type:uint16_t)
+        directive                 : What every agent shall do. (type:uint8_t, values:ONEWAY_DIRECTIVE)
+        frame_index               : Which of the broadcast's frames this is, from 0. (type:uint8_t)
+        frame_count               : How many frames the broadcast has. (type:uint8_t)
+        size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
+        data                      : Sections of agents, targets and threats (ONEWAY_SECTION). (type:uint8_t)
+
+        """
+        self.send(self.oneway_fleet_encode(epoch, time_ms, sequence, north_base, east_base, resolution, directive, frame_index, frame_count, size, data), force_mavlink1=force_mavlink1)
+
+    def oneway_radii_encode(self, epoch: int, time_ms: int, sequence: int, resolution: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]) -> MAVLink_oneway_radii_message:
+        """
+        Ground station to all agents, now and then: what of the threats of
+        ONEWAY_FLEET does not change. Each frame is useful alone. The
+        radii are those of a threat just seen: they grow by its
+        greatest speed times the age of its position.
+
+        epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
+        time_ms                   : Time of this frame since the epoch. [ms] (type:uint32_t)
+        sequence                  : Number of the last broadcast before this frame. (type:uint32_t)
+        resolution                : Length of one unit of every radius in this frame. [cm] (type:uint16_t)
+        frame_index               : Which of the frames this is, from 0. (type:uint8_t)
+        frame_count               : How many frames there are. (type:uint8_t)
+        size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
+        data                      : Sections of radii (ONEWAY_SECTION). (type:uint8_t)
+
+        """
+        return MAVLink_oneway_radii_message(epoch, time_ms, sequence, resolution, frame_index, frame_count, size, data)
+
+    def oneway_radii_send(self, epoch: int, time_ms: int, sequence: int, resolution: int, frame_index: int, frame_count: int, size: int, data: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        Ground station to all agents, now and then: what of the threats of
+        ONEWAY_FLEET does not change. Each frame is useful alone. The
+        radii are those of a threat just seen: they grow by its
+        greatest speed times the age of its position.
+
+        epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
+        time_ms                   : Time of this frame since the epoch. [ms] (type:uint32_t)
+        sequence                  : Number of the last broadcast before this frame. (type:uint32_t)
+        resolution                : Length of one unit of every radius in this frame. [cm] (type:uint16_t)
+        frame_index               : Which of the frames this is, from 0. (type:uint8_t)
+        frame_count               : How many frames there are. (type:uint8_t)
+        size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
+        data                      : Sections of radii (ONEWAY_SECTION). (type:uint8_t)
+
+        """
+        self.send(self.oneway_radii_encode(epoch, time_ms, sequence, resolution, frame_index, frame_count, size, data), force_mavlink1=force_mavlink1)
+
+    def oneway_mission_encode(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], size: int, data: Sequence[int]) -> MAVLink_oneway_mission_message:
+        """
+        Ground station to all agents, now and then: what holds for the whole
+        epoch. Positions of ONEWAY_FLEET are north/east on the WGS84
+        azimuthal equidistant plane about this origin.
+
+        epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
+        time_ms                   : Time of this frame since the epoch. [ms] (type:uint32_t)
+        sequence                  : Number of the last broadcast before this frame. (type:uint32_t)
+        origin_lat                : Latitude of the plane's origin. [degE7] (type:int32_t)
+        origin_lon                : Longitude of the plane's origin. [degE7] (type:int32_t)
+        origin_alt                : Height of the plane's origin above sea level. [dm] (type:int32_t)
+        separation                : Least distance between agents. [dm] (type:uint16_t)
+        arrival_radius            : Within this distance of its target an agent has arrived. [dm] (type:uint16_t)
+        agent_count               : How many agents the mission has. (type:uint16_t)
+        target_count              : How many targets the mission has. (type:uint16_t)
+        threat_count              : How many threats the mission has. (type:uint16_t)
+        surrogate_digest          : First bytes of the SHA-256 of the surrogate's weights; all zero if the mission uses none. (type:uint8_t)
+        size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
+        data                      : Name of the mission, UTF-8, cut where it does not fit. (type:uint8_t)
+
+        """
+        return MAVLink_oneway_mission_message(epoch, time_ms, sequence, origin_lat, origin_lon, origin_alt, separation, arrival_radius, agent_count, target_count, threat_count, surrogate_digest, size, data)
+
+    def oneway_mission_send(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], size: int, data: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        Ground station to all agents, now and then: what holds for the whole
+        epoch. Positions of ONEWAY_FLEET are north/east on the WGS84
+        azimuthal equidistant plane about this origin.
+
+        epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
+        time_ms                   : Time of this frame since the epoch. [ms] (type:uint32_t)
+        sequence                  : Number of the last broadcast before this frame. (type:uint32_t)
+        origin_lat                : Latitude of the plane's origin. [degE7] (type:int32_t)
+        origin_lon                : Longitude of the plane's origin. [degE7] (type:int32_t)
+        origin_alt                : Height of the plane's origin above sea level. [dm] (type:int32_t)
+        separation                : Least distance between agents. [dm] (type:uint16_t)
+        arrival_radius            : Within this distance of its target an agent has arrived. [dm] (type:uint16_t)
+        agent_count               : How many agents the mission has. (type:uint16_t)
+        target_count              : How many targets the mission has. (type:uint16_t)
+        threat_count              : How many threats the mission has. (type:uint16_t)
+        surrogate_digest          : First bytes of the SHA-256 of the surrogate's weights; all zero if the mission uses none. (type:uint8_t)
+        size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
+        data                      : Name of the mission, UTF-8, cut where it does not fit. (type:uint8_t)
+
+        """
+        self.send(self.oneway_mission_encode(epoch, time_ms, sequence, origin_lat, origin_lon, origin_alt, separation, arrival_radius, agent_count, target_count, threat_count, surrogate_digest, size, data), force_mavlink1=force_mavlink1)
+
+    def oneway_decision_encode(self, time_usec: int, picture_age: float, wanted_heading: float, heading: float, speed: float, altitude: float, words_crc: int, target_id: int, purpose: int, stage: int, flags: int) -> MAVLink_oneway_decision_message:
+        """
+        What a companion decided, in its own log. Never sent.
+
+        time_usec                 : Unix time of the decision. [us] (type:uint64_t)
+        picture_age               : Age of the newest state heard. [s] (type:float)
+        wanted_heading            : Heading wanted before the turn limit, clockwise from grid north. [rad] (type:float)
+        heading                   : Heading of the setpoint, clockwise from grid north. [rad] (type:float)
+        speed                     : Speed of the setpoint. [m/s] (type:float)
+        altitude                  : Height of the setpoint. [m] (type:float)
+        words_crc                 : CRC-32 of the decision's words: reason, changes and notes. (type:uint32_t)
+        target_id                 : Target flown to. (type:uint16_t)
+        purpose                   : What the companion is doing: 0 idle, 1 target, 2 loiter, 3 return. (type:uint8_t)
+        stage                     : How far the picture is trusted: 0 fresh, 1 coasting, 2 loitering, 3 returning. (type:uint8_t)
+        flags                     : What else is true of the decision. (type:uint8_t, values:ONEWAY_DECISION_FLAGS)
+
+        """
+        return MAVLink_oneway_decision_message(time_usec, picture_age, wanted_heading, heading, speed, altitude, words_crc, target_id, purpose, stage, flags)
+
+    def oneway_decision_send(self, time_usec: int, picture_age: float, wanted_heading: float, heading: float, speed: float, altitude: float, words_crc: int, target_id: int, purpose: int, stage: int, flags: int, force_mavlink1: bool = False) -> None:
+        """
+        What a companion decided, in its own log. Never sent.
+
+        time_usec                 : Unix time of the decision. [us] (type:uint64_t)
+        picture_age               : Age of the newest state heard. [s] (type:float)
+        wanted_heading            : Heading wanted before the turn limit, clockwise from grid north. [rad] (type:float)
+        heading                   : Heading of the setpoint, clockwise from grid north. [rad] (type:float)
+        speed                     : Speed of the setpoint. [m/s] (type:float)
+        altitude                  : Height of the setpoint. [m] (type:float)
+        words_crc                 : CRC-32 of the decision's words: reason, changes and notes. (type:uint32_t)
+        target_id                 : Target flown to. (type:uint16_t)
+        purpose                   : What the companion is doing: 0 idle, 1 target, 2 loiter, 3 return. (type:uint8_t)
+        stage                     : How far the picture is trusted: 0 fresh, 1 coasting, 2 loitering, 3 returning. (type:uint8_t)
+        flags                     : What else is true of the decision. (type:uint8_t, values:ONEWAY_DECISION_FLAGS)
+
+        """
+        self.send(self.oneway_decision_encode(time_usec, picture_age, wanted_heading, heading, speed, altitude, words_crc, target_id, purpose, stage, flags), force_mavlink1=force_mavlink1)
 
     def heartbeat_encode(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 3) -> MAVLink_heartbeat_message:
         """

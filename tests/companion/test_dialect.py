@@ -15,13 +15,27 @@ from companion.dialect import oneway
 from companion.dialect.__main__ import FOLDER, generate
 
 XML = FOLDER / "oneway.xml"
-OUR_MESSAGES = ("ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_DETECTIONS", "ONEWAY_REPORT", "ONEWAY_BANDS")
+OUR_MESSAGES = (
+    "ONEWAY_STATE",
+    "ONEWAY_MOTION",
+    "ONEWAY_DETECTIONS",
+    "ONEWAY_REPORT",
+    "ONEWAY_BANDS",
+    "ONEWAY_FLEET",
+    "ONEWAY_RADII",
+    "ONEWAY_MISSION",
+    "ONEWAY_DECISION",
+)
 CRC_EXTRA = {
     "ONEWAY_STATE": 19,
     "ONEWAY_MOTION": 60,
     "ONEWAY_DETECTIONS": 88,
     "ONEWAY_REPORT": 110,
     "ONEWAY_BANDS": 62,
+    "ONEWAY_FLEET": 76,
+    "ONEWAY_RADII": 41,
+    "ONEWAY_MISSION": 35,
+    "ONEWAY_DECISION": 19,
 }
 """A change of a field changes these: old and new vehicles then no longer hear each other."""
 MESSAGE_IDS = {
@@ -30,10 +44,15 @@ MESSAGE_IDS = {
     "ONEWAY_DETECTIONS": 0xA00102,
     "ONEWAY_REPORT": 0xA00103,
     "ONEWAY_BANDS": 0xA00104,
+    "ONEWAY_FLEET": 0xA00105,
+    "ONEWAY_RADII": 0xA00106,
+    "ONEWAY_MISSION": 0xA00107,
+    "ONEWAY_DECISION": 0xA00108,
 }
+FLOATS = ("picture_age", "wanted_heading", "heading", "speed", "altitude")
 GREATEST_PUBLIC_ID = 0xA00000
 GREATEST_PAYLOAD_BYTES = 255
-IN_UNITS_OF_RESOLUTION = "in units of resolution"
+IN_UNITS_OF_RESOLUTION = ("in units of resolution", "in units of 256 times the resolution")
 COUNTS_AND_NAMES = {
     "sequence",
     "frame_index",
@@ -51,8 +70,18 @@ COUNTS_AND_NAMES = {
     "threat_id_base",
     "agent_target",
     "ed25519_signature",
+    "data",
+    "purpose",
+    "stage",
+    "surrogate_digest",
+    "words_crc",
 }
-ENUM_FIELDS = {("ONEWAY_STATE", "directive"): "ONEWAY_DIRECTIVE", ("ONEWAY_DETECTIONS", "kind"): "ONEWAY_KIND"}
+ENUM_FIELDS = {
+    ("ONEWAY_STATE", "directive"): "ONEWAY_DIRECTIVE",
+    ("ONEWAY_DETECTIONS", "kind"): "ONEWAY_KIND",
+    ("ONEWAY_FLEET", "directive"): "ONEWAY_DIRECTIVE",
+    ("ONEWAY_DECISION", "flags"): "ONEWAY_DECISION_FLAGS",
+}
 
 
 def messages() -> dict[str, type[oneway.MAVLink_message]]:
@@ -65,8 +94,15 @@ def fields() -> Iterator[tuple[str, ElementTree.Element]]:
             yield message.attrib["name"], field
 
 
-def test_regenerating_gives_the_module_that_is_shipped(tmp_path: Path) -> None:
-    assert generate(tmp_path).read_bytes() == (FOLDER / "oneway.py").read_bytes()
+def in_units_of_resolution(field: ElementTree.Element) -> bool:
+    return any(unit in (field.text or "").lower() for unit in IN_UNITS_OF_RESOLUTION)
+
+
+def test_regenerating_gives_the_files_that_are_shipped(tmp_path: Path) -> None:
+    generated = generate(tmp_path)
+    assert {path.name for path in generated} == {"oneway.py", "oneway.lua"}
+    for path in generated:
+        assert path.read_bytes() == (FOLDER / path.name).read_bytes()
 
 
 def test_the_xml_obeys_the_mavlink_schema_with_its_units() -> None:
@@ -110,18 +146,20 @@ def test_every_field_with_a_dimension_names_its_unit() -> None:
         for message, field in fields()
         if "units" not in field.attrib
         and "enum" not in field.attrib
-        and IN_UNITS_OF_RESOLUTION not in (field.text or "")
+        and not in_units_of_resolution(field)
         and field.attrib["name"] not in COUNTS_AND_NAMES
     }
     assert bare == set()
 
 
 def test_lengths_in_units_of_resolution_belong_to_a_message_that_says_what_its_resolution_is() -> None:
-    scaled = {message for message, field in fields() if IN_UNITS_OF_RESOLUTION in (field.text or "").lower()}
+    scaled = {message for message, field in fields() if in_units_of_resolution(field)}
     resolutions = {
         message for message, field in fields() if field.attrib["name"] == "resolution" and field.attrib["units"] == "cm"
     }
-    assert scaled == resolutions == {"ONEWAY_STATE"}
+    assert scaled == {"ONEWAY_STATE", "ONEWAY_FLEET"}
+    # The radii of ONEWAY_RADII are in its data, as the enum of sections says.
+    assert resolutions == {"ONEWAY_STATE", "ONEWAY_FLEET", "ONEWAY_RADII"}
 
 
 def test_fields_that_mean_one_of_a_few_things_name_their_enum() -> None:
@@ -157,4 +195,19 @@ def test_a_value_that_stands_for_unknown_is_said_in_the_xml() -> None:
         ("ONEWAY_MOTION", "agent_heading"): "[UINT16_MAX]",
         ("ONEWAY_BANDS", "threat_floor"): "[INT16_MIN]",
         ("ONEWAY_BANDS", "threat_ceiling"): "[INT16_MAX]",
+        **{("ONEWAY_DECISION", name): "NaN" for name in FLOATS},
+        ("ONEWAY_DECISION", "target_id"): "0",
     }
+
+
+def test_nothing_on_the_air_is_a_float_that_could_be_no_number() -> None:
+    floats = {(message, field.attrib["name"]) for message, field in fields() if field.attrib["type"] == "float"}
+    assert floats == {("ONEWAY_DECISION", name) for name in FLOATS}
+
+
+@pytest.mark.parametrize("name", ["ONEWAY_FLEET", "ONEWAY_RADII", "ONEWAY_MISSION"])
+def test_a_packed_message_ends_with_the_size_of_its_data_and_the_data(name: str) -> None:
+    kind = messages()[name]
+    assert kind.ordered_fieldnames[:3] == ["epoch", "time_ms", "sequence"]
+    assert kind.ordered_fieldnames[-2:] == ["size", "data"]
+    assert kind.unpacker.size == GREATEST_PAYLOAD_BYTES

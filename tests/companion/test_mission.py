@@ -560,7 +560,7 @@ def assert_refused(result: tuple[int, str, str], name: str, *parts: str) -> None
 
 COMMANDS = {
     "sim": ("sim", "fly"),
-    "groundstation": ("groundstation", "run", "--link", "udpout:127.0.0.1:9"),
+    "groundstation": ("groundstation", "run", "--link", "udpout:127.0.0.1:9", "--unsigned"),
     "companion": ("companion", "run"),
 }
 
@@ -657,7 +657,7 @@ def test_sim_fly_refuses_an_output_folder_below_a_file(program: Program, tmp_pat
 )
 def test_groundstation_run_refuses_a_bad_option_in_one_line(program: Program, arguments: tuple[str, ...]) -> None:
     option = next((word for word in reversed(arguments) if word.startswith("--")), "--link").removeprefix("--")
-    result = program("groundstation", "run", "copter-demo", *arguments)
+    result = program("groundstation", "run", "copter-demo", *arguments, "--unsigned")
     assert_refused(result, "groundstation", "link" if option == "sensor" else option)
 
 
@@ -693,7 +693,7 @@ def test_groundstation_run_refuses_an_uplink_in_case_i(program: Program, tmp_pat
 @pytest.mark.parametrize("url", ["udpin:nowhere", "udpout:127.0.0.1:9"])
 def test_groundstation_run_refuses_an_uplink_that_cannot_be_heard(program: Program, tmp_path: Path, url: str) -> None:
     path = file_of(f"{ONE_EACH}case: II\n".encode())(tmp_path)
-    arguments = (path, "--link", "udpout:127.0.0.1:9", "--uplink", url)
+    arguments = (path, "--link", "udpout:127.0.0.1:9", "--unsigned", "--uplink", url)
     assert_refused(program("groundstation", "run", *arguments), "groundstation", f"link '{url}'", "allowed: udpin")
 
 

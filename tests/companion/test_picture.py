@@ -17,12 +17,19 @@ from companion.wire import (
     BandEntry,
     BandsFrame,
     Directive,
+    FleetFrame,
+    Frame,
+    MissionFrame,
     MotionFrame,
     PointMotion,
+    RadiiEntry,
+    RadiiFrame,
+    ReportFrame,
     Stamp,
     StateFrame,
     TargetEntry,
     ThreatEntry,
+    ThreatPlace,
 )
 
 ME = 5
@@ -640,3 +647,240 @@ def test_everybody_seen_is_a_peer_once_and_everybody_unseen_stays(
     )
     assert view.peers_ned_m.shape == (len(view.peer_ids), 2)
     assert {tuple(place) for place in view.settled_ned_m.tolist()} <= {tuple(p) for p in view.peers_ned_m.tolist()}
+
+
+# Packed frames
+
+PLACE = ThreatPlace(1, 1_000.0, 2_000.0, 0.0)
+RADII = RadiiEntry(1, 500.0, 200.0, 10.0)
+UNIT_CM = 200
+ROUNDING_M = math.sqrt(0.5) * UNIT_CM / 100.0
+
+
+def fleet(
+    sequence: int,
+    agents: tuple[AgentEntry, ...] = (AgentEntry(ME, 0.0, 0.0, 1),),
+    targets: tuple[TargetEntry, ...] = (TargetEntry(1, 10.0, 20.0),),
+    threats: tuple[ThreatPlace, ...] = (),
+    *,
+    index: int = 0,
+    count: int = 1,
+    epoch_s: int = EPOCH_S,
+    directive: Directive = Directive.NORMAL,
+) -> FleetFrame:
+    return FleetFrame(stamp(sequence, index, count, epoch_s), directive, UNIT_CM, agents, targets, threats)
+
+
+def radii(sequence: int, *entries: RadiiEntry, epoch_s: int = EPOCH_S) -> RadiiFrame:
+    return RadiiFrame(stamp(sequence, epoch_s=epoch_s), entries)
+
+
+def mission(
+    sequence: int, threats: int = 0, *, epoch_s: int = EPOCH_S, origin_deg: tuple[float, float] = (47.0, 8.0)
+) -> MissionFrame:
+    its_stamp = stamp(sequence, epoch_s=epoch_s)
+    return MissionFrame(its_stamp, *origin_deg, 500.0, 100.0, 300.0, bytes(8), 1, 1, threats, "one")
+
+
+def heard(*frames: Frame) -> Picture:
+    picture = Picture(ME)
+    for frame in frames:
+        assert picture.take(frame, frame.stamp.unix_s)
+    return picture
+
+
+def test_a_fleet_frame_tells_places_and_targets_once_the_origin_is_known() -> None:
+    picture = heard(mission(1), fleet(1, (AgentEntry(ME, 0.0, 0.0, 1), AgentEntry(9, 5.0, 6.0, None))))
+    view = picture.view(time_of(1))
+    assert picture.origin_deg == (47.0, 8.0)
+    assert view.target_ned_m == (10.0, 20.0)
+    assert view.peer_ids.tolist() == [9]
+    assert picture.age_s(time_of(2)) == pytest.approx(PERIOD_S)
+
+
+def test_fleet_frames_wait_for_the_origin_and_keep_their_age() -> None:
+    picture = heard(fleet(1), fleet(2, targets=target_at(7.0)))
+    assert picture.view(time_of(2)).target_ned_m is None
+    assert picture.age_s(time_of(2)) is None
+    assert picture.take(mission(2), time_of(4))
+    assert picture.view(time_of(4)).target_ned_m == (7.0, 0.0)
+    assert picture.age_s(time_of(4)) == pytest.approx(2 * PERIOD_S)
+
+
+def test_a_directive_needs_no_origin() -> None:
+    assert heard(fleet(1, directive=Directive.HOLD)).directive is Directive.HOLD
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_threat_is_believed_once_place_and_radii_are_known(order: tuple[int, int]) -> None:
+    parts: list[Frame] = [fleet(1, threats=(PLACE,)), radii(1, RADII)]
+    picture = heard(mission(1), parts[order[0]])
+    assert len(picture.view(time_of(1)).threat_ids) == 0
+    assert picture.take(parts[order[1]], time_of(1))
+    view = picture.view(time_of(1))
+    assert tuple(view.threats_ned_m[0]) == (1_000.0, 2_000.0)
+    assert view.detection_radius_m[0] == pytest.approx(500.0 + ROUNDING_M)
+    assert view.attack_radius_m[0] == pytest.approx(200.0 + ROUNDING_M)
+
+
+@given(st.floats(0.0, 1e3), st.floats(0.0, 1e3), st.floats(0.0, 100.0))
+def test_a_packed_threat_grows_by_its_age_when_sent_and_since(told_s: float, since_s: float, bound_m_s: float) -> None:
+    picture = heard(
+        mission(1),
+        radii(1, replace(RADII, speed_bound_m_s=bound_m_s)),
+        fleet(1, threats=(replace(PLACE, age_s=told_s),)),
+    )
+    view = picture.view(time_of(1) + since_s)
+    grown_m = ROUNDING_M + bound_m_s * (told_s + since_s)
+    assert view.detection_radius_m[0] == pytest.approx(500.0 + grown_m, abs=1e-3)
+    assert view.attack_radius_m[0] == pytest.approx(200.0 + grown_m, abs=1e-3)
+
+
+def test_radii_heard_again_do_not_make_a_place_younger() -> None:
+    picture = heard(mission(1), fleet(1, threats=(PLACE,)), radii(1, RADII))
+    picture.take(radii(4, RADII), time_of(4))
+    assert picture.view(time_of(4)).attack_radius_m[0] == pytest.approx(200.0 + ROUNDING_M + 10.0 * 3 * PERIOD_S)
+
+
+def test_who_does_not_know_all_threats_yet_has_nowhere_to_go() -> None:
+    picture = heard(mission(1, threats=2), fleet(1, threats=(PLACE, replace(PLACE, id=2))), radii(1, RADII))
+    assert picture.view(time_of(1)).target_ned_m is None
+    picture.take(radii(1, replace(RADII, id=2)), time_of(1))
+    assert picture.view(time_of(1)).target_ned_m == (10.0, 20.0)
+
+
+def test_the_heights_that_radii_tell_are_those_of_the_threat() -> None:
+    high = replace(RADII, floor_m=1_000.0)
+    picture = heard(mission(1), radii(1, high), fleet(1, threats=(PLACE,)))
+    assert len(picture.view(time_of(1), (0.0, 100.0)).threat_ids) == 0
+    assert len(picture.view(time_of(1), (0.0, 1_000.0)).threat_ids) == 1
+
+
+def test_a_wholly_heard_fleet_broadcast_forgets_what_it_lacks() -> None:
+    both = (PLACE, replace(PLACE, id=2))
+    picture = heard(mission(1), radii(1, RADII, replace(RADII, id=2)), fleet(1, threats=both))
+    assert picture.view(time_of(1)).threat_ids.tolist() == [1, 2]
+    picture.take(fleet(2, threats=both[:1]), time_of(2))
+    assert picture.view(time_of(2)).threat_ids.tolist() == [1]
+
+
+def test_a_fleet_broadcast_heard_in_part_forgets_nothing() -> None:
+    picture = heard(mission(1), radii(1, RADII), fleet(1, threats=(PLACE,)), fleet(2, count=2))
+    assert picture.view(time_of(2)).threat_ids.tolist() == [1]
+
+
+def test_a_threat_of_the_epoch_before_stands_until_it_is_known_anew() -> None:
+    later = EPOCH_S + 100
+    picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)))
+    moved = replace(PLACE, north_m=1_300.0)
+    picture.take(mission(1, 1, epoch_s=later), time_of(1, later))
+    picture.take(fleet(1, threats=(moved,), epoch_s=later), time_of(1, later))
+    view = picture.view(time_of(1, later))
+    assert tuple(view.threats_ned_m[0]) == (1_000.0, 2_000.0)
+    assert view.attack_radius_m[0] == pytest.approx(200.0 + ROUNDING_M + 10.0 * 100.0)
+    assert view.target_ned_m == (10.0, 20.0)
+    picture.take(radii(1, RADII, epoch_s=later), time_of(1, later))
+    view = picture.view(time_of(1, later))
+    assert tuple(view.threats_ned_m[0]) == (1_300.0, 2_000.0)
+    assert view.attack_radius_m[0] == pytest.approx(200.0 + ROUNDING_M)
+
+
+def test_until_a_new_epoch_tells_its_origin_the_picture_of_the_old_one_stands() -> None:
+    later = EPOCH_S + 100
+    picture = heard(mission(1), fleet(1, targets=target_at(1.0)))
+    picture.take(fleet(1, targets=target_at(2.0), epoch_s=later), time_of(1, later))
+    assert picture.view(time_of(1, later)).target_ned_m == (1.0, 0.0)
+    assert picture.age_s(time_of(1, later)) == pytest.approx(100.0)
+    picture.take(mission(1, epoch_s=later), time_of(1, later))
+    assert picture.view(time_of(1, later)).target_ned_m == (2.0, 0.0)
+    assert picture.age_s(time_of(1, later)) == 0.0
+
+
+def test_radii_of_an_epoch_before_do_not_join_a_place_of_this_one() -> None:
+    later = EPOCH_S + 100
+    picture = heard(mission(1), radii(1, RADII))
+    picture.take(mission(1, epoch_s=later), time_of(1, later))
+    picture.take(fleet(1, threats=(PLACE,), epoch_s=later), time_of(1, later))
+    assert len(picture.view(time_of(1, later)).threat_ids) == 0
+
+
+def test_a_place_of_an_epoch_before_does_not_join_radii_of_this_one() -> None:
+    later = EPOCH_S + 100
+    picture = heard(mission(1), fleet(1, threats=(PLACE,)))
+    picture.take(radii(1, RADII, epoch_s=later), time_of(1, later))
+    assert len(picture.view(time_of(1, later)).threat_ids) == 0
+
+
+def test_frames_that_wait_for_the_origin_of_an_epoch_are_gone_with_it() -> None:
+    later = EPOCH_S + 100
+    picture = heard(fleet(1))
+    picture.take(mission(1, epoch_s=later), time_of(1, later))
+    assert picture.view(time_of(1, later)).target_ned_m is None
+
+
+def test_of_waiting_frames_the_newest_wins() -> None:
+    here, there = (TargetEntry(1, 10.0, 0.0),), (TargetEntry(2, 20.0, 0.0),)
+    picture = heard(
+        fleet(1, (), (), index=0, count=2),
+        fleet(1, (AgentEntry(ME, 0.0, 0.0, 1),), here, index=1, count=2),
+        fleet(2, (AgentEntry(ME, 0.0, 0.0, 2),), there, index=0, count=2),
+        mission(2),
+    )
+    assert picture.target_id == 2
+    assert picture.age_s(time_of(2)) == 0.0
+
+
+def test_a_place_about_another_origin_does_not_join_radii() -> None:
+    picture = heard(mission(1), fleet(1, threats=(PLACE,)), mission(2, origin_deg=(48.0, 8.0)), radii(2, RADII))
+    assert len(picture.view(time_of(2)).threat_ids) == 0
+
+
+@pytest.mark.parametrize("changed", [{"origin_deg": (48.0, 8.0)}, {"threats": 2}])
+def test_another_mission_holds_nothing_of_the_one_before(changed: dict[str, object]) -> None:
+    later = EPOCH_S + 100
+    picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)))
+    picture.take(mission(1, **{"threats": 1, **changed}, epoch_s=later), time_of(1, later))  # type: ignore[arg-type]
+    view = picture.view(time_of(1, later))
+    assert len(view.threat_ids) == 0
+    assert view.target_ned_m is None
+
+
+def test_a_fleet_frame_repeated_or_overtaken_is_refused_and_counted() -> None:
+    picture = heard(mission(2), fleet(2))
+    assert not picture.take(fleet(2), time_of(2))
+    assert not picture.take(fleet(1), time_of(2))
+    assert picture.rejected == {"repeated": 1, "old": 1}
+
+
+@pytest.mark.parametrize("frame", [fleet(9), radii(9, RADII), mission(9)])
+def test_packed_frames_of_a_lower_epoch_are_refused(frame: Frame) -> None:
+    picture = heard(mission(1), fleet(1))
+    old = replace(frame, stamp=replace(frame.stamp, epoch_s=EPOCH_S - 1))
+    assert not picture.take(old, time_of(1) + 1.0)
+    assert picture.rejected == {"old epoch": 1}
+
+
+def test_the_carousel_does_not_hinder_the_fleet_frames_it_overtakes() -> None:
+    picture = heard(radii(3, RADII), mission(3, 1))
+    assert picture.take(fleet(2, threats=(PLACE,)), time_of(3))
+    assert picture.view(time_of(3)).threat_ids.tolist() == [1]
+
+
+def test_a_state_frame_after_fleet_frames_is_newer_than_they_are() -> None:
+    picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)))
+    assert picture.take(state(2, threats=(replace(THREAT, north_m=1_500.0),), count=2), time_of(2))
+    picture.take(radii(2, RADII), time_of(2))
+    assert tuple(picture.view(time_of(2)).threats_ned_m[0]) == (1_500.0, 2_000.0)
+
+
+def test_frames_that_are_no_broadcast_are_not_taken() -> None:
+    assert not Picture(ME).take(ReportFrame(EPOCH_S, 0, 1, 47.0, 8.0, 0.0, 0.0, 0.0), time_of(1))
+
+
+def test_waiting_frames_of_a_broadcast_heard_whole_keep_all_that_they_hold() -> None:
+    later = EPOCH_S + 100
+    picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)))
+    for index, threats in enumerate([(), (PLACE,)]):
+        picture.take(fleet(1, threats=threats, index=index, count=2, epoch_s=later), time_of(1, later))
+    picture.take(mission(1, 1, epoch_s=later), time_of(1, later))
+    assert picture.view(time_of(1, later)).threat_ids.tolist() == [1]

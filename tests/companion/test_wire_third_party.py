@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -22,17 +24,22 @@ from companion.wire import (
     BandEntry,
     BandsFrame,
     Directive,
+    FleetFrame,
     FrameWriter,
+    MissionFrame,
     MotionFrame,
     PointMotion,
+    RadiiEntry,
+    RadiiFrame,
     Stamp,
     StateFrame,
     TargetEntry,
     ThreatEntry,
+    ThreatPlace,
 )
 
 LIMIT_S = 60
-NAMES = ["ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_BANDS"]
+NAMES = ["ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_BANDS", "ONEWAY_FLEET", "ONEWAY_RADII", "ONEWAY_MISSION"]
 STAMP = Stamp(1_790_000_000, 12_345, 7, 0, 1)
 STATE = StateFrame(
     stamp=STAMP,
@@ -55,6 +62,19 @@ MOTION = MotionFrame(
     threats=tuple(PointMotion(3_000 + k, 9.0 - k, -9.0, 0.5) for k in range(4)),
 )
 BANDS = BandsFrame(STAMP, tuple(BandEntry(3_000 + k, None if k == 1 else -5.0 * k, 900.0 + k) for k in range(4)))
+FLEET = FleetFrame(
+    stamp=STAMP,
+    directive=Directive.HOLD,
+    resolution_cm=305,
+    agents=tuple(AgentEntry(k, 400.0 * k, 390.0 * k, 1 + k % 5) for k in range(1, 31)),
+    targets=tuple(TargetEntry(k, 9_000.0 + k, 6_000.0 - k) for k in range(1, 6)),
+    threats=tuple(ThreatPlace(k, 3_000.0 * k, 5_000.0 * k, 0.7 * k) for k in range(1, 5)),
+)
+RADII = RadiiFrame(STAMP, tuple(RadiiEntry(k, 10_000.0, 5_000.0 + k, 10.0, None, 900.0) for k in range(1, 5)))
+MISSION = MissionFrame(
+    STAMP, 47.1234567, -8.7654321, 512.3, 100.0, 300.0, bytes(range(8)), 30, 5, 4, "thirty over the hills"
+)
+FRAMES = (STATE, MOTION, BANDS, FLEET, RADII, MISSION)
 SIGNATURE = bytes(range(192, 256))
 
 MAVSDK_READER = """
@@ -62,7 +82,7 @@ import json, os, sys, threading
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins.mavlink_direct_server import MavlinkDirectServer
 
-xml, *datagrams = json.load(sys.stdin)
+xml, names, *datagrams = json.load(sys.stdin)
 got, done = [], threading.Event()
 
 def take(message, *_):
@@ -73,7 +93,7 @@ mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.COMPANION
 mavsdk.add_any_connection("raw://")
 server = MavlinkDirectServer(mavsdk.server_component(0))
 server.load_custom_xml(xml)
-for name in ("ONEWAY_STATE", "ONEWAY_MOTION", "ONEWAY_BANDS"):
+for name in names:
     server.subscribe_message(name, take)
 for datagram in datagrams:
     done.clear()
@@ -86,8 +106,16 @@ os._exit(0)  # its threads would outlive us
 
 
 def datagrams() -> list[bytes]:
+    """Return a frame of each message, signed where it has a field for it."""
     writer = FrameWriter()
-    return [writer.encode(frame, SIGNATURE) for frame in (STATE, MOTION, BANDS)]
+    signed = [with_signature(writer.encode(frame)) for frame in FRAMES[:3]]
+    return signed + [writer.encode(frame) for frame in FRAMES[3:]]
+
+
+def with_signature(datagram: bytes) -> bytes:
+    (message,) = oneway.MAVLink(None).parse_buffer(bytearray(datagram))
+    message.ed25519_signature = list(SIGNATURE)
+    return bytes(message.pack(oneway.MAVLink(None, srcSystem=GROUND_SYSTEM, srcComponent=GROUND_COMPONENT)))
 
 
 def fields_of(datagram: bytes) -> dict[str, object]:
@@ -117,7 +145,8 @@ def mavlogdump(*arguments: str, environment: dict[str, str] | None = None) -> st
 @pytest.fixture(scope="module")
 def read_by_mavsdk() -> list[tuple[int, int, dict[str, object]]]:
     """Return (system, component, fields) of each frame as MAVSDK decodes it, knowing only the XML."""
-    request = [(FOLDER / "oneway.xml").read_text(encoding="utf-8"), *(datagram.hex() for datagram in datagrams())]
+    xml = (FOLDER / "oneway.xml").read_text(encoding="utf-8")
+    request = [xml, NAMES, *(datagram.hex() for datagram in datagrams())]
     done = subprocess.run(
         [sys.executable, "-c", MAVSDK_READER],
         input=json.dumps(request),
@@ -166,3 +195,62 @@ def test_mavsdk_decodes_every_field_from_the_xml_alone(
     assert fields.pop("message_name") == name
     fields.pop("message_id")
     assert fields == fields_of(datagrams()[index])
+
+
+# tshark
+
+
+def capture(folder: Path, port: int) -> Path:
+    """Write a capture file (pcap, raw IPv4) of a broadcast: one UDP datagram to each frame."""
+    path = folder / "broadcast.pcap"
+    with path.open("wb") as file:
+        file.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65_535, 101))
+        for index, datagram in enumerate(datagrams()):
+            udp = struct.pack(">HHHH", 40_000, port, 8 + len(datagram), 0) + datagram
+            addresses = bytes([10, 0, 0, 1, 239, 0, 0, 1])
+            packet = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(udp), index, 0, 1, 17, 0) + addresses + udp
+            file.write(struct.pack("<IIII", 1_790_000_000 + index, 0, len(packet), len(packet)) + packet)
+    return path
+
+
+def tshark(path: Path, *arguments: str) -> str:
+    program = shutil.which("tshark")
+    if program is None:
+        pytest.skip("tshark is not installed")
+    return subprocess.run(
+        [program, "-X", f"lua_script:{FOLDER / 'oneway.lua'}", "-r", str(path), *arguments],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=True,
+    ).stdout
+
+
+def test_tshark_decodes_a_capture_of_the_broadcast_with_the_lua_file(tmp_path: Path) -> None:
+    names = ["mavlink_proto.sysid", "mavlink_proto.compid", "mavlink_proto.msgid"]
+    for name in NAMES:
+        names += [f"mavlink_proto.{name}_{field}" for field in ("epoch", "sequence")]
+    wanted = [part for name in names for part in ("-e", name)]
+    listed = tshark(capture(tmp_path, 14_550), "-T", "fields", "-E", "separator=,", *wanted).splitlines()
+    ids = {kind.msgname: kind.id for kind in oneway.mavlink_map.values()}
+    assert len(listed) == len(NAMES)
+    for index, line in enumerate(listed):
+        system, component, number, *times = line.split(",")
+        assert (int(system), int(component)) == (GROUND_SYSTEM, GROUND_COMPONENT)
+        assert int(number.split()[0], 0) == ids[NAMES[index]]
+        told = ["", ""] * index + [str(STAMP.epoch_s), str(STAMP.sequence)] + ["", ""] * (len(NAMES) - index - 1)
+        assert times == told
+
+
+def test_tshark_shows_the_fields_and_data_of_a_packed_frame_on_any_port(tmp_path: Path) -> None:
+    fields = ["north_base", "east_base", "resolution", "frame_count", "size", "data_0", "data_1", "data_199"]
+    wanted = [part for field in fields for part in ("-e", f"mavlink_proto.ONEWAY_FLEET_{field}")]
+    path = capture(tmp_path, 14_600)
+    decoded = tshark(
+        path, "-d", "udp.port==14600,mavlink_proto", "-T", "fields", "-E", "separator=,", *wanted
+    ).splitlines()
+    sent = fields_of(datagrams()[NAMES.index("ONEWAY_FLEET")])
+    data = sent["data"]
+    assert isinstance(data, list)
+    head = [sent[name] for name in fields[:5]]
+    assert decoded[NAMES.index("ONEWAY_FLEET")].split(",") == [str(x) for x in (*head, data[0], data[1], data[199])]

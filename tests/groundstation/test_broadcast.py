@@ -2,29 +2,55 @@
 
 from __future__ import annotations
 
+import json
 import math
+import random
 from collections import Counter
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import groundstation
+from companion.dialect import oneway
 from companion.drawing import resolve
 from companion.mission import AgentSpec, Mission, TargetSpec, ThreatSpec, load_mission
+from companion.packed import (
+    FLEET_HEAD_BYTES,
+    MISSION_HEAD_BYTES,
+    RADII_HEAD_BYTES,
+    data_bytes,
+)
 from companion.picture import Picture
 from companion.wire import (
     BANDS_PER_FRAME,
+    SIGNATURE_BYTES,
     THREATS_PER_FRAME,
     BandEntry,
     Directive,
+    FleetFrame,
+    Frame,
     FrameReader,
     FrameWriter,
     Kind,
     MotionFrame,
     Stamp,
     StateFrame,
+    WireError,
+    decode_frame,
 )
-from groundstation.broadcast import band_frames, motion_frames, state_frames
+from groundstation.broadcast import (
+    band_frames,
+    fleet_frames,
+    mission_frame,
+    motion_frames,
+    radii_frames,
+    state_frames,
+    surrogate_digest,
+)
 from groundstation.picture import GroundPicture, Track
 
 START_S = 1_790_000_000
@@ -102,7 +128,7 @@ def test_the_papers_mission_takes_one_frame() -> None:
     assignment = {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)}
     (frame,) = states(mission, assignment)
     assert (len(frame.agents), len(frame.targets), len(frame.threats)) == (10, 5, 4)
-    assert len(FrameWriter().encode(frame, bytes(range(1, 65)))) <= 235
+    assert len(FrameWriter().encode(frame)) + SIGNATURE_BYTES <= 235
     assert len(motion_frames(ground(mission), mission, STAMP)) == 1
 
 
@@ -295,7 +321,7 @@ def test_in_case_ii_a_frame_is_as_fine_as_targets_and_threats_alone_allow() -> N
 def test_in_case_ii_the_papers_mission_takes_one_frame_of_the_same_size() -> None:
     mission = unseen(resolve(load_mission("paper-dynamic"), 1))
     (frame,) = states(mission, {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)})
-    assert len(FrameWriter().encode(frame, bytes(range(1, 65)))) <= 235
+    assert len(FrameWriter().encode(frame)) + SIGNATURE_BYTES <= 235
 
 
 # Heights that threats reach
@@ -323,3 +349,207 @@ def test_every_band_goes_out_once_and_a_threat_without_one_is_not_named(
     for frame in frames:
         assert len(frame.threats) <= BANDS_PER_FRAME
         assert FrameReader().read(FrameWriter().encode(frame)) == [frame]
+
+
+# Packed
+
+ROOMS = st.integers(20, 233)
+MAVLINK_SIGNATURE_BYTES = 13
+PATH_BYTES = 252
+CAROUSEL_PERIOD_S = 5.0
+
+
+def fleet_of(mission: Mission, assignment: dict[int, int], room: int) -> list[FleetFrame]:
+    return fleet_frames(ground(mission), mission, assignment, Directive.HOLD, STAMP, room)
+
+
+def five_hundred() -> tuple[Mission, dict[int, int]]:
+    """Return 500 agents, 50 targets and 50 threats all over 200 km, and who goes where."""
+
+    def scattered(count: int, salt: int) -> dict[int, tuple[float, float]]:
+        return {
+            k: (float(k * 7_919 * salt % 200_000), float(k * 104_729 * salt % 200_000)) for k in range(1, count + 1)
+        }
+
+    mission = mission_of(scattered(500, 1), scattered(50, 3), scattered(50, 7))
+    return mission, {k: 1 + k % 50 for k in range(1, 501)}
+
+
+@settings(max_examples=60, deadline=None)
+@given(worlds(), ROOMS)
+def test_fleet_frames_hold_everything_once_and_no_more_than_there_is_room_for(
+    world: tuple[Mission, dict[int, int]], room: int
+) -> None:
+    mission, assignment = world
+    frames = fleet_of(mission, assignment, room)
+    decoded = [decode_frame(FrameWriter().encode(frame)) for frame in frames]
+    assert [frame.stamp.frame_index for frame in frames] == list(range(len(frames)))
+    assert {frame.stamp.frame_count for frame in frames} == {len(frames)}
+    agents, targets, threats = Counter[int](), Counter[int](), Counter[int]()
+    for frame in decoded:
+        assert isinstance(frame, FleetFrame)
+        assert frame.directive is Directive.HOLD
+        agents.update(agent.id for agent in frame.agents)
+        targets.update(target.id for target in frame.targets)
+        threats.update(threat.id for threat in frame.threats)
+        assert all(agent.target_id == assignment.get(agent.id) for agent in frame.agents)
+    assert agents == Counter(agent.id for agent in mission.agents)
+    assert targets == Counter(target.id for target in mission.targets)
+    assert threats == Counter(threat.id for threat in mission.threats)
+    assert all(used_bytes(frame) <= room for frame in frames)
+
+
+def used_bytes(frame: Frame) -> int:
+    (message,) = oneway.MAVLink(None).parse_buffer(bytearray(FrameWriter().encode(frame)))
+    size: int = message.size
+    return size
+
+
+@settings(max_examples=30, deadline=None)
+@given(worlds(), st.randoms(use_true_random=False))
+def test_each_agent_knows_all_it_needs_after_a_packed_broadcast_in_any_order(
+    world: tuple[Mission, dict[int, int]], chance: random.Random
+) -> None:
+    mission, assignment = world
+    frames: list[Frame] = [
+        *fleet_of(mission, assignment, 100),
+        *radii_frames(mission, STAMP, 60),
+        mission_frame(mission, bytes(8), STAMP, 100),
+    ]
+    chance.shuffle(frames)
+    for spec in mission.agents[:2]:
+        picture = Picture(spec.id)
+        for frame in frames:
+            assert picture.take(decode_frame(FrameWriter().encode(frame)), START_S)
+        view = picture.view(START_S)
+        wanted = next((t.position_ned_m for t in mission.targets if t.id == assignment.get(spec.id)), None)
+        assert (view.target_ned_m is None) == (wanted is None)
+        if wanted is not None and view.target_ned_m is not None:
+            assert math.dist(view.target_ned_m, wanted) <= 3.0
+        assert view.threat_ids.tolist() == sorted(threat.id for threat in mission.threats)
+        assert len(view.peers_ned_m) == len(mission.agents) - 1
+        for identity, centre, radius_m in zip(view.threat_ids, view.threats_ned_m, view.attack_radius_m, strict=True):
+            truth = next(threat for threat in mission.threats if threat.id == identity)
+            assert math.dist(centre, truth.position_ned_m) + truth.attack_radius_m <= radius_m + 1e-3
+
+
+def on_air(frames: Sequence[Frame], overhead_bytes: int, typed_signature_bytes: int = 0) -> int:
+    """Return the bytes of frames; a typed message carries its signature after all of its fields."""
+    writer = FrameWriter()
+    sizes = [max(len(writer.encode(frame)), 171 if typed_signature_bytes else 0) + overhead_bytes for frame in frames]
+    assert max(sizes) <= PATH_BYTES
+    return sum(sizes)
+
+
+def rooms(overhead_bytes: int) -> list[int]:
+    heads = (FLEET_HEAD_BYTES, RADII_HEAD_BYTES, MISSION_HEAD_BYTES)
+    return [data_bytes(head, PATH_BYTES, overhead_bytes) for head in heads]
+
+
+def carousel(mission: Mission, overhead_bytes: int) -> list[Frame]:
+    _, radii_room, mission_room = rooms(overhead_bytes)
+    return [*radii_frames(mission, STAMP, radii_room), mission_frame(mission, bytes(8), STAMP, mission_room)]
+
+
+@pytest.mark.parametrize(("overhead_bytes", "limit"), [(MAVLINK_SIGNATURE_BYTES, 3_900), (SIGNATURE_BYTES, 5_300)])
+def test_five_hundred_agents_once_a_second_with_their_carousel_keep_the_budget(overhead_bytes: int, limit: int) -> None:
+    mission, assignment = five_hundred()
+    state_bytes = on_air(fleet_of(mission, assignment, rooms(overhead_bytes)[0]), overhead_bytes)
+    carousel_bytes = on_air(carousel(mission, overhead_bytes), overhead_bytes)
+    assert state_bytes + carousel_bytes / CAROUSEL_PERIOD_S <= limit
+
+
+@pytest.mark.parametrize(("column", "overhead_bytes"), list(enumerate([0, 13, 64, 77])))
+def test_the_bytes_per_second_of_the_wire_page_are_those_of_five_hundred_agents(
+    column: int, overhead_bytes: int
+) -> None:
+    text = (Path(groundstation.__file__).parents[1] / "docs" / "wire.md").read_text(encoding="utf-8")
+    table = text[text.index("| bytes per second |") :].split("\n\n")[0].splitlines()[2:]
+    told = [int(row.split("|")[2 + column]) for row in table]
+    mission, assignment = five_hundred()
+    room = rooms(overhead_bytes)[0]
+    frames = fleet_of(mission, assignment, room)
+    state_bytes = on_air(frames, overhead_bytes)
+    carousel_bytes = on_air(carousel(mission, overhead_bytes), overhead_bytes)
+    unseen = fleet_of(mission.model_copy(update={"case": "II"}), assignment, room)
+    assert told == [
+        state_bytes,
+        len(frames),
+        round(state_bytes + carousel_bytes / CAROUSEL_PERIOD_S),
+        on_air(unseen, overhead_bytes),
+        on_air(states(mission, assignment), overhead_bytes, SIGNATURE_BYTES if overhead_bytes >= 64 else 0),
+        600 * (12 + 38 + overhead_bytes),
+    ]
+
+
+@pytest.mark.parametrize("count", [1, 2, 10, 100, 1_000])
+def test_any_number_of_agents_travels_packed(count: int) -> None:
+    agents = {k: (20.0 * k, 7.0) for k in range(1, count + 1)}
+    frames = fleet_of(mission_of(agents, {1: (0.0, 0.0)}, {}), dict.fromkeys(agents, 1), 205)
+    assert sum(len(frame.agents) for frame in frames) == count
+    assert len(frames) == math.ceil((count + 1) / 39.5)
+
+
+def test_agents_that_nobody_sees_travel_without_a_place() -> None:
+    mission, assignment = five_hundred()
+    frames = fleet_of(mission.model_copy(update={"case": "II"}), assignment, 205)
+    assert all(agent.position_ned_m is None for frame in frames for agent in frame.agents)
+    assert sum(len(frame.agents) for frame in frames) == 500
+    assert len(frames) == 5
+
+
+def test_frames_of_sparse_ids_hold_what_is_near_each_other() -> None:
+    corners = [(0.0, 0.0), (0.0, 190_000.0), (190_000.0, 0.0), (190_000.0, 190_000.0)]
+    agents = {100 * k: (corners[k % 4][0] + k, corners[k % 4][1] - k) for k in range(1, 73)}
+    frames = fleet_of(mission_of(agents, {1: (190_100.0, 190_100.0)}, {}), {}, 205)
+    assert len(frames) == 5  # 18 agents, each a section of 11 bytes, in each of four, and the target
+    assert max(frame.resolution_cm for frame in frames) <= 3  # not 305: 190 km from the origin a base reaches no finer
+
+
+def test_a_threat_seen_long_ago_travels_with_its_age() -> None:
+    mission = mission_of({1: (0.0, 0.0)}, {1: (9.0, 9.0)}, {1: (50_000.0, 0.0)})
+    (frame,) = fleet_frames(ground(mission), mission, {}, Directive.NORMAL, Stamp(START_S, 20_000, 5), 200)
+    assert [threat.age_s for threat in frame.threats] == [20.0]
+
+
+def test_a_fleet_of_nobody_is_still_a_frame_that_says_so() -> None:
+    (frame,) = fleet_of(mission_of({}, {}, {}), {}, 200)
+    assert (frame.agents, frame.targets, frame.threats) == ((), (), ())
+
+
+def test_no_threats_take_no_radii_frame() -> None:
+    assert radii_frames(mission_of({}, {}, {}), STAMP, 200) == []
+
+
+def test_a_path_with_no_room_for_one_entry_is_refused() -> None:
+    mission, assignment = five_hundred()
+    with pytest.raises(WireError, match="allowed: at least 11"):
+        fleet_of(mission, assignment, 10)
+    with pytest.raises(WireError, match="allowed: at least 9"):
+        radii_frames(mission, STAMP, 8)
+
+
+def test_a_mission_frame_tells_what_holds_for_all() -> None:
+    mission, _ = five_hundred()
+    frame = mission_frame(mission, surrogate_digest(mission), STAMP, 200)
+    assert (frame.agents, frame.targets, frame.threats) == (500, 50, 50)
+    assert (frame.origin_lat_deg, frame.origin_alt_m) == (mission.origin.lat_deg, mission.origin.alt_m)
+    assert (frame.separation_m, frame.arrival_radius_m) == (mission.separation_m, mission.arrival_radius_m)
+    assert frame.name == mission.name
+
+
+def test_a_long_name_is_cut_between_characters() -> None:
+    mission = mission_of({}, {}, {}).model_copy(update={"name": "ü" * 40})
+    assert mission_frame(mission, bytes(8), STAMP, 7).name == "üüü"
+
+
+@pytest.mark.parametrize(("surrogate", "known"), [("pairwise", True), ("monolithic", True), ("analytic", False)])
+def test_the_digest_is_that_of_the_weights_the_mission_flies_by(surrogate: str, known: bool) -> None:
+    mission = mission_of({}, {}, {}).model_copy(update={"surrogate": surrogate})
+    digest = surrogate_digest(mission)
+    if not known:
+        assert digest == bytes(8)
+    else:
+        text = (resources.files("companion") / "weights" / f"{surrogate}.json").read_text(encoding="utf-8")
+        assert json.loads(text)["sha256"].startswith(digest.hex())
+        assert digest != bytes(8)

@@ -1,0 +1,95 @@
+"""Whether an erasure code would bring the static parts of the broadcast to everybody sooner than sending them in turn.
+
+Prints, for K parts and independent losses, the expected number of carousel frames until a receiver that begins to
+listen at any moment knows all parts, and the number after which 99.9 % of receivers do: in turn, and for an ideal code
+of which any K frames suffice (no real code needs fewer). As the parts are useful alone, also the expected number until
+a given part is known. All numbers are computed exactly, nothing is drawn by lot.
+
+Run: python tests/benchmarks/carousel.py
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from companion.mission import Mission, ThreatSpec, load_mission
+from companion.packed import MISSION_HEAD_BYTES, RADII_HEAD_BYTES, data_bytes
+from companion.wire import Stamp
+from groundstation.broadcast import mission_frame, radii_frames
+
+LOSSES = (0.0, 0.1, 0.3, 0.5)
+PATH_BYTES = 252
+OVERHEADS_BYTES = {"MAVLink signing": 13, "Ed25519": 64, "both": 77}
+CURRENT_SHARE = 0.999
+NEGLIGIBLE = 1.0e-12
+
+
+def in_turn(sent: int, parts: int, loss: float) -> float:
+    """Return the probability that all parts are known after so many frames."""
+    rounds, more = divmod(sent, parts)
+    return float((1.0 - loss ** (rounds + 1)) ** more * (1.0 - loss**rounds) ** (parts - more))
+
+
+def coded(sent: int, parts: int, loss: float) -> float:
+    """Return the probability that any K of so many frames have arrived."""
+    return 1.0 - sum(
+        math.comb(sent, heard) * (1.0 - loss) ** heard * loss ** (sent - heard) for heard in range(min(parts, sent + 1))
+    )
+
+
+def expected(complete: Callable[[int], float]) -> float:
+    """Return the expected number of frames until complete, given the probability of it after so many."""
+    total, sent = 0.0, 0
+    while (missing := 1.0 - complete(sent)) > NEGLIGIBLE:
+        total, sent = total + missing, sent + 1
+    return total
+
+
+def quantile(complete: Callable[[int], float]) -> int:
+    """Return after how many frames CURRENT_SHARE of the receivers are complete."""
+    sent = 0
+    while complete(sent) < CURRENT_SHARE - NEGLIGIBLE:
+        sent += 1
+    return sent
+
+
+def until_one(parts: int, loss: float) -> float:
+    """Return the expected number of frames until a given part is known, sent in turn: half a round, and lost rounds."""
+    return (parts + 1) / 2.0 + parts * loss / (1.0 - loss)
+
+
+def needed_parts() -> dict[str, int]:
+    """Return how many parts the mission frame and the radii of 50 threats are, by how they are signed."""
+    threats = tuple(
+        ThreatSpec(id=k, north_m=0.0, east_m=0.0, detection_radius_m=10_000.0, attack_radius_m=5_000.0)
+        for k in range(1, 51)
+    )
+    mission = Mission.model_construct(**{**dict(load_mission("paper-static")), "threats": threats})
+    stamp = Stamp(1_790_000_000, 0, 1)
+    parts = {}
+    for name, overhead_bytes in OVERHEADS_BYTES.items():
+        radii = radii_frames(mission, stamp, data_bytes(RADII_HEAD_BYTES, PATH_BYTES, overhead_bytes))
+        mission_frame(mission, bytes(8), stamp, data_bytes(MISSION_HEAD_BYTES, PATH_BYTES, overhead_bytes))
+        parts[name] = 1 + len(radii)
+    return parts
+
+
+def main() -> None:
+    """Print the comparison."""
+    needed = needed_parts()
+    print("parts of a mission with 50 threats:", ", ".join(f"{parts} with {name}" for name, parts in needed.items()))
+    print("frames until known          all: expected      all: 99.9 %     one: expected")
+    print(" K  loss                 in turn     coded  in turn  coded     in turn")
+    for parts in sorted({1, 2, 4, *needed.values()}):
+        for loss in LOSSES:
+            turn = lambda sent, k=parts, p=loss: in_turn(sent, k, p)  # noqa: E731
+            code = lambda sent, k=parts, p=loss: coded(sent, k, p)  # noqa: E731
+            print(
+                f"{parts:2d}  {loss:4.0%}  {'':12s} {expected(turn):9.2f} {expected(code):9.2f} {quantile(turn):8d} "
+                f"{quantile(code):6d} {until_one(parts, loss):11.2f}"
+            )
+
+
+if __name__ == "__main__":
+    main()
