@@ -1,0 +1,149 @@
+"""What a frame costs to send and to believe, beside pymavlink: `python -m tests.benchmarks.signing` from the root.
+
+The frame is the paper's state frame. pymavlink's own pack and parse with signing, of the same message, are the
+yardstick in the same rounds: machines differ and are noisy, so each figure is the median of interleaved rounds, in
+processor time of one core, and stands with its ratio to that yardstick.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from companion.admission import Admission, Trust
+from companion.dialect import oneway
+from companion.drawing import resolve
+from companion.mission import load_mission
+from companion.sealing import Sealer
+from companion.signing import MavlinkSigner, timestamp_of
+from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, Stamp, StateFrame
+from groundstation.broadcast import state_frames
+from groundstation.core import GroundStation
+from tests.companion.hostile import START_S, Ground
+
+ROUNDS = 15
+CALLS = 300
+
+Batch = Callable[[], Callable[[], object]]
+"""Prepares a round, outside its time, and returns what is timed: CALLS frames."""
+
+
+def main() -> None:
+    """Print both tables."""
+    frame = _paper_frame()
+    frames = [replace(frame, stamp=replace(frame.stamp, sequence=index + 1)) for index in range(CALLS)]
+    keys = Ground("both", random.Random(1))
+    private_key, mavlink_key = keys.private_key, keys.mavlink_key
+
+    def sealer(*, sealed: bool, signed: bool) -> Sealer:
+        return Sealer(private_key if sealed else None, MavlinkSigner(mavlink_key, 0) if signed else None)
+
+    def sending(*, sealed: bool, signed: bool) -> Batch:
+        def batch() -> Callable[[], object]:
+            writer, sealing = FrameWriter(), sealer(sealed=sealed, signed=signed)
+            return lambda: [sealing.seal(writer.encode(one), START_S) for one in frames]
+
+        return batch
+
+    def hearing(*, sealed: bool, signed: bool) -> Batch:
+        writer, sealing = FrameWriter(), sealer(sealed=sealed, signed=signed)
+        raws = [sealing.seal(writer.encode(one), START_S) for one in frames]
+        # The bound on checks is for floods; all of these are to be checked at once.
+        trust = Trust(mavlink_key if signed else None, private_key.public_key() if sealed else None, checks_per_s=1e9)
+
+        def batch() -> Callable[[], object]:
+            admission = Admission(trust)
+
+            def hear() -> None:
+                for index, raw in enumerate(raws):
+                    admission.admit(raw, START_S + index / CALLS)
+                if admission.accepted != CALLS:
+                    raise AssertionError(f"{admission.accepted} of {CALLS} accepted: {admission.rejected}")
+
+            return hear
+
+        return batch
+
+    strengths = {
+        "unsigned": (False, False),
+        "MAVLink signing": (False, True),
+        "Ed25519": (True, False),
+        "both": (True, True),
+    }
+    send = {name: sending(sealed=sealed, signed=signed) for name, (sealed, signed) in strengths.items()}
+    hear = {name: hearing(sealed=sealed, signed=signed) for name, (sealed, signed) in strengths.items()}
+    _table("encode and sign", {"pymavlink: pack and sign": _pymavlink_packs(frames, mavlink_key), **send})
+    _table("verify and decode", {"pymavlink: parse and verify": _pymavlink_parses(frames, mavlink_key), **hear})
+
+
+def _paper_frame() -> StateFrame:
+    mission = resolve(load_mission("paper-dynamic"), 1)
+    station = GroundStation(mission, START_S)
+    station.tick(START_S)
+    stamp = Stamp(int(START_S), 0, 1)
+    (frame,) = state_frames(station.picture, mission, station.assignment, station.directive, stamp)
+    return frame
+
+
+def _pymavlink_packs(frames: list[StateFrame], mavlink_key: bytes) -> Batch:
+    """Return the making of the same messages as pymavlink does it: its encode from the fields, and its pack."""
+    fields = [_fields_of(FrameWriter().encode(frame)) for frame in frames]
+
+    def batch() -> Callable[[], object]:
+        sender = _signing(mavlink_key)
+        return lambda: [sender.oneway_state_encode(**one).pack(sender) for one in fields]
+
+    return batch
+
+
+def _pymavlink_parses(frames: list[StateFrame], mavlink_key: bytes) -> Batch:
+    signer, writer = MavlinkSigner(mavlink_key, 0), FrameWriter()
+    raws = [signer.sign(writer.encode(frame), START_S) for frame in frames]
+
+    def batch() -> Callable[[], object]:
+        receiver = _signing(mavlink_key)
+
+        def parse() -> None:
+            for raw in raws:
+                (message,) = receiver.parse_buffer(raw)
+                if not message.get_signed():
+                    raise AssertionError("pymavlink refused a frame")
+
+        return parse
+
+    return batch
+
+
+def _signing(mavlink_key: bytes) -> oneway.MAVLink:
+    mav = oneway.MAVLink(None, srcSystem=GROUND_SYSTEM, srcComponent=GROUND_COMPONENT)
+    mav.robust_parsing = True
+    mav.signing.secret_key = bytearray(mavlink_key)
+    mav.signing.sign_outgoing = True
+    mav.signing.timestamp = timestamp_of(START_S)
+    return mav
+
+
+def _fields_of(raw: bytes) -> dict[str, object]:
+    (message,) = oneway.MAVLink(None).parse_buffer(raw)
+    return {name: getattr(message, name) for name in message.get_fieldnames()}
+
+
+def _table(title: str, batches: dict[str, Batch]) -> None:
+    taken_us: dict[str, list[float]] = {name: [] for name in batches}
+    for _ in range(ROUNDS):
+        for name, batch in batches.items():
+            timed = batch()
+            began_s = time.process_time()
+            timed()
+            taken_us[name].append((time.process_time() - began_s) / CALLS * 1e6)
+    median_us = {name: sorted(values)[ROUNDS // 2] for name, values in taken_us.items()}
+    yardstick_us = next(iter(median_us.values()))
+    print(f"\n{title:<28} us/frame  frames/s  of pymavlink's")
+    for name, value_us in median_us.items():
+        print(f"{name:<28} {value_us:8.1f} {1e6 / value_us:9.0f} {value_us / yardstick_us:12.2f}")
+
+
+if __name__ == "__main__":
+    main()

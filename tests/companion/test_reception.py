@@ -1,0 +1,131 @@
+"""Reception: what is heard against what must have been sent, judged from the frames that were heard."""
+
+from __future__ import annotations
+
+import pytest
+
+from companion.frames import Detection, DetectionsFrame, Directive, Kind, MotionFrame, Stamp, StateFrame
+from companion.reception import MAX_ARRIVALS, Quality, Reception, Warnings
+
+EPOCH_S = 1_800_000_000
+
+
+def state(sequence: int, at_s: float, index: int = 0, count: int = 1, epoch_s: int = EPOCH_S) -> StateFrame:
+    stamp = Stamp(epoch_s, round((at_s - epoch_s) * 1000), sequence, index, count)
+    return StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, (), (), ())
+
+
+def heard(seconds: int, keep: int, of: int, *, period_s: float = 1.0) -> tuple[Reception, float]:
+    """Return a reception that heard `keep` of every `of` broadcasts, and the time at the end."""
+    reception = Reception()
+    for number in range(round(seconds / period_s)):
+        at_s = EPOCH_S + number * period_s
+        if number % of < keep:
+            reception.note(state(number, at_s), at_s)
+    return reception, EPOCH_S + seconds - 0.5 * period_s
+
+
+def quality_of(share: float) -> Quality:
+    return Quality(round(100 * share), 100, share, 0.0, {})
+
+
+def test_before_anything_is_heard_nothing_is_known() -> None:
+    quality = Reception().quality(EPOCH_S)
+    assert (quality.received, quality.expected, quality.share, quality.last_good_s) == (0, 0, 0.0, None)
+    assert quality.ages_s == {}
+
+
+@pytest.mark.parametrize("period_s", [0.2, 1.0, 5.0])
+def test_all_frames_heard_are_a_share_of_one(period_s: float) -> None:
+    reception, now_s = heard(200, 1, 1, period_s=period_s)
+    quality = reception.quality(now_s)
+    assert quality.received == quality.expected == round(60 / period_s)
+    assert quality.share == 1.0
+
+
+@pytest.mark.parametrize(("keep", "of"), [(9, 10), (1, 2), (1, 5), (1, 20)])
+def test_the_share_heard_is_found_from_the_frames_alone(keep: int, of: int) -> None:
+    reception, now_s = heard(200, keep, of)
+    assert reception.quality(now_s).share == pytest.approx(keep / of, abs=0.02)
+
+
+def test_every_frame_of_a_broadcast_in_parts_is_expected() -> None:
+    reception = Reception()
+    for number in range(100):
+        for index in range(3):
+            reception.note(state(number, EPOCH_S + number, index, count=4), EPOCH_S + number)
+    assert reception.quality(EPOCH_S + 99.5).share == pytest.approx(0.75)
+
+
+def test_silence_counts_as_loss_until_nothing_is_left() -> None:
+    reception, now_s = heard(100, 1, 1)
+    assert reception.quality(now_s + 30).share == pytest.approx(0.5)
+    quality = reception.quality(now_s + 61)
+    assert (quality.received, quality.share) == (0, 0.0)
+    assert quality.last_good_s == EPOCH_S + 99
+
+
+def test_a_leap_of_the_sequence_is_no_loss() -> None:
+    reception = Reception()
+    for number in range(100):
+        sequence = number if number < 50 else number + 1_000_000
+        reception.note(state(sequence, EPOCH_S + number), EPOCH_S + number)
+    assert reception.quality(EPOCH_S + 99.5).share == 1.0
+
+
+def test_a_restarted_ground_station_is_no_loss() -> None:
+    reception = Reception()
+    for number in range(100):
+        epoch_s = EPOCH_S + (50 if number >= 50 else 0)
+        reception.note(state(number % 50, EPOCH_S + number, epoch_s=epoch_s), EPOCH_S + number)
+    assert reception.quality(EPOCH_S + 99.5).share == 1.0
+
+
+def test_each_kind_of_news_has_its_own_age() -> None:
+    reception = Reception()
+    reception.note(state(1, EPOCH_S + 1), EPOCH_S + 2)
+    reception.note(MotionFrame(Stamp(EPOCH_S, 4000, 1), (), (), ()), EPOCH_S + 5)
+    assert reception.quality(EPOCH_S + 10).ages_s == {"state": 9.0, "motion": 6.0}
+    assert reception.quality(EPOCH_S + 10).last_good_s == EPOCH_S + 5
+
+
+def test_older_news_that_comes_later_makes_nothing_older() -> None:
+    reception = Reception()
+    reception.note(state(1, EPOCH_S + 9), EPOCH_S + 9)
+    reception.note(state(1, EPOCH_S + 4), EPOCH_S + 9)
+    assert reception.quality(EPOCH_S + 10).ages_s == {"state": 1.0}
+
+
+def test_a_sender_whose_clock_is_ahead_makes_no_age_negative() -> None:
+    reception = Reception()
+    reception.note(state(1, EPOCH_S + 5), EPOCH_S + 2)
+    assert reception.quality(EPOCH_S + 3).ages_s == {"state": 1.0}
+
+
+def test_a_frame_that_is_no_broadcast_is_not_counted() -> None:
+    reception = Reception()
+    look = DetectionsFrame(EPOCH_S, 0, 47.0, 8.0, (Detection(Kind.AGENT, 1, 0.0, 0.0, 0.0, 0.0),))
+    reception.note(look, EPOCH_S)
+    assert reception.quality(EPOCH_S).last_good_s is None
+
+
+def test_memory_is_bounded() -> None:
+    reception = Reception()
+    frame = state(1, EPOCH_S)
+    for _ in range(MAX_ARRIVALS + 100):
+        reception.note(frame, EPOCH_S)
+    assert reception.quality(EPOCH_S).received == MAX_ARRIVALS
+
+
+def test_a_warning_begins_below_a_half_and_ends_above_seven_tenths() -> None:
+    warnings = Warnings()
+    said = [warnings.update(quality_of(share)) for share in (0.9, 0.55, 0.49, 0.45, 0.6, 0.69, 0.71, 0.6, 0.4)]
+    assert [line is not None for line in said] == [False, False, True, False, False, False, True, False, True]
+    assert said[2] == "warning: reception is bad: 49 of 100 frames heard"
+    assert said[6] == "reception is good again: 71 of 100 frames heard"
+    assert warnings.active
+
+
+def test_the_first_few_frames_are_no_reason_to_warn() -> None:
+    assert Warnings().update(Quality(1, 9, 0.11, 0.0, {})) is None
+    assert Warnings().update(Quality(1, 10, 0.1, 0.0, {})) is not None
