@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -13,15 +14,20 @@ from hypothesis import strategies as st
 
 from companion.errors import InputError
 from companion.transport import (
+    ALLOWED,
     RECEIVE_BUFFER_BYTES,
+    RECEIVING,
+    SCHEMES,
+    SENDING,
     Link,
     Receiver,
-    Sender,
+    UdpSender,
     open_duplex,
     open_receiver,
     open_sender,
     parse_link,
 )
+from companion.transport.udp import MAX_PER_WAKE
 
 LOCALHOST = "127.0.0.1"
 
@@ -55,11 +61,45 @@ async def plain_socket() -> AsyncIterator[socket.socket]:
         yield sock
 
 
-@given(st.sampled_from(["udpin", "udpout"]), st.from_regex(r"[a-z0-9.-]{1,20}", fullmatch=True), st.integers(1, 65535))
-def test_a_link_prints_as_it_was_written(scheme: str, host: str, port: int) -> None:
-    text = f"{scheme}:{host}:{port}"
-    assert parse_link(text) == Link(scheme, host, port)
+HOSTS = st.from_regex(r"[a-z0-9.-]{1,20}", fullmatch=True)
+PORTS = st.integers(1, 65535)
+GROUPS = st.tuples(st.integers(224, 239), *[st.integers(0, 255)] * 3).map(lambda parts: ".".join(map(str, parts)))
+PATHS = st.from_regex(r"/[a-zA-Z0-9_:. /-]{1,30}", fullmatch=True)
+LINKS = st.one_of(
+    st.builds(Link, st.sampled_from(["udpin", "udpbcast"]), HOSTS, PORTS),
+    st.builds(
+        lambda addresses: Link("udpout", *addresses[0], tuple(addresses[1:])),
+        st.lists(st.tuples(HOSTS, PORTS), min_size=1, max_size=4, unique=True),
+    ),
+    st.builds(Link, st.just("mcast"), GROUPS, PORTS, interface=st.sampled_from(["", "127.0.0.1", "10.1.2.3"])),
+    st.builds(Link, st.just("serial"), path=PATHS, baud=st.sampled_from([1200, 57600, 115200])),
+    st.builds(Link, st.just("file"), path=PATHS.map(lambda path: f"{path}.tlog")),
+)
+
+
+@given(LINKS)
+def test_a_link_is_what_its_text_says(link: Link) -> None:
+    assert parse_link(str(link)) == link
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "udpin:0.0.0.0:14550",
+        "udpout:10.0.0.2:14550,10.0.0.3:14551",
+        "udpbcast:192.168.1.255:14550",
+        "mcast:239.255.145.50:14550",
+        "mcast:239.255.145.50:14550@10.0.0.1",
+        "serial:/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0:57600",
+        "file:flight.tlog",
+    ],
+)
+def test_a_link_prints_as_it_was_written(text: str) -> None:
     assert str(parse_link(text)) == text
+
+
+def test_a_serial_device_may_be_written_as_for_pymavlink() -> None:
+    assert parse_link("/dev/ttyUSB0,57600") == parse_link("serial:/dev/ttyUSB0:57600")
 
 
 @pytest.mark.parametrize(
@@ -79,13 +119,34 @@ def test_a_link_prints_as_it_was_written(scheme: str, host: str, port: int) -> N
         ("udpin:127.0.0.1:-1", "from 1 to 65535"),
         ("udpin:127.0.0.1:1e3", "from 1 to 65535"),
         ("udpin:127.0.0.1:٣", "from 1 to 65535"),
+        ("udpin:127.0.0.1:1,127.0.0.1:2", "2 addresses; allowed: udpin:HOST:PORT"),
+        ("udpbcast:10.0.0.255:1,10.0.1.255:1", "2 addresses; allowed: udpbcast:HOST:PORT"),
+        ("udpout:127.0.0.1:1,", "host or port missing; allowed: udpout:HOST:PORT"),
+        ("udpout:127.0.0.1:1,127.0.0.1:1", "an address is there twice"),
+        ("mcast:10.0.0.1:14550", "'10.0.0.1' is no group; allowed: .*224.0.0.0"),
+        ("mcast:all:14550", "'all' is no group"),
+        ("mcast:14550", "host or port missing"),
+        ("mcast:239.1.1.1:14550@eth0", "interface 'eth0' is no IPv4 address"),
+        ("mcast:239.1.1.1:14550@", "interface '' is no IPv4 address"),
+        ("serial:/dev/ttyUSB0", "allowed: serial:DEVICE:BAUD"),
+        ("serial:ttyUSB0:57600", "'ttyUSB0' is no device's full path"),
+        ("serial:/dev/ttyUSB0:57601", "baud rate '57601'; allowed: .*57600"),
+        ("/dev/ttyUSB0,", "baud rate ''"),
+        ("/dev/ttyUSB0", "unknown scheme"),
+        ("file:flight.bin", "'flight.bin' is no telemetry log's name; allowed: file:PATH.tlog"),
     ],
 )
 def test_a_bad_link_is_refused_in_one_line_with_what_is_allowed(text: str, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint) as caught:
         parse_link(text)
     assert "\n" not in str(caught.value)
-    assert "allowed: udpin:HOST:PORT" in str(caught.value)
+    assert "allowed: " in str(caught.value)
+
+
+def test_an_unknown_scheme_is_told_every_form() -> None:
+    with pytest.raises(InputError) as caught:
+        parse_link("tcp:127.0.0.1:5760")
+    assert ALLOWED in str(caught.value)
 
 
 @given(st.text(max_size=40))
@@ -115,18 +176,77 @@ def test_a_receiver_has_no_way_to_send() -> None:
     assert [name for name in dir(Receiver) if not name.startswith("_")] == ["close"]
 
 
-def test_a_receiver_never_writes_back() -> None:
+@pytest.mark.parametrize("scheme", ["udpin", "udpbcast", "mcast"])
+def test_the_kernel_refuses_to_write_on_a_receivers_socket(scheme: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[socket.socket] = []
+
+    class WatchedSocket(socket.socket):
+        def __init__(self, *arguments: int) -> None:
+            super().__init__(*arguments)
+            opened.append(self)
+
+    monkeypatch.setattr(socket, "socket", WatchedSocket)
+    hosts = {"udpin": LOCALHOST, "udpbcast": "127.255.255.255", "mcast": "239.255.145.50"}
+
+    async def body() -> None:
+        port = free_port()
+        link = Link(scheme, hosts[scheme], port, interface=LOCALHOST if scheme == "mcast" else "")
+        receiver = await open_receiver(link, lambda _: None)
+        with pytest.raises(BrokenPipeError):
+            opened[-1].sendto(b"must not leave", (LOCALHOST, port))
+        receiver.close()
+
+    run(body)
+
+
+def test_what_a_receiver_hands_a_datagram_to_may_close_it() -> None:
     async def body() -> None:
         heard: list[bytes] = []
+
+        def take(datagram: bytes) -> None:
+            heard.append(datagram)
+            receiver.close()
+
         port = free_port()
-        receiver = await open_receiver(Link("udpin", LOCALHOST, port), heard.append)
+        receiver = await open_receiver(Link("udpin", LOCALHOST, port), take)
         async with plain_socket() as talker:
-            for index in range(20):
-                talker.sendto(bytes([index]), (LOCALHOST, port))
-            await until(lambda: len(heard) == 20)
-            with pytest.raises(BlockingIOError):
-                talker.recv(100)
+            for _ in range(3):
+                talker.sendto(b"x", (LOCALHOST, port))
+        await until(lambda: bool(heard))
+        await asyncio.sleep(0.01)
+        assert heard == [b"x"]
         receiver.close()
+
+    run(body)
+
+
+def test_a_flood_leaves_others_on_the_event_loop_their_turn() -> None:
+    async def body() -> None:
+        heard: list[int] = []
+        port = free_port()
+        receiver = await open_receiver(Link("udpin", LOCALHOST, port), lambda _: heard.append(0))
+        async with plain_socket() as talker:
+            for _ in range(3 * MAX_PER_WAKE):
+                talker.sendto(b"flood", (LOCALHOST, port))
+        seen = []
+        while len(heard) < 3 * MAX_PER_WAKE:
+            await asyncio.sleep(0.0)
+            seen.append(len(heard))
+        assert max(later - earlier for earlier, later in itertools.pairwise([0, *seen])) == MAX_PER_WAKE
+        receiver.close()
+
+    run(body)
+
+
+def test_a_sender_to_a_list_reaches_everybody_on_it() -> None:
+    async def body() -> None:
+        async with plain_socket() as first, plain_socket() as second:
+            ports = [sock.getsockname()[1] for sock in (first, second)]
+            sender = await open_sender(parse_link(f"udpout:{LOCALHOST}:{ports[0]},localhost:{ports[1]}"))
+            sender.send(b"to all")
+            assert (first.recv(100), second.recv(100)) == (b"to all", b"to all")
+            assert sender.counts.sent == 2
+            sender.close()
 
     run(body)
 
@@ -178,10 +298,26 @@ class BrokenSocket:
     [(BlockingIOError(), "full"), (ConnectionRefusedError(), "refused"), (OSError("no route"), "failed")],
 )
 def test_a_failure_to_send_is_counted_and_not_raised(error: OSError, field: str) -> None:
-    sender = Sender(BrokenSocket(error), (LOCALHOST, 9))  # type: ignore[arg-type]
+    sender = UdpSender(BrokenSocket(error), [(LOCALHOST, 9)])  # type: ignore[arg-type]
     sender.send(b"x")
     assert getattr(sender.counts, field) == 1
     assert sender.counts.sent == 0
+
+
+def test_one_of_a_list_that_cannot_be_reached_keeps_nothing_from_the_others() -> None:
+    class HalfBrokenSocket:
+        sent_to: list[tuple[str, int]] = []
+
+        def sendto(self, _data: bytes, address: tuple[str, int]) -> None:
+            if address[1] == 1:
+                raise OSError("no route")
+            self.sent_to.append(address)
+
+    half_broken = HalfBrokenSocket()
+    sender = UdpSender(half_broken, [(LOCALHOST, 1), (LOCALHOST, 2)])  # type: ignore[arg-type]
+    sender.send(b"x")
+    assert half_broken.sent_to == [(LOCALHOST, 2)]
+    assert (sender.counts.sent, sender.counts.failed) == (1, 1)
 
 
 def test_sending_after_closing_is_counted_as_failed() -> None:
@@ -287,12 +423,36 @@ def test_an_unknown_host_name_is_an_error_in_one_line() -> None:
 
 def test_an_end_point_refuses_the_wrong_direction() -> None:
     async def body() -> None:
-        with pytest.raises(InputError, match="only listens"):
+        with pytest.raises(InputError, match="only listens; allowed: udpin.*mcast.*serial.*file"):
             await open_receiver(Link("udpout", LOCALHOST, 14550), lambda _: None)
-        with pytest.raises(InputError, match="only sends"):
+        with pytest.raises(InputError, match="only sends; allowed: udpout.*mcast.*serial.*file"):
             await open_sender(Link("udpin", LOCALHOST, 14550))
 
     run(body)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "udpout:127.0.0.1:1,127.0.0.1:2",
+        "udpbcast:127.255.255.255:14550",
+        "mcast:239.1.1.1:14550",
+        "serial:/dev/ttyUSB0:57600",
+        "file:flight.tlog",
+    ],
+)
+def test_an_autopilot_is_not_spoken_with_over_a_link_of_one_direction(text: str) -> None:
+    async def body() -> None:
+        with pytest.raises(InputError, match="this end goes both ways; allowed: udpin:HOST:PORT, udpout:HOST:PORT"):
+            await open_duplex(parse_link(text), lambda _: None)
+
+    run(body)
+
+
+def test_every_scheme_has_an_end() -> None:
+    assert set(RECEIVING) | set(SENDING) == set(SCHEMES)
+    assert set(SCHEMES) - set(RECEIVING) == {"udpout"}
+    assert set(SCHEMES) - set(SENDING) == {"udpin"}
 
 
 def test_a_receiver_asks_for_a_larger_buffer_than_the_default(monkeypatch: pytest.MonkeyPatch) -> None:

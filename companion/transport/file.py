@@ -1,0 +1,93 @@
+"""Telemetry logs as links: a sender writes one, a receiver plays one back at the pace at which it was recorded."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Iterator
+
+from companion.errors import InputError
+from companion.tlog import TlogWriter, read_tlog, whole_frames
+from companion.transport.link import Link, OnDatagram, ReceiveCounts, Receiver, Sender
+
+
+async def open_file_receiver(link: Link, on_datagram: OnDatagram) -> Receiver:
+    """Play a log back, one frame at a time; raises InputError if it cannot be read."""
+    playback = _Playback(read_tlog(link.path), on_datagram)
+    return Receiver(playback.close, playback.counts)
+
+
+async def open_file_sender(link: Link) -> FileSender:
+    """Begin a log, replacing an older one; raises InputError if it cannot be written."""
+    return FileSender(TlogWriter(link.path))
+
+
+class FileSender(Sender):
+    """Writes each frame with the time at which it was sent."""
+
+    def __init__(self, writer: TlogWriter) -> None:
+        super().__init__()
+        self._writer: TlogWriter | None = writer
+
+    def send(self, datagram: bytes) -> None:
+        """Append a datagram's frames; what is no frame, and what a full disk refuses, is counted as failed."""
+        frames = list(whole_frames(datagram))
+        if self._writer is None or sum(map(len, frames)) != len(datagram):
+            self.counts.failed += 1
+            return
+        try:
+            for frame in frames:
+                self._writer.write(time.time(), frame)
+            # At once: a log that was cut off shall lack nothing that was sent before.
+            self._writer.flush()
+        except OSError:
+            self.counts.failed += 1
+        else:
+            self.counts.sent += 1
+
+    def close(self) -> None:
+        """Close the log; later sends count as failed."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            try:
+                writer.close()
+            except OSError:
+                self.counts.failed += 1
+
+
+class _Playback:
+    """Hands a log's frames on, each when it is due; one at a time, so that others on the event loop get their turn."""
+
+    def __init__(self, records: Iterator[tuple[float, bytes]], on_datagram: OnDatagram) -> None:
+        self.counts = ReceiveCounts()
+        self._records = records
+        self._on_datagram = on_datagram
+        self._loop = asyncio.get_running_loop()
+        self._began_s = self._loop.time()
+        self._first_s: float | None = None
+        self._waiting: asyncio.TimerHandle | None = None
+        self._wait_for_next()
+
+    def close(self) -> None:
+        """Stop playing."""
+        if self._waiting is not None:
+            self._waiting.cancel()
+
+    def _wait_for_next(self) -> None:
+        try:
+            record = next(self._records, None)
+        except InputError:
+            # A damaged record: where the next one begins is not known.
+            self.counts.failed += 1
+            record = None
+        if record is None:
+            self._waiting = None
+            return
+        t_unix_s, frame = record
+        self._first_s = t_unix_s if self._first_s is None else self._first_s
+        self._waiting = self._loop.call_at(self._began_s + t_unix_s - self._first_s, self._hand_on, frame)
+
+    def _hand_on(self, frame: bytes) -> None:
+        self.counts.chunks += 1
+        self._wait_for_next()
+        self._on_datagram(frame)

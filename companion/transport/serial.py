@@ -1,0 +1,282 @@
+"""Serial radios: bytes as they come, a sender that never queues behind a slow radio, and unplugging that ends nothing.
+
+The device is opened and set up here, without a library, for one property: the receiver's descriptor is read-only, so
+that the kernel refuses every write. Flow control lines are not used (three wires are enough): the sender is paced.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import fcntl
+import os
+import termios
+from collections.abc import Callable
+from contextlib import suppress
+
+from companion.dialect.oneway import x25crc
+from companion.errors import InputError
+from companion.transport.link import Link, OnDatagram, ReceiveCounts, Receiver, SendCounts, Sender
+
+REOPEN_FIRST_S = 0.25
+REOPEN_MAX_S = 4.0
+"""An unplugged device is looked for again after the first, then after twice as long each time up to the second."""
+TXBUF_VALID_S = 5.0
+"""A radio reports about once a second; what it said longer ago says nothing about now."""
+
+_READ_BYTES = 4096
+
+# RADIO_STATUS of MAVLink's common set, and RADIO of ardupilotmega, which older radios send: same fields, other check.
+_CRC_EXTRA = {109: 185, 166: 21}
+_STATUS_BYTES = 9
+_TXBUF_AT = 6
+"""Behind rxerrors and fixed (uint16), rssi and remrssi (uint8)."""
+_MARKER_V1, _MARKER_V2 = 0xFE, 0xFD
+_HEADER_V1_BYTES, _HEADER_V2_BYTES = 6, 10
+_CRC_BYTES = 2
+_LONGEST_BYTES = _HEADER_V2_BYTES + _STATUS_BYTES + _CRC_BYTES
+
+
+async def open_serial_receiver(link: Link, on_chunk: OnDatagram) -> Receiver:
+    """Listen on a serial device; raises InputError if it cannot be opened."""
+    counts = ReceiveCounts()
+
+    def take(chunk: bytes) -> None:
+        counts.chunks += 1
+        on_chunk(chunk)
+
+    device = _Device(link, os.O_RDONLY, take, counts)
+    device.open_first()
+    return Receiver(device.close, counts, is_stream=True)
+
+
+async def open_serial_sender(link: Link) -> SerialSender:
+    """Open a serial device to send; raises InputError if it cannot be opened."""
+    sender = SerialSender(link)
+    sender.open_first()
+    return sender
+
+
+class SerialSender(Sender):
+    """Writes whole frames to a serial radio, and hears from the radio itself how full its buffer is, nothing else."""
+
+    def __init__(self, link: Link) -> None:
+        super().__init__()
+        self._device = _Device(link, os.O_RDWR, self._hear, self.counts)
+        self._device.on_lost = self._forget
+        self._status = RadioStatusReader()
+        self._rest = b""
+        self._txbuf: tuple[float, int] | None = None
+
+    def open_first(self) -> None:
+        """Open the device; raises InputError if that fails."""
+        self._device.open_first()
+
+    @property
+    def txbuf_percent(self) -> int | None:
+        """Free share of the radio's transmit buffer by its last report; None if that was too long ago."""
+        if self._txbuf is None or self._device.loop.time() - self._txbuf[0] > TXBUF_VALID_S:
+            return None
+        return self._txbuf[1]
+
+    def send(self, datagram: bytes) -> None:
+        """Write one datagram whole or not at all; while an earlier one is still being written it is dropped."""
+        if self._device.fd is None:
+            self.counts.failed += 1
+        elif self._rest:
+            self.counts.full += 1
+        else:
+            self._write(datagram)
+
+    def close(self) -> None:
+        """Close the device; later sends count as failed."""
+        self._device.close()
+
+    def _write(self, datagram: bytes) -> None:
+        fd = self._device.fd
+        assert fd is not None
+        try:
+            written = os.write(fd, datagram)
+        except BlockingIOError:
+            self.counts.full += 1
+        except OSError:
+            self._device.lose()
+        else:
+            self.counts.sent += 1
+            self._rest = datagram[written:]
+            if self._rest:
+                self._device.loop.add_writer(fd, self._write_rest)
+
+    def _write_rest(self) -> None:
+        fd = self._device.fd
+        assert fd is not None
+        try:
+            self._rest = self._rest[os.write(fd, self._rest) :]
+        except BlockingIOError:
+            return
+        except OSError:
+            self._device.lose()
+            return
+        if not self._rest:
+            self._device.loop.remove_writer(fd)
+
+    def _hear(self, chunk: bytes) -> None:
+        txbuf_percent = self._status.feed(chunk)
+        if txbuf_percent is not None:
+            self._txbuf = (self._device.loop.time(), txbuf_percent)
+
+    def _forget(self) -> None:
+        """Drop what belonged to the device that is gone."""
+        self._rest, self._txbuf, self._status = b"", None, RadioStatusReader()
+
+
+class RadioStatusReader:
+    """Finds a radio's reports in what comes in from it, whatever else comes in."""
+
+    def __init__(self) -> None:
+        self._pending = b""
+
+    def feed(self, chunk: bytes) -> int | None:
+        """Return the newest report's free share of the transmit buffer in percent, or None if there is no report."""
+        self._pending += chunk
+        newest = None
+        at = 0
+        while at < len(self._pending):
+            length = _status_length(self._pending[at : at + _HEADER_V2_BYTES])
+            if length is None:
+                at += 1
+                continue
+            if at + length > len(self._pending):
+                break
+            txbuf_percent = _txbuf_percent(self._pending[at : at + length])
+            if txbuf_percent is None:
+                at += 1
+            else:
+                newest = txbuf_percent
+                at += length
+        self._pending = self._pending[at:]
+        return newest
+
+
+def _status_length(head: bytes) -> int | None:
+    """Return how long a report is that begins with these bytes, as far as they are known; None if none does."""
+    if head[0] == _MARKER_V1:
+        is_status = head[1:2] in (b"", bytes([_STATUS_BYTES])) and (len(head) < 6 or head[5] in _CRC_EXTRA)
+        return _HEADER_V1_BYTES + _STATUS_BYTES + _CRC_BYTES if is_status else None
+    if head[0] == _MARKER_V2:
+        # Trailing zeros of a payload are not sent. A signature, if any, is skipped as noise: radios sign nothing.
+        if len(head) < _HEADER_V2_BYTES:
+            return _LONGEST_BYTES if len(head) < 2 or 1 <= head[1] <= _STATUS_BYTES else None
+        is_status = 1 <= head[1] <= _STATUS_BYTES and int.from_bytes(head[7:10], "little") in _CRC_EXTRA
+        return _HEADER_V2_BYTES + head[1] + _CRC_BYTES if is_status else None
+    return None
+
+
+def _txbuf_percent(report: bytes) -> int | None:
+    """Return what a report says, or None if its check fails."""
+    header_bytes, id_at = (_HEADER_V1_BYTES, 5) if report[0] == _MARKER_V1 else (_HEADER_V2_BYTES, 7)
+    extra = _CRC_EXTRA[report[id_at]]
+    if x25crc(report[1:-_CRC_BYTES] + bytes([extra])).crc != int.from_bytes(report[-_CRC_BYTES:], "little"):
+        return None
+    payload = report[header_bytes:-_CRC_BYTES].ljust(_STATUS_BYTES, b"\0")
+    return min(payload[_TXBUF_AT], 100)
+
+
+class _Device:
+    """A serial device that is opened again, ever less often, after it has gone."""
+
+    def __init__(self, link: Link, access: int, on_chunk: OnDatagram, counts: SendCounts | ReceiveCounts) -> None:
+        self.loop = asyncio.get_running_loop()
+        self.fd: int | None = None
+        self.on_lost: Callable[[], None] = lambda: None
+        self._link = link
+        self._access = access
+        self._on_chunk = on_chunk
+        self._counts = counts
+        self._wait_s = REOPEN_FIRST_S
+        self._reopening: asyncio.TimerHandle | None = None
+
+    def open_first(self) -> None:
+        """Open; raises InputError naming the reason."""
+        try:
+            self._open()
+        except OSError as error:
+            reason = {
+                errno.ENOENT: "no such device",
+                errno.EACCES: "no permission; allowed: a member of the device's group, often dialout",
+                errno.EBUSY: "in use by another program",
+                errno.ENOTTY: "not a serial device",
+            }.get(error.errno or 0, str(error.strerror))
+            raise InputError(f"link '{self._link}': {reason}") from error
+
+    def lose(self) -> None:
+        """Count the loss, and look for the device again after a while."""
+        self._counts.failed += 1
+        self._release()
+        self.on_lost()
+        self._reopen_later()
+
+    def close(self) -> None:
+        """Close for good."""
+        self._release()
+        if self._reopening is not None:
+            self._reopening.cancel()
+
+    def _open(self) -> None:
+        fd = os.open(self._link.path, self._access | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            _set_up(fd, self._link.baud)
+        except termios.error as error:
+            os.close(fd)
+            raise OSError(*error.args) from error
+        except OSError:
+            os.close(fd)
+            raise
+        self.fd = fd
+        self.loop.add_reader(fd, self._read)
+
+    def _read(self) -> None:
+        assert self.fd is not None
+        try:
+            chunk = os.read(self.fd, _READ_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            chunk = b""
+        if chunk:
+            self._wait_s = REOPEN_FIRST_S
+            self._on_chunk(chunk)
+        else:
+            self.lose()
+
+    def _release(self) -> None:
+        if self.fd is not None:
+            self.loop.remove_reader(self.fd)
+            self.loop.remove_writer(self.fd)
+            os.close(self.fd)
+            self.fd = None
+
+    def _reopen_later(self) -> None:
+        self._reopening = self.loop.call_later(self._wait_s, self._reopen)
+        self._wait_s = min(2.0 * self._wait_s, REOPEN_MAX_S)
+
+    def _reopen(self) -> None:
+        try:
+            self._open()
+        except OSError:
+            self._reopen_later()
+        else:
+            self._counts.reopened += 1
+
+
+def _set_up(fd: int, baud: int) -> None:
+    """Set eight bits, no parity, one stop bit, nothing echoed or translated; raises termios.error or OSError."""
+    speed = getattr(termios, f"B{baud}")
+    characters = termios.tcgetattr(fd)[6]
+    characters[termios.VMIN], characters[termios.VTIME] = 1, 0
+    modes = termios.CS8 | termios.CREAD | termios.CLOCAL
+    termios.tcsetattr(fd, termios.TCSANOW, [termios.IGNBRK, 0, modes, 0, speed, speed, characters])
+    with suppress(OSError):
+        # Two readers would each get a part of the bytes.
+        fcntl.ioctl(fd, termios.TIOCEXCL)
+    termios.tcflush(fd, termios.TCIOFLUSH)

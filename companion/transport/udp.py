@@ -1,0 +1,310 @@
+"""UDP end points: to one address or a list, to a subnet's broadcast address, to a multicast group."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import socket
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+from companion.errors import InputError
+from companion.transport.link import Address, Link, OnDatagram, ReceiveCounts, Receiver, SendCounts, Sender
+
+RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
+"""Asked of the kernel, which may grant less: its usual 208 KiB hold only about 166 broadcast frames (measured)."""
+MAX_PER_WAKE = 64
+"""Datagrams read before others on the event loop get their turn."""
+
+REJOIN_PERIOD_S = 5.0
+"""How often a group is joined again: a network interface that was unplugged comes back as another one."""
+
+_DATAGRAM_BYTES = 65_536
+"""The longest that UDP carries."""
+_TTL = 1
+"""Hops of a multicast datagram: it stays in its own network."""
+_IP_MULTICAST_ALL = 49
+"""From linux/in.h, which the standard library does not name: 0 delivers only what this socket itself has joined."""
+_UNUSED_PORT = 9
+_ANY = "0.0.0.0"
+
+
+async def open_udp_receiver(link: Link, on_datagram: OnDatagram, receive_buffer_bytes: int) -> Receiver:
+    """Listen on a `udpin`, `udpbcast` or `mcast` link; raises InputError if it cannot be opened."""
+    sock = await _listening_socket(link, receive_buffer_bytes)
+    _forbid_writing(sock)
+    counts = ReceiveCounts()
+    loop = asyncio.get_running_loop()
+    loop.add_reader(sock, _Reading(sock, on_datagram, counts).read)
+    rejoining = _Rejoining(link, sock, counts) if link.scheme == "mcast" else None
+
+    def close() -> None:
+        if rejoining is not None:
+            rejoining.cancel()
+        if sock.fileno() >= 0:
+            loop.remove_reader(sock)
+            sock.close()
+
+    return Receiver(close, counts)
+
+
+async def open_udp_sender(link: Link) -> UdpSender:
+    """Open a `udpout`, `udpbcast` or `mcast` link; raises InputError if it cannot be opened."""
+    destinations = [await _resolve(link, address) for address in dict.fromkeys([(link.host, link.port), *link.others])]
+    if link.scheme == "udpbcast":
+        _require_broadcast(link, destinations[0][0])
+    # Nothing is ever read, so nothing needs to be kept.
+    sock = _new_socket(receive_buffer_bytes=0)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+    if link.scheme != "mcast":
+        return UdpSender(sock, destinations)
+    try:
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, _TTL)
+        return MulticastSender(sock, destinations[0], _interface(link))
+    except OSError as error:
+        sock.close()
+        raise InputError(f"link '{link}': {_why(link, error)}") from error
+
+
+async def open_udp_duplex(link: Link, on_datagram: OnDatagram, receive_buffer_bytes: int) -> Duplex:
+    """Open a `udpin` or a `udpout` link in both directions; raises InputError if it cannot be opened."""
+    if link.scheme == "udpin":
+        sock, fixed_peer = await _listening_socket(link, receive_buffer_bytes), None
+    else:
+        fixed_peer = await _resolve(link, (link.host, link.port))
+        sock = _new_socket(receive_buffer_bytes)
+        sock.bind(("", 0))
+    transport, protocol = await asyncio.get_running_loop().create_datagram_endpoint(
+        lambda: _DuplexProtocol(on_datagram, fixed_peer), sock=sock
+    )
+    return Duplex(sock, transport, protocol)
+
+
+class UdpSender(Sender):
+    """Sends each datagram to every destination. What comes back is never read."""
+
+    def __init__(self, sock: socket.socket, destinations: Sequence[Address]) -> None:
+        super().__init__()
+        self._sock = sock
+        self._destinations = tuple(destinations)
+
+    def send(self, datagram: bytes) -> None:
+        """Send one datagram to each destination; a failure is counted, never raised."""
+        for destination in self._destinations:
+            _send_counted(self._sock, datagram, destination, self.counts)
+
+    def close(self) -> None:
+        """Free the socket; later sends count as failed."""
+        self._sock.close()
+
+
+class MulticastSender(UdpSender):
+    """Sends to a group through one interface, also after that was unplugged and plugged in again."""
+
+    def __init__(self, sock: socket.socket, group: Address, interface: bytes) -> None:
+        """Choose the interface, four bytes of address; raises OSError if this computer does not have it."""
+        super().__init__(sock, [group])
+        self._interface = interface
+        self._choose_interface()
+
+    def send(self, datagram: bytes) -> None:
+        """Send one datagram to the group; a failure is counted, never raised."""
+        failed_before = self.counts.failed
+        super().send(datagram)
+        if self.counts.failed > failed_before:
+            with suppress(OSError):
+                self._choose_interface()
+
+    def _choose_interface(self) -> None:
+        self._sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, self._interface)
+
+
+class Duplex:
+    """The end point of an autopilot link: a fixed peer, or the one that was heard last."""
+
+    def __init__(self, sock: socket.socket, transport: asyncio.DatagramTransport, protocol: _DuplexProtocol) -> None:
+        self._sock = sock
+        self._transport = transport
+        self._protocol = protocol
+        self.counts = SendCounts()
+
+    @property
+    def peer(self) -> Address | None:
+        """Who gets the next datagram, if anybody is known."""
+        return self._protocol.peer
+
+    def send(self, datagram: bytes) -> None:
+        """Send one datagram to the peer; a failure, or having no peer yet, is counted, never raised."""
+        if self._protocol.peer is None:
+            self.counts.no_peer += 1
+        elif self._transport.is_closing():
+            self.counts.failed += 1
+        else:
+            # Past the transport's own sendto, which would queue without bound behind a full socket.
+            _send_counted(self._sock, datagram, self._protocol.peer, self.counts)
+
+    def close(self) -> None:
+        """Stop receiving and free the port; later sends count as failed."""
+        self._transport.close()
+
+
+class _Reading:
+    """Reads what a socket holds, a bounded number of datagrams at a time."""
+
+    def __init__(self, sock: socket.socket, on_datagram: OnDatagram, counts: ReceiveCounts) -> None:
+        self._sock = sock
+        self._on_datagram = on_datagram
+        self._counts = counts
+        self._buffer = bytearray(_DATAGRAM_BYTES)
+
+    def read(self) -> None:
+        for _ in range(MAX_PER_WAKE):
+            # Whoever was handed the last datagram may have closed the receiver.
+            if self._sock.fileno() < 0:
+                return
+            try:
+                size = self._sock.recv_into(self._buffer)
+            except BlockingIOError:
+                return
+            except OSError:
+                # Such as the network going down: no reason to stop listening.
+                self._counts.failed += 1
+                return
+            self._counts.chunks += 1
+            self._on_datagram(bytes(self._buffer[:size]))
+
+
+class _Rejoining:
+    """Joins a group again from time to time, which is refused as long as the membership still stands."""
+
+    def __init__(self, link: Link, sock: socket.socket, counts: ReceiveCounts) -> None:
+        self._link = link
+        self._sock = sock
+        self._counts = counts
+        self._wait()
+
+    def cancel(self) -> None:
+        self._waiting.cancel()
+
+    def _wait(self) -> None:
+        self._waiting = asyncio.get_running_loop().call_later(REJOIN_PERIOD_S, self._join)
+
+    def _join(self) -> None:
+        with suppress(OSError):
+            _join(self._link, self._sock)
+            self._counts.reopened += 1
+        self._wait()
+
+
+@dataclass(slots=True)
+class _DuplexProtocol(asyncio.DatagramProtocol):
+    on_datagram: OnDatagram
+    fixed_peer: Address | None
+    peer: Address | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.peer = self.fixed_peer
+
+    def datagram_received(self, data: bytes, addr: Address) -> None:
+        if self.fixed_peer is None:
+            self.peer = addr
+        elif addr != self.fixed_peer:
+            return
+        self.on_datagram(data)
+
+    def error_received(self, exc: Exception) -> None:
+        """Drop what ICMP reports: an autopilot that starts later must still be heard."""
+
+
+def _send_counted(sock: socket.socket, datagram: bytes, destination: Address, counts: SendCounts) -> None:
+    try:
+        sock.sendto(datagram, destination)
+    except BlockingIOError:
+        counts.full += 1
+    except ConnectionRefusedError:
+        counts.refused += 1
+    except OSError:
+        counts.failed += 1
+    else:
+        counts.sent += 1
+
+
+def _new_socket(receive_buffer_bytes: int | None = None) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.setblocking(False)
+    if receive_buffer_bytes is not None:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer_bytes)
+    return sock
+
+
+async def _listening_socket(link: Link, receive_buffer_bytes: int) -> socket.socket:
+    address = await _resolve(link, (link.host, link.port))
+    if link.scheme == "udpbcast" and address[0] != _ANY:
+        _require_broadcast(link, address[0])
+    sock = _new_socket(receive_buffer_bytes)
+    try:
+        if link.scheme != "udpin":
+            # Each receiver on this computer gets its copy. Not for udpin: of what is sent to one computer alone, a
+            # second program would silently take everything over.
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(address)
+        if link.scheme == "mcast":
+            sock.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+            sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(link.host) + _interface(link))
+    except OSError as error:
+        sock.close()
+        raise InputError(f"link '{link}': {_why(link, error)}") from error
+    return sock
+
+
+def _join(link: Link, sock: socket.socket) -> None:
+    sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(link.host) + _interface(link))
+
+
+def _interface(link: Link) -> bytes:
+    return socket.inet_aton(link.interface or _ANY)
+
+
+def _why(link: Link, error: OSError) -> str:
+    if link.scheme == "mcast" and error.errno in (errno.EADDRNOTAVAIL, errno.ENODEV):
+        if link.interface:
+            return f"{link.interface} is not an address of this computer"
+        return "no route to the group; name the interface: @ADDRESS"
+    return {
+        errno.EADDRINUSE: f"port {link.port} is in use by another program",
+        errno.EADDRNOTAVAIL: f"{link.host} is not an address of this computer",
+        errno.EACCES: f"no permission to use port {link.port}",
+    }.get(error.errno or 0, str(error.strerror))
+
+
+def _require_broadcast(link: Link, host: str) -> None:
+    """Raise InputError for an address of one computer: it would be heard by that one, or never come, in silence."""
+    with _new_socket() as probe:
+        try:
+            probe.connect((host, _UNUSED_PORT))
+        except OSError:
+            # Refused to a socket without SO_BROADCAST: the routing table knows it as a broadcast address. Without a
+            # route nothing is known, and what is sent will be counted as failed until there is one.
+            return
+    raise InputError(
+        f"link '{link}': {host} is not the broadcast address of a network of this computer; "
+        "allowed: that address, as `ip address` shows it after brd, or 0.0.0.0 to listen"
+    )
+
+
+def _forbid_writing(sock: socket.socket) -> None:
+    """Let the kernel itself refuse every write to a socket that is only for listening."""
+    with suppress(OSError):
+        # Linux marks the socket, and says ENOTCONN all the same because no peer is there to be told.
+        sock.shutdown(socket.SHUT_WR)
+
+
+async def _resolve(link: Link, address: Address) -> Address:
+    loop = asyncio.get_running_loop()
+    try:
+        found = await loop.getaddrinfo(*address, family=socket.AF_INET, type=socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"link '{link}': host name '{address[0]}' is unknown") from error
+    host, port = found[0][4][:2]
+    return str(host), int(port)
