@@ -1,6 +1,7 @@
 """The ground station without sockets: detections, reports and time in, broadcast frames out.
 
-State and motion frames alternate: each kind goes out once per broadcast period, half a period apart.
+Where nothing limits the broadcast, `tick` gives what is due: state and motion frames alternate, each kind once per
+broadcast period, half a period apart. Where a radio does, groundstation/schedule.py asks for what it has room for.
 """
 
 from __future__ import annotations
@@ -10,25 +11,42 @@ import math
 import numpy as np
 
 from companion.config import Law
+from companion.dialect import oneway
 from companion.errors import InputError
 from companion.geodesy import LocalFrame, to_grid
 from companion.guidance import RANGE_RESERVE, turn_rate_rad_s
 from companion.laws import SteeringOf
 from companion.mission import AgentSpec, Mission, agent_height_m
+from companion.packed import FLEET_HEAD_BYTES, MISSION_HEAD_BYTES, RADII_HEAD_BYTES
 from companion.wire import (
+    SIGNATURE_BYTES,
     BandsFrame,
     DetectionsFrame,
     Directive,
+    FleetFrame,
     FrameReader,
     FrameWriter,
     Kind,
+    MissionFrame,
+    MotionFrame,
+    RadiiFrame,
     ReportFrame,
     Stamp,
     StateFrame,
     WireError,
 )
 from groundstation.assignment import SWITCHING_SHARE, assign, within_range
-from groundstation.broadcast import MOVING_M_S, band_frames, grown, motion_frames, state_frames
+from groundstation.broadcast import (
+    MOVING_M_S,
+    band_frames,
+    fleet_frames,
+    grown,
+    mission_frame,
+    motion_frames,
+    radii_frames,
+    state_frames,
+    surrogate_digest,
+)
 from groundstation.picture import GroundPicture, Track
 from groundstation.reckoning import Reckoner
 from groundstation.ways import Scene, Ways, assign_by_ways
@@ -36,6 +54,16 @@ from groundstation.ways import Scene, Ways, assign_by_ways
 _DUE_TOLERANCE_S = 1e-6
 MAX_EPOCH_S = 4.0e6
 """After so long (46 days) a new epoch begins: the time within one travels as 32 bits of milliseconds."""
+
+_STATE_BYTES, _MOTION_BYTES, _BANDS_BYTES = (
+    message.unpacker.size - SIGNATURE_BYTES
+    for message in (
+        oneway.MAVLink_oneway_state_message,
+        oneway.MAVLink_oneway_motion_message,
+        oneway.MAVLink_oneway_bands_message,
+    )
+)
+"""Payloads without the Ed25519 signature, which always stands behind all of it."""
 
 
 def check_runnable(mission: Mission, source: str) -> None:
@@ -87,11 +115,19 @@ class GroundStation:
         self._next_assignment_s = start_s
         self._next_state_s = start_s
         self._next_motion_s = start_s + mission.broadcast_period_s / 2.0
+        self._surrogate_digest: bytes | None = None
         self._assign(start_s)
         try:
             self._state_datagrams(start_s)
         except WireError as error:
             raise InputError(f"{mission.name}: cannot be broadcast: {error}") from error
+        self._one_frame = len(self._states(start_s)) == 1
+        """Whether a state frame holds everything; what there is only becomes less."""
+
+    @property
+    def epoch_s(self) -> int:
+        """Unix time at which the epoch of what is broadcast began."""
+        return self._epoch_s
 
     def sense(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the sensor's channel; never raises, whatever the bytes."""
@@ -115,8 +151,8 @@ class GroundStation:
         reckoner.fix(report.agent_id, (north_m, east_m), velocity_m_s, true_at_s, report.flown_m)
         self.picture.heard_at_s[report.agent_id] = true_at_s
 
-    def tick(self, now_s: float) -> list[bytes]:
-        """Return the frames to broadcast now: none unless something is due."""
+    def advance(self, now_s: float) -> None:
+        """Bring the reckoning, the picture and the assignment up to now; `tick` does so itself."""
         if now_s - self._epoch_s > MAX_EPOCH_S:
             self._epoch_s, self._sequence = int(now_s), 0
         if self._reckoner is not None:
@@ -127,6 +163,10 @@ class GroundStation:
         if changed or now_s >= self._next_assignment_s - _DUE_TOLERANCE_S:
             self._assign(now_s)
             self._next_assignment_s = _after(self._next_assignment_s, self.mission.assignment_period_s, now_s)
+
+    def tick(self, now_s: float) -> list[bytes]:
+        """Return the frames to broadcast now: none unless something is due."""
+        self.advance(now_s)
         datagrams: list[bytes] = []
         if now_s >= self._next_state_s - _DUE_TOLERANCE_S:
             self._sequence += 1
@@ -136,16 +176,62 @@ class GroundStation:
             for motion in motion_frames(self.picture, self.mission, self._stamp(now_s)):
                 datagrams.append(self._writer.encode(motion))
             self._next_motion_s = _after(self._next_motion_s, self.mission.broadcast_period_s, now_s)
-        if self._reckoner is not None:
-            for datagram in datagrams:
-                self._reckoner.hear(datagram, now_s)
+        for datagram in datagrams:
+            self.overhear(datagram, now_s)
         return datagrams
 
-    def _state_datagrams(self, now_s: float) -> list[bytes]:
+    def overhear(self, datagram: bytes, now_s: float) -> None:
+        """Let the agents that are reckoned (Case II) hear an unsigned frame that is broadcast now."""
+        if self._reckoner is not None:
+            self._reckoner.hear(datagram, now_s)
+
+    def refresh(self, now_s: float, payload_bytes: int) -> list[StateFrame] | list[FleetFrame]:
+        """Begin a broadcast of the state and return its frames, whose payloads hold at most `payload_bytes`.
+
+        One state frame if that holds everything, else fleet frames, which take the carousel to be read.
+
+        Raises:
+            WireError: so few bytes hold nothing.
+
+        """
+        self._sequence += 1
+        if self._tells_all(payload_bytes):
+            return self._states(now_s)
+        data_bytes = payload_bytes - FLEET_HEAD_BYTES
         stamp = self._stamp(now_s)
-        frames: list[StateFrame | BandsFrame] = []
-        frames += state_frames(self.picture, self.mission, self.assignment, self.directive, stamp)
-        frames += band_frames(self.mission, stamp)
+        return fleet_frames(self.picture, self.mission, self.assignment, self.directive, stamp, data_bytes)
+
+    def carousel(
+        self, now_s: float, payload_bytes: int
+    ) -> list[MissionFrame | RadiiFrame] | list[MotionFrame | BandsFrame]:
+        """Return what goes with the state and is worth telling less often, in frames stamped now.
+
+        With state frames that is how things move and the heights that threats reach, as far as a frame of so few bytes
+        holds them; with fleet frames the mission and the radii of the threats, with their heights.
+        """
+        mission, stamp = self.mission, self._stamp(now_s)
+        if self._tells_all(payload_bytes):
+            frames: list[MotionFrame | BandsFrame] = []
+            if payload_bytes >= _MOTION_BYTES:
+                frames += motion_frames(self.picture, mission, stamp)
+            if payload_bytes >= _BANDS_BYTES:
+                frames += band_frames(mission, stamp)
+            return frames
+        if self._surrogate_digest is None:
+            self._surrogate_digest = surrogate_digest(mission)
+        slow: list[MissionFrame | RadiiFrame] = []
+        slow.append(mission_frame(mission, self._surrogate_digest, stamp, payload_bytes - MISSION_HEAD_BYTES))
+        slow += radii_frames(mission, stamp, payload_bytes - RADII_HEAD_BYTES)
+        return slow
+
+    def _tells_all(self, payload_bytes: int) -> bool:
+        return self._one_frame and payload_bytes >= _STATE_BYTES
+
+    def _states(self, now_s: float) -> list[StateFrame]:
+        return state_frames(self.picture, self.mission, self.assignment, self.directive, self._stamp(now_s))
+
+    def _state_datagrams(self, now_s: float) -> list[bytes]:
+        frames: list[StateFrame | BandsFrame] = [*self._states(now_s), *band_frames(self.mission, self._stamp(now_s))]
         return [self._writer.encode(frame) for frame in frames]
 
     def _assign(self, now_s: float) -> None:

@@ -1,0 +1,90 @@
+"""What a radio gives the broadcast: bytes per second, of which a share, and the longest frame that it carries whole.
+
+A radio is named or given as a number of bytes per second. Behind it may stand an autopilot that passes on only what it
+knows: then every frame travels inside a V2_EXTENSION, which costs bytes (companion/encapsulation.py).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from companion.encapsulation import WRAP_BYTES
+from companion.errors import InputError, nearest_hint
+
+LONGEST_FRAME_BYTES = 252
+"""The longest packet that SiK firmware sends in one piece; a LoRa modem's is 255."""
+MAVLINK_SIGNATURE_BYTES = 13
+
+RADIOS_BYTES_PER_S = {
+    "sik-57600": 5760.0,
+    "sik-64k-ecc": 3600.0,
+    "lora": 638.0,
+}
+"""What each carries of frames, one way:
+
+- `sik-57600`: its serial port at 57600 baud, ten bits a byte, which the air at 64 kbit/s keeps up with.
+- `sik-64k-ecc`: 64 kbit/s on the air, halved by the Golay code, less a tenth for preambles and the turns of its TDM.
+- `lora`: spreading factor 7, 125 kHz, coding rate 4/5: 252 bytes take 394.5 ms by the formula for the time on air in
+  the SX1276's data sheet (preamble of 8 symbols, explicit header, CRC). A law's duty cycle is the share to give.
+"""
+LEAST_BYTES_PER_S = 10.0
+MOST_BYTES_PER_S = 1.0e8
+
+_WRAPPED_BYTES = {"v2ext": WRAP_BYTES, "v2ext-signed": WRAP_BYTES + MAVLINK_SIGNATURE_BYTES}
+"""What the outer frame adds; signed: by the autopilot's own key, after the ground station."""
+_NUMBER = re.compile(r"(\d+(?:\.\d+)?) ?(?:B/s)?")
+
+
+@dataclass(frozen=True)
+class Radio:
+    """A radio as the broadcast may use it."""
+
+    name: str
+    bytes_per_s: float
+    max_frame_bytes: int
+    """Of a frame with its signatures, before it is wrapped."""
+    share: float
+    """Of the radio's bytes, for the broadcast; in (0, 1]."""
+    wrapped: bool = False
+    """Every frame travels inside a V2_EXTENSION."""
+    outer_bytes: int = 0
+    """What wrapping adds to each frame on the air."""
+    heartbeats: bool = False
+    """A heartbeat of MAVLink's goes out every second: SiK firmware reports its buffer only once it has seen one."""
+
+    @property
+    def budget_bytes_per_s(self) -> float:
+        """What the broadcast may send."""
+        return self.bytes_per_s * self.share
+
+
+def parse_radio(text: str, share: float) -> Radio:
+    """Return the radio for `NAME`, `N` or `N B/s`, each also with `/v2ext` or `/v2ext-signed` after it.
+
+    Raises:
+        InputError: there is no such radio, its rate is out of bounds, or the share is not in (0, 1].
+
+    """
+    if not 0.0 < share <= 1.0:
+        raise InputError(f"share: {share:g}; allowed: more than 0, at most 1")
+    name, _, path = text.partition("/v2ext")
+    path = text[len(name) + 1 :]
+    rate_bytes_per_s = RADIOS_BYTES_PER_S.get(name)
+    if rate_bytes_per_s is None and (number := _NUMBER.fullmatch(name)) is not None:
+        rate_bytes_per_s = float(number[1])
+    if rate_bytes_per_s is None or path not in ("", *_WRAPPED_BYTES):
+        hint = nearest_hint(
+            text, [*RADIOS_BYTES_PER_S, *(f"{n}/{p}" for n in RADIOS_BYTES_PER_S for p in _WRAPPED_BYTES)]
+        )
+        raise InputError(
+            f"radio '{text}'{hint}; allowed: {', '.join(RADIOS_BYTES_PER_S)} or a number of bytes per second, "
+            "each also with /v2ext or /v2ext-signed after it"
+        )
+    if not LEAST_BYTES_PER_S <= rate_bytes_per_s <= MOST_BYTES_PER_S:
+        raise InputError(
+            f"radio '{text}': {rate_bytes_per_s:g} B/s; allowed: {LEAST_BYTES_PER_S:g} to {MOST_BYTES_PER_S:g}"
+        )
+    outer_bytes = _WRAPPED_BYTES.get(path, 0)
+    longest_bytes = LONGEST_FRAME_BYTES - outer_bytes
+    return Radio(text, rate_bytes_per_s, longest_bytes, share, path != "", outer_bytes, name.startswith("sik-"))
