@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 import textwrap
 from collections.abc import Iterable
@@ -15,12 +16,16 @@ from rich.progress import Progress
 from rich.table import Column, Table
 
 from companion.certificate import Certificate, Finding, SpeedGroup, ThreatDistance, certify
-from companion.config import load_config
+from companion.config import load_config, parse_config
 from companion.drawing import resolve
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, run_program, tell
+from companion.flightlog import line_of
 from companion.mission import load_mission
 from companion.process import run_until_signal
+from companion.replay import replay
 from companion.service import run_companion
+from companion.tlog import read_tlog
+from companion.yamlfile import read_text_file
 
 MIN_SAMPLES = 100
 """Fewer leave no validation set worth the name."""
@@ -52,6 +57,41 @@ def run(config: str) -> None:
     """
     loaded = load_config(config)
     run_until_signal(lambda stop: run_companion(loaded, stop))
+
+
+@cli.command("replay")
+@click.argument("log", metavar="FILE.tlog")
+@click.option("--config", metavar="CONFIG", show_default="companion-N.yaml beside vehicle-N.tlog", help="Its settings.")
+def replay_command(log: str, config: str | None) -> int:
+    """Decide again what a flight decided, from its recording vehicle-N.tlog, and compare.
+
+    Exit status 1 if a decision differs from the one made in flight.
+
+    Example: companion replay runs/paper-dynamic/vehicle-1.tlog
+    """
+    settings = _settings_beside(log) if config is None else config
+    loaded = parse_config(read_text_file(Path(settings)), settings)
+    said, decisions, different = "", 0, 0
+    for replayed in replay(read_tlog(log), loaded):
+        decision = replayed.decision
+        decisions += 1
+        different += not replayed.same
+        line = line_of(decision)
+        if line != said or not replayed.same:
+            click.echo(f"{decision.t_s:.3f} {line}{'' if replayed.same else '  <- differs from the flight'}")
+        said = line
+    if decisions == 0:
+        raise InputError(f"{log}: no decisions in it; allowed: vehicle-N.tlog of `companion run` or `sim fly --out`")
+    click.echo(f"{decisions} decisions, {different or 'none'} different from those in flight")
+    return EXIT_FAILED if different else EXIT_DONE
+
+
+def _settings_beside(log: str) -> str:
+    path = Path(log)
+    found = re.fullmatch(r"vehicle-(\d+)\.tlog", path.name)
+    if found is None:
+        raise InputError(f"{log}: not vehicle-N.tlog, so --config is needed; allowed: the configuration of the flight")
+    return str(path.with_name(f"companion-{found[1]}.yaml"))
 
 
 @cli.command()

@@ -20,14 +20,16 @@ from companion.mission import (
     Speed,
     agent_height_m,
 )
-from companion.transport import parse_link
-from companion.yamlfile import Section, is_there, parse_yaml, read_text_file, validated
+from companion.transport import FORMS, RECEIVING, SENDING, Link, parse_link
+from companion.yamlfile import Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 
 Law = Literal["routed", "seed", "ramp", "step"]
 """The shortest way around the discs; the paper's law on its surrogate, on the polygon F~, and on F itself, whose
 gradient is nothing."""
 LAWS: tuple[Law, ...] = ("routed", "seed", "ramp", "step")
 DEFAULT_LAW: Law = "routed"
+TrustWord = Literal["unsigned", "mavlink", "ed25519", "both"]
+"""MAVLink's own signature by a shared key, an Ed25519 signature of the ground station's, or both."""
 Height = Annotated[float, Strict(), Field(ge=0, le=20_000, allow_inf_nan=False)]
 
 
@@ -42,20 +44,49 @@ class AutopilotSection(Section):
         if self.kind not in ADAPTERS:
             hint = nearest_hint(self.kind, ADAPTERS)
             raise ValueError(f"kind: '{self.kind}'{hint}; allowed: {', '.join(ADAPTERS)}")
-        _check_link(self.link)
+        _checked_link(self.link)
         return self
 
 
 class BroadcastSection(Section):
-    """Where the broadcast is heard."""
+    """Where the broadcast is heard, and what of it is believed (docs/authenticity.md)."""
 
     link: Annotated[str, Strict()]
+    trust: TrustWord
+    """What every frame must carry; `unsigned` believes anybody."""
+    mavlink_key: Annotated[str, Strict(), Field(min_length=1)] | None = None
+    """File with the key that the whole fleet shares."""
+    public_key: Annotated[str, Strict(), Field(min_length=1)] | None = None
+    """File with the ground station's public key."""
+    state_file: Annotated[str, Strict(), Field(min_length=1)] | None = None
+    """Where the last accepted frame is kept over restarts."""
+    clock: Literal["checked", "unchecked"] = "checked"
+    """`unchecked`: this computer's clock may be wrong, so that a frame's time is not compared with it."""
+    max_age_s: Positive = 30.0
+    ahead_s: Positive = 5.0
+    checks_per_s: Positive = 1_000.0
+    """Ed25519 signatures checked at most: a flood by a holder of the shared key must not use up the computer."""
 
     @model_validator(mode="after")
     def _listens(self) -> Self:
-        _check_link(self.link)
-        if not self.link.startswith("udpin:"):
-            raise ValueError(f"link: '{self.link}'; allowed: udpin:HOST:PORT, the companion never writes to it")
+        if _checked_link(self.link).scheme not in RECEIVING:
+            forms = ", ".join(FORMS[scheme] for scheme in RECEIVING)
+            raise ValueError(f"link: '{self.link}'; allowed: {forms}: the companion never writes to it")
+        return self
+
+    @model_validator(mode="after")
+    def _has_its_keys(self) -> Self:
+        for key, words in (("mavlink_key", ("mavlink", "both")), ("public_key", ("ed25519", "both"))):
+            given, wanted = getattr(self, key) is not None, self.trust in words
+            if given != wanted:
+                allowed = "the file of `groundstation keygen`" if wanted else f"only with {' or '.join(words)}"
+                raise ValueError(f"{key}: {_is(given)} with trust '{self.trust}'; allowed: {allowed}")
+        kept = self.state_file is not None
+        if kept == (self.trust == "unsigned"):
+            raise ValueError(
+                f"state_file: {_is(kept)} with trust '{self.trust}'; allowed: a file where keys are used, so that what "
+                "was sent before a restart is not believed again, and none with unsigned"
+            )
         return self
 
 
@@ -66,9 +97,9 @@ class UplinkSection(Section):
 
     @model_validator(mode="after")
     def _sends(self) -> Self:
-        _check_link(self.link)
-        if not self.link.startswith("udpout:"):
-            raise ValueError(f"link: '{self.link}'; allowed: udpout:HOST:PORT, nothing is heard on it")
+        if _checked_link(self.link).scheme not in SENDING:
+            forms = ", ".join(FORMS[scheme] for scheme in SENDING)
+            raise ValueError(f"link: '{self.link}'; allowed: {forms}: nothing is heard on it")
         return self
 
 
@@ -178,7 +209,7 @@ def load_config(name_or_path: str) -> Config:
                 f"packaged: {', '.join(packaged_configs())}"
             )
         text = read_text_file(path)
-    config = validated(Config, parse_yaml(text, name_or_path), name_or_path)
+    config = parse_config(text, name_or_path)
     for key in ("autopilot", "broadcast"):
         if getattr(config, key) is None:
             raise InputError(f"{name_or_path}: {key}: missing; `companion run` needs its link")
@@ -192,6 +223,21 @@ def load_config(name_or_path: str) -> Config:
             f"{name_or_path}: surrogate: 'monolithic' flies only in the simulator; allowed: pairwise, analytic"
         )
     return config
+
+
+def dump_config(config: Config) -> str:
+    """Return a configuration as YAML text that `parse_config` reads back to an equal one."""
+    return dump_yaml(config.model_dump(mode="json", exclude_none=True))
+
+
+def parse_config(text: str, source: str) -> Config:
+    """Parse and validate the YAML text of a configuration, with or without links; `source` names it in errors.
+
+    Raises:
+        InputError: not YAML, or against a rule.
+
+    """
+    return validated(Config, parse_yaml(text, source), source)
 
 
 def config_for_agent(mission: Mission, agent_id: int, law: Law) -> Config:
@@ -232,8 +278,12 @@ def config_for_agent(mission: Mission, agent_id: int, law: Law) -> Config:
     )
 
 
-def _check_link(text: str) -> None:
+def _checked_link(text: str) -> Link:
     try:
-        parse_link(text)
+        return parse_link(text)
     except InputError as error:
         raise ValueError(str(error)) from error
+
+
+def _is(given: bool) -> str:
+    return "given" if given else "missing"

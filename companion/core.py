@@ -14,6 +14,7 @@ import numpy as np
 
 from companion.adapters import ADAPTERS
 from companion.adapters.base import COMPANION_COMPONENT, NEIGHBOUR_MEMORY_S, Adapter, Telemetry
+from companion.admission import Admission, Admitted, Trust
 from companion.config import Config
 from companion.geodesy import LocalFrame, to_grid
 from companion.guard import NO_BACKUP, Discs, Guard, Limits, Motion, Setpoint, Verdict
@@ -30,9 +31,10 @@ from companion.guidance import (
 )
 from companion.laws import Pose, SteeringLaw, Task, Wish, law_of
 from companion.picture import Picture, Seen, View
+from companion.reception import Reception
 from companion.right_of_way import Rules, give_way, interaction_radius_m
 from companion.staleness import Stage, Thresholds, stage_of
-from companion.wire import BandsFrame, Directive, FrameReader, FrameWriter, MotionFrame, ReportFrame, StateFrame
+from companion.wire import Directive, FrameWriter, ReportFrame
 
 ARRIVAL_SHARE = 0.8
 """A target may have moved since it was heard of: arriving means being within this share of the arrival radius of where
@@ -99,13 +101,23 @@ class Decision:
 class Companion:
     """Steers one vehicle by what it last heard. Times are Unix seconds by this vehicle's clock, given by the caller."""
 
-    def __init__(self, config: Config, adapter: Adapter | None = None, law: SteeringLaw | None = None) -> None:
-        """Take charge of a vehicle; without a `law` of the caller's the configured one steers."""
+    def __init__(
+        self,
+        config: Config,
+        adapter: Adapter | None = None,
+        law: SteeringLaw | None = None,
+        admission: Admission | None = None,
+    ) -> None:
+        """Take charge of a vehicle; without a `law` of the caller's the configured one steers.
+
+        `admission` decides what is believed of the broadcast; without one, whatever is newer and makes sense.
+        """
         if adapter is None:
             adapter = ADAPTERS[config.autopilot.kind if config.autopilot else "kinematic"]()
         self.config = config
         self.adapter = adapter
-        self.reader = FrameReader()
+        self.admission = admission or Admission(Trust())
+        self.reception = Reception()
         self.picture = Picture(config.agent_id, config.peer_memory_s)
         self._law = law or law_of(config)
         self.guard = Guard(_limits(config, adapter.can_stop))
@@ -136,15 +148,16 @@ class Companion:
         self._report_writer: FrameWriter | None = None
         self._standing: tuple[Setpoint, float] | None = None
 
-    def hear(self, datagram: bytes, now_s: float) -> None:
-        """Take in bytes from the broadcast link; never raises, whatever the bytes."""
-        for frame in self.reader.read(datagram):
-            if isinstance(frame, StateFrame):
-                self.picture.take_state(frame, now_s)
-            elif isinstance(frame, MotionFrame):
-                self.picture.take_motion(frame, now_s)
-            elif isinstance(frame, BandsFrame):
-                self.picture.take_bands(frame)
+    def hear(self, datagram: bytes, now_s: float) -> list[bytes]:
+        """Take in bytes from the broadcast link; return the frames that are believed. Never raises, whatever the bytes.
+
+        In a flood a frame may be believed only at a later call.
+        """
+        return self._believe(self.admission.admit(datagram, now_s), now_s)
+
+    def hear_waiting(self, now_s: float) -> list[bytes]:
+        """Take in what waited for its check; return the frames that are believed."""
+        return self._believe(self.admission.due(now_s), now_s)
 
     def receive(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the autopilot link; never raises, whatever the bytes."""
@@ -195,6 +208,12 @@ class Companion:
         """Begin anew to measure the way flown, from a known length: the vehicle is not where the last step left it."""
         self.flown_m = flown_m
         self._last_position_ned_m = None
+
+    def _believe(self, admitted: list[Admitted], now_s: float) -> list[bytes]:
+        for _, frame in admitted:
+            self.reception.note(frame, now_s)
+            self.picture.take(frame, now_s)
+        return [raw for raw, _ in admitted]
 
     def _frames(self, now_s: float) -> list[bytes]:
         datagrams = []

@@ -9,14 +9,14 @@ from collections.abc import Callable, Coroutine
 
 
 class SteadyClock:
-    """Unix time that never steps."""
+    """Unix time that never steps, in whole microseconds: as logs hold it, so that a replay has the very same times."""
 
     def __init__(self) -> None:
         self._offset_s = time.time() - time.monotonic()
 
     def now_s(self) -> float:
         """Return seconds since 1970 by the system clock at the start plus what the monotonic clock has counted."""
-        return self._offset_s + time.monotonic()
+        return round((self._offset_s + time.monotonic()) * 1e6) / 1e6
 
 
 async def wait(stop: asyncio.Event, wait_s: float) -> None:

@@ -23,6 +23,7 @@ from companion.doubts import doubts
 from companion.drawing import resolve
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, run_program, tell
 from companion.mission import Mission, dump_mission, load_mission
+from groundstation.radio import RADIOS_BYTES_PER_S, parse_radio
 from sim.arena.families import FAMILIES
 from sim.arena.peers import PEERS
 from sim.arena.plots import PLOT_NAMES, draw_plots
@@ -72,6 +73,10 @@ cli.add_command(vehicle)
 @click.option("--vehicles", type=click.IntRange(1, 2_000), help="Fly this many agents instead of the mission's number.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for trajectory, logs, pictures and report.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json instead of the table.")
+@click.option(
+    "--radio", metavar="NAME", help=f"Broadcast over a radio's budget: {', '.join(RADIOS_BYTES_PER_S)}, or B/s."
+)
+@click.option("--share", type=float, default=1.0, show_default=True, help="Of the radio, for the broadcast.")
 @click.option("--realtime", is_flag=True, help="Pace the virtual clock by the wall clock.")
 @click.option("--allow-monolithic", is_flag=True, help="Fly `surrogate: monolithic` all the same, to see it fail.")
 def fly_command(
@@ -82,6 +87,8 @@ def fly_command(
     vehicles: int | None,
     out: Path | None,
     as_json: bool,
+    radio: str | None,
+    share: float,
     realtime: bool,
     allow_monolithic: bool,
 ) -> int:
@@ -92,6 +99,7 @@ def fly_command(
     Example: sim fly paper-dynamic --seed 1 --out runs/1
     """
     chosen = _law(law)
+    over = None if radio is None else parse_radio(radio, share)
     if autopilot not in ADAPTERS:
         hint = nearest_hint(autopilot, ADAPTERS)
         raise InputError(f"--autopilot: '{autopilot}'{hint}; allowed: {', '.join(ADAPTERS)}")
@@ -109,14 +117,24 @@ def fly_command(
         # First, so that an interrupted flight leaves what it was.
         (folder / "mission.yaml").write_text(dump_mission(resolved), encoding="utf-8")
     with _progress(len(resolved.targets)) as progress:
-        flight = fly(resolved, seed, chosen, autopilot, folder, realtime, progress, allow_monolithic=allow_monolithic)
+        flight = fly(
+            resolved,
+            seed,
+            chosen,
+            autopilot,
+            folder,
+            realtime,
+            progress,
+            allow_monolithic=allow_monolithic,
+            radio=over,
+        )
     scored = score(flight.trajectory, resolved)
     result = result_of(scored, flight, seed, chosen)
     if folder is not None:
         again = f"sim fly {mission} --seed {seed} --law {law} --autopilot {autopilot}"
-        _write(
-            folder, resolved, scored, flight, result, again if vehicles is None else f"{again} --vehicles {vehicles}"
-        )
+        again += "" if vehicles is None else f" --vehicles {vehicles}"
+        again += "" if radio is None else f" --radio '{radio}' --share {share:g}"
+        _write(folder, resolved, scored, flight, result, again)
     tell(json.dumps(result) if as_json else _table(resolved, result, folder))
     return EXIT_DONE if scored.targets_reached == scored.targets else EXIT_FAILED
 
@@ -387,7 +405,8 @@ def _table(mission: Mission, result: dict[str, Any], folder: Path | None) -> str
         console.print(table, end="")
         if folder is not None:
             console.print(
-                f"\nwritten to {folder}: report.html, paths.png, result.json, trajectory.csv, mission.yaml, *.tlog"
+                f"\nwritten to {folder}: report.html, paths.png, result.json, trajectory.csv, mission.yaml, *.tlog, "
+                "companion-*.yaml"
             )
     return capture.get().rstrip("\n")
 

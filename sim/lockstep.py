@@ -17,16 +17,19 @@ import numpy as np
 from pymavlink.dialects.v20 import common
 
 from companion.adapters import ADAPTERS
-from companion.config import Law, config_for_agent
+from companion.config import AutopilotSection, Law, config_for_agent, dump_config
 from companion.core import REPEAT_PERIOD_S, Companion, Decision
 from companion.drawing import random_stream
 from companion.errors import InputError
+from companion.flightlog import decision_frame
 from companion.geodesy import LocalFrame
 from companion.mission import AgentSpec, Mission
 from companion.monolithic import load_monolithic
 from companion.tlog import TlogWriter
-from companion.wire import Detection, Kind
+from companion.wire import Detection, FrameWriter, Kind
 from groundstation.core import GroundStation, check_runnable
+from groundstation.radio import Radio
+from groundstation.schedule import Broadcaster
 from sim.arrivals import Arrivals
 from sim.detector import Detector, Fleet
 from sim.link import LINK_STREAM, LossyLink, Tamper
@@ -38,6 +41,8 @@ from sim.world import World
 
 START_S = 1_767_225_600.0
 """Unix time at which every flight begins: 2026-01-01T00:00:00Z, so that logs are the same each time."""
+RADIO_TICK_S = 0.05
+"""How often a radio is asked what goes out: as the ground station's shell does."""
 WHY_NOT_MONOLITHIC = "trained as the paper says it explains one percent of the penalties, so its gradient is noise"
 _TOLERANCE_S = 1e-6
 _POSITION = common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
@@ -88,6 +93,7 @@ class _Aircraft:
         self.link = link
         self.log = log
         self.alive = True
+        self._marks = FrameWriter()
 
     def row(self) -> tuple[float, float, float, float]:
         """Return north m, east m, heading deg, speed m/s; a lost vehicle stands where it was lost."""
@@ -99,6 +105,14 @@ class _Aircraft:
         """Return what the centre's sensor sees of it."""
         truth = self.vehicle.truth
         return Detection(Kind.AGENT, self.spec.id, truth.north_m, truth.east_m, *self.vehicle.ground_velocity_m_s)
+
+    def hear(self, t_s: float) -> None:
+        """Let the companion hear what the air has delivered by now."""
+        for arrival_s, datagram in self.link.deliver(t_s):
+            # As a log holds it, so that a replay has the very same times.
+            heard_s = round((START_S + arrival_s) * 1e6) / 1e6
+            for frame in self.companion.hear(datagram, heard_s):
+                self._log(frame, heard_s)
 
     def exchange_telemetry(self, now_s: float) -> None:
         for frame in self.vehicle.telemetry(now_s):
@@ -116,6 +130,8 @@ class _Aircraft:
         began_ns = time.perf_counter_ns()
         decision, frames = self.companion.tick(now_s)
         decision_us = (time.perf_counter_ns() - began_ns) / 1000.0
+        if self.log is not None:
+            self._log(self._marks.encode(decision_frame(decision)), now_s)
         self._send(frames, now_s)
         return decision, decision_us
 
@@ -177,11 +193,13 @@ def fly(
     tamper: Tamper | None = None,
     watch: Watch | None = None,
     allow_monolithic: bool = False,
+    radio: Radio | None = None,
 ) -> Flight:
     """Fly a resolved mission until every target is reached, nobody is left, or its time is up.
 
-    `out` is a folder for the `.tlog` files. `tamper` changes frames in the air, `watch` looks on: for tests and
-    measurements. `allow_monolithic` flies with the paper's one network, which steers by noise.
+    `out` is a folder for the `.tlog` files and the companions' configurations. `tamper` changes frames in the air,
+    `watch` looks on: for tests and measurements. `allow_monolithic` flies with the paper's one network, which steers by
+    noise. Over a `radio` the broadcast is what fits it; without one, what the mission's periods say.
 
     Raises:
         InputError: the mission asks for something that is not flown.
@@ -195,7 +213,10 @@ def fly(
         def log(name: str) -> TlogWriter | None:
             return None if out is None else stack.enter_context(TlogWriter(out / name))
 
-        return _Flying(mission, seed, law, autopilot, log, tamper).run(realtime, progress, watch)
+        flying = _Flying(mission, seed, law, autopilot, log, tamper, radio)
+        if out is not None:
+            flying.write_configs(out, autopilot)
+        return flying.run(realtime, progress, watch)
 
 
 class _Flying:
@@ -209,11 +230,15 @@ class _Flying:
         autopilot: str,
         log: Callable[[str], TlogWriter | None],
         tamper: Tamper | None,
+        radio: Radio | None,
     ) -> None:
         self._mission = mission
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         can_stop = ADAPTERS[autopilot]().can_stop
         self._ground = GroundStation(mission, START_S, law=law, can_stop=can_stop)
+        self._broadcaster = Broadcaster(self._ground, radio)
+        # A radio's frames leave one after the other within a step, not all at its beginning.
+        self._radio_ticks_s = np.arange(0.0, mission.integration_step_s if radio else RADIO_TICK_S, RADIO_TICK_S)
         self._sensor = mission_sensor(mission, int(START_S))
         self._world = World(mission, seed)
         self._wind = WindField(mission.wind, seed)
@@ -272,6 +297,13 @@ class _Flying:
         if self._mission.case == "II" or law == "routed":
             detector = Detector(spec.id, system_id, self._frame, self._mission.detector_range_m)
         return _Aircraft(spec, Companion(config, ADAPTERS[autopilot]()), vehicle, detector, link, log)
+
+    def write_configs(self, folder: Path, autopilot: str) -> None:
+        """Write what each companion flies by, for a replay: there its autopilot is the log."""
+        for aircraft in self._fleet:
+            heard = AutopilotSection(kind=autopilot, link=f"file:vehicle-{aircraft.spec.id}.tlog")
+            config = aircraft.companion.config.model_copy(update={"autopilot": heard})
+            (folder / f"companion-{aircraft.spec.id}.yaml").write_text(dump_config(config), encoding="utf-8")
 
     def run(self, realtime: bool, progress: Progress | None, watch: Watch | None) -> Flight:
         """Fly to the end."""
@@ -355,13 +387,14 @@ class _Flying:
             self._ground.sense(datagram, START_S + t_s)
 
     def _broadcast(self, t_s: float) -> None:
-        for datagram in self._ground.tick(START_S + t_s):
-            self._frames += 1
-            self._bytes += len(datagram)
-            if self._broadcast_log is not None:
-                self._broadcast_log.write(START_S + t_s, datagram)
-            for aircraft in self._fleet:
-                aircraft.link.send(datagram, t_s)
+        for at_s in t_s + self._radio_ticks_s:
+            for datagram in self._broadcaster.tick(START_S + at_s):
+                self._frames += 1
+                self._bytes += len(datagram)
+                if self._broadcast_log is not None:
+                    self._broadcast_log.write(START_S + at_s, datagram)
+                for aircraft in self._fleet:
+                    aircraft.link.send(datagram, at_s)
 
     def _repeat(self, t_s: float) -> None:
         for aircraft in self._fleet:
@@ -375,8 +408,7 @@ class _Flying:
         # Before anyone is steered: all see the same moment.
         fleet = Fleet.of({aircraft.spec.id: aircraft.vehicle for aircraft in flying})
         for aircraft in flying:
-            for arrival_s, datagram in aircraft.link.deliver(t_s):
-                aircraft.companion.hear(datagram, START_S + arrival_s)
+            aircraft.hear(t_s)
             aircraft.exchange_telemetry(now_s)
             aircraft.look(fleet, now_s)
             decision, decision_us = aircraft.steer(now_s)

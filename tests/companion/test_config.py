@@ -17,10 +17,10 @@ from companion.yamlfile import dump_yaml, parse_yaml, validated
 GOOD = """
 agent_id: 3
 autopilot: {kind: arducopter, link: "udpin:127.0.0.1:14540"}
-broadcast: {link: "udpin:127.0.0.1:14600"}
+broadcast: {link: "udpin:127.0.0.1:14600", trust: unsigned}
 """
 UPLINK = 'uplink: {link: "udpout:127.0.0.1:14700"}\n'
-WITHOUT_AUTOPILOT = "agent_id: 3\nbroadcast: {link: 'udpin:127.0.0.1:14600'}\n"
+WITHOUT_AUTOPILOT = "agent_id: 3\nbroadcast: {link: 'udpin:127.0.0.1:14600', trust: unsigned}\n"
 WITHOUT_BROADCAST = "agent_id: 3\nautopilot: {kind: arducopter, link: 'udpin:127.0.0.1:14540'}\n"
 
 BAD: dict[str, tuple[str, tuple[str, ...]]] = {

@@ -1,91 +1,143 @@
-"""What the companion's shell says when the broadcast changes hands; its sockets are tested with the three programs."""
+"""What the companion's shell says and keeps; its sockets are tested with the three programs."""
 
 from __future__ import annotations
 
-import io
+from pathlib import Path
 
 import pytest
 
-from companion.core import Decision, Purpose
-from companion.picture import Picture
+from companion.admission import Admission, AdmissionState, Trust
+from companion.config import BroadcastSection, Config
+from companion.core import Companion
+from companion.keys import keygen
 from companion.process import SteadyClock
-from companion.service import FlightLog, _line, _Listening
-from companion.staleness import Stage
-from companion.tlog import TlogWriter
+from companion.service import _Listening, _StateKeeper, trust_of
 from companion.wire import Directive, FrameWriter, Stamp, StateFrame
 
-FRAME = FrameWriter().encode(StateFrame(Stamp(1_000, 0, 1), 47.0, 8.0, Directive.NORMAL, (), (), ()))
+
+def state(epoch_s: int, sequence: int, after_s: int = 0) -> bytes:
+    stamp = Stamp(epoch_s, 1_000 * after_s, sequence)
+    return FrameWriter().encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, (), (), ()))
 
 
-def state(epoch_s: int, sequence: int) -> StateFrame:
-    return StateFrame(Stamp(epoch_s, 0, sequence), 47.0, 8.0, Directive.NORMAL, (), (), ())
+def listener() -> tuple[Companion, _Listening]:
+    companion = Companion(Config(agent_id=1))
+    listening = _Listening(companion)
+    listening.news(1_000.0)
+    return companion, listening
+
+
+def test_the_trust_word_is_said_with_the_first_status() -> None:
+    companion = Companion(Config(agent_id=1))
+    (line,) = _Listening(companion).news(1_000.0)
+    assert line == "broadcast (unsigned): 0 of 0 frames, refused: none"
 
 
 def test_the_first_ground_station_is_no_news() -> None:
-    picture, listening = Picture(1), _Listening()
-    picture.take_state(state(1_000, 1), 1_000.0)
-    assert listening.news(picture) == []
+    companion, listening = listener()
+    companion.hear(state(1_000, 1), 1_000.0)
+    assert listening.news(1_000.0) == []
 
 
 def test_a_restarted_ground_station_is_said_once() -> None:
-    picture, listening = Picture(1), _Listening()
-    picture.take_state(state(1_000, 1), 1_000.0)
-    listening.news(picture)
-    picture.take_state(state(1_010, 1), 1_010.0)
-    assert listening.news(picture) == ["another run of a ground station took over (epoch 1010)"]
-    assert listening.news(picture) == []
+    companion, listening = listener()
+    companion.hear(state(1_000, 1), 1_000.0)
+    listening.news(1_000.0)
+    companion.hear(state(1_002, 1), 1_002.0)
+    assert listening.news(1_002.0) == ["another run of a ground station took over (epoch 1002)"]
+    assert listening.news(1_002.0) == []
 
 
 def test_two_ground_stations_at_once_are_warned_of_once() -> None:
-    picture, listening = Picture(1), _Listening()
-    picture.take_state(state(1_010, 1), 1_010.0)
-    listening.news(picture)
+    companion, listening = listener()
+    companion.hear(state(1_010, 1), 1_010.0)
+    listening.news(1_010.0)
     for sequence in (5, 6):
-        picture.take_state(state(1_000, sequence), 1_011.0)
-    (line,) = listening.news(picture)
-    assert "two ground stations" in line
-    assert listening.news(picture) == []
+        companion.hear(state(1_000, sequence), 1_011.0)
+    assert "two ground stations" in listening.news(1_011.0)[0]
+    assert listening.news(1_011.0) == []
 
 
-def test_without_a_picture_the_line_says_none() -> None:
-    decision = Decision(0.0, Purpose.IDLE, "no autopilot heard", Stage.LOITERING, None)
-    assert _line(decision) == "idle (no autopilot heard), picture none"
+def test_the_first_refusal_is_told_with_its_reason_and_then_once_a_minute() -> None:
+    companion, listening = listener()
+    companion.hear(state(900, 1), 1_000.0)
+    assert listening.news(1_000.0) == ["broadcast (unsigned): 0 of 0 frames, refused: 1 stamped too long ago"]
+    assert listening.news(1_059.0) == []
+    assert len(listening.news(1_060.0)) == 1
 
 
-def test_the_line_names_target_stage_and_what_the_guard_changed() -> None:
-    decision = Decision(0.0, Purpose.TARGET, "assigned", Stage.FRESH, 1.0, target_id=3, guard_changes=("keep-out",))
-    assert _line(decision) == "target 3 (assigned), picture fresh, guard: keep-out"
+def test_copies_that_are_sent_on_purpose_are_no_news() -> None:
+    companion, listening = listener()
+    for _ in range(2):
+        companion.hear(state(1_000, 1), 1_000.0)
+    assert companion.admission.rejected == {"repeated": 1}
+    assert listening.news(1_000.0) == []
 
 
-class FullDisk(io.BytesIO):
-    def write(self, data: object) -> int:
-        raise OSError(28, "No space left on device")
+def test_bad_reception_is_warned_of_once_and_its_end_told() -> None:
+    companion, listening = listener()
+    said = []
+    for second in range(1_000, 1_400):
+        if second % 10 == 0 or second > 1_200:
+            companion.hear(state(1_000, second - 999, second - 1_000), float(second))
+        said += [line for line in listening.news(float(second)) if "reception" in line]
+    assert [line.split(":")[0] for line in said] == ["warning", "reception is good again"]
 
 
-def test_a_log_that_cannot_be_written_is_given_up_with_one_word(capsys: pytest.CaptureFixture[str]) -> None:
-    log = FlightLog(TlogWriter(FullDisk()))
-    for _ in range(3):
-        log.record(1.0, FRAME)
-    log.close()
-    assert capsys.readouterr().err == "companion: warning: no longer logging: No space left on device\n"
+def section(trust: str, folder: Path) -> BroadcastSection:
+    """Keys as `groundstation keygen` writes them, and what of them a trust word needs."""
+    needs = {"unsigned": [], "mavlink": ["mavlink_key"], "ed25519": ["public_key"]}
+    needs["both"] = needs["mavlink"] + needs["ed25519"]
+    names = {"mavlink_key": "broadcast.mavlink", "public_key": "broadcast.public"}
+    files = {key: str(folder / names[key]) for key in needs[trust]}
+    state_file = None if trust == "unsigned" else str(folder / "state.json")
+    return BroadcastSection.model_validate(
+        {"link": "udpin:127.0.0.1:14600", "trust": trust, "state_file": state_file, **files}
+    )
 
 
-def test_a_log_holds_the_frames_of_each_datagram_and_no_junk() -> None:
-    file = io.BytesIO()
-    log = FlightLog(TlogWriter(file))
-    log.record(1.0, FRAME + FRAME + b"junk")
-    log.record(2.0, b"junk")
-    assert file.getvalue().count(FRAME) == 2
-    assert len(file.getvalue()) == 2 * (8 + len(FRAME))
+@pytest.mark.parametrize(
+    ("trust", "words"),
+    [
+        ("unsigned", "unsigned"),
+        ("mavlink", "MAVLink signing"),
+        ("ed25519", "Ed25519"),
+        ("both", "MAVLink signing and Ed25519"),
+    ],
+)
+def test_a_trust_word_takes_its_keys_from_their_files(tmp_path: Path, trust: str, words: str) -> None:
+    keygen(tmp_path / "keys")
+    assert trust_of(section(trust, tmp_path / "keys")).words == words
 
 
-def test_without_a_folder_nothing_is_logged() -> None:
-    log = FlightLog(None)
-    log.record(1.0, FRAME)
-    log.close()
+def test_a_state_is_kept_only_when_there_is_something_new(tmp_path: Path) -> None:
+    path = tmp_path / "state" / "broadcast.json"
+    admission = Admission(Trust())
+    keeper = _StateKeeper(str(path), admission)
+    keeper.keep()
+    assert not path.exists()
+    admission.admit(state(1_000, 4), 1_000.0)
+    keeper.keep()
+    assert AdmissionState.from_json(path.read_text()).sequence == 4
+
+
+def test_a_restarted_companion_refuses_what_was_accepted_before_it(tmp_path: Path) -> None:
+    path = tmp_path / "broadcast.json"
+    before = Admission(Trust())
+    keeper = _StateKeeper(str(path), before)
+    before.admit(state(1_000, 4), 1_000.0)
+    keeper.keep_now_and_then(1_000.0)
+    after = Admission(Trust(), AdmissionState.from_json(path.read_text()))
+    assert after.admit(state(1_000, 3), 1_001.0) == []
+    assert len(after.admit(state(1_000, 5), 1_001.0)) == 1
 
 
 def test_the_clock_never_runs_backwards() -> None:
     clock = SteadyClock()
     times_s = [clock.now_s() for _ in range(100)]
     assert times_s == sorted(times_s)
+
+
+def test_the_clock_counts_whole_microseconds_so_that_a_log_holds_its_very_times() -> None:
+    now_s = SteadyClock().now_s()
+    assert round(now_s * 1e6) / 1e6 == now_s

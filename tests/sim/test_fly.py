@@ -69,7 +69,9 @@ def test_it_is_quiet_in_a_pipe(run: tuple[Path, subprocess.CompletedProcess[str]
 
 def test_it_writes_every_output(run: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
     names = {path.name for path in run[0].iterdir()}
-    logs = {"broadcast.tlog"} | {f"vehicle-{number}.tlog" for number in range(1, 11)}
+    logs = {"broadcast.tlog"}
+    for number in range(1, 11):
+        logs |= {f"vehicle-{number}.tlog", f"companion-{number}.yaml"}
     assert names == {"mission.yaml", "trajectory.csv", "result.json", "paths.png", "report.html"} | logs
 
 

@@ -297,8 +297,8 @@ def test_damaged_frames_are_counted_and_leave_the_companion_blind_but_flying(mon
     decisions = watched(monkeypatch)
     flight = fly(mission_of("max_time_s: 200"), 1, tamper=damaged)
     (companion,) = flight.companions.values()
-    assert sum(companion.reader.rejected.values()) > 20
-    assert companion.reader.accepted == 0
+    assert companion.admission.rejected.total() > 20
+    assert companion.admission.accepted == 0
     assert {decision.reason for decision in decisions} == {"no picture"}
 
 

@@ -32,7 +32,7 @@ separation_m: 10
 CONFIG = """
 agent_id: 1
 autopilot: {{kind: arducopter, link: "udpin:127.0.0.1:{autopilot}"}}
-broadcast: {{link: "udpin:127.0.0.1:{broadcast}"}}
+broadcast: {{link: "udpin:127.0.0.1:{broadcast}", trust: unsigned}}
 limits: {{speed_m_s: 5, n_max: 0.25, height_min_m: 3, height_max_m: 50}}
 height_m: 8
 separation_m: 10
@@ -109,7 +109,7 @@ def programs(tmp_path: Path) -> Iterator[dict[str, Program]]:
             "--connect", f"udpout:127.0.0.1:{autopilot}", "--connect", f"udpin:127.0.0.1:{pilot}",
         ),
         "groundstation": Program(
-            tmp_path, "groundstation", "run", str(tmp_path / "mission.yaml"),
+            tmp_path, "groundstation", "run", str(tmp_path / "mission.yaml"), "--unsigned",
             "--link", f"udpout:127.0.0.1:{broadcast}", "--sensor", f"udpin:127.0.0.1:{sensor}",
         ),
         "companion": Program(tmp_path, "companion", "run", str(tmp_path / "companion.yaml")),
@@ -133,7 +133,7 @@ def unseen(tmp_path: Path) -> Iterator[tuple[dict[str, Program], int]]:
     (tmp_path / "companion.yaml").write_text(config + REPORTING.format(uplink=uplink))
     running = {
         "groundstation": Program(
-            tmp_path, "groundstation", "run", str(tmp_path / "mission.yaml"), "--autopilot", "arducopter",
+            tmp_path, "groundstation", "run", str(tmp_path / "mission.yaml"), "--unsigned", "--autopilot", "arducopter",
             "--link", f"udpout:127.0.0.1:{broadcast}", "--uplink", f"udpin:127.0.0.1:{uplink}",
         ),
         "companion": Program(tmp_path, "companion", "run", str(tmp_path / "companion.yaml")),

@@ -1,0 +1,57 @@
+"""The on-board decisions again, from a recording: `companion replay`.
+
+A flight's log holds what the on-board code was told, in order and with its times, and what it decided. The same code
+fed with the same decides the same, to the bit; where it does not, the recording says where.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from companion.adapters import ADAPTERS
+from companion.adapters.base import COMPANION_COMPONENT
+from companion.config import Config
+from companion.core import Companion, Decision
+from companion.dialect import oneway
+from companion.flightlog import decision_frame
+from companion.framing import header_of, payload_of
+from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter
+
+_MARKER_V2 = 0xFD
+_GROUND = (GROUND_SYSTEM, GROUND_COMPONENT)
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A decision made again, and whether it is the one that was made in flight."""
+
+    decision: Decision
+    same: bool
+
+
+def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[Replayed]:
+    """Return the decisions of a companion that is told what a flight's log says, (t_unix_s, frame) each.
+
+    What the log holds of the broadcast was believed in flight, so it is not asked for signatures again.
+    """
+    kind = config.autopilot.kind if config.autopilot else "kinematic"
+    companion = Companion(config, ADAPTERS[kind]())
+    writer = FrameWriter()
+    decided_s: float | None = None
+    for t_s, raw in records:
+        header = header_of(raw) if raw[0] == _MARKER_V2 else None
+        if header is None:
+            companion.receive(raw, t_s)
+        elif header.message_id == oneway.MAVLINK_MSG_ID_ONEWAY_DECISION:
+            decision, _ = companion.tick(t_s)
+            decided_s = t_s
+            yield Replayed(decision, payload_of(writer.encode(decision_frame(decision))) == payload_of(raw))
+        elif (header.system, header.component) == _GROUND:
+            companion.hear(raw, t_s)
+        elif header.component != COMPANION_COMPONENT:
+            companion.receive(raw, t_s)
+        elif t_s != decided_s:
+            # Sent between two decisions: the last one was repeated, or withdrawn.
+            companion.repeat(t_s)
+            decided_s = t_s

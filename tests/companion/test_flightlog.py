@@ -1,0 +1,88 @@
+"""What a flight leaves behind: whole frames, no secrets, and words for what was decided."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from pymavlink.dialects.v20 import common
+
+from companion.core import Decision, Purpose
+from companion.flightlog import FlightLog, decision_frame, line_of, without_secrets
+from companion.frames import DecisionFlag
+from companion.guard import NO_BACKUP, Setpoint
+from companion.signing import MavlinkSigner
+from companion.staleness import Stage
+from companion.tlog import TlogWriter
+from companion.wire import Directive, FrameWriter, Stamp, StateFrame, decode_frame
+
+FRAME = FrameWriter().encode(StateFrame(Stamp(1_000, 0, 1), 47.0, 8.0, Directive.NORMAL, (), (), ()))
+
+
+def test_a_signature_is_cut_off_before_a_frame_is_kept() -> None:
+    file = io.BytesIO()
+    FlightLog(TlogWriter(file)).record(1.0, MavlinkSigner(bytes(range(32)), 0).sign(FRAME, 1.8e9))
+    assert file.getvalue()[8:] == FRAME
+
+
+def test_a_frame_that_carries_a_key_is_never_kept() -> None:
+    sender = common.MAVLink(None, srcSystem=255, srcComponent=190)
+    setup = common.MAVLink_setup_signing_message(1, 1, list(range(1, 33)), 1)
+    assert without_secrets(bytes(setup.pack(sender))) is None
+
+
+def test_a_frame_of_mavlink_1_is_kept_as_it_is() -> None:
+    frame = bytes([0xFE, 1, 0, 1, 1, 0, 9, 0, 0])
+    assert without_secrets(frame) == frame
+
+
+def test_a_logged_decision_says_what_was_decided() -> None:
+    setpoint = Setpoint(1.5, 20.0, 30.0)
+    decision = Decision(1_000.25, Purpose.TARGET, "assigned", Stage.COASTING, 1.5, 3, 0.5, True, setpoint, (NO_BACKUP,))
+    frame = decode_frame(FrameWriter().encode(decision_frame(decision)))
+    assert frame == decision_frame(decision)
+    assert (frame.time_us, frame.target_id, frame.heading_rad) == (1_000_250_000, 3, 1.5)
+    assert frame.flags == DecisionFlag.TURN_LIMITED | DecisionFlag.GUARD_CHANGED | DecisionFlag.UNCERTIFIED
+
+
+def test_decisions_that_differ_in_words_alone_are_logged_differently() -> None:
+    one, other = (Decision(1.0, Purpose.LOITER, reason, Stage.FRESH, 0.0) for reason in ("arrived", "no target"))
+    assert decision_frame(one).words_crc != decision_frame(other).words_crc
+
+
+def test_without_a_picture_the_line_says_none() -> None:
+    decision = Decision(0.0, Purpose.IDLE, "no autopilot heard", Stage.LOITERING, None)
+    assert line_of(decision) == "idle (no autopilot heard), picture none"
+
+
+def test_the_line_names_target_stage_and_what_the_guard_changed() -> None:
+    decision = Decision(0.0, Purpose.TARGET, "assigned", Stage.FRESH, 1.0, target_id=3, guard_changes=("keep-out",))
+    assert line_of(decision) == "target 3 (assigned), picture fresh, guard: keep-out"
+
+
+class FullDisk(io.BytesIO):
+    def write(self, data: object) -> int:
+        raise OSError(28, "No space left on device")
+
+
+def test_a_log_that_cannot_be_written_is_given_up_with_one_word(capsys: pytest.CaptureFixture[str]) -> None:
+    log = FlightLog(TlogWriter(FullDisk()))
+    for _ in range(3):
+        log.record(1.0, FRAME)
+    log.close()
+    assert capsys.readouterr().err == "companion: warning: no longer logging: No space left on device\n"
+
+
+def test_a_log_holds_the_frames_of_each_datagram_and_no_junk() -> None:
+    file = io.BytesIO()
+    log = FlightLog(TlogWriter(file))
+    log.record(1.0, FRAME + FRAME + b"junk")
+    log.record(2.0, b"junk")
+    assert file.getvalue().count(FRAME) == 2
+    assert len(file.getvalue()) == 2 * (8 + len(FRAME))
+
+
+def test_without_a_folder_nothing_is_logged() -> None:
+    log = FlightLog(None)
+    log.record(1.0, FRAME)
+    log.close()
