@@ -28,8 +28,10 @@ _MICROSECONDS = 1e6
 class FlightLog:
     """A tlog that gives up, with a word, rather than disturb a flight: a full disk is no reason to stop steering."""
 
-    def __init__(self, writer: TlogWriter | None) -> None:
+    def __init__(self, writer: TlogWriter | None, program: str = "companion") -> None:
+        """Log with a writer, or nothing; `program` is who says that it gave up."""
         self._writer = writer
+        self._program = program
 
     def record(self, t_unix_s: float, datagram: bytes) -> None:
         """Log the frames of a datagram; what is not a frame has no place in a tlog."""
@@ -55,7 +57,7 @@ class FlightLog:
 
     def _give_up(self, error: OSError) -> None:
         self._writer = None
-        click.echo(f"companion: warning: no longer logging: {error.strerror}", err=True)
+        click.echo(f"{self._program}: warning: no longer logging: {error.strerror}", err=True)
 
 
 def without_secrets(frame: bytes) -> bytes | None:

@@ -12,6 +12,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from companion.geodesy import LocalFrame
 from companion.mission import Mission
 from companion.wire import DetectionsFrame, Kind
@@ -132,12 +134,9 @@ class GroundPicture:
                 key for key, heard_at_s in self.heard_at_s.items() if now_s - heard_at_s > self._silent_after_s
             }
         self._near = {key: near for key, near in self._near.items() if assignment.get(key) == near[0]}
-        for target_id in self.open_targets:
-            target = self.tracks[Kind.TARGET, target_id]
-            for agent_id in self.active_agents:
-                agent = self.tracks[Kind.AGENT, agent_id]
-                if self._only_target[agent_id] not in (None, target_id):
-                    continue
+        for target_id, agent_id in self._candidates(assignment):
+            target, agent = self.tracks[Kind.TARGET, target_id], self.tracks[Kind.AGENT, agent_id]
+            if agent_id not in self.arrived and self._only_target[agent_id] in (None, target_id):
                 near = math.dist(agent.position_ned_m, target.position_ned_m) <= self._mission.arrival_radius_m
                 if self._has_arrived(agent_id, target_id, near, assignment.get(agent_id) == target_id, now_s):
                     self.arrived.add(agent_id)
@@ -145,6 +144,17 @@ class GroundPicture:
                     if target_id not in self.reached_by.values():
                         self.reached_by[agent_id] = target_id
         return before != (self.arrived, self.lost, self.completed)
+
+    def _candidates(self, assignment: Mapping[int, int]) -> list[tuple[int, int]]:
+        """Return (target id, agent id) of all that can have arrived: who is near, or was sent there."""
+        agents, targets = self.active_agents, self.open_targets
+        agents_ned_m = np.array([self.tracks[Kind.AGENT, one].position_ned_m for one in agents]).reshape(-1, 2)
+        targets_ned_m = np.array([self.tracks[Kind.TARGET, one].position_ned_m for one in targets]).reshape(-1, 2)
+        apart_m = targets_ned_m[:, np.newaxis] - agents_ned_m  # (K, N, 2)
+        # A little farther, so that only the exact distance decides.
+        close = np.hypot(apart_m[..., 0], apart_m[..., 1]) <= self._mission.arrival_radius_m * (1.0 + 1e-9)
+        sent = np.array(targets, dtype=int)[:, np.newaxis] == np.array([assignment.get(one, 0) for one in agents])
+        return [(targets[row], agents[column]) for row, column in np.argwhere(close | sent)]
 
     def _has_arrived(self, agent_id: int, target_id: int, near: bool, sent: bool, now_s: float) -> bool:
         doubt_s = self.uncertainty_m[agent_id] / self._speed_m_s[agent_id]

@@ -19,7 +19,7 @@ from companion.errors import InputError
 from companion.frames import BandsFrame, Directive, FleetFrame, MissionFrame, MotionFrame, RadiiFrame, StateFrame
 from companion.sealing import Sealer
 from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter
-from groundstation.radio import Radio
+from groundstation.radio import MAVLINK_SIGNATURE_BYTES, Radio
 
 BroadcastFrame = StateFrame | MotionFrame | BandsFrame | FleetFrame | RadiiFrame | MissionFrame
 
@@ -324,10 +324,13 @@ class _Schedule:
     def _refuse_what_cannot_fit(self, on_air_bytes: int) -> None:
         takes_s = on_air_bytes / (self._radio.budget_bytes_per_s * (1.0 - CAROUSEL_SHARE))
         if takes_s > LONGEST_REFRESH_S:
+            weaker = (
+                "--auth mavlink instead of Ed25519, " if self._sealer.overhead_bytes > MAVLINK_SIGNATURE_BYTES else ""
+            )
             raise InputError(
                 f"radio {self._radio.name}: the state of this mission is {on_air_bytes} bytes, {takes_s:.0f} s at "
                 f"{self._radio.budget_bytes_per_s:.0f} B/s; allowed: at most {LONGEST_REFRESH_S:g} s: by a faster "
-                "radio, a greater share, --auth mavlink instead of Ed25519, or fewer agents"
+                f"radio, a greater share, {weaker}or fewer agents"
             )
 
     def _state(self, refresh: _Refresh, place: int, now_s: float) -> tuple[Sent, Callable[[float], None]]:

@@ -24,6 +24,7 @@ from companion.encapsulation import unwrap
 from companion.errors import InputError, nearest_hint
 from companion.flightlog import FlightLog
 from companion.frames import Directive
+from companion.framing import StreamFramer
 from companion.keys import MAVLINK_NAME, PRIVATE_NAME, load_mavlink_key, load_private
 from companion.mission import Mission
 from companion.process import SteadyClock, wait
@@ -181,14 +182,17 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
     broadcaster = Broadcaster(station, options.radio, sealer)
     mirror = Mirror(mission)
     with ExitStack() as stack:
-        log = FlightLog(None if options.log is None else TlogWriter(options.log))
+        log = FlightLog(None if options.log is None else TlogWriter(options.log), "groundstation")
         stack.callback(log.close)
 
         async def listen(link: Link | None, take: Callable[[bytes, float], None]) -> None:
+            framer = StreamFramer() if link is not None and link.scheme == "serial" else None
+
             def on_datagram(datagram: bytes) -> None:
                 now_s = clock.now_s()
-                take(datagram, now_s)
-                log.record(now_s, datagram)
+                for frames in [datagram] if framer is None else framer.feed(datagram):
+                    take(frames, now_s)
+                    log.record(now_s, frames)
 
             if link is not None:
                 receiver = await open_receiver(link, on_datagram)

@@ -10,9 +10,7 @@ from groundstation.radio import RADIOS_BYTES_PER_S, Radio, parse_radio
 
 @pytest.mark.parametrize("name", RADIOS_BYTES_PER_S)
 def test_a_named_radio_has_its_rate(name: str) -> None:
-    assert parse_radio(name, 1.0) == Radio(
-        name, RADIOS_BYTES_PER_S[name], 252, 1.0, heartbeats=name.startswith("sik")
-    )
+    assert parse_radio(name, 1.0) == Radio(name, RADIOS_BYTES_PER_S[name], 252, 1.0, heartbeats=name.startswith("sik"))
 
 
 @pytest.mark.parametrize("text", ["1200", "1200 B/s", "1200B/s", "1200.0"])

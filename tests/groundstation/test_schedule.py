@@ -189,14 +189,18 @@ def test_a_radio_is_used_up_to_two_percent_while_there_is_something_to_say(
 
 def test_a_state_that_fits_is_refreshed_once_a_second() -> None:
     begun = Air(Talker(3), "sik-57600").to(30.0).begun()
-    assert [round(at_s, 2) for at_s in begun] == [float(second) for second in range(30)]
+    assert begun[0] <= 3 * TICK_S
+    assert [round(at_s - begun[0], 2) for at_s in begun] == [float(second) for second in range(30)]
 
 
 @pytest.mark.parametrize("sends", [1.3, 1.8, 2.2, 2.9])
 def test_what_is_sent_beside_it_does_not_keep_the_state_from_its_second(sends: float) -> None:
-    begun = Air(Talker(1, 2), f"{sends * FRAME_BYTES:.1f}", heartbeat=False).to(60.0).begun()
+    rate_bytes_per_s = sends * FRAME_BYTES
+    begun = Air(Talker(1, 2), f"{rate_bytes_per_s:.1f}").to(60.0).begun()
     assert len(begun) == 60
-    assert all(at_s - second < 0.15 for second, at_s in enumerate(begun))
+    # A frame of the carousel's share, which is a right, may be under way.
+    longest_s = 0.1 + 252.0 / rate_bytes_per_s
+    assert all(at_s - second < longest_s for second, at_s in enumerate(begun))
 
 
 def test_a_refresh_that_takes_longer_than_a_second_begins_when_the_last_is_told() -> None:
@@ -212,8 +216,9 @@ def test_a_refresh_that_takes_longer_than_a_second_begins_when_the_last_is_told(
 def test_copies_are_spread_over_the_second() -> None:
     air = Air(Talker(1), "sik-57600").to(10.0)
     assert {copy for _, _, copy in air.states()} == set(range(MOST_SENDS))
+    begun = air.begun()
     for at_s, frame, copy in air.states():
-        assert at_s - (frame.stamp.sequence - 1) == pytest.approx(copy / MOST_SENDS, abs=TICK_S)
+        assert at_s - begun[frame.stamp.sequence - 1] == pytest.approx(copy / MOST_SENDS, abs=1.5 * TICK_S)
 
 
 def test_where_only_some_frames_can_be_repeated_all_take_turns() -> None:
@@ -361,15 +366,15 @@ def test_a_refresh_slowed_beyond_what_receivers_accept_begins_anew() -> None:
 def test_a_state_that_a_radio_cannot_carry_is_refused_with_the_remedies() -> None:
     with pytest.raises(InputError) as caught:
         Air(Talker(100), "300").to(1.0)
-    for part in (
-        "radio 300: ",
-        f"{100 * FRAME_BYTES} bytes",
-        "at most 20 s",
-        "faster radio",
-        "share",
-        "--auth mavlink",
-    ):
+    for part in ("radio 300: ", f"{100 * FRAME_BYTES} bytes", "at most 20 s", "faster radio", "share", "fewer agents"):
         assert part in str(caught.value)
+    assert "--auth" not in str(caught.value)
+
+
+def test_where_ed25519_is_what_does_not_fit_that_is_a_remedy_too() -> None:
+    broadcaster = Broadcaster(Talker(100), parse_radio("300", 1.0), Sealer(KEY, None))
+    with pytest.raises(InputError, match="--auth mavlink instead of Ed25519"):
+        [broadcaster.step(START_S + tick * TICK_S) for tick in range(3)]
 
 
 def test_a_heartbeat_goes_out_every_second_and_keeps_its_own_numbers() -> None:
@@ -398,6 +403,23 @@ def test_in_a_v2_extension_the_whole_outer_frame_counts() -> None:
         assert decode_frame(inner) == sent.frame
         # Less by the zeros that the inner frame happens to end with.
         assert 15 <= len(sent.data) - len(inner) <= 17
+
+
+def test_nothing_is_sent_in_a_tick_in_which_the_station_worked() -> None:
+    # What it costs is not in the tick's time: bytes sent then would be followed too soon by the next tick's.
+    worked: list[float] = []
+
+    class Slow(Talker):
+        def advance(self, now_s: float) -> None:
+            worked.append(now_s)
+
+        def refresh(self, now_s: float, payload_bytes: int) -> list[BroadcastFrame]:
+            worked.append(now_s)
+            return super().refresh(now_s, payload_bytes)
+
+    air = Air(Slow(30, 2), "5760").to(20.0)
+    assert len(worked) >= 30
+    assert {START_S + at_s for at_s, _ in air.sent}.isdisjoint(worked)
 
 
 def test_without_a_radio_the_stations_own_frames_are_sealed_as_they_come() -> None:
