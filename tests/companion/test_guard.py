@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -174,6 +175,7 @@ def test_a_setpoint_that_is_not_finite_becomes_straight_on_at_the_middle_altitud
         {"rate_share": math.nan},
         {"wind_m_s": -1.0},
         {"wind_m_s": 20.0},
+        {"speed_min_m_s": 10.0, "wind_m_s": 15.0},
         {"wind_m_s": math.nan},
         {"speed_min_m_s": 0.0, "braking_m_s2": 1.0, "wind_m_s": 20.0},
         {"position_error_m": -1.0},
@@ -193,6 +195,9 @@ def test_a_fence_without_three_finite_corners_is_refused(last: tuple[tuple[float
 
 
 def test_limits_at_the_edge_of_sense_are_taken() -> None:
+    replace(PLANE, wind_m_s=19.9)
+    replace(PLANE, speed_min_m_s=0.5)
+    replace(COPTER, wind_m_s=19.9)
     Limits(0.0, 0.0, 0.1, 50.0, 50.0, braking_m_s2=0.1, fence_ned_m=((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), horizon_s=0.0)
 
 
@@ -504,6 +509,15 @@ def test_a_step_that_may_turn_by_more_than_half_a_circle_falls_back_on_a_rounded
     assert_refused_from(edge_m - SPARE_M, scene)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_rounded_square_has_a_corner_and_a_line_in_each_step_and_closes(side: float) -> None:
+    loop = Guard(Limits(60.0, 60.0, 10.0, 50.0, 120.0))._loop(guard._Pose(1.0, 2.0, 0.3), side, 60.0, 5.0)
+    turns_rad = [piece.curvature_1_m * piece.length_m for piece in loop]
+    assert turns_rad == pytest.approx([side * math.pi / 2.0, 0.0] * 4)
+    assert [corner.length_m + line.length_m for corner, line in zip(loop[::2], loop[1::2], strict=True)] == [300.0] * 4
+    assert_hangs_together(guard._Path(loop, len(loop), 60.0, math.inf))
+
+
 def test_a_position_error_is_kept_clear_of_as_well() -> None:
     assert_refused_from(30.0 - 2.5 - SPARE_M, lone(5.0, 30.0, replace(PLANE, position_error_m=2.5)))
 
@@ -629,6 +643,20 @@ def test_a_disc_is_far_beyond_six_steps_the_reaction_and_a_back_up(
             assert len(looked) == times
 
 
+@pytest.mark.parametrize(("braking_m_s2", "backup_m"), [(None, 2.0 * 28.0**2 / G_M_S2), (2.0, 24.0**2 / 4.0)])
+def test_in_wind_a_disc_is_far_beyond_what_is_flown_down_wind(braking_m_s2: float | None, backup_m: float) -> None:
+    slowest_m_s = 10.0 if braking_m_s2 is None else 0.0
+    limits = Limits(slowest_m_s, 20.0, 1.0, 50.0, 120.0, braking_m_s2)
+    guarded = Guard(replace(limits, wind_m_s=4.0, reaction_s=1.0, position_error_m=2.0))
+    guarded.check(AHEAD, NORTHWARD, NOTHING, 0.0, DT_S)
+    inflation_m = SPARE_M + 2.0 + 4.0 * (1.5 * DT_S + 0.75)
+    for speeds_m_s in ((20.0, 10.0, 10.0), (10.0, 20.0, 10.0), (10.0, 10.0, 20.0)):
+        before_m_s, wanted_m_s, ground_m_s = speeds_m_s
+        motion = replace(NORTHWARD, speed_m_s=ground_m_s)
+        reach_m = guarded._reach_m(motion, before_m_s, guard._Step(0.0, wanted_m_s), DT_S)
+        assert reach_m == pytest.approx(24.0 * (6.0 * DT_S + 1.0) + backup_m + inflation_m)
+
+
 # --- which step is taken instead
 
 
@@ -641,6 +669,23 @@ def test_a_milder_turn_is_taken_where_the_wanted_one_is_refused() -> None:
     assert verdict.changes == (KEEP_OUT,)
     assert turn_of(verdict, NORTHWARD) == pytest.approx(most_rad / 2.0)
     assert verdict.certified_s == math.inf
+
+
+def test_after_the_wanted_step_come_half_the_turn_none_and_full_turns_nearest_first_then_at_the_speed_flown() -> None:
+    limits = replace(PLANE, speed_min_m_s=10.0)
+    guarded, step = Guard(limits), guard._Step(-0.2, 15.0)
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, DT_S, ())
+    most_rad = G_M_S2 / 20.0 * DT_S
+    turns_rad = [-most_rad, -0.1, 0.0, most_rad]
+    expected = [(-0.2, 15.0), *((turn_rad, speed_m_s) for speed_m_s in (15.0, 20.0) for turn_rad in turns_rad)]
+    assert list(guarded._choices(step, flight)) == expected
+    assert list(guarded._choices(guard._Step(0.0, 20.0), flight)) == [
+        (0.0, 20.0),
+        *((turn_rad, 20.0) for turn_rad in (0.0, 0.0, most_rad, -most_rad)),
+    ]
+    stopping = Guard(COPTER)
+    last = list(stopping._choices(guard._Step(0.0, 20.0), flight))[-1]
+    assert last == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -688,6 +733,17 @@ def test_a_start_whose_every_step_is_refused_flies_the_path_that_certified_it() 
         verdict = guarded.check(AHEAD, NORTHWARD, scene, 0.0, DT_S)
     assert verdict.changes == (KEEP_OUT, BACKUP)
     assert verdict.certified_s == math.inf
+
+
+def test_a_path_from_where_the_next_command_acts_is_clear_for_the_horizon_from_there() -> None:
+    limits = replace(PLANE, fence_ned_m=box(1e3), horizon_s=7.0)
+    edge_m = math.hypot(150.0, RHO_M) - RHO_M - 7.0 * 3.0 - SPARE_M
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_accepted", lambda *_: KEEP_OUT)
+        patch.setattr(Guard, "_ray", lambda *_: None)
+        for hair_m, said in ((-HAIR, ((KEEP_OUT, BACKUP), 7.0)), (HAIR, ((KEEP_OUT, NO_BACKUP), 0.0))):
+            verdict = check(AHEAD, NORTHWARD, discs((150.0, 0.0, edge_m + hair_m), speed_m_s=3.0), limits)
+            assert (verdict.changes, verdict.certified_s) == said
 
 
 # --- the route as back-up
@@ -759,15 +815,18 @@ def test_a_path_in_hand_that_leads_nearly_where_it_is_wanted_is_flown() -> None:
 def test_with_keep_right_only_the_circle_to_the_right_takes_the_place_of_a_step_that_would_close_it() -> None:
     closing = discs((60.0, 110.0, 48.0))
     assert Guard(PLANE).check(AHEAD, NORTHWARD, closing, 0.0, DT_S).changes == ()
-    verdict = Guard(PLANE).check(AHEAD, NORTHWARD, closing, 0.0, DT_S, (), True)
-    assert verdict.changes == (KEEP_OUT,)
+    guarded = Guard(PLANE)
+    verdict = guarded.check(AHEAD, NORTHWARD, closing, 0.0, DT_S, (), True)
+    assert (verdict.changes, verdict.certified_s) == ((KEEP_OUT,), math.inf)
+    assert guarded._path is not None and all(piece.curvature_1_m > 0.0 for piece in guarded._path.pieces)
     assert verdict.setpoint is not None
     assert verdict.setpoint.heading_rad == pytest.approx(G_M_S2 / 20.0 * DT_S)
 
 
 def test_with_keep_right_what_leaves_the_circle_to_the_right_clear_is_let_through() -> None:
     away = discs((60.0, -110.0, 60.0))
-    assert Guard(PLANE).check(AHEAD, NORTHWARD, away, 0.0, DT_S, (), True).changes == ()
+    verdict = Guard(PLANE).check(AHEAD, NORTHWARD, away, 0.0, DT_S, (), True)
+    assert (verdict.changes, verdict.certified_s) == ((), math.inf)
 
 
 def test_with_keep_right_where_no_circle_to_the_right_is_clear_any_other_back_up_serves() -> None:
@@ -784,6 +843,103 @@ def test_who_can_stop_keeps_no_circle() -> None:
 def test_with_short_steps_a_circle_is_looked_for_only_now_and_then_along_the_route() -> None:
     motion = replace(NORTHWARD, north_m=60.0)
     assert Guard(PLANE).check(AHEAD, motion, GATE, 0.0, DT_S / 10.0, THROUGH).changes == ()
+
+
+@pytest.mark.parametrize(
+    ("dt_s", "places"),
+    [
+        (0.0525, [1.05 * (count + 1) for count in (*range(10, 731, 10), 735)]),  # 245 a circle: every tenth of 735
+        (0.5, [10.0 * (count + 1) for count in range(1, 79)]),  # 26 steps a circle: every one of 78
+        (1.0, [20.0 * (count + 1) for count in range(1, 61)]),  # 13 steps a circle: every one of 60
+    ],
+)
+def test_along_the_route_a_circle_is_looked_for_over_three_circles_or_sixty_steps(
+    dt_s: float, places: list[float]
+) -> None:
+    route = (((0.0, 0.0), 0.0, 0.0, 1e4),)
+    guarded, looked = Guard(PLANE), []
+
+    def nowhere(_self: Guard, pose: guard._Pose, *_: object) -> str:
+        looked.append(pose.north_m)
+        return KEEP_OUT
+
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, dt_s, route)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_to_rest", nowhere)
+        begin = guard._Pose(20.0 * dt_s, 0.0, 0.0)
+        assert guarded._along_route(begin, guard._Step(0.0, 20.0), 0.0, flight) is None
+    assert looked == pytest.approx(places)
+
+
+def test_along_the_route_no_more_than_what_is_left_of_it_is_looked_at() -> None:
+    route = (((-300.0, 0.0), 0.0, 0.0, 300.0),)
+    guarded, looked = Guard(PLANE), []
+
+    def nowhere(_self: Guard, pose: guard._Pose, *_: object) -> str:
+        looked.append(pose.north_m)
+        return KEEP_OUT
+
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, DT_S, route)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_to_rest", nowhere)
+        assert guarded._along_route(guard._Pose(0.0, 0.0, 0.0), guard._Step(0.0, 20.0), 0.0, flight) is None
+    # Straight on from its end for as long as a circle is, 256.3 m.
+    assert looked == pytest.approx([10.0 * count for count in range(1, 27)])
+
+
+@pytest.mark.parametrize("bend_1_m", [0.0, 1.0 / 300.0, -1.0 / 300.0])
+def test_the_path_along_the_route_hangs_together_and_its_circle_begins_where_it_was_found_clear(
+    bend_1_m: float,
+) -> None:
+    """The vehicle is a little off the route and closes in on it."""
+    route = (((0.0, 0.0), 0.0, 0.0, 150.0), ((150.0, 0.0), 0.0, bend_1_m, 400.0))
+    guarded, looked = Guard(PLANE), []
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, DT_S, route)
+    to_rest = Guard._to_rest
+
+    def late(self: Guard, pose: guard._Pose, *rest: object) -> guard._Path | str:
+        looked.append(pose)
+        return to_rest(self, pose, *rest) if len(looked) == 30 else KEEP_OUT  # type: ignore[arg-type]
+
+    begin = guard._Pose(10.0, 2.0, 0.02)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_to_rest", late)
+        path = guarded._along_route(begin, guard._Step(0.0, 20.0), 0.0, flight)
+    assert path is not None and path.loops == 1 and path.pieces[0][:3] == begin
+    assert_hangs_together(path)
+    assert path.pieces[-1][:3] == looked[-1]
+    assert sum(piece.length_m for piece in path.pieces[:-1]) == pytest.approx(300.0)
+    along_it = guard._Path(tuple(Piece(*start, *rest) for start, *rest in route), 0, 20.0, math.inf)
+    meets = guard._at(along_it, guard._nearest_along_m(along_it, looked[-1]))
+    assert math.dist(meets[:2], looked[-1][:2]) < 0.5
+
+
+def test_straight_steps_along_the_route_are_one_line() -> None:
+    turns_rad = iter([0.1, 0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
+    guarded = Guard(PLANE)
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, DT_S, THROUGH)
+    circle = guarded._to_rest
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_steered_rad", lambda *_: next(turns_rad))
+        patch.setattr(Guard, "_to_rest", lambda _, pose, *rest: circle(pose, *rest) if pose[0] > 69.0 else KEEP_OUT)
+        path = guarded._along_route(guard._Pose(0.0, 0.0, 0.0), guard._Step(0.0, 20.0), 0.0, flight)
+    assert path is not None
+    assert_hangs_together(path)
+    arcs_m = [0.1 * RHO_M, 0.2 * RHO_M]
+    lengths_m = [arcs_m[0], 30.0 - arcs_m[0], arcs_m[1], 40.0 - arcs_m[1], math.tau * RHO_M]
+    assert [piece.length_m for piece in path.pieces] == pytest.approx(lengths_m)
+
+
+@pytest.mark.parametrize(("spare_m", "clear"), [(2.99, True), (3.01, False)])
+def test_what_a_change_of_speed_costs_is_kept_clear_along_the_route_too(spare_m: float, clear: bool) -> None:
+    guarded = Guard(PLANE)
+    beside = discs((100.0, 60.0, 57.0))
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, beside, DT_S, THROUGH)
+    circle = guard._Path((Piece(0.0, 0.0, 0.0, 0.02, math.tau / 0.02),), 1, 20.0, math.inf)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_to_rest", lambda _, pose, *__: circle if pose[0] > 150.0 else KEEP_OUT)
+        path = guarded._along_route(guard._Pose(0.0, 0.0, 0.0), guard._Step(0.0, 20.0), spare_m, flight)
+    assert (path is not None) is clear
 
 
 def test_a_corridor_without_an_end_in_sight_is_not_entered() -> None:
@@ -848,6 +1004,36 @@ def test_braking_goes_on_along_its_line_until_the_vehicle_stands() -> None:
     assert vehicle.motion.speed_m_s < 5.0
 
 
+def test_who_brakes_and_may_do_nothing_else_goes_on_braking() -> None:
+    scene = discs((500.0, 0.0, 395.0))
+    guarded, vehicle = Guard(COPTER), Vehicle(NORTHWARD, COPTER)
+    vehicle.obey(sent(guarded.check(AHEAD, NORTHWARD, scene, 0.0, DT_S)))
+    vehicle.fly(DT_S)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_accepted", lambda *_: KEEP_OUT)
+        verdict = guarded.check(AHEAD, vehicle.motion, scene, DT_S, DT_S)
+    assert verdict == Verdict(Setpoint(0.0, 0.0, 100.0), (KEEP_OUT, BACKUP), certified_s=math.inf)
+
+
+def test_a_start_whose_every_step_is_refused_brakes_straight_ahead() -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_accepted", lambda *_: KEEP_OUT)
+        verdict = check(replace(AHEAD, heading_rad=0.2), NORTHWARD, discs((150.0, 0.0, 20.0)), COPTER)
+    assert verdict == Verdict(Setpoint(0.0, 0.0, 100.0), (KEEP_OUT, BACKUP), certified_s=math.inf)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("speed_m_s", "turning_m_s"), [(0.3, 0.5), (0.8, 0.8), (5.0, 5.0)])
+def test_who_brakes_turns_back_to_its_line_as_the_speed_flown_allows(
+    speed_m_s: float, turning_m_s: float, side: float
+) -> None:
+    guarded = Guard(replace(COPTER, n_max=0.01))
+    guarded._path = guard._Path((Piece(0.0, 0.0, side, 0.0, 10.0),), 0, 0.0, math.inf)
+    motion = replace(NORTHWARD, speed_m_s=speed_m_s)
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), speed_m_s, motion, NOTHING, DT_S, ())
+    assert guarded._continued(flight) == pytest.approx((side * 0.01 * G_M_S2 / turning_m_s * DT_S, 0.0))
+
+
 # --- moving discs
 
 
@@ -903,6 +1089,22 @@ def test_a_disc_as_fast_as_the_vehicle_is_judged_at_the_end_of_its_time(share: f
     assert guard._met(line, [disc], 10.0, 0.0, 10.0, 1e-9)
 
 
+@pytest.mark.parametrize(("spare_m", "met"), [(0.0, True), (-1.0, False)])
+def test_a_disc_that_is_hardly_slower_may_reach_a_line_in_between(spare_m: float, met: bool) -> None:
+    """Inside from 78 to 122 s, clear again long before the end."""
+    line, disc = Piece(97.9, 48.12, 0.0, 0.0, 10_000.0), (0.0, 0.0, 100.0, 9.99)
+    t_s = np.linspace(0.0, 1000.0, 10_001)
+    room_m = np.hypot(97.9 + 10.0 * t_s, 48.12) - 100.0 - spare_m - 9.99 * t_s
+    assert bool((room_m < 0.0).any()) is met and room_m[0] > 0.0 and room_m[-1] > 0.0
+    assert guard._met(line, [disc], 10.0, 0.0, 1000.0, spare_m) is met
+
+
+def test_a_disc_that_is_hardly_slower_does_not_reach_a_line_that_leads_away_from_it() -> None:
+    """Half a centimetre clear at the start, and more and more from then on."""
+    line, disc = Piece(99.99, math.sqrt(10_001.0 - 99.99**2), 0.0, 0.0, math.inf), (0.0, 0.0, 100.0, 9.99)
+    assert not guard._met(line, [disc], 10.0, 0.0, math.inf, 0.0)
+
+
 def test_inside_a_disc_a_line_is_met_even_straight_away() -> None:
     assert guard._met(Piece(0.0, 0.0, 0.0, 0.0, math.inf), [(-1.0, 0.0, 2.0, 1.0)], 10.0, 0.0, math.inf, 0.0)
 
@@ -912,7 +1114,7 @@ def test_inside_a_disc_a_line_is_met_even_straight_away() -> None:
 def test_the_fan_offers_exactly_the_turns_that_are_clear_one_by_one(seed: int, endless: bool, coarse: bool) -> None:
     rng = np.random.default_rng(seed)
     table = np.column_stack(
-        [rng.uniform(-600, 600, (6, 2)), rng.uniform(5, 90, 6), rng.choice([0.0, 3.0, 9.0, 21.0], 6)]
+        [rng.uniform(-600, 600, (6, 2)), rng.uniform(5, 90, 6), rng.choice([0.0, 3.0, 9.0, 20.0, 21.0], 6)]
     )
     if endless:
         table[:, 3] = np.minimum(table[:, 3], 9.0)
@@ -934,6 +1136,39 @@ def test_the_fan_offers_exactly_the_turns_that_are_clear_one_by_one(seed: int, e
             one_by_one.append(turn_rad)
     assert sorted({round(turn_rad, 9) for turn_rad in offered}) == [round(turn_rad, 9) for turn_rad in one_by_one]
     assert [abs(turn_rad) for turn_rad in offered] == sorted(abs(turn_rad) for turn_rad in offered)
+
+
+@pytest.mark.parametrize(
+    ("north_m", "disc_m_s"),
+    [(300.0, 0.0), (300.0, 4.0), (10.0, 0.0), (800.0, 20.0), (-7699.5, 20.0), (-2644.5, 19.99)],
+)
+def test_the_fan_offers_a_line_up_to_the_disc_it_grazes(north_m: float, disc_m_s: float) -> None:
+    t_s = np.linspace(0.0, 25.0, 250_001)
+    edge_m = float(np.min(np.hypot(20.0 * t_s - north_m, 90.0) - disc_m_s * t_s))
+    for radius_m, offered in ((edge_m - 1e-4, [0.0, 0.0]), (edge_m + 1e-4, [])):
+        table = np.array([[north_m, 90.0, radius_m, disc_m_s], [-1e4, 0.0, 1.0, 0.0]])
+        assert guard._fan_rad(guard._Pose(0.0, 0.0, 0.0), 0.02, 500.0, 20.0, table, 0.1) == offered
+
+
+def test_the_fan_offers_the_mildest_turn_first_and_of_two_the_one_to_the_right() -> None:
+    far = np.array([[-1e5, 0.0, 1.0, 3.0]])
+    step_rad = math.tau / 32.0
+    offered = guard._fan_rad(guard._Pose(0.0, 0.0, 0.3), 0.02, 500.0, 20.0, far, 3.0)
+    assert len(offered) == 2 * 16
+    assert offered[:5] == pytest.approx([0.0, 0.0, step_rad, -step_rad, 2.0 * step_rad])
+    assert offered[-1] == pytest.approx(-15.0 * step_rad)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("heading_rad", [0.4, -2.5])
+def test_the_fan_offers_no_turn_past_a_disc_on_its_arc(heading_rad: float, side: float) -> None:
+    """The disc is 1.03 rad along the arc, between the fifth step and the sixth; the line after the fifth meets it."""
+    pose = guard._Pose(30.0, -20.0, heading_rad)
+    on_arc = guard._place_on(Piece(*pose, side * 0.02, 0.0), 50.0 * 1.03)
+    table = np.array([[*on_arc[:2], 1.0, 0.0]])
+    offered = guard._fan_rad(pose, 0.02, math.inf, 20.0, table, 3.0)
+    passed = sorted(abs(turn_rad) for turn_rad in offered if side * turn_rad > 0.0)
+    assert passed == pytest.approx([count * math.tau / 32.0 for count in range(1, 5)])
 
 
 def test_on_an_arc_a_moving_disc_counts_as_large_as_at_its_end() -> None:
@@ -975,6 +1210,12 @@ def test_a_disc_as_fast_as_the_vehicle_is_kept_clear_of_for_the_horizon_and_no_l
     assert (verdict.changes, verdict.certified_s) == ((), 7.5)
 
 
+@pytest.mark.parametrize(("disc_m_s", "certified_s"), [(15.9, math.inf), (16.0, 30.5), (17.0, 30.5)])
+def test_in_wind_as_fast_as_the_vehicle_means_as_fast_as_it_is_up_wind(disc_m_s: float, certified_s: float) -> None:
+    scene = discs((5000.0, 0.0, 50.0), speed_m_s=disc_m_s)
+    assert check(AHEAD, NORTHWARD, scene, replace(PLANE, wind_m_s=4.0)).certified_s == certified_s
+
+
 def test_moving_discs_inside_a_fence_are_kept_clear_of_for_the_horizon() -> None:
     limits = replace(PLANE, fence_ned_m=box(1e3), horizon_s=7.0)
     verdict = check(AHEAD, NORTHWARD, discs((500.0, 0.0, 50.0), speed_m_s=1.0), limits)
@@ -995,7 +1236,8 @@ def test_a_vehicle_that_can_stop_is_not_made_to_flee_from_a_slow_disc_for_ever()
     """It may slow down to a hover for as long as the horizon, rather than keep its speed to be clear for ever."""
     verdict = check(replace(AHEAD, speed_m_s=1.0), NORTHWARD, discs((500.0, 0.0, 50.0), speed_m_s=3.0), COPTER)
     assert (verdict.changes, verdict.certified_s) == ((), 30.5)
-    assert check(AHEAD, NORTHWARD, discs((500.0, 0.0, 50.0), speed_m_s=3.0), COPTER).certified_s == 30.5
+    for slow_m_s in (0.5, 3.0):
+        assert check(AHEAD, NORTHWARD, discs((500.0, 0.0, 50.0), speed_m_s=slow_m_s), COPTER).certified_s == 30.5
 
 
 def test_a_vehicle_that_hovers_beside_a_moving_disc_cannot_fly_from_it_at_no_speed() -> None:
@@ -1010,6 +1252,40 @@ def test_where_nothing_is_clear_for_ever_the_horizon_is_what_is_certified() -> N
     verdict = check(AHEAD, NORTHWARD, discs(*ring, speed_m_s=2.0), PLANE)
     assert verdict.changes == ()
     assert verdict.certified_s == 30.5
+
+
+def test_where_no_disc_was_near_before_the_horizon_is_certified_as_well() -> None:
+    ring = [(800.0 * math.cos(a), 800.0 * math.sin(a), 190.0) for a in np.linspace(0.0, math.tau, 13)[:-1]]
+    guarded = Guard(PLANE)
+    assert guarded.check(AHEAD, NORTHWARD, NOTHING, 0.0, DT_S).certified_s == math.inf
+    verdict = guarded.check(AHEAD, replace(NORTHWARD, north_m=10.0), discs(*ring, speed_m_s=2.0), DT_S, DT_S)
+    assert (verdict.changes, verdict.certified_s) == ((), 30.5)
+
+
+@pytest.mark.parametrize("disc_m_s", [20.0, 30.0])
+def test_a_ray_that_is_clear_for_the_horizon_is_certified_for_no_longer(disc_m_s: float) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_to_rest", lambda *_: KEEP_OUT)
+        verdict = check(AHEAD, NORTHWARD, discs((900.0, 0.0, 50.0), speed_m_s=disc_m_s), replace(PLANE, horizon_s=7.0))
+    assert (verdict.changes, verdict.certified_s) == ((), 7.5)
+
+
+def test_on_the_arc_to_a_ray_a_disc_is_as_large_as_while_the_arc_is_flown() -> None:
+    """At the end of the arc, after 1.4 s, the disc behind is 6 m off it; it would be in it 1.4 s later."""
+    guarded = Guard(PLANE)
+    scene = Discs(np.array([[-60.0, 0.0], [100.0, -20.0]]), np.array([40.0, 22.0]), np.array([10.0, 0.0]))
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, ())
+    guarded._path = guard._Path((Piece(0.0, 0.0, 0.7, 0.0, math.inf),), 0, 20.0, math.inf)
+    ray = guarded._ray(flight.tip, 20.0, 0.0, 0.0, flight, False, False)
+    assert ray is not None and ray[-1].heading_rad == pytest.approx(0.7)
+
+
+def test_only_the_wanted_step_and_the_way_from_the_tip_are_worth_a_look_at_all_headings() -> None:
+    thoroughly: list[object] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_ray", lambda *arguments: thoroughly.append(arguments[-1]))
+        check(AHEAD, NORTHWARD, discs((900.0, 0.0, 50.0), speed_m_s=2.0), PLANE)
+    assert thoroughly[:6] == [True, False, False, False, False, True]
 
 
 def test_what_is_certified_for_the_horizon_runs_out() -> None:
@@ -1029,6 +1305,106 @@ def test_what_is_certified_for_the_horizon_runs_out() -> None:
             left_s.append(verdict.certified_s)
     assert left_s == [1.0, 0.5, 0.0]
     assert verdict.changes[-2:] == (KEEP_OUT, NO_BACKUP)
+
+
+@pytest.mark.parametrize(("off", "left_s"), [(0.0, 1.0), (4e-4, 1.0), (-4e-4, 1.0), (6e-4, 0.9994)])
+def test_two_calls_a_thousandth_of_a_step_off_it_count_as_one_step_apart(off: float, left_s: float) -> None:
+    ring = [(800.0 * math.cos(a), 800.0 * math.sin(a), 190.0) for a in np.linspace(0.0, math.tau, 13)[:-1]]
+    guarded, vehicle = Guard(replace(PLANE, horizon_s=1.0)), Vehicle(NORTHWARD, PLANE)
+    scene = discs(*ring, speed_m_s=2.0)
+    vehicle.obey(sent(guarded.check(AHEAD, NORTHWARD, scene, 0.0, DT_S)))
+    vehicle.fly(DT_S)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_accepted", lambda *_: KEEP_OUT)
+        patch.setattr(Guard, "_from_tip", lambda *_: KEEP_OUT)
+        verdict = guarded.check(AHEAD, vehicle.motion, scene, DT_S + off, DT_S)
+    assert verdict.certified_s == pytest.approx(left_s, abs=1e-12)
+
+
+def test_what_is_clear_for_ever_is_not_given_up_for_what_is_clear_for_the_horizon() -> None:
+    scene = discs((-60.0, 0.0, 20.0), speed_m_s=4.0)
+    guarded, vehicle = Guard(PLANE), Vehicle(NORTHWARD, PLANE)
+    vehicle.obey(sent(guarded.check(AHEAD, NORTHWARD, scene, 0.0, DT_S)))
+    vehicle.fly(DT_S)
+    horizon = guard._Path((Piece(20.0, 0.0, 0.0, 0.0, 600.0),), 0, 20.0, 30.5)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_accepted", lambda _self, _step, _flight, limited, _: horizon if limited else KEEP_OUT)
+        patch.setattr(Guard, "_continues", lambda *_: False)
+        verdict = guarded.check(AHEAD, vehicle.motion, scene, DT_S, DT_S)
+    assert (verdict.changes, verdict.certified_s) == ((KEEP_OUT, BACKUP), math.inf)
+
+
+def test_a_disc_that_moves_is_looked_at_however_slow_and_far_it_is() -> None:
+    guarded = Guard(PLANE)
+    guarded.check(AHEAD, NORTHWARD, discs((5e4, 0.0, 50.0), speed_m_s=0.1), 0.0, DT_S)
+    assert guarded._path is not None and guarded._path.loops == 0
+
+
+@pytest.mark.parametrize("heading_rad", [0.0, 2.1])
+@pytest.mark.parametrize("wind_m_s", [0.0, 4.0])
+@pytest.mark.parametrize("ahead_m", [-10.0, 5.0, 40.0])
+def test_beside_a_moving_disc_the_way_straight_on_is_timed_at_the_speed_less_the_wind(
+    ahead_m: float, wind_m_s: float, heading_rad: float
+) -> None:
+    limits, slow_m_s = replace(PLANE, wind_m_s=wind_m_s), 20.0 - wind_m_s
+    t_s = np.linspace(0.0, 10.0, 100_001)
+    step_s = t_s[t_s <= 10.0 / slow_m_s]
+    step_m = np.hypot(slow_m_s * step_s - ahead_m, 60.0) - 4.0 * step_s
+    after_m = np.hypot(10.0 + slow_m_s * t_s - ahead_m, 60.0) - 4.0 * (t_s + DT_S)
+    edge_m = float(min(step_m.min(), after_m.min())) - wind_m_s * 1.5 * DT_S - SPARE_M
+    cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+    centre = (ahead_m * cosine - 60.0 * sine, ahead_m * sine + 60.0 * cosine)
+    motion, wanted = replace(NORTHWARD, heading_rad=heading_rad), replace(AHEAD, heading_rad=heading_rad)
+    assert_refused_straight_on(
+        edge_m, lambda radius_m: check(wanted, motion, discs((*centre, radius_m), speed_m_s=4.0), limits)
+    )
+
+
+def test_the_headings_tried_first_are_straight_on_that_of_the_ray_in_hand_and_away_from_the_nearest_edge() -> None:
+    guarded, pose = Guard(PLANE), guard._Pose(1.0, 2.0, 0.3)
+    around = [(101.0, 2.0, 90.0, 1.0), (1.0, 52.0, 10.0, 1.0)]
+    assert list(guarded._likely_headings_rad(pose, around)) == [0.3, math.pi]
+    ray = (Piece(0.0, 0.0, 0.0, 0.1, 5.0), Piece(0.0, 0.0, 0.7, 0.0, math.inf))
+    guarded._path = guard._Path(ray, 0, 20.0, math.inf)
+    assert list(guarded._likely_headings_rad(pose, around)) == [0.3, 0.7, math.pi]
+    guarded._path = guarded._path._replace(loops=1)
+    assert list(guarded._likely_headings_rad(pose, around)) == [0.3, math.pi]
+
+
+def test_in_coarse_steps_a_ray_in_hand_that_is_too_far_round_does_not_hide_the_way_from_the_disc() -> None:
+    guarded = Guard(Limits(60.0, 60.0, 10.0, 50.0, 120.0))
+    scene = discs((400.0, 200.0, 300.0), speed_m_s=20.0)
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 60.0, replace(NORTHWARD, speed_m_s=60.0), scene, 5.0, ())
+    guarded._path = guard._Path((Piece(0.0, 0.0, 3.1, 0.0, math.inf),), 0, 60.0, math.inf)
+    ray = guarded._ray(flight.tip, 60.0, 0.0, 0.0, flight, False, False)
+    assert ray is not None
+    assert math.remainder(ray[-1].heading_rad, math.tau) == pytest.approx(math.atan2(-200.0, -400.0))
+
+
+@pytest.mark.parametrize(("dt_s", "most_rad"), [(0.5, math.tau), (5.0, 3.0)])
+def test_the_fan_is_asked_for_turns_all_round_from_discs_as_they_are_when_the_step_ends(
+    dt_s: float, most_rad: float
+) -> None:
+    guarded = Guard(Limits(60.0, 60.0, 10.0, 50.0, 120.0, wind_m_s=5.0))
+    asked: list[tuple[Any, ...]] = []
+    scene = discs((100.0, 0.0, 300.0), (-100.0, 20.0, 300.0), speed_m_s=2.0)
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 60.0, replace(NORTHWARD, speed_m_s=60.0), scene, dt_s, ())
+
+    def fan(*arguments: object) -> list[float]:
+        asked.append(arguments)
+        return [0.5, 1.0]
+
+    for limited, length_m in ((False, math.inf), (True, 55.0 * 30.0)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(guard, "_fan_rad", fan)
+            ray = guarded._ray(flight.tip, 60.0, dt_s, 0.25, flight, limited, True)
+            assert guarded._ray(flight.tip, 60.0, dt_s, 0.25, flight, limited, False) is None
+        pose, curvature_1_m, line_m, slow_m_s, table, turn_rad = asked.pop()
+        assert not asked
+        assert (pose, line_m, slow_m_s, turn_rad) == (flight.tip, length_m, 55.0, most_rad)
+        assert curvature_1_m == pytest.approx(10.0 * G_M_S2 / 65.0**2)
+        assert table == pytest.approx(np.array(flight.discs) + [0.0, 0.0, 2.0 * dt_s + 0.25, 0.0])
+        assert ray is not None and ray[-1][2:] == pytest.approx((0.5, 0.0, length_m))
 
 
 def test_the_ray_in_hand_serves_again_after_a_turn_off_it() -> None:
@@ -1066,6 +1442,14 @@ def test_a_step_begins_where_the_commands_in_flight_take_the_vehicle() -> None:
     assert math.dist(tip[:2], expected[:2]) < 1e-9
 
 
+def test_of_two_commands_that_act_at_the_same_time_the_later_one_is_flown() -> None:
+    guarded = Guard(replace(PLANE, speed_min_m_s=10.0, speed_max_m_s=30.0))
+    commands = [guard._Command(0.5, 0.3, 30.0), guard._Command(0.5, 0.1, 10.0)]
+    pose, speed_m_s = guarded._flown(replace(NORTHWARD, speed_m_s=10.0), commands, 1.5)
+    assert pose == pytest.approx(turn_towards(5.0, 0.0, 0.0, 10.0, 0.1, G_M_S2 / 10.0, 1.0))
+    assert speed_m_s == 10.0
+
+
 def test_the_turn_limit_counts_from_the_heading_that_will_be_flown_by_then() -> None:
     limits = replace(PLANE, reaction_s=0.25)
     guarded = Guard(limits)
@@ -1082,6 +1466,18 @@ def test_a_start_whose_reaction_runs_into_a_disc_is_not_certified() -> None:
     limits, far = replace(PLANE, reaction_s=5.0), discs((100.0, 99.0, 100.0))
     assert not Guard(limits).certify(NORTHWARD, far, DT_S)
     assert Guard(replace(limits, reaction_s=0.0)).certify(NORTHWARD, far, DT_S)
+
+
+@pytest.mark.parametrize(("hair_m", "certified"), [(-HAIR, True), (HAIR, False)])
+def test_during_the_reaction_a_moving_disc_counts_as_large_as_at_its_end(hair_m: float, certified: bool) -> None:
+    around = discs((5.0, 60.0, 60.0 - 3.0 * 2.0 - SPARE_M + hair_m), speed_m_s=3.0)
+    assert Guard(replace(PLANE, reaction_s=2.0)).certify(NORTHWARD, around, DT_S) is certified
+
+
+def test_with_a_disc_that_nothing_is_clear_of_for_ever_a_start_is_certified_for_the_horizon() -> None:
+    for north_m, certified in ((1300.0, True), (600.0, False)):
+        hunter = discs((north_m, 0.0, 50.0), speed_m_s=40.0)
+        assert Guard(PLANE).certify(replace(NORTHWARD, heading_rad=math.pi / 2.0), hunter, DT_S) is certified
 
 
 def test_a_start_without_a_path_after_the_reaction_is_not_certified() -> None:
@@ -1137,10 +1533,24 @@ def test_a_vehicle_that_is_not_where_it_should_be_is_named(
     assert broken_after(limits, lambda motion: replace(motion, east_m=motion.east_m + off_m)) == broken
 
 
+@pytest.mark.parametrize(("off_m", "broken"), [(5.09, ()), (5.11, (POSITION,))])
+def test_in_wind_a_vehicle_may_be_off_by_what_a_wind_that_turns_right_round_does(
+    off_m: float, broken: tuple[str, ...]
+) -> None:
+    limits = replace(PLANE, wind_m_s=5.0)
+    assert broken_after(limits, lambda motion: replace(motion, east_m=motion.east_m - off_m)) == broken
+
+
 @pytest.mark.parametrize(("off_rad", "broken"), [(0.0199, ()), (0.0201, (RATE,))])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_heading_that_was_not_reached_is_named(off_rad: float, broken: tuple[str, ...], side: float) -> None:
     assert broken_after(moved=lambda motion: replace(motion, heading_rad=motion.heading_rad + side * off_rad)) == broken
+
+
+@pytest.mark.parametrize(("off_rad", "broken"), [(0.519, ()), (0.521, (RATE,))])
+def test_in_wind_a_heading_may_be_off_by_twice_the_share_of_the_wind(off_rad: float, broken: tuple[str, ...]) -> None:
+    limits = replace(PLANE, wind_m_s=5.0)
+    assert broken_after(limits, lambda motion: replace(motion, heading_rad=motion.heading_rad + off_rad)) == broken
 
 
 def test_a_vehicle_that_turns_at_half_the_rate_is_named() -> None:
@@ -1148,6 +1558,41 @@ def test_a_vehicle_that_turns_at_half_the_rate_is_named() -> None:
     vehicle.obey(sent(guarded.check(replace(AHEAD, heading_rad=1.0), NORTHWARD, discs((300.0, 0.0, 20.0)), 0.0, DT_S)))
     vehicle.fly(DT_S)
     assert RATE in guarded.check(AHEAD, vehicle.motion, discs((300.0, 0.0, 20.0)), DT_S, DT_S).broken
+
+
+@pytest.mark.parametrize(("wind_m_s", "from_rad"), [(0.0, 0.2), (5.0, 0.215)])
+def test_the_commanded_heading_is_believed_within_its_tolerance_where_there_is_no_wind(
+    wind_m_s: float, from_rad: float
+) -> None:
+    limits = replace(PLANE, wind_m_s=wind_m_s)
+    guarded, vehicle = Guard(limits), Vehicle(NORTHWARD, limits)
+    vehicle.obey(sent(guarded.check(replace(AHEAD, heading_rad=0.2), NORTHWARD, NOTHING, 0.0, DT_S)))
+    vehicle.fly(DT_S)
+    reported = replace(vehicle.motion, heading_rad=vehicle.motion.heading_rad + 0.015)
+    verdict = guarded.check(replace(AHEAD, heading_rad=math.nan), reported, NOTHING, DT_S, DT_S)
+    assert sent(verdict).heading_rad == pytest.approx(from_rad, abs=1e-9)
+
+
+def test_without_wind_a_reported_speed_that_is_a_little_off_changes_nothing_of_how_the_path_is_flown() -> None:
+    scene = discs((60.0, 0.0, 23.0))
+    guarded, vehicle = Guard(PLANE), Vehicle(NORTHWARD, PLANE)
+    vehicle.obey(sent(guarded.check(AHEAD, NORTHWARD, scene, 0.0, DT_S)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_accepted", lambda *_: KEEP_OUT)
+        vehicle.fly(DT_S)
+        verdict = guarded.check(AHEAD, replace(vehicle.motion, speed_m_s=20.3), scene, DT_S, DT_S)
+    assert (verdict.changes, verdict.broken) == ((KEEP_OUT, BACKUP), ())
+    assert turn_of(verdict, vehicle.motion) == pytest.approx(G_M_S2 / 20.0 * DT_S, abs=1e-9)
+
+
+@pytest.mark.parametrize(("wind_m_s", "along_m"), [(0.0, 10.0), (0.5, 10.2)])
+def test_the_way_along_the_path_is_that_at_the_commanded_speed_or_in_wind_at_the_reported_one(
+    wind_m_s: float, along_m: float
+) -> None:
+    guarded = Guard(replace(PLANE, wind_m_s=wind_m_s))
+    guarded.check(AHEAD, NORTHWARD, discs((60.0, 0.0, 20.0)), 0.0, DT_S)
+    assert guarded._monitored(replace(NORTHWARD, north_m=10.0, speed_m_s=20.4), DT_S, DT_S) == []
+    assert guarded._along_m == pytest.approx(along_m)
 
 
 @pytest.mark.parametrize(
@@ -1199,6 +1644,13 @@ def test_small_excesses_add_up_even_where_another_disc_is_not_heard_of_any_more(
     assert said == [(), (), (THREAT_FASTER,)]
 
 
+def test_a_disc_that_moved_within_its_bound_is_not_named_where_another_is_not_heard_of_any_more() -> None:
+    first = replace(discs((330.0, 0.0, 20.0), (330.0, 90.0, 20.0), speed_m_s=15.0), ids=np.array([3, 4]))
+    for moved, broken in ((7.4, ()), (17.6, (THREAT_FASTER,))):
+        later = replace(discs((330.0, 90.0 + moved, 20.0), speed_m_s=15.0), ids=np.array([4]))
+        assert broken_after(first=first, later=later) == broken
+
+
 def test_small_excesses_add_up_to_a_threat_faster_than_its_bound() -> None:
     guarded, vehicle, named = Guard(PLANE), Vehicle(NORTHWARD, PLANE), []
     for step in range(10):
@@ -1211,11 +1663,48 @@ def test_small_excesses_add_up_to_a_threat_faster_than_its_bound() -> None:
     assert named == [False] * 6 + [True] + [False] * 3
 
 
+def test_a_small_excess_of_one_disc_leaves_the_others_as_they_are_reported() -> None:
+    guarded, vehicle, named = Guard(PLANE), Vehicle(NORTHWARD, PLANE), []
+    for step in range(10):
+        bound_m_s = 2.4 if step else 2.0
+        rows = np.array(
+            [[300.0 - 3.0 * step, 200.0, 20.0, bound_m_s], [300.0, -200.0 + 7.0 * step, 20.0 - 0.1 * step, 14.0]]
+        )
+        scene = Discs(rows[:, :2], rows[:, 2], rows[:, 3])
+        verdict = guarded.check(AHEAD, vehicle.motion, scene, step * DT_S, DT_S)
+        named.append(verdict.broken)
+        assert guarded._heard is not None
+        kept = guarded._heard.centres_ned_m, guarded._heard.radii_m, guarded._heard.speeds_m_s
+        assert [tuple(column[1].flat) for column in kept] == [tuple(rows[1, :2]), (rows[1, 2],), (14.0,)]
+        earlier = [(300.0, 200.0), (20.0 + step,), (2.0,)] if step < 6 else [tuple(rows[0, :2]), (20.0,), (2.4,)]
+        assert step > 6 or [tuple(column[0].flat) for column in kept] == earlier
+        vehicle.obey(sent(verdict))
+        vehicle.fly(DT_S)
+    assert named == [()] * 6 + [(THREAT_FASTER,)] + [()] * 3
+
+
+@pytest.mark.parametrize("north_m", [60.0, 1.5])
+def test_a_small_disc_that_moves_within_its_bound_is_taken_as_it_is_reported(north_m: float) -> None:
+    guarded = Guard(PLANE)
+    for step in range(3):
+        scene = discs((north_m - step, 4.0, 2.0), speed_m_s=2.0)
+        guarded.check(AHEAD, replace(NORTHWARD, north_m=10.0 * step), scene, step * DT_S, DT_S)
+        assert guarded._heard is not None and guarded._heard.centres_ned_m.tolist() == [[north_m - step, 4.0]]
+        assert guarded._heard.radii_m.tolist() == [2.0]
+
+
 def test_a_disc_never_heard_of_is_named() -> None:
     first = discs((130.0, 0.0, 20.0))
     assert broken_after(first=first, later=discs((130.0, 0.0, 20.0), (130.0, 50.0, 20.0))) == (NEW_THREAT,)
     old, other = (replace(first, ids=np.array([key])) for key in (3, 4))
     assert broken_after(first=old, later=other) == (NEW_THREAT,)
+
+
+def test_a_new_disc_listed_before_one_that_is_too_fast_leaves_both_named_once() -> None:
+    first = replace(discs((130.0, 0.0, 20.0), (330.0, 90.0, 20.0)), ids=np.array([3, 4]))
+    rows = ((-300.0, 0.0, 20.0), (130.0, 0.0, 20.0), (-400.0, 0.0, 20.0), (330.0, 120.0, 20.0))
+    later = replace(discs(*rows), ids=np.array([7, 3, 8, 4]))
+    assert broken_after(first=first, later=later) == (NEW_THREAT, THREAT_FASTER)
 
 
 def test_a_disc_that_appears_where_nothing_was_near_is_named() -> None:
@@ -1255,8 +1744,40 @@ def test_a_new_disc_in_the_way_ends_a_path_certified_for_the_horizon() -> None:
     assert guarded._path is None or guarded._along_m == 0.0
 
 
-@pytest.mark.parametrize("off_m", [0.0, 1.0])
-def test_a_vehicle_off_the_path_in_hand_does_not_continue_it(off_m: float) -> None:
+@pytest.mark.parametrize(("room_m", "kept"), [(20.0, False), (29.6, True)])
+def test_a_circle_certified_for_the_horizon_is_held_only_if_a_new_disc_stays_out_of_it_all_that_time(
+    room_m: float, kept: bool
+) -> None:
+    """Once round takes 13 s; what is left of the horizon after a step is 30 s."""
+    limits, first = replace(PLANE, fence_ned_m=box(1e3)), discs((600.0, 0.0, 20.0), speed_m_s=1.0)
+    guarded, vehicle = Guard(limits), Vehicle(NORTHWARD, limits)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_ray", lambda *_: None)
+        vehicle.obey(sent(guarded.check(AHEAD, NORTHWARD, first, 0.0, DT_S)))
+        vehicle.fly(DT_S)
+        later = discs((600.0, 0.0, 20.5), (10.0, 300.0, 300.0 - 2.0 * RHO_M - room_m - 0.5), speed_m_s=1.0)
+        patch.setattr(Guard, "_accepted", lambda *_: KEEP_OUT)
+        patch.setattr(Guard, "_from_tip", lambda *_: KEEP_OUT)
+        verdict = guarded.check(AHEAD, vehicle.motion, later, DT_S, DT_S)
+    assert verdict.broken == (NEW_THREAT,)
+    assert verdict.changes[-1] == (BACKUP if kept else NO_BACKUP)
+
+
+@pytest.mark.parametrize("wind_m_s", [0.0, 4.0])
+def test_a_ray_in_hand_is_still_clear_up_to_the_new_disc_that_it_grazes(wind_m_s: float) -> None:
+    guarded, slow_m_s = Guard(replace(PLANE, wind_m_s=wind_m_s)), 20.0 - wind_m_s
+    guarded._path, guarded._left_s = guard._Path((Piece(0.0, 0.0, 0.0, 0.0, math.inf),), 0, 20.0, math.inf), math.inf
+    t_s = np.linspace(0.0, 10.0, 100_001)
+    edge_m = float(np.min(np.hypot(slow_m_s * t_s - 40.0, 60.0) - 4.0 * t_s)) - guarded._inflation_m()
+    for hair_m, clear in ((-1e-5, True), (1e-5, False)):
+        scene = discs((40.0, 60.0, edge_m + hair_m), speed_m_s=4.0)
+        flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, ())
+        assert guarded._still_clear(flight) is clear
+
+
+@pytest.mark.parametrize("ahead", [False, True])
+@pytest.mark.parametrize("off_m", [0.0, 0.09, 0.11, 1.0])
+def test_a_vehicle_off_the_path_in_hand_does_not_continue_it(off_m: float, ahead: bool) -> None:
     scene = discs((60.0, 0.0, 23.0))
     guarded, vehicle = Guard(PLANE), Vehicle(NORTHWARD, PLANE)
     vehicle.obey(sent(guarded.check(AHEAD, NORTHWARD, scene, 0.0, DT_S)))
@@ -1264,9 +1785,58 @@ def test_a_vehicle_off_the_path_in_hand_does_not_continue_it(off_m: float) -> No
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Guard, "_accepted", lambda *_: KEEP_OUT)
         patch.setattr(Guard, "_from_tip", lambda *_: KEEP_OUT)
-        moved = replace(vehicle.motion, east_m=vehicle.motion.east_m + off_m)
+        at = vehicle.motion
+        moved = replace(at, north_m=at.north_m + ahead * off_m, east_m=at.east_m + (not ahead) * off_m)
         verdict = guarded.check(AHEAD, moved, scene, DT_S, DT_S)
-    assert verdict.changes[-1] == (NO_BACKUP if off_m else BACKUP)
+    assert verdict.changes[-1] == (NO_BACKUP if off_m > 0.1 else BACKUP)
+
+
+def test_a_vehicle_off_the_path_in_hand_does_not_continue_it_though_a_new_disc_leaves_that_clear() -> None:
+    guarded, scene = Guard(PLANE), discs((60.0, 0.0, 23.0))
+    guarded.check(AHEAD, NORTHWARD, scene, 0.0, DT_S)
+    later = discs((60.0, 0.0, 23.0), (-600.0, 0.0, 20.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_accepted", lambda *_: KEEP_OUT)
+        patch.setattr(Guard, "_from_tip", lambda *_: KEEP_OUT)
+        verdict = guarded.check(AHEAD, replace(NORTHWARD, north_m=10.0, east_m=5.0), later, DT_S, DT_S)
+    assert verdict.broken == (POSITION, NEW_THREAT)
+    assert verdict.changes[-1] == NO_BACKUP
+
+
+@pytest.mark.parametrize(
+    "limits", [COPTER, replace(PLANE, wind_m_s=4.0), replace(PLANE, wind_m_s=0.5)], ids=["stops", "wind", "light wind"]
+)
+@pytest.mark.parametrize(
+    ("ahead_m", "beside_m", "kept"), [(3.5, 0.0, True), (-3.5, 0.0, True), (-12.0, 0.0, True), (0.0, 3.5, False)]
+)
+def test_who_stops_or_flies_in_wind_may_be_farther_along_the_path_but_not_beside_it(
+    ahead_m: float, beside_m: float, kept: bool, limits: Limits
+) -> None:
+    scene, heading_rad = discs((500.0, 0.0, 60.0)), 1.0
+    guarded, motion = Guard(limits), replace(NORTHWARD, heading_rad=heading_rad)
+    wanted = replace(AHEAD, heading_rad=heading_rad)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_reach_m", lambda *_: math.inf)
+        guarded.check(wanted, motion, scene, 0.0, DT_S)
+        patch.setattr(Guard, "_accepted", lambda *_: KEEP_OUT)
+        patch.setattr(Guard, "_from_tip", lambda *_: KEEP_OUT)
+        cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+        along_m = 10.0 + ahead_m
+        moved = replace(motion, north_m=along_m * cosine - beside_m * sine, east_m=along_m * sine + beside_m * cosine)
+        verdict = guarded.check(wanted, moved, scene, DT_S, DT_S)
+    assert verdict.changes[-1] == (BACKUP if kept else NO_BACKUP)
+    assert not kept or guarded._along_m == pytest.approx(max(0.0, along_m))
+
+
+@pytest.mark.parametrize(("beside_m", "kept"), [(3.09, True), (3.11, False)])
+def test_in_wind_a_vehicle_may_be_off_the_path_by_what_it_is_tracked_to(beside_m: float, kept: bool) -> None:
+    guarded, scene = Guard(replace(PLANE, wind_m_s=4.0)), discs((60.0, 0.0, 5.0))
+    guarded.check(AHEAD, NORTHWARD, scene, 0.0, DT_S)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Guard, "_accepted", lambda *_: KEEP_OUT)
+        patch.setattr(Guard, "_from_tip", lambda *_: KEEP_OUT)
+        verdict = guarded.check(AHEAD, replace(NORTHWARD, north_m=10.0, east_m=-beside_m), scene, DT_S, DT_S)
+    assert verdict.changes[-1] == (BACKUP if kept else NO_BACKUP)
 
 
 @pytest.mark.parametrize("now_s", [1.6, -0.1])
@@ -1286,6 +1856,14 @@ def test_a_second_call_at_the_same_time_replaces_the_first() -> None:
     vehicle.obey(replace(AHEAD, heading_rad=-0.2))
     vehicle.fly(DT_S)
     assert guarded.check(AHEAD, vehicle.motion, NOTHING, 5.5, DT_S).broken == ()
+
+
+def test_a_second_call_at_the_same_time_knows_what_is_in_flight() -> None:
+    guarded, straight_on = Guard(replace(PLANE, reaction_s=1.0)), replace(AHEAD, heading_rad=math.nan)
+    guarded.check(replace(AHEAD, heading_rad=0.2), NORTHWARD, NOTHING, 0.0, DT_S)
+    on = replace(NORTHWARD, north_m=10.0)
+    headings_rad = [sent(guarded.check(straight_on, on, NOTHING, DT_S, DT_S)).heading_rad for _ in range(2)]
+    assert headings_rad == pytest.approx([0.2, 0.2])
 
 
 def test_a_clock_that_is_rounded_to_microseconds_is_no_delay() -> None:
@@ -1348,6 +1926,7 @@ def test_the_attack_disc_is_avoided_even_at_the_price_of_the_fence_and_of_detect
         ((-5.0, 0.0, 1.0), 0.5, 15.0, (0.0, 5.0, -4.0, 0.0, 5.0, -22.0)),
         ((-5.0, 0.0, 9.0), 6.0, 100.0, (1.0, 0.0, 4.0, 0.0, 0.0, -14.0)),
         ((24.0, 0.0, 9.0), 6.0, 15.0, (4.0, 5.0, 7.0, 4.0, 5.0, 7.0)),
+        ((6.25, 5.0, 1.0), None, None, (0.0, 0.0, -3.375, 0.0, 0.0, -11.63087)),  # at the fifth of sixteen parts
     ],
 )
 def test_what_to_make_least_is_attack_depth_then_fence_then_depth_then_that_at_the_end(
@@ -1366,6 +1945,31 @@ def test_without_any_disc_only_the_fence_counts() -> None:
     guarded = Guard(limits)
     flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, DT_S, ())
     assert guarded._violation(guard._Step(0.0, 20.0), flight) == pytest.approx((0.0, 5.0, -math.inf) * 2)
+
+
+def test_what_a_vehicle_may_be_off_its_path_counts_in_attack_discs_too() -> None:
+    guarded = Guard(replace(PLANE, position_error_m=2.0))
+    scene = replace(discs((24.0, 0.0, 9.0), speed_m_s=2.0), attack_m=np.array([6.0]))
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, ())
+    assert guarded._violation(guard._Step(0.0, 20.0), flight) == pytest.approx((6.0, 0.0, 9.0) * 2, abs=1e-5)
+
+
+def test_in_wind_what_to_make_least_is_looked_for_along_the_ground_speed_reported() -> None:
+    """Twelve metres in the step at 24 m/s over the ground, then ten at the airspeed."""
+    guarded = Guard(replace(PLANE, wind_m_s=4.0))
+    motion = replace(NORTHWARD, speed_m_s=24.0)
+    flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, motion, discs((30.0, 0.0, 1.0)), DT_S, ())
+    assert guarded._violation(guard._Step(0.0, 20.0), flight) == pytest.approx((0.0, 0.0, 1.0 - 8.0) * 2, abs=1e-5)
+
+
+@pytest.mark.parametrize(("wind_m_s", "ground_m_s"), [(0.0, 20.0), (0.5, 20.4)])
+def test_a_step_is_flown_at_the_ground_speed_reported_in_any_wind(wind_m_s: float, ground_m_s: float) -> None:
+    guarded = Guard(replace(PLANE, wind_m_s=wind_m_s))
+    pieces, after_m_s = guarded._step_pieces(guard._Pose(0.0, 0.0, 0.5), guard._Step(-0.2, 20.0), 20.0, 20.4, DT_S)
+    arc_m = ground_m_s * 0.2 / (G_M_S2 / 20.0)
+    assert [piece.length_m for piece in pieces] == pytest.approx([arc_m, ground_m_s * DT_S - arc_m])
+    assert (pieces[0].heading_rad, pieces[1].heading_rad, after_m_s) == pytest.approx((0.5, 0.3, 20.0))
+    assert_hangs_together(guard._Path(pieces, 0, 20.0, math.inf))
 
 
 def test_outside_the_fence_the_wanted_way_straight_back_in_is_kept_and_the_loss_named() -> None:
@@ -1414,6 +2018,17 @@ def test_step_and_braking_path_keep_clear_of_a_corner_that_sticks_in(limits: Lim
     assert_refused_from(100.0 - SPARE_M, fenced(limits, AHEAD, notched), FENCE)
 
 
+def test_among_moving_discs_too_the_step_keeps_clear_of_a_corner_that_sticks_in() -> None:
+    slow = discs((900.0, -900.0, 10.0), speed_m_s=0.1)
+
+    def notched(inward_m: float) -> Verdict:
+        spit = ((6.0, 1e3), (5.0, 100.0 - inward_m), (4.0, 1e3))
+        fence = ((-1e3, -1e3), (1e3, -1e3), (1e3, 1e3), *spit, (-1e3, 1e3))
+        return check(AHEAD, NORTHWARD, slow, replace(PLANE, fence_ned_m=fence))
+
+    assert_refused_from(100.0 - SPARE_M, notched, FENCE)
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_braking_path_may_not_cross_a_spit_of_outside(side: float) -> None:
     spit = ((1e3, -1e3), (1e3, 1e3), (61.0, 1e3), (60.0, -100.0), (59.0, 1e3), (-1e3, 1e3), (-1e3, -1e3))
@@ -1438,6 +2053,15 @@ def test_disc_on_one_side_and_fence_on_the_other_are_reported_and_turned_from() 
 def test_a_fence_with_a_corner_given_twice_is_still_a_fence() -> None:
     fence = ((-1e3, -1e3), (300.0, -1e3), (300.0, -1e3), (300.0, 1e3), (-1e3, 1e3))
     assert check(AHEAD, NORTHWARD, NOTHING, replace(PLANE, fence_ned_m=fence)).changes == ()
+
+
+def test_inside_a_fence_without_any_disc_call_follows_call() -> None:
+    guarded, vehicle = Guard(replace(PLANE, fence_ned_m=box(300.0))), Vehicle(NORTHWARD, PLANE)
+    for step in range(3):
+        verdict = guarded.check(AHEAD, vehicle.motion, NOTHING, step * DT_S, DT_S)
+        assert verdict == Verdict(AHEAD, (), certified_s=math.inf)
+        vehicle.obey(sent(verdict))
+        vehicle.fly(DT_S)
 
 
 @settings(deadline=None, max_examples=100, derandomize=True)
@@ -1474,6 +2098,12 @@ SQUARE = ((-8.0, -8.0), (8.0, -8.0), (8.0, 8.0), (-8.0, 8.0))
 def test_depth_is_the_distance_to_the_fence_negative_outside(point: tuple[float, float], depth_m: float) -> None:
     assert guard._Fence(SQUARE).depth_m(*point) == depth_m
     assert guard._Fence(SQUARE[::-1]).depth_m(*point) == depth_m
+
+
+def test_an_edge_of_half_a_metre_is_an_edge_like_any_other() -> None:
+    spit = ((-8.0, -8.0), (8.0, -8.0), (8.0, 8.0), (0.25, 8.0), (0.25, 2.0), (-0.25, 2.0), (-0.25, 8.0), (-8.0, 8.0))
+    assert guard._Fence(spit).depth_m(0.0, 0.0) == 2.0
+    assert guard._Fence(spit[::-1]).depth_m(0.1, 0.0) == 2.0
 
 
 PIECES = st.builds(
@@ -1518,6 +2148,46 @@ def test_a_fence_holds_a_piece_exactly_when_all_of_it_keeps_the_margin(piece: Pi
     assert fence.holds([piece], margin_m) == (inside and apart >= margin_m)
 
 
+@settings(deadline=None, max_examples=60, derandomize=True)
+@given(
+    share=st.floats(0.3, 0.7),
+    curvature_1_m=st.just(0.0) | st.floats(1 / 300, 1 / 30) | st.floats(-1 / 30, -1 / 300),
+    heading_rad=st.floats(-7.0, 7.0),
+    tip_m=st.floats(3.0, 25.0),
+    mirrored=st.booleans(),
+)
+def test_a_fence_with_a_spit_of_outside_across_a_piece_does_not_hold_it(
+    share: float, curvature_1_m: float, heading_rad: float, tip_m: float, mirrored: bool
+) -> None:
+    """The ends of the piece are well inside, and so is all of it as soon as the spit ends before it."""
+    length_m = min(200.0, 2.0 / abs(curvature_1_m) if curvature_1_m else math.inf)
+    piece = Piece(700.0, -300.0, heading_rad, curvature_1_m, length_m)
+    at = guard._place_on(piece, share * length_m)
+    cosine, sine = math.cos(at.heading_rad), math.sin(at.heading_rad)
+    for reach_m, held in ((tip_m, False), (-5.0, True)):
+        corners = [(-1e3, -1e3), (1e3, -1e3), (1e3, 1e3), (0.3, 1e3), (0.0, -reach_m), (-0.3, 1e3), (-1e3, 1e3)]
+        fence = [(at.north_m + x * cosine - y * sine, at.east_m + x * sine + y * cosine) for x, y in corners]
+        assert guard._Fence(fence[:: -1 if mirrored else 1]).holds([piece], 1.0) is held
+
+
+@pytest.mark.parametrize("over_m", [1e-5, 1e-3, 0.1, 1.0, 10.0])
+def test_a_piece_that_leaves_the_fence_and_comes_back_is_not_held(over_m: float) -> None:
+    arc = Piece(0.0, 0.0, 0.0, 0.05, 0.05**-1 * math.pi)
+    assert not guard._Fence(box(20.0 - over_m)).holds([arc], 1e-6)
+    assert guard._Fence(box(20.0 + over_m)).holds([arc], 1e-6)
+
+
+def test_every_one_of_many_pieces_is_held_or_none_is() -> None:
+    """Each alone is shorter than what is left to the fence at the start."""
+    row = [Piece(north_m, 0.0, 0.0, 0.0, 6.0) for north_m in (0.0, 6.0, 12.0, 18.0)]
+    fences = [guard._Fence(box(north_m)) for north_m in (10.0, 16.0, 22.0, 25.0)]
+    assert [fence.holds(row, 0.5) for fence in fences] == [False, False, False, True]
+    at_last = [Piece(0.0, 0.0, math.pi / 2.0, 0.0, 20.0), Piece(0.0, 20.0, 0.0, 0.0, 0.9)]
+    assert [guard._Fence(box(north_m)).holds(at_last, 1.5) for north_m in (2.0, 2.5)] == [False, True]
+    turned = [Piece(0.0, 0.0, 0.0, 0.5, math.tau * 2.0), Piece(0.0, 0.0, 0.0, 0.0, 6.0)]
+    assert [guard._Fence(box(north_m)).holds(turned, 0.5) for north_m in (5.0, 7.0)] == [False, True]
+
+
 def inside_polygon(places: np.ndarray, fence: Sequence[tuple[float, float]]) -> bool:
     """Return whether all places are inside, by winding number: not the guard's own way."""
     corners = np.array(fence)[None, :, :] - places[:, None, :]
@@ -1545,6 +2215,23 @@ def test_a_place_along_a_path_is_that_on_the_piece_it_falls_on(pieces: list[Piec
     assert rest_m == pytest.approx(max(0.0, sum(lengths_m) - along_m), abs=1e-9)
 
 
+@settings(deadline=None, max_examples=60, derandomize=True)
+@given(pieces=st.lists(PIECES, min_size=1, max_size=3), north_m=st.floats(-90.0, 90.0), east_m=st.floats(-90.0, 90.0))
+def test_the_nearest_place_of_a_path_is_that_of_its_nearest_piece(
+    pieces: list[Piece], north_m: float, east_m: float
+) -> None:
+    path = guard._Path(tuple(pieces), 0, 10.0, math.inf)
+    along_m = guard._nearest_along_m(path, guard._Pose(north_m, east_m, 0.0))
+    nearest_m = min(float(np.hypot(*(along(piece, 501) - (north_m, east_m)).T).min()) for piece in pieces)
+    before_m = [sum(piece.length_m for piece in pieces[:count]) for count in range(len(pieces))]
+    places = [
+        guard._place_on(piece, along_m - start_m)
+        for piece, start_m in zip(pieces, before_m, strict=True)
+        if -1e-9 <= along_m - start_m <= piece.length_m + 1e-9
+    ]
+    assert min(math.dist(place[:2], (north_m, east_m)) for place in places) == pytest.approx(nearest_m, abs=0.08)
+
+
 def test_a_loop_is_flown_again_and_again() -> None:
     first = Piece(0.0, 0.0, 0.0, 0.0, 10.0)
     circle = Piece(10.0, 0.0, 0.0, 0.1, math.tau * 10.0)
@@ -1553,6 +2240,74 @@ def test_a_loop_is_flown_again_and_again() -> None:
         place = guard._at(path, 10.0 + (turns + 0.25) * circle.length_m)
         assert place[:2] == pytest.approx((20.0, 10.0))
     assert guard._rest_of(path, 1000.0) == (circle,)
+
+
+@pytest.mark.parametrize("share", np.linspace(0.0, 2.5, 26).tolist())
+def test_a_place_on_a_loop_of_several_pieces_is_that_on_the_path_unrolled(share: float) -> None:
+    limits = Limits(60.0, 60.0, 10.0, 50.0, 120.0)
+    loop = Guard(limits)._loop(guard._Pose(10.0, 0.0, 0.0), 1.0, 60.0, 5.0)
+    first = Piece(0.0, 0.0, 0.0, 0.0, 10.0)
+    along_m = share * sum(piece.length_m for piece in loop) + 1.0
+    unrolled = guard._at(guard._Path((first, *loop, *loop, *loop), 0, 60.0, math.inf), along_m)
+    place = guard._at(guard._Path((first, *loop), len(loop), 60.0, math.inf), along_m)
+    assert place[:2] == pytest.approx(unrolled[:2], abs=1e-6)
+    assert math.remainder(place.heading_rad - unrolled.heading_rad, math.tau) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("heading_rad", [-2.0, 0.0, 0.7, 2.5])
+def test_a_place_is_seen_so_far_ahead_and_to_the_right(heading_rad: float) -> None:
+    cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+    place = guard._Pose(5.0 + 3.0 * cosine - 2.0 * sine, 6.0 + 3.0 * sine + 2.0 * cosine, 1.0)
+    assert guard._seen_from(guard._Pose(5.0, 6.0, heading_rad), place) == pytest.approx((3.0, 2.0))
+
+
+def test_a_path_is_steered_to_by_the_heading_a_step_ahead_and_by_what_it_is_off_where_asked_to() -> None:
+    """On a circle to the right that begins at the origin, and off a line northward."""
+    circle = guard._Path((Piece(0.0, 0.0, 0.0, 1.0 / RHO_M, math.tau * RHO_M),), 1, 20.0, math.inf)
+    line = guard._Path((Piece(0.0, 0.0, 0.0, 0.0, math.inf),), 0, 20.0, math.inf)
+    guarded = Guard(replace(PLANE, reaction_s=0.25))
+    on_it = guard._at(circle, 15.0)
+    assert guarded._steered_rad(circle, 15.0, on_it, 20.0, DT_S, 0.0) == pytest.approx(10.0 / RHO_M)
+    assert guarded._steered_rad(circle, 15.0, on_it, 20.0, DT_S, DT_S) == pytest.approx(10.0 / RHO_M)
+    for beside_m in (-4.0, 4.0):
+        pose = guard._Pose(30.0, beside_m, 0.01)
+        turn_rad = -math.atan(beside_m / (2.0 * 20.0 * 0.75)) - 0.01
+        assert guarded._steered_rad(line, 30.0, pose, 20.0, DT_S, DT_S) == pytest.approx(turn_rad)
+        assert guarded._steered_rad(line, 30.0, pose, 20.0, DT_S, 0.0) == pytest.approx(-0.01)
+        far_off = guard._Pose(30.0, 20.0 * beside_m, 0.0)
+        most_rad = math.copysign(10.0 / RHO_M, -beside_m)
+        assert guarded._steered_rad(line, 30.0, far_off, 20.0, DT_S, DT_S) == pytest.approx(most_rad)
+        for wind_m_s in (0.5, 5.0):
+            windy = Guard(replace(PLANE, wind_m_s=wind_m_s))
+            assert windy._steered_rad(line, 30.0, far_off, 16.0, DT_S, DT_S) == pytest.approx(most_rad)
+
+
+def test_no_path_is_steered_to_by_so_much_that_the_side_is_in_doubt() -> None:
+    back = guard._Path((Piece(0.0, 0.0, 3.1, 0.0, math.inf),), 0, 60.0, math.inf)
+    guarded = Guard(Limits(60.0, 60.0, 10.0, 50.0, 120.0))
+    assert guarded._steered_rad(back, 0.0, guard._Pose(0.0, 0.0, 0.0), 60.0, 5.0, 0.0) == 3.0
+
+
+@pytest.mark.parametrize(("wind_m_s", "ground_m_s", "gain_s"), [(0.0, 20.0, 0.0), (0.5, 20.4, DT_S)])
+def test_in_any_wind_the_path_in_hand_is_followed_at_the_ground_speed_and_closed_in_on(
+    wind_m_s: float, ground_m_s: float, gain_s: float
+) -> None:
+    guarded = Guard(replace(PLANE, wind_m_s=wind_m_s))
+    guarded._path = guard._Path((Piece(0.0, 0.0, 0.0, 0.02, math.tau / 0.02),), 1, 20.0, math.inf)
+    guarded._along_m = 7.0
+    tip = guard._Pose(7.0, 0.3, 0.2)
+    flight = guarded._flight(tip, 20.0, replace(NORTHWARD, speed_m_s=20.4), NOTHING, DT_S, ())
+    turn_rad = guarded._steered_rad(guarded._path, 7.0, tip, ground_m_s, DT_S, gain_s)
+    assert guarded._continued(flight) == (turn_rad, 20.0)
+
+
+@pytest.mark.parametrize(("turn_rad", "arcs"), [(0.0, 0), (0.78, 1), (-0.79, 2), (-3.0, 4), (6.2, 8)])
+def test_a_turn_to_a_ray_comes_in_arcs_of_an_eighth_of_a_circle_at_most(turn_rad: float, arcs: int) -> None:
+    pieces = guard._turned(guard._Pose(1.0, 2.0, 0.3), turn_rad, 0.02, 100.0)
+    assert len(pieces) == arcs + 1
+    assert all(abs(piece.curvature_1_m * piece.length_m) <= math.pi / 4.0 for piece in pieces)
+    assert pieces[-1][2:] == pytest.approx((0.3 + turn_rad, 0.0, 100.0))
+    assert_hangs_together(guard._Path(pieces, 0, 20.0, math.inf))
 
 
 # --- the theorem: a certified start never ends inside
@@ -1651,6 +2406,7 @@ def flown_against(world: World, seed: int, steps: int) -> tuple[int, int, float]
         verdict = guarded.check(wanted, vehicle.motion, scene, step * world.dt_s, world.dt_s)
         assert NO_BACKUP not in verdict.changes and verdict.certified_s == math.inf
         assert verdict.broken == ()
+        assert_hangs_together(guarded._path)
         refused += KEEP_OUT in verdict.changes or FENCE in verdict.changes
         vehicle.obey(sent(verdict))
         places = vehicle.fly(world.dt_s)
@@ -1671,6 +2427,17 @@ def chased(scene: Discs, places: np.ndarray, dt_s: float) -> tuple[Discs, float]
         centres = centres + towards * (flown_m / np.maximum(far_m, 1e-9))[:, None]
         room_m = min(room_m, float(np.min(np.hypot(*(place - centres).T) - scene.radii_m)))
     return replace(scene, centres_ned_m=centres), room_m
+
+
+def assert_hangs_together(path: guard._Path | None) -> None:
+    """Assert that each piece of a path begins where the one before it ends, and its loop where the loop ends."""
+    if path is None:
+        return
+    after = [*path.pieces[1:], *path.pieces[len(path.pieces) - path.loops :][: path.loops and 1]]
+    for piece, following in zip(path.pieces, after, strict=False):
+        north_m, east_m, heading_rad = guard._end_of(piece)
+        assert math.dist((north_m, east_m), following[:2]) < 1e-6
+        assert abs(math.remainder(heading_rad - following.heading_rad, math.tau)) < 1e-6
 
 
 @pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS.keys())
