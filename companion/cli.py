@@ -69,10 +69,11 @@ def replay_command(log: str, config: str | None) -> int:
 
     Example: companion replay runs/paper-dynamic/vehicle-1.tlog
     """
+    records = read_tlog(log)
     settings = _settings_beside(log) if config is None else config
     loaded = parse_config(read_text_file(Path(settings)), settings)
     said, decisions, different = "", 0, 0
-    for replayed in replay(read_tlog(log), loaded):
+    for replayed in replay(records, loaded):
         decision = replayed.decision
         decisions += 1
         different += not replayed.same

@@ -11,7 +11,9 @@ import math
 import zlib
 
 import click
+from pymavlink.dialects.v20 import common
 
+from companion.adapters.base import COMPANION_COMPONENT
 from companion.core import Decision, Purpose
 from companion.frames import DecisionFlag, DecisionFrame
 from companion.framing import header_of
@@ -21,6 +23,12 @@ from companion.tlog import TlogWriter, whole_frames
 
 SETUP_SIGNING_ID = 256
 """The MAVLink message that carries a secret key."""
+STATUSTEXT_ID = common.MAVLINK_MSG_ID_STATUSTEXT
+STATUSTEXT_CHARACTERS = 50
+FLUSH_PERIOD_S = 1.0
+"""A machine that dies loses no more of a log than this."""
+LOG_BURST_S = 10.0
+"""A bounded log may hold so much more for a moment."""
 _MARKER_V2 = 0xFD
 _MICROSECONDS = 1e6
 
@@ -28,10 +36,21 @@ _MICROSECONDS = 1e6
 class FlightLog:
     """A tlog that gives up, with a word, rather than disturb a flight: a full disk is no reason to stop steering."""
 
-    def __init__(self, writer: TlogWriter | None, program: str = "companion") -> None:
-        """Log with a writer, or nothing; `program` is who says that it gave up."""
+    def __init__(
+        self, writer: TlogWriter | None, program: str = "companion", most_bytes_per_s: float = math.inf
+    ) -> None:
+        """Log with a writer, or nothing; `program` is who says that it gave up.
+
+        What comes faster than `most_bytes_per_s` is left out and counted: a flood of a link shall not fill the disk.
+        """
         self._writer = writer
         self._program = program
+        self._most_bytes_per_s = most_bytes_per_s
+        self._allowance_bytes = most_bytes_per_s * LOG_BURST_S
+        self._last_s: float | None = None
+        self._flush_due_s = -math.inf
+        self._told = 0
+        self.left_out = 0
 
     def record(self, t_unix_s: float, datagram: bytes) -> None:
         """Log the frames of a datagram; what is not a frame has no place in a tlog."""
@@ -48,12 +67,38 @@ class FlightLog:
             except OSError as error:
                 self._give_up(error)
 
+    def tell(self, t_unix_s: float, text: str) -> None:
+        """Log a line of words, as the MAVLink message that ground-control programs show."""
+        teller = common.MAVLink(None, srcSystem=1, srcComponent=COMPANION_COMPONENT)
+        self._told = self._told % 65_535 + 1
+        for number, start in enumerate(range(0, len(text), STATUSTEXT_CHARACTERS)):
+            part = text[start : start + STATUSTEXT_CHARACTERS].encode(errors="replace")
+            message = common.MAVLink_statustext_message(common.MAV_SEVERITY_INFO, part, self._told, number)
+            self._write(t_unix_s, bytes(message.pack(teller)))
+
     def _write(self, t_unix_s: float, frame: bytes) -> None:
-        if self._writer is not None:
-            try:
-                self._writer.write(t_unix_s, frame)
-            except OSError as error:
-                self._give_up(error)
+        if self._writer is None or not self._allowed(t_unix_s, len(frame)):
+            return
+        try:
+            self._writer.write(t_unix_s, frame)
+            if t_unix_s >= self._flush_due_s:
+                self._writer.flush()
+                self._flush_due_s = t_unix_s + FLUSH_PERIOD_S
+        except OSError as error:
+            self._give_up(error)
+
+    def _allowed(self, t_unix_s: float, count: int) -> bool:
+        if math.isinf(self._most_bytes_per_s):
+            return True
+        passed_s = 0.0 if self._last_s is None else max(0.0, t_unix_s - self._last_s)
+        self._last_s = t_unix_s
+        most_bytes = self._most_bytes_per_s * LOG_BURST_S
+        self._allowance_bytes = min(most_bytes, self._allowance_bytes + passed_s * self._most_bytes_per_s)
+        if count > self._allowance_bytes:
+            self.left_out += 1
+            return False
+        self._allowance_bytes -= count
+        return True
 
     def _give_up(self, error: OSError) -> None:
         self._writer = None

@@ -6,15 +6,17 @@ fed with the same decides the same, to the bit; where it does not, the recording
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from companion.adapters import ADAPTERS
 from companion.adapters.base import COMPANION_COMPONENT
+from companion.admission import Admission, Trust
 from companion.config import Config
 from companion.core import Companion, Decision
 from companion.dialect import oneway
-from companion.flightlog import decision_frame
+from companion.flightlog import STATUSTEXT_ID, decision_frame
 from companion.framing import header_of, payload_of
 from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter
 
@@ -36,7 +38,10 @@ def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[R
     What the log holds of the broadcast was believed in flight, so it is not asked for signatures again.
     """
     kind = config.autopilot.kind if config.autopilot else "kinematic"
-    companion = Companion(config, ADAPTERS[kind]())
+    agreed = config.broadcast is None or config.broadcast.clock == "checked"
+    # Whatever is in the log was in time by the settings of the flight.
+    admission = Admission(Trust(max_age_s=math.inf, ahead_s=math.inf, clock_checked=agreed))
+    companion = Companion(config, ADAPTERS[kind](), admission=admission)
     writer = FrameWriter()
     decided_s: float | None = None
     for t_s, raw in records:
@@ -51,7 +56,7 @@ def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[R
             companion.hear(raw, t_s)
         elif header.component != COMPANION_COMPONENT:
             companion.receive(raw, t_s)
-        elif t_s != decided_s:
+        elif t_s != decided_s and header.message_id != STATUSTEXT_ID:
             # Sent between two decisions: the last one was repeated, or withdrawn.
             companion.repeat(t_s)
             decided_s = t_s

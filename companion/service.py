@@ -33,6 +33,8 @@ from companion.wire import FrameWriter
 
 STATE_PERIOD_S = 1.0
 """How often at most what was accepted last is written to disk."""
+BROADCAST_LOG_BYTES_PER_S = 20_000.0
+"""Several times what any radio in mind carries; a flood is logged no faster."""
 STATUS_PERIOD_S = 60.0
 """How often the state of the broadcast link is told while nothing else is."""
 
@@ -91,6 +93,7 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
             uplink = await open_sender(parse_link(config.uplink.link))
             stack.callback(uplink.close)
         said: set[str] = set()
+        doubted = ", unsigned" if section.trust == "unsigned" else ""
         listening = _Listening(companion)
         keeper = _StateKeeper(section.state_file, admission)
         stack.callback(keeper.keep)
@@ -105,10 +108,11 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
             if uplink is not None:
                 for report in companion.report(now_s):
                     uplink.send(report)
-            line = line_of(decision)
+            line = line_of(decision) + doubted
             for news in [*listening.news(now_s), line]:
                 if news not in said:
                     click.echo(f"companion: {news}")
+                    vehicle_log.tell(now_s, news)
             said = {line}
             keeper.keep_now_and_then(now_s)
             due_s = max(due_s + config.guidance_step_s, time.monotonic())
@@ -175,20 +179,26 @@ class _StateKeeper:
 
 
 def _logs(config: Config, stack: ExitStack) -> tuple[FlightLog, FlightLog]:
+    """Open the logs of this run in a folder of its own: a restart in flight shall not cost what was recorded before."""
     if config.log_dir is None:
         return FlightLog(None), FlightLog(None)
-    folder = Path(config.log_dir)
-    settings = folder / f"companion-{config.agent_id}.yaml"
+    began = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    names = (began, *(f"{began}-{number}" for number in range(2, 100)))
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        settings.write_text(dump_config(config), encoding="utf-8")
+        folder = next(path for path in (Path(config.log_dir) / name for name in names) if not path.exists())
+        folder.mkdir(parents=True)
+        (folder / f"companion-{config.agent_id}.yaml").write_text(dump_config(config), encoding="utf-8")
     except OSError as error:
-        raise InputError(f"log_dir: '{folder}' cannot be used: {error.strerror}; allowed: a writable folder") from error
-    logs = []
-    for name in (f"vehicle-{config.agent_id}.tlog", f"broadcast-{config.agent_id}.tlog"):
-        logs.append(FlightLog(TlogWriter(folder / name)))
-        stack.callback(logs[-1].close)
-    return logs[0], logs[1]
+        raise InputError(
+            f"log_dir: '{config.log_dir}' cannot be used: {error.strerror}; allowed: a writable folder"
+        ) from error
+    vehicle_log = FlightLog(TlogWriter(folder / f"vehicle-{config.agent_id}.tlog"))
+    broadcast_log = FlightLog(
+        TlogWriter(folder / f"broadcast-{config.agent_id}.tlog"), most_bytes_per_s=BROADCAST_LOG_BYTES_PER_S
+    )
+    for log in (vehicle_log, broadcast_log):
+        stack.callback(log.close)
+    return vehicle_log, broadcast_log
 
 
 class _Listening:
@@ -222,10 +232,12 @@ class _Listening:
         first = any_refused and not self._any_refused
         if first or now_s - self._status_at_s >= STATUS_PERIOD_S:
             self._status_at_s = now_s
-            reasons = ", ".join(f"{count} {reason}" for reason, count in refused.most_common())
+            unexpected = [(count, reason) for reason, count in refused.most_common() if reason not in EXPECTED]
+            reasons = ", ".join(f"{count} {reason}" for count, reason in unexpected)
+            ages = ", ".join(f"{kind} {age_s:.1f} s" for kind, age_s in quality.ages_s.items())
             lines.append(
-                f"broadcast ({companion.admission.trust.words}): {quality.received} of {quality.expected} frames, "
-                f"refused: {reasons or 'none'}"
+                f"broadcast ({companion.admission.trust.words}): {quality.share:.0%} of its frames heard, "
+                f"age of {ages or 'nothing'}; refused: {reasons or 'none'}"
             )
         self._any_refused = any_refused
         return lines

@@ -76,7 +76,7 @@ cli.add_command(vehicle)
 @click.option(
     "--radio", metavar="NAME", help=f"Broadcast over a radio's budget: {', '.join(RADIOS_BYTES_PER_S)}, or B/s."
 )
-@click.option("--share", type=float, default=1.0, show_default=True, help="Of the radio, for the broadcast.")
+@click.option("--share", type=float, help="Of the radio's bytes, for the broadcast; all unless said otherwise.")
 @click.option("--realtime", is_flag=True, help="Pace the virtual clock by the wall clock.")
 @click.option("--allow-monolithic", is_flag=True, help="Fly `surrogate: monolithic` all the same, to see it fail.")
 def fly_command(
@@ -88,7 +88,7 @@ def fly_command(
     out: Path | None,
     as_json: bool,
     radio: str | None,
-    share: float,
+    share: float | None,
     realtime: bool,
     allow_monolithic: bool,
 ) -> int:
@@ -99,7 +99,9 @@ def fly_command(
     Example: sim fly paper-dynamic --seed 1 --out runs/1
     """
     chosen = _law(law)
-    over = None if radio is None else parse_radio(radio, share)
+    if radio is None and share is not None:
+        raise InputError(f"--share: {share:g} without --radio; allowed: with --radio NAME")
+    over = None if radio is None else parse_radio(radio, 1.0 if share is None else share)
     if autopilot not in ADAPTERS:
         hint = nearest_hint(autopilot, ADAPTERS)
         raise InputError(f"--autopilot: '{autopilot}'{hint}; allowed: {', '.join(ADAPTERS)}")
@@ -133,7 +135,7 @@ def fly_command(
     if folder is not None:
         again = f"sim fly {mission} --seed {seed} --law {law} --autopilot {autopilot}"
         again += "" if vehicles is None else f" --vehicles {vehicles}"
-        again += "" if radio is None else f" --radio '{radio}' --share {share:g}"
+        again += "" if over is None else f" --radio '{radio}' --share {over.share:g}"
         _write(folder, resolved, scored, flight, result, again)
     tell(json.dumps(result) if as_json else _table(resolved, result, folder))
     return EXIT_DONE if scored.targets_reached == scored.targets else EXIT_FAILED

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import common
 
 from companion.core import Decision, Purpose
-from companion.flightlog import FlightLog, decision_frame, line_of, without_secrets
+from companion.flightlog import LOG_BURST_S, FlightLog, decision_frame, line_of, without_secrets
 from companion.frames import DecisionFlag
 from companion.guard import NO_BACKUP, Setpoint
 from companion.signing import MavlinkSigner
 from companion.staleness import Stage
-from companion.tlog import TlogWriter
+from companion.tlog import TlogWriter, read_tlog
 from companion.wire import Directive, FrameWriter, Stamp, StateFrame, decode_frame
 
 FRAME = FrameWriter().encode(StateFrame(Stamp(1_000, 0, 1), 47.0, 8.0, Directive.NORMAL, (), (), ()))
@@ -86,3 +87,34 @@ def test_without_a_folder_nothing_is_logged() -> None:
     log = FlightLog(None)
     log.record(1.0, FRAME)
     log.close()
+
+
+def test_a_bounded_log_leaves_out_and_counts_what_a_flood_brings() -> None:
+    file = io.BytesIO()
+    log = FlightLog(TlogWriter(file), most_bytes_per_s=100.0)
+    for number in range(2_000):
+        log.record(1_000.0 + 0.01 * number, FRAME)
+    written = len(file.getvalue()) // (8 + len(FRAME))
+    assert 0 < written * len(FRAME) <= 100.0 * (20.0 + LOG_BURST_S)
+    assert log.left_out == 2_000 - written
+
+
+def test_what_is_logged_is_on_disk_a_second_later(tmp_path: Path) -> None:
+    log = FlightLog(TlogWriter(tmp_path / "flight.tlog"))
+    for t_s in (0.0, 0.5, 1.0):
+        log.record(t_s, FRAME)
+    assert (tmp_path / "flight.tlog").stat().st_size == 3 * (8 + len(FRAME))
+
+
+def test_words_are_logged_in_parts_that_a_ground_control_program_joins(tmp_path: Path) -> None:
+    log = FlightLog(TlogWriter(tmp_path / "flight.tlog"))
+    log.tell(1.0, "a" * 50 + "b" * 7)
+    log.tell(2.0, "c")
+    log.close()
+    reader = common.MAVLink(None)
+    messages = [reader.decode(bytearray(frame)) for _, frame in read_tlog(tmp_path / "flight.tlog")]
+    assert [(message.id, message.chunk_seq, message.text) for message in messages] == [
+        (1, 0, "a" * 50),
+        (1, 1, "b" * 7),
+        (2, 0, "c"),
+    ]

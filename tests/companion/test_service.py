@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from companion.config import BroadcastSection, Config
 from companion.core import Companion
 from companion.keys import keygen
 from companion.process import SteadyClock
-from companion.service import _Listening, _StateKeeper, trust_of
+from companion.service import _Listening, _logs, _StateKeeper, trust_of
 from companion.wire import Directive, FrameWriter, Stamp, StateFrame
 
 
@@ -30,7 +31,7 @@ def listener() -> tuple[Companion, _Listening]:
 def test_the_trust_word_is_said_with_the_first_status() -> None:
     companion = Companion(Config(agent_id=1))
     (line,) = _Listening(companion).news(1_000.0)
-    assert line == "broadcast (unsigned): 0 of 0 frames, refused: none"
+    assert line == "broadcast (unsigned): 0% of its frames heard, age of nothing; refused: none"
 
 
 def test_the_first_ground_station_is_no_news() -> None:
@@ -61,7 +62,9 @@ def test_two_ground_stations_at_once_are_warned_of_once() -> None:
 def test_the_first_refusal_is_told_with_its_reason_and_then_once_a_minute() -> None:
     companion, listening = listener()
     companion.hear(state(900, 1), 1_000.0)
-    assert listening.news(1_000.0) == ["broadcast (unsigned): 0 of 0 frames, refused: 1 stamped too long ago"]
+    assert listening.news(1_000.0) == [
+        "broadcast (unsigned): 0% of its frames heard, age of nothing; refused: 1 stamped too long ago"
+    ]
     assert listening.news(1_059.0) == []
     assert len(listening.news(1_060.0)) == 1
 
@@ -141,3 +144,14 @@ def test_the_clock_never_runs_backwards() -> None:
 def test_the_clock_counts_whole_microseconds_so_that_a_log_holds_its_very_times() -> None:
     now_s = SteadyClock().now_s()
     assert round(now_s * 1e6) / 1e6 == now_s
+
+
+def test_each_run_logs_into_a_folder_of_its_own(tmp_path: Path) -> None:
+    config = Config(agent_id=7, log_dir=str(tmp_path))
+    for _ in range(2):
+        with ExitStack() as stack:
+            _logs(config, stack)
+    folders = sorted(tmp_path.iterdir())
+    assert len(folders) == 2
+    for folder in folders:
+        assert {path.name for path in folder.iterdir()} == {"vehicle-7.tlog", "broadcast-7.tlog", "companion-7.yaml"}

@@ -14,7 +14,9 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common
 
+from companion.config import parse_config
 from companion.geodesy import LocalFrame
+from companion.replay import replay
 from companion.tlog import read_tlog
 
 PILOT = Path(__file__).parents[2] / "docs" / "examples" / "pilot.py"
@@ -187,5 +189,9 @@ def test_the_armed_copter_flies_to_its_target_and_the_ground_station_sees_it(
     programs["groundstation"].wait_for("reached [1], arrived [1]")
     companion.wait_for("loiter (no target)")
     assert [program.end() for program in programs.values()] == [0, 0, 0]
-    assert sum(1 for _ in read_tlog(tmp_path / "logs" / "vehicle-1.tlog")) > 100
-    assert sum(1 for _ in read_tlog(tmp_path / "logs" / "broadcast-1.tlog")) > 10
+    (folder,) = (tmp_path / "logs").iterdir()
+    assert sum(1 for _ in read_tlog(folder / "broadcast-1.tlog")) > 10
+    config = parse_config((folder / "companion-1.yaml").read_text(), "companion-1.yaml")
+    again = list(replay(read_tlog(folder / "vehicle-1.tlog"), config))
+    assert len(again) > 100
+    assert all(one.same for one in again)
