@@ -21,6 +21,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from companion.dialect import oneway
 from companion.errors import InputError
+from companion.frames import RESTART_AFTER_S
 from companion.framing import (
     HEADER_BYTES,
     MAX_DATAGRAM_BYTES,
@@ -76,7 +77,7 @@ class Trust:
     """The shared key, 32 bytes."""
     public_key: Ed25519PublicKey | None = field(default=None, repr=False)
     max_age_s: float = 30.0
-    ahead_s: float = 5.0
+    ahead_s: float = 2.0
     checks_per_s: float = 1000.0
     """Bound on Ed25519 checks, in the mean over a few seconds: an eighth of a core at 0.13 ms each."""
     clock_checked: bool = True
@@ -115,8 +116,11 @@ class AdmissionState:
                 int(values["sequence"]),
                 tuple(((int(a), int(b), int(c)), int(t)) for a, b, c, t in values["streams"]),
             )
-        except (ValueError, TypeError, KeyError, OverflowError) as error:
-            raise InputError("the state of the broadcast is not readable; allowed: what companion wrote") from error
+        except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+            raise InputError(
+                "the state of the broadcast is not readable; allowed: what companion wrote, or no file, after which "
+                "what was sent within the last seconds could be replayed once"
+            ) from error
         if not (0 <= (state.epoch_s or 0) <= _UINT32_MAX and -1 <= state.sequence <= _UINT32_MAX):
             raise InputError(f"the state of the broadcast has epoch {state.epoch_s}, sequence {state.sequence}")
         return state
@@ -152,6 +156,8 @@ class Admission:
         self._epoch_s = state.epoch_s
         self._sequence = state.sequence
         self._heard: dict[bytes, None] = {}
+        self._quiet_since_s: float | None = None
+        """When the last frame was accepted; before there was one, when the first datagram came."""
         ahead_s, behind_s = (trust.ahead_s, 60.0) if trust.clock_checked else (math.inf, math.inf)
         self._verifier = (
             None
@@ -181,6 +187,8 @@ class Admission:
 
         In a flood under Ed25519 a frame may come out of a later call, WINDOW_S or a little more after it arrived.
         """
+        if self._quiet_since_s is None:
+            self._quiet_since_s = now_s
         admitted = self.due(now_s)
         if self._framer is not None:
             frames = iter(self._framer.feed(datagram))
@@ -194,7 +202,7 @@ class Admission:
             if reason is not None:
                 self._rejected[reason] += 1
             elif self._gate is None:
-                self._take(raw, admitted)
+                self._take(raw, now_s, admitted)
             elif self._gate.offer(raw, now_s):
                 self._check(raw, now_s, admitted)
         return admitted
@@ -244,11 +252,19 @@ class Admission:
                 return PAST_STAMP
         if self._epoch_s is None or epoch_s > self._epoch_s:
             return None
-        if epoch_s < self._epoch_s:
-            return OLD_EPOCH
-        if sequence < self._sequence:
-            return OLD_SEQUENCE
+        if (epoch_s, sequence) < (self._epoch_s, self._sequence) and not self._may_begin_anew(now_s):
+            return OLD_EPOCH if epoch_s < self._epoch_s else OLD_SEQUENCE
         return REPEATED if signed_part(raw) in self._heard else None
+
+    def _may_begin_anew(self, now_s: float) -> bool:
+        """Return whether an older stamp than the last is to be believed.
+
+        Where others than the centre can make a frame, one of theirs that is stamped ahead would shut the centre out for
+        good. Under Ed25519 nobody else can.
+        """
+        if self.trust.public_key is not None or self._quiet_since_s is None:
+            return False
+        return now_s - self._quiet_since_s >= RESTART_AFTER_S
 
     def _check(self, raw: bytes, now_s: float, admitted: list[Admitted]) -> None:
         # Between a frame's arrival and its turn a newer one may have been accepted.
@@ -256,11 +272,11 @@ class Admission:
         if reason is None and self.trust.public_key is not None and not verify(raw, self.trust.public_key):
             reason = WRONG_SEAL
         if reason is None:
-            self._take(raw, admitted)
+            self._take(raw, now_s, admitted)
         else:
             self._rejected[reason] += 1
 
-    def _take(self, raw: bytes, admitted: list[Admitted]) -> None:
+    def _take(self, raw: bytes, now_s: float, admitted: list[Admitted]) -> None:
         """Decode an authentic frame; remember it if it makes sense."""
         try:
             frame = decode_frame(raw)
@@ -269,6 +285,7 @@ class Admission:
             known = reason in self._rejected or len(self._rejected) < MAX_REASONS
             self._rejected[reason if known else OTHER_REASONS] += 1
             return
+        self._quiet_since_s = now_s
         self._epoch_s, _, self._sequence = _stamp_of(raw)
         self._heard[signed_part(raw)] = None
         if len(self._heard) > REMEMBERED_FRAMES:

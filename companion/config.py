@@ -63,8 +63,8 @@ class BroadcastSection(Section):
     clock: Literal["checked", "unchecked"] = "checked"
     """`unchecked`: this computer's clock may be wrong, so that a frame's time is not compared with it."""
     max_age_s: Positive = 30.0
-    ahead_s: Positive = 5.0
-    checks_per_s: Positive = 1_000.0
+    ahead_s: Positive = 2.0
+    checks_per_s: Annotated[float, Strict(), Field(ge=1, le=100_000, allow_inf_nan=False)] = 1_000.0
     """Ed25519 signatures checked at most: a flood by a holder of the shared key must not use up the computer."""
 
     @model_validator(mode="after")

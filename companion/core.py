@@ -117,8 +117,9 @@ class Companion:
         self.config = config
         self.adapter = adapter
         self.admission = admission or Admission(Trust())
-        self.reception = Reception()
-        self.picture = Picture(config.agent_id, config.peer_memory_s)
+        clocks_agree = self.admission.trust.clock_checked
+        self.reception = Reception(clocks_agree=clocks_agree)
+        self.picture = Picture(config.agent_id, config.peer_memory_s, clocks_agree=clocks_agree)
         self._law = law or law_of(config)
         self.guard = Guard(_limits(config, adapter.can_stop))
         self._rules = _rules(config, adapter.can_stop) if config.law == "routed" else None

@@ -18,6 +18,8 @@ MESSAGE_TYPE = 0xA001
 """Ours; types below 32768 are kept for registered extensions."""
 WRAP_BYTES = 12 + 5
 """MAVLink's own frame around the payload, and the fields before the inner frame."""
+INNER_AT = 10 + 5
+"""Where the inner frame begins: behind MAVLink's header and those fields."""
 
 _MARKER = 0xFD
 _FLAG_SIGNED = 0x01
@@ -58,7 +60,11 @@ def unwrap(raw: bytes) -> bytes | None:
     end = _HEAD.size + length
     if len(raw) != _FRAME_BYTES + length + signature_bytes or raw[end : end + 2] != _checksum(raw[1:end]):
         return None
-    payload = raw[_HEAD.size : end]
+    return inner_of(raw[_HEAD.size : end])
+
+
+def inner_of(payload: bytes) -> bytes | None:
+    """Return the inner frame in the payload of a V2_EXTENSION, None if it is not one of ours. Never raises."""
     inner = payload[_FIELDS.size :]
     if payload[:2] != MESSAGE_TYPE.to_bytes(2, "little") or not inner or inner[0] != _MARKER:
         return None

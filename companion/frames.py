@@ -8,6 +8,10 @@ from enum import IntEnum, IntFlag
 
 from companion.dialect import oneway
 
+RESTART_AFTER_S = 30.0
+"""After so long a silence an older stamp may begin anew: a sender whose clock was set back, or one whom a single frame
+of somebody else's, stamped ahead, had shut out."""
+
 
 class Directive(IntEnum):
     """What the ground station wants of every agent at once (ONEWAY_DIRECTIVE)."""
@@ -253,6 +257,8 @@ class MissionFrame:
     targets: int
     threats: int
     name: str
+    mission_digest: bytes
+    """8 bytes that are others when the origin, a target or a threat of the mission is another."""
 
 
 class DecisionFlag(IntFlag):

@@ -2,7 +2,7 @@
 
 The stock parser swallows what follows a false start; here every byte may begin a frame, and what begins none is
 skipped. A frame found is whole, of a known message id, with a correct CRC and no flag that we do not know; who sent it
-is asked elsewhere.
+is asked elsewhere. One inside a V2_EXTENSION (companion/encapsulation.py) is given as if it had come alone.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from companion.dialect import oneway
+from companion.encapsulation import INNER_AT, V2_EXTENSION_CRC_EXTRA, V2_EXTENSION_ID, inner_of
 
 MAX_DATAGRAM_BYTES = 2048
 """More than any link of ours hands over at once: it holds seven of the longest frames."""
@@ -39,6 +40,9 @@ JUNK = "junk"
 
 _CRC_EXTRA = {number: bytes((kind.crc_extra,)) for number, kind in oneway.mavlink_map.items()}
 """What is added to each message's bytes before its CRC is made, by message id."""
+_WRAPPED_ID = V2_EXTENSION_ID.to_bytes(3, "little")
+_WRAPPED_CRC_EXTRA = bytes((V2_EXTENSION_CRC_EXTRA,))
+_ID = slice(7, HEADER_BYTES)
 
 
 class Header(NamedTuple):
@@ -85,13 +89,13 @@ def frames_in(datagram: bytes, skipped: Counter[str]) -> Iterator[bytes]:
     """Yield the whole frames in a datagram; each run of bytes that is skipped counts once, by what it begins with."""
     if datagram and _look(datagram, 0) == (_Found.WHOLE, len(datagram)):
         # Nearly always; in a flood it is what counts.
-        yield datagram
+        yield _unwrapped(datagram)
         return
     false_starts, skipping = 0, False
     for found, at, end in _scan(datagram):
         if found is _Found.WHOLE:
             skipping = False
-            yield datagram[at:end]
+            yield _unwrapped(datagram[at:end])
             continue
         if not skipping:
             skipped[found.value] += 1
@@ -120,10 +124,12 @@ class StreamFramer:
         waiting_at: int | None = None
         for found, at, end in _scan(buffer):
             if found is _Found.WHOLE:
-                if waiting_at is not None and not self._skipping:
+                # What a V2_EXTENSION has behind its inner frame is nothing to report.
+                is_inner = waiting_at is not None and _is_inner(buffer, waiting_at, at)
+                if waiting_at is not None and not is_inner and not self._skipping:
                     self.skipped[DAMAGED] += 1
-                frames.append(buffer[at:end])
-                waiting_at, self._skipping = None, False
+                frames.append(_unwrapped(buffer[at:end]))
+                waiting_at, self._skipping = None, is_inner
             elif found is _Found.PARTIAL:
                 waiting_at = at if waiting_at is None else waiting_at
             elif waiting_at is None:
@@ -168,7 +174,9 @@ def _look(data: bytes, at: int) -> tuple[_Found, int]:
         return (_Found.DAMAGED if known and known[0] & ~SIGNED_FLAG else _Found.PARTIAL), at
     if data[at + 2] & ~SIGNED_FLAG:
         return _Found.DAMAGED, at
-    crc_extra = _CRC_EXTRA.get(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
+    is_wrapped = data[at + _ID.start : at + _ID.stop] == _WRAPPED_ID
+    number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+    crc_extra = _WRAPPED_CRC_EXTRA if is_wrapped else _CRC_EXTRA.get(number)
     if crc_extra is None:
         return _Found.FOREIGN, at
     crc_at = at + HEADER_BYTES + data[at + 1]
@@ -178,7 +186,30 @@ def _look(data: bytes, at: int) -> tuple[_Found, int]:
     crc = oneway.x25crc(data[at + 1 : crc_at] + crc_extra).crc
     if data[crc_at] | data[crc_at + 1] << 8 != crc:
         return _Found.DAMAGED, at
+    if is_wrapped:
+        return _look_inside(data[at + HEADER_BYTES : crc_at], at, end)
     return _Found.WHOLE, end
+
+
+def _look_inside(payload: bytes, at: int, end: int) -> tuple[_Found, int]:
+    """Return what a V2_EXTENSION is that begins and ends there: whole if just one whole frame of ours is inside."""
+    inner = inner_of(payload)
+    if inner is None or inner[_ID] == _WRAPPED_ID:
+        # Of others; its bytes may hold whole frames all the same.
+        return _Found.FOREIGN, at
+    found, _ = _look(inner, 0)
+    return found, end if found is _Found.WHOLE else at
+
+
+def _is_inner(data: bytes, outer_at: int, at: int) -> bool:
+    """Return whether what begins at `at` stands where the frame inside a V2_EXTENSION would."""
+    return data[outer_at + _ID.start : outer_at + _ID.stop] == _WRAPPED_ID and at == outer_at + INNER_AT
+
+
+def _unwrapped(raw: bytes) -> bytes:
+    """Return the frame inside a whole V2_EXTENSION, any other frame as it is."""
+    inner = inner_of(payload_of(raw)) if raw[_ID] == _WRAPPED_ID else None
+    return raw if inner is None else inner
 
 
 def _next_marker(data: bytes, start: int) -> int:

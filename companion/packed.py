@@ -31,7 +31,7 @@ from companion.frames import AgentEntry, RadiiEntry, TargetEntry, ThreatPlace, W
 PAYLOAD_BYTES = 255
 FLEET_HEAD_BYTES = 22
 RADII_HEAD_BYTES = 17
-MISSION_HEAD_BYTES = 43
+MISSION_HEAD_BYTES = 51
 """Bytes of a message before its data."""
 BASE_STEP_UNITS = 256
 """A frame's positions count from a multiple of so many units, so that 16 bits of it reach far."""

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
+from companion.frames import RESTART_AFTER_S
+from companion.reception import SenderClock
 from companion.wire import (
     AgentEntry,
     BandEntry,
@@ -33,9 +35,6 @@ from companion.wire import (
 
 NOBODY = 0
 """Stands for the id of one that is no agent: ids begin at 1."""
-RESTART_AFTER_S = 30.0
-"""A lower epoch than the last is an old run replayed, unless nothing was heard for this long: a ground station whose
-clock was set back."""
 
 
 @dataclass(frozen=True)
@@ -121,8 +120,10 @@ class _PeerTable:
 class Picture:
     """Merges frames for one agent; all times are this vehicle's clock in seconds, given by the caller."""
 
-    def __init__(self, agent_id: int, peer_memory_s: float = 30.0) -> None:
+    def __init__(self, agent_id: int, peer_memory_s: float = 30.0, *, clocks_agree: bool = True) -> None:
+        """`clocks_agree`: the sender's clock shows the same time as this vehicle's."""
         self.agent_id = agent_id
+        self._sender_clock = SenderClock(agrees=clocks_agree)
         self.peer_memory_s = peer_memory_s
         """A peer heard of longer ago than this is somewhere else by now and is left out."""
         self.rejected: Counter[str] = Counter()
@@ -145,10 +146,12 @@ class Picture:
         """Of radii frames of this epoch."""
         self._origin_told = False
         """Whether the origin was told in this epoch: until then nobody can say where a fleet frame's places are."""
+        self._mission_digest: bytes | None = None
+        """Of the last mission frame, of any epoch."""
+        self._mission_epochs: set[int] = set()
+        """Epochs that told this digest: what was heard in them, and in no others, is of that mission."""
         self._threats_told = 0
-        """How many threats the mission frame of this epoch says there are, 0 if none was heard."""
-        self._mission: MissionFrame | None = None
-        """The last that was heard of, of any epoch, without its stamp: with another one nothing known holds."""
+        """How many threats that mission has, 0 once a state frame told of what may be another."""
         self._waiting: dict[int, tuple[FleetFrame, float]] = {}
         """The newest fleet frame of each index, and when it came, until the origin is told."""
         self._parts: set[int] = set()
@@ -180,6 +183,8 @@ class Picture:
             return False
         self.directive = frame.directive
         self._take_origin((frame.origin_lat_deg, frame.origin_lon_deg))
+        if frame.stamp.epoch_s not in self._mission_epochs:
+            self._threats_told = 0
         heard = self._merge(frame, now_s)
         for threat in frame.threats:
             self._threats[threat.id] = (threat, heard)
@@ -218,10 +223,10 @@ class Picture:
         if not self._accept_beside(frame.stamp, now_s):
             return False
         self._take_origin((frame.origin_lat_deg, frame.origin_lon_deg))
-        mission = replace(frame, stamp=Stamp(0, 0, 0))
-        if self._mission not in (None, mission):
-            self._forget_all()
-        self._mission = mission
+        if frame.mission_digest != self._mission_digest:
+            self._forget_mission()
+            self._mission_digest = frame.mission_digest
+        self._mission_epochs.add(frame.stamp.epoch_s)
         self._threats_told = frame.threats
         waiting, self._waiting = self._waiting, {}
         self._merge_fleet(sorted(waiting.values(), key=lambda item: item[0].stamp.sequence))
@@ -285,7 +290,8 @@ class Picture:
         peers_ned_m = peers.seen_ned_m + peers.velocity_m_s * age_s[:, None]
         remembered = age_s <= self.peer_memory_s
         # Who does not know of all threats yet cannot go past them: it has nowhere to go.
-        lacking = len(self._threats) < self._threats_told
+        known = sum(heard.broadcast[0] in self._mission_epochs for _, heard in self._threats.values())
+        lacking = known < self._threats_told
         assigned = None if self.target_id is None or lacking else self._targets.get(self.target_id)
         return View(
             target_ned_m=None if assigned is None else (assigned[0].north_m, assigned[0].east_m),
@@ -375,8 +381,7 @@ class Picture:
 
     def _merge(self, frame: StateFrame | FleetFrame, received_s: float) -> Heard:
         """Take what state and fleet frames tell alike; return when it was true."""
-        # A sender's clock behind ours means an old frame; ahead of ours, only the time of receipt can be believed.
-        true_at_s = min(received_s, frame.stamp.unix_s)
+        true_at_s = self._sender_clock.true_at_s(frame.stamp, received_s)
         heard = Heard(true_at_s, (frame.stamp.epoch_s, frame.stamp.sequence))
         self._state_true_at_s = true_at_s
         for agent in frame.agents:
@@ -446,13 +451,14 @@ class Picture:
         return True
 
     def _accept(self, stamp: Stamp, now_s: float) -> bool:
-        if self.epoch_s is not None and stamp.epoch_s < self.epoch_s and now_s - self._received_s < RESTART_AFTER_S:
-            self.rejected["old epoch"] += 1
-            return False
-        if stamp.epoch_s == self.epoch_s:
-            if stamp.sequence < self.sequence:
+        if self.epoch_s is not None and now_s - self._received_s < RESTART_AFTER_S:
+            if stamp.epoch_s < self.epoch_s:
+                self.rejected["old epoch"] += 1
+                return False
+            if stamp.epoch_s == self.epoch_s and stamp.sequence < self.sequence:
                 self.rejected["old"] += 1
                 return False
+        if stamp.epoch_s == self.epoch_s and stamp.sequence >= self.sequence:
             return True
         self.epoch_s = stamp.epoch_s
         self.sequence = -1
@@ -463,7 +469,6 @@ class Picture:
         self._radii.clear()
         self._waiting.clear()
         self._origin_told = False
-        self._threats_told = 0
         return True
 
     def _forget_absent(self) -> None:
@@ -475,6 +480,21 @@ class Picture:
                 # A threat whose new radii are still to come is believed where and as large as it was before.
                 if known is not self._threats or identity not in self._placed:
                     del known[identity]
+        self._forget_loose_ends()
+
+    def _forget_mission(self) -> None:
+        """Forget what was heard in the epochs that told of the last mission."""
+        gone = self._mission_epochs
+        self._placed = {key: placed for key, placed in self._placed.items() if placed.heard.broadcast[0] not in gone}
+        for known in (self._agents, self._targets, self._threats):
+            for identity in [key for key, (_, heard) in known.items() if heard.broadcast[0] in gone]:
+                del known[identity]
+        self._mission_epochs = set()
+        self._forget_loose_ends()
+        self._cached = None
+
+    def _forget_loose_ends(self) -> None:
+        """Forget what was told of things that are not known any more."""
         for velocities, things in ((self._velocities, self._agents), (self._threat_velocities, self._threats)):
             for identity in velocities.keys() - things.keys():
                 del velocities[identity]

@@ -20,6 +20,7 @@ from companion.frames import (
     MissionFrame,
     MotionFrame,
     RadiiFrame,
+    Stamp,
     StateFrame,
 )
 
@@ -62,6 +63,30 @@ class Quality:
     """Age of the newest news of each kind that was ever heard."""
 
 
+class SenderClock:
+    """Says when what a frame tells was true, by the vehicle's clock."""
+
+    def __init__(self, *, agrees: bool = True) -> None:
+        """`agrees`: the two clocks show the same time; if not, only differences on the sender's are believed."""
+        self._agrees = agrees
+        self._epoch_s: int | None = None
+        self._least_s = math.inf
+        """Least time of arrival less stamp in this epoch: of the frame that was on its way for the shortest time."""
+
+    def true_at_s(self, stamp: Stamp, received_s: float) -> float:
+        """Return when a frame that came at `received_s` was true, at most that.
+
+        Where clocks do not agree, what the quickest frame of the epoch took on its way is not known and taken as none.
+        """
+        if self._agrees:
+            # A sender's clock behind ours means an old frame; ahead of ours, only the arrival can be believed.
+            return min(received_s, stamp.unix_s)
+        if stamp.epoch_s != self._epoch_s:
+            self._epoch_s, self._least_s = stamp.epoch_s, math.inf
+        self._least_s = min(self._least_s, received_s - stamp.unix_s)
+        return stamp.unix_s + self._least_s
+
+
 class Warnings:
     """Says when reception becomes bad and when it is good again, with hysteresis between."""
 
@@ -91,8 +116,9 @@ class _Broadcast(NamedTuple):
 class Reception:
     """Counts accepted frames over a window; all times are this vehicle's clock."""
 
-    def __init__(self, window_s: float = WINDOW_S) -> None:
+    def __init__(self, window_s: float = WINDOW_S, *, clocks_agree: bool = True) -> None:
         self.window_s = window_s
+        self._sender_clock = SenderClock(agrees=clocks_agree)
         self._arrivals_s: deque[float] = deque(maxlen=MAX_ARRIVALS)
         self._frame_count = 1
         self._first_s: float | None = None
@@ -107,8 +133,7 @@ class Reception:
             return
         kind = _KINDS[type(frame)]
         self._last_good_s = now_s
-        # A sender's clock ahead of ours makes nothing newer than its arrival.
-        true_at_s = min(now_s, frame.stamp.unix_s)
+        true_at_s = self._sender_clock.true_at_s(frame.stamp, now_s)
         self._true_at_s[kind] = max(true_at_s, self._true_at_s.get(kind, -math.inf))
         if isinstance(frame, StateFrame | FleetFrame):
             self._first_s = now_s if self._first_s is None else self._first_s

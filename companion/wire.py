@@ -553,8 +553,9 @@ def _mission_message(frame: MissionFrame) -> oneway.MAVLink_oneway_mission_messa
     origin_alt = rounded(frame.origin_alt_m * 10)
     if abs(origin_alt) > INT32_MAX:
         raise WireError(f"an origin {frame.origin_alt_m} m above the sea does not fit a frame")
-    if len(frame.surrogate_digest) != _DIGEST_BYTES:
-        raise WireError(f"a digest of {len(frame.surrogate_digest)} bytes; allowed: {_DIGEST_BYTES}")
+    for digest in (frame.surrogate_digest, frame.mission_digest):
+        if len(digest) != _DIGEST_BYTES:
+            raise WireError(f"a digest of {len(digest)} bytes; allowed: {_DIGEST_BYTES}")
     name = frame.name.encode()
     if len(name) > _MISSION_NAME_BYTES:
         raise WireError(f"a name of {len(name)} bytes; a frame holds {_MISSION_NAME_BYTES}")
@@ -569,6 +570,7 @@ def _mission_message(frame: MissionFrame) -> oneway.MAVLink_oneway_mission_messa
         target_count=whole(frame.targets, UINT16_MAX, "target_count"),
         threat_count=whole(frame.threats, UINT16_MAX, "threat_count"),
         surrogate_digest=list(frame.surrogate_digest),
+        mission_digest=list(frame.mission_digest),
         **_data(name, MISSION_HEAD_BYTES),
     )
 
@@ -617,6 +619,7 @@ def _mission_frame(message: Fields) -> MissionFrame:
         targets=message.target_count,
         threats=message.threat_count,
         name=name,
+        mission_digest=bytes(message.mission_digest),
     )
 
 

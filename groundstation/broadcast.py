@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
 from importlib import resources
 from typing import TypeVar
 
 from companion.mission import Mission, ThreatSpec
-from companion.packed import Entry, FleetEntry, Layout, finest_resolution_cm
+from companion.packed import GREATEST_AGE_S, Entry, FleetEntry, Layout, finest_resolution_cm
 from companion.weightsfile import content_digest
 from companion.wire import (
     AGENTS_PER_FRAME,
@@ -51,8 +52,24 @@ _UNTOLD: tuple[float | None, float | None] = (None, None)
 MOVING_M_S = 0.1
 """Below this speed a heading means nothing."""
 DIGEST_BYTES = 8
+WHOLE_PLANE_M = 4.1e7
+"""A disc of this radius holds everything on Earth wherever its centre is: none grows further, and a frame holds it."""
 _CURVE_CELLS = 2**16 - 1
 """Cells on a side, for the order of nearness."""
+
+
+@dataclass
+class Unsendable:
+    """Frames that could not be made, so that what they would have told was not sent."""
+
+    count: int = 0
+    first: str = ""
+    """Why the first of them could not."""
+
+    def add(self, error: WireError) -> None:
+        """Count one."""
+        self.count += 1
+        self.first = self.first or str(error)
 
 
 def state_frames(
@@ -179,18 +196,26 @@ def fleet_frames(
     ]
 
 
-def radii_frames(mission: Mission, stamp: Stamp, data_bytes: int) -> list[RadiiFrame]:
+def radii_frames(
+    mission: Mission,
+    stamp: Stamp,
+    data_bytes: int,
+    growth_m: Mapping[int, float] | None = None,  # threat id -> m, 0 where it is not there
+) -> list[RadiiFrame]:
     """Return the frames that tell the radii of all threats, none if there are no threats.
+
+    `growth_m` is what `untold_growth_m` gives.
 
     Raises:
         WireError: a frame has no room for one entry.
 
     """
+    growths_m = growth_m or {}
     entries = [
         RadiiEntry(
             id=threat.id,
-            detection_radius_m=threat.detection_radius_m,
-            attack_radius_m=threat.attack_radius_m,
+            detection_radius_m=min(threat.detection_radius_m + growths_m.get(threat.id, 0.0), WHOLE_PLANE_M),
+            attack_radius_m=min(threat.attack_radius_m + growths_m.get(threat.id, 0.0), WHOLE_PLANE_M),
             speed_bound_m_s=threat.speed_bound_m_s,
             floor_m=threat.floor_m,
             ceiling_m=threat.ceiling_m,
@@ -221,7 +246,14 @@ def mission_frame(mission: Mission, surrogate_digest: bytes, stamp: Stamp, data_
         targets=len(mission.targets),
         threats=len(mission.threats),
         name=mission.name.encode()[:data_bytes].decode(errors="ignore"),
+        mission_digest=mission_digest(mission),
     )
+
+
+def mission_digest(mission: Mission) -> bytes:
+    """Return 8 bytes that are others for a mission with another origin, target or threat, such as for another seed."""
+    told = mission.model_dump(mode="json", include={"origin", "targets", "threats"})
+    return sha256(json.dumps(told, sort_keys=True).encode()).digest()[:DIGEST_BYTES]
 
 
 def surrogate_digest(mission: Mission) -> bytes:
@@ -245,10 +277,23 @@ def grown(threat: ThreatSpec, track: Track, now_s: float) -> ThreatEntry:
         id=threat.id,
         north_m=track.north_m,
         east_m=track.east_m,
-        detection_radius_m=threat.detection_radius_m + growth_m,
-        attack_radius_m=threat.attack_radius_m + growth_m,
+        detection_radius_m=min(threat.detection_radius_m + growth_m, WHOLE_PLANE_M),
+        attack_radius_m=min(threat.attack_radius_m + growth_m, WHOLE_PLANE_M),
         speed_bound_m_s=threat.speed_bound_m_s,
     )
+
+
+def untold_growth_m(picture: GroundPicture, mission: Mission, until_s: float) -> dict[int, float]:
+    """Return by how much each threat's discs grow until then beyond the greatest age that a fleet frame tells, by id.
+
+    Empty while no track is so old, which takes 58 days.
+    """
+    ages_s = {threat.id: picture.tracks[Kind.THREAT, threat.id].age_s(until_s) for threat in mission.threats}
+    return {
+        threat.id: threat.speed_bound_m_s * (ages_s[threat.id] - GREATEST_AGE_S)
+        for threat in mission.threats
+        if ages_s[threat.id] > GREATEST_AGE_S
+    }
 
 
 def _agents_and_targets(
@@ -272,7 +317,8 @@ def _agents_and_targets(
 
 
 def _threat_place(threat: ThreatSpec, track: Track, now_s: float) -> ThreatPlace:
-    return ThreatPlace(threat.id, track.north_m, track.east_m, track.age_s(now_s))
+    # What the age cannot tell goes into the radii (`untold_growth_m`).
+    return ThreatPlace(threat.id, track.north_m, track.east_m, min(track.age_s(now_s), GREATEST_AGE_S))
 
 
 def _filled(entries: Iterable[PackedT], data_bytes: int) -> list[list[PackedT]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -57,7 +57,7 @@ def cli() -> None:
 @click.option(
     "--state",
     metavar="FILE",
-    help=f"Where the last epoch and time are kept; {STATE_NAME} beside the keys if not given.",
+    help=f"What a restart needs of this run is kept there; {STATE_NAME} beside the keys if not given.",
 )
 @click.option("--log", metavar="FILE.tlog", help="Keep what is sent and heard, without MAVLink signatures.")
 @click.option("--mirror", metavar="URL", help="Show threats and reckoned agents as ADSB_VEHICLE there, once a second.")
@@ -94,6 +94,8 @@ def run(
     Example: groundstation run copter-demo --link serial:/dev/ttyUSB0:57600 --radio sik-57600 --share 0.5 --keys keys
     """
     _one_of("--autopilot", autopilot, tuple(ADAPTERS))
+    given = {"MISSION": mission, "--link": link, "--keys": keys, "--state": state, "--log": log}
+    _without_null(given | {"--mirror": mirror, "--sensor": sensor, "--uplink": uplink})
     resolved = _broadcastable(mission, seed, uplink)
     to = parse_link(link)
     seen_on, heard_on, shown_on = (None if url is None else parse_link(url) for url in (sensor, uplink, mirror))
@@ -127,6 +129,7 @@ def keygen(folder: str) -> None:
 
     Example: groundstation keygen keys
     """
+    _without_null({"DIR": folder})
     for path in write_keys(Path(folder)):
         click.echo(str(path))
     click.echo(
@@ -148,6 +151,7 @@ def plan_command(mission: str, radio_name: str, share: float, auth: str, seed: i
 
     Example: groundstation plan paper-dynamic --link sik-57600 --share 0.5
     """
+    _without_null({"MISSION": mission})
     authentication = _one_of("--auth", auth, AUTHENTICATIONS)
     radio = parse_radio(radio_name, share)
     resolved = resolve(load_mission(mission), seed, mission)
@@ -194,6 +198,13 @@ def _authentication(keys: str | None, unsigned: bool, auth: str | None) -> Authe
     return _one_of("--auth", auth or "both", _SIGNED)
 
 
+def _without_null(given: Mapping[str, str | None]) -> None:
+    """Refuse arguments that hold a null character, which no name of a file can."""
+    for name, text in given.items():
+        if text is not None and "\0" in text:
+            raise InputError(f"{name}: {text!r} holds a null character; allowed: names without one")
+
+
 def _radio(link: Link, name: str | None, share: float | None) -> Radio | None:
     if name is None:
         if share is not None:
@@ -201,9 +212,14 @@ def _radio(link: Link, name: str | None, share: float | None) -> Radio | None:
         if link.scheme == "serial":
             raise InputError(f"--link: '{link}' without --radio, so that nothing would pace it; allowed: --radio NAME")
         return None
+    if link.others:
+        raise InputError(
+            f"--link: '{link}' sends every frame {1 + len(link.others)} times, which --radio {name} does not count; "
+            "allowed: one address behind a radio"
+        )
     radio = parse_radio(name, 1.0 if share is None else share)
     # Whatever it is, it may listen for a heartbeat before it reports its buffer.
-    return replace(radio, heartbeats=True) if link.scheme == "serial" else radio
+    return replace(radio, heartbeats=True) if link.scheme == "serial" and not radio.wrapped else radio
 
 
 def _one_of(option: str, word: str, allowed: Sequence[WordT]) -> WordT:

@@ -7,6 +7,7 @@ broadcast period, half a period apart. Where a radio does, groundstation/schedul
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from companion.wire import (
     DetectionsFrame,
     Directive,
     FleetFrame,
+    Frame,
     FrameReader,
     FrameWriter,
     Kind,
@@ -38,6 +40,7 @@ from companion.wire import (
 from groundstation.assignment import SWITCHING_SHARE, assign, within_range
 from groundstation.broadcast import (
     MOVING_M_S,
+    Unsendable,
     band_frames,
     fleet_frames,
     grown,
@@ -46,6 +49,7 @@ from groundstation.broadcast import (
     radii_frames,
     state_frames,
     surrogate_digest,
+    untold_growth_m,
 )
 from groundstation.picture import GroundPicture, Track
 from groundstation.reckoning import Reckoner
@@ -54,6 +58,9 @@ from groundstation.ways import Scene, Ways, assign_by_ways
 _DUE_TOLERANCE_S = 1e-6
 MAX_EPOCH_S = 4.0e6
 """After so long (46 days) a new epoch begins: the time within one travels as 32 bits of milliseconds."""
+
+RADII_HOLD_S = 120.0
+"""So long the radii in a carousel must hold, until they have been told again."""
 
 _STATE_BYTES, _MOTION_BYTES, _BANDS_BYTES = (
     message.unpacker.size - SIGNATURE_BYTES
@@ -88,8 +95,14 @@ class GroundStation:
         law: Law = "seed",
         can_stop: bool = False,
         steering: SteeringOf | None = None,
+        epoch_s: int | None = None,
+        began_s: float | None = None,
     ) -> None:
         """Begin a run, and with it an epoch.
+
+        The epoch is the second of `start_s` unless `epoch_s` says otherwise: one after the last run's. While it is
+        ahead of the clock, frames are stamped with its beginning. `began_s` is when the threats were where the mission
+        says, if that is not now: before a restart.
 
         Without a sensor (`sensed` false) nobody is detected. `law` and `can_stop` say what the vehicles fly by and
         whether they can stand still: in Case II they are reckoned by it, or by the law that `steering` makes.
@@ -103,14 +116,16 @@ class GroundStation:
         self.directive = Directive.NORMAL
         self._reckoner = Reckoner(mission, start_s, law, can_stop, steering) if mission.case == "II" else None
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
-        self.picture = GroundPicture(mission, start_s, _silent_after_s(mission, sensed))
+        self.picture = GroundPicture(mission, start_s, _silent_after_s(mission, sensed), began_s)
+        self.unsendable = Unsendable()
+        """What `tick` could not send."""
         self._specs = {agent.id: agent for agent in mission.agents}
         self.assignment: dict[int, int] = {}
         self.uncovered: tuple[int, ...] = ()
         """Targets that no agent is left for, or none that can arrive there."""
         self.reader = FrameReader()
         self._writer = FrameWriter()
-        self._epoch_s = int(start_s)
+        self._epoch_s = int(start_s) if epoch_s is None else epoch_s
         self._sequence = 0
         self._next_assignment_s = start_s
         self._next_state_s = start_s
@@ -118,7 +133,8 @@ class GroundStation:
         self._surrogate_digest: bytes | None = None
         self._assign(start_s)
         try:
-            self._state_datagrams(start_s)
+            for frame in self._state_and_bands(start_s):
+                self._writer.encode(frame)
         except WireError as error:
             raise InputError(f"{mission.name}: cannot be broadcast: {error}") from error
         self._one_frame = len(self._states(start_s)) == 1
@@ -165,16 +181,18 @@ class GroundStation:
             self._next_assignment_s = _after(self._next_assignment_s, self.mission.assignment_period_s, now_s)
 
     def tick(self, now_s: float) -> list[bytes]:
-        """Return the frames to broadcast now: none unless something is due."""
+        """Return the frames to broadcast now: none unless something is due.
+
+        A frame that cannot be made is counted in `unsendable` and left out.
+        """
         self.advance(now_s)
         datagrams: list[bytes] = []
         if now_s >= self._next_state_s - _DUE_TOLERANCE_S:
             self._sequence += 1
-            datagrams += self._state_datagrams(now_s)
+            datagrams += self._encoded(self._state_and_bands(now_s))
             self._next_state_s = _after(self._next_state_s, self.mission.broadcast_period_s, now_s)
         if now_s >= self._next_motion_s - _DUE_TOLERANCE_S:
-            for motion in motion_frames(self.picture, self.mission, self._stamp(now_s)):
-                datagrams.append(self._writer.encode(motion))
+            datagrams += self._encoded(motion_frames(self.picture, self.mission, self._stamp(now_s)))
             self._next_motion_s = _after(self._next_motion_s, self.mission.broadcast_period_s, now_s)
         for datagram in datagrams:
             self.overhear(datagram, now_s)
@@ -221,7 +239,8 @@ class GroundStation:
             self._surrogate_digest = surrogate_digest(mission)
         slow: list[MissionFrame | RadiiFrame] = []
         slow.append(mission_frame(mission, self._surrogate_digest, stamp, payload_bytes - MISSION_HEAD_BYTES))
-        slow += radii_frames(mission, stamp, payload_bytes - RADII_HEAD_BYTES)
+        growth_m = untold_growth_m(self.picture, mission, stamp.unix_s + RADII_HOLD_S)
+        slow += radii_frames(mission, stamp, payload_bytes - RADII_HEAD_BYTES, growth_m)
         return slow
 
     def _tells_all(self, payload_bytes: int) -> bool:
@@ -230,9 +249,17 @@ class GroundStation:
     def _states(self, now_s: float) -> list[StateFrame]:
         return state_frames(self.picture, self.mission, self.assignment, self.directive, self._stamp(now_s))
 
-    def _state_datagrams(self, now_s: float) -> list[bytes]:
-        frames: list[StateFrame | BandsFrame] = [*self._states(now_s), *band_frames(self.mission, self._stamp(now_s))]
-        return [self._writer.encode(frame) for frame in frames]
+    def _state_and_bands(self, now_s: float) -> list[StateFrame | BandsFrame]:
+        return [*self._states(now_s), *band_frames(self.mission, self._stamp(now_s))]
+
+    def _encoded(self, frames: Sequence[Frame]) -> list[bytes]:
+        datagrams = []
+        for frame in frames:
+            try:
+                datagrams.append(self._writer.encode(frame))
+            except WireError as error:
+                self.unsendable.add(error)
+        return datagrams
 
     def _assign(self, now_s: float) -> None:
         mission, picture = self.mission, self.picture
@@ -297,7 +324,7 @@ class GroundStation:
         return np.array([self.picture.tracks[kind, identity].position_ned_m for identity in ids]).reshape(-1, 2)
 
     def _stamp(self, now_s: float) -> Stamp:
-        return Stamp(self._epoch_s, round((now_s - self._epoch_s) * 1000.0), self._sequence)
+        return Stamp(self._epoch_s, max(0, round((now_s - self._epoch_s) * 1000.0)), self._sequence)
 
 
 def _heading_rad(track: Track) -> float:

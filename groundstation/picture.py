@@ -19,6 +19,10 @@ from companion.mission import Mission
 from companion.wire import DetectionsFrame, Kind
 from groundstation.reckoning import Estimate
 
+FARTHEST_M = 2.0e7
+"""No detection is believed farther from the origin, along the ground: half the way round the Earth, and less than any
+frame can carry."""
+
 
 @dataclass(frozen=True)
 class Track:
@@ -43,8 +47,10 @@ class Track:
 class GroundPicture:
     """Tracks by kind and id, and what has become of agents and targets."""
 
-    def __init__(self, mission: Mission, now_s: float, silent_after_s: float | None) -> None:
-        """Begin with a resolved mission's positions.
+    def __init__(
+        self, mission: Mission, now_s: float, silent_after_s: float | None, began_s: float | None = None
+    ) -> None:
+        """Begin with a resolved mission's positions, which were true at `began_s`, now unless given.
 
         An agent not heard of for `silent_after_s` is lost; None where nobody is heard of, so that nobody can be known
         lost.
@@ -56,6 +62,9 @@ class GroundPicture:
         self._only_target = {agent.id: agent.only_target for agent in mission.agents}
         self._near: dict[int, tuple[int, float]] = {}
         """Agent to the target that it is believed to be near, and since when."""
+        placed_at_s = now_s if began_s is None else min(began_s, now_s)
+        self.too_far = 0
+        """Detections refused because no frame could carry them."""
         self.tracks: dict[tuple[Kind, int], Track] = {}
         for kind, items in (
             (Kind.AGENT, mission.agents),
@@ -63,7 +72,7 @@ class GroundPicture:
             (Kind.THREAT, mission.threats),
         ):
             for item in items:
-                self.tracks[kind, item.id] = Track(*item.position_ned_m, 0.0, 0.0, now_s)
+                self.tracks[kind, item.id] = Track(*item.position_ned_m, 0.0, 0.0, placed_at_s)
         self.heard_at_s = {agent.id: now_s for agent in mission.agents}
         """When each agent was last detected (Case I) or reported (Case II)."""
         self.flown_m = {agent.id: 0.0 for agent in mission.agents}
@@ -90,7 +99,10 @@ class GroundPicture:
         return [target.id for target in self._mission.targets if target.id not in self.completed]
 
     def take(self, frame: DetectionsFrame, now_s: float) -> None:
-        """Merge one look of a sensor; detections of unknown things, and older ones than the track, are ignored."""
+        """Merge one look of a sensor; detections of unknown things, and older ones than the track, are ignored.
+
+        Those beyond FARTHEST_M are counted in `too_far` and ignored.
+        """
         seen_at_s = min(now_s, frame.unix_s)
         same_plane = (frame.origin_lat_deg, frame.origin_lon_deg) == (self._frame.lat_deg, self._frame.lon_deg)
         sensor_frame = None if same_plane else LocalFrame(frame.origin_lat_deg, frame.origin_lon_deg)
@@ -102,8 +114,14 @@ class GroundPicture:
             if detection.kind is Kind.AGENT and self._mission.case == "II":
                 continue  # agents are reckoned, whatever a stray detection says of them
             north_m, east_m = detection.north_m, detection.east_m
-            if sensor_frame is not None:
+            # Before it is converted too: what is farther would come out somewhere else on the Earth.
+            is_near = math.hypot(north_m, east_m) <= FARTHEST_M
+            if is_near and sensor_frame is not None:
                 north_m, east_m = self._frame.to_local(*sensor_frame.to_global(north_m, east_m))
+                is_near = math.hypot(north_m, east_m) <= FARTHEST_M
+            if not is_near:
+                self.too_far += 1
+                continue
             if detection.kind is Kind.AGENT:
                 self.flown_m[detection.id] += math.dist(track.position_ned_m, (north_m, east_m))
                 self.heard_at_s[detection.id] = seen_at_s

@@ -171,7 +171,7 @@ def plan(
         refresh_s=state.interval_s,
         bytes_per_s=bytes_per_s,
         utilisation=bytes_per_s / radio.budget_bytes_per_s,
-        largest_frame_bytes=max(len(one.data) for _, one in sent),
+        largest_frame_bytes=max(one.on_air_bytes for _, one in sent),
         current_after_s=current_after_s,
         outage=outage_limit(mission),
         left_out=_left_out(items, state, radio),
@@ -387,7 +387,7 @@ def _items(sent: Sequence[tuple[float, Sent]]) -> tuple[Item, ...]:
                 name=name,
                 frames=len(first),
                 # The first sending is paid for by the time before it.
-                bytes_per_s=sum(len(one.data) for at_s, one in ones if at_s > first_s) / (last_s - first_s),
+                bytes_per_s=sum(one.on_air_bytes for at_s, one in ones if at_s > first_s) / (last_s - first_s),
                 interval_s=float(gaps_s.mean()) if gaps_s.size else None,
                 copies=len(ones) / told - 1.0,
             )

@@ -51,12 +51,18 @@ class Radio:
     outer_bytes: int = 0
     """What wrapping adds to each frame on the air."""
     heartbeats: bool = False
-    """A heartbeat of MAVLink's goes out every second: SiK firmware reports its buffer only once it has seen one."""
+    """A heartbeat of MAVLink's goes out every second: SiK firmware reports its buffer only once it has seen one. Never
+    where frames are wrapped: the radio would not find it inside, and the autopilot before it sends its own."""
 
     @property
     def budget_bytes_per_s(self) -> float:
         """What the broadcast may send."""
         return self.bytes_per_s * self.share
+
+    @property
+    def added_bytes(self) -> int:
+        """What is added on the way to each frame that we send: the signature of the outer frame."""
+        return self.outer_bytes - WRAP_BYTES if self.wrapped else 0
 
 
 def parse_radio(text: str, share: float) -> Radio:
@@ -87,4 +93,6 @@ def parse_radio(text: str, share: float) -> Radio:
         )
     outer_bytes = _WRAPPED_BYTES.get(path, 0)
     longest_bytes = LONGEST_FRAME_BYTES - outer_bytes
-    return Radio(text, rate_bytes_per_s, longest_bytes, share, path != "", outer_bytes, name.startswith("sik-"))
+    is_wrapped = path != ""
+    heartbeats = name.startswith("sik-") and not is_wrapped
+    return Radio(text, rate_bytes_per_s, longest_bytes, share, is_wrapped, outer_bytes, heartbeats)

@@ -18,7 +18,8 @@ from companion.encapsulation import wrap
 from companion.errors import InputError
 from companion.frames import BandsFrame, Directive, FleetFrame, MissionFrame, MotionFrame, RadiiFrame, StateFrame
 from companion.sealing import Sealer
-from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter
+from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, WireError
+from groundstation.broadcast import Unsendable
 from groundstation.radio import MAVLINK_SIGNATURE_BYTES, Radio
 
 BroadcastFrame = StateFrame | MotionFrame | BandsFrame | FleetFrame | RadiiFrame | MissionFrame
@@ -150,6 +151,13 @@ class Sent:
     """None: a heartbeat."""
     copy: int
     """How often the same frame went out before."""
+    added_bytes: int = 0
+    """What is added to it on its way (Radio.added_bytes)."""
+
+    @property
+    def on_air_bytes(self) -> int:
+        """How long it is on the air."""
+        return len(self.data) + self.added_bytes
 
 
 class Broadcaster:
@@ -159,7 +167,19 @@ class Broadcaster:
         self._station = station
         self._radio = radio
         self._sealer = sealer or Sealer(None, None)
-        self._schedule = None if radio is None else _Schedule(station, radio, self._sealer)
+        self.unsendable = Unsendable()
+        """What could not be sent, where there is a radio."""
+        self._schedule = None if radio is None else _Schedule(station, radio, self._sealer, self.unsendable)
+
+    def begin(self, now_s: float) -> None:
+        """Make the first broadcast of the state, so that what can never be sent is known before anything is.
+
+        Raises:
+            InputError: the state does not fit the radio, or a frame of it cannot be made.
+
+        """
+        if self._schedule is not None:
+            self._schedule.begin_refresh(now_s)
 
     @property
     def pace(self) -> float:
@@ -201,8 +221,11 @@ class _Refresh:
 
 
 class _Schedule:
-    def __init__(self, station: Station, radio: Radio, sealer: Sealer) -> None:
+    def __init__(self, station: Station, radio: Radio, sealer: Sealer, unsendable: Unsendable) -> None:
         self._station = station
+        self._unsendable = unsendable
+        self._begin_again_s = float("-inf")
+        """No refresh begins before, because the last one could not be made."""
         self._radio = radio
         self._sealer = sealer
         self._payload_bytes = radio.max_frame_bytes - _MAVLINK_BYTES - sealer.overhead_bytes
@@ -240,11 +263,11 @@ class _Schedule:
             if self._waiting is None:
                 return out
             sent, note = self._waiting
-            if not self.pacer.take(len(sent.data), now_s):
+            if not self.pacer.take(sent.on_air_bytes, now_s):
                 return out
             note(now_s)
             self._credit_bytes = min(
-                self._credit_bytes + self._carousel_share * len(sent.data), float(self._radio.max_frame_bytes)
+                self._credit_bytes + self._carousel_share * sent.on_air_bytes, float(self._radio.max_frame_bytes)
             )
             self._waiting = None
             out.append(sent)
@@ -255,8 +278,10 @@ class _Schedule:
             self._station.advance(now_s)
             self._advance_due_s = max(self._advance_due_s, now_s - ADVANCE_PERIOD_S / 2.0) + ADVANCE_PERIOD_S
             return True
+        if now_s < self._begin_again_s:
+            return False
         if self._refresh is None or self._must_restart(self._refresh, now_s) or self._is_due(self._refresh, now_s):
-            self._begin_refresh(now_s)
+            self.begin_refresh(now_s)
             return True
         return False
 
@@ -291,9 +316,12 @@ class _Schedule:
             return self._state(refresh, self._copies, now_s)
         return None
 
-    def _begin_refresh(self, now_s: float) -> None:
+    def begin_refresh(self, now_s: float) -> None:
         aborted = self._refresh is not None and not self._refresh.told
-        frames = [(frame, self._writer.encode(frame)) for frame in self._station.refresh(now_s, self._payload_bytes)]
+        frames = self._made(now_s)
+        if not frames:
+            self._repeat_the_last(now_s)
+            return
         lengths = [len(self._sealer.seal(raw, now_s)) + self._radio.outer_bytes for _, raw in frames]
         if self._refresh is None:
             self._refuse_what_cannot_fit(sum(lengths))
@@ -311,8 +339,45 @@ class _Schedule:
         if epoch_s != self._epoch_s:
             self._epoch_s = epoch_s
             self._turn_place, self._turn_due_s = 0, float("-inf")
-            slow = self._station.carousel(now_s, self._payload_bytes)
+            slow = self._slow(now_s)
             self._is_needed = self._urgent = len(slow) > 0 and isinstance(slow[0], MissionFrame)
+
+    def _made(self, now_s: float) -> list[tuple[BroadcastFrame, bytes]]:
+        """Return the frames of a new broadcast of the state; those that cannot be made are counted and left out.
+
+        Raises:
+            InputError: nothing was sent yet, so that the mission itself asks for what no frame holds.
+
+        """
+        made = []
+        try:
+            for frame in self._station.refresh(now_s, self._payload_bytes):
+                try:
+                    made.append((frame, self._writer.encode(frame)))
+                except WireError as error:
+                    self._cannot_send(error)
+        except WireError as error:
+            self._cannot_send(error)
+        return made
+
+    def _cannot_send(self, error: WireError) -> None:
+        if self._refresh is None:
+            raise InputError(f"radio {self._radio.name}: the mission cannot be broadcast: {error}") from error
+        self._unsendable.add(error)
+
+    def _repeat_the_last(self, now_s: float) -> None:
+        """Tell the last state again: receivers know from its stamp how old it is."""
+        assert self._refresh is not None
+        self._refresh.sends, self._refresh.begun_at_s = 0, now_s
+        self._refresh_due_s = self._begin_again_s = now_s + SHORTEST_REFRESH_S
+        self._waiting = None
+
+    def _slow(self, now_s: float) -> Sequence[BroadcastFrame]:
+        try:
+            return self._station.carousel(now_s, self._payload_bytes)
+        except WireError as error:
+            self._cannot_send(error)
+            return ()
 
     def _share_beside(self, state_bytes: int) -> float:
         """Return the carousel's share of the budget beside a state of so many bytes."""
@@ -324,13 +389,15 @@ class _Schedule:
     def _refuse_what_cannot_fit(self, on_air_bytes: int) -> None:
         takes_s = on_air_bytes / (self._radio.budget_bytes_per_s * (1.0 - CAROUSEL_SHARE))
         if takes_s > LONGEST_REFRESH_S:
-            weaker = (
-                "--auth mavlink instead of Ed25519, " if self._sealer.overhead_bytes > MAVLINK_SIGNATURE_BYTES else ""
-            )
+            remedies = ["a faster radio"]
+            if self._radio.share < 1.0:
+                remedies.append("a greater share")
+            if self._sealer.overhead_bytes > MAVLINK_SIGNATURE_BYTES:
+                remedies.append("--auth mavlink instead of Ed25519")
             raise InputError(
                 f"radio {self._radio.name}: the state of this mission is {on_air_bytes} bytes, {takes_s:.0f} s at "
-                f"{self._radio.budget_bytes_per_s:.0f} B/s; allowed: at most {LONGEST_REFRESH_S:g} s: by a faster "
-                f"radio, a greater share, {weaker}or fewer agents"
+                f"{self._radio.budget_bytes_per_s:.0f} B/s; allowed: at most {LONGEST_REFRESH_S:g} s: by "
+                f"{', '.join(remedies)} or fewer agents"
             )
 
     def _state(self, refresh: _Refresh, place: int, now_s: float) -> tuple[Sent, Callable[[float], None]]:
@@ -344,29 +411,35 @@ class _Schedule:
             else:
                 self._station.overhear(raw, sent_at_s)
 
-        return Sent(self._on_air(raw, now_s), frame, refresh.sends // len(refresh.frames)), note
+        return self._on_air(raw, frame, refresh.sends // len(refresh.frames), now_s), note
 
     def _carousel(self, now_s: float) -> tuple[Sent, Callable[[float], None]] | None:
         if self._turn_place == 0 and now_s < self._turn_due_s - _DUE_TOLERANCE_S:
             return None
-        frames = self._station.carousel(now_s, self._payload_bytes)
+        frames = self._slow(now_s)
         if not frames:
             self._turn_due_s = now_s + SHORTEST_TURN_S
             return None
         place = min(self._turn_place, len(frames) - 1)
-        raw = self._writer.encode(frames[place])
-        data = self._on_air(raw, now_s)
+        try:
+            raw = self._writer.encode(frames[place])
+        except WireError as error:
+            self._cannot_send(error)
+            self._turn_place, self._turn_due_s = (place + 1) % len(frames), now_s + SHORTEST_TURN_S
+            self._urgent = self._urgent and self._turn_place > 0
+            return None
+        sent = self._on_air(raw, frames[place], 0, now_s)
 
         def note(sent_at_s: float) -> None:
             self._station.overhear(raw, sent_at_s)
-            self._credit_bytes = max(self._credit_bytes - len(data), -float(self._radio.max_frame_bytes))
+            self._credit_bytes = max(self._credit_bytes - sent.on_air_bytes, -float(self._radio.max_frame_bytes))
             if self._turn_place == 0:
                 self._turn_due_s = _after(self._turn_due_s, SHORTEST_TURN_S, sent_at_s)
             self._turn_place = place + 1
             if self._turn_place >= len(frames):
                 self._turn_place, self._urgent = 0, False
 
-        return Sent(data, frames[place], 0), note
+        return sent, note
 
     def _heartbeat(self, now_s: float) -> tuple[Sent, Callable[[float], None]]:
         message = oneway.MAVLink_heartbeat_message(
@@ -378,14 +451,14 @@ class _Schedule:
             self._heartbeats.seq = (self._heartbeats.seq + 1) % 256
             self._heartbeat_due_s = _after(self._heartbeat_due_s, HEARTBEAT_PERIOD_S, sent_at_s)
 
-        return Sent(self._on_air(raw, now_s), None, 0), note
+        return Sent(self._sealer.seal(raw, now_s), None, 0), note
 
-    def _on_air(self, raw: bytes, now_s: float) -> bytes:
+    def _on_air(self, raw: bytes, frame: BroadcastFrame, copy: int, now_s: float) -> Sent:
         sealed = self._sealer.seal(raw, now_s)
         if not self._radio.wrapped:
-            return sealed
+            return Sent(sealed, frame, copy)
         self._wrapped += 1
-        return wrap(sealed, self._wrapped)
+        return Sent(wrap(sealed, self._wrapped), frame, copy, self._radio.added_bytes)
 
 
 def _after(due_s: float, period_s: float, now_s: float) -> float:

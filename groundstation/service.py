@@ -1,20 +1,23 @@
 """Shell of `groundstation run`: the links, the clock, the keys and the files around the core.
 
-The sender's time never falls behind: the epoch and the time of what was broadcast last are kept in a file, and a run
-that begins with the system clock set back goes on from there, so that vehicles that demand ever newer frames hear it.
+What a restart must not forget is kept in a file: the last epoch and signing time, so that vehicles that demand ever
+newer frames hear the next run; when the threats were where the mission says, so that they are not told as if they had
+not moved since; and the directive.
 """
 
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import json
+import math
 import os
 import signal
 import stat
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -29,10 +32,11 @@ from companion.keys import MAVLINK_NAME, PRIVATE_NAME, load_mavlink_key, load_pr
 from companion.mission import Mission
 from companion.process import SteadyClock, wait
 from companion.sealing import Sealer
-from companion.signing import MavlinkSigner
+from companion.signing import UNITS_PER_S, MavlinkSigner, timestamp_of
 from companion.statefile import read_state_file, write_state_file
 from companion.tlog import TlogWriter
 from companion.transport import Link, open_receiver, open_sender
+from groundstation.broadcast import Unsendable
 from groundstation.core import GroundStation
 from groundstation.mirror import Mirror
 from groundstation.plan import Authentication
@@ -42,12 +46,14 @@ from groundstation.schedule import Broadcaster
 
 TICK_S = 0.05
 """How often the core is asked what is due without a radio: fine against any broadcast period in use."""
-STATE_PERIOD_S = 5.0
-"""How often the time of what was broadcast last is written to disk."""
+STATE_PERIOD_S = 1.0
+"""How often the signing time used last is written to disk: a crash loses less of it than receivers allow clocks to
+differ by."""
 STATUS_PERIOD_S = 60.0
 """How often what was sent is told."""
-BEHIND_S = 2.0
-"""A clock farther behind the last run is worth a warning: a restart within the second is not."""
+MOST_AHEAD_S = 1.5
+"""So far ahead of the clock an epoch or a signing time may be: receivers refuse what is more than 2 s ahead of theirs
+(companion/admission.py), and theirs may be behind. A restart within the second needs 1 s."""
 LINK_ID = 0
 """Of our stream of MAVLink signatures."""
 STATE_NAME = "groundstation.state"
@@ -87,10 +93,13 @@ class Kept:
     """What of a run must be known to the next one."""
 
     epoch_s: int
-    time_s: float
-    """Of the last frame that may have been sent."""
     signing_timestamp: int
-    """MAVLink's, of the last frame."""
+    """MAVLink's, of a frame sent STATE_PERIOD_S before the last one or later; 0 without MAVLink signing."""
+    threats: str
+    """The digest of the threats as the mission places them."""
+    began_s: float
+    """When the first run with these threats began: they were there then."""
+    directive: Directive
 
 
 def kept_from(text: str, source: Path) -> Kept:
@@ -102,8 +111,16 @@ def kept_from(text: str, source: Path) -> Kept:
     """
     try:
         values = json.loads(text)
-        kept = Kept(int(values["epoch_s"]), float(values["time_s"]), int(values["signing_timestamp"]))
-    except (ValueError, TypeError, KeyError, OverflowError) as error:
+        kept = Kept(
+            int(values["epoch_s"]),
+            int(values["signing_timestamp"]),
+            str(values["threats"]),
+            float(values["began_s"]),
+            directive_from(str(values["directive"])),
+        )
+        if not math.isfinite(kept.began_s):
+            raise ValueError("no time")
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError, InputError) as error:
         raise InputError(
             f"{source}: no state of a ground station; allowed: the file that the last run wrote, or one that is not "
             "there yet"
@@ -111,14 +128,68 @@ def kept_from(text: str, source: Path) -> Kept:
     return kept
 
 
-def start_after(kept: Kept | None, now_s: float) -> float:
-    """Return when a run begins, in Unix seconds: now, but later than anything that the last run can have sent."""
+def text_of(kept: Kept) -> str:
+    """Return what a state file holds."""
+    return json.dumps(
+        {
+            "epoch_s": kept.epoch_s,
+            "signing_timestamp": kept.signing_timestamp,
+            "threats": kept.threats,
+            "began_s": kept.began_s,
+            "directive": kept.directive.name.lower(),
+        }
+    )
+
+
+def epoch_after(kept: Kept | None, now_s: float, source: Path | None) -> int:
+    """Return the epoch of a run that begins now: this second, but later than the last run's.
+
+    Raises:
+        InputError: that is farther ahead of the clock than receivers accept; `source` names the file.
+
+    """
+    epoch_s = int(now_s) if kept is None else max(int(now_s), kept.epoch_s + 1)
+    if epoch_s - now_s > MOST_AHEAD_S:
+        raise _behind(source, epoch_s - now_s)
+    return epoch_s
+
+
+def signing_after(kept: Kept | None, now_s: float, only_mavlink: bool, source: Path | None) -> int:
+    """Return the MAVLink signing time above which a run that begins now signs.
+
+    Raises:
+        InputError: `only_mavlink`, that is without Ed25519, and the time is farther ahead of the clock than receivers
+            accept. Under both they do not look at it.
+
+    """
     if kept is None:
-        return now_s
-    if now_s < kept.time_s:
-        # The file may be older than the last frame by as much as the time between two writings.
-        now_s = kept.time_s + 2.0 * STATE_PERIOD_S
-    return max(now_s, kept.epoch_s + 1.0)
+        return 0
+    ahead_s = (kept.signing_timestamp - timestamp_of(now_s)) / UNITS_PER_S
+    if only_mavlink and ahead_s > MOST_AHEAD_S:
+        raise _behind(source, ahead_s)
+    return kept.signing_timestamp
+
+
+def _behind(source: Path | None, by_s: float) -> InputError:
+    return InputError(
+        f"{source}: the clock is {by_s:.1f} s behind the last run, so that vehicles would refuse every frame; allowed: "
+        f"at most {MOST_AHEAD_S:g} s: wait, set the clock or, if the last run's clock was wrong, remove this file and "
+        "the vehicles' state files and make new keys"
+    )
+
+
+def began_at_s(kept: Kept | None, threats: str, now_s: float) -> float:
+    """Return when the threats of a run that begins now were where the mission says; `threats` is their digest."""
+    return now_s if kept is None or kept.threats != threats else min(kept.began_s, now_s)
+
+
+def threats_digest(mission: Mission) -> str:
+    """Return what tells whether two resolved missions place the same threats.
+
+    Of nothing else in them: a restart with another target or period must not tell the threats as if they were new.
+    """
+    text = mission.model_dump_json(include={"origin", "threats"})
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def directive_from(line: str) -> Directive:
@@ -175,12 +246,23 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
 
     """
     sealer = load_sealer(options.authentication, options.keys)
-    clock = _Clock(options.state, sealer)
+    clock = SteadyClock()
+    start_s = clock.now_s()
+    keeper = _Keeper(options, mission, sealer, start_s)
     station = GroundStation(
-        mission, clock.now_s(), sensed=options.sensor is not None, law=DEFAULT_LAW, can_stop=options.can_stop
+        mission,
+        start_s,
+        sensed=options.sensor is not None,
+        law=DEFAULT_LAW,
+        can_stop=options.can_stop,
+        epoch_s=keeper.epoch_s,
+        began_s=keeper.began_s,
     )
+    station.directive = keeper.directive
     broadcaster = Broadcaster(station, options.radio, sealer)
+    broadcaster.begin(start_s)
     mirror = Mirror(mission)
+    added_bytes = 0 if options.radio is None else options.radio.added_bytes
     with ExitStack() as stack:
         log = FlightLog(None if options.log is None else TlogWriter(options.log), "groundstation")
         stack.callback(log.close)
@@ -207,69 +289,91 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
             display = await open_sender(options.mirror)
             stack.callback(display.close)
         # On disk before the first frame is on the air.
-        clock.keep(station.epoch_s)
-        stack.callback(lambda: clock.keep_if_possible(station.epoch_s))
+        keeper.keep(station, start_s)
+        stack.callback(lambda: keeper.keep_if_possible(station, clock.now_s()))
         stack.callback(_take_orders(station))
-        status = _Status(station, options)
-        click.echo(f"groundstation: {status.opening()}")
+        status = _Status(station, broadcaster, options)
+        for line in [status.opening(), *keeper.news(start_s)]:
+            click.echo(f"groundstation: {line}")
+        for warning in keeper.warnings():
+            click.echo(f"groundstation: warning: {warning}", err=True)
         while not stop.is_set():
             now_s = clock.now_s()
+            # A new directive is on disk before it is on the air: no restart may take back what vehicles have heard.
+            keeper.keep_if_due(station, now_s)
             for data in broadcaster.tick(now_s, sender.txbuf_percent):
                 sender.send(data)
-                status.sent_bytes += len(data)
+                status.sent_bytes += len(data) + added_bytes
                 log.record(now_s, unwrap(data) or data)
             if display is not None:
                 for data in mirror.tick(station.picture, now_s):
                     display.send(data)
-            clock.keep_now_and_then(station.epoch_s)
-            for line in status.news(now_s, broadcaster.pace, sender.counts.sent):
+            for line in status.news(now_s, sender.counts.sent):
                 click.echo(f"groundstation: {line}")
+            for warning in status.warnings():
+                click.echo(f"groundstation: warning: {warning}", err=True)
             await wait(stop, TICK_S if options.radio is None else RADIO_TICK_S)
 
 
-class _Clock:
-    """Time that never steps and never falls behind what was broadcast before, and the file that sees to that."""
+class _Keeper:
+    """What the last run left, and the file in which this one leaves it."""
 
-    def __init__(self, path: Path | None, sealer: Sealer) -> None:
-        """Begin after the last run; raises InputError if the file cannot be used."""
-        self._path = path
+    def __init__(self, options: Options, mission: Mission, sealer: Sealer, now_s: float) -> None:
+        """Read the file, if there is one to be read; raises InputError if this run cannot follow on it."""
+        self._path = self._read_from = options.state
         self._signer = sealer.signer
-        self._clock = SteadyClock()
-        text = None if path is None else read_state_file(path)
-        kept = None if path is None or text is None else kept_from(text, path)
-        now_s = self._clock.now_s()
-        self._ahead_s = start_after(kept, now_s) - now_s
-        self._kept_at_s = -STATE_PERIOD_S
-        if kept is not None and self._signer is not None:
-            self._signer.last_timestamp = kept.signing_timestamp
-        if self._ahead_s > BEHIND_S:
-            click.echo(
-                f"groundstation: warning: the system clock is {self._ahead_s:.0f} s behind the last run; going on from "
-                "there, but vehicles with the right time will refuse what is old: set the clock",
-                err=True,
+        text = None if self._path is None else read_state_file(self._path)
+        kept = None if self._path is None or text is None else kept_from(text, self._path)
+        self._threats = threats_digest(mission)
+        self._can_move = any(threat.speed_bound_m_s > 0.0 for threat in mission.threats)
+        self.epoch_s = epoch_after(kept, now_s, self._path)
+        self.began_s = began_at_s(kept, self._threats, now_s)
+        self.directive = Directive.NORMAL if kept is None else kept.directive
+        self._kept = kept
+        self._kept_at_s = -math.inf
+        self._signing = 0 if kept is None else kept.signing_timestamp
+        if self._signer is not None:
+            self._signer.last_timestamp = signing_after(kept, now_s, options.authentication == "mavlink", self._path)
+
+    def news(self, now_s: float) -> list[str]:
+        """Return what this run has taken over."""
+        lines = []
+        if self.directive is not Directive.NORMAL:
+            lines.append(f"directive: {self.directive.name.lower()}, kept from the last run")
+        if self._can_move and self.began_s < now_s:
+            lines.append(
+                f"threats: where the mission says {now_s - self.began_s:.0f} s ago, when its first run began; before a "
+                f"new flight remove {self._read_from}"
             )
+        return lines
 
-    def now_s(self) -> float:
-        """Return Unix seconds."""
-        return self._clock.now_s() + self._ahead_s
+    def warnings(self) -> list[str]:
+        """Return what a restart will not know."""
+        if self._path is not None or not self._can_move:
+            return []
+        return ["without --state a restart would tell the threats smaller than they may be by then, and no directive"]
 
-    def keep(self, epoch_s: int) -> None:
+    def keep(self, station: GroundStation, now_s: float) -> None:
         """Write what the next run must know; raises InputError if that fails."""
-        if self._path is not None:
-            now_s = self.now_s()
-            timestamp = 0 if self._signer is None else self._signer.last_timestamp
-            write_state_file(self._path, json.dumps(asdict(Kept(epoch_s, now_s, timestamp))))
-            self._kept_at_s = now_s
+        if self._path is None:
+            return
+        if self._signer is not None:
+            self._signing = self._signer.last_timestamp
+        kept = Kept(station.epoch_s, self._signing, self._threats, self.began_s, station.directive)
+        write_state_file(self._path, text_of(kept))
+        self._kept, self._kept_at_s = kept, now_s
 
-    def keep_now_and_then(self, epoch_s: int) -> None:
-        """Write it if the last time is long enough ago."""
-        if self.now_s() - self._kept_at_s >= STATE_PERIOD_S:
-            self.keep_if_possible(epoch_s)
+    def keep_if_due(self, station: GroundStation, now_s: float) -> None:
+        """Write it if the directive or the epoch is another, or a signing time was kept long enough ago."""
+        kept = self._kept
+        changed = kept is None or (kept.directive, kept.epoch_s) != (station.directive, station.epoch_s)
+        if changed or (self._signer is not None and now_s - self._kept_at_s >= STATE_PERIOD_S):
+            self.keep_if_possible(station, now_s)
 
-    def keep_if_possible(self, epoch_s: int) -> None:
+    def keep_if_possible(self, station: GroundStation, now_s: float) -> None:
         """Write it; a disk that fails is warned of once, and given up: the broadcast goes on."""
         try:
-            self.keep(epoch_s)
+            self.keep(station, now_s)
         except InputError as error:
             self._path = None
             click.echo(f"groundstation: warning: {error}; no longer keeping it", err=True)
@@ -278,8 +382,10 @@ class _Clock:
 class _Status:
     """What is said of a run."""
 
-    def __init__(self, station: GroundStation, options: Options) -> None:
+    def __init__(self, station: GroundStation, broadcaster: Broadcaster, options: Options) -> None:
         self._station = station
+        self._broadcaster = broadcaster
+        self._warned = False
         self._options = options
         self.sent_bytes = 0
         self._said = ""
@@ -297,7 +403,7 @@ class _Status:
             f"sensor {options.sensor or 'none'}, uplink {options.uplink or 'none'}{mirror}"
         )
 
-    def news(self, now_s: float, pace: float, frames: int) -> list[str]:
+    def news(self, now_s: float, frames: int) -> list[str]:
         """Return the lines that are due: of the mission when they change, of the link every minute."""
         lines = []
         line = f"{self._mission_line()} ({_WORDS[self._options.authentication]})"
@@ -308,12 +414,28 @@ class _Status:
             self._told_at_s = now_s
         elif now_s - self._told_at_s >= STATUS_PERIOD_S:
             rate_bytes_per_s = (self.sent_bytes - self._told_bytes) / (now_s - self._told_at_s)
+            pace = self._broadcaster.pace
             slowed = f", slowed to {pace:.0%} by the radio's buffer" if pace < 1.0 else ""
+            too_far, unsendable = self._station.picture.too_far, sum(one.count for one in self._unsendable())
+            refused = f", {too_far} detections refused as too far" if too_far else ""
+            unsent = f", {unsendable} frames not sent" if unsendable else ""
             lines.append(
-                f"{frames} frames sent, {rate_bytes_per_s:.0f} B/s{slowed} ({_WORDS[self._options.authentication]})"
+                f"{frames} frames sent, {rate_bytes_per_s:.0f} B/s{slowed}{refused}{unsent} "
+                f"({_WORDS[self._options.authentication]})"
             )
             self._told_at_s, self._told_bytes = now_s, self.sent_bytes
         return lines
+
+    def warnings(self) -> list[str]:
+        """Return what is wrong, once."""
+        wrong = [one.first for one in self._unsendable() if one.count]
+        if self._warned or not wrong:
+            return []
+        self._warned = True
+        return [f"a frame could not be sent: {wrong[0]}; going on with the others"]
+
+    def _unsendable(self) -> tuple[Unsendable, Unsendable]:
+        return self._station.unsendable, self._broadcaster.unsendable
 
     def _mission_line(self) -> str:
         station = self._station

@@ -1322,22 +1322,22 @@ class MAVLink_oneway_mission_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_ONEWAY_MISSION
     msgname = "ONEWAY_MISSION"
-    fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "origin_alt", "separation", "arrival_radius", "agent_count", "target_count", "threat_count", "surrogate_digest", "size", "data"]
-    ordered_fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "origin_alt", "separation", "arrival_radius", "agent_count", "target_count", "threat_count", "surrogate_digest", "size", "data"]
-    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int32_t", "int32_t", "int32_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "origin_alt", "separation", "arrival_radius", "agent_count", "target_count", "threat_count", "surrogate_digest", "mission_digest", "size", "data"]
+    ordered_fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "origin_alt", "separation", "arrival_radius", "agent_count", "target_count", "threat_count", "surrogate_digest", "mission_digest", "size", "data"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int32_t", "int32_t", "int32_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
     fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "origin_lat": "degE7", "origin_lon": "degE7", "origin_alt": "dm", "separation": "dm", "arrival_radius": "dm", "size": "bytes"}
-    native_format = bytearray(b"<IIIiiiHHHHHBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 8, 1, 212]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 8, 0, 212]
-    crc_extra = 35
-    unpacker = struct.Struct("<IIIiiiHHHHH8BB212B")
+    native_format = bytearray(b"<IIIiiiHHHHHBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 8, 8, 1, 204]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 8, 8, 0, 204]
+    crc_extra = 255
+    unpacker = struct.Struct("<IIIiiiHHHHH8B8BB204B")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], size: int, data: Sequence[int]):
+    def __init__(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], mission_digest: Sequence[int], size: int, data: Sequence[int]):
         MAVLink_message.__init__(self, MAVLink_oneway_mission_message.id, MAVLink_oneway_mission_message.msgname)
         self._fieldnames = MAVLink_oneway_mission_message.fieldnames
         self._instance_field = MAVLink_oneway_mission_message.instance_field
@@ -1354,11 +1354,12 @@ class MAVLink_oneway_mission_message(MAVLink_message):
         self.target_count = target_count
         self.threat_count = threat_count
         self.surrogate_digest = surrogate_digest
+        self.mission_digest = mission_digest
         self.size = size
         self.data = data
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.origin_lat, self.origin_lon, self.origin_alt, self.separation, self.arrival_radius, self.agent_count, self.target_count, self.threat_count, self.surrogate_digest[0], self.surrogate_digest[1], self.surrogate_digest[2], self.surrogate_digest[3], self.surrogate_digest[4], self.surrogate_digest[5], self.surrogate_digest[6], self.surrogate_digest[7], self.size, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89], self.data[90], self.data[91], self.data[92], self.data[93], self.data[94], self.data[95], self.data[96], self.data[97], self.data[98], self.data[99], self.data[100], self.data[101], self.data[102], self.data[103], self.data[104], self.data[105], self.data[106], self.data[107], self.data[108], self.data[109], self.data[110], self.data[111], self.data[112], self.data[113], self.data[114], self.data[115], self.data[116], self.data[117], self.data[118], self.data[119], self.data[120], self.data[121], self.data[122], self.data[123], self.data[124], self.data[125], self.data[126], self.data[127], self.data[128], self.data[129], self.data[130], self.data[131], self.data[132], self.data[133], self.data[134], self.data[135], self.data[136], self.data[137], self.data[138], self.data[139], self.data[140], self.data[141], self.data[142], self.data[143], self.data[144], self.data[145], self.data[146], self.data[147], self.data[148], self.data[149], self.data[150], self.data[151], self.data[152], self.data[153], self.data[154], self.data[155], self.data[156], self.data[157], self.data[158], self.data[159], self.data[160], self.data[161], self.data[162], self.data[163], self.data[164], self.data[165], self.data[166], self.data[167], self.data[168], self.data[169], self.data[170], self.data[171], self.data[172], self.data[173], self.data[174], self.data[175], self.data[176], self.data[177], self.data[178], self.data[179], self.data[180], self.data[181], self.data[182], self.data[183], self.data[184], self.data[185], self.data[186], self.data[187], self.data[188], self.data[189], self.data[190], self.data[191], self.data[192], self.data[193], self.data[194], self.data[195], self.data[196], self.data[197], self.data[198], self.data[199], self.data[200], self.data[201], self.data[202], self.data[203], self.data[204], self.data[205], self.data[206], self.data[207], self.data[208], self.data[209], self.data[210], self.data[211]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.origin_lat, self.origin_lon, self.origin_alt, self.separation, self.arrival_radius, self.agent_count, self.target_count, self.threat_count, self.surrogate_digest[0], self.surrogate_digest[1], self.surrogate_digest[2], self.surrogate_digest[3], self.surrogate_digest[4], self.surrogate_digest[5], self.surrogate_digest[6], self.surrogate_digest[7], self.mission_digest[0], self.mission_digest[1], self.mission_digest[2], self.mission_digest[3], self.mission_digest[4], self.mission_digest[5], self.mission_digest[6], self.mission_digest[7], self.size, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89], self.data[90], self.data[91], self.data[92], self.data[93], self.data[94], self.data[95], self.data[96], self.data[97], self.data[98], self.data[99], self.data[100], self.data[101], self.data[102], self.data[103], self.data[104], self.data[105], self.data[106], self.data[107], self.data[108], self.data[109], self.data[110], self.data[111], self.data[112], self.data[113], self.data[114], self.data[115], self.data[116], self.data[117], self.data[118], self.data[119], self.data[120], self.data[121], self.data[122], self.data[123], self.data[124], self.data[125], self.data[126], self.data[127], self.data[128], self.data[129], self.data[130], self.data[131], self.data[132], self.data[133], self.data[134], self.data[135], self.data[136], self.data[137], self.data[138], self.data[139], self.data[140], self.data[141], self.data[142], self.data[143], self.data[144], self.data[145], self.data[146], self.data[147], self.data[148], self.data[149], self.data[150], self.data[151], self.data[152], self.data[153], self.data[154], self.data[155], self.data[156], self.data[157], self.data[158], self.data[159], self.data[160], self.data[161], self.data[162], self.data[163], self.data[164], self.data[165], self.data[166], self.data[167], self.data[168], self.data[169], self.data[170], self.data[171], self.data[172], self.data[173], self.data[174], self.data[175], self.data[176], self.data[177], self.data[178], self.data[179], self.data[180], self.data[181], self.data[182], self.data[183], self.data[184], self.data[185], self.data[186], self.data[187], self.data[188], self.data[189], self.data[190], self.data[191], self.data[192], self.data[193], self.data[194], self.data[195], self.data[196], self.data[197], self.data[198], self.data[199], self.data[200], self.data[201], self.data[202], self.data[203]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -2225,7 +2226,7 @@ class MAVLink(object):
         """
         self.send(self.oneway_radii_encode(epoch, time_ms, sequence, resolution, frame_index, frame_count, size, data), force_mavlink1=force_mavlink1)
 
-    def oneway_mission_encode(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], size: int, data: Sequence[int]) -> MAVLink_oneway_mission_message:
+    def oneway_mission_encode(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], mission_digest: Sequence[int], size: int, data: Sequence[int]) -> MAVLink_oneway_mission_message:
         """
         Ground station to all agents, now and then: what holds for the whole
         epoch. Positions of ONEWAY_FLEET are north/east on the WGS84
@@ -2243,13 +2244,14 @@ class MAVLink(object):
         target_count              : How many targets the mission has. (type:uint16_t)
         threat_count              : How many threats the mission has. (type:uint16_t)
         surrogate_digest          : First bytes of the SHA-256 of the surrogate's weights; all zero if the mission uses none. (type:uint8_t)
+        mission_digest            : First bytes of a SHA-256 of the origin and of all targets and threats as the mission has them. Another digest is another mission. (type:uint8_t)
         size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
         data                      : Name of the mission, UTF-8, cut where it does not fit. (type:uint8_t)
 
         """
-        return MAVLink_oneway_mission_message(epoch, time_ms, sequence, origin_lat, origin_lon, origin_alt, separation, arrival_radius, agent_count, target_count, threat_count, surrogate_digest, size, data)
+        return MAVLink_oneway_mission_message(epoch, time_ms, sequence, origin_lat, origin_lon, origin_alt, separation, arrival_radius, agent_count, target_count, threat_count, surrogate_digest, mission_digest, size, data)
 
-    def oneway_mission_send(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], size: int, data: Sequence[int], force_mavlink1: bool = False) -> None:
+    def oneway_mission_send(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], mission_digest: Sequence[int], size: int, data: Sequence[int], force_mavlink1: bool = False) -> None:
         """
         Ground station to all agents, now and then: what holds for the whole
         epoch. Positions of ONEWAY_FLEET are north/east on the WGS84
@@ -2267,11 +2269,12 @@ class MAVLink(object):
         target_count              : How many targets the mission has. (type:uint16_t)
         threat_count              : How many threats the mission has. (type:uint16_t)
         surrogate_digest          : First bytes of the SHA-256 of the surrogate's weights; all zero if the mission uses none. (type:uint8_t)
+        mission_digest            : First bytes of a SHA-256 of the origin and of all targets and threats as the mission has them. Another digest is another mission. (type:uint8_t)
         size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
         data                      : Name of the mission, UTF-8, cut where it does not fit. (type:uint8_t)
 
         """
-        self.send(self.oneway_mission_encode(epoch, time_ms, sequence, origin_lat, origin_lon, origin_alt, separation, arrival_radius, agent_count, target_count, threat_count, surrogate_digest, size, data), force_mavlink1=force_mavlink1)
+        self.send(self.oneway_mission_encode(epoch, time_ms, sequence, origin_lat, origin_lon, origin_alt, separation, arrival_radius, agent_count, target_count, threat_count, surrogate_digest, mission_digest, size, data), force_mavlink1=force_mavlink1)
 
     def oneway_decision_encode(self, time_usec: int, picture_age: float, wanted_heading: float, heading: float, speed: float, altitude: float, words_crc: int, target_id: int, purpose: int, stage: int, flags: int) -> MAVLink_oneway_decision_message:
         """

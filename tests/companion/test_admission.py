@@ -32,6 +32,7 @@ from companion.admission import (
     Trust,
 )
 from companion.dialect import oneway
+from companion.encapsulation import wrap
 from companion.errors import InputError
 from companion.framing import crc_of
 from companion.sealing import SEAL_BYTES, Sealer
@@ -199,7 +200,7 @@ def test_a_frame_of_an_older_broadcast_is_refused_and_another_part_of_the_newest
 
 @pytest.mark.parametrize(
     ("ahead_s", "reason"),
-    [(-30.5, PAST_STAMP), (-29.5, None), (4.5, None), (5.5, FUTURE_STAMP), (86_400.0, FUTURE_STAMP)],
+    [(-30.5, PAST_STAMP), (-29.5, None), (1.5, None), (2.5, FUTURE_STAMP), (86_400.0, FUTURE_STAMP)],
 )
 def test_a_frame_must_be_of_now(link: Link, ahead_s: float, reason: str | None) -> None:
     raw = link.sealer.seal(unsealed(1, START_S + 100 + ahead_s), START_S + 100)
@@ -261,6 +262,51 @@ def test_frames_of_an_older_epoch_are_refused_for_good(link: Link) -> None:
     assert blind.reason == OLD_EPOCH
 
 
+@pytest.mark.parametrize("trust_word", ["unsigned", "mavlink"])
+@pytest.mark.parametrize(("epoch_ahead_s", "sequence"), [(1, 0), (0, 4_294_967_295)])
+def test_one_frame_stamped_ahead_shuts_the_centre_out_for_no_longer_than_a_silence(
+    trust_word: str, epoch_ahead_s: int, sequence: int
+) -> None:
+    link = Link(trust_word)
+    key_holder = MavlinkSigner(KEYS.mavlink_key, 9)
+    evil = unsealed(sequence, START_S + 1, epoch_s=EPOCH_S + epoch_ahead_s)
+    assert link.hears(link.sealed(1, START_S), START_S)
+    assert link.hears(key_holder.sign(evil, START_S) if trust_word == "mavlink" else evil, START_S)
+    heard = [
+        second for second in range(1, 60) if link.hears(link.sealed(1 + second, START_S + second), START_S + second)
+    ]
+    assert heard == list(range(30, 60))
+
+
+@pytest.mark.parametrize("authentication", ["ed25519", "both"])
+def test_no_silence_lets_an_older_epoch_in_where_only_the_centre_can_make_frames(authentication: str) -> None:
+    link = Link(authentication)
+    assert link.hears(link.sealed(1, START_S + 2, epoch_s=EPOCH_S + 1), START_S + 2)
+    assert not link.hears(link.sealed(900, START_S + 3600), START_S + 3600)
+    assert link.reason == OLD_EPOCH
+
+
+def test_a_silence_lets_no_recording_in_under_mavlink_signing() -> None:
+    link = Link("mavlink", replace(trust_of("mavlink"), clock_checked=False))
+    old = link.sealed(900, START_S)
+    assert link.hears(link.sealed(1, START_S + 2, epoch_s=EPOCH_S + 1), START_S + 2)
+    assert not link.hears(old, START_S + 3600)
+    assert link.reason == REPLAYED_TIME
+
+
+def test_after_a_restart_an_older_epoch_waits_for_a_silence_as_well() -> None:
+    link = Link("unsigned", state=AdmissionState(EPOCH_S + 1, 5))
+    assert not link.hears(link.sealed(1, START_S), START_S)
+    assert not link.hears(link.sealed(2, START_S + 29.9), START_S + 29.9)
+    assert link.hears(link.sealed(3, START_S + 30), START_S + 30)
+
+
+def test_frames_through_an_autopilot_are_admitted_as_they_were_sent(link: Link) -> None:
+    raw = link.sealed(1, START_S)
+    assert [admitted.raw for admitted in link.admission.admit(wrap(raw, 0), START_S)] == [raw]
+    assert link.admission.rejected.total() == 0
+
+
 def test_a_restarted_vehicle_refuses_what_it_had_accepted_and_hears_on(link: Link) -> None:
     old, new = link.sealed(7, START_S), link.sealed(8, START_S + 1)
     assert link.hears(old, START_S)
@@ -295,6 +341,12 @@ def test_the_state_kept_is_these_bytes() -> None:
 )
 def test_a_damaged_state_is_named_in_one_line(text: str) -> None:
     with pytest.raises(InputError, match="the state of the broadcast"):
+        AdmissionState.from_json(text)
+
+
+@pytest.mark.parametrize("text", ["", "[" * 60_000])
+def test_a_state_that_is_none_is_refused_with_the_remedy(text: str) -> None:
+    with pytest.raises(InputError, match="allowed: what companion wrote, or no file"):
         AdmissionState.from_json(text)
 
 

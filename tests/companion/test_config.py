@@ -45,6 +45,14 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
         GOOD.replace("udpin:127.0.0.1:14600", "udpout:127.0.0.1:14600"),
         ("broadcast", "link: 'udpout:127.0.0.1:14600'", "udpin:HOST:PORT"),
     ),
+    "hardly any checks": (
+        GOOD.replace("trust: unsigned", "trust: unsigned, checks_per_s: 1.0e-320"),
+        ("broadcast.checks_per_s", "greater than or equal to 1"),
+    ),
+    "checks without end": (
+        GOOD.replace("trust: unsigned", "trust: unsigned, checks_per_s: 1.0e+6"),
+        ("broadcast.checks_per_s", "less than or equal to 100000"),
+    ),
     "an unknown law": (GOOD + "law: sead\n", ("law", "'sead'", "'seed'")),
     "the surrogate that does not fly": (
         GOOD + "surrogate: monolithic\n",

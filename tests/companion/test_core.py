@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import common
 from companion.adapters import ADAPTERS
 from companion.adapters.base import NEIGHBOUR_MEMORY_S
 from companion.adapters.velocity import GUIDED_MODE
+from companion.admission import Admission, Trust
 from companion.config import LAWS, Config, LimitsSection, StalenessSection
 from companion.core import ARRIVAL_SHARE, HEARTBEAT_TIMEOUT_S, Companion, Decision, Purpose
 from companion.geodesy import LocalFrame
@@ -442,6 +443,17 @@ def test_regaining_the_broadcast_walks_back() -> None:
     assert flight.at()[0].purpose is Purpose.RETURN
     flight.broadcast()
     assert flight.at()[0].purpose is Purpose.TARGET
+
+
+@pytest.mark.parametrize(("agreed", "age_s"), [(False, 2.0), (True, 3_602.0)])
+def test_where_clocks_need_not_agree_a_vehicles_clock_an_hour_ahead_ages_nothing(agreed: bool, age_s: float) -> None:
+    trust = Trust(max_age_s=math.inf, clock_checked=agreed)
+    companion = Companion(CONFIG, admission=Admission(trust))
+    frame = StateFrame(Stamp(1_800_000_000, 0, 1), 47.0, 8.0, Directive.NORMAL, (), (), ())
+    ahead_s = 1_800_003_600.0
+    companion.hear(FrameWriter().encode(frame), ahead_s)
+    assert companion.picture.age_s(ahead_s + 2.0) == pytest.approx(age_s)
+    assert companion.reception.quality(ahead_s + 2.0).ages_s["state"] == pytest.approx(age_s)
 
 
 def test_a_repeated_frame_does_not_count_as_regaining_it() -> None:

@@ -34,7 +34,7 @@ CRC_EXTRA = {
     "ONEWAY_BANDS": 62,
     "ONEWAY_FLEET": 76,
     "ONEWAY_RADII": 41,
-    "ONEWAY_MISSION": 35,
+    "ONEWAY_MISSION": 255,
     "ONEWAY_DECISION": 19,
 }
 """A change of a field changes these: old and new vehicles then no longer hear each other."""
@@ -74,6 +74,7 @@ COUNTS_AND_NAMES = {
     "purpose",
     "stage",
     "surrogate_digest",
+    "mission_digest",
     "words_crc",
 }
 ENUM_FIELDS = {

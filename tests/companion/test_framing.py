@@ -8,7 +8,9 @@ from collections import Counter
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common
 
+from companion.encapsulation import wrap
 from companion.framing import (
     DAMAGED,
     FOREIGN,
@@ -26,7 +28,7 @@ from companion.framing import (
     payload_of,
 )
 from companion.signing import MavlinkSigner
-from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM
+from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, RadiiFrame, Stamp
 from tests.companion.hostile import START_S, Ground
 
 GROUND = Ground("both", random.Random(5))
@@ -162,3 +164,44 @@ def test_a_signed_frame_with_a_marker_in_its_signature_counts_nothing() -> None:
     signer = MavlinkSigner(bytes(32), link_id=MARKER)
     raw = signer.sign(PLAIN[0], START_S)
     assert found(raw + SEALED[0]) == ([raw, SEALED[0]], Counter())
+
+
+WRAPPED = [wrap(raw, number) for number, raw in enumerate(PLAIN + SEALED)]
+
+
+def test_frames_inside_v2_extensions_come_out_of_a_datagram_as_if_they_had_come_alone() -> None:
+    assert found(b"".join(WRAPPED)) == (PLAIN + SEALED, Counter())
+    assert found(WRAPPED[0]) == ([PLAIN[0]], Counter())
+
+
+@pytest.mark.parametrize("size", [1, 7, 300])
+def test_frames_inside_v2_extensions_come_out_of_a_stream(size: int) -> None:
+    data = b"".join([*WRAPPED, SEALED[0]])
+    frames, framer = fed([data[at : at + size] for at in range(0, len(data), size)])
+    assert frames == [*PLAIN, *SEALED, SEALED[0]]
+    assert framer.skipped == Counter()
+
+
+def test_a_wrapped_frame_whose_last_zeros_were_cut_comes_out_whole() -> None:
+    writer = FrameWriter()
+    stamps = (Stamp(1_790_000_000, 0, sequence) for sequence in range(70_000))
+    frames = (writer.encode(RadiiFrame(stamp, ())) for stamp in stamps)
+    raw = next(frame for frame in frames if frame[-1] == 0)
+    assert found(wrap(raw, 0)) == ([raw], Counter())
+
+
+def test_a_damaged_frame_inside_a_sound_v2_extension_is_damaged() -> None:
+    assert found(wrap(PLAIN[0][:-1] + bytes([PLAIN[0][-1] ^ 1]), 0)) == ([], Counter({DAMAGED: 1}))
+
+
+def test_what_comes_out_of_nested_v2_extensions_is_a_frame_of_ours_or_nothing() -> None:
+    assert found(wrap(wrap(PLAIN[0], 0), 1))[0] == [PLAIN[0]]
+    assert found(wrap(wrap(wrap(b"\xfd" + bytes(11), 0), 0), 0))[0] == []
+
+
+def test_a_v2_extension_of_others_is_foreign_and_hides_nothing() -> None:
+    other = common.MAVLink_v2_extension_message(0, 0, 0, 40_000, [*PLAIN[0], *bytes(249 - len(PLAIN[0]))])
+    raw = bytes(other.pack(common.MAVLink(None)))
+    frames, skipped = found(raw + PLAIN[1])
+    assert frames == [PLAIN[0], PLAIN[1]]
+    assert skipped[FOREIGN] == 1

@@ -78,6 +78,7 @@ SMALL_MISSION = MissionFrame(
     targets=50,
     threats=51,
     name="Übung",
+    mission_digest=bytes(range(8, 16)),
 )
 SMALL_DECISION = DecisionFrame(
     time_us=1_790_000_012_345_678,
@@ -104,8 +105,8 @@ GOLDEN: list[tuple[Frame, str]] = [
     ),
     (
         SMALL_MISSION,
-        "fd31000000febe0701a0803bb16a39300000070000000778161c4f80c6fa85ffffffe803bd0bf40132003300000102030405"
-        "060706c39c62756e67e9ef",
+        "fd39000000febe0701a0803bb16a39300000070000000778161c4f80c6fa85ffffffe803bd0bf40132003300000102030405"
+        "060708090a0b0c0d0e0f06c39c62756e67a7a8",
     ),
     (
         SMALL_DECISION,
@@ -528,8 +529,9 @@ def test_a_missions_lengths_return_within_half_a_decimetre(
         replace(SMALL_MISSION, origin_alt_m=1.0e12),
         replace(SMALL_MISSION, origin_lat_deg=90.1),
         replace(SMALL_MISSION, surrogate_digest=bytes(7)),
+        replace(SMALL_MISSION, mission_digest=bytes(9)),
         replace(SMALL_MISSION, agents=65_536),
-        replace(SMALL_MISSION, name="x" * 213),
+        replace(SMALL_MISSION, name="x" * 205),
         replace(SMALL_DECISION, speed_m_s=1.0e39),
         replace(SMALL_DECISION, heading_rad=math.inf),
         replace(SMALL_DECISION, time_us=-1),
@@ -631,8 +633,8 @@ AGENT = section(1, 1, 5, struct.pack("<HHHB", 9, 0, 0, 1))
         (SMALL_RADII, radii_data(section(5, 1, 5, b"\5\0\5\0\0") * 2), "an id is given twice"),
         (SMALL_MISSION, {"origin_lat": 900_000_001}, "origin out of range"),
         (SMALL_MISSION, {"origin_lon": -1_800_000_001}, "origin out of range"),
-        (SMALL_MISSION, {"size": 213}, "size out of range"),
-        (SMALL_MISSION, {"size": 1, "data": padded(b"\xff", 212)}, "name is not UTF-8"),
+        (SMALL_MISSION, {"size": 205}, "size out of range"),
+        (SMALL_MISSION, {"size": 1, "data": padded(b"\xff", 204)}, "name is not UTF-8"),
         (SMALL_DECISION, {"flags": 128}, "unknown flag"),
         (SMALL_DECISION, {"speed": math.inf}, "number out of range"),
         (SMALL_DECISION, {"picture_age": -math.inf}, "number out of range"),

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.picture import NOBODY, RESTART_AFTER_S, Picture, Seen
+from companion.frames import RESTART_AFTER_S
+from companion.picture import NOBODY, Picture, Seen
 from companion.wire import (
     AgentEntry,
     AgentMotion,
@@ -154,7 +155,24 @@ def test_refused_frames_do_not_break_the_silence_a_lower_epoch_needs() -> None:
     assert picture.take_state(state(1, epoch_s=EPOCH_S - 1), time_of(1) + RESTART_AFTER_S + 0.1)
 
 
+def test_a_lower_sequence_is_taken_after_silence() -> None:
+    picture = picture_of(state(900))
+    assert not picture.take_state(state(2), time_of(900) + RESTART_AFTER_S - 0.1)
+    assert picture.take_state(state(3, targets=target_at(3.0)), time_of(900) + RESTART_AFTER_S + 0.1)
+    assert picture.take_state(state(4, targets=target_at(4.0)), time_of(900) + RESTART_AFTER_S + 1.0)
+    assert picture.view(time_of(900)).target_ned_m == (4.0, 0.0)
+
+
 # Ages and clocks
+
+
+@pytest.mark.parametrize("ahead_s", [-3_600.0, 0.0, 3_600.0])
+def test_where_clocks_do_not_agree_a_picture_ages_from_its_arrival(ahead_s: float) -> None:
+    picture = Picture(ME, clocks_agree=False)
+    for sequence in (1, 2):
+        picture.take_state(state(sequence, threats=(THREAT,)), time_of(sequence) + ahead_s)
+    assert picture.age_s(time_of(2) + ahead_s) == pytest.approx(0.0)
+    assert picture.view(time_of(2) + ahead_s + 10.0).attack_radius_m[0] == pytest.approx(300.0)
 
 
 def test_a_frame_is_as_old_as_its_stamp_says() -> None:
@@ -676,10 +694,15 @@ def radii(sequence: int, *entries: RadiiEntry, epoch_s: int = EPOCH_S) -> RadiiF
 
 
 def mission(
-    sequence: int, threats: int = 0, *, epoch_s: int = EPOCH_S, origin_deg: tuple[float, float] = (47.0, 8.0)
+    sequence: int,
+    threats: int = 0,
+    *,
+    epoch_s: int = EPOCH_S,
+    origin_deg: tuple[float, float] = (47.0, 8.0),
+    digest: bytes = b"mission1",
 ) -> MissionFrame:
     its_stamp = stamp(sequence, epoch_s=epoch_s)
-    return MissionFrame(its_stamp, *origin_deg, 500.0, 100.0, 300.0, bytes(8), 1, 1, threats, "one")
+    return MissionFrame(its_stamp, *origin_deg, 500.0, 100.0, 300.0, bytes(8), 1, 1, threats, "one", digest)
 
 
 def heard(*frames: Frame) -> Picture:
@@ -835,7 +858,7 @@ def test_a_place_about_another_origin_does_not_join_radii() -> None:
     assert len(picture.view(time_of(2)).threat_ids) == 0
 
 
-@pytest.mark.parametrize("changed", [{"origin_deg": (48.0, 8.0)}, {"threats": 2}])
+@pytest.mark.parametrize("changed", [{"origin_deg": (48.0, 8.0)}, {"digest": b"mission2"}])
 def test_another_mission_holds_nothing_of_the_one_before(changed: dict[str, object]) -> None:
     later = EPOCH_S + 100
     picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)))
@@ -843,6 +866,53 @@ def test_another_mission_holds_nothing_of_the_one_before(changed: dict[str, obje
     view = picture.view(time_of(1, later))
     assert len(view.threat_ids) == 0
     assert view.target_ned_m is None
+
+
+def test_threats_of_another_mission_do_not_count_as_those_of_this_one() -> None:
+    later = EPOCH_S + 100
+    picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)))
+    picture.take(mission(1, 1, epoch_s=later, digest=b"mission2"), time_of(1, later))
+    picture.take(fleet(1, threats=(PLACE,), epoch_s=later), time_of(1, later))
+    assert picture.view(time_of(1, later)).target_ned_m is None
+    picture.take(radii(1, RADII, epoch_s=later), time_of(1, later))
+    assert picture.view(time_of(1, later)).target_ned_m == (10.0, 20.0)
+
+
+def test_threats_that_state_frames_told_of_stand_and_grow_but_do_not_count_as_those_of_a_mission() -> None:
+    later = EPOCH_S + 100
+    picture = heard(state(1, threats=(replace(THREAT, id=2), replace(THREAT, id=3))))
+    picture.take(mission(1, 1, epoch_s=later), time_of(1, later))
+    picture.take(fleet(1, epoch_s=later, count=2), time_of(1, later))
+    view = picture.view(time_of(1, later))
+    assert view.threat_ids.tolist() == [2, 3]
+    assert view.attack_radius_m.tolist() == [1_200.0, 1_200.0]
+    assert view.target_ned_m is None
+
+
+def test_a_state_frame_between_two_missions_frees_nobody_of_knowing_the_threats_of_the_second() -> None:
+    second, third = EPOCH_S + 100, EPOCH_S + 200
+    picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)))
+    picture.take(state(1, threats=(THREAT,), epoch_s=second), time_of(1, second))
+    assert picture.view(time_of(1, second)).target_ned_m == (10.0, 20.0)
+    picture.take(mission(1, 1, epoch_s=third), time_of(1, third))
+    assert picture.view(time_of(1, third)).target_ned_m is None
+
+
+def test_the_beginning_of_an_epoch_frees_nobody_of_knowing_the_threats_of_the_last() -> None:
+    later = EPOCH_S + 100
+    picture = heard(mission(1, 1), fleet(1))
+    picture.take(radii(1, RADII, epoch_s=later), time_of(1, later))
+    assert picture.view(time_of(1, later)).target_ned_m is None
+
+
+def test_what_a_state_frame_told_in_this_epoch_outlives_the_first_word_of_another_mission() -> None:
+    later = EPOCH_S + 100
+    picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)))
+    picture.take(state(1, threats=(replace(THREAT, id=2),), epoch_s=later), time_of(1, later))
+    picture.take(mission(1, 1, epoch_s=later, digest=b"mission2"), time_of(1, later))
+    view = picture.view(time_of(1, later))
+    assert view.threat_ids.tolist() == [2]
+    assert view.target_ned_m == (10.0, 20.0)
 
 
 def test_a_fleet_frame_repeated_or_overtaken_is_refused_and_counted() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from companion.frames import Detection, DetectionsFrame, Directive, Kind, MotionFrame, Stamp, StateFrame
-from companion.reception import MAX_ARRIVALS, Quality, Reception, Warnings
+from companion.reception import MAX_ARRIVALS, Quality, Reception, SenderClock, Warnings
 
 EPOCH_S = 1_800_000_000
 
@@ -129,3 +129,25 @@ def test_a_warning_begins_below_a_half_and_ends_above_seven_tenths() -> None:
 def test_the_first_few_frames_are_no_reason_to_warn() -> None:
     assert Warnings().update(Quality(1, 9, 0.11, 0.0, {})) is None
     assert Warnings().update(Quality(1, 10, 0.1, 0.0, {})) is not None
+
+
+@pytest.mark.parametrize("offset_s", [-3_600.0, 0.0, 3_600.0])
+def test_where_clocks_do_not_agree_a_frame_is_late_by_what_it_took_more_than_the_quickest(offset_s: float) -> None:
+    clock = SenderClock(agrees=False)
+    late_s = []
+    for number, delay_s in enumerate([0.5, 0.2, 7.2, 0.2]):
+        arrived_s = EPOCH_S + number + offset_s + delay_s
+        late_s.append(arrived_s - clock.true_at_s(state(number, EPOCH_S + number).stamp, arrived_s))
+    assert late_s == pytest.approx([0.0, 0.0, 7.0, 0.0], abs=1e-6)
+
+
+def test_a_new_run_of_the_sender_is_measured_anew_where_clocks_do_not_agree() -> None:
+    clock = SenderClock(agrees=False)
+    clock.true_at_s(Stamp(EPOCH_S, 0, 1), EPOCH_S)
+    assert clock.true_at_s(Stamp(EPOCH_S + 60, 0, 1), EPOCH_S + 3_660.0) == EPOCH_S + 3_660.0
+
+
+def test_ages_do_not_hold_the_difference_of_clocks_that_do_not_agree() -> None:
+    reception = Reception(clocks_agree=False)
+    reception.note(state(1, EPOCH_S + 1.0), EPOCH_S + 3_601.0)
+    assert reception.quality(EPOCH_S + 3_603.0).ages_s == {"state": pytest.approx(2.0)}

@@ -35,7 +35,7 @@ MOTION = Ground("unsigned", random.Random(1)).unsealed(START_S, 4)
 FLEET = FrameWriter().encode(
     FleetFrame(STAMP, Directive.HOLD, 100, (AgentEntry(1, 10.0, -10.0, 3), AgentEntry(2, 0.0, 0.0, None)), (), ())
 )
-MISSION = FrameWriter().encode(MissionFrame(STAMP, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, "näher"))
+MISSION = FrameWriter().encode(MissionFrame(STAMP, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, "näher", bytes(8)))
 FRAMES = {"state": STATE, "motion": MOTION, "fleet": FLEET, "mission": MISSION}
 
 
@@ -166,7 +166,7 @@ def test_signatures_kept_for_copies_are_bounded(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_frame_without_room_for_the_signature_is_refused() -> None:
     name = "n" * 200
-    full = FrameWriter().encode(MissionFrame(STAMP, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, name))
+    full = FrameWriter().encode(MissionFrame(STAMP, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, name, bytes(8)))
     with pytest.raises(ValueError, match="leave no room for a signature of 64"):
         seal(full, PRIVATE)
 

@@ -72,7 +72,18 @@ FLEET = FleetFrame(
 )
 RADII = RadiiFrame(STAMP, tuple(RadiiEntry(k, 10_000.0, 5_000.0 + k, 10.0, None, 900.0) for k in range(1, 5)))
 MISSION = MissionFrame(
-    STAMP, 47.1234567, -8.7654321, 512.3, 100.0, 300.0, bytes(range(8)), 30, 5, 4, "thirty over the hills"
+    STAMP,
+    47.1234567,
+    -8.7654321,
+    512.3,
+    100.0,
+    300.0,
+    bytes(range(8)),
+    30,
+    5,
+    4,
+    "thirty over the hills",
+    bytes(range(8)),
 )
 FRAMES = (STATE, MOTION, BANDS, FLEET, RADII, MISSION)
 SIGNATURE = bytes(range(192, 256))

@@ -45,6 +45,7 @@ from companion.wire import (
 from groundstation.broadcast import (
     band_frames,
     fleet_frames,
+    mission_digest,
     mission_frame,
     motion_frames,
     radii_frames,
@@ -536,6 +537,33 @@ def test_a_mission_frame_tells_what_holds_for_all() -> None:
     assert (frame.origin_lat_deg, frame.origin_alt_m) == (mission.origin.lat_deg, mission.origin.alt_m)
     assert (frame.separation_m, frame.arrival_radius_m) == (mission.separation_m, mission.arrival_radius_m)
     assert frame.name == mission.name
+
+
+def test_the_digest_of_a_mission_is_another_for_another_origin_target_or_threat_and_for_nothing_else() -> None:
+    mission, _ = five_hundred()
+    threat, target, agent = mission.threats[0], mission.targets[0], mission.agents[0]
+    others = [
+        {"origin": mission.origin.model_copy(update={"alt_m": 501.0})},
+        {"targets": (target.model_copy(update={"north_m": 1.0}), *mission.targets[1:])},
+        *(
+            {"threats": (threat.model_copy(update=changed), *mission.threats[1:])}
+            for changed in (
+                {"id": 4_000},
+                {"east_m": 1.0},
+                {"detection_radius_m": 9_999.0},
+                {"attack_radius_m": 1.0},
+                {"speed_bound_m_s": 77.0},
+                {"floor_m": 1.0},
+                {"ceiling_m": 9_000.0},
+            )
+        ),
+    ]
+    digests = [mission_digest(mission.model_copy(update=changed)) for changed in [{}, *others]]
+    assert len(set(digests)) == len(digests)
+    assert {len(digest) for digest in digests} == {8}
+    same = {"name": "x", "agents": (agent.model_copy(update={"north_m": 1.0}), *mission.agents[1:])}
+    assert mission_digest(mission.model_copy(update=same)) == digests[0]
+    assert mission_frame(mission, bytes(8), STAMP, 100).mission_digest == digests[0]
 
 
 def test_a_long_name_is_cut_between_characters() -> None:

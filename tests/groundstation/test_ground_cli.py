@@ -11,6 +11,7 @@ import pytest
 
 from companion.errors import EXIT_DONE, EXIT_UNUSABLE
 from groundstation import cli
+from groundstation.service import Options
 
 LINK = ("--link", "udpout:127.0.0.1:9")
 Program = Callable[..., tuple[int, str, str]]
@@ -84,6 +85,45 @@ def test_run_refuses_what_it_cannot_do_in_one_line(
 def test_a_serial_link_without_a_radio_is_refused(program: Program) -> None:
     result = program("run", "copter-demo", "--link", "serial:/dev/ttyUSB0:57600", "--unsigned")
     assert_refused(result, "--link: 'serial:/dev/ttyUSB0:57600' without --radio", "allowed: --radio NAME")
+
+
+@pytest.mark.parametrize(("radio", "heartbeats"), [("900", True), ("900/v2ext", False), ("sik-57600/v2ext", False)])
+def test_whatever_is_at_a_serial_port_gets_a_heartbeat_but_not_behind_an_autopilot(
+    program: Program, radio: str, heartbeats: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[Options] = []
+    monkeypatch.setattr(cli, "run_groundstation", lambda mission, options, stop: given.append(options))
+    monkeypatch.setattr(cli, "run_until_signal", lambda start: start(None))
+    program("run", "copter-demo", "--link", "serial:/dev/ttyUSB0:57600", "--unsigned", "--radio", radio)
+    assert [options.radio and options.radio.heartbeats for options in given] == [heartbeats]
+
+
+def test_several_addresses_behind_one_radio_are_refused(program: Program) -> None:
+    link = "udpout:127.0.0.1:9,127.0.0.1:10,127.0.0.1:11"
+    result = program("run", "copter-demo", "--link", link, "--unsigned", "--radio", "sik-57600")
+    assert_refused(result, f"--link: '{link}' sends every frame 3 times", "allowed: one address behind a radio")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("run", "x\0y", *LINK, "--unsigned"),
+        ("run", "copter-demo", "--link", "udpout:127.0.0.1:9\0", "--unsigned"),
+        *(("run", "copter-demo", *LINK, name, "x\0y") for name in ("--keys", "--state", "--log", "--mirror")),
+        ("keygen", "x\0y"),
+        ("plan", "x\0y", "--link", "lora"),
+    ],
+)
+def test_a_null_character_in_a_name_is_refused(program: Program, arguments: tuple[str, ...]) -> None:
+    assert_refused(program(*arguments), "holds a null character; allowed: names without one")
+
+
+@pytest.mark.parametrize("text", ["[" * 60_000, '{"epoch_s": 1, "time_s": Infinity, "signing_timestamp": 1}'])
+def test_a_state_file_that_is_none_is_refused(program: Program, text: str, tmp_path: Path) -> None:
+    state = tmp_path / "x.state"
+    state.write_text(text)
+    result = program("run", "copter-demo", *LINK, "--unsigned", "--state", state)
+    assert_refused(result, "x.state: no state of a ground station")
 
 
 def test_keys_that_others_can_read_are_refused_with_the_remedy(program: Program, tmp_path: Path) -> None:
@@ -162,7 +202,7 @@ def test_a_plan_as_json_has_the_same_figures(program: Program) -> None:
             ("--auth", "did you mean 'ed25519'?", "unsigned, mav"),
         ),
         (("paper-dinamic", "--link", "lora"), ("did you mean 'paper-dynamic'?",)),
-        (("paper-static", "--link", "12"), ("radio 12: ", "248 bytes", "at most 20 s", "a greater share")),
+        (("paper-static", "--link", "12"), ("radio 12: ", "248 bytes", "at most 20 s", "--auth mavlink instead")),
     ],
 )
 def test_plan_refuses_what_it_cannot_do_in_one_line(

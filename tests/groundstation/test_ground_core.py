@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -18,15 +19,19 @@ from companion.wire import (
     Detection,
     DetectionsFrame,
     Directive,
+    FleetFrame,
     Frame,
     FrameReader,
     FrameWriter,
     Kind,
     MotionFrame,
+    RadiiFrame,
     StateFrame,
 )
 from companion.yamlfile import dump_yaml
+from groundstation.broadcast import WHOLE_PLANE_M
 from groundstation.core import MAX_EPOCH_S, GroundStation
+from groundstation.picture import Track
 
 START_S = 1_790_000_000.0
 TICK_S = 0.1
@@ -473,3 +478,61 @@ class Toy:
             goal, here = self._targets[assignment[k]], self.places[k]
             share = min(1.0, 200.0 / max(math.dist(goal, here), 1e-9))
             self.places[k] = [here[0] + share * (goal[0] - here[0]), here[1] + share * (goal[1] - here[1])]
+
+
+def test_while_the_epoch_is_ahead_of_the_clock_frames_are_stamped_with_its_beginning() -> None:
+    station = GroundStation(mission(), START_S + 0.5, epoch_s=int(START_S) + 3)
+    stamps = []
+    for step in range(5):
+        for raw in station.tick(START_S + 0.5 + 2.5 * step):
+            (frame,) = FrameReader().read(raw)
+            stamps.append((frame.stamp.epoch_s, frame.stamp.time_ms))
+    assert stamps == [(int(START_S) + 3, time_ms) for time_ms in (0, 0, 2_500, 5_000, 7_500)]
+
+
+@pytest.mark.parametrize("position_m", [21_474_836.0, -21_474_836.0, 2.0e7, -2.0e7])
+@pytest.mark.parametrize("kind", list(Kind))
+def test_no_detection_keeps_it_from_broadcasting(kind: Kind, position_m: float) -> None:
+    run = Run(sensed=True).to(1.0)
+    run.see(1.0, kind, 1, position_m, 0.0)
+    run.to(11.0)
+    assert len(run.states()) == 3
+    assert run.station.unsendable.count == 0
+    assert len(run.station.refresh(START_S + 12.0, 0x80)) > 0
+
+
+def test_a_frame_that_cannot_be_made_is_counted_and_the_rest_goes_out() -> None:
+    run = Run().to(1.0)
+    run.station.picture.tracks[Kind.THREAT, 1] = Track(1e9, 0.0, 0.0, 0.0, START_S)
+    run.to(11.0)
+    assert len(run.states()) == 1
+    assert len(run.times(MotionFrame)) == 2
+    assert run.station.unsendable.count == 2
+    assert "does not fit a frame" in run.station.unsendable.first
+
+
+@pytest.mark.parametrize("unseen_days", [30.0, 59.0, 1_000.0])
+@pytest.mark.parametrize("speed_m_s", [0.01, 30.0])
+def test_a_threat_unseen_for_months_is_told_as_large_as_it_may_be(unseen_days: float, speed_m_s: float) -> None:
+    text = TEXT.replace("speed_bound_m_s: 0", f"speed_bound_m_s: {speed_m_s}")
+    unseen_s = unseen_days * 86_400.0
+    station = GroundStation(parse_mission(text, "test"), START_S, sensed=False, began_s=START_S - unseen_s)
+    true_m = min(3_000.0 + speed_m_s * unseen_s, WHOLE_PLANE_M)
+    states = [frame for raw in station.tick(START_S) for frame in FrameReader().read(raw)]
+    assert isinstance(states[0], StateFrame)
+    assert states[0].threats[0].detection_radius_m >= true_m
+    fleet = [frame for frame in station.refresh(START_S, 120) if isinstance(frame, FleetFrame)]
+    (age_s,) = [threat.age_s for frame in fleet for threat in _read(frame).threats]
+    (radii,) = [_read(frame) for frame in station.carousel(START_S, 120) if isinstance(frame, RadiiFrame)]
+    told_m = radii.threats[0].detection_radius_m + speed_m_s * age_s
+    assert told_m >= true_m
+
+
+FrameT = TypeVar("FrameT", bound=Frame)
+
+
+def _read(frame: FrameT) -> FrameT:
+    """Return a frame as it is received."""
+    (read,) = FrameReader().read(FrameWriter().encode(frame))
+    assert isinstance(read, type(frame))
+    return read

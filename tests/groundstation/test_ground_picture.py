@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from companion.geodesy import LocalFrame
 from companion.mission import parse_mission
 from companion.wire import Detection, DetectionsFrame, Kind
-from groundstation.picture import GroundPicture
+from groundstation.picture import FARTHEST_M, GroundPicture
 from groundstation.reckoning import Estimate
 
 START_S = 1_790_000_000.0
@@ -257,3 +257,27 @@ def test_an_arrival_waits_for_the_doubt_as_it_has_grown_since() -> None:
     placed(ground, 6.5, 19_800.0, 120.0)
     assert not ground.update(START_S + 6.5, {1: 1})
     assert ground.update(START_S + 7.1, {1: 1})
+
+
+def test_what_nobody_has_seen_is_as_old_as_the_mission() -> None:
+    ground = GroundPicture(MISSION, START_S, 30.0, START_S - 600.0)
+    see(ground, 1.0, Detection(Kind.TARGET, 1, 20_000.0, 0.0, 0.0, 0.0))
+    assert ground.tracks[Kind.THREAT, 1].age_s(START_S) == 600.0
+    assert ground.tracks[Kind.TARGET, 1].age_s(START_S + 1.0) == 0.0
+    assert not ground.update(START_S + 2.0, NOBODY_SENT)
+
+
+@pytest.mark.parametrize("origin_deg", [ORIGIN_DEG, (-40.0, 100.0)])
+@pytest.mark.parametrize(
+    ("north_m", "east_m"), [(21_474_836.0, 0.0), (0.0, -21_474_836.0), (15e6, 15e6), (FARTHEST_M * 1.001, 0.0)]
+)
+def test_a_detection_farther_than_a_frame_can_carry_is_counted_and_ignored(
+    north_m: float, east_m: float, origin_deg: tuple[float, float]
+) -> None:
+    ground = picture()
+    far = Detection(Kind.THREAT, 1, north_m, east_m, 0.0, 0.0)
+    near = Detection(Kind.TARGET, 1, 20_100.0, 0.0, 0.0, 0.0)
+    ground.take(look(1.0, far, near, origin_deg=origin_deg), START_S + 1.0)
+    assert ground.too_far == 1
+    assert ground.tracks[Kind.THREAT, 1].position_ned_m == (10_000.0, 0.0)
+    assert ground.tracks[Kind.TARGET, 1].seen_at_s == START_S + 1.0

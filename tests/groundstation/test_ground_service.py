@@ -7,6 +7,7 @@ import json
 import os
 import socket
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ from pymavlink.dialects.v20 import common
 
 from companion.admission import Admission, Trust
 from companion.errors import InputError
-from companion.frames import Directive, StateFrame
+from companion.frames import Directive, MotionFrame, Stamp, StateFrame
 from companion.framing import is_signed
 from companion.keys import keygen, load_mavlink_key, load_public
 from companion.mission import Mission, parse_mission
@@ -27,17 +28,22 @@ from groundstation import service
 from groundstation.plan import Authentication
 from groundstation.radio import parse_radio
 from groundstation.service import (
-    STATE_PERIOD_S,
+    MOST_AHEAD_S,
     Kept,
     Options,
+    began_at_s,
     directive_from,
+    epoch_after,
     kept_from,
     load_sealer,
     run_groundstation,
-    start_after,
+    signing_after,
+    text_of,
+    threats_digest,
 )
 
 NOW_S = 1_790_000_000.0
+KEPT = Kept(1, 0, "", 0.0, Directive.NORMAL)
 SMALL = """
 name: small
 broadcast_period_s: 0.1
@@ -177,7 +183,7 @@ def test_threats_are_mirrored_on_a_port_of_their_own(ear: Ear) -> None:
 def test_a_restart_begins_an_epoch_after_the_last(ear: Ear, tmp_path: Path) -> None:
     state = tmp_path / "ground.state"
     epochs = []
-    for _ in range(3):
+    for _ in range(2):
         ear.heard().clear()
         broadcast_until(Options(ear.link, "unsigned", state=state), lambda: len(ear.heard()) >= 1)
         epochs.append(int.from_bytes(ear.heard()[0][10:14], "little"))
@@ -185,40 +191,177 @@ def test_a_restart_begins_an_epoch_after_the_last(ear: Ear, tmp_path: Path) -> N
     assert epochs == sorted(set(epochs))
 
 
-def test_with_the_clock_set_back_it_goes_on_from_the_last_run(
-    ear: Ear, keys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+class Stepped(service.SteadyClock):
+    """A clock that was set by so much before the program began."""
+
+    by_s = 0.0
+
+    def now_s(self) -> float:
+        return super().now_s() + self.by_s
+
+
+def set_clock(monkeypatch: pytest.MonkeyPatch, by_s: float) -> None:
+    monkeypatch.setattr(Stepped, "by_s", by_s)
+    monkeypatch.setattr(service, "SteadyClock", Stepped)
+
+
+def test_after_a_small_step_back_of_the_clock_a_restart_is_heard_at_once(
+    ear: Ear, keys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state = tmp_path / "ground.state"
     options = Options(ear.link, "both", keys, state=state)
-    broadcast_until(options, lambda: len(ear.heard()) >= 3)
-    before = list(ear.heard())
-    kept = kept_from(state.read_text(), state)
+    admission = Admission(Trust(load_mavlink_key(keys / "broadcast.mavlink"), load_public(keys / "broadcast.public")))
+    for run in range(2):
+        set_clock(monkeypatch, -0.3 * run)
+        ear.heard().clear()
+        broadcast_until(options, lambda: len(ear.heard()) >= 3)
+        # The vehicle's clock stands still meanwhile, all but.
+        now_s = Stepped().now_s()
+        assert [len(admission.admit(raw, now_s)) for raw in ear.heard()] == [1] * len(ear.heard())
+
+
+def test_stamps_follow_the_clock_though_the_last_run_was_ahead_of_it(ear: Ear, tmp_path: Path) -> None:
+    state = tmp_path / "ground.state"
+    began_s = service.SteadyClock().now_s()
+    state.write_text(text_of(replace(KEPT, epoch_s=int(began_s))))
+    broadcast_until(Options(ear.link, "unsigned", state=state), lambda: len(ear.heard()) >= 3)
+    assert int.from_bytes(ear.heard()[0][10:14], "little") == int(began_s) + 1
+    assert admission_time_s(ear.heard()) <= service.SteadyClock().now_s() + MOST_AHEAD_S
+
+
+def test_with_the_clock_far_behind_the_last_run_it_does_not_start(
+    ear: Ear, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = tmp_path / "ground.state"
+    options = Options(ear.link, "unsigned", state=state)
+    broadcast_until(options, lambda: len(ear.heard()) >= 1)
+    before = state.read_text()
     ear.heard().clear()
-
-    class Earlier(service.SteadyClock):
-        def now_s(self) -> float:
-            return super().now_s() - 3_600.0
-
-    monkeypatch.setattr(service, "SteadyClock", Earlier)
-    capsys.readouterr()
-    broadcast_until(options, lambda: len(ear.heard()) >= 3)
-    assert "the system clock is 3" in capsys.readouterr().err
-    assert kept_from(state.read_text(), state).epoch_s > kept.epoch_s
-    trust = Trust(load_mavlink_key(keys / "broadcast.mavlink"), load_public(keys / "broadcast.public"))
-    admission = Admission(trust)
-    assert sum(len(admission.admit(raw, admission_time_s(before))) for raw in before) == len(before)
-    heard = [one for raw in ear.heard() for one in admission.admit(raw, admission_time_s(ear.heard()))]
-    assert len(heard) == len(ear.heard())
+    set_clock(monkeypatch, -3_600.0)
+    with pytest.raises(
+        InputError, match="the clock is 3[56]\\d\\d.\\d s behind the last run, .*: wait, set the clock or"
+    ):
+        broadcast_until(options, lambda: False)
+    assert ear.heard() == []
+    assert state.read_text() == before
 
 
 def test_no_mavlink_time_is_at_or_below_one_signed_before(ear: Ear, keys: Path) -> None:
     state = keys / "ground.state"
-    far = timestamp_of(4e9)
-    state.write_text(json.dumps({"epoch_s": 1, "time_s": 1.0, "signing_timestamp": far}))
+    ahead = timestamp_of(service.SteadyClock().now_s() + 1.3)
+    state.write_text(text_of(replace(KEPT, signing_timestamp=ahead)))
     broadcast_until(Options(ear.link, "mavlink", keys, state=state), lambda: len(ear.heard()) >= 3)
     times = [int.from_bytes(raw[-12:-6], "little") for raw in ear.heard()]
-    assert times == list(range(far + 1, far + 1 + len(times)))
-    assert kept_from(state.read_text(), state).signing_timestamp >= far + len(times)
+    assert times == list(range(ahead + 1, ahead + 1 + len(times)))
+    assert kept_from(state.read_text(), state).signing_timestamp >= ahead + len(times)
+
+
+def test_a_signing_time_far_ahead_is_refused_where_vehicles_look_at_it_and_only_there() -> None:
+    kept = replace(KEPT, signing_timestamp=timestamp_of(NOW_S + 10.0))
+    with pytest.raises(InputError, match="x.state: the clock is 10.0 s behind the last run"):
+        signing_after(kept, NOW_S, True, Path("x.state"))
+    assert signing_after(kept, NOW_S, False, Path("x.state")) == kept.signing_timestamp
+
+
+def test_a_run_without_mavlink_signing_forgets_no_signing_time(ear: Ear, tmp_path: Path) -> None:
+    state = tmp_path / "ground.state"
+    state.write_text(text_of(replace(KEPT, signing_timestamp=12_345)))
+    broadcast_until(Options(ear.link, "unsigned", state=state), lambda: len(ear.heard()) >= 1)
+    assert kept_from(state.read_text(), state).signing_timestamp == 12_345
+
+
+def threat_radius_m(ear: Ear) -> float:
+    (threat,) = admitted(ear.heard()[:1], Trust())[0].threats
+    return threat.detection_radius_m
+
+
+def test_after_a_restart_the_threats_are_as_old_as_the_mission(
+    ear: Ear, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state = tmp_path / "ground.state"
+    options = Options(ear.link, "unsigned", state=state)
+    broadcast_until(options, lambda: len(ear.heard()) >= 1)
+    assert threat_radius_m(ear) < 3_050.0
+    kept = kept_from(state.read_text(), state)
+    state.write_text(text_of(replace(kept, began_s=kept.began_s - 600.0)))
+    ear.heard().clear()
+    capsys.readouterr()
+    broadcast_until(options, lambda: len(ear.heard()) >= 1)
+    assert threat_radius_m(ear) >= 3_000.0 + 600.0 * 10.0
+    assert "threats: where the mission says 60" in capsys.readouterr().out
+    assert kept_from(state.read_text(), state).began_s == kept.began_s - 600.0
+
+
+def test_only_the_same_threats_are_as_old_as_the_last_run_has_them() -> None:
+    digest = threats_digest(mission())
+    kept = replace(KEPT, threats=digest, began_s=NOW_S - 600.0)
+    other_target = parse_mission(SMALL.replace("20000", "21000"), "small")
+    other_threat = parse_mission(SMALL.replace("10000", "11000"), "small")
+    assert began_at_s(kept, threats_digest(other_target), NOW_S) == NOW_S - 600.0
+    assert began_at_s(kept, threats_digest(other_threat), NOW_S) == NOW_S
+    assert began_at_s(kept, digest, NOW_S - 1_000.0) == NOW_S - 1_000.0
+    assert began_at_s(None, digest, NOW_S) == NOW_S
+
+
+def test_without_a_state_file_it_warns_that_a_restart_would_not_know_where_threats_may_be(
+    ear: Ear, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broadcast_until(Options(ear.link, "unsigned"), lambda: len(ear.heard()) >= 2)
+    assert capsys.readouterr().err.count("warning: without --state a restart would tell the threats smaller") == 1
+    broadcast_until(Options(ear.link, "unsigned", state=tmp_path / "x"), lambda: len(ear.heard()) >= 4)
+    assert "warning" not in capsys.readouterr().err
+
+
+def test_a_directive_is_on_disk_at_once_and_holds_after_a_restart(
+    ear: Ear, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state = tmp_path / "ground.state"
+    options = Options(ear.link, "unsigned", state=state)
+    reading, writing = os.pipe()
+    with os.fdopen(reading) as stdin, os.fdopen(writing, "wb", buffering=0) as orders:
+        monkeypatch.setattr("sys.stdin", stdin)
+        orders.write(b"hold\n")
+        found: list[Directive] = []
+
+        def held() -> bool:
+            # Looked at while the program runs: it is not its end that writes this.
+            heard = [frame.directive for frame in admitted(ear.heard(), Trust())] if ear.heard() else []
+            if Directive.HOLD in heard:
+                found.append(kept_from(state.read_text(), state).directive)
+            return bool(found)
+
+        broadcast_until(options, held)
+    assert found[0] is Directive.HOLD
+    ear.heard().clear()
+    capsys.readouterr()
+    monkeypatch.setattr("sys.stdin", None)
+    broadcast_until(options, lambda: len(ear.heard()) >= 3)
+    assert {frame.directive for frame in admitted(ear.heard(), Trust())} == {Directive.HOLD}
+    assert "directive: hold, kept from the last run" in capsys.readouterr().out
+
+
+def test_a_frame_that_cannot_be_made_is_warned_of_once_and_ends_nothing(
+    ear: Ear, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def never(*_: object) -> list[MotionFrame]:
+        return [MotionFrame(Stamp(1, 1, -1), (), (), ())]
+
+    monkeypatch.setattr("groundstation.core.motion_frames", never)
+    broadcast_until(Options(ear.link, "unsigned"), lambda: len(ear.heard()) >= 4)
+    warning = "a frame could not be sent: sequence -1 does not fit its field; allowed: 0 to 4294967295; going on with"
+    assert capsys.readouterr().err.count(warning) == 1
+
+
+def test_a_mission_that_a_radio_cannot_carry_is_refused_before_anything_is_said(
+    ear: Ear, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state = tmp_path / "ground.state"
+    options = Options(ear.link, "unsigned", radio=parse_radio("10", 0.1), state=state)
+    with pytest.raises(InputError, match="radio 10: the state of this mission is") as caught:
+        broadcast_until(options, lambda: False)
+    assert "--auth" not in str(caught.value)
+    assert capsys.readouterr() == ("", "")
+    assert not state.exists()
 
 
 def test_the_state_is_on_disk_before_the_first_frame_is_on_the_air(ear: Ear, tmp_path: Path) -> None:
@@ -238,24 +381,44 @@ def test_a_state_that_is_none_is_not_replaced(ear: Ear, tmp_path: Path) -> None:
     assert ear.heard() == []
 
 
-@given(st.floats(0.0, 4e9), st.floats(0.0, 1e5), st.floats(-1e9, 1e9))
-def test_a_run_begins_in_a_later_second_than_the_last_and_after_all_that_it_sent(
-    epoch_s: float, lasted_s: float, clock_stepped_s: float
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 4e9))
+def test_an_epoch_is_later_than_the_last_and_no_more_than_seconds_ahead_of_the_clock(
+    last_epoch_s: int, now_s: float
 ) -> None:
-    kept = Kept(int(epoch_s), int(epoch_s) + lasted_s, 0)
-    now_s = kept.time_s + clock_stepped_s
-    start_s = start_after(kept, now_s)
-    assert int(start_s) > kept.epoch_s
-    assert start_s >= now_s
-    # The last run may have gone on for so long after it wrote.
-    assert start_s >= kept.time_s + STATE_PERIOD_S or now_s >= kept.time_s
+    try:
+        epoch_s = epoch_after(replace(KEPT, epoch_s=last_epoch_s), now_s, None)
+    except InputError:
+        assert last_epoch_s + 1 > now_s + MOST_AHEAD_S
+        return
+    assert last_epoch_s < epoch_s <= now_s + MOST_AHEAD_S
+    assert epoch_s in (int(now_s), last_epoch_s + 1)
 
 
 def test_the_first_run_begins_now() -> None:
-    assert start_after(None, NOW_S) == NOW_S
+    assert epoch_after(None, NOW_S + 0.7, None) == NOW_S
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[]", "null", '{"epoch_s": "x", "time_s": 1, "signing_timestamp": 1}', "{"])
+@given(st.builds(Kept, st.integers(), st.integers(), st.text(), st.floats(0.0, 1e12), st.sampled_from(Directive)))
+def test_what_is_written_is_what_is_read(kept: Kept) -> None:
+    assert kept_from(text_of(kept), Path("x.state")) == kept
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        "[]",
+        "null",
+        "{",
+        "[" * 60_000,
+        '{"epoch_s": "x", "signing_timestamp": 1, "threats": "", "began_s": 1, "directive": "hold"}',
+        '{"epoch_s": Infinity, "signing_timestamp": 1, "threats": "", "began_s": 1, "directive": "hold"}',
+        '{"epoch_s": 1, "signing_timestamp": 1, "threats": "", "began_s": Infinity, "directive": "hold"}',
+        '{"epoch_s": 1, "signing_timestamp": 1, "threats": "", "began_s": NaN, "directive": "hold"}',
+        '{"epoch_s": 1, "signing_timestamp": 1, "threats": "", "began_s": 1, "directive": "hld"}',
+    ],
+)
 def test_a_state_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="x.state: no state of a ground station; allowed: "):
         kept_from(text, Path("x.state"))

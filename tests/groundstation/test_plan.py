@@ -77,7 +77,7 @@ def test_an_agent_needs_its_own_entry_its_targets_all_threats_and_what_they_are_
         fleet_frame(3, targets=(8,)),
         fleet_frame(4, threat=1),
         Sent(b"", RadiiFrame(Stamp(1, 0, 1), (RadiiEntry(1, 2.0, 1.0, 0.0),)), 0),
-        Sent(b"", MissionFrame(Stamp(1, 0, 1), 47.0, 8.0, 0.0, 1.0, 1.0, bytes(8), 4, 2, 1, "four"), 0),
+        Sent(b"", MissionFrame(Stamp(1, 0, 1), 47.0, 8.0, 0.0, 1.0, 1.0, bytes(8), 4, 2, 1, "four", bytes(8)), 0),
         Sent(b"", MotionFrame(Stamp(1, 0, 1), (), (), ()), 0),
         Sent(b"", None, 0),
     ]

@@ -32,6 +32,18 @@ def test_inside_a_v2_extension_a_frame_is_shorter(text: str, frame_bytes: int, o
     assert radio.max_frame_bytes + radio.outer_bytes == 252
 
 
+@pytest.mark.parametrize(
+    ("text", "added_bytes"), [("sik-57600", 0), ("sik-57600/v2ext", 0), ("sik-57600/v2ext-signed", 13)]
+)
+def test_only_an_outer_signature_is_added_on_the_way(text: str, added_bytes: int) -> None:
+    assert parse_radio(text, 1.0).added_bytes == added_bytes
+
+
+@pytest.mark.parametrize("path", ["v2ext", "v2ext-signed"])
+def test_behind_an_autopilot_no_heartbeat_of_ours_goes_out(path: str) -> None:
+    assert not parse_radio(f"sik-57600/{path}", 1.0).heartbeats
+
+
 def test_loras_rate_is_the_formula_of_its_data_sheet() -> None:
     payload, symbol_s = 252, 2**7 / 125e3
     # Spreading factor 7, CRC, explicit header, no low data rate optimisation, coding rate 4/5, a preamble of 8 symbols.

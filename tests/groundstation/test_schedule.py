@@ -20,7 +20,7 @@ from companion.mission import parse_mission
 from companion.picture import Picture
 from companion.sealing import Sealer
 from companion.signing import MavlinkSigner
-from companion.wire import FrameWriter, decode_frame
+from companion.wire import FrameWriter, WireError, decode_frame
 from groundstation.core import GroundStation
 from groundstation.radio import parse_radio
 from groundstation.schedule import (
@@ -73,7 +73,7 @@ class Talker:
         stamp, count = self.stamp(now_s), self.bands
         frames: list[BroadcastFrame] = []
         if self.with_mission:
-            frames.append(MissionFrame(stamp, 47.0, 8.0, 500.0, 100.0, 300.0, bytes(8), 500, 50, 50, "talk"))
+            frames.append(MissionFrame(stamp, 47.0, 8.0, 500.0, 100.0, 300.0, bytes(8), 500, 50, 50, "talk", bytes(8)))
         return frames + [BandsFrame(replace(stamp, frame_index=i, frame_count=count), ()) for i in range(count)]
 
     def overhear(self, datagram: bytes, now_s: float) -> None:
@@ -365,7 +365,7 @@ def test_a_refresh_slowed_beyond_what_receivers_accept_begins_anew() -> None:
 
 def test_a_state_that_a_radio_cannot_carry_is_refused_with_the_remedies() -> None:
     with pytest.raises(InputError) as caught:
-        Air(Talker(100), "300").to(1.0)
+        Air(Talker(100), "300", 0.9).to(1.0)
     for part in ("radio 300: ", f"{100 * FRAME_BYTES} bytes", "at most 20 s", "faster radio", "share", "fewer agents"):
         assert part in str(caught.value)
     assert "--auth" not in str(caught.value)
@@ -403,6 +403,97 @@ def test_in_a_v2_extension_the_whole_outer_frame_counts() -> None:
         assert decode_frame(inner) == sent.frame
         # Less by the zeros that the inner frame happens to end with.
         assert 15 <= len(sent.data) - len(inner) <= 17
+
+
+def test_a_signature_that_is_added_to_the_outer_frame_counts_too() -> None:
+    air = Air(Talker(60), "2000/v2ext-signed").to(50.0)
+    sent = [one for at_s, one in air.sent if at_s >= 10.0]
+    assert all(one.on_air_bytes == len(one.data) + 13 for one in sent)
+    assert 0.98 * 2_000.0 * 40.0 <= sum(one.on_air_bytes for one in sent) <= 2_000.0 * 40.0 * 1.01
+
+
+class Failing(Talker):
+    """A ground station that cannot make its state, or what goes with it, in some seconds."""
+
+    def __init__(self, failing_s: tuple[float, float], what: str) -> None:
+        super().__init__(3, 2)
+        self.failing_s, self.what = failing_s, what
+        self.asked = 0
+
+    def _fails(self, now_s: float, what: str) -> bool:
+        return what == self.what and self.failing_s[0] <= now_s - START_S < self.failing_s[1]
+
+    def refresh(self, now_s: float, payload_bytes: int) -> list[BroadcastFrame]:
+        self.asked += 1
+        frames = super().refresh(now_s, payload_bytes)
+        if self._fails(now_s, "state"):
+            raise WireError("no state")
+        if self._fails(now_s, "one frame"):
+            frames[1] = replace(frames[1], stamp=replace(frames[1].stamp, time_ms=-1))
+        return frames
+
+    def carousel(self, now_s: float, payload_bytes: int) -> list[BroadcastFrame]:
+        frames = super().carousel(now_s, payload_bytes)
+        if self._fails(now_s, "carousel"):
+            raise WireError("no carousel")
+        if self._fails(now_s, "one band"):
+            frames[0] = replace(frames[0], stamp=replace(frames[0].stamp, time_ms=-1))
+        return frames
+
+
+@pytest.mark.parametrize("directive", list(Directive))
+def test_while_no_state_can_be_made_the_last_is_told_again(directive: Directive) -> None:
+    station = Failing((5.0, 15.0), "state")
+    air = Air(station, "sik-57600").to(5.0)
+    station.directive = directive
+    last = station.sequence
+    air.to(15.0)
+    told = {frame.stamp.sequence for at_s, frame, _ in air.states() if 5.5 <= at_s < 15.0}
+    assert told == {last}
+    assert len([one for at_s, one, _ in air.states() if 5.5 <= at_s < 15.0]) >= 3 * 9
+    # Once a second, not with every tick.
+    assert station.asked <= 20
+    assert air.broadcaster.unsendable.first == "no state"
+    assert air.broadcaster.unsendable.count >= 9
+    air.to(17.0)
+    assert air.states()[-1][1].stamp.sequence > last
+    assert air.states()[-1][1].directive is directive
+
+
+def test_a_state_frame_that_cannot_be_made_keeps_no_other_from_the_air() -> None:
+    air = Air(Failing((5.0, 15.0), "one frame"), "sik-57600").to(15.0)
+    late = [frame.stamp for at_s, frame, _ in air.states() if at_s >= 6.5]
+    assert {stamp.frame_index for stamp in late} == {0, 2}
+    assert len({stamp.sequence for stamp in late}) >= 8
+
+
+@pytest.mark.parametrize("what", ["carousel", "one band"])
+def test_a_carousel_that_cannot_be_made_keeps_no_state_from_the_air(what: str) -> None:
+    air = Air(Failing((5.0, 15.0), what), "sik-57600").to(20.0)
+    assert len(air.begun()) == 20
+    assert air.broadcaster.unsendable.count >= 4
+    assert any(isinstance(sent.frame, BandsFrame) for at_s, sent in air.sent if at_s >= 16.0)
+
+
+def test_a_state_that_can_never_be_made_is_refused_at_the_beginning() -> None:
+    broadcaster = Broadcaster(Failing((0.0, 1.0), "state"), parse_radio("sik-57600", 1.0))
+    with pytest.raises(InputError, match="radio sik-57600: the mission cannot be broadcast: no state"):
+        broadcaster.begin(START_S)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0])
+@pytest.mark.parametrize(
+    ("sealer", "is_sealed"),
+    [(None, False), (Sealer(None, MavlinkSigner(bytes(32), 0)), False), (Sealer(KEY, None), True)],
+)
+def test_what_does_not_fit_is_refused_before_the_first_frame_with_remedies_that_help(
+    sealer: Sealer | None, is_sealed: bool, share: float
+) -> None:
+    broadcaster = Broadcaster(Talker(100), parse_radio("300", share), sealer)
+    with pytest.raises(InputError, match="by a faster radio.* or fewer agents") as caught:
+        broadcaster.begin(START_S)
+    assert ("--auth mavlink" in str(caught.value)) == is_sealed
+    assert ("a greater share" in str(caught.value)) == (share < 1.0)
 
 
 def test_nothing_is_sent_in_a_tick_in_which_the_station_worked() -> None:
