@@ -7,8 +7,10 @@ carry a key are left out.
 
 from __future__ import annotations
 
+import itertools
 import math
 import zlib
+from pathlib import Path
 
 import click
 from pymavlink.dialects.v20 import common
@@ -103,6 +105,14 @@ class FlightLog:
     def _give_up(self, error: OSError) -> None:
         self._writer = None
         click.echo(f"{self._program}: warning: no longer logging: {error.strerror}", err=True)
+
+
+def unused(path: Path) -> Path:
+    """Return the path, or with -2, -3 and so on before its suffix where that is taken: no run costs another's log."""
+    if not path.exists():
+        return path
+    numbered = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
+    return next(one for one in numbered if not one.exists())
 
 
 def without_secrets(frame: bytes) -> bytes | None:

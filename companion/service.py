@@ -21,7 +21,7 @@ from companion.admission import EXPECTED, OLD_EPOCH, Admission, AdmissionState, 
 from companion.config import BroadcastSection, Config, dump_config
 from companion.core import REPEAT_PERIOD_S, Companion
 from companion.errors import InputError
-from companion.flightlog import FlightLog, decision_frame, line_of
+from companion.flightlog import FlightLog, decision_frame, line_of, unused
 from companion.framing import StreamFramer
 from companion.keys import load_mavlink_key, load_public
 from companion.process import SteadyClock, wait
@@ -182,10 +182,8 @@ def _logs(config: Config, stack: ExitStack) -> tuple[FlightLog, FlightLog]:
     """Open the logs of this run in a folder of its own: a restart in flight shall not cost what was recorded before."""
     if config.log_dir is None:
         return FlightLog(None), FlightLog(None)
-    began = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-    names = (began, *(f"{began}-{number}" for number in range(2, 100)))
+    folder = unused(Path(config.log_dir) / time.strftime("%Y%m%dT%H%M%SZ", time.gmtime()))
     try:
-        folder = next(path for path in (Path(config.log_dir) / name for name in names) if not path.exists())
         folder.mkdir(parents=True)
         (folder / f"companion-{config.agent_id}.yaml").write_text(dump_config(config), encoding="utf-8")
     except OSError as error:

@@ -59,7 +59,7 @@ def cli() -> None:
     metavar="FILE",
     help=f"What a restart needs of this run is kept there; {STATE_NAME} beside the keys if not given.",
 )
-@click.option("--log", metavar="FILE.tlog", help="Keep what is sent and heard, without MAVLink signatures.")
+@click.option("--log", metavar="FILE.tlog", help="Keep what is sent and heard; FILE-2.tlog if there is one.")
 @click.option("--mirror", metavar="URL", help="Show threats and reckoned agents as ADSB_VEHICLE there, once a second.")
 @click.option(
     "--sensor", metavar="URL", help="Where detections come in: udpin:HOST:PORT. Without it nobody is tracked."

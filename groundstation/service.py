@@ -25,7 +25,7 @@ import click
 from companion.config import DEFAULT_LAW
 from companion.encapsulation import unwrap
 from companion.errors import InputError, nearest_hint
-from companion.flightlog import FlightLog
+from companion.flightlog import FlightLog, unused
 from companion.frames import Directive
 from companion.framing import StreamFramer
 from companion.keys import MAVLINK_NAME, PRIVATE_NAME, load_mavlink_key, load_private
@@ -264,7 +264,7 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
     mirror = Mirror(mission)
     added_bytes = 0 if options.radio is None else options.radio.added_bytes
     with ExitStack() as stack:
-        log = FlightLog(None if options.log is None else TlogWriter(options.log), "groundstation")
+        log = FlightLog(None if options.log is None else TlogWriter(unused(options.log)), "groundstation")
         stack.callback(log.close)
 
         async def listen(link: Link | None, take: Callable[[bytes, float], None]) -> None:

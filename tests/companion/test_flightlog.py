@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from companion.core import Decision, Purpose
-from companion.flightlog import LOG_BURST_S, FlightLog, decision_frame, line_of, without_secrets
+from companion.flightlog import LOG_BURST_S, FlightLog, decision_frame, line_of, unused, without_secrets
 from companion.frames import DecisionFlag
 from companion.guard import NO_BACKUP, Setpoint
 from companion.signing import MavlinkSigner
@@ -118,3 +118,12 @@ def test_words_are_logged_in_parts_that_a_ground_control_program_joins(tmp_path:
         (1, 1, "b" * 7),
         (2, 0, "c"),
     ]
+
+
+def test_a_log_of_a_name_that_is_taken_is_numbered(tmp_path: Path) -> None:
+    names = []
+    for _ in range(3):
+        path = unused(tmp_path / "broadcast.tlog")
+        path.touch()
+        names.append(path.name)
+    assert names == ["broadcast.tlog", "broadcast-2.tlog", "broadcast-3.tlog"]
