@@ -7,6 +7,8 @@ import signal
 import time
 from collections.abc import Callable, Coroutine
 
+from companion.tlog import logged_s
+
 
 class SteadyClock:
     """Unix time that never steps, in whole microseconds: as logs hold it, so that a replay has the very same times."""
@@ -16,7 +18,7 @@ class SteadyClock:
 
     def now_s(self) -> float:
         """Return seconds since 1970 by the system clock at the start plus what the monotonic clock has counted."""
-        return round((self._offset_s + time.monotonic()) * 1e6) / 1e6
+        return logged_s(self._offset_s + time.monotonic())
 
 
 async def wait(stop: asyncio.Event, wait_s: float) -> None:

@@ -54,15 +54,19 @@ def timestamp_of(unix_s: float) -> int:
 
 
 def strip_signature(raw: bytes) -> bytes:
-    """Return a frame without its MAVLink signature, with the flag cleared and the CRC made anew; for logs.
+    """Return a frame of any dialect without its MAVLink signature, the flag cleared and the CRC mended; for logs.
 
-    A frame of another dialect, whose CRC we cannot make, is returned as it is.
+    A CRC is linear: what clearing the flag changes in it does not depend on the message's CRC_EXTRA, which only its
+    dialect knows.
     """
-    if not is_signed(raw) or header_of(raw).message_id not in oneway.mavlink_map:
+    if not is_signed(raw):
         return raw
-    body = bytearray(raw[: -SIGNATURE_BYTES - CRC_BYTES])
-    body[_INCOMPAT_AT] &= ~SIGNED_FLAG
-    return bytes(body) + crc_of(bytes(body), header_of(raw).message_id)
+    body, crc = raw[: -SIGNATURE_BYTES - CRC_BYTES], raw[-SIGNATURE_BYTES - CRC_BYTES : -SIGNATURE_BYTES]
+    # The CRC covers all but the marker, and CRC_EXTRA: as many bytes as the body has.
+    flag = bytes((0, SIGNED_FLAG)).ljust(len(body), b"\0")
+    changed = oneway.x25crc(flag).crc ^ oneway.x25crc(bytes(len(body))).crc
+    cleared = body[:_INCOMPAT_AT] + bytes((body[_INCOMPAT_AT] & ~SIGNED_FLAG,)) + body[_INCOMPAT_AT + 1 :]
+    return cleared + (int.from_bytes(crc, "little") ^ changed).to_bytes(CRC_BYTES, "little")
 
 
 class MavlinkSigner:

@@ -25,7 +25,7 @@ from companion.flightlog import decision_frame
 from companion.geodesy import LocalFrame
 from companion.mission import AgentSpec, Mission
 from companion.monolithic import load_monolithic
-from companion.tlog import TlogWriter
+from companion.tlog import TlogWriter, logged_s
 from companion.wire import Detection, FrameWriter, Kind
 from groundstation.core import GroundStation, check_runnable
 from groundstation.radio import Radio
@@ -109,8 +109,7 @@ class _Aircraft:
     def hear(self, t_s: float) -> None:
         """Let the companion hear what the air has delivered by now."""
         for arrival_s, datagram in self.link.deliver(t_s):
-            # As a log holds it, so that a replay has the very same times.
-            heard_s = round((START_S + arrival_s) * 1e6) / 1e6
+            heard_s = logged_s(START_S + arrival_s)
             for frame in self.companion.hear(datagram, heard_s):
                 self._log(frame, heard_s)
 

@@ -7,6 +7,7 @@ import random
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common
 
 from companion.dialect import oneway
 from companion.signing import (
@@ -70,6 +71,14 @@ def test_what_pymavlink_signs_is_accepted_here() -> None:
 def test_stripping_a_signature_gives_the_frame_as_it_was() -> None:
     assert strip_signature(MavlinkSigner(KEY, 1).sign(FRAME, START_S)) == FRAME
     assert strip_signature(FRAME) == FRAME
+
+
+def test_a_signature_of_another_dialects_frame_is_stripped_too() -> None:
+    message = common.MAVLink_setup_signing_message(1, 1, list(range(32)), 2**40 + 7)
+    plain, signing = common.MAVLink(None, 7, 8), common.MAVLink(None, 7, 8)
+    signing.signing.secret_key, signing.signing.sign_outgoing = KEY, True
+    unsigned = bytes(message.pack(plain))
+    assert strip_signature(bytes(message.pack(signing))) == unsigned
 
 
 def test_signing_a_signed_frame_replaces_the_signature() -> None:
