@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import socket
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import pytest
@@ -28,6 +28,7 @@ from companion.transport import (
     parse_link,
 )
 from companion.transport.udp import MAX_PER_WAKE
+from tests.companion.end_points import run, until
 
 LOCALHOST = "127.0.0.1"
 
@@ -36,21 +37,6 @@ def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind((LOCALHOST, 0))
         return int(probe.getsockname()[1])
-
-
-def run(body: Callable[[], Awaitable[None]]) -> None:
-    async def within_time() -> None:
-        await asyncio.wait_for(body(), 10.0)
-
-    asyncio.run(within_time())
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    for _ in range(1000):
-        if condition():
-            return
-        await asyncio.sleep(0.002)
-    raise AssertionError("nothing arrived")
 
 
 @asynccontextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import socket
 from collections.abc import Awaitable, Callable
 
@@ -10,6 +9,7 @@ import pytest
 
 from companion.errors import InputError
 from companion.transport import OnDatagram, Receiver, open_receiver, open_sender, parse_link
+from tests.companion.end_points import run, until
 
 LOCALHOST = "127.0.0.1"
 GROUP = "239.255.145.50"
@@ -20,21 +20,6 @@ def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))
         return int(probe.getsockname()[1])
-
-
-def run(body: Callable[[], Awaitable[None]]) -> None:
-    async def within_time() -> None:
-        await asyncio.wait_for(body(), 10.0)
-
-    asyncio.run(within_time())
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    for _ in range(1000):
-        if condition():
-            return
-        await asyncio.sleep(0.002)
-    raise AssertionError("nothing arrived")
 
 
 @pytest.mark.parametrize("form", SEVERAL)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ from companion.errors import InputError
 from companion.tlog import TlogWriter, read_tlog
 from companion.transport import Link, open_receiver, open_sender
 from companion.transport.file import FileSender
+from tests.companion.end_points import run, until
 
 _MAV = oneway.MAVLink(None, srcSystem=7, srcComponent=1)
 FRAMES = [
@@ -20,26 +20,11 @@ FRAMES = [
 ]
 
 
-def run(body: Callable[[], Awaitable[None]]) -> None:
-    async def within_time() -> None:
-        await asyncio.wait_for(body(), 10.0)
-
-    asyncio.run(within_time())
-
-
 def log_of(folder: Path, stamps_s: list[float]) -> Link:
     with TlogWriter(folder / "given.tlog") as writer:
         for stamp_s, frame in zip(stamps_s, FRAMES, strict=True):
             writer.write(stamp_s, frame)
     return Link("file", path=str(folder / "given.tlog"))
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    for _ in range(1000):
-        if condition():
-            return
-        await asyncio.sleep(0.002)
-    raise AssertionError("nothing was played")
 
 
 def test_what_is_sent_to_a_file_is_played_back_from_it(tmp_path: Path) -> None:
