@@ -33,7 +33,7 @@ PACKED = {
     oneway.MAVLINK_MSG_ID_ONEWAY_RADII,
     oneway.MAVLINK_MSG_ID_ONEWAY_MISSION,
 }
-RADIO = parse_radio("sik-57600", 0.25)
+RADIO = parse_radio("sik-57600", 0.08)
 
 
 def mission(**changes: object) -> Mission:
