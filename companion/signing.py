@@ -64,7 +64,7 @@ def strip_signature(raw: bytes) -> bytes:
     body, crc = raw[: -SIGNATURE_BYTES - CRC_BYTES], raw[-SIGNATURE_BYTES - CRC_BYTES : -SIGNATURE_BYTES]
     # The CRC covers all but the marker, and CRC_EXTRA: as many bytes as the body has.
     flag = bytes((0, SIGNED_FLAG)).ljust(len(body), b"\0")
-    changed = oneway.x25crc(flag).crc ^ oneway.x25crc(bytes(len(body))).crc
+    changed: int = oneway.x25crc(flag).crc ^ oneway.x25crc(bytes(len(body))).crc
     cleared = body[:_INCOMPAT_AT] + bytes((body[_INCOMPAT_AT] & ~SIGNED_FLAG,)) + body[_INCOMPAT_AT + 1 :]
     return cleared + (int.from_bytes(crc, "little") ^ changed).to_bytes(CRC_BYTES, "little")
 
