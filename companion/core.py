@@ -222,7 +222,7 @@ class Companion:
             datagrams.append(self.adapter.heartbeat())
             self._next_heartbeat_s = now_s + HEARTBEAT_PERIOD_S
         if self._standing is not None:
-            datagrams.append(self.adapter.encode(*self._standing, now_s))
+            datagrams += self.adapter.encode(*self._standing, now_s)
         return datagrams
 
     def _decide(self, now_s: float) -> tuple[Decision, float]:

@@ -14,7 +14,7 @@ import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
-from companion.adapters.base import Neighbour, Telemetry
+from companion.adapters.base import Neighbour, NoAutopilot, Telemetry
 from companion.config import Law, config_for_agent
 from companion.core import Companion
 from companion.geodesy import LocalFrame
@@ -128,7 +128,7 @@ class Reckoner:
         )
 
 
-class _Reckoned:
+class _Reckoned(NoAutopilot):
     """One agent as it must be by now; it is to its companion what an autopilot would be."""
 
     def __init__(
@@ -159,19 +159,9 @@ class _Reckoned:
 
     # What an adapter offers the companion
 
-    @property
-    def steerable(self) -> bool:
-        return True
-
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """There is no autopilot to hear."""
-
-    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> bytes:
+    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
         self._wanted_rad, self.speed_m_s = setpoint.heading_rad, setpoint.speed_m_s
-        return b""
-
-    def heartbeat(self) -> bytes:
-        return b""
+        return []
 
     # What the reckoner does with it
 

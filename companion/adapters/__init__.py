@@ -8,7 +8,7 @@ from companion.adapters.base import Adapter
 from companion.adapters.velocity import VelocityAdapter
 
 ADAPTERS: dict[str, Callable[[], Adapter]] = {
-    "arducopter": lambda: VelocityAdapter(can_stop=True),
-    "kinematic": lambda: VelocityAdapter(can_stop=False),
+    "arducopter": lambda: VelocityAdapter("arducopter", can_stop=True),
+    "kinematic": lambda: VelocityAdapter("kinematic", can_stop=False),
 }
 """Autopilot kinds that can be steered, by the name used in configurations and on command lines."""

@@ -44,8 +44,17 @@ class Telemetry:
 
     system_id: int | None = None
     heartbeat_at_s: float | None = None
+    autopilot: int | None = None
+    """MAV_AUTOPILOT."""
+    mav_type: int | None = None
+    system_status: int | None = None
+    """MAV_STATE; critical and emergency are the autopilot's own failsafes."""
     armed: bool = False
     custom_mode: int | None = None
+    boot_ms: int | None = None
+    """The autopilot's clock, since it started."""
+    restarts: int = 0
+    """How often that clock went back: it was rebooted in flight, or two autopilots answer to one system id."""
     position_at_s: float | None = None
     lat_deg: float = math.nan
     lon_deg: float = math.nan
@@ -60,6 +69,16 @@ class Telemetry:
     """Latitude and longitude."""
     in_air: bool | None = None
     """Airborne and neither taking off nor landing; None where the autopilot does not say."""
+    local_ned_m: tuple[float, float, float] | None = None
+    """Of the autopilot's own local frame, as it came with the newest position."""
+    roll_rad: float = math.nan
+    attitude_at_s: float | None = None
+    airspeed_m_s: float = math.nan
+    gps_fix: int | None = None
+    """GPS_FIX_TYPE."""
+    position_accuracy_m: float = math.nan
+    """Horizontal, as the autopilot's estimator or receiver says; NaN if neither does."""
+    battery_percent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -77,11 +96,33 @@ class Neighbour:
     """Above sea level; NaN if it did not say."""
 
 
+@dataclass(frozen=True)
+class Abilities:
+    """What guidance and guard must assume of the vehicle, as its autopilot's parameters make it."""
+
+    speed_min_m_s: float = 0.0
+    speed_max_m_s: float = math.inf
+    n_max: float = math.inf
+    """Load factor of the turn rate n_max g / v that its turns achieve."""
+    reaction_s: float = 0.0
+    """From sending a setpoint to the vehicle beginning to obey it: the pure delay that stands for its lag."""
+    braking_m_s2: float = math.inf
+    """Of one that can stop."""
+    tracking_m: float = 0.0
+    """How far it strays from the path of arcs and straight lines that guidance and guard reckon with."""
+    assumed: tuple[str, ...] = ()
+    """Parameters that the autopilot did not tell: their documented defaults are assumed."""
+
+
 class Adapter(Protocol):
     """One autopilot kind: its telemetry, its steering, its abilities."""
 
+    kind: str
+    """As configurations name it."""
     can_stop: bool
     """Whether the vehicle can stand still in the air."""
+    resumes: bool
+    """Whether the autopilot obeys again by itself when a stream of setpoints comes back, whatever happened since."""
 
     @property
     def neighbours(self) -> Collection[Neighbour]:
@@ -98,17 +139,73 @@ class Adapter(Protocol):
         """Whether a person has armed the vehicle and put it into the mode that obeys setpoints."""
         ...
 
+    @property
+    def refusal(self) -> str | None:
+        """Why this autopilot is not steered at all, and what to do about it: another kind than configured, ..."""
+        ...
+
+    @property
+    def abilities(self) -> Abilities:
+        """What the vehicle can do, by the parameters read so far."""
+        ...
+
+    @property
+    def settled(self) -> bool:
+        """Whether every parameter that the abilities rest on was told, or asked for in vain as often as it is worth."""
+        ...
+
     def receive(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the autopilot link; never raises, whatever the bytes."""
         ...
 
-    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> bytes:
-        """Return the frame that asks for a setpoint whose heading is from grid north."""
+    def requests(self, now_s: float) -> list[bytes]:
+        """Return what is due to be asked of the autopilot: message rates, parameters; bounded in number and rate."""
+        ...
+
+    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
+        """Return the frames that ask for a setpoint whose heading is from grid north."""
+        ...
+
+    def hold(self, now_s: float) -> list[bytes]:
+        """Return the frames that ask to stay as it is, where a stream must flow before a person can hand over."""
+        ...
+
+    def release(self) -> None:
+        """Forget what belongs to the steering that ended: somebody else has the vehicle."""
         ...
 
     def heartbeat(self) -> bytes:
         """Return the companion's heartbeat, as an onboard controller."""
         ...
+
+
+class NoAutopilot:
+    """What a point that stands for a vehicle need not say for itself: it hears no bytes and obeys at once, exactly."""
+
+    kind = "kinematic"
+    resumes = False
+    steerable = True
+    refusal: str | None = None
+    abilities = Abilities()
+    settled = True
+
+    def receive(self, datagram: bytes, now_s: float) -> None:
+        """There is no autopilot to hear."""
+
+    def requests(self, now_s: float) -> list[bytes]:
+        """There is nobody to ask."""
+        return []
+
+    def hold(self, now_s: float) -> list[bytes]:
+        """Nothing need flow before it is steered."""
+        return []
+
+    def release(self) -> None:
+        """Nothing is kept of a steering that ended."""
+
+    def heartbeat(self) -> bytes:
+        """Nobody listens to it."""
+        return b""
 
 
 class TelemetryReader:

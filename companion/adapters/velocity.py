@@ -11,7 +11,7 @@ from collections.abc import Collection
 
 from pymavlink.dialects.v20 import common
 
-from companion.adapters.base import COMPANION_COMPONENT, Neighbour, Telemetry, TelemetryReader
+from companion.adapters.base import COMPANION_COMPONENT, Abilities, Neighbour, Telemetry, TelemetryReader
 from companion.guard import Setpoint
 
 GUIDED_MODE = 4
@@ -28,7 +28,13 @@ _UINT32 = 2**32
 class VelocityAdapter:
     """Steers by velocity setpoints in the local NED frame."""
 
-    def __init__(self, can_stop: bool) -> None:
+    resumes = False
+    refusal: str | None = None
+    settled = True
+    abilities = Abilities()
+
+    def __init__(self, kind: str, can_stop: bool) -> None:
+        self.kind = kind
         self.can_stop = can_stop
         self._reader = TelemetryReader()
         self._mav: common.MAVLink | None = None
@@ -52,12 +58,23 @@ class VelocityAdapter:
         """Take in bytes from the autopilot link."""
         self._reader.receive(datagram, now_s)
 
-    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> bytes:
+    def requests(self, now_s: float) -> list[bytes]:
+        """Ask for nothing: the streams of the autopilot suffice."""
+        return []
+
+    def hold(self, now_s: float) -> list[bytes]:
+        """Send nothing: the mode alone decides."""
+        return []
+
+    def release(self) -> None:
+        """Forget nothing: each setpoint stands for itself."""
+
+    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
         """Return SET_POSITION_TARGET_LOCAL_NED with the velocity, turned from grid to local north."""
         heading_rad = setpoint.heading_rad + convergence_rad
         climb_m_s = HEIGHT_GAIN_1_S * (setpoint.altitude_m - self.telemetry.height_m)
         climb_m_s = min(max(climb_m_s, -VERTICAL_SPEED_M_S), VERTICAL_SPEED_M_S)
-        return self._pack(
+        frame = self._pack(
             common.MAVLink_set_position_target_local_ned_message(
                 time_boot_ms=int(now_s * 1000.0) % _UINT32,
                 target_system=self.telemetry.system_id or 0,
@@ -77,6 +94,7 @@ class VelocityAdapter:
                 yaw_rate=0.0,
             )
         )
+        return [frame]
 
     def heartbeat(self) -> bytes:
         """Return the companion's heartbeat: an onboard controller, never a ground station (it would mask its loss)."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.adapters.base import Neighbour, Telemetry
+from companion.adapters.base import Neighbour, NoAutopilot, Telemetry
 from companion.config import Law, config_for_agent
 from companion.core import Companion, Decision
 from companion.drawing import random_stream
@@ -57,11 +57,10 @@ class ArenaFlight:
     opposed: int
 
 
-class _Vehicle:
+class _Vehicle(NoAutopilot):
     """A point in the wind; to its companion it is what an adapter would be."""
 
     can_stop = False
-    steerable = True
 
     def __init__(
         self, spec: AgentSpec, mission: Mission, frame: LocalFrame, law: Law, steering: SteeringOf | None
@@ -82,17 +81,10 @@ class _Vehicle:
         self._height_m = config.height_m
         self._altitude_m = mission.origin.alt_m + config.height_m
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """There is no autopilot to hear."""
-
-    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> bytes:
+    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
         """Take the setpoint: the vehicle is right here."""
         self._wanted_rad = setpoint.heading_rad
-        return b""
-
-    def heartbeat(self) -> bytes:
-        """Nobody listens to it."""
-        return b""
+        return []
 
     @property
     def velocity_m_s(self) -> tuple[float, float]:

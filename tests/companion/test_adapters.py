@@ -122,10 +122,10 @@ def decoded(datagram: bytes) -> common.MAVLink_message:
 def sent(
     setpoint: Setpoint, convergence_rad: float = 0.0, height_mm: int = 20_000, now_s: float = 5.0
 ) -> common.MAVLink_set_position_target_local_ned_message:
-    adapter = VelocityAdapter(can_stop=True)
+    adapter = VelocityAdapter("arducopter", can_stop=True)
     adapter.receive(heartbeat(), 0.0)
     adapter.receive(position(height_mm=height_mm), 0.0)
-    return decoded(adapter.encode(setpoint, convergence_rad, now_s))
+    return decoded(*adapter.encode(setpoint, convergence_rad, now_s))
 
 
 # Telemetry
@@ -433,17 +433,17 @@ def test_a_wanted_message_of_the_least_length_behind_another_is_not_hidden() -> 
     ],
 )
 def test_only_a_vehicle_armed_and_guided_is_steered(base_mode: int, custom_mode: int, steerable: bool) -> None:
-    adapter = VelocityAdapter(can_stop=True)
+    adapter = VelocityAdapter("arducopter", can_stop=True)
     assert not adapter.steerable
     adapter.receive(heartbeat(base_mode, custom_mode), 0.0)
     assert adapter.steerable is steerable
 
 
 def test_the_bytes_of_a_setpoint_are_pinned() -> None:
-    adapter = VelocityAdapter(can_stop=True)
+    adapter = VelocityAdapter("arducopter", can_stop=True)
     adapter.receive(heartbeat(), 0.0)
     adapter.receive(position(height_mm=20_000), 0.0)
-    datagram = adapter.encode(Setpoint(0.0, 5.0, 21.0), 0.0, 5.0)
+    (datagram,) = adapter.encode(Setpoint(0.0, 5.0, 21.0), 0.0, 5.0)
     assert datagram.hex() == GOLDEN_SETPOINT
 
 
@@ -485,7 +485,7 @@ def test_the_time_of_a_setpoint_wraps_within_its_field() -> None:
 
 
 def test_the_heartbeat_is_an_onboard_controllers_and_never_a_ground_stations() -> None:
-    adapter = VelocityAdapter(can_stop=True)
+    adapter = VelocityAdapter("arducopter", can_stop=True)
     adapter.receive(heartbeat(), 0.0)
     message = decoded(adapter.heartbeat())
     assert message.get_type() == "HEARTBEAT"
@@ -496,7 +496,7 @@ def test_the_heartbeat_is_an_onboard_controllers_and_never_a_ground_stations() -
 
 
 def test_frames_to_the_autopilot_are_numbered_in_turn() -> None:
-    adapter = VelocityAdapter(can_stop=True)
+    adapter = VelocityAdapter("arducopter", can_stop=True)
     adapter.receive(heartbeat(), 0.0)
     assert [adapter.heartbeat()[4] for _ in range(257)] == [*range(256), 0]
 
