@@ -16,7 +16,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.geodesy import LocalFrame
-from sim.vehicle import StandIn
+from sim.standin import StandIn
 
 _FLAGS = (
     mavlink.ADSB_FLAGS_VALID_COORDS

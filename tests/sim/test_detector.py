@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common
 
 from companion.geodesy import LocalFrame
 from sim.detector import Detector, Fleet
-from sim.vehicle import Home, StandIn, kinematic_profile
+from sim.standin import Home, StandIn, kinematic_profile
 
 FRAME = LocalFrame(47.0, 8.0)
 OWN, SYSTEM = 1, 7

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -20,9 +22,10 @@ from mavsdk.plugins.offboard import VelocityNedYaw
 from mavsdk.plugins.telemetry import FlightMode
 from pymavlink.dialects.v20 import common
 
+from companion.encapsulation import wrap
 from companion.errors import InputError
 from companion.transport import Link
-from sim.vehicle import Truth
+from sim.standin import Truth
 from sim.vehicle_service import VehicleOptions, run_vehicle, vehicle
 
 LOCALHOST = "127.0.0.1"
@@ -123,12 +126,31 @@ def test_a_signal_ends_it_cleanly_after_one_line(number: signal.Signals) -> None
     assert (process.returncode, rest, complaints) == (0, "", "")
 
 
+@pytest.mark.parametrize(
+    ("given", "complaint"),
+    [
+        ("GUID_TIMEOUT=9", "--param: GUID_TIMEOUT=9; allowed: 0.1 to 5"),
+        ("GUID_TIMEOUT=nan", "--param: GUID_TIMEOUT=nan; allowed: 0.1 to 5"),
+        ("GUIDTIMEOUT=1", "--param: unknown 'GUIDTIMEOUT'"),
+        ("GUID_TIMEOUT", "'GUID_TIMEOUT' is not NAME=VALUE"),
+    ],
+)
+def test_a_parameter_that_the_autopilot_would_not_take_ends_with_one_line(given: str, complaint: str) -> None:
+    arguments = ["--autopilot", "arducopter", "--connect", f"udpout:{LOCALHOST}:{free_port()}", "--param", given]
+    with vehicle_process(*arguments) as process:
+        _, said = process.communicate(timeout=20)
+    assert process.returncode == 2
+    assert complaint in said
+    assert len(said.strip().splitlines()) == 1
+
+
 def test_an_unknown_autopilot_ends_with_one_line_and_status_two() -> None:
     with vehicle_process("--autopilot", "ardukopter", "--connect", "udpout:127.0.0.1:9") as process:
         output, complaints = process.communicate(timeout=20.0)
     assert (process.returncode, output) == (2, "")
     assert complaints == (
-        "s: --autopilot: unknown 'ardukopter'; allowed: arducopter, kinematic; did you mean 'arducopter'?\n"
+        "s: --autopilot: unknown 'ardukopter'; allowed: arducopter, arduplane, px4-copter, px4-plane, kinematic; "
+        "did you mean 'arducopter'?\n"
     )
 
 
@@ -138,6 +160,8 @@ def test_an_unknown_autopilot_ends_with_one_line_and_status_two() -> None:
         (["--connect", "udpp:127.0.0.1:1"], "did you mean 'udpin'"),
         (["--connect", "udpin:127.0.0.1:1", "--lat", "nan"], "nan is not a finite number"),
         (["--connect", "udpin:127.0.0.1:1", "--heading", "inf"], "inf is not a finite number"),
+        (["--connect", "udpin:127.0.0.1:1", "--in-air", "nan"], "nan is not a finite number"),
+        (["--connect", "udpin:127.0.0.1:1", "--battery", "101"], "101.0 is not in the range"),
         (["--connect", "udpin:127.0.0.1:1", "--lat", "91"], "91.0 is not in the range"),
         (["--connect", "udpin:127.0.0.1:1", "--system-id", "256"], "256 is not in the range"),
         ([], "Missing option '--connect'"),
@@ -166,6 +190,19 @@ class Client(asyncio.DatagramProtocol):
         for message in parser.parse_buffer(data) or ():
             self.names.append(message.get_type())
             self.systems.add(message.get_srcSystem())
+
+
+class Recorder(asyncio.DatagramProtocol):
+    """Keeps the newest of some messages."""
+
+    def __init__(self, *names: str) -> None:
+        self.names = names
+        self.newest: dict[str, Any] = {}
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        for message in common.MAVLink(None).parse_buffer(data) or ():
+            if message.get_type() in self.names:
+                self.newest[message.get_type()] = message
 
 
 async def open_client() -> tuple[asyncio.DatagramTransport, Client]:
@@ -202,6 +239,71 @@ def test_telemetry_goes_to_every_link_and_an_answer_only_to_who_asked() -> None:
         assert "COMMAND_ACK" not in listener.names
         caller_transport.close()
         listener_transport.close()
+
+    asyncio.run(body())
+
+
+def test_a_wrapped_broadcast_passes_between_two_links_once_both_have_spoken() -> None:
+    async def body() -> None:
+        stop = asyncio.Event()
+        radio_transport, _radio = await open_client()
+        companion_transport, companion = await open_client()
+        ports = free_port(), free_port()
+        links = tuple(Link("udpin", LOCALHOST, port) for port in ports)
+        running = asyncio.create_task(run_vehicle(VehicleOptions("kinematic", links, system_id=7), stop=stop))
+        ground = common.MAVLink(None, srcSystem=255, srcComponent=190)
+        heartbeat = common.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
+
+        async def heard() -> bool:
+            radio_transport.sendto(wrap(b"a frame of ours", 0), (LOCALHOST, ports[0]))
+            companion_transport.sendto(bytes(heartbeat.pack(ground)), (LOCALHOST, ports[1]))
+            return "V2_EXTENSION" in companion.names
+
+        await until(heard, 5.0)
+        stop.set()
+        await running
+        radio_transport.close()
+        companion_transport.close()
+
+    asyncio.run(body())
+
+
+@pytest.mark.parametrize(
+    ("kind", "mode", "speed_m_s"),
+    [("arducopter", 17, 0.0), ("arduplane", 12, 22.0), ("px4-copter", 50593792, 0.0), ("px4-plane", 50593792, 15.0)],
+)
+def test_in_the_air_it_begins_armed_in_the_mode_that_holds_it_at_cruise_in_the_wind(
+    kind: str, mode: int, speed_m_s: float
+) -> None:
+    async def body() -> None:
+        stop = asyncio.Event()
+        port = free_port()
+        transport, protocol = await asyncio.get_running_loop().create_datagram_endpoint(
+            lambda: Recorder("HEARTBEAT", "VFR_HUD", "SYS_STATUS"), local_addr=(LOCALHOST, port)
+        )
+        options = VehicleOptions(
+            kind,
+            (Link("udpout", LOCALHOST, port),),
+            in_air_m=80.0,
+            wind_from_deg=270.0,
+            wind_speed_m_s=2.0,
+            battery_percent=40.0,
+        )
+        running = asyncio.create_task(run_vehicle(options, stop=stop))
+
+        async def told() -> bool:
+            return len(protocol.newest) == 3
+
+        await until(told, 5.0)
+        stop.set()
+        await running
+        transport.close()
+        heartbeat, hud = protocol.newest["HEARTBEAT"], protocol.newest["VFR_HUD"]
+        assert (heartbeat.custom_mode, heartbeat.base_mode & 128) == (mode, 128)
+        assert hud.alt == pytest.approx(580.0, abs=2.0)
+        # A copter stands over the ground; a plane that heads north is carried east.
+        assert hud.groundspeed == pytest.approx(math.hypot(speed_m_s, 2.0) if speed_m_s else 0.0, abs=0.1)
+        assert protocol.newest["SYS_STATUS"].battery_remaining == 40
 
     asyncio.run(body())
 
