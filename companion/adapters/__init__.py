@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Protocol
 
-from companion.adapters.base import Adapter
-from companion.adapters.velocity import VelocityAdapter
+from companion.adapters.arducopter import ArduCopterAdapter
+from companion.adapters.arduplane import ArduPlaneAdapter
+from companion.adapters.ardurover import ArduRoverAdapter
+from companion.adapters.kinematic import KinematicAdapter
+from companion.adapters.link import LinkedAdapter
+from companion.adapters.px4_copter import Px4CopterAdapter
+from companion.adapters.px4_plane import Px4PlaneAdapter
 
-ADAPTERS: dict[str, Callable[[], Adapter]] = {
-    "arducopter": lambda: VelocityAdapter("arducopter", can_stop=True),
-    "kinematic": lambda: VelocityAdapter("kinematic", can_stop=False),
+
+class MakesAdapter(Protocol):
+    """Makes an adapter that listens to the autopilot of one system id, or to whichever it hears first."""
+
+    def __call__(self, system_id: int | None = None) -> LinkedAdapter:
+        """Return a new adapter."""
+        ...
+
+
+ADAPTERS: dict[str, MakesAdapter] = {
+    "arducopter": ArduCopterAdapter,
+    "arduplane": ArduPlaneAdapter,
+    "px4-copter": Px4CopterAdapter,
+    "px4-plane": Px4PlaneAdapter,
+    "ardurover": ArduRoverAdapter,
+    "kinematic": KinematicAdapter,
 }
 """Autopilot kinds that can be steered, by the name used in configurations and on command lines."""
