@@ -31,6 +31,8 @@ DEFAULT_LAW: Law = "routed"
 TrustWord = Literal["unsigned", "mavlink", "ed25519", "both"]
 """MAVLink's own signature by a shared key, an Ed25519 signature of the ground station's, or both."""
 Height = Annotated[float, Strict(), Field(ge=0, le=20_000, allow_inf_nan=False)]
+ONE_RADIO = "autopilot"
+"""The broadcast link of a vehicle that hears the broadcast through its autopilot, wrapped (companion.encapsulation)."""
 
 
 class AutopilotSection(Section):
@@ -38,14 +40,29 @@ class AutopilotSection(Section):
 
     kind: Annotated[str, Strict()]
     link: Annotated[str, Strict()]
+    system_id: Annotated[int, Strict(), Field(ge=1, le=255)] | None = None
+    """The autopilot's; none: whichever is heard first."""
+    offboard: Literal["mavsdk", "direct"] = "mavsdk"
+    """Who sends the setpoints of a PX4 copter: MAVSDK in a process of its own, or the companion itself."""
+    state_file: Annotated[str, Strict(), Field(min_length=1)] | None = None
+    """Where it is kept over restarts whether the companion steers."""
+    clear: Literal["disarm", "signal"] = "disarm"
+    """What ends a take-over of a PX4: only disarming, or a signal to the program as well."""
 
     @model_validator(mode="after")
     def _known(self) -> Self:
         if self.kind not in ADAPTERS:
             hint = nearest_hint(self.kind, ADAPTERS)
             raise ValueError(f"kind: '{self.kind}'{hint}; allowed: {', '.join(ADAPTERS)}")
+        if self.offboard == "direct" and self.kind != "px4-copter":
+            raise ValueError(f"offboard: 'direct' with kind '{self.kind}'; allowed: only with px4-copter")
         _checked_link(self.link)
         return self
+
+    @property
+    def needs_state_file(self) -> bool:
+        """Whether the autopilot resumes by itself, so that a restart must know what was before."""
+        return ADAPTERS[self.kind]().resumes
 
 
 class BroadcastSection(Section):
@@ -69,9 +86,9 @@ class BroadcastSection(Section):
 
     @model_validator(mode="after")
     def _listens(self) -> Self:
-        if _checked_link(self.link).scheme not in RECEIVING:
+        if self.link != ONE_RADIO and _checked_link(self.link).scheme not in RECEIVING:
             forms = ", ".join(FORMS[scheme] for scheme in RECEIVING)
-            raise ValueError(f"link: '{self.link}'; allowed: {forms}: the companion never writes to it")
+            raise ValueError(f"link: '{self.link}'; allowed: {forms} (the companion never writes to it), {ONE_RADIO}")
         return self
 
     @model_validator(mode="after")
@@ -138,12 +155,37 @@ class StalenessSection(Section):
     coasting_after_s: Positive = 15.0
     loitering_after_s: Positive = 60.0
     blind_after_s: Positive = 300.0
+    recover_after_s: NotNegative = 1.0
+    """A stage is left for a milder one only after so long without its reason."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if not self.coasting_after_s <= self.loitering_after_s <= self.blind_after_s:
             raise ValueError("allowed: coasting_after_s <= loitering_after_s <= blind_after_s")
         return self
+
+
+class HealthSection(Section):
+    """From where on the vehicle's own state of health matters."""
+
+    battery_return_percent: Annotated[float, Strict(), Field(ge=0, le=90, allow_inf_nan=False)] = 25.0
+    """Not above this it returns; 0: never for that."""
+    position_accuracy_m: Positive = 10.0
+    """A position known less well than this is good enough to loiter only."""
+    gps_fix_min: Annotated[int, Strict(), Field(ge=0, le=6)] = 3
+    """GPS_FIX_TYPE: 3 is 3D; 0 for a vehicle that finds its way without."""
+    infeasible_after_s: Positive = 5.0
+    """It loiters after so long without a certified back-up."""
+    clock_step_s: Positive = 1.0
+    """A step of the computer's clock against the steady one is told from here on."""
+
+
+class StatusSection(Section):
+    """What the companion says of itself on the autopilot link."""
+
+    quiet: Annotated[bool, Strict()] | None = None
+    """Say nothing; none: as the case wants, in Case II nothing."""
+    period_s: Annotated[float, Strict(), Field(ge=1, le=3600, allow_inf_nan=False)] = 5.0
 
 
 class Config(Section):
@@ -154,6 +196,8 @@ class Config(Section):
     broadcast: BroadcastSection | None = None
     limits: LimitsSection = LimitsSection()
     height_m: Height = 30.0
+    case: Literal["I", "II"] = "I"
+    """In Case II nothing but the broadcast shall be heard of the fleet: the companion keeps silent (status.quiet)."""
     law: Law = DEFAULT_LAW
     surrogate: Literal["pairwise", "analytic", "monolithic"] = "pairwise"
     keep_out: Literal["attack", "detection"] = "detection"
@@ -162,9 +206,12 @@ class Config(Section):
     separation_m: Positive = 100.0
     arrival_radius_m: Positive = 300.0
     guidance_step_s: Annotated[float, Strict(), Field(gt=0, le=10, allow_inf_nan=False)] = 0.5
+    setpoint_rate_hz: Annotated[float, Strict(), Field(ge=2, le=50, allow_inf_nan=False)] = 10.0
     telemetry_timeout_s: Positive = 2.0
     range_policy: Literal["return", "arrive"] = "return"
     staleness: StalenessSection = StalenessSection()
+    health: HealthSection = HealthSection()
+    status: StatusSection = StatusSection()
     peer_memory_s: NotNegative = 30.0
     vertical_separation_m: NotNegative = 0.0
     """Neighbours that are at least so much higher or lower need not give way, nor be given way; 0: everybody does."""
@@ -213,6 +260,11 @@ def load_config(name_or_path: str) -> Config:
     for key in ("autopilot", "broadcast"):
         if getattr(config, key) is None:
             raise InputError(f"{name_or_path}: {key}: missing; `companion run` needs its link")
+    if config.autopilot is not None and config.autopilot.needs_state_file and config.autopilot.state_file is None:
+        raise InputError(
+            f"{name_or_path}: autopilot.state_file: missing with kind '{config.autopilot.kind}', which obeys again by "
+            "itself; allowed: a file, so that a companion started again in flight knows whether it had the vehicle"
+        )
     if (config.uplink is None) != (config.report_period_s == 0.0):
         raise InputError(
             f"{name_or_path}: report_period_s: {config.report_period_s:g} with{'out' * (config.uplink is None)} an "
@@ -256,6 +308,7 @@ def config_for_agent(mission: Mission, agent_id: int, law: Law) -> Config:
             height_max_m=max(LimitsSection().height_max_m, height_m),
         ),
         height_m=height_m,
+        case=mission.case,
         # Half-way between two layers: whoever is on his own is not mistaken for a neighbour's.
         vertical_separation_m=0.5 * mission.layer_spacing_m,
         law=law,

@@ -10,17 +10,18 @@ from __future__ import annotations
 import itertools
 import math
 import zlib
+from enum import IntEnum
 from pathlib import Path
 
 import click
 from pymavlink.dialects.v20 import common
 
 from companion.adapters.base import COMPANION_COMPONENT
-from companion.core import Decision, Purpose
+from companion.core import CLOCK_DIGITS, Decision, Purpose
 from companion.frames import DecisionFlag, DecisionFrame
 from companion.framing import header_of
+from companion.ladder import Stage
 from companion.signing import strip_signature
-from companion.staleness import Stage
 from companion.tlog import TlogWriter, whole_frames
 
 SETUP_SIGNING_ID = 256
@@ -33,6 +34,15 @@ LOG_BURST_S = 10.0
 """A bounded log may hold so much more for a moment."""
 _MARKER_V2 = 0xFD
 _MICROSECONDS = 1e6
+
+
+class Mark(IntEnum):
+    """What a log tells of a companion beside frames and decisions: MAV_CMD that it sends to itself, and nowhere."""
+
+    CLEARED = common.MAV_CMD_USER_1
+    """A person cleared a take-over: Companion.clear()."""
+    RESUMED = common.MAV_CMD_USER_2
+    """At the beginning: the companion that ran before had the vehicle."""
 
 
 class FlightLog:
@@ -134,7 +144,8 @@ def decision_frame(decision: Decision) -> DecisionFrame:
         DecisionFlag.STAY: decision.stay is not None,
         DecisionFlag.OPPOSED: decision.opposed,
     }
-    words = (decision.reason, *decision.guard_changes, *decision.broken, decision.gave_way, decision.note)
+    told = (decision.gave_way, decision.note, *decision.triggers)
+    words = (decision.reason, *decision.guard_changes, *decision.broken, *told)
     return DecisionFrame(
         time_us=round(decision.t_s * _MICROSECONDS),
         purpose=list(Purpose).index(decision.purpose),
@@ -150,11 +161,45 @@ def decision_frame(decision: Decision) -> DecisionFrame:
     )
 
 
+def mark_frame(mark: Mark, system_id: int) -> bytes:
+    """Return a mark as it is logged."""
+    teller = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
+    order = (system_id, COMPANION_COMPONENT, mark, 0, *[0.0] * 7)
+    return bytes(common.MAVLink_command_long_message(*order).pack(teller))
+
+
+def mark_of(frame: bytes) -> Mark | None:
+    """Return the mark that a whole MAVLink 2 frame of the companion's is, if it is one."""
+    if header_of(frame).message_id != common.MAVLINK_MSG_ID_COMMAND_LONG:
+        return None
+    (message,) = common.MAVLink(None).parse_buffer(bytearray(frame)) or (None,)
+    if message is None or message.target_component != COMPANION_COMPONENT or message.command not in list(Mark):
+        return None
+    return Mark(message.command)
+
+
+def clock_frame(system_id: int, t_unix_s: float, offset_s: float) -> bytes:
+    """Return what stands in a log for Companion.note_clock() with news: SYSTEM_TIME, the computer's clock at a time."""
+    teller = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
+    wall_us = round(t_unix_s * _MICROSECONDS) + round(round(offset_s, CLOCK_DIGITS) * _MICROSECONDS)
+    return bytes(common.MAVLink_system_time_message(max(0, wall_us), 0).pack(teller))
+
+
+def clock_offset_s(frame: bytes, t_unix_s: float) -> float | None:
+    """Return the offset that a whole MAVLink 2 frame of the companion's tells of, if it is a `clock_frame`."""
+    if header_of(frame).message_id != common.MAVLINK_MSG_ID_SYSTEM_TIME:
+        return None
+    (message,) = common.MAVLink(None).parse_buffer(bytearray(frame)) or (None,)
+    return None if message is None else (message.time_unix_usec - round(t_unix_s * _MICROSECONDS)) / _MICROSECONDS
+
+
 def line_of(decision: Decision) -> str:
     """Return a decision in a line: what, why, on which picture, and what changed it."""
     target = f" {decision.target_id}" if decision.target_id is not None else ""
     changes = f", guard: {', '.join(decision.guard_changes)}" if decision.guard_changes else ""
     changes += "".join(f", {said}" for said in (decision.note, decision.gave_way) if said is not None)
     changes += f", broken: {', '.join(decision.broken)}" if decision.broken else ""
-    picture = "none" if decision.picture_age_s is None else decision.stage.value
-    return f"{decision.purpose.value}{target} ({decision.reason}), picture {picture}{changes}"
+    trusted = "picture none" if decision.picture_age_s is None else "picture fresh"
+    if decision.picture_age_s is not None and decision.stage is not Stage.FRESH:
+        trusted = f"{decision.stage.value}: {', '.join(decision.triggers)}"
+    return f"{decision.purpose.value}{target} ({decision.reason}), {trusted}{changes}"

@@ -284,7 +284,7 @@ class DecisionFrame:
     purpose: int
     """Place of the purpose in `companion.core.Purpose`."""
     stage: int
-    """Place of the stage in `companion.staleness.Stage`."""
+    """Place of the stage in `companion.ladder.Stage`."""
     target_id: int | None
     flags: DecisionFlag
     picture_age_s: float

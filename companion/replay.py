@@ -10,13 +10,12 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from companion.adapters import ADAPTERS
 from companion.adapters.base import COMPANION_COMPONENT
 from companion.admission import Admission, Trust
 from companion.config import Config
 from companion.core import Companion, Decision
 from companion.dialect import oneway
-from companion.flightlog import STATUSTEXT_ID, decision_frame
+from companion.flightlog import STATUSTEXT_ID, Mark, clock_offset_s, decision_frame, mark_of
 from companion.framing import header_of, payload_of
 from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter
 
@@ -37,11 +36,7 @@ def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[R
 
     What the log holds of the broadcast was believed in flight, so it is not asked for signatures again.
     """
-    kind = config.autopilot.kind if config.autopilot else "kinematic"
-    agreed = config.broadcast is None or config.broadcast.clock == "checked"
-    # Whatever is in the log was in time by the settings of the flight.
-    admission = Admission(Trust(max_age_s=math.inf, ahead_s=math.inf, clock_checked=agreed))
-    companion = Companion(config, ADAPTERS[kind](), admission=admission)
+    companion = _told(config)
     writer = FrameWriter()
     decided_s: float | None = None
     for t_s, raw in records:
@@ -56,7 +51,21 @@ def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[R
             companion.hear(raw, t_s)
         elif header.component != COMPANION_COMPONENT:
             companion.receive(raw, t_s)
+        elif (mark := mark_of(raw)) is not None:
+            if mark is Mark.RESUMED:
+                companion = _told(config, was_engaged=True)
+            else:
+                companion.clear(t_s)
+        elif (offset_s := clock_offset_s(raw, t_s)) is not None:
+            companion.note_clock(offset_s)
         elif t_s != decided_s and header.message_id != STATUSTEXT_ID:
             # Sent between two decisions: the last one was repeated, or withdrawn.
             companion.repeat(t_s)
             decided_s = t_s
+
+
+def _told(config: Config, was_engaged: bool = False) -> Companion:
+    agreed = config.broadcast is None or config.broadcast.clock == "checked"
+    # Whatever is in the log was in time by the settings of the flight.
+    admission = Admission(Trust(max_age_s=math.inf, ahead_s=math.inf, clock_checked=agreed))
+    return Companion(config, admission=admission, was_engaged=was_engaged)

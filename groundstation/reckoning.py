@@ -20,7 +20,7 @@ from companion.core import Companion
 from companion.geodesy import LocalFrame
 from companion.guard import Setpoint
 from companion.guidance import turn_rate_rad_s
-from companion.kinematics import turn_towards
+from companion.kinematics import advance, turn_towards
 from companion.laws import SteeringOf
 from companion.mission import AgentSpec, Mission
 
@@ -155,6 +155,7 @@ class _Reckoned(NoAutopilot):
         self._home_deg = frame.to_global(self.north_m, self.east_m)
         self._altitude_m = mission.origin.alt_m + config.height_m
         self._wanted_rad = self.heading_rad
+        self._circles = False
         self.telemetry = Telemetry()
 
     # What an adapter offers the companion
@@ -196,7 +197,9 @@ class _Reckoned(NoAutopilot):
             home_deg=self._home_deg,
             in_air=True,
         )
-        self.companion.tick(now_s)
+        decision, _ = self.companion.tick(now_s)
+        # Until its companion has a picture, what cannot stop circles where it is.
+        self._circles = decision.setpoint is None and not self.can_stop
 
     def move(self, dt_s: float) -> None:
         self.north_m, self.east_m, self.heading_rad = self.ahead(dt_s)
@@ -204,6 +207,8 @@ class _Reckoned(NoAutopilot):
     def ahead(self, dt_s: float) -> tuple[float, float, float]:
         """Return (north_m, east_m, heading_rad) after flying on as last decided."""
         rate_rad_s = turn_rate_rad_s(self.speed_m_s, self.spec.n_max)
+        if self._circles:
+            return advance(self.north_m, self.east_m, self.heading_rad, self.speed_m_s, rate_rad_s, dt_s)
         return turn_towards(
             self.north_m, self.east_m, self.heading_rad, self.speed_m_s, self._wanted_rad, rate_rad_s, dt_s
         )

@@ -34,7 +34,7 @@ pilot = Companion(Config(agent_id=1))
 pilot.hear(FrameWriter().encode(StateFrame(Stamp(1000, 0, 1), 47.0, 8.0, Directive.NORMAL,
     (AgentEntry(1, 0.0, 0.0, 1),), (TargetEntry(1, 5000.0, 0.0),),
     (ThreatEntry(1, 2500.0, 400.0, 1000.0, 500.0, 0.0),))), 1000.0)
-pilot.receive(vehicle.heartbeat_encode(2, 3, 1 | 128, 4, 4).pack(vehicle), 1000.0)
+pilot.receive(vehicle.heartbeat_encode(1, 0, 1 | 128, 4, 4).pack(vehicle), 1000.0)
 here = vehicle.global_position_int_encode(0, 470000000, 80000000, 530000, 30000, 500, 0, 0, 0)
 pilot.receive(here.pack(vehicle), 1000.0)
 decision, frames = pilot.tick(1000.0)

@@ -21,7 +21,7 @@ from companion.drawing import random_stream
 from companion.geodesy import LocalFrame
 from companion.guard import Setpoint
 from companion.guidance import turn_rate_rad_s
-from companion.kinematics import turn_towards
+from companion.kinematics import advance, turn_towards
 from companion.laws import SteeringOf
 from companion.mission import AgentSpec, Mission
 from companion.wire import Detection, DetectionsFrame, Kind
@@ -75,7 +75,7 @@ class _Vehicle(NoAutopilot):
         self.wind_m_s = (0.0, 0.0)
         self.alive = True
         self._rate_rad_s = turn_rate_rad_s(spec.speed_m_s, spec.n_max)
-        self._wanted_rad = self.heading_rad
+        self._wanted_rad: float | None = None
         self._frame = frame
         self._home_deg = frame.to_global(self.north_m, self.east_m)
         self._height_m = config.height_m
@@ -125,10 +125,13 @@ class _Vehicle(NoAutopilot):
 
     def move(self, dt_s: float) -> None:
         """Fly on by the last setpoint for a step."""
-        heading_rad = crabbed(self._wanted_rad, self.spec.speed_m_s, self.wind_m_s)
-        self.north_m, self.east_m, self.heading_rad = turn_towards(
-            self.north_m, self.east_m, self.heading_rad, self.spec.speed_m_s, heading_rad, self._rate_rad_s, dt_s
-        )
+        pose = (self.north_m, self.east_m, self.heading_rad, self.spec.speed_m_s)
+        if self._wanted_rad is None:
+            # Until its companion has a picture it circles where it is.
+            self.north_m, self.east_m, self.heading_rad = advance(*pose, self._rate_rad_s, dt_s)
+        else:
+            heading_rad = crabbed(self._wanted_rad, self.spec.speed_m_s, self.wind_m_s)
+            self.north_m, self.east_m, self.heading_rad = turn_towards(*pose, heading_rad, self._rate_rad_s, dt_s)
         self.north_m += self.wind_m_s[0] * dt_s
         self.east_m += self.wind_m_s[1] * dt_s
 

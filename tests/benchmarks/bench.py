@@ -41,7 +41,7 @@ def main() -> None:
     where = common.MAVLink_global_position_int_message(0, 470000000, 80000000, 530000, 30000, 6000, 0, 0, 0)
     companion = Companion(Config(agent_id=1))
     companion.hear(datagram, START_S)
-    companion.receive(vehicle.heartbeat_encode(1, 3, 1 | 128, 4, 4).pack(vehicle), START_S)
+    companion.receive(vehicle.heartbeat_encode(1, 0, 1 | 128, 4, 4).pack(vehicle), START_S)
     companion.receive(where.pack(vehicle), START_S)
     profile, rng = profile_by_name("pairwise"), np.random.default_rng(0)
     threats, peers = rng.uniform(0.0, 2e5, (4, 2)), rng.uniform(0.0, 2e5, (9, 2))

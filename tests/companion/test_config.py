@@ -8,7 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.config import LAWS, Config, Law, config_for_agent, load_config, packaged_configs
+from companion.config import (
+    LAWS,
+    Config,
+    Law,
+    config_for_agent,
+    dump_config,
+    load_config,
+    packaged_configs,
+    parse_config,
+)
 from companion.drawing import resolve
 from companion.errors import InputError
 from companion.mission import load_mission, packaged_missions, parse_mission
@@ -22,6 +31,11 @@ broadcast: {link: "udpin:127.0.0.1:14600", trust: unsigned}
 UPLINK = 'uplink: {link: "udpout:127.0.0.1:14700"}\n'
 WITHOUT_AUTOPILOT = "agent_id: 3\nbroadcast: {link: 'udpin:127.0.0.1:14600', trust: unsigned}\n"
 WITHOUT_BROADCAST = "agent_id: 3\nautopilot: {kind: arducopter, link: 'udpin:127.0.0.1:14540'}\n"
+
+
+def with_autopilot(line: str) -> str:
+    return GOOD.replace("kind: arducopter,", f"kind: arducopter, {line},")
+
 
 BAD: dict[str, tuple[str, tuple[str, ...]]] = {
     "empty": ("", ("empty",)),
@@ -97,6 +111,39 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
     "more than the turn rate": (GOOD + "limits: {rate_share: 1.1}\n", ("limits.rate_share", "1.1")),
     "an endless error": (GOOD + "limits: {position_error_m: .inf}\n", ("limits.position_error_m", "inf")),
     "layers of less than nothing": (GOOD + "vertical_separation_m: -1\n", ("vertical_separation_m", "-1")),
+    "another case": (GOOD + "case: III\n", ("case", "'III'", "'I' or 'II'")),
+    "setpoints too seldom": (GOOD + "setpoint_rate_hz: 1\n", ("setpoint_rate_hz", "1", "2")),
+    "setpoints too often": (GOOD + "setpoint_rate_hz: 51\n", ("setpoint_rate_hz", "51", "50")),
+    "a system that is none": (with_autopilot("system_id: 0"), ("autopilot.system_id", "0", "1")),
+    "a system beyond all": (with_autopilot("system_id: 256"), ("autopilot.system_id", "256", "255")),
+    "an offboard that is not": (with_autopilot("offboard: mavlink"), ("autopilot.offboard", "'mavlink'", "'direct'")),
+    "offboard of another kind": (
+        with_autopilot("offboard: direct"),
+        ("autopilot", "offboard: 'direct'", "kind 'arducopter'", "only with px4-copter"),
+    ),
+    "a clearing that is not": (with_autopilot("clear: rc"), ("autopilot.clear", "'rc'", "'disarm' or 'signal'")),
+    "a state file without a name": (with_autopilot("state_file: ''"), ("autopilot.state_file", "1")),
+    "a PX4 without a state file": (
+        GOOD.replace("arducopter", "px4-plane"),
+        ("autopilot.state_file: missing", "'px4-plane'", "started again in flight"),
+    ),
+    "no time to say anything": (GOOD + "status: {period_s: 0.5}\n", ("status.period_s", "0.5", "1")),
+    "half quiet": (GOOD + "status: {quiet: half}\n", ("status.quiet", "'half'", "boolean")),
+    "a stage that ends before": (GOOD + "staleness: {recover_after_s: -1}\n", ("staleness.recover_after_s", "-1")),
+    "an empty battery as limit": (
+        GOOD + "health: {battery_return_percent: 91}\n",
+        ("health.battery_return_percent", "91", "90"),
+    ),
+    "a position without any accuracy": (
+        GOOD + "health: {position_accuracy_m: 0}\n",
+        ("health.position_accuracy_m", "greater than 0"),
+    ),
+    "a fix beyond all": (GOOD + "health: {gps_fix_min: 7}\n", ("health.gps_fix_min", "7", "6")),
+    "no patience with the guard": (
+        GOOD + "health: {infeasible_after_s: 0}\n",
+        ("health.infeasible_after_s", "greater than 0"),
+    ),
+    "a clock that never errs": (GOOD + "health: {clock_step_s: 0}\n", ("health.clock_step_s", "greater than 0")),
     "a log folder without a name": (GOOD + "log_dir: ''\n", ("log_dir", "1")),
 }
 
@@ -133,6 +180,25 @@ def test_the_packaged_configuration_is_of_an_agent_of_its_mission_and_flies_as_i
 def test_a_configuration_needs_only_agent_and_links(tmp_path: Path) -> None:
     config = load(tmp_path, GOOD)
     assert (config.agent_id, config.law, config.keep_out) == (3, "routed", "detection")
+
+
+def test_a_vehicle_with_one_radio_hears_the_broadcast_through_its_autopilot(tmp_path: Path) -> None:
+    config = load(tmp_path, GOOD.replace("udpin:127.0.0.1:14600", "autopilot"))
+    assert config.broadcast is not None
+    assert config.broadcast.link == "autopilot"
+
+
+@pytest.mark.parametrize(("key", "config"), [("case", "I"), ("case", "II")])
+def test_a_mission_tells_its_case_to_each_agent(key: str, config: str) -> None:
+    mission = resolve(load_mission("paper-static").model_copy(update={key: config}), 1)
+    assert config_for_agent(mission, 1, "routed").case == config
+
+
+@pytest.mark.parametrize("kind", ["arducopter", "px4-copter"])
+def test_a_configuration_written_out_is_read_back_the_same(kind: str) -> None:
+    given = {"kind": kind, "link": "udpin:127.0.0.1:14540", "state_file": "a", "system_id": 3, "clear": "signal"}
+    config = Config.model_validate({"agent_id": 1, "autopilot": given, "status": {"quiet": True}, "case": "II"})
+    assert parse_config(dump_config(config), "written") == config
 
 
 @pytest.mark.parametrize("law", LAWS)

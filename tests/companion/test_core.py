@@ -12,25 +12,20 @@ from pymavlink.dialects.v20 import common
 
 from companion.adapters import ADAPTERS
 from companion.adapters.base import NEIGHBOUR_MEMORY_S
-from companion.adapters.velocity import GUIDED_MODE
 from companion.admission import Admission, Trust
-from companion.config import LAWS, Config, LimitsSection, StalenessSection
+from companion.config import LAWS, Config
 from companion.core import ARRIVAL_SHARE, HEARTBEAT_TIMEOUT_S, Companion, Decision, Purpose
-from companion.geodesy import LocalFrame
 from companion.guard import KEEP_OUT, NEW_THREAT, Verdict
 from companion.guidance import Pull
 from companion.kinematics import turn_towards
+from companion.ladder import Stage
 from companion.laws import ROUTE_MARGIN_M, Pose, Task, Wish
-from companion.mission import CostWeights
 from companion.picture import View
 from companion.right_of_way import PASSING, SLOWING, STOPPING
-from companion.staleness import Stage
 from companion.wire import (
-    THREATS_PER_FRAME,
     AgentEntry,
     AgentMotion,
     BandEntry,
-    BandsFrame,
     Directive,
     FrameReader,
     FrameWriter,
@@ -39,156 +34,24 @@ from companion.wire import (
     ReportFrame,
     Stamp,
     StateFrame,
-    TargetEntry,
     ThreatEntry,
 )
-
-ME = 3
-SYSTEM = 9
-EPOCH_S = 1_790_000_000
-NOW_S = EPOCH_S + 100.0
-ORIGIN_DEG = (47.0, 8.0)
-ALTITUDE_M = 530.0
-FRAME = LocalFrame(*ORIGIN_DEG)
-GUIDED = common.MAV_MODE_FLAG_SAFETY_ARMED | common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-CONFIG = Config(
-    agent_id=ME,
-    limits=LimitsSection(speed_m_s=10.0, n_max=1.0, range_m=50_000.0),
-    weights=CostWeights(k_d=1e6, k_a=1e6, k_c=1e5, k_l=1e5),
-    arrival_radius_m=100.0,
-    separation_m=20.0,
-    staleness=StalenessSection(coasting_after_s=15.0, loitering_after_s=60.0, blind_after_s=300.0),
+from tests.companion.core_flight import (
+    CONFIG,
+    EPOCH_S,
+    FRAME,
+    GUIDED,
+    GUIDED_MODE,
+    KINDS,
+    ME,
+    NOW_S,
+    SYSTEM,
+    Flight,
+    guided,
 )
+
 BY_F_STAR = CONFIG.model_copy(update={"law": "seed"})
 """Steered by the surrogate's gradient, which neighbours push: no right of way."""
-
-
-class Flight:
-    """A companion, and what the world tells it."""
-
-    def __init__(self, config: Config = CONFIG, kind: str = "arducopter") -> None:
-        self.companion = Companion(config, ADAPTERS[kind]())
-        self.now_s = NOW_S
-        self.sequence = 0
-        self._modes: tuple[int, int] | None = None
-        self._writer = FrameWriter()
-        self._autopilot = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=common.MAV_COMP_ID_AUTOPILOT1)
-
-    def heartbeat(self, base_mode: int = GUIDED, custom_mode: int = GUIDED_MODE) -> None:
-        self._modes = (base_mode, custom_mode)
-        self._tell(
-            common.MAVLink_heartbeat_message(
-                common.MAV_TYPE_QUADROTOR,
-                common.MAV_AUTOPILOT_ARDUPILOTMEGA,
-                base_mode,
-                custom_mode,
-                common.MAV_STATE_ACTIVE,
-                3,
-            )
-        )
-
-    def position(
-        self, north_m: float = 0.0, east_m: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0), hdg: int = 0
-    ) -> None:
-        if self._modes is not None:
-            # An autopilot says both all the time.
-            self.heartbeat(*self._modes)
-        lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
-        vx, vy = (round(100 * speed) for speed in velocity)
-        self._tell(
-            common.MAVLink_global_position_int_message(
-                0, round(lat_deg * 1e7), round(lon_deg * 1e7), round(1e3 * ALTITUDE_M), 30_000, vx, vy, 0, hdg
-            )
-        )
-
-    def home(self, north_m: float, east_m: float) -> None:
-        lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
-        self._tell(
-            common.MAVLink_home_position_message(
-                round(lat_deg * 1e7), round(lon_deg * 1e7), 500_000, 0, 0, 0, [1.0, 0.0, 0.0, 0.0], 0, 0, 0
-            )
-        )
-
-    def broadcast(
-        self,
-        target: tuple[float, float] | None = (5_000.0, 0.0),
-        *,
-        directive: Directive = Directive.NORMAL,
-        threats: tuple[ThreatEntry, ...] = (),
-        agents: tuple[AgentEntry, ...] = (),
-    ) -> None:
-        self.sequence += 1
-        targets = () if target is None else (TargetEntry(4, *target),)
-        me = AgentEntry(ME, 0.0, 0.0, 4 if targets else None)
-        parts = [threats[k : k + THREATS_PER_FRAME] for k in range(0, max(1, len(threats)), THREATS_PER_FRAME)]
-        for index, part in enumerate(parts):
-            stamp = Stamp(EPOCH_S, round((self.now_s - EPOCH_S) * 1000), self.sequence, index, len(parts))
-            frame = StateFrame(stamp, *ORIGIN_DEG, directive, (me, *agents), targets, part)
-            self.companion.hear(self._writer.encode(frame), self.now_s)
-
-    def bands(self, *bands: BandEntry) -> None:
-        """Tell the heights of the threats of the last broadcast."""
-        stamp = Stamp(EPOCH_S, round((self.now_s - EPOCH_S) * 1000), self.sequence)
-        self.companion.hear(self._writer.encode(BandsFrame(stamp, bands)), self.now_s)
-
-    def neighbour(
-        self,
-        north_m: float,
-        east_m: float,
-        velocity: tuple[float, float] = (0.0, 0.0),
-        *,
-        callsign: bytes = b"OW00012",
-        address: int = 0xABC,
-        above_m: float | None = None,
-    ) -> None:
-        """Let the vehicle's own detector see somebody; velocity from true north."""
-        lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
-        course_rad, speed_m_s = math.atan2(velocity[1], velocity[0]), math.hypot(*velocity)
-        valid = (
-            common.ADSB_FLAGS_VALID_COORDS
-            | common.ADSB_FLAGS_VALID_HEADING
-            | common.ADSB_FLAGS_VALID_VELOCITY
-            | common.ADSB_FLAGS_VALID_CALLSIGN
-        )
-        if above_m is not None:
-            valid |= common.ADSB_FLAGS_VALID_ALTITUDE
-        altitude_mm = round(1e3 * (ALTITUDE_M + (above_m or 0.0)))
-        altitude_type = common.ADSB_ALTITUDE_TYPE_GEOMETRIC
-        place = (address, round(lat_deg * 1e7), round(lon_deg * 1e7), altitude_type, altitude_mm)
-        motion = (round(math.degrees(course_rad) * 100) % 36_000, round(speed_m_s * 100), 0)
-        self._tell(common.MAVLink_adsb_vehicle_message(*place, *motion, callsign, 14, 0, valid, 0))
-
-    def tick(self) -> tuple[Decision, common.MAVLink_message | None]:
-        """Return the decision and the setpoint sent with it."""
-        decision, datagrams = self.companion.tick(self.now_s)
-        messages = [common.MAVLink(None).parse_buffer(bytearray(datagram))[0] for datagram in datagrams]
-        setpoints = [m for m in messages if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
-        assert len(setpoints) <= 1
-        assert {m.get_type() for m in messages} <= {"SET_POSITION_TARGET_LOCAL_NED", "HEARTBEAT"}
-        return decision, setpoints[0] if setpoints else None
-
-    def at(
-        self, north_m: float = 0.0, east_m: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0), hdg: int = 0
-    ) -> tuple[Decision, common.MAVLink_message | None]:
-        """Be at a place and decide."""
-        self.position(north_m, east_m, velocity, hdg)
-        return self.tick()
-
-    @staticmethod
-    def parsed(frames: list[bytes]) -> list[common.MAVLink_message]:
-        """Return the setpoints among frames."""
-        messages = common.MAVLink(None).parse_buffer(b"".join(frames)) or []
-        return [message for message in messages if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
-
-    def _tell(self, message: common.MAVLink_message) -> None:
-        self.companion.receive(bytes(message.pack(self._autopilot)), self.now_s)
-
-
-def guided(config: Config = CONFIG, kind: str = "arducopter") -> Flight:
-    flight = Flight(config, kind)
-    flight.heartbeat()
-    flight.position()
-    return flight
 
 
 # When it steers at all
@@ -267,14 +130,43 @@ def test_a_heartbeat_goes_out_once_a_second_even_when_idle() -> None:
     assert all(later - sooner >= 1.0 - 1e-6 for sooner, later in zip(beats_s, beats_s[1:], strict=False))
 
 
+def test_it_is_idle_below_the_height_where_steering_begins() -> None:
+    flight = guided()
+    flight.broadcast()
+    flight.position(height_mm=4_900)
+    decision, setpoint = flight.tick()
+    assert (decision.purpose, decision.reason, setpoint) == (Purpose.IDLE, "below height_min_m", None)
+    flight.position(height_mm=5_000)
+    assert flight.tick()[0].purpose is Purpose.TARGET
+    flight.position(height_mm=4_900)
+    assert flight.tick()[0].purpose is Purpose.TARGET
+
+
 # What it does
 
 
-@pytest.mark.parametrize("kind", ADAPTERS)
-def test_without_a_picture_it_loiters_where_it_is(kind: str) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_a_picture_it_is_idle_and_engages_with_the_first(kind: str) -> None:
     flight = guided(kind=kind)
     decision, setpoint = flight.tick()
-    assert (decision.purpose, decision.reason, decision.picture_age_s) == (Purpose.LOITER, "no picture", None)
+    assert (decision.purpose, decision.reason, setpoint) == (Purpose.IDLE, "no picture", None)
+    flight.broadcast()
+    assert flight.tick()[0].purpose is Purpose.TARGET
+
+
+def test_with_an_old_picture_it_does_not_engage() -> None:
+    flight = guided()
+    flight.broadcast()
+    flight.now_s += 60.0
+    decision, setpoint = flight.at()
+    assert (decision.purpose, decision.reason, setpoint) == (Purpose.IDLE, "picture too old", None)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_a_target_it_loiters_where_it_is(kind: str) -> None:
+    flight = guided(kind=kind)
+    flight.broadcast(None)
+    _, setpoint = flight.tick()
     assert setpoint is not None
     assert math.hypot(setpoint.vx, setpoint.vy) == pytest.approx(0.0 if kind == "arducopter" else 10.0, abs=1e-3)
 
@@ -428,6 +320,7 @@ def test_losing_the_broadcast_walks_the_stages(age_s: float, stage: Stage, purpo
     flight = guided()
     flight.home(-2_000.0, 0.0)
     flight.broadcast()
+    flight.at()
     flight.now_s += age_s
     decision, setpoint = flight.at()
     assert (decision.stage, decision.purpose, decision.reason) == (stage, purpose, reason)
@@ -439,9 +332,13 @@ def test_regaining_the_broadcast_walks_back() -> None:
     flight = guided()
     flight.home(-2_000.0, 0.0)
     flight.broadcast()
+    flight.at()
     flight.now_s += 400.0
     assert flight.at()[0].purpose is Purpose.RETURN
     flight.broadcast()
+    flight.now_s += 0.9
+    assert flight.at()[0].purpose is Purpose.RETURN
+    flight.now_s += 0.1
     assert flight.at()[0].purpose is Purpose.TARGET
 
 
@@ -537,7 +434,7 @@ pairs = st.tuples(places_m, places_m)
 
 @settings(max_examples=150, deadline=None)
 @given(
-    st.sampled_from(sorted(ADAPTERS)),
+    st.sampled_from(KINDS),
     st.sampled_from(LAWS),
     pairs,
     st.none() | pairs,
@@ -569,6 +466,7 @@ def test_whatever_is_broadcast_the_velocity_asked_for_is_finite_and_within_the_l
         ),
         agents=tuple(AgentEntry(10 + k, *peer, None) for k, peer in enumerate(peers)),
     )
+    flight.at()
     flight.now_s += age_s
     decision, setpoint = flight.at(*place, velocity)
     assert setpoint is not None
@@ -761,8 +659,9 @@ def test_where_a_neighbour_is_seen_there_is_no_place_to_loiter(
 ) -> None:
     flight = guided(BY_F_STAR)
     flight.neighbour(*seen_ned_m)
+    flight.broadcast(None)
     decision, setpoint = flight.tick()
-    assert (decision.purpose, decision.reason) == (Purpose.LOITER, "no picture")
+    assert (decision.purpose, decision.reason) == (Purpose.LOITER, "no target")
     assert setpoint is not None
     assert math.hypot(setpoint.vx, setpoint.vy) == pytest.approx(speed_m_s, abs=1e-3)
 
@@ -787,11 +686,12 @@ def test_it_heads_for_the_tangent_of_a_disc_ahead() -> None:
     assert abs(wanted_rad(decision)) == pytest.approx(tangent_rad, abs=0.01)
 
 
-@pytest.mark.parametrize("kind", ADAPTERS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_it_flies_around_a_disc_ahead_to_its_target_without_entering_it(kind: str) -> None:
     flight = guided(kind=kind)
+    flight.broadcast((2_000.0, 0.0), threats=(AHEAD,))
     state, least_m, steps = (0.0, 0.0, 0.3), math.inf, 0
-    while (decision := flight.at(*state[:2], velocity_of(state))[0]).purpose is Purpose.TARGET or steps == 0:
+    while (decision := flight.at(*state[:2], velocity_of(state))[0]).purpose is Purpose.TARGET:
         assert (decision.broken, decision.uncertified) == ((), False)
         flight.broadcast((2_000.0, 0.0), threats=(AHEAD,))
         setpoint = decision.setpoint
@@ -841,7 +741,7 @@ def test_what_keeps_the_law_from_its_goal_is_the_reason_of_the_decision() -> Non
             """Loiter as asked, else stay."""
             return Wish(task.pull) if task.loitering else Wish(Pull(0.0, 0.0), stay="weary")
 
-    flight = guided()
+    flight = Flight(kind="kinematic")
     flight.companion = Companion(CONFIG, ADAPTERS["kinematic"](), Resigned())
     flight.heartbeat()
     flight.broadcast()

@@ -12,8 +12,8 @@ from companion.core import Decision, Purpose
 from companion.flightlog import LOG_BURST_S, FlightLog, decision_frame, line_of, unused, without_secrets
 from companion.frames import DecisionFlag
 from companion.guard import NO_BACKUP, Setpoint
+from companion.ladder import Stage
 from companion.signing import MavlinkSigner
-from companion.staleness import Stage
 from companion.tlog import TlogWriter, read_tlog
 from companion.wire import Directive, FrameWriter, Stamp, StateFrame, decode_frame
 

@@ -1,0 +1,182 @@
+"""Who may steer: the mode alone on ArduPilot, and on PX4 nobody after a take-over until a person clears it."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common
+
+from companion.adapters.base import Telemetry
+from companion.engagement import DIED_BEFORE, FAILSAFE, MODE_LEFT, NOT_OURS, RESTARTED, Engagement, State
+
+FLYING = Telemetry(system_id=1, heartbeat_at_s=0.0, armed=True, in_air=True, system_status=common.MAV_STATE_ACTIVE)
+ON_THE_GROUND = replace(FLYING, armed=False, in_air=False)
+IN_FAILSAFE = replace(FLYING, system_status=common.MAV_STATE_CRITICAL)
+
+
+def px4(was_engaged: bool = False) -> Engagement:
+    return Engagement(resumes=True, was_engaged=was_engaged)
+
+
+def engaged() -> Engagement:
+    engagement = px4()
+    engagement.note(FLYING, steerable=False)
+    engagement.note(FLYING, steerable=True)
+    assert engagement.state is State.ENGAGED
+    return engagement
+
+
+def taken_over() -> Engagement:
+    engagement = engaged()
+    engagement.note(FLYING, steerable=False)
+    assert engagement.state is State.LOCKED
+    return engagement
+
+
+@pytest.mark.parametrize("steps", [(True, False, True), (True,), (False, True, False), (True, False)])
+def test_on_ardupilot_the_mode_alone_decides(steps: tuple[bool, ...]) -> None:
+    engagement = Engagement(resumes=False)
+    for steerable in steps:
+        engagement.note(replace(IN_FAILSAFE, restarts=len(steps)), steerable)
+        assert engagement.state is (State.ENGAGED if steerable else State.WAITING)
+
+
+def test_a_px4_that_is_handed_over_is_engaged() -> None:
+    assert engaged().engaged
+
+
+def test_a_mode_change_locks_it() -> None:
+    assert taken_over().reason == MODE_LEFT
+
+
+def test_after_a_take_over_offboard_alone_gives_nothing_back() -> None:
+    engagement = taken_over()
+    engagement.note(FLYING, steerable=True)
+    assert engagement.state is State.LOCKED
+
+
+def test_disarming_clears_a_take_over() -> None:
+    engagement = taken_over()
+    engagement.note(ON_THE_GROUND, steerable=False)
+    assert (engagement.state, engagement.engaged) == (State.WAITING, False)
+    engagement.note(FLYING, steerable=True)
+    assert engagement.state is State.ENGAGED
+
+
+def test_a_person_clears_a_take_over_on_the_spot() -> None:
+    engagement = taken_over()
+    engagement.clear()
+    assert engagement.state is State.WAITING
+
+
+def test_a_failsafe_locks_it_even_in_offboard() -> None:
+    engagement = engaged()
+    engagement.note(IN_FAILSAFE, steerable=True)
+    assert (engagement.state, engagement.reason) == (State.LOCKED, FAILSAFE)
+    engagement.note(FLYING, steerable=True)
+    assert engagement.state is State.LOCKED
+
+
+def test_a_restart_of_the_autopilot_locks_it() -> None:
+    engagement = engaged()
+    engagement.note(replace(FLYING, restarts=1), steerable=True)
+    assert (engagement.state, engagement.reason) == (State.LOCKED, RESTARTED)
+
+
+def test_a_gap_in_the_stream_locks_it() -> None:
+    engagement = engaged()
+    engagement.note_gap("position too old")
+    assert (engagement.state, engagement.reason) == (State.LOCKED, "setpoints stopped: position too old")
+
+
+def test_a_gap_means_nothing_to_a_person_who_has_the_vehicle_nor_to_ardupilot() -> None:
+    waiting = px4()
+    waiting.note(FLYING, steerable=False)
+    copter = Engagement(resumes=False)
+    copter.note(FLYING, steerable=True)
+    for engagement in (waiting, copter):
+        state = engagement.state
+        engagement.note_gap("no reason")
+        assert engagement.state is state
+
+
+def test_a_companion_that_finds_offboard_on_when_it_starts_sends_nothing() -> None:
+    engagement = px4()
+    engagement.note(FLYING, steerable=True)
+    assert (engagement.state, engagement.reason) == (State.LOCKED, NOT_OURS)
+
+
+def test_a_companion_that_had_the_vehicle_before_it_died_goes_on() -> None:
+    engagement = px4(was_engaged=True)
+    assert engagement.engaged
+    engagement.note(FLYING, steerable=True)
+    assert engagement.state is State.ENGAGED
+
+
+def test_what_ended_while_the_companion_was_dead_is_over() -> None:
+    engagement = px4(was_engaged=True)
+    engagement.note(FLYING, steerable=False)
+    assert (engagement.state, engagement.reason) == (State.LOCKED, DIED_BEFORE)
+
+
+def test_a_companion_that_dies_again_after_a_take_over_still_knows_of_it() -> None:
+    again = px4(was_engaged=taken_over().engaged)
+    again.note(FLYING, steerable=False)
+    assert again.state is State.LOCKED
+
+
+def test_somebody_elses_offboard_is_not_taken_for_ones_own_after_a_restart() -> None:
+    engagement = taken_over()
+    engagement.note(FLYING, steerable=True)
+    again = px4(was_engaged=engagement.engaged)
+    again.note(FLYING, steerable=True)
+    assert again.state is State.LOCKED
+
+
+def test_on_the_ground_nothing_is_engaged() -> None:
+    engagement = px4()
+    engagement.note(ON_THE_GROUND, steerable=False)
+    engagement.note(replace(FLYING, in_air=False), steerable=True)
+    assert engagement.state is State.WAITING
+
+
+def test_before_the_first_heartbeat_nothing_is_decided() -> None:
+    engagement = px4(was_engaged=True)
+    engagement.note(Telemetry(), steerable=False)
+    assert (engagement.state, engagement.engaged) == (State.WAITING, True)
+
+
+telemetries = st.builds(
+    replace,
+    st.just(FLYING),
+    armed=st.booleans(),
+    in_air=st.sampled_from([True, False, None]),
+    system_status=st.sampled_from([common.MAV_STATE_ACTIVE, common.MAV_STATE_CRITICAL]),
+    restarts=st.integers(0, 2),
+)
+
+
+@given(st.lists(st.tuples(telemetries, st.booleans()), max_size=30), st.booleans())
+def test_from_a_lock_nothing_but_disarming_leads_out(history: list[tuple[Telemetry, bool]], was_engaged: bool) -> None:
+    engagement = px4(was_engaged)
+    for telemetry, in_offboard in history:
+        was_locked = engagement.locked
+        engagement.note(telemetry, steerable=telemetry.armed and in_offboard)
+        if was_locked:
+            assert engagement.locked is telemetry.armed
+        if engagement.state is State.ENGAGED:
+            assert telemetry.armed
+            assert in_offboard
+            assert telemetry.system_status == common.MAV_STATE_ACTIVE
+
+
+@given(st.lists(st.tuples(telemetries, st.booleans()), max_size=30))
+def test_noting_the_same_twice_changes_nothing(history: list[tuple[Telemetry, bool]]) -> None:
+    once, twice = px4(), px4()
+    for telemetry, in_offboard in history:
+        steerable = telemetry.armed and in_offboard
+        once.note(telemetry, steerable)
+        twice.note(telemetry, steerable)
+        twice.note(telemetry, steerable)
+        assert (once.state, once.reason, once.engaged) == (twice.state, twice.reason, twice.engaged)
