@@ -6,8 +6,14 @@ import asyncio
 import signal
 import time
 from collections.abc import Callable, Coroutine
+from typing import TypeVar
 
 from companion.tlog import logged_s
+
+Result = TypeVar("Result")
+
+PILED_UP_DATAGRAMS = 256
+"""Several seconds of an autopilot's telemetry: what a program that hung finds waiting."""
 
 
 class SteadyClock:
@@ -21,6 +27,13 @@ class SteadyClock:
         return logged_s(self._offset_s + time.monotonic())
 
 
+async def hear_what_piled_up() -> None:
+    """Let every socket hand over what came while the program hung, before anything is decided on what is older."""
+    for _ in range(PILED_UP_DATAGRAMS):
+        # A socket hands over one datagram in a round of the loop.
+        await asyncio.sleep(0.0)
+
+
 async def wait(stop: asyncio.Event, wait_s: float) -> None:
     """Wait so long, or until `stop` is set."""
     try:
@@ -30,13 +43,13 @@ async def wait(stop: asyncio.Event, wait_s: float) -> None:
         await asyncio.sleep(0.0)
 
 
-def run_until_signal(program: Callable[[asyncio.Event], Coroutine[None, None, None]]) -> None:
-    """Run a program that ends when its event is set, and set it on SIGINT or SIGTERM."""
+def run_until_signal(program: Callable[[asyncio.Event], Coroutine[None, None, Result]]) -> Result:
+    """Run a program that ends when its event is set, set it on SIGINT or SIGTERM, and return what it returns."""
 
-    async def run() -> None:
+    async def run() -> Result:
         stop = asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        await program(stop)
+        return await program(stop)
 
-    asyncio.run(run())
+    return asyncio.run(run())

@@ -1,40 +1,55 @@
 """Shell of `companion run`: sockets, the clock and the log files around the core.
 
-One autopilot link, which goes both ways, and the broadcast link, which is only ever heard; an uplink for reports where
-there is one. Setpoints leave on a fixed
-grid of the monotonic clock; the time given to the core is Unix time as it was at the start, carried on by the monotonic
-clock, so that a step of the system clock in flight changes no age.
+One autopilot link, which goes both ways, and the broadcast link, which is only ever heard (or the same link, where one
+radio carries both); an uplink for reports where there is one. Setpoints leave on a fixed grid of the monotonic clock;
+the time given to the core is Unix time as it was at the start, carried on by the monotonic clock, so that a step of the
+system clock in flight changes no age. Disks and the terminal are waited for on threads of their own.
 """
 
 from __future__ import annotations
 
 import asyncio
+import gc
+import json
 import math
+import signal
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
+from companion.adapters.base import COMPANION_COMPONENT
 from companion.admission import EXPECTED, OLD_EPOCH, Admission, AdmissionState, Trust
-from companion.config import BroadcastSection, Config, dump_config
-from companion.core import REPEAT_PERIOD_S, Companion
+from companion.background import Background, BackgroundFile
+from companion.config import ONE_RADIO, AutopilotSection, BroadcastSection, Config, dump_config
+from companion.core import Companion, Decision, Purpose
+from companion.decisions import DecisionTable
+from companion.dialect import oneway
+from companion.encapsulation import unwrap
 from companion.errors import InputError
-from companion.flightlog import FlightLog, decision_frame, line_of, unused
-from companion.framing import StreamFramer
+from companion.flightlog import FlightLog, Mark, clock_frame, decision_frame, line_of, mark_frame, unused
+from companion.framing import MARKER, StreamFramer, header_of
 from companion.keys import load_mavlink_key, load_public
-from companion.process import SteadyClock, wait
+from companion.notify import Notifier
+from companion.offboard import Offboard, Velocity, is_setpoint, velocity_of
+from companion.pace import Beat, Gaps, next_due_s
+from companion.process import SteadyClock, hear_what_piled_up, wait
 from companion.reception import Warnings
-from companion.statefile import read_state_file, write_state_file
-from companion.tlog import TlogWriter
-from companion.transport import open_duplex, open_receiver, open_sender, parse_link
-from companion.wire import FrameWriter
+from companion.statefile import check_state_file, read_state_file, write_state_file
+from companion.status import StatusTeller
+from companion.tlog import TlogWriter, whole_frames
+from companion.transport import Duplex, Sender, open_duplex, open_receiver, open_sender, parse_link
+from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter
 
 STATE_PERIOD_S = 1.0
 """How often at most what was accepted last is written to disk."""
 BROADCAST_LOG_BYTES_PER_S = 20_000.0
 """Several times what any radio in mind carries; a flood is logged no faster."""
+ONEWAY_IDS = frozenset(oneway.mavlink_map) - {oneway.MAVLINK_MSG_ID_HEARTBEAT}
+"""Messages of our own dialect."""
 STATUS_PERIOD_S = 60.0
 """How often the state of the broadcast link is told while nothing else is."""
 
@@ -48,79 +63,10 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
     """
     if config.autopilot is None or config.broadcast is None:
         raise InputError("companion: autopilot and broadcast links are needed")
-    section = config.broadcast
-    link = parse_link(section.link)
-    state = _state_of(section)
-    is_stream = link.scheme == "serial"
-    admission = Admission(trust_of(section), state, is_stream=is_stream)
-    framer = StreamFramer() if is_stream else None
-    companion = Companion(config, admission=admission)
-    marks = FrameWriter()
-    clock = SteadyClock()
     with ExitStack() as stack:
-        vehicle_log, broadcast_log = _logs(config, stack)
-
-        def believed(take: Callable[[float], list[bytes]]) -> None:
-            now_s = clock.now_s()
-            for raw in take(now_s):
-                vehicle_log.record(now_s, raw)
-
-        def from_broadcast(datagram: bytes) -> None:
-            for frames in [datagram] if framer is None else framer.feed(datagram):
-                broadcast_log.record(clock.now_s(), frames)
-            believed(lambda now_s: companion.hear(datagram, now_s))
-
-        def from_autopilot(datagram: bytes) -> None:
-            now_s = clock.now_s()
-            companion.receive(datagram, now_s)
-            vehicle_log.record(now_s, datagram)
-
-        def send(frames: list[bytes], now_s: float) -> None:
-            for frame in frames:
-                autopilot.send(frame)
-                vehicle_log.record(now_s, frame)
-
-        receiver = await open_receiver(link, from_broadcast)
-        stack.callback(receiver.close)
-        autopilot = await open_duplex(parse_link(config.autopilot.link), from_autopilot)
-        stack.callback(autopilot.close)
-        click.echo(
-            f"companion: agent {config.agent_id}, {config.autopilot.kind} on {config.autopilot.link}, "
-            f"broadcast on {section.link} ({admission.trust.words})"
-        )
-        uplink = None
-        if config.uplink is not None:
-            uplink = await open_sender(parse_link(config.uplink.link))
-            stack.callback(uplink.close)
-        said: set[str] = set()
-        doubted = ", unsigned" if section.trust == "unsigned" else ""
-        listening = _Listening(companion)
-        keeper = _StateKeeper(section.state_file, admission)
-        stack.callback(keeper.keep)
-        due_s = time.monotonic()
-        while not stop.is_set():
-            # What waited for its check in a flood is heard of here where nothing else arrives.
-            believed(companion.hear_waiting)
-            now_s = clock.now_s()
-            decision, frames = companion.tick(now_s)
-            vehicle_log.record(now_s, marks.encode(decision_frame(decision)))
-            send(frames, now_s)
-            if uplink is not None:
-                for report in companion.report(now_s):
-                    uplink.send(report)
-            line = line_of(decision) + doubted
-            for news in [*listening.news(now_s), line]:
-                if news not in said:
-                    click.echo(f"companion: {news}")
-                    vehicle_log.tell(now_s, news)
-            said = {line}
-            keeper.keep_now_and_then(now_s)
-            due_s = max(due_s + config.guidance_step_s, time.monotonic())
-            while due_s - time.monotonic() > REPEAT_PERIOD_S and not stop.is_set():
-                await wait(stop, REPEAT_PERIOD_S)
-                now_s = clock.now_s()
-                send(companion.repeat(now_s), now_s)
-            await wait(stop, due_s - time.monotonic())
+        shell = _Shell(config, config.autopilot, config.broadcast, stack)
+        await shell.open()
+        await shell.run(stop)
 
 
 def trust_of(section: BroadcastSection) -> Trust:
@@ -144,6 +90,7 @@ def _state_of(section: BroadcastSection) -> AdmissionState | None:
     if section.state_file is None:
         return None
     text = read_state_file(Path(section.state_file))
+    check_state_file(Path(section.state_file))
     try:
         return None if text is None else AdmissionState.from_json(text)
     except InputError as error:
@@ -152,12 +99,248 @@ def _state_of(section: BroadcastSection) -> AdmissionState | None:
         ) from error
 
 
+def engaged_of(section: AutopilotSection) -> bool:
+    """Return whether the companion that ran before had engaged, by its state file.
+
+    Raises:
+        InputError: the state file cannot be read or written.
+
+    """
+    if section.state_file is None:
+        return False
+    path = Path(section.state_file)
+    text = read_state_file(path)
+    check_state_file(path)
+    if text is None:
+        return False
+    try:
+        engaged = json.loads(text)["engaged"]
+    except (ValueError, TypeError, KeyError):
+        engaged = None
+    if not isinstance(engaged, bool):
+        raise InputError(f"{path}: not a state of the engagement; remove it, and the vehicle counts as not engaged")
+    return engaged
+
+
+class _Shell:
+    """One flight's sockets, files and clock around the core."""
+
+    def __init__(
+        self, config: Config, autopilot: AutopilotSection, broadcast: BroadcastSection, stack: ExitStack
+    ) -> None:
+        """Read keys and states and open the logs, which `stack` closes; raises InputError."""
+        self._config, self._autopilot, self._broadcast, self._stack = config, autopilot, broadcast, stack
+        # Closed last, after all that still has something for them.
+        self._words = _background("words", stack)
+        self._files = _background("files", stack)
+        link = None if broadcast.link == ONE_RADIO else parse_link(broadcast.link)
+        self._broadcast_link = link
+        is_stream = link is not None and link.scheme == "serial"
+        admission = Admission(trust_of(broadcast), _state_of(broadcast), is_stream=is_stream)
+        self._framer = StreamFramer() if is_stream else None
+        engaged = engaged_of(autopilot)
+        self._companion = Companion(config, admission=admission, was_engaged=engaged)
+        self._clock = SteadyClock()
+        self._logs = _logs(config, self._files, stack)
+        if engaged:
+            self._logs.vehicle.record(self._clock.now_s(), mark_frame(Mark.RESUMED, self._system_id))
+        self._marks = FrameWriter()
+        self._listening = _Listening(self._companion)
+        self._broadcast_state = _StateKeeper(broadcast.state_file, admission, self._files)
+        self._engagement = _EngagementKeeper(autopilot.state_file, engaged, self._files)
+        stack.callback(self._broadcast_state.keep)
+        quiet = config.case == "II" if config.status.quiet is None else config.status.quiet
+        self._teller = StatusTeller(config.status.period_s, quiet)
+        self._gaps = Gaps()
+        self._decision_gaps = Gaps()
+        self._said: set[str] = set()
+        self._doubted = ", unsigned" if broadcast.trust == "unsigned" else ""
+        self._notifier = Notifier()
+        stack.callback(self._notifier.close)
+        self._link: Duplex
+        self._uplink: Sender | None = None
+        self._offboard: Offboard | None = None
+        self._wanted: Velocity | None = None
+        self._awaited = False
+        """Whether an armed vehicle may be handed over at any moment: then there is a decision in every slot."""
+
+    async def open(self) -> None:
+        """Open the links; raises InputError for one that cannot be used."""
+        config, stack = self._config, self._stack
+        if self._broadcast_link is not None:
+            receiver = await open_receiver(self._broadcast_link, self._from_broadcast)
+            stack.callback(receiver.close)
+        if self._autopilot.kind == "px4-copter" and self._autopilot.offboard == "mavsdk":
+            self._offboard = Offboard(self._transmit)
+            stack.callback(self._offboard.close)
+        self._link = await open_duplex(parse_link(self._autopilot.link), self._from_autopilot)
+        stack.callback(self._link.close)
+        if config.uplink is not None:
+            self._uplink = await open_sender(parse_link(config.uplink.link))
+            stack.callback(self._uplink.close)
+        self._say(
+            f"agent {config.agent_id}, {self._autopilot.kind} on {self._autopilot.link}, "
+            f"broadcast on {self._broadcast.link} ({self._companion.admission.trust.words})"
+        )
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Decide and send on the grid until `stop` is set."""
+        asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, self._clear)
+        period_s = min(1.0 / self._config.setpoint_rate_hz, self._config.guidance_step_s)
+        beat = Beat(period_s, time.monotonic())
+        decide_s = beat.due_s
+        self._notifier.ready()
+        with _tidy_memory() as tidy:
+            while not stop.is_set():
+                if time.monotonic() - beat.due_s > period_s:
+                    # A person may have taken over meanwhile.
+                    await hear_what_piled_up()
+                # A decision falls into the slot nearest to when it is due.
+                decides = self._awaited or beat.due_s >= decide_s - 0.5 * period_s
+                if decides:
+                    decide_s = next_due_s(decide_s, beat.due_s, self._config.guidance_step_s)
+                self._slot(decides)
+                if decides:
+                    tidy()
+                await wait(stop, beat.next_after(time.monotonic()) - time.monotonic())
+        self._say(self._gaps.words)
+
+    def _slot(self, decides: bool) -> None:
+        """Do what one slot of the grid is for: decide, or repeat what was decided, and send it."""
+        # What waited for its check in a flood is heard of here where nothing else arrives.
+        self._believe(self._companion.hear_waiting)
+        now_s = self._clock.now_s()
+        self._note_clock(now_s)
+        if decides:
+            decision, frames = self._companion.tick(now_s)
+            self._logs.vehicle.record(now_s, self._marks.encode(decision_frame(decision)))
+            self._send(frames, now_s)
+            self._tell(decision, now_s)
+        else:
+            self._send(self._companion.repeat(now_s), now_s)
+        self._engagement.note(self._companion.engaged)
+        for frame in self._teller.text(now_s, self._companion.adapter.telemetry.system_id):
+            self._link.send(frame)
+        self._notifier.alive()
+
+    def _send(self, frames: list[bytes], now_s: float) -> None:
+        """Log what the core wants sent and send it: setpoints through MAVSDK where it is in charge of them."""
+        self._wanted = None
+        steers = False
+        for frame in frames:
+            self._logs.vehicle.record(now_s, frame)
+            steers = steers or is_setpoint(frame)
+            velocity = None if self._offboard is None else velocity_of(frame)
+            if velocity is None:
+                self._transmit(frame)
+            else:
+                self._wanted = velocity
+        if self._offboard is not None:
+            self._offboard.tick(self._companion.adapter.telemetry.system_id, self._wanted)
+        if not steers:
+            self._gaps.end()
+            self._decision_gaps.end()
+
+    def _transmit(self, frame: bytes) -> None:
+        self._link.send(frame)
+        if is_setpoint(frame):
+            now_s = time.monotonic()
+            self._gaps.note(now_s)
+            self._decision_gaps.note(now_s)
+
+    def _tell(self, decision: Decision, now_s: float) -> None:
+        """Report, log and say what was decided."""
+        companion = self._companion
+        if self._uplink is not None:
+            for report in companion.report(now_s):
+                self._uplink.send(report)
+        line = line_of(decision) + self._doubted
+        if self._offboard is not None and self._wanted is not None and not self._offboard.ready:
+            line += ", MAVSDK is not ready yet"
+        for news in [*self._listening.news(now_s), line]:
+            if news not in self._said:
+                self._say(news)
+                self._logs.vehicle.tell(now_s, news)
+        if self._said != {line}:
+            self._notifier.status(line)
+        self._said = {line}
+        self._teller.note(decision, line)
+        telemetry = companion.adapter.telemetry
+        if self._teller.values_due(now_s):
+            gap_s = self._gaps.take_recent_max_s()
+            for frame in self._teller.values(now_s, telemetry.system_id, decision, gap_s):
+                self._link.send(frame)
+        if self._logs.decisions is not None:
+            self._logs.decisions.add(decision, telemetry, self._decision_gaps.take_recent_max_s())
+        self._broadcast_state.keep_now_and_then(now_s)
+        self._awaited = decision.purpose is Purpose.IDLE and telemetry.armed
+
+    def _say(self, line: str) -> None:
+        self._words.do(lambda: click.echo(f"companion: {line}"))
+
+    def _believe(self, take: Callable[[float], list[bytes]]) -> None:
+        now_s = self._clock.now_s()
+        for raw in take(now_s):
+            self._logs.vehicle.record(now_s, raw)
+
+    def _from_broadcast(self, datagram: bytes) -> None:
+        for frames in [datagram] if self._framer is None else self._framer.feed(datagram):
+            self._logs.broadcast.record(self._clock.now_s(), frames)
+        self._believe(lambda now_s: self._companion.hear(datagram, now_s))
+
+    def _from_autopilot(self, datagram: bytes) -> None:
+        frames = b"".join(frame for frame in whole_frames(datagram) if not self._is_others(frame))
+        if not frames:
+            return
+        now_s = self._clock.now_s()
+        self._companion.receive(frames, now_s)
+        self._logs.vehicle.record(now_s, frames)
+        if self._offboard is not None:
+            self._offboard.receive(frames)
+
+    def _is_others(self, frame: bytes) -> bool:
+        """Return whether a frame on the autopilot's link is none of the autopilot's; hear it if it is the broadcast's.
+
+        What the log keeps for the ground station's and for our own must not come from this link, or a replay would
+        believe it.
+        """
+        if self._broadcast_link is None and (inner := unwrap(frame)) is not None:
+            self._from_broadcast(inner)
+            return True
+        if frame[0] != MARKER:
+            return False
+        header = header_of(frame)
+        sender = (header.system, header.component)
+        ours = header.component == COMPANION_COMPONENT or header.message_id in ONEWAY_IDS
+        return ours or sender == (GROUND_SYSTEM, GROUND_COMPONENT)
+
+    def _note_clock(self, now_s: float) -> None:
+        offset_s = time.time() - now_s
+        if self._companion.note_clock(offset_s):
+            self._logs.vehicle.record(now_s, clock_frame(self._system_id, now_s, offset_s))
+
+    def _clear(self) -> None:
+        """Give the vehicle back to the companion after a take-over, at a person's signal."""
+        if self._autopilot.clear != "signal":
+            self._say("warning: SIGUSR1 ignored; it counts only with autopilot.clear: signal")
+            return
+        now_s = self._clock.now_s()
+        self._companion.clear(now_s)
+        self._logs.vehicle.record(now_s, mark_frame(Mark.CLEARED, self._system_id))
+        self._say("cleared by a signal")
+
+    @property
+    def _system_id(self) -> int:
+        return self._companion.adapter.telemetry.system_id or 1
+
+
 class _StateKeeper:
     """Keeps what was accepted last on disk; a full disk is no reason to stop steering."""
 
-    def __init__(self, path: str | None, admission: Admission) -> None:
+    def __init__(self, path: str | None, admission: Admission, files: Background) -> None:
         self._path = None if path is None else Path(path)
         self._admission = admission
+        self._files = files
         self._kept = admission.state
         self._next_s = 0.0
 
@@ -171,32 +354,85 @@ class _StateKeeper:
         """Write what is new."""
         state = self._admission.state
         if self._path is not None and state != self._kept:
-            try:
-                write_state_file(self._path, state.to_json())
-            except InputError as error:
-                click.echo(f"companion: warning: {error}", err=True)
+            _write_in_background(self._path, state.to_json(), self._files)
             self._kept = state
 
 
-def _logs(config: Config, stack: ExitStack) -> tuple[FlightLog, FlightLog]:
+class _EngagementKeeper:
+    """Keeps on disk whether the companion has the vehicle, for the one that is started after it."""
+
+    def __init__(self, path: str | None, engaged: bool, files: Background) -> None:
+        self._path = None if path is None else Path(path)
+        self._kept = engaged
+        self._files = files
+
+    def note(self, engaged: bool) -> None:
+        """Write it if it changed."""
+        if engaged != self._kept and self._path is not None:
+            _write_in_background(self._path, json.dumps({"engaged": engaged}), self._files)
+        self._kept = engaged
+
+
+def _write_in_background(path: Path, text: str, files: Background) -> None:
+    def write() -> None:
+        try:
+            write_state_file(path, text)
+        except InputError as error:
+            click.echo(f"companion: warning: {error}", err=True)
+
+    files.do(write)
+
+
+def _background(name: str, stack: ExitStack) -> Background:
+    background = Background(name)
+    stack.callback(background.close)
+    return background
+
+
+@dataclass(frozen=True)
+class _Logs:
+    vehicle: FlightLog
+    broadcast: FlightLog
+    decisions: DecisionTable | None
+
+
+def _logs(config: Config, files: Background, stack: ExitStack) -> _Logs:
     """Open the logs of this run in a folder of its own: a restart in flight shall not cost what was recorded before."""
     if config.log_dir is None:
-        return FlightLog(None), FlightLog(None)
+        return _Logs(FlightLog(None), FlightLog(None), None)
     folder = unused(Path(config.log_dir) / time.strftime("%Y%m%dT%H%M%SZ", time.gmtime()))
     try:
         folder.mkdir(parents=True)
         (folder / f"companion-{config.agent_id}.yaml").write_text(dump_config(config), encoding="utf-8")
+        vehicle, broadcast, decisions = (
+            BackgroundFile(folder / f"{name}-{config.agent_id}.{suffix}", files)
+            for name, suffix in (("vehicle", "tlog"), ("broadcast", "tlog"), ("decisions", "csv"))
+        )
     except OSError as error:
         raise InputError(
             f"log_dir: '{config.log_dir}' cannot be used: {error.strerror}; allowed: a writable folder"
         ) from error
-    vehicle_log = FlightLog(TlogWriter(folder / f"vehicle-{config.agent_id}.tlog"))
-    broadcast_log = FlightLog(
-        TlogWriter(folder / f"broadcast-{config.agent_id}.tlog"), most_bytes_per_s=BROADCAST_LOG_BYTES_PER_S
-    )
-    for log in (vehicle_log, broadcast_log):
-        stack.callback(log.close)
-    return vehicle_log, broadcast_log
+    broadcast_log = FlightLog(TlogWriter(broadcast), most_bytes_per_s=BROADCAST_LOG_BYTES_PER_S)
+    logs = _Logs(FlightLog(TlogWriter(vehicle)), broadcast_log, DecisionTable(decisions))
+    for closing in (vehicle.close, broadcast.close, decisions.close):
+        stack.callback(closing)
+    return logs
+
+
+@contextmanager
+def _tidy_memory() -> Iterator[Callable[[], object]]:
+    """Keep Python's search for garbage out of the loop but where it is called: between two slots.
+
+    What is there when the loop begins (modules, tables) stays, and is not searched again.
+    """
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield gc.collect
+    finally:
+        gc.enable()
+        gc.unfreeze()
 
 
 class _Listening:

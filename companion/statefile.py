@@ -27,6 +27,22 @@ def read_state_file(path: Path) -> str | None:
         raise InputError(f"{path}: cannot read the state: {reason}; allowed: a file of this program's") from error
 
 
+def check_state_file(path: Path) -> None:
+    """Find out whether the file could be written, without touching it.
+
+    Raises:
+        InputError: it could not.
+
+    """
+    fresh = path.with_name(f"{path.name}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        fresh.touch()
+        fresh.unlink()
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
 def write_state_file(path: Path, text: str) -> None:
     """Replace the file; its folder is made if there is none.
 
@@ -43,4 +59,8 @@ def write_state_file(path: Path, text: str) -> None:
             os.fsync(file.fileno())
         fresh.replace(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot write the state: {error.strerror}; allowed: a writable folder") from error
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot write the state: {error.strerror}; allowed: a writable folder")

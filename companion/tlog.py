@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self
+from typing import BinaryIO, Protocol, Self
 
 from companion.errors import InputError
 
@@ -30,15 +30,31 @@ _SIGNATURE_BYTES = 13
 _FLAG_SIGNED = 0x01
 
 
-class TlogWriter:
-    """Writes records to a path, or to a binary file that stays its owner's to close."""
+class Sink(Protocol):
+    """What bytes are written to, such as a binary file."""
 
-    def __init__(self, target: str | os.PathLike[str] | BinaryIO) -> None:
+    def write(self, content: bytes, /) -> object:
+        """Append bytes; raises OSError."""
+        ...
+
+    def flush(self) -> None:
+        """Hand on what is buffered; raises OSError."""
+        ...
+
+    def close(self) -> None:
+        """Flush, and write no more; raises OSError."""
+        ...
+
+
+class TlogWriter:
+    """Writes records to a path, or to a sink that stays its owner's to close."""
+
+    def __init__(self, target: str | os.PathLike[str] | Sink) -> None:
         """Open the log, replacing an older one; raises InputError if the path cannot be written."""
         self._owned = isinstance(target, str | os.PathLike)
         if isinstance(target, str | os.PathLike):
             try:
-                self._file: BinaryIO = Path(target).open("wb")
+                self._file: Sink = Path(target).open("wb")
             except OSError as error:
                 raise InputError(f"{os.fspath(target)}: cannot write the log: {error.strerror}") from error
         else:

@@ -10,6 +10,7 @@ from companion.errors import InputError
 from companion.transport.file import open_file_receiver, open_file_sender
 from companion.transport.link import (
     ALLOWED,
+    DUPLEX,
     FORMS,
     RECEIVING,
     SCHEMES,
@@ -23,10 +24,11 @@ from companion.transport.link import (
     Sender,
     parse_link,
 )
-from companion.transport.serial import open_serial_receiver, open_serial_sender
+from companion.transport.serial import SerialDuplex, open_serial_duplex, open_serial_receiver, open_serial_sender
+from companion.transport.tcp import TcpDuplex, open_tcp_duplex
 from companion.transport.udp import (
     RECEIVE_BUFFER_BYTES,
-    Duplex,
+    UdpDuplex,
     UdpSender,
     open_udp_duplex,
     open_udp_receiver,
@@ -35,6 +37,7 @@ from companion.transport.udp import (
 
 __all__ = [
     "ALLOWED",
+    "DUPLEX",
     "FORMS",
     "RECEIVE_BUFFER_BYTES",
     "RECEIVING",
@@ -54,6 +57,9 @@ __all__ = [
     "open_sender",
     "parse_link",
 ]
+
+Duplex = UdpDuplex | TcpDuplex | SerialDuplex
+"""An end point that goes both ways."""
 
 
 async def open_receiver(
@@ -88,11 +94,16 @@ async def open_duplex(
 ) -> Duplex:
     """Open an autopilot link: `udpin` answers the last peer heard, `udpout` talks to its fixed peer and hears only it.
 
-    `on_datagram` is called on the event loop. Raises InputError if the link goes one way only, its host is unknown or
-    its port is in use.
+    `on_datagram` is called on the event loop, with whole frames where the link is a stream. Raises InputError if the
+    link goes one way only, its host is unknown, or its port or device cannot be used.
     """
-    if link.scheme not in ("udpin", "udpout") or link.others:
-        raise InputError(f"link '{link}': this end goes both ways; allowed: udpin:HOST:PORT, udpout:HOST:PORT")
+    if link.scheme not in DUPLEX or link.others:
+        allowed = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD"
+        raise InputError(f"link '{link}': this end goes both ways; allowed: {allowed}")
+    if link.scheme == "tcp":
+        return await open_tcp_duplex(link, on_datagram)
+    if link.scheme == "serial":
+        return await open_serial_duplex(link, on_datagram)
     return await open_udp_duplex(link, on_datagram, receive_buffer_bytes)
 
 

@@ -24,10 +24,12 @@ FORMS = {
     "mcast": "mcast:GROUP:PORT[@INTERFACE]",
     "serial": "serial:DEVICE:BAUD",
     "file": "file:PATH.tlog",
+    "tcp": "tcp:HOST:PORT",
 }
 SCHEMES = tuple(FORMS)
-RECEIVING = tuple(scheme for scheme in SCHEMES if scheme != "udpout")
-SENDING = tuple(scheme for scheme in SCHEMES if scheme != "udpin")
+RECEIVING = tuple(scheme for scheme in SCHEMES if scheme not in ("udpout", "tcp"))
+SENDING = tuple(scheme for scheme in SCHEMES if scheme not in ("udpin", "tcp"))
+DUPLEX = ("udpin", "udpout", "tcp", "serial")
 ALLOWED = ", ".join(FORMS.values())
 
 BAUD_RATES = tuple(
@@ -153,7 +155,7 @@ class SendCounts:
     failed: int = 0
     """Any other error, such as no route, an unplugged radio or a full disk."""
     reopened: int = 0
-    """Times that a serial device came back."""
+    """Times that a serial device or a TCP connection came back."""
 
 
 @dataclass(slots=True)
@@ -183,7 +185,10 @@ class Receiver:
 
 
 class Sender(ABC):
-    """A send-only end point with fixed destinations, which nothing that comes back can change."""
+    """An end point that sends to fixed destinations, which nothing that comes back can change.
+
+    The exception is an autopilot link that waits to be spoken to: it answers the last peer heard.
+    """
 
     def __init__(self) -> None:
         self.counts = SendCounts()

@@ -17,6 +17,7 @@ from contextlib import suppress
 from companion.dialect.oneway import x25crc
 from companion.errors import InputError
 from companion.transport.link import Link, OnDatagram, ReceiveCounts, Receiver, SendCounts, Sender
+from companion.transport.stream import FrameCutter
 
 REOPEN_FIRST_S = 0.25
 REOPEN_MAX_S = 4.0
@@ -55,6 +56,13 @@ async def open_serial_sender(link: Link) -> SerialSender:
     sender = SerialSender(link)
     sender.open_first()
     return sender
+
+
+async def open_serial_duplex(link: Link, on_datagram: OnDatagram) -> SerialDuplex:
+    """Open a serial line to an autopilot; raises InputError if it cannot be opened."""
+    duplex = SerialDuplex(link, on_datagram)
+    duplex.open_first()
+    return duplex
 
 
 class SerialSender(Sender):
@@ -128,6 +136,24 @@ class SerialSender(Sender):
     def _forget(self) -> None:
         """Drop what belonged to the device that is gone."""
         self._rest, self._txbuf, self._status = b"", None, RadioStatusReader()
+
+
+class SerialDuplex(SerialSender):
+    """An autopilot's serial line: what comes in is handed on in whole frames."""
+
+    def __init__(self, link: Link, on_datagram: OnDatagram) -> None:
+        super().__init__(link)
+        self._on_datagram = on_datagram
+        self._cutter = FrameCutter()
+
+    def _hear(self, chunk: bytes) -> None:
+        super()._hear(chunk)
+        for frame in self._cutter.feed(chunk):
+            self._on_datagram(frame)
+
+    def _forget(self) -> None:
+        super()._forget()
+        self._cutter = FrameCutter()
 
 
 class RadioStatusReader:

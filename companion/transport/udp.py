@@ -67,7 +67,7 @@ async def open_udp_sender(link: Link) -> UdpSender:
         raise InputError(f"link '{link}': {_why(link, error)}") from error
 
 
-async def open_udp_duplex(link: Link, on_datagram: OnDatagram, receive_buffer_bytes: int) -> Duplex:
+async def open_udp_duplex(link: Link, on_datagram: OnDatagram, receive_buffer_bytes: int) -> UdpDuplex:
     """Open a `udpin` or a `udpout` link in both directions; raises InputError if it cannot be opened."""
     if link.scheme == "udpin":
         sock, fixed_peer = await _listening_socket(link, receive_buffer_bytes), None
@@ -78,7 +78,7 @@ async def open_udp_duplex(link: Link, on_datagram: OnDatagram, receive_buffer_by
     transport, protocol = await asyncio.get_running_loop().create_datagram_endpoint(
         lambda: _DuplexProtocol(on_datagram, fixed_peer), sock=sock
     )
-    return Duplex(sock, transport, protocol)
+    return UdpDuplex(sock, transport, protocol)
 
 
 class UdpSender(Sender):
@@ -120,14 +120,14 @@ class MulticastSender(UdpSender):
         self._sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, self._interface)
 
 
-class Duplex:
+class UdpDuplex(Sender):
     """The end point of an autopilot link: a fixed peer, or the one that was heard last."""
 
     def __init__(self, sock: socket.socket, transport: asyncio.DatagramTransport, protocol: _DuplexProtocol) -> None:
+        super().__init__()
         self._sock = sock
         self._transport = transport
         self._protocol = protocol
-        self.counts = SendCounts()
 
     @property
     def peer(self) -> Address | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from companion.admission import Admission, AdmissionState, Trust
+from companion.background import Background
 from companion.config import BroadcastSection, Config
 from companion.core import Companion
 from companion.keys import keygen
@@ -116,20 +117,24 @@ def test_a_trust_word_takes_its_keys_from_their_files(tmp_path: Path, trust: str
 def test_a_state_is_kept_only_when_there_is_something_new(tmp_path: Path) -> None:
     path = tmp_path / "state" / "broadcast.json"
     admission = Admission(Trust())
-    keeper = _StateKeeper(str(path), admission)
+    files = Background("files")
+    keeper = _StateKeeper(str(path), admission, files)
     keeper.keep()
-    assert not path.exists()
     admission.admit(state(1_000, 4), 1_000.0)
+    assert not path.exists()
     keeper.keep()
+    files.close()
     assert AdmissionState.from_json(path.read_text()).sequence == 4
 
 
 def test_a_restarted_companion_refuses_what_was_accepted_before_it(tmp_path: Path) -> None:
     path = tmp_path / "broadcast.json"
     before = Admission(Trust())
-    keeper = _StateKeeper(str(path), before)
+    files = Background("files")
+    keeper = _StateKeeper(str(path), before, files)
     before.admit(state(1_000, 4), 1_000.0)
     keeper.keep_now_and_then(1_000.0)
+    files.close()
     after = Admission(Trust(), AdmissionState.from_json(path.read_text()))
     assert after.admit(state(1_000, 3), 1_001.0) == []
     assert len(after.admit(state(1_000, 5), 1_001.0)) == 1
@@ -150,8 +155,15 @@ def test_each_run_logs_into_a_folder_of_its_own(tmp_path: Path) -> None:
     config = Config(agent_id=7, log_dir=str(tmp_path))
     for _ in range(2):
         with ExitStack() as stack:
-            _logs(config, stack)
+            files = Background("files")
+            stack.callback(files.close)
+            _logs(config, files, stack)
     folders = sorted(tmp_path.iterdir())
     assert len(folders) == 2
     for folder in folders:
-        assert {path.name for path in folder.iterdir()} == {"vehicle-7.tlog", "broadcast-7.tlog", "companion-7.yaml"}
+        assert {path.name for path in folder.iterdir()} == {
+            "vehicle-7.tlog",
+            "broadcast-7.tlog",
+            "decisions-7.csv",
+            "companion-7.yaml",
+        }

@@ -1,0 +1,128 @@
+"""A PX4 copter steered through MAVSDK by the real shell: handed over, taken over, and left alone from then on."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import common
+
+from companion.config import parse_config
+from companion.replay import replay
+from companion.service import run_companion
+from companion.tlog import read_tlog
+from companion.transport import open_sender, parse_link
+from companion.wire import Directive, FrameWriter, Stamp, StateFrame
+from sim.person import Person
+from sim.vehicle_service import VehicleOptions, run_vehicle
+from tests.sim.test_processes import free_ports
+
+WITHIN_S = 25.0
+HOLD = (4, 3)
+"""PX4's main and sub mode."""
+CONFIG = """
+agent_id: 1
+autopilot: {{kind: px4-copter, link: "udpin:127.0.0.1:{autopilot}", state_file: {folder}/engaged.json}}
+broadcast: {{link: "udpin:127.0.0.1:{broadcast}", trust: unsigned}}
+limits: {{speed_m_s: 5, n_max: 0.2, height_min_m: 3, height_max_m: 60}}
+height_m: 20
+log_dir: {folder}/logs
+"""
+
+
+class Ground:
+    """A person at a ground-control program: sees the mode, and changes it."""
+
+    def __init__(self, port: int) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(("127.0.0.1", port))
+        self._socket.setblocking(False)
+        self._mav = common.MAVLink(None, srcSystem=255, srcComponent=190)
+        self.person = Person("px4-copter", 1)
+        self.modes: list[int] = []
+
+    def send(self, *frames: bytes) -> None:
+        for frame in frames:
+            with suppress(ConnectionRefusedError):
+                self._socket.send(frame)
+
+    def listen(self) -> None:
+        with suppress(BlockingIOError, ConnectionRefusedError):
+            while True:
+                for message in common.MAVLink(None).parse_buffer(self._socket.recv(65_536)) or ():
+                    if message.get_type() == "HEARTBEAT" and message.get_srcComponent() == 1:
+                        self.modes.append(message.custom_mode)
+
+    def hand_over(self, t_s: float) -> None:
+        self.send(self.person.heartbeat(), *self.person.orders(t_s, self.modes[-1] if self.modes else None))
+
+    def take_over(self) -> None:
+        order = common.MAVLink_command_long_message(1, 1, common.MAV_CMD_DO_SET_MODE, 0, 1, *HOLD, 0, 0, 0, 0)
+        self.send(bytes(order.pack(self._mav)))
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+async def _broadcast(port: int, stop: asyncio.Event) -> None:
+    sender = await open_sender(parse_link(f"udpout:127.0.0.1:{port}"))
+    writer, epoch_s, sequence = FrameWriter(), int(time.time()), 0
+    while not stop.is_set():
+        sequence += 1
+        stamp = Stamp(epoch_s, round(1e3 * (time.time() - epoch_s)), sequence)
+        sender.send(writer.encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, (), (), ())))
+        await asyncio.sleep(0.2)
+    sender.close()
+
+
+def test_after_a_take_over_mavsdk_streams_no_more_and_px4_is_left_in_the_persons_mode(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    autopilot, broadcast, ground_port = free_ports(3)
+    config = parse_config(CONFIG.format(autopilot=autopilot, broadcast=broadcast, folder=tmp_path), "c.yaml")
+    links = (parse_link(f"udpout:127.0.0.1:{autopilot}"), parse_link(f"udpin:127.0.0.1:{ground_port}"))
+    ground = Ground(ground_port)
+    said = ""
+
+    def says(words: str) -> bool:
+        nonlocal said
+        said += capfd.readouterr().out
+        return words in said
+
+    async def until(condition: Callable[[], bool], meanwhile: Callable[[], None]) -> None:
+        ends_s = time.monotonic() + WITHIN_S
+        while not condition():
+            assert time.monotonic() < ends_s, said
+            meanwhile()
+            ground.listen()
+            await asyncio.sleep(0.1)
+
+    async def body() -> None:
+        stop, began_s = asyncio.Event(), time.monotonic()
+        tasks = [
+            asyncio.create_task(run_vehicle(VehicleOptions("px4-copter", links, in_air_m=20.0), stop=stop)),
+            asyncio.create_task(run_companion(config, stop)),
+            asyncio.create_task(_broadcast(broadcast, stop)),
+        ]
+        try:
+            await until(lambda: says("loiter (no target)"), lambda: ground.hand_over(time.monotonic() - began_s))
+            assert (tmp_path / "engaged.json").exists()
+            ground.take_over()
+            await until(lambda: says("nothing is sent until it is disarmed"), lambda: None)
+            ground.modes.clear()
+            # Long enough for PX4 to go back to OFFBOARD by itself, had the stream gone on or begun again.
+            await until(lambda: len(ground.modes) >= 3, lambda: None)
+            assert set(ground.modes) == {HOLD[0] << 16 | HOLD[1] << 24}
+        finally:
+            stop.set()
+            await asyncio.gather(*tasks)
+            ground.close()
+
+    asyncio.run(body())
+    (folder,) = (tmp_path / "logs").iterdir()
+    assert all(one.same for one in replay(read_tlog(folder / "vehicle-1.tlog"), config))
