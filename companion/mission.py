@@ -15,6 +15,7 @@ from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Discriminator, Field, Strict, Tag, ValidationError, model_validator
 
+from companion.adapters import ADAPTERS
 from companion.errors import InputError, nearest_hint
 from companion.yamlfile import Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 
@@ -283,6 +284,20 @@ class Loss(Section):
     t_s: NotNegative
 
 
+class Scale(Section):
+    """By what the lengths and speeds of a mission were multiplied so that an autopilot kind can fly it."""
+
+    autopilot: Annotated[str, Strict()]
+    factor: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)]
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        if self.autopilot not in ADAPTERS:
+            hint = nearest_hint(self.autopilot, ADAPTERS)
+            raise ValueError(f"autopilot: '{self.autopilot}'{hint}; allowed: {', '.join(ADAPTERS)}")
+        return self
+
+
 class Mission(Section):
     """A whole mission, as in the file. Units are in the names; metres and seconds where a name has none."""
 
@@ -318,6 +333,8 @@ class Mission(Section):
     wind: Wind = Wind()
     losses: Annotated[tuple[Loss, ...], Field(max_length=MAX_ITEMS)] = ()
     max_time_s: Positive = 20_000.0
+    scale: Scale | None = None
+    """Of a mission that was scaled already; None: as it was written."""
 
     @model_validator(mode="before")
     @classmethod
@@ -517,4 +534,6 @@ def dump_mission(mission: Mission) -> str:
     for key in ("draw", "defaults"):
         if getattr(mission, key) == type(getattr(mission, key))():
             del data[key]
+    if mission.scale is None:
+        del data["scale"]
     return dump_yaml(data)

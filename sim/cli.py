@@ -17,7 +17,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from companion.adapters import ADAPTERS
 from companion.config import DEFAULT_LAW, LAWS, Law
 from companion.doubts import doubts
 from companion.drawing import resolve
@@ -31,14 +30,15 @@ from sim.arena.report import JSON_NAME as ARENA_JSON_NAME
 from sim.arena.report import MARKDOWN_NAME as ARENA_MARKDOWN_NAME
 from sim.arena.report import broken_promise, failures, summaries, write_arena, write_worst
 from sim.arena.run import OWN_LAWS, Run, fly_all, jobs_of
-from sim.lockstep import WHY_NOT_MONOLITHIC, Flight, check_flyable, fly
+from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, check_flyable, fly
 from sim.plots import clearance_png, plot_paths
-from sim.report import write_report
+from sim.report import KINEMATIC, write_report
 from sim.reproduction.claims import Claim, all_claims
 from sim.reproduction.experiments import MIN_SEEDS, Settings, run_all
 from sim.reproduction.figures import draw_all
 from sim.reproduction.report import JSON_NAME, MARKDOWN_NAME, is_paper_sized
 from sim.reproduction.report import write_report as write_reproduction
+from sim.scaling import scaled
 from sim.score import Score, score
 from sim.vehicle_service import vehicle
 
@@ -69,7 +69,7 @@ cli.add_command(vehicle)
     "--seed", type=click.IntRange(0, MAX_SEED), default=1, show_default=True, help="What is drawn, and moves."
 )
 @click.option("--law", default=DEFAULT_LAW, show_default=True, help=f"Guidance law: {', '.join(LAWS)}.")
-@click.option("--autopilot", default="kinematic", show_default=True, help=f"Stand-in: {', '.join(ADAPTERS)}.")
+@click.option("--autopilot", default="kinematic", show_default=True, help=f"Stand-in: {', '.join(AUTOPILOTS)}.")
 @click.option("--vehicles", type=click.IntRange(1, 2_000), help="Fly this many agents instead of the mission's number.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for trajectory, logs, pictures and report.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json instead of the table.")
@@ -77,6 +77,8 @@ cli.add_command(vehicle)
     "--radio", metavar="NAME", help=f"Broadcast over a radio's budget: {', '.join(RADIOS_BYTES_PER_S)}, or B/s."
 )
 @click.option("--share", type=float, help="Of the radio's bytes, for the broadcast; all unless said otherwise.")
+@click.option("--one-radio", is_flag=True, help="The broadcast reaches each companion through its autopilot.")
+@click.option("--no-scale", is_flag=True, help="Fly the mission as it is: it was made for the autopilot's vehicle.")
 @click.option("--realtime", is_flag=True, help="Pace the virtual clock by the wall clock.")
 @click.option("--allow-monolithic", is_flag=True, help="Fly `surrogate: monolithic` all the same, to see it fail.")
 def fly_command(
@@ -89,26 +91,36 @@ def fly_command(
     as_json: bool,
     radio: str | None,
     share: float | None,
+    one_radio: bool,
+    no_scale: bool,
     realtime: bool,
     allow_monolithic: bool,
 ) -> int:
     """Fly MISSION, a YAML file or a packaged name, over real frames on a virtual clock.
 
+    Missions are written for the paper's 60 m/s: for an autopilot's stand-in every length and speed is multiplied by
+    its cruise speed over that, and mission.yaml says by how much.
+
     Exit status 0 if every target was reached, 1 if not, 2 for unusable input or a folder that cannot be written.
 
     Example: sim fly paper-dynamic --seed 1 --out runs/1
+
+    Example: sim fly paper-dynamic --autopilot arduplane --seed 1 --out runs/2
     """
     chosen = _law(law)
     if radio is None and share is not None:
         raise InputError(f"--share: {share:g} without --radio; allowed: with --radio NAME")
     over = None if radio is None else parse_radio(radio, 1.0 if share is None else share)
-    if autopilot not in ADAPTERS:
-        hint = nearest_hint(autopilot, ADAPTERS)
-        raise InputError(f"--autopilot: '{autopilot}'{hint}; allowed: {', '.join(ADAPTERS)}")
+    if over is not None and one_radio and not over.wrapped:
+        raise InputError(f"--one-radio: with --radio {radio}; allowed: --radio {radio}/v2ext, as the autopilot needs")
+    if autopilot not in AUTOPILOTS:
+        hint = nearest_hint(autopilot, AUTOPILOTS)
+        raise InputError(f"--autopilot: '{autopilot}'{hint}; allowed: {', '.join(AUTOPILOTS)}")
     loaded = load_mission(mission)
     if vehicles is not None:
         loaded = _with_vehicles(loaded, vehicles, mission)
     resolved = resolve(loaded, seed, mission)
+    resolved = resolved if no_scale else scaled(resolved, autopilot, mission)
     check_flyable(resolved, mission, allow_monolithic)
     if resolved.surrogate == "monolithic":
         click.echo(f"sim: warning: {mission}: surrogate: 'monolithic' should not fly: {WHY_NOT_MONOLITHIC}", err=True)
@@ -129,15 +141,18 @@ def fly_command(
             progress,
             allow_monolithic=allow_monolithic,
             radio=over,
+            one_radio=one_radio,
         )
     scored = score(flight.trajectory, resolved)
     result = result_of(scored, flight, seed, chosen)
+    stand_in = _stand_in(resolved, autopilot)
     if folder is not None:
         again = f"sim fly {mission} --seed {seed} --law {law} --autopilot {autopilot}"
         again += "" if vehicles is None else f" --vehicles {vehicles}"
         again += "" if over is None else f" --radio '{radio}' --share {over.share:g}"
-        _write(folder, resolved, scored, flight, result, again)
-    tell(json.dumps(result) if as_json else _table(resolved, result, folder))
+        again += " --one-radio" * one_radio + " --no-scale" * no_scale
+        _write(folder, resolved, scored, flight, result, again, stand_in)
+    tell(json.dumps(result) if as_json else _table(resolved, result, folder, stand_in))
     return EXIT_DONE if scored.targets_reached == scored.targets else EXIT_FAILED
 
 
@@ -371,7 +386,15 @@ def _last_of_paper(claims: Sequence[Claim]) -> Claim:
     return [claim for claim in claims if not claim.ours][-1]
 
 
-def _write(folder: Path, mission: Mission, scored: Score, flight: Flight, result: dict[str, Any], command: str) -> None:
+def _write(
+    folder: Path,
+    mission: Mission,
+    scored: Score,
+    flight: Flight,
+    result: dict[str, Any],
+    command: str,
+    stand_in: str,
+) -> None:
     flight.trajectory.write_csv(folder / "trajectory.csv")
     (folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     paths_png = plot_paths(
@@ -382,6 +405,7 @@ def _write(folder: Path, mission: Mission, scored: Score, flight: Flight, result
         mission.name,
         seed=result["seed"],
         law=result["law"],
+        stand_in=stand_in,
     )
     write_report(
         folder / "report.html",
@@ -392,10 +416,18 @@ def _write(folder: Path, mission: Mission, scored: Score, flight: Flight, result
         paths_png,
         clearance_png(scored, mission),
         command,
+        stand_in,
     )
 
 
-def _table(mission: Mission, result: dict[str, Any], folder: Path | None) -> str:
+def _stand_in(mission: Mission, autopilot: str) -> str:
+    """Return what flew, as a line under figures says it."""
+    if autopilot == "kinematic":
+        return KINEMATIC
+    return f"{autopilot} stand-ins" + ("" if mission.scale is None else f", scale {mission.scale.factor:.4g}")
+
+
+def _table(mission: Mission, result: dict[str, Any], folder: Path | None, stand_in: str) -> str:
     table = Table()
     table.add_column("figure")
     table.add_column("value", justify="right")
@@ -403,7 +435,7 @@ def _table(mission: Mission, result: dict[str, Any], folder: Path | None) -> str
         table.add_row(name, value)
     console = Console(soft_wrap=True, highlight=False, markup=False)
     with console.capture() as capture:
-        console.print(f"{mission.name}, seed {result['seed']}, law {result['law']}; kinematic simulator")
+        console.print(f"{mission.name}, seed {result['seed']}, law {result['law']}; {stand_in}")
         console.print(table, end="")
         if folder is not None:
             console.print(

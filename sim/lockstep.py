@@ -1,8 +1,9 @@
 """Flies a mission with everything on one virtual clock.
 
 Ground station, companions, sensor and vehicles are those of the real programs and exchange nothing but encoded frames.
-Kinematic: the vehicles are points that turn at a bounded rate (or answer velocity like a copter), not aircraft. The
-same mission and seed give the same trajectory, bit for bit.
+Kinematic: the vehicles are points that turn at a bounded rate, not aircraft, and obey their companion from the start.
+The stand-ins of real autopilots fly, are told setpoints and tell telemetry ten times a second, and a person hands them
+over (sim/person.py). The same mission and seed give the same trajectory, bit for bit.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from pymavlink.dialects.v20 import common
 
 from companion.adapters import ADAPTERS
 from companion.config import AutopilotSection, Law, config_for_agent, dump_config
-from companion.core import REPEAT_PERIOD_S, Companion, Decision
+from companion.core import Companion, Decision
 from companion.drawing import random_stream
+from companion.encapsulation import wrap
 from companion.errors import InputError
 from companion.flightlog import decision_frame
 from companion.geodesy import LocalFrame
@@ -33,17 +35,29 @@ from groundstation.schedule import Broadcaster
 from sim.arrivals import Arrivals
 from sim.detector import Detector, Fleet
 from sim.link import LINK_STREAM, LossyLink, Tamper
+from sim.person import Person
+from sim.scaling import CRUISE_M_S
 from sim.sensor import LOOK_PERIOD_S, mission_sensor, seen
+from sim.standin import CRAFTS, LOCKSTEP_RATES_HZ, Craft, Home, StandIn, Start, kinematic_profile
+from sim.standin.routing import Router
+from sim.standin.vehicle import parse
 from sim.trajectory import Trajectory, TrajectoryBuilder
-from sim.vehicle import ARDUCOPTER, LOCKSTEP_RATES_HZ, Home, Profile, StandIn, kinematic_profile
 from sim.wind import WindField
 from sim.world import World
 
 START_S = 1_767_225_600.0
 """Unix time at which every flight begins: 2026-01-01T00:00:00Z, so that logs are the same each time."""
+AUTOPILOTS = ("kinematic", *CRUISE_M_S)
+"""Kinds that missions are flown with."""
+KINEMATIC_REPEAT_S = 1.0
+"""A point's setpoint is repeated so often between guidance steps; it obeys the last one for longer."""
+LOOP_PERIOD_S = 0.1
+"""Of the stand-ins of real autopilots: setpoints and telemetry at 10 Hz, as `companion run` does."""
 RADIO_TICK_S = 0.05
 """How often a radio is asked what goes out: as the ground station's shell does."""
 WHY_NOT_MONOLITHIC = "trained as the paper says it explains one percent of the penalties, so its gradient is noise"
+_COMPANION_LINK, _RADIO_LINK = 0, 1
+"""An autopilot's links where the broadcast comes through it."""
 _TOLERANCE_S = 1e-6
 _POSITION = common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _MAX_SYSTEM_ID = 250
@@ -85,6 +99,8 @@ class _Aircraft:
         detector: Detector | None,
         link: LossyLink,
         log: TlogWriter | None,
+        person: Person | None,
+        router: Router | None,
     ) -> None:
         self.spec = spec
         self.companion = companion
@@ -92,6 +108,8 @@ class _Aircraft:
         self.detector = detector
         self.link = link
         self.log = log
+        self.person = person
+        self._router = router
         self.alive = True
         self._marks = FrameWriter()
 
@@ -110,10 +128,18 @@ class _Aircraft:
         """Let the companion hear what the air has delivered by now."""
         for arrival_s, datagram in self.link.deliver(t_s):
             heard_s = logged_s(START_S + arrival_s)
-            for frame in self.companion.hear(datagram, heard_s):
-                self._log(frame, heard_s)
+            for passed_on in self._passed_on(datagram):
+                for frame in self.companion.hear(passed_on, heard_s):
+                    self._log(frame, heard_s)
+
+    def _passed_on(self, datagram: bytes) -> list[bytes]:
+        """Return what the companion gets of the broadcast: all, or what the autopilot that hears it passes on."""
+        if self._router is None:
+            return [datagram]
+        return [frame for link, frame in self._router.route(_RADIO_LINK, parse(datagram)) if link == _COMPANION_LINK]
 
     def exchange_telemetry(self, now_s: float) -> None:
+        """Let the companion hear what the autopilot says by itself."""
         for frame in self.vehicle.telemetry(now_s):
             self._log(frame, now_s)
             self.companion.receive(frame, now_s)
@@ -138,9 +164,16 @@ class _Aircraft:
         """Let the companion keep its last decision standing."""
         self._send(self.companion.repeat(now_s), now_s)
 
+    def mind_person(self, t_s: float) -> None:
+        """Let the person do to the vehicle, on a link of his own, what there is to do."""
+        for order in [] if self.person is None else self.person.orders(t_s, self.vehicle.mode):
+            self.vehicle.receive(order, START_S + t_s)
+
     def _send(self, frames: list[bytes], now_s: float) -> None:
         for frame in frames:
             self._log(frame, now_s)
+            if self._router is not None:
+                self._router.route(_COMPANION_LINK, parse(frame))
             for reply in self.vehicle.receive(frame, now_s):
                 self._log(reply, now_s)
                 self.companion.receive(reply, now_s)
@@ -193,12 +226,14 @@ def fly(
     watch: Watch | None = None,
     allow_monolithic: bool = False,
     radio: Radio | None = None,
+    one_radio: bool = False,
 ) -> Flight:
     """Fly a resolved mission until every target is reached, nobody is left, or its time is up.
 
     `out` is a folder for the `.tlog` files and the companions' configurations. `tamper` changes frames in the air,
     `watch` looks on: for tests and measurements. `allow_monolithic` flies with the paper's one network, which steers by
-    noise. Over a `radio` the broadcast is what fits it; without one, what the mission's periods say.
+    noise. Over a `radio` the broadcast is what fits it; without one, what the mission's periods say. With `one_radio`
+    it reaches each companion through its autopilot, inside V2_EXTENSION.
 
     Raises:
         InputError: the mission asks for something that is not flown.
@@ -212,7 +247,7 @@ def fly(
         def log(name: str) -> TlogWriter | None:
             return None if out is None else stack.enter_context(TlogWriter(out / name))
 
-        flying = _Flying(mission, seed, law, autopilot, log, tamper, radio)
+        flying = _Flying(mission, seed, law, autopilot, log, tamper, radio, one_radio)
         if out is not None:
             flying.write_configs(out, autopilot)
         return flying.run(realtime, progress, watch)
@@ -230,9 +265,13 @@ class _Flying:
         log: Callable[[str], TlogWriter | None],
         tamper: Tamper | None,
         radio: Radio | None,
+        one_radio: bool,
     ) -> None:
         self._mission = mission
+        self._one_radio = one_radio
+        self._wraps = one_radio and radio is None
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
+        self._is_point = autopilot == "kinematic"
         can_stop = ADAPTERS[autopilot]().can_stop
         self._ground = GroundStation(mission, START_S, law=law, can_stop=can_stop)
         self._broadcaster = Broadcaster(self._ground, radio)
@@ -268,21 +307,20 @@ class _Flying:
     ) -> _Aircraft:
         config = config_for_agent(self._mission, spec.id, law)
         north_m, east_m = spec.position_ned_m
-        profile = _profile(autopilot, spec)
         system_id = index % _MAX_SYSTEM_ID + 1
         vehicle = StandIn(
-            profile,
+            _build(autopilot, spec),
             system_id,
             self._frame,
             north_m=north_m,
             east_m=east_m,
             altitude_m=self._mission.origin.alt_m + config.height_m,
             heading_rad=float(np.radians(spec.heading_deg or 0.0)),
-            speed_m_s=0.0 if profile.point is None else spec.speed_m_s,
+            speed_m_s=0.0 if ADAPTERS[autopilot]().can_stop else spec.speed_m_s,
             home=Home(north_m, east_m, self._mission.origin.alt_m),
             in_air=True,
             armed=True,
-            guided=True,
+            guided=self._is_point,
             start_s=START_S,
             rates_hz={**LOCKSTEP_RATES_HZ, _POSITION: 1.0 / self._mission.guidance_step_s},
         )
@@ -295,7 +333,9 @@ class _Flying:
         detector = None
         if self._mission.case == "II" or law == "routed":
             detector = Detector(spec.id, system_id, self._frame, self._mission.detector_range_m)
-        return _Aircraft(spec, Companion(config, ADAPTERS[autopilot]()), vehicle, detector, link, log)
+        person = None if self._is_point else Person(autopilot, system_id)
+        router = Router(system_id) if self._one_radio else None
+        return _Aircraft(spec, Companion(config, ADAPTERS[autopilot]()), vehicle, detector, link, log, person, router)
 
     def write_configs(self, folder: Path, autopilot: str) -> None:
         """Write what each companion flies by, for a replay: there its autopilot is the log."""
@@ -311,6 +351,7 @@ class _Flying:
         guide_every = round(mission.guidance_step_s / step_s)
         last_tick = int(mission.max_time_s / step_s + _TOLERANCE_S)
         next_look_s = next_repeat_s = 0.0
+        repeat_s = KINEMATIC_REPEAT_S if self._is_point else LOOP_PERIOD_S
         steps = 0
         began_s = time.perf_counter()
         for tick in range(last_tick + 1):
@@ -334,13 +375,11 @@ class _Flying:
             if tick % guide_every == 0:
                 self._guide(t_s)
                 steps += 1
-                next_repeat_s = t_s + REPEAT_PERIOD_S
+                next_repeat_s = t_s + repeat_s
             elif t_s >= next_repeat_s - _TOLERANCE_S:
                 self._repeat(t_s)
-                next_repeat_s += REPEAT_PERIOD_S
-            for aircraft in self._fleet:
-                if aircraft.alive:
-                    aircraft.vehicle.step_to(START_S + t_s + step_s)
+                next_repeat_s += repeat_s
+            self._fly_on(t_s, step_s)
             if realtime:
                 time.sleep(max(0.0, began_s + t_s + step_s - time.perf_counter()))
         elapsed_s = time.perf_counter() - began_s
@@ -357,6 +396,21 @@ class _Flying:
             speedup=float(trajectory.t_s[-1]) / elapsed_s if elapsed_s > 0.0 else 0.0,
             companions={aircraft.spec.id: aircraft.companion for aircraft in self._fleet},
         )
+
+    def _fly_on(self, t_s: float, step_s: float) -> None:
+        """Let everybody fly one step, with the companion's loop within it where there is an autopilot."""
+        loops = 1 if self._is_point else max(1, round(step_s / LOOP_PERIOD_S))
+        for aircraft in self._fleet:
+            if not aircraft.alive:
+                continue
+            for loop in range(1, loops):
+                at_s = t_s + loop * step_s / loops
+                aircraft.vehicle.step_to(START_S + at_s)
+                aircraft.mind_person(at_s)
+                aircraft.exchange_telemetry(START_S + at_s)
+                aircraft.repeat(START_S + at_s)
+            aircraft.vehicle.step_to(START_S + t_s + step_s)
+            aircraft.mind_person(t_s + step_s)
 
     def _alive_ned_m(self) -> np.ndarray:  # (A, 2) m
         return np.array([aircraft.row()[:2] for aircraft in self._fleet if aircraft.alive]).reshape(-1, 2)
@@ -387,7 +441,8 @@ class _Flying:
 
     def _broadcast(self, t_s: float) -> None:
         for at_s in t_s + self._radio_ticks_s:
-            for datagram in self._broadcaster.tick(START_S + at_s):
+            for sent in self._broadcaster.tick(START_S + at_s):
+                datagram = wrap(sent, self._frames) if self._wraps else sent
                 self._frames += 1
                 self._bytes += len(datagram)
                 if self._broadcast_log is not None:
@@ -418,7 +473,7 @@ class _Flying:
                 self._ground.hear_report(report, now_s)
 
 
-def _profile(autopilot: str, spec: AgentSpec) -> Profile:
-    if autopilot == "arducopter":
-        return ARDUCOPTER
-    return kinematic_profile(spec.n_max, spec.speed_m_s, spec.speed_m_s)
+def _build(autopilot: str, spec: AgentSpec) -> Callable[[Start], Craft]:
+    if autopilot == "kinematic":
+        return kinematic_profile(spec.n_max, spec.speed_m_s, spec.speed_m_s)
+    return CRAFTS[autopilot]

@@ -20,6 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
+from sim.report import KINEMATIC
 from sim.score import Score
 from sim.trajectory import Trajectory
 
@@ -64,7 +65,15 @@ _LABEL_OFFSETS_PT = tuple(
 
 
 def plot_paths(
-    trajectory: Trajectory, mission: Mission, score: Score, path_png: Path, title: str, *, seed: int, law: str
+    trajectory: Trajectory,
+    mission: Mission,
+    score: Score,
+    path_png: Path,
+    title: str,
+    *,
+    seed: int,
+    law: str,
+    stand_in: str = KINEMATIC,
 ) -> bytes:
     """Draw the paths of a run into a PNG file, north up, to equal scales, and return the file's bytes.
 
@@ -78,7 +87,7 @@ def plot_paths(
     figure.text(
         0.42,
         0.015,
-        f"kinematic simulator, seed {seed}, law {law}, {_duration(score.flight_time_s)} flown, "
+        f"{stand_in}, seed {seed}, law {law}, {_duration(score.flight_time_s)} flown, "
         f"{score.arrived} of {len(trajectory.agent_ids)} agents arrived, "
         f"{score.targets_reached} of {score.targets} targets reached",
         ha="center",

@@ -91,6 +91,19 @@ code { font-family: ui-monospace, "Cascadia Mono", Menlo, Consolas, monospace; f
 """
 
 
+KINEMATIC = "kinematic simulator"
+"""What flew, as reports and figures say it, unless the caller says that it was something else."""
+_KINEMATIC_NOTE = (
+    "The simulator is <strong>kinematic</strong>: vehicles move along exact arcs at their commanded speed, with a "
+    "limited rate of turn. It has no aerodynamics, no attitude and no engine, so it shows what the guidance decides "
+    "and what the link does to it, not how an airframe follows."
+)
+_STAND_IN_NOTE = (
+    "The vehicles are <strong>stand-ins</strong> that answer and move as the autopilot was measured to in its own "
+    "simulator: modes, time-outs, lags and limits, but no aerodynamics beyond them and no sensor's faults."
+)
+
+
 def write_report(
     path: Path,
     mission: Mission,
@@ -100,17 +113,19 @@ def write_report(
     paths_png: bytes,
     clearance_png: bytes,
     command: str,
+    stand_in: str = KINEMATIC,
 ) -> None:
     """Write `report.html`.
 
     `result` is what goes into `result.json`, at least `seed` and `law`; keys it lacks are left out of the table. The
-    two pictures are PNG files' bytes, and `command` is what repeats the run. Raises OSError where the file cannot be
-    written.
+    two pictures are PNG files' bytes, `command` is what repeats the run, and `stand_in` says what flew. Raises OSError
+    where the file cannot be written.
     """
     title = f"{mission.name}: seed {result['seed']}, law {result['law']}"
     body = [
         f"<h1>{_text(mission.name)}</h1>",
-        f'<p class="quiet">Seed {_text(result["seed"])}, law {_text(result["law"])}. Kinematic simulator.</p>',
+        f'<p class="quiet">Seed {_text(result["seed"])}, law {_text(result["law"])}. '
+        f"{_text(stand_in[:1].upper() + stand_in[1:])}.</p>",
         f'<p class="summary">{_text(_verdict(score, trajectory))}</p>',
         "<h2>The paths</h2>",
         _picture(
@@ -136,9 +151,7 @@ def write_report(
         "<h2>What was flown</h2>",
         _mission_table(mission, trajectory),
         "<h2>What this run can and cannot show</h2>",
-        '<p class="note">The simulator is <strong>kinematic</strong>: vehicles move along exact arcs at their '
-        "commanded speed, with a limited rate of turn. It has no aerodynamics, no attitude and no engine, so it shows "
-        "what the guidance decides and what the link does to it, not how an airframe follows. "
+        f'<p class="note">{_KINEMATIC_NOTE if stand_in == KINEMATIC else _STAND_IN_NOTE} '
         "Threats and targets move as the mission says. Nothing here was flown outside the simulator.</p>",
         "<h2>To repeat this run</h2>",
         f"<pre><code>{_text(command)}</code></pre>",

@@ -16,8 +16,8 @@ import numpy as np
 
 from companion.core import Companion, Decision
 from companion.drawing import resolve
+from companion.ladder import Stage
 from companion.mission import Burst, LinkSpec, load_mission
-from companion.staleness import Stage
 from sim.lockstep import START_S, fly
 from sim.score import score
 

@@ -224,7 +224,7 @@ def test_the_number_of_vehicles_can_be_changed(tmp_path: Path) -> None:
 
 
 def test_an_arducopter_flies_the_copter_mission_in_lockstep(tmp_path: Path) -> None:
-    process = sim_fly("copter-demo", "--autopilot", "arducopter", "--json")
+    process = sim_fly("copter-demo", "--autopilot", "arducopter", "--no-scale", "--json")
     result = json.loads(process.stdout)
     assert process.returncode == 0
     assert result["targets_reached"] == 2 and result["threat_entries_detection"] == 0

@@ -1,0 +1,91 @@
+"""Makes a mission that was written for the paper's 60 m/s one that an autopilot's vehicle can fly.
+
+Every length and speed is multiplied by the vehicle's cruise speed over 60 m/s, so that all times stay what they were
+and the scene looks the same from the vehicle. What is not geometry of the plane stays: times, heights, ids, the link.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from companion.adapters import ADAPTERS
+from companion.adapters.base import Abilities
+from companion.errors import InputError
+from companion.mission import Mission
+
+PAPER_SPEED_M_S = 60.0
+"""The paper's vehicle."""
+CRUISE_M_S = {
+    "arducopter": 8.0,
+    "arduplane": 22.0,
+    "px4-copter": 10.0,
+    "px4-plane": 15.0,
+}
+"""AUTOPILOT_FACTS: ArduCopter follows turns below the 10.3 m/s that 30 degrees of lean give; ArduPlane's simulator
+cruises at 22 m/s; a PX4 copter reaches 10 m/s; a PX4 plane flies FW_AIRSPD_TRIM, 15 m/s, whatever it is asked."""
+
+_MISSION_LENGTHS = ("arrival_radius_m", "separation_m", "detector_range_m")
+_THREAT_LENGTHS = ("north_m", "east_m", "detection_radius_m", "attack_radius_m", "speed_bound_m_s")
+_TARGET_LENGTHS = ("north_m", "east_m", "speed_bound_m_s")
+_AGENT_LENGTHS = ("north_m", "east_m", "range_m", "speed_m_s")
+_WIND_SPEEDS = ("speed_m_s", "gust_m_s")
+
+
+def scaled(mission: Mission, kind: str, source: str | None = None) -> Mission:
+    """Return a resolved mission as an autopilot kind can fly it, with `scale` saying by how much.
+
+    One that says so already stays as it is. Agents keep their turn rate as far as the kind can turn, and their share of
+    the cruise speed as far as it can fly so slow or fast. `source` names the mission in errors.
+
+    Raises:
+        InputError: the mission was scaled for another kind, or its numbers do not bear it.
+
+    """
+    name = source or mission.name
+    if kind not in CRUISE_M_S:
+        return mission
+    if mission.scale is not None:
+        if mission.scale.autopilot != kind:
+            raise InputError(
+                f"{name}: scale.autopilot: '{mission.scale.autopilot}' with --autopilot {kind}; allowed: the kind that "
+                "it was scaled for, or the mission as it was before"
+            )
+        return mission
+    factor = CRUISE_M_S[kind] / PAPER_SPEED_M_S
+    data = mission.model_dump()
+    _multiply(data, _MISSION_LENGTHS, factor)
+    _multiply(data["area_m"], ("north", "east"), factor)
+    _multiply(data["wind"], _WIND_SPEEDS, factor)
+    _multiply(data["weights"], tuple(data["weights"]), factor**2)
+    if data["fence"] is not None:
+        data["fence"] = [[factor * north_m, factor * east_m] for north_m, east_m in data["fence"]]
+    for threat in data["threats"]:
+        _multiply(threat, _THREAT_LENGTHS, factor)
+        threat["motion"] = _scaled_motion(threat["motion"], factor)
+    for target in data["targets"]:
+        _multiply(target, _TARGET_LENGTHS, factor)
+        target["motion"] = _scaled_motion(target["motion"], factor)
+    abilities = ADAPTERS[kind]().abilities
+    for agent in data["agents"]:
+        _multiply(agent, (*_AGENT_LENGTHS, "n_max"), factor)
+        _fit(agent, abilities)
+    data["scale"] = {"autopilot": kind, "factor": factor}
+    return Mission.model_validate(data)
+
+
+def _fit(agent: dict[str, Any], abilities: Abilities) -> None:
+    agent["n_max"] = min(agent["n_max"], abilities.n_max)
+    agent["speed_m_s"] = min(max(agent["speed_m_s"], abilities.speed_min_m_s), abilities.speed_max_m_s)
+
+
+def _multiply(section: dict[str, Any], keys: tuple[str, ...], factor: float) -> None:
+    for key in keys:
+        section[key] = factor * section[key]
+
+
+def _scaled_motion(motion: Any, factor: float) -> Any:  # noqa: ANN401 - a word, or a mapping of either form
+    if not isinstance(motion, dict):
+        return motion
+    if "path" in motion:
+        return {"path": [[t_s, factor * north_m, factor * east_m] for t_s, north_m, east_m in motion["path"]]}
+    return {**motion, "speed_m_s": factor * motion["speed_m_s"]}
