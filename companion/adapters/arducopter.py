@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from companion.adapters.ardupilot import FENCE_DEMANDS, no_gcs_failsafe
 from companion.adapters.base import Abilities
 from companion.adapters.demands import Demand
 from companion.adapters.link import ARDUCOPTER
@@ -49,28 +50,10 @@ DEMANDS = (
         0.5,
         1.0,
     ),
-    Demand(
-        "FS_GCS_ENABLE",
-        "a vehicle that only listens is out of its ground station's reach by design",
-        "set FS_GCS_ENABLE to 0",
-        allowed=(0.0,),
-    ),
+    no_gcs_failsafe("FS_GCS_ENABLE"),
     Demand("WPNAV_ACCEL", "it bounds how fast the copter turns and stops", "set WPNAV_ACCEL to 250", 100.0, 1000.0),
     Demand("ANGLE_MAX", "it bounds the speed that the copter reaches", "set ANGLE_MAX to 3000", 2000.0, 4500.0),
-    Demand(
-        "FENCE_ENABLE",
-        "the autopilot's own fence holds when the companion is dead",
-        "set FENCE_ENABLE to 1 and upload the fence",
-        allowed=(1.0,),
-        when_fenced=True,
-    ),
-    Demand(
-        "FENCE_ACTION",
-        "a fence that only reports holds nobody",
-        "set FENCE_ACTION to 1",
-        least=1.0,
-        when_fenced=True,
-    ),
+    *FENCE_DEMANDS,
 )
 
 

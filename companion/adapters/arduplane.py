@@ -11,6 +11,7 @@ import math
 
 from pymavlink.dialects.v20 import common
 
+from companion.adapters.ardupilot import FENCE_DEMANDS, no_gcs_failsafe
 from companion.adapters.base import Abilities
 from companion.adapters.commands import Command
 from companion.adapters.course import CourseRamp
@@ -57,26 +58,8 @@ WANTED = (
 DEMANDS = (
     Demand("ROLL_LIMIT_DEG", "it bounds how fast the plane turns", "set ROLL_LIMIT_DEG to 45", 30.0, 65.0),
     Demand("WP_LOITER_RAD", "a plane whose companion died circles so wide", "set WP_LOITER_RAD to 60", 20.0, 200.0),
-    Demand(
-        "FS_GCS_ENABL",
-        "a vehicle that only listens is out of its ground station's reach by design",
-        "set FS_GCS_ENABL to 0",
-        allowed=(0.0,),
-    ),
-    Demand(
-        "FENCE_ENABLE",
-        "the autopilot's own fence holds when the companion is dead",
-        "set FENCE_ENABLE to 1 and upload the fence",
-        allowed=(1.0,),
-        when_fenced=True,
-    ),
-    Demand(
-        "FENCE_ACTION",
-        "a fence that only reports holds nobody",
-        "set FENCE_ACTION to 1",
-        least=1.0,
-        when_fenced=True,
-    ),
+    no_gcs_failsafe("FS_GCS_ENABL"),
+    *FENCE_DEMANDS,
 )
 
 

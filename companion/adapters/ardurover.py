@@ -6,6 +6,7 @@ are guesses on the side of caution. A rover has no height; its configuration say
 
 from __future__ import annotations
 
+from companion.adapters.ardupilot import FENCE_DEMANDS, no_gcs_failsafe
 from companion.adapters.base import Abilities
 from companion.adapters.demands import Demand
 from companion.adapters.link import ARDUROVER
@@ -29,27 +30,9 @@ WANTED = (
     Wanted("FENCE_ACTION", 1.0),
 )
 DEMANDS = (
-    Demand(
-        "FS_GCS_ENABLE",
-        "a vehicle that only listens is out of its ground station's reach by design",
-        "set FS_GCS_ENABLE to 0",
-        allowed=(0.0,),
-    ),
+    no_gcs_failsafe("FS_GCS_ENABLE"),
     Demand("ATC_TURN_MAX_G", "it bounds how fast the rover turns", "set ATC_TURN_MAX_G to 0.6", 0.1, 1.0),
-    Demand(
-        "FENCE_ENABLE",
-        "the autopilot's own fence holds when the companion is dead",
-        "set FENCE_ENABLE to 1 and upload the fence",
-        allowed=(1.0,),
-        when_fenced=True,
-    ),
-    Demand(
-        "FENCE_ACTION",
-        "a fence that only reports holds nobody",
-        "set FENCE_ACTION to 1",
-        least=1.0,
-        when_fenced=True,
-    ),
+    *FENCE_DEMANDS,
 )
 
 

@@ -1,0 +1,32 @@
+"""What is demanded of every ArduPilot vehicle alike: no ground-station failsafe, and a fence of its own."""
+
+from __future__ import annotations
+
+from companion.adapters.demands import Demand
+
+FENCE_DEMANDS = (
+    Demand(
+        "FENCE_ENABLE",
+        "the autopilot's own fence holds when the companion is dead",
+        "set FENCE_ENABLE to 1 and upload the fence",
+        allowed=(1.0,),
+        when_fenced=True,
+    ),
+    Demand(
+        "FENCE_ACTION",
+        "a fence that only reports holds nobody",
+        "set FENCE_ACTION to 1",
+        least=1.0,
+        when_fenced=True,
+    ),
+)
+
+
+def no_gcs_failsafe(name: str) -> Demand:
+    """Return the demand on the parameter of the ground-station failsafe, whose name differs from kind to kind."""
+    return Demand(
+        name,
+        "a vehicle that only listens is out of its ground station's reach by design",
+        f"set {name} to 0",
+        allowed=(0.0,),
+    )
