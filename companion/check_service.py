@@ -22,7 +22,7 @@ from companion.encapsulation import unwrap
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.offboard import require_mavsdk
 from companion.process import SteadyClock, wait
-from companion.service import engaged_of, trust_of
+from companion.service import kept_engagement, trust_of
 from companion.tlog import whole_frames
 from companion.transport import Duplex, open_duplex, open_receiver, open_sender, parse_link
 
@@ -71,11 +71,13 @@ class _Checker:
         self._admission = Admission(trust_of(config.broadcast), is_stream=is_stream)
         self._clock = SteadyClock()
         self._link_heard = self._broadcast_heard = False
+        self._doubt: str | None = None
         self._link: Duplex
 
     async def open(self) -> None:
         """Open what `companion run` would open; raises InputError."""
-        engaged_of(self._autopilot)
+        _, doubt = kept_engagement(self._autopilot)
+        self._doubt = doubt if self._adapter.resumes else None
         if self._autopilot.kind == "px4-copter" and self._autopilot.offboard == "mavsdk":
             require_mavsdk()
         if self._broadcast_link is not None:
@@ -103,13 +105,16 @@ class _Checker:
 
     def findings(self) -> list[Finding]:
         """Return what was found."""
-        return findings(
+        found = findings(
             self._config,
             self._adapter,
             link_heard=self._link_heard,
             broadcast_heard=self._broadcast_heard,
             now_s=self._clock.now_s(),
         )
+        if self._doubt is not None:
+            found.append(Finding(False, self._doubt, "remove it while the vehicle is disarmed"))
+        return found
 
     @property
     def _all_known(self) -> bool:

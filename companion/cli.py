@@ -1,7 +1,8 @@
 """The command line of the program on the vehicle.
 
 What a flight does not need is imported by the commands that do: a companion that is restarted in flight must be there
-again soon.
+again soon. What it does need is imported once the program is deaf to the signal that clears a take-over, of which it
+would die before it can understand it.
 """
 
 from __future__ import annotations
@@ -9,15 +10,12 @@ from __future__ import annotations
 import json
 import math
 import re
+import signal
 from pathlib import Path
 
 import click
 
-from companion.config import load_config, parse_config
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, run_program, tell
-from companion.process import run_until_signal
-from companion.service import run_companion
-from companion.yamlfile import read_text_file
 
 MIN_SAMPLES = 100
 """Fewer leave no validation set worth the name."""
@@ -43,6 +41,10 @@ def run(config: str) -> None:
 
     Example: companion run copter-demo-1
     """
+    from companion.config import load_config
+    from companion.process import run_until_signal
+    from companion.service import run_companion
+
     loaded = load_config(config)
     run_until_signal(lambda stop: run_companion(loaded, stop))
 
@@ -68,6 +70,8 @@ def check(config: str, wait_s: float) -> int:
     Example: companion check companion.yaml
     """
     from companion.check_service import check_vehicle
+    from companion.config import load_config
+    from companion.process import run_until_signal
 
     loaded = load_config(config)
     return run_until_signal(lambda stop: check_vehicle(loaded, wait_s, stop))
@@ -83,9 +87,11 @@ def replay_command(log: str, config: str | None) -> int:
 
     Example: companion replay runs/paper-dynamic/vehicle-1.tlog
     """
+    from companion.config import parse_config
     from companion.flightlog import line_of
     from companion.replay import replay
     from companion.tlog import read_tlog
+    from companion.yamlfile import read_text_file
 
     records = read_tlog(log)
     settings = _settings_beside(log) if config is None else config
@@ -207,4 +213,5 @@ def certify_command(mission: str, seed: int, b_m: float | None, as_json: bool) -
 
 def main() -> None:
     """Run the program and exit with its status."""
+    signal.signal(signal.SIGUSR1, signal.SIG_IGN)
     run_program(cli, "companion")

@@ -38,6 +38,7 @@ from companion.limits import within
 from companion.picture import Picture, Seen, View
 from companion.reception import Reception
 from companion.right_of_way import Rules, give_way, interaction_radius_m
+from companion.tlog import whole_frames
 from companion.wire import Directive, FrameWriter, ReportFrame
 
 ARRIVAL_SHARE = 0.8
@@ -56,11 +57,14 @@ HEARTBEAT_TIMEOUT_S = 3.5
 """An autopilot's heartbeat comes once a second; three may be lost."""
 COURSE_SPEED_M_S = 1.0
 """Below this ground speed the course over ground says nothing and the yaw is used."""
+STEP_SHARE = 1.5
+"""No step between two positions is believed to be longer than this share of what speed limit and wind allow."""
 ECHO_S = 3.0
 """The fleet's own callsign nearer to us than so much flight is the echo of our own transponder."""
 CLOCK_DIGITS = 3
 """Offsets of the clock are kept to the millisecond: a log, which is exact to the microsecond, then tells the same."""
 NOT_HANDED_OVER = "not armed and in the guided mode"
+HOME_TOO_FAR = "the autopilot's home is farther away than limits.range_m: where it began to steer counts"
 
 
 class Purpose(Enum):
@@ -116,16 +120,16 @@ class Companion:
         adapter: Adapter | None = None,
         law: SteeringLaw | None = None,
         admission: Admission | None = None,
-        was_engaged: bool = False,
+        was: State = State.WAITING,
     ) -> None:
         """Take charge of a vehicle; without a `law` of the caller's the configured one steers.
 
         `admission` decides what is believed of the broadcast; without one, whatever is newer and makes sense.
-        `was_engaged`: the companion that ran before this one had the vehicle (`engaged`).
+        `was`: who had the vehicle when the companion before this one ended (`engagement.kept`).
         """
         self.config = config
         self.adapter = adapter_of(config) if adapter is None else adapter
-        self.engagement = Engagement(self.adapter.resumes, was_engaged)
+        self.engagement = Engagement(self.adapter.resumes, was)
         self.standing = Standing()
         """How far picture and vehicle can be trusted, as of the last tick."""
         self.limits = config.limits
@@ -147,6 +151,7 @@ class Companion:
         self._engaged = False
         self._unable: str | None = None
         """Why what the vehicle can do is not enough to be steered."""
+        self._abilities_changed = False
         self._namesake = False
         self._clock_offset_s = 0.0
         self._uncertified_from_s: float | None = None
@@ -156,6 +161,8 @@ class Companion:
         """Distance flown under guidance."""
         self._out_of_range = False
         self._last_position_ned_m: tuple[float, float] | None = None
+        self._last_position_at_s = -math.inf
+        self._home_too_far = False
         self._last_heading_rad = 0.0
         self._next_heartbeat_s = -math.inf
         self._next_report_s = -math.inf
@@ -164,9 +171,9 @@ class Companion:
         """The setpoint that stands, and the convergence at the place that it was made for."""
 
     @property
-    def engaged(self) -> bool:
-        """Whether the companion has the vehicle, or had it and nobody has cleared that: for a restart to know."""
-        return self.engagement.engaged
+    def steers(self) -> bool:
+        """Whether a setpoint stands."""
+        return self._steered is not None
 
     def hear(self, datagram: bytes, now_s: float) -> list[bytes]:
         """Take in bytes from the broadcast link; return the frames that are believed. Never raises, whatever the bytes.
@@ -180,9 +187,14 @@ class Companion:
         return self._believe(self.admission.due(now_s), now_s)
 
     def receive(self, datagram: bytes, now_s: float) -> None:
-        """Take in bytes from the autopilot link; never raises, whatever the bytes."""
-        self.adapter.receive(datagram, now_s)
-        self.engagement.note(self.adapter.telemetry, self.adapter.steerable)
+        """Take in bytes from the autopilot link; never raises, whatever the bytes.
+
+        What does not begin with whole frames is not heard: a log could not keep it.
+        """
+        for frame in whole_frames(datagram):
+            self.adapter.receive(frame, now_s)
+            # After each: what one datagram says first counts too, however soon it is taken back.
+            self.engagement.note(self.adapter.telemetry, self.adapter.steerable)
 
     def clear(self, now_s: float) -> None:
         """Let a vehicle that was taken over be handed over again: a person on the spot says so."""
@@ -273,8 +285,13 @@ class Companion:
         self.engagement.note(adapter.telemetry, adapter.steerable)
         if self._stream_ended(now_s):
             self.engagement.note_gap(self._silence(adapter.telemetry, now_s) or "this companion was held up")
-        if not self._engaged and adapter.settled:
-            self._unable = self._reckon_with(within(self.config.limits, adapter.abilities))
+        if not adapter.settled:
+            return
+        limits = within(self.config.limits, adapter.abilities)
+        if not self._engaged:
+            self._unable = self._reckon_with(limits)
+        # Guard and guidance keep to what they began with: a certified path stays one only by the same limits.
+        self._abilities_changed = self._engaged and limits != self.limits
 
     def _reckon_with(self, limits: LimitsSection) -> str | None:
         """Adopt what is new in these limits; return why they cannot be flown by, if so."""
@@ -306,7 +323,8 @@ class Companion:
         """Return the setpoint that stands, or "stay as you are" where a stream must flow before a person hands over."""
         if self._steered is not None:
             return self.adapter.encode(*self._steered, now_s)
-        if not self.adapter.resumes or self.engagement.locked:
+        if not self.adapter.resumes or self.engagement.locked or not self.adapter.telemetry.in_air:
+            # Not known to be in the air yet: on the ground nothing is streamed.
             return []
         # An engagement whose stream has ended is over, which the next tick says.
         over = self.engagement.state is State.ENGAGED and self._stream_ended(now_s)
@@ -374,7 +392,11 @@ class Companion:
         )
         verdict = self._guarded(Setpoint(heading_rad, speed_m_s, self.config.height_m), motion, view, wish, now_s)
         self._note_certainty(NO_BACKUP not in verdict.changes, now_s)
-        said = (note, f"another vehicle uses agent id {self.config.agent_id}" if self._namesake else None)
+        said = (
+            note,
+            f"another vehicle uses agent id {self.config.agent_id}" if self._namesake else None,
+            HOME_TOO_FAR if self._home_too_far else None,
+        )
         decision = Decision(
             t_s=now_s,
             purpose=purpose,
@@ -405,6 +427,7 @@ class Companion:
             out_of_range=self._out_of_range,
             outside_fence=self._engaged and self._is_outside(telemetry),
             uncertified_s=unsure_s,
+            abilities_changed=self._abilities_changed,
             clock_offset_s=self._clock_offset_s,
         )
         self.standing = assess(inputs, self._thresholds, self.standing, now_s)
@@ -496,7 +519,7 @@ class Companion:
         """Forget what was latched: it belongs to the last engagement, and a person has the vehicle."""
         if self._engaged:
             self.adapter.release()
-        self._engaged = False
+        self._engaged = self._abilities_changed = False
         self._uncertified_from_s = None
         self._place_ned_m = None
         self._arrived = False
@@ -515,16 +538,35 @@ class Companion:
             self._last_heading_rad = telemetry.yaw_rad
         if self._start_deg is None:
             self._start_deg = (telemetry.lat_deg, telemetry.lon_deg)
+        position_at_s = now_s if telemetry.position_at_s is None else telemetry.position_at_s
         if self._last_position_ned_m is not None:
-            self.flown_m += math.dist(self._last_position_ned_m, (north_m, east_m))
-        self._last_position_ned_m = (north_m, east_m)
+            step_m = math.dist(self._last_position_ned_m, (north_m, east_m))
+            self.flown_m += min(step_m, self._longest_step_m(position_at_s - self._last_position_at_s))
+        self._last_position_ned_m, self._last_position_at_s = (north_m, east_m), position_at_s
         heading_rad = (self._last_heading_rad - convergence_rad) % math.tau
         # Telemetry is a little old: the vehicle has gone on since.
-        since_m = speed_m_s * (now_s - (telemetry.position_at_s or now_s))
+        since_m = speed_m_s * (now_s - position_at_s)
         north_m += since_m * math.cos(heading_rad)
         east_m += since_m * math.sin(heading_rad)
-        home_ned_m = self._frame_here(telemetry).to_local(*(telemetry.home_deg or self._start_deg))
+        home_ned_m = self._home_ned_m(self._frame_here(telemetry), telemetry.home_deg, self._start_deg)
         return Motion(north_m, east_m, heading_rad, speed_m_s), convergence_rad, home_ned_m
+
+    def _longest_step_m(self, elapsed_s: float) -> float:
+        """Return how far the vehicle can have flown meanwhile: one wrong position is not to use up its range."""
+        limits = self.limits
+        return STEP_SHARE * (limits.speed_m_s + limits.wind_m_s) * max(0.0, elapsed_s) + limits.position_error_m
+
+    def _home_ned_m(
+        self, frame: LocalFrame, home_deg: tuple[float, float] | None, start_deg: tuple[float, float]
+    ) -> tuple[float, float]:
+        """Return home: the autopilot's, or where it began to steer if that is unknown or out of the vehicle's range."""
+        start_ned_m = frame.to_local(*start_deg)
+        self._home_too_far = False
+        if home_deg is None:
+            return start_ned_m
+        home_ned_m = frame.to_local(*home_deg)
+        self._home_too_far = not math.dist(home_ned_m, start_ned_m) <= self.limits.range_m
+        return start_ned_m if self._home_too_far else home_ned_m
 
     def _place(self, telemetry: Telemetry) -> tuple[float, float, float]:
         """Return north and east m on the plane of the picture, and the convergence there."""

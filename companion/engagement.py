@@ -23,6 +23,7 @@ FAILSAFE = "autopilot's failsafe"
 RESTARTED = "autopilot restarted in flight"
 NOT_OURS = "OFFBOARD was on before this companion began"
 DIED_BEFORE = "OFFBOARD ended while no companion ran"
+LOCKED_BEFORE = "locked before the restart"
 
 
 class State(Enum):
@@ -39,8 +40,8 @@ class State(Enum):
 class Engagement:
     """Follows the autopilot's telemetry. Times are given by the caller."""
 
-    def __init__(self, resumes: bool, was_engaged: bool = False) -> None:
-        """Begin anew, or after a companion that had the vehicle: `was_engaged`.
+    def __init__(self, resumes: bool, was: State = State.WAITING) -> None:
+        """Begin anew, or after a companion that left the vehicle as it `was` (`kept`).
 
         `resumes`: the autopilot obeys again by itself when a stream comes back.
         """
@@ -48,16 +49,16 @@ class Engagement:
         self.reason = ""
         """Why it is locked."""
         self._resumes = resumes
-        self._held = was_engaged
+        self._was = was
         self._heard = False
-        self._left = False
-        """Whether the mode was left since it was locked."""
         self._restarts = 0
+        if resumes and was is State.LOCKED:
+            self._lock(LOCKED_BEFORE)
 
     @property
-    def engaged(self) -> bool:
-        """Whether the companion has the vehicle, or had it and nobody has cleared that: what a restart must know."""
-        return self._held
+    def kept(self) -> State:
+        """What a restart must know: until an autopilot is heard, that is still how it was before this one began."""
+        return self.state if self._heard else self._was
 
     @property
     def locked(self) -> bool:
@@ -75,15 +76,15 @@ class Engagement:
         elif not telemetry.armed:
             self._set(State.WAITING)
         elif self.state is State.LOCKED:
-            self._note_locked(steerable)
+            pass  # Neither mode nor state leads out.
         elif telemetry.system_status in FAILSAFE_STATES:
-            self._lock(FAILSAFE, steerable)
+            self._lock(FAILSAFE)
         elif restarted:
-            self._lock(RESTARTED, steerable)
+            self._lock(RESTARTED)
         elif not self._heard:
-            self._begin(telemetry, steerable)
+            self._begin(steerable)
         elif self.state is State.ENGAGED and not steerable:
-            self._lock(MODE_LEFT, steerable=False)
+            self._lock(MODE_LEFT)
         elif steerable and telemetry.in_air is not False:
             self._set(State.ENGAGED)
         self._heard = True
@@ -96,27 +97,21 @@ class Engagement:
     def clear(self) -> None:
         """Let the vehicle be handed over again: a person says so."""
         if self.state is State.LOCKED:
+            self._was = State.WAITING
             self._set(State.WAITING)
 
-    def _begin(self, telemetry: Telemetry, steerable: bool) -> None:
+    def _begin(self, steerable: bool) -> None:
         """Decide on an armed vehicle that this companion finds when it starts."""
-        if self._held and not steerable:
-            self._lock(DIED_BEFORE, steerable=False)
-        elif steerable and not self._held:
+        had_it = self._was is State.ENGAGED
+        if had_it and not steerable:
+            self._lock(DIED_BEFORE)
+        elif steerable and not had_it:
             self._lock(NOT_OURS)
         else:
             self._set(State.ENGAGED if steerable else State.WAITING)
 
-    def _note_locked(self, steerable: bool) -> None:
-        if steerable and self._left:
-            # The mode came back without us: somebody else's stream, which no restart of ours may take for its own.
-            self._held = False
-        self._left = self._left or not steerable
-
     def _set(self, state: State) -> None:
         self.state, self.reason = state, ""
-        self._held = state is State.ENGAGED
 
-    def _lock(self, reason: str, steerable: bool = True) -> None:
+    def _lock(self, reason: str) -> None:
         self.state, self.reason = State.LOCKED, reason
-        self._left = not steerable

@@ -43,6 +43,12 @@ class Mark(IntEnum):
     """A person cleared a take-over: Companion.clear()."""
     RESUMED = common.MAV_CMD_USER_2
     """At the beginning: the companion that ran before had the vehicle."""
+    WITHDRAWN = common.MAV_CMD_USER_4
+    """Between two decisions the setpoint that stood was withdrawn: Companion.repeat(), which then may send nothing."""
+    LOCKED = common.MAV_CMD_USER_5
+    """At the beginning: somebody had taken over from the companion that ran before, and nobody had cleared that."""
+    GAP = common.MAV_CMD_USER_3
+    """MAVSDK's stream had a gap: Engagement.note_gap()."""
 
 
 class FlightLog:

@@ -12,6 +12,7 @@ from enum import Enum
 
 BATTERY_MARGIN_PERCENT = 5.0
 """A battery that was low is good again so far above its limit: its voltage recovers when the load is taken off."""
+ABILITIES_CHANGED = "the autopilot's parameters were changed in flight"
 
 
 class Stage(Enum):
@@ -37,6 +38,7 @@ class Cause(Enum):
     BATTERY = "battery"
     RANGE = "range"
     GUARD = "guard"
+    ABILITIES = "abilities"
     POSITION = "position"
     CLOCK = "clock"
 
@@ -69,6 +71,8 @@ class Inputs:
     outside_fence: bool = False
     uncertified_s: float = 0.0
     """For how long the guard has had no certified back-up."""
+    abilities_changed: bool = False
+    """Whether the vehicle can now do other things than it is reckoned with."""
     clock_offset_s: float = 0.0
     """How far the computer's clock is from the one that ages are told by."""
 
@@ -147,6 +151,7 @@ def _found(inputs: Inputs, thresholds: Thresholds, was_low: bool) -> tuple[tuple
         (Cause.BATTERY, _by_battery(inputs.battery_percent, thresholds, was_low)),
         (Cause.RANGE, _if(inputs.out_of_range, Stage.RETURNING, "range")),
         (Cause.GUARD, _if(unsure, Stage.LOITERING, "no certified back-up")),
+        (Cause.ABILITIES, _if(inputs.abilities_changed, Stage.LOITERING, ABILITIES_CHANGED)),
         (Cause.POSITION, _by_accuracy(inputs.position_accuracy_m, thresholds)),
         (Cause.CLOCK, _by_clock(inputs.clock_offset_s, thresholds)),
     )

@@ -13,6 +13,7 @@ import signal
 import socket
 import struct
 import sys
+from contextlib import suppress
 from typing import Any
 
 TICK_TIMEOUT_S = 0.5
@@ -28,6 +29,8 @@ TICK = b"T"
 """To the child: the parent is alive."""
 SETPOINT = b"S"
 """To the child: velocity north, east, down in m/s, and yaw in degrees."""
+UP = b"U"
+"""To the parent: MAVSDK is imported, what comes now is read."""
 READY = b"R"
 """To the parent: the autopilot is known, setpoints can be sent."""
 FRAME = b"F"
@@ -56,7 +59,7 @@ class _Child:
     def _begin(self, system_id: int, component_id: int) -> None:
         self._mavsdk = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(system_id, component_id, False))
         self._mavsdk.add_any_connection("raw://")
-        self._mavsdk.subscribe_raw_bytes_to_be_sent(lambda sent: self._tell(FRAME + sent))
+        self._mavsdk.subscribe_raw_bytes_to_be_sent(lambda sent: self.tell(FRAME + sent))
 
     def _look_for_autopilot(self) -> None:
         if self._offboard is not None:
@@ -64,10 +67,10 @@ class _Child:
         for system in self._mavsdk.get_systems():
             if system.has_autopilot():
                 self._offboard = offboard.Offboard(system)
-                self._tell(READY)
+                self.tell(READY)
                 return
 
-    def _tell(self, message: bytes) -> None:
+    def tell(self, message: bytes) -> None:
         try:
             self._parent.send(message)
         except OSError:
@@ -83,8 +86,11 @@ def main() -> None:
     logging.log_subscribe(lambda *_: True)
     parent = socket.socket(fileno=int(sys.argv[1]))
     child = _Child(parent)
-    while message := parent.recv(MESSAGE_BYTES):
-        child.take(message[:1], message[1:])
+    child.tell(UP)
+    # Reset: the parent ended before it had read everything.
+    with suppress(ConnectionResetError):
+        while message := parent.recv(MESSAGE_BYTES):
+            child.take(message[:1], message[1:])
     # Past MAVSDK's own ending, which waits for its threads.
     os._exit(0)
 

@@ -15,8 +15,10 @@ from companion.admission import Admission, Trust
 from companion.config import Config
 from companion.core import Companion, Decision
 from companion.dialect import oneway
+from companion.engagement import State
 from companion.flightlog import STATUSTEXT_ID, Mark, clock_offset_s, decision_frame, mark_of
 from companion.framing import header_of, payload_of
+from companion.offboard import MAVSDK_SILENT
 from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter
 
 _MARKER_V2 = 0xFD
@@ -53,7 +55,14 @@ def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[R
             companion.receive(raw, t_s)
         elif (mark := mark_of(raw)) is not None:
             if mark is Mark.RESUMED:
-                companion = _told(config, was_engaged=True)
+                companion = _told(config, State.ENGAGED)
+            elif mark is Mark.LOCKED:
+                companion = _told(config, State.LOCKED)
+            elif mark is Mark.WITHDRAWN:
+                companion.repeat(t_s)
+                decided_s = t_s
+            elif mark is Mark.GAP:
+                companion.engagement.note_gap(MAVSDK_SILENT)
             else:
                 companion.clear(t_s)
         elif (offset_s := clock_offset_s(raw, t_s)) is not None:
@@ -64,8 +73,8 @@ def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[R
             decided_s = t_s
 
 
-def _told(config: Config, was_engaged: bool = False) -> Companion:
+def _told(config: Config, was: State = State.WAITING) -> Companion:
     agreed = config.broadcast is None or config.broadcast.clock == "checked"
     # Whatever is in the log was in time by the settings of the flight.
     admission = Admission(Trust(max_age_s=math.inf, ahead_s=math.inf, clock_checked=agreed))
-    return Companion(config, admission=admission, was_engaged=was_engaged)
+    return Companion(config, admission=admission, was=was)

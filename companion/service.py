@@ -12,6 +12,7 @@ import asyncio
 import gc
 import json
 import math
+import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -29,12 +30,13 @@ from companion.core import Companion, Decision, Purpose
 from companion.decisions import DecisionTable
 from companion.dialect import oneway
 from companion.encapsulation import unwrap
+from companion.engagement import State
 from companion.errors import InputError
 from companion.flightlog import FlightLog, Mark, clock_frame, decision_frame, line_of, mark_frame, unused
 from companion.framing import MARKER, StreamFramer, header_of
 from companion.keys import load_mavlink_key, load_public
 from companion.notify import Notifier
-from companion.offboard import Offboard, Velocity, is_setpoint, velocity_of
+from companion.offboard import MAVSDK_SILENT, Offboard, Velocity, is_setpoint, velocity_of
 from companion.pace import Beat, Gaps, next_due_s
 from companion.process import SteadyClock, hear_what_piled_up, wait
 from companion.reception import Warnings
@@ -50,6 +52,8 @@ BROADCAST_LOG_BYTES_PER_S = 20_000.0
 """Several times what any radio in mind carries; a flood is logged no faster."""
 ONEWAY_IDS = frozenset(oneway.mavlink_map) - {oneway.MAVLINK_MSG_ID_HEARTBEAT}
 """Messages of our own dialect."""
+BEGINNINGS = {State.ENGAGED: Mark.RESUMED, State.LOCKED: Mark.LOCKED}
+"""What a log begins with after a companion that left the vehicle so."""
 STATUS_PERIOD_S = 60.0
 """How often the state of the broadcast link is told while nothing else is."""
 
@@ -65,7 +69,12 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
         raise InputError("companion: autopilot and broadcast links are needed")
     with ExitStack() as stack:
         shell = _Shell(config, config.autopilot, config.broadcast, stack)
-        await shell.open()
+        try:
+            await shell.open()
+        except InputError:
+            # Whoever starts it again and again until a port is there shall not find a folder for each time.
+            shell.leave_no_logs()
+            raise
         await shell.run(stop)
 
 
@@ -99,27 +108,24 @@ def _state_of(section: BroadcastSection) -> AdmissionState | None:
         ) from error
 
 
-def engaged_of(section: AutopilotSection) -> bool:
-    """Return whether the companion that ran before had engaged, by its state file.
+def kept_engagement(section: AutopilotSection) -> tuple[State, str | None]:
+    """Return who had the vehicle when the companion before this one ended, by its state file, and a doubt, if any.
+
+    A file that does not tell is no reason not to start in flight: it counts as locked, which lets a person decide.
 
     Raises:
-        InputError: the state file cannot be read or written.
+        InputError: the state file could not be written.
 
     """
     if section.state_file is None:
-        return False
+        return State.WAITING, None
     path = Path(section.state_file)
-    text = read_state_file(path)
     check_state_file(path)
-    if text is None:
-        return False
     try:
-        engaged = json.loads(text)["engaged"]
-    except (ValueError, TypeError, KeyError):
-        engaged = None
-    if not isinstance(engaged, bool):
-        raise InputError(f"{path}: not a state of the engagement; remove it, and the vehicle counts as not engaged")
-    return engaged
+        text = read_state_file(path)
+        return (State.WAITING if text is None else State(json.loads(text)["engagement"])), None
+    except (InputError, ValueError, TypeError, KeyError, RecursionError):
+        return State.LOCKED, f"{path}: not a state of the engagement: a PX4 counts as locked, ArduPilot's mode decides"
 
 
 class _Shell:
@@ -138,16 +144,18 @@ class _Shell:
         is_stream = link is not None and link.scheme == "serial"
         admission = Admission(trust_of(broadcast), _state_of(broadcast), is_stream=is_stream)
         self._framer = StreamFramer() if is_stream else None
-        engaged = engaged_of(autopilot)
-        self._companion = Companion(config, admission=admission, was_engaged=engaged)
+        was, doubt = kept_engagement(autopilot)
+        if doubt is not None:
+            self._say(f"warning: {doubt}")
+        self._companion = Companion(config, admission=admission, was=was)
         self._clock = SteadyClock()
         self._logs = _logs(config, self._files, stack)
-        if engaged:
-            self._logs.vehicle.record(self._clock.now_s(), mark_frame(Mark.RESUMED, self._system_id))
+        if was in BEGINNINGS:
+            self._logs.vehicle.record(self._clock.now_s(), mark_frame(BEGINNINGS[was], self._system_id))
         self._marks = FrameWriter()
         self._listening = _Listening(self._companion)
         self._broadcast_state = _StateKeeper(broadcast.state_file, admission, self._files)
-        self._engagement = _EngagementKeeper(autopilot.state_file, engaged, self._files)
+        self._engagement = _EngagementKeeper(autopilot.state_file, was, self._files)
         stack.callback(self._broadcast_state.keep)
         quiet = config.case == "II" if config.status.quiet is None else config.status.quiet
         self._teller = StatusTeller(config.status.period_s, quiet)
@@ -171,7 +179,7 @@ class _Shell:
             receiver = await open_receiver(self._broadcast_link, self._from_broadcast)
             stack.callback(receiver.close)
         if self._autopilot.kind == "px4-copter" and self._autopilot.offboard == "mavsdk":
-            self._offboard = Offboard(self._transmit)
+            self._offboard = Offboard(self._transmit, self._after_gap)
             stack.callback(self._offboard.close)
         self._link = await open_duplex(parse_link(self._autopilot.link), self._from_autopilot)
         stack.callback(self._link.close)
@@ -182,6 +190,11 @@ class _Shell:
             f"agent {config.agent_id}, {self._autopilot.kind} on {self._autopilot.link}, "
             f"broadcast on {self._broadcast.link} ({self._companion.admission.trust.words})"
         )
+
+    def leave_no_logs(self) -> None:
+        """Remove the folder of a run that never began."""
+        if self._logs.folder is not None:
+            shutil.rmtree(self._logs.folder, ignore_errors=True)
 
     async def run(self, stop: asyncio.Event) -> None:
         """Decide and send on the grid until `stop` is set."""
@@ -211,14 +224,20 @@ class _Shell:
         self._believe(self._companion.hear_waiting)
         now_s = self._clock.now_s()
         self._note_clock(now_s)
+        if self._offboard is not None and self._offboard.silent:
+            self._after_gap()
         if decides:
             decision, frames = self._companion.tick(now_s)
             self._logs.vehicle.record(now_s, self._marks.encode(decision_frame(decision)))
             self._send(frames, now_s)
             self._tell(decision, now_s)
         else:
-            self._send(self._companion.repeat(now_s), now_s)
-        self._engagement.note(self._companion.engaged)
+            stood = self._companion.steers
+            frames = self._companion.repeat(now_s)
+            if stood and not self._companion.steers:
+                self._logs.vehicle.record(now_s, mark_frame(Mark.WITHDRAWN, self._system_id))
+            self._send(frames, now_s)
+        self._engagement.note(self._companion.engagement.kept)
         for frame in self._teller.text(now_s, self._companion.adapter.telemetry.system_id):
             self._link.send(frame)
         self._notifier.alive()
@@ -319,6 +338,15 @@ class _Shell:
         if self._companion.note_clock(offset_s):
             self._logs.vehicle.record(now_s, clock_frame(self._system_id, now_s, offset_s))
 
+    def _after_gap(self) -> bool:
+        """Note that MAVSDK's stream had a gap; return whether it may begin again, as it may while a person flies."""
+        engagement = self._companion.engagement
+        may_go_on = not engagement.locked
+        engagement.note_gap(MAVSDK_SILENT)
+        if may_go_on and engagement.locked:
+            self._logs.vehicle.record(self._clock.now_s(), mark_frame(Mark.GAP, self._system_id))
+        return not engagement.locked
+
     def _clear(self) -> None:
         """Give the vehicle back to the companion after a take-over, at a person's signal."""
         if self._autopilot.clear != "signal":
@@ -359,18 +387,18 @@ class _StateKeeper:
 
 
 class _EngagementKeeper:
-    """Keeps on disk whether the companion has the vehicle, for the one that is started after it."""
+    """Keeps on disk who has the vehicle, for the companion that is started after this one."""
 
-    def __init__(self, path: str | None, engaged: bool, files: Background) -> None:
+    def __init__(self, path: str | None, was: State, files: Background) -> None:
         self._path = None if path is None else Path(path)
-        self._kept = engaged
+        self._kept = was
         self._files = files
 
-    def note(self, engaged: bool) -> None:
+    def note(self, state: State) -> None:
         """Write it if it changed."""
-        if engaged != self._kept and self._path is not None:
-            _write_in_background(self._path, json.dumps({"engaged": engaged}), self._files)
-        self._kept = engaged
+        if state is not self._kept and self._path is not None:
+            _write_in_background(self._path, json.dumps({"engagement": state.value}), self._files)
+        self._kept = state
 
 
 def _write_in_background(path: Path, text: str, files: Background) -> None:
@@ -391,6 +419,7 @@ def _background(name: str, stack: ExitStack) -> Background:
 
 @dataclass(frozen=True)
 class _Logs:
+    folder: Path | None
     vehicle: FlightLog
     broadcast: FlightLog
     decisions: DecisionTable | None
@@ -399,7 +428,7 @@ class _Logs:
 def _logs(config: Config, files: Background, stack: ExitStack) -> _Logs:
     """Open the logs of this run in a folder of its own: a restart in flight shall not cost what was recorded before."""
     if config.log_dir is None:
-        return _Logs(FlightLog(None), FlightLog(None), None)
+        return _Logs(None, FlightLog(None), FlightLog(None), None)
     folder = unused(Path(config.log_dir) / time.strftime("%Y%m%dT%H%M%SZ", time.gmtime()))
     try:
         folder.mkdir(parents=True)
@@ -413,7 +442,7 @@ def _logs(config: Config, files: Background, stack: ExitStack) -> _Logs:
             f"log_dir: '{config.log_dir}' cannot be used: {error.strerror}; allowed: a writable folder"
         ) from error
     broadcast_log = FlightLog(TlogWriter(broadcast), most_bytes_per_s=BROADCAST_LOG_BYTES_PER_S)
-    logs = _Logs(FlightLog(TlogWriter(vehicle)), broadcast_log, DecisionTable(decisions))
+    logs = _Logs(folder, FlightLog(TlogWriter(vehicle)), broadcast_log, DecisionTable(decisions))
     for closing in (vehicle.close, broadcast.close, decisions.close):
         stack.callback(closing)
     return logs

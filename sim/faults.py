@@ -20,6 +20,7 @@ from companion.admission import Admission, AdmissionState, Trust
 from companion.config import AutopilotSection, Config, StalenessSection, config_for_agent
 from companion.core import Companion, Decision, Purpose
 from companion.drawing import resolve
+from companion.engagement import State
 from companion.geodesy import LocalFrame
 from companion.ladder import Stage
 from companion.mission import Mission
@@ -245,7 +246,7 @@ class Flight:
         self._stranger: Track | None = None
         self._stranger_id = AGENT_ID
         self._detector = Detector(_DETECTOR_ID, SYSTEM_ID, self._frame, mission.detector_range_m)
-        self._kept_engaged = False
+        self._kept_state = State.WAITING
         self._kept_admission: AdmissionState | None = None
         self._clock_ahead_s = 0.0
         self._hung_since_s: float | None = None
@@ -274,11 +275,11 @@ class Flight:
     def start_companion(self, with_state: bool = True) -> None:
         """Start the companion's process, with the state files of the one before or without any."""
         if not with_state:
-            self._kept_engaged, self._kept_admission = False, None
+            self._kept_state, self._kept_admission = State.WAITING, None
         trust = Trust(mavlink_key=FLEET_KEY if self.setting.signed else None)
         admission = Admission(trust, self._kept_admission)
         adapter = ADAPTERS[self.setting.kind]()
-        companion = Companion(self.config, adapter, admission=admission, was_engaged=self._kept_engaged)
+        companion = Companion(self.config, adapter, admission=admission, was=self._kept_state)
         self._program = _Program(companion, self._clock_ahead_s)
 
     def hang_companion(self, hung: bool) -> None:
@@ -422,7 +423,7 @@ class Flight:
             frames = companion.repeat(now_s)
         program.setpoints = [frame for frame in frames if is_setpoint(frame)]
         self._deliver(frames, program)
-        self._kept_engaged = companion.engaged
+        self._kept_state = companion.engagement.kept
         self._kept_admission = companion.admission.state
 
     def _catch_up(self) -> None:

@@ -23,7 +23,7 @@ from companion.core import Companion, Decision
 from companion.drawing import random_stream
 from companion.encapsulation import wrap
 from companion.errors import InputError
-from companion.flightlog import decision_frame
+from companion.flightlog import Mark, decision_frame, mark_frame
 from companion.geodesy import LocalFrame
 from companion.mission import AgentSpec, Mission
 from companion.monolithic import load_monolithic
@@ -162,7 +162,11 @@ class _Aircraft:
 
     def repeat(self, now_s: float) -> None:
         """Let the companion keep its last decision standing."""
-        self._send(self.companion.repeat(now_s), now_s)
+        stood = self.companion.steers
+        frames = self.companion.repeat(now_s)
+        if stood and not self.companion.steers:
+            self._log(mark_frame(Mark.WITHDRAWN, self.spec.id), now_s)
+        self._send(frames, now_s)
 
     def mind_person(self, t_s: float) -> None:
         """Let the person do to the vehicle, on a link of his own, what there is to do."""

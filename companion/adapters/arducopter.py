@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from companion.adapters.ardupilot import FENCE_DEMANDS, no_gcs_failsafe
+from companion.adapters.ardupilot import fence_demands, no_gcs_failsafe
 from companion.adapters.base import Abilities
 from companion.adapters.demands import Demand
 from companion.adapters.link import ARDUCOPTER
@@ -53,7 +53,7 @@ DEMANDS = (
     no_gcs_failsafe("FS_GCS_ENABLE"),
     Demand("WPNAV_ACCEL", "it bounds how fast the copter turns and stops", "set WPNAV_ACCEL to 250", 100.0, 1000.0),
     Demand("ANGLE_MAX", "it bounds the speed that the copter reaches", "set ANGLE_MAX to 3000", 2000.0, 4500.0),
-    *FENCE_DEMANDS,
+    *fence_demands((1.0, 2.0, 3.0, 4.0, 5.0)),
 )
 
 

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from companion.adapters.demands import Demand
 
-FENCE_DEMANDS = (
-    Demand(
-        "FENCE_ENABLE",
-        "the autopilot's own fence holds when the companion is dead",
-        "set FENCE_ENABLE to 1 and upload the fence",
-        allowed=(1.0,),
-        when_fenced=True,
-    ),
-    Demand(
-        "FENCE_ACTION",
-        "a fence that only reports holds nobody",
-        "set FENCE_ACTION to 1",
-        least=1.0,
-        when_fenced=True,
-    ),
-)
+
+def fence_demands(actions: tuple[float, ...]) -> tuple[Demand, ...]:
+    """Return the demands on the fence; `actions`: values of FENCE_ACTION that bring a vehicle of the kind back."""
+    return (
+        Demand(
+            "FENCE_ENABLE",
+            "the autopilot's own fence holds when the companion is dead",
+            "set FENCE_ENABLE to 1 and upload the fence",
+            allowed=(1.0,),
+            when_fenced=True,
+        ),
+        Demand(
+            "FENCE_ACTION",
+            "a fence that only reports, or that leaves the vehicle in GUIDED, holds nobody",
+            f"set FENCE_ACTION to {actions[0]:g}",
+            allowed=actions,
+            when_fenced=True,
+        ),
+    )
 
 
 def no_gcs_failsafe(name: str) -> Demand:

@@ -11,7 +11,7 @@ import math
 
 from pymavlink.dialects.v20 import common
 
-from companion.adapters.ardupilot import FENCE_DEMANDS, no_gcs_failsafe
+from companion.adapters.ardupilot import fence_demands, no_gcs_failsafe
 from companion.adapters.base import Abilities
 from companion.adapters.commands import Command
 from companion.adapters.course import CourseRamp
@@ -59,7 +59,7 @@ DEMANDS = (
     Demand("ROLL_LIMIT_DEG", "it bounds how fast the plane turns", "set ROLL_LIMIT_DEG to 45", 30.0, 65.0),
     Demand("WP_LOITER_RAD", "a plane whose companion died circles so wide", "set WP_LOITER_RAD to 60", 20.0, 200.0),
     no_gcs_failsafe("FS_GCS_ENABL"),
-    *FENCE_DEMANDS,
+    *fence_demands((1.0, 8.0)),
 )
 
 

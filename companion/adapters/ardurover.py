@@ -6,7 +6,7 @@ are guesses on the side of caution. A rover has no height; its configuration say
 
 from __future__ import annotations
 
-from companion.adapters.ardupilot import FENCE_DEMANDS, no_gcs_failsafe
+from companion.adapters.ardupilot import fence_demands, no_gcs_failsafe
 from companion.adapters.base import Abilities
 from companion.adapters.demands import Demand
 from companion.adapters.link import ARDUROVER
@@ -32,7 +32,7 @@ WANTED = (
 DEMANDS = (
     no_gcs_failsafe("FS_GCS_ENABLE"),
     Demand("ATC_TURN_MAX_G", "it bounds how fast the rover turns", "set ATC_TURN_MAX_G to 0.6", 0.1, 1.0),
-    *FENCE_DEMANDS,
+    *fence_demands((1.0, 2.0, 3.0, 4.0)),
 )
 
 

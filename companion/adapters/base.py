@@ -369,7 +369,7 @@ class TelemetryReader:
             self._twins_s = now_s
 
     def _home(self, message: Message, now_s: float) -> None:
-        if not _is_on_earth(message.latitude, message.longitude):
+        if (message.latitude, message.longitude) == _NO_FIX or not _is_on_earth(message.latitude, message.longitude):
             self.rejected["out of range"] += 1
             return
         self._update(home_deg=(message.latitude / 1e7, message.longitude / 1e7))

@@ -13,6 +13,7 @@ from companion.adapters.link import ARDUCOPTER, LinkedAdapter
 from companion.adapters.px4_copter import Px4CopterAdapter
 from companion.config import Config, LimitsSection, StalenessSection
 from companion.core import Companion, Decision
+from companion.engagement import State
 from companion.geodesy import LocalFrame
 from companion.mission import CostWeights
 from companion.wire import (
@@ -83,9 +84,9 @@ KINDS = ("arducopter", "kinematic")
 class Flight:
     """A companion, and what the world tells it."""
 
-    def __init__(self, config: Config = CONFIG, kind: str = "arducopter", was_engaged: bool = False) -> None:
+    def __init__(self, config: Config = CONFIG, kind: str = "arducopter", was: State = State.WAITING) -> None:
         adapter = adapter_of(kind)
-        self.companion = Companion(config, adapter, was_engaged=was_engaged)
+        self.companion = Companion(config, adapter, was=was)
         self.identity = adapter.identity
         self.boot_ms = 0
         self.now_s = NOW_S

@@ -199,8 +199,8 @@ def test_a_position_before_the_first_heartbeat_belongs_to_nobody() -> None:
 
 @pytest.mark.parametrize(
     "datagram",
-    [position(lat_e7=900_000_001), position(lon_e7=-1_800_000_001), home(950_000_000)],
-    ids=["latitude", "longitude", "home"],
+    [position(lat_e7=900_000_001), position(lon_e7=-1_800_000_001), home(950_000_000), home(0, 0)],
+    ids=["latitude", "longitude", "home", "no home"],
 )
 def test_a_place_that_is_not_on_earth_is_ignored_and_counted(datagram: bytes) -> None:
     reader = reader_of(heartbeat(), datagram)

@@ -170,6 +170,22 @@ def test_who_has_a_fence_needs_the_autopilots_own(kind: str, good: dict[str, flo
 
 
 @pytest.mark.parametrize(
+    ("kind", "holding", "letting_go"),
+    [
+        ("arducopter", {1, 2, 3, 4, 5}, {0, 6, 7}),
+        # 6 and 7 put a plane into GUIDED, where it would obey the companion that left the fence.
+        ("arduplane", {1, 8}, {0, 6, 7}),
+        ("ardurover", {1, 2, 3, 4}, {0, 5}),
+    ],
+)
+def test_only_a_fence_action_that_takes_the_vehicle_from_guided_will_do(
+    kind: str, holding: set[int], letting_go: set[int]
+) -> None:
+    (demand,) = (one for one in ADAPTERS[kind]().demands if one.name == "FENCE_ACTION")
+    assert {value for value in holding | letting_go if demand.met_by(value)} == holding
+
+
+@pytest.mark.parametrize(
     ("kind", "key", "value", "text"),
     [
         ("arducopter", "n_max", 0.5, "limits.n_max: 0.5; this vehicle turns at most with 0.178"),

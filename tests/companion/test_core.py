@@ -14,7 +14,7 @@ from companion.adapters import ADAPTERS
 from companion.adapters.base import NEIGHBOUR_MEMORY_S
 from companion.admission import Admission, Trust
 from companion.config import LAWS, Config
-from companion.core import ARRIVAL_SHARE, HEARTBEAT_TIMEOUT_S, Companion, Decision, Purpose
+from companion.core import ARRIVAL_SHARE, HEARTBEAT_TIMEOUT_S, HOME_TOO_FAR, Companion, Decision, Purpose
 from companion.guard import KEEP_OUT, NEW_THREAT, Verdict
 from companion.guidance import Pull
 from companion.kinematics import turn_towards
@@ -373,8 +373,11 @@ def with_range(policy: str) -> Flight:
 
 
 def flown(flight: Flight, *norths_m: float) -> Decision:
-    decisions = []
+    """Fly to one place after another at 10 m/s; return the last decision."""
+    decisions, before_m = [], norths_m[0]
     for north_m in norths_m:
+        flight.now_s += abs(north_m - before_m) / 10.0
+        before_m = north_m
         flight.broadcast((50_000.0, 0.0))
         decisions.append(flight.at(north_m, 0.0, (10.0, 0.0))[0])
     return decisions[-1]
@@ -398,6 +401,30 @@ def test_near_home_the_moment_to_turn_home_cannot_fall_between_two_decisions() -
 def test_having_turned_home_for_its_range_it_keeps_to_it() -> None:
     decision = flown(with_range("return"), 0.0, 500.0, 960.0, 500.0, 300.0)
     assert (decision.purpose, decision.reason) == (Purpose.RETURN, "range")
+
+
+def test_one_wrong_position_far_away_does_not_use_up_its_range() -> None:
+    flight = with_range("return")
+    assert flown(flight, 0.0, 500.0).purpose is Purpose.TARGET
+    for north_m in (30_000.0, 500.0):
+        flight.now_s += 0.5
+        flight.at(north_m, 0.0, (10.0, 0.0))
+    assert flight.companion.flown_m == pytest.approx(500.0 + 2 * 1.5 * 10.0 * 0.5, abs=0.1)
+    assert flown(flight, 500.0, 960.0).reason == "range"
+
+
+def test_a_home_beyond_its_range_is_not_flown_to_and_that_is_said() -> None:
+    flight = with_range("return")
+    flight.home(5_000.0, 0.0)
+    flown(flight, 300.0, 500.0)
+    flight.broadcast(directive=Directive.RETURN)
+    decision, _ = flight.at(500.0, 0.0, (-10.0, 0.0))
+    assert (decision.purpose, decision.note) == (Purpose.RETURN, HOME_TOO_FAR)
+    assert math.cos(decision.wanted_heading_rad) == pytest.approx(-1.0, abs=1e-3)
+    flight.home(1_500.0, 0.0)
+    decision, _ = flight.at(500.0, 0.0, (10.0, 0.0))
+    assert (decision.purpose, decision.note) == (Purpose.RETURN, None)
+    assert math.cos(decision.wanted_heading_rad) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_the_policy_arrive_goes_on_whatever_the_range() -> None:
@@ -954,8 +981,11 @@ def test_without_a_period_nothing_is_reported() -> None:
 def test_a_report_tells_where_the_vehicle_is_how_it_moves_and_how_far_it_has_flown() -> None:
     flight = guided(REPORTING)
     flight.broadcast()
+    flight.now_s -= 40.0
     for north_m in (0.0, 100.0, 200.5):
         flight.at(north_m, -700.0, (3.0, -4.0))
+        flight.now_s += 20.0
+    flight.now_s -= 20.0
     report = reported(flight)
     assert report is not None
     assert (report.agent_id, report.unix_s) == (ME, NOW_S)
@@ -1003,11 +1033,13 @@ def test_relocated_it_measures_on_from_where_it_finds_itself() -> None:
     flight = guided()
     flight.broadcast()
     flight.at(0.0)
+    flight.now_s += 10.0
     flight.at(100.0)
     assert flight.companion.flown_m == pytest.approx(100.0, abs=0.1)
     flight.companion.relocate(5_000.0)
     flight.at(3_000.0)
     assert flight.companion.flown_m == 5_000.0
+    flight.now_s += 1.0
     flight.at(3_010.0)
     assert flight.companion.flown_m == pytest.approx(5_010.0, abs=0.1)
 

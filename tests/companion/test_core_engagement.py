@@ -13,8 +13,8 @@ from companion.adapters.arducopter import ArduCopterAdapter
 from companion.adapters.base import Abilities
 from companion.config import AutopilotSection, Config
 from companion.core import Companion, Decision, Purpose
-from companion.engagement import STREAM_GAP_S
-from companion.ladder import Stage
+from companion.engagement import STREAM_GAP_S, State
+from companion.ladder import ABILITIES_CHANGED, Stage
 from companion.wire import Directive, ThreatEntry
 from tests.companion.core_flight import CONFIG, GUIDED, KINDS, ME, Flight, ObedientCopter, guided
 
@@ -23,9 +23,9 @@ HOLD_MODE = 4 << 16 | 3 << 24
 PACE_S = 0.1
 
 
-def px4(config: Config = CONFIG, was_engaged: bool = False) -> Flight:
+def px4(config: Config = CONFIG, was: State = State.WAITING) -> Flight:
     """Return a PX4 copter in the air, in HOLD, with a picture."""
-    flight = Flight(config, "px4-copter", was_engaged)
+    flight = Flight(config, "px4-copter", was)
     flight.heartbeat(GUIDED, HOLD_MODE)
     flight.landed(common.MAV_LANDED_STATE_IN_AIR)
     flight.position()
@@ -55,6 +55,7 @@ def px4_without_picture() -> Flight:
     """Return a flight whose vehicle was put into OFFBOARD, where it stands and waits for a picture."""
     flight = Flight(kind="px4-copter")
     flight.heartbeat(GUIDED, HOLD_MODE)
+    flight.landed(common.MAV_LANDED_STATE_IN_AIR)
     flight.position()
     flight.tick()
     flight.heartbeat()
@@ -90,9 +91,19 @@ def test_on_the_ground_nothing_is_streamed() -> None:
     assert flight.tick()[1] is None
 
 
+def test_before_it_is_told_to_be_in_the_air_nothing_is_streamed() -> None:
+    flight = Flight(kind="px4-copter")
+    flight.heartbeat(GUIDED, HOLD_MODE)
+    flight.position()
+    assert flight.tick()[1] is None
+    flight.landed(common.MAV_LANDED_STATE_IN_AIR)
+    assert flight.tick()[1] is not None
+
+
 def test_without_a_picture_it_holds_in_offboard_and_steers_on_the_tick_after_the_first() -> None:
     flight = Flight(kind="px4-copter")
     flight.heartbeat(GUIDED, HOLD_MODE)
+    flight.landed(common.MAV_LANDED_STATE_IN_AIR)
     flight.position()
     assert flight.tick()[1] is not None
     flight.heartbeat()
@@ -206,27 +217,49 @@ def test_one_that_finds_offboard_on_when_it_starts_sends_nothing() -> None:
     decision, setpoint = flight.tick()
     assert decision.reason.startswith("OFFBOARD was on before this companion began")
     assert setpoint is None
-    assert not flight.companion.engaged
+    assert flight.companion.engagement.kept is State.LOCKED
 
 
 def test_one_that_had_the_vehicle_before_it_died_steers_on_its_first_tick() -> None:
-    flight = Flight(kind="px4-copter", was_engaged=True)
+    flight = Flight(kind="px4-copter", was=State.ENGAGED)
     flight.heartbeat()
     flight.position()
     flight.broadcast()
     assert flight.tick()[0].purpose is Purpose.TARGET
-    assert flight.companion.engaged
+    assert flight.companion.engagement.kept is State.ENGAGED
+
+
+def test_one_that_had_been_taken_over_from_before_it_died_sends_nothing() -> None:
+    before = handed_over()
+    before.heartbeat(GUIDED, HOLD_MODE)
+    flight = Flight(kind="px4-copter", was=before.companion.engagement.kept)
+    flight.heartbeat()
+    flight.position()
+    flight.broadcast()
+    decision, setpoint = flight.tick()
+    assert decision.reason.startswith("locked before the restart")
+    assert setpoint is None
+
+
+def test_a_take_over_that_is_taken_back_within_one_datagram_counts() -> None:
+    flight = handed_over()
+    px4_says = common.MAVLink(None, srcSystem=9, srcComponent=common.MAV_COMP_ID_AUTOPILOT1)
+    modes = (HOLD_MODE, flight.identity.guided_mode)
+    said = [common.MAVLink_heartbeat_message(2, flight.identity.autopilot, GUIDED, mode, 4, 3) for mode in modes]
+    flight.companion.receive(b"".join(bytes(one.pack(px4_says)) for one in said), flight.now_s)
+    assert flight.companion.engagement.locked
+    assert streamed(flight) is None
 
 
 events = st.sampled_from(["offboard", "hold", "disarm", "critical", "position", "picture", "wait", "reboot", "clear"])
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.lists(events, max_size=25), st.booleans())
+@given(st.lists(events, max_size=25), st.sampled_from(State))
 def test_whatever_happens_nothing_is_sent_outside_offboard_after_an_engagement_until_it_is_cleared(
-    history: list[str], was_engaged: bool
+    history: list[str], was: State
 ) -> None:
-    flight = Flight(kind="px4-copter", was_engaged=was_engaged)
+    flight = Flight(kind="px4-copter", was=was)
     actions = {
         "offboard": flight.heartbeat,
         "hold": lambda: flight.heartbeat(GUIDED, HOLD_MODE),
@@ -237,7 +270,7 @@ def test_whatever_happens_nothing_is_sent_outside_offboard_after_an_engagement_u
         "reboot": lambda: setattr(flight, "boot_ms", 0),
         "clear": lambda: flight.companion.clear(flight.now_s),
     }
-    may_stream, ever_offboard = True, was_engaged
+    may_stream, ever_offboard = was is not State.LOCKED, was is State.ENGAGED
     for event in ["position", *history]:
         if event == "wait":
             flight.now_s += 0.5
@@ -389,18 +422,35 @@ def test_it_is_reckoned_with_as_what_its_parameters_say() -> None:
     assert flight.companion.config.limits == CONFIG.limits
 
 
-def test_what_changes_while_it_is_engaged_counts_after_it() -> None:
+def test_what_changes_while_it_is_engaged_makes_it_loiter_until_it_is_handed_over_anew() -> None:
     flight = real_copter()
     tell(flight, **DEFAULTS)
     flight.companion.tick(flight.now_s)
     before = flight.companion.limits
     tell(flight, WPNAV_ACCEL=100.0)
-    flight.companion.tick(flight.now_s)
+    decision, _ = flight.companion.tick(flight.now_s)
     assert flight.companion.limits == before
+    assert (decision.stage, decision.purpose, decision.reason) == (Stage.LOITERING, Purpose.LOITER, ABILITIES_CHANGED)
     flight.heartbeat(GUIDED, 5)
     flight.companion.tick(flight.now_s)
     flight.companion.tick(flight.now_s)
     assert flight.companion.limits.n_max == pytest.approx(0.7 * 1.0 / 9.80665, abs=1e-3)
+    flight.now_s += 1.0
+    flight.heartbeat()
+    flight.position()
+    assert flight.companion.tick(flight.now_s)[0].purpose is Purpose.TARGET
+
+
+def test_what_is_changed_back_while_it_is_engaged_lets_it_go_on() -> None:
+    flight = real_copter()
+    tell(flight, **DEFAULTS)
+    flight.companion.tick(flight.now_s)
+    tell(flight, WPNAV_ACCEL=100.0)
+    assert flight.companion.tick(flight.now_s)[0].purpose is Purpose.LOITER
+    tell(flight, WPNAV_ACCEL=250.0)
+    flight.now_s += 1.0
+    flight.position()
+    assert flight.companion.tick(flight.now_s)[0].purpose is Purpose.TARGET
 
 
 def test_in_a_wind_that_leaves_it_no_speed_it_does_not_engage() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import configparser
 from importlib import resources
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +12,7 @@ from companion.adapters import ADAPTERS
 from companion.adapters.link import LinkedAdapter
 from companion.config import ONE_RADIO, Config, load_config
 
+ROOT = Path(__file__).parents[2]
 FOLDER = resources.files("companion") / "deploy"
 EXAMPLES = tuple(sorted(entry.name for entry in FOLDER.iterdir() if entry.name.endswith(".yaml")))
 
@@ -74,3 +76,15 @@ def test_what_the_unit_lets_be_written_is_where_the_examples_write() -> None:
 def test_px4_examples_keep_whether_they_steer() -> None:
     kept = {name for name in EXAMPLES if (section := example(name).autopilot) is not None and section.state_file}
     assert kept == {"px4-copter.yaml", "px4-plane.yaml"}
+
+
+def test_the_page_lists_what_the_check_demands_of_each_autopilot() -> None:
+    page = (ROOT / "docs" / "deploy.md").read_text(encoding="utf-8").split("<!-- demands -->")[1]
+    rows = []
+    for kind, build in ADAPTERS.items():
+        adapter = build()
+        for demand in adapter.demands:
+            default = next(wanted.default for wanted in adapter.wanted if wanted.name == demand.name)
+            fenced = " with `limits.fence`" if demand.when_fenced else ""
+            rows.append(f"| `{kind}` | {demand.name} | {default:g} | {demand.words}{fenced} | {demand.why} |")
+    assert page.strip().splitlines()[2:] == rows

@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from companion.adapters.base import Telemetry
-from companion.engagement import DIED_BEFORE, FAILSAFE, MODE_LEFT, NOT_OURS, RESTARTED, Engagement, State
+from companion.engagement import DIED_BEFORE, FAILSAFE, LOCKED_BEFORE, MODE_LEFT, NOT_OURS, RESTARTED, Engagement, State
 
 FLYING = Telemetry(system_id=1, heartbeat_at_s=0.0, armed=True, in_air=True, system_status=common.MAV_STATE_ACTIVE)
 ON_THE_GROUND = replace(FLYING, armed=False, in_air=False)
 IN_FAILSAFE = replace(FLYING, system_status=common.MAV_STATE_CRITICAL)
 
 
-def px4(was_engaged: bool = False) -> Engagement:
-    return Engagement(resumes=True, was_engaged=was_engaged)
+def px4(was: State = State.WAITING) -> Engagement:
+    return Engagement(resumes=True, was=was)
 
 
 def engaged() -> Engagement:
@@ -43,7 +43,7 @@ def test_on_ardupilot_the_mode_alone_decides(steps: tuple[bool, ...]) -> None:
 
 
 def test_a_px4_that_is_handed_over_is_engaged() -> None:
-    assert engaged().engaged
+    assert engaged().kept is State.ENGAGED
 
 
 def test_a_mode_change_locks_it() -> None:
@@ -59,7 +59,7 @@ def test_after_a_take_over_offboard_alone_gives_nothing_back() -> None:
 def test_disarming_clears_a_take_over() -> None:
     engagement = taken_over()
     engagement.note(ON_THE_GROUND, steerable=False)
-    assert (engagement.state, engagement.engaged) == (State.WAITING, False)
+    assert (engagement.state, engagement.kept) == (State.WAITING, State.WAITING)
     engagement.note(FLYING, steerable=True)
     assert engagement.state is State.ENGAGED
 
@@ -108,30 +108,40 @@ def test_a_companion_that_finds_offboard_on_when_it_starts_sends_nothing() -> No
 
 
 def test_a_companion_that_had_the_vehicle_before_it_died_goes_on() -> None:
-    engagement = px4(was_engaged=True)
-    assert engagement.engaged
+    engagement = px4(State.ENGAGED)
+    assert engagement.kept is State.ENGAGED
     engagement.note(FLYING, steerable=True)
     assert engagement.state is State.ENGAGED
 
 
 def test_what_ended_while_the_companion_was_dead_is_over() -> None:
-    engagement = px4(was_engaged=True)
+    engagement = px4(State.ENGAGED)
     engagement.note(FLYING, steerable=False)
     assert (engagement.state, engagement.reason) == (State.LOCKED, DIED_BEFORE)
 
 
-def test_a_companion_that_dies_again_after_a_take_over_still_knows_of_it() -> None:
-    again = px4(was_engaged=taken_over().engaged)
-    again.note(FLYING, steerable=False)
-    assert again.state is State.LOCKED
+@pytest.mark.parametrize("in_offboard", [True, False])
+def test_what_was_locked_is_locked_after_a_restart_whatever_the_mode_is_now(in_offboard: bool) -> None:
+    again = px4(taken_over().kept)
+    again.note(FLYING, steerable=in_offboard)
+    assert (again.state, again.reason, again.kept) == (State.LOCKED, LOCKED_BEFORE, State.LOCKED)
 
 
-def test_somebody_elses_offboard_is_not_taken_for_ones_own_after_a_restart() -> None:
-    engagement = taken_over()
+def test_disarming_or_a_person_clears_a_lock_from_before_a_restart() -> None:
+    disarmed, cleared = px4(State.LOCKED), px4(State.LOCKED)
+    disarmed.note(ON_THE_GROUND, steerable=False)
+    cleared.clear()
+    assert disarmed.kept is cleared.kept is State.WAITING
+
+
+def test_a_lock_is_kept_even_if_no_autopilot_is_heard_before_the_next_restart() -> None:
+    assert px4(px4(State.LOCKED).kept).locked
+
+
+def test_a_lock_from_before_a_restart_means_nothing_to_ardupilot() -> None:
+    engagement = Engagement(resumes=False, was=State.LOCKED)
     engagement.note(FLYING, steerable=True)
-    again = px4(was_engaged=engagement.engaged)
-    again.note(FLYING, steerable=True)
-    assert again.state is State.LOCKED
+    assert engagement.state is State.ENGAGED
 
 
 def test_on_the_ground_nothing_is_engaged() -> None:
@@ -142,9 +152,9 @@ def test_on_the_ground_nothing_is_engaged() -> None:
 
 
 def test_before_the_first_heartbeat_nothing_is_decided() -> None:
-    engagement = px4(was_engaged=True)
+    engagement = px4(State.ENGAGED)
     engagement.note(Telemetry(), steerable=False)
-    assert (engagement.state, engagement.engaged) == (State.WAITING, True)
+    assert (engagement.state, engagement.kept) == (State.WAITING, State.ENGAGED)
 
 
 telemetries = st.builds(
@@ -157,9 +167,9 @@ telemetries = st.builds(
 )
 
 
-@given(st.lists(st.tuples(telemetries, st.booleans()), max_size=30), st.booleans())
-def test_from_a_lock_nothing_but_disarming_leads_out(history: list[tuple[Telemetry, bool]], was_engaged: bool) -> None:
-    engagement = px4(was_engaged)
+@given(st.lists(st.tuples(telemetries, st.booleans()), max_size=30), st.sampled_from(State))
+def test_from_a_lock_nothing_but_disarming_leads_out(history: list[tuple[Telemetry, bool]], was: State) -> None:
+    engagement = px4(was)
     for telemetry, in_offboard in history:
         was_locked = engagement.locked
         engagement.note(telemetry, steerable=telemetry.armed and in_offboard)
@@ -179,4 +189,4 @@ def test_noting_the_same_twice_changes_nothing(history: list[tuple[Telemetry, bo
         once.note(telemetry, steerable)
         twice.note(telemetry, steerable)
         twice.note(telemetry, steerable)
-        assert (once.state, once.reason, once.engaged) == (twice.state, twice.reason, twice.engaged)
+        assert (once.state, once.reason, once.kept) == (twice.state, twice.reason, twice.kept)

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -17,8 +18,9 @@ from pymavlink.dialects.v20 import common
 
 from companion import offboard as offboard_module
 from companion.adapters.base import COMPANION_COMPONENT
+from companion.engagement import STREAM_GAP_S
 from companion.errors import InputError
-from companion.offboard import Offboard, is_setpoint, velocity_of
+from companion.offboard import SILENCE_S, Offboard, is_setpoint, velocity_of
 from companion.offboard_child import SETPOINT, SETPOINT_FIELDS, TICK_TIMEOUT_S
 
 SYSTEM = 3
@@ -79,8 +81,8 @@ async def tick_until(offboard: Offboard, condition: Callable[[], bool], wanted: 
 
 
 @asynccontextmanager
-async def steering(sent: Sent) -> AsyncIterator[Offboard]:
-    offboard = Offboard(sent)
+async def steering(sent: Sent, may_go_on: Callable[[], bool] = lambda: True) -> AsyncIterator[Offboard]:
+    offboard = Offboard(sent, may_go_on)
     try:
         await tick_until(offboard, lambda: all(child.ready for child in offboard._children), None)
         await tick_until(offboard, lambda: len(sent.frames) >= 10, WANTED)
@@ -124,6 +126,111 @@ def test_when_the_child_that_steers_dies_the_next_goes_on() -> None:
     asyncio.run(body())
 
 
+def test_when_the_child_that_steers_hangs_the_next_goes_on_before_the_stream_has_ended() -> None:
+    async def body() -> None:
+        sent = Sent()
+        async with steering(sent, lambda: pytest.fail("the stream had ended")) as offboard:
+            stop_the_one_that_steers(offboard)
+            await asyncio.sleep(0.02)
+            count = len(sent.frames)
+            await tick_until(offboard, lambda: len(sent.frames) >= count + 5, WANTED)
+            assert SILENCE_S < longest_gap_s(sent) < STREAM_GAP_S
+            assert offboard.ended == 1
+
+    asyncio.run(body())
+
+
+def test_after_a_gap_of_what_left_nothing_leaves_unless_the_caller_says_so() -> None:
+    async def body() -> None:
+        sent, asked = Sent(), list[float]()
+
+        def may_go_on() -> bool:
+            asked.append(time.monotonic())
+            return len(asked) > 3
+
+        async with steering(sent, may_go_on) as offboard:
+            # Nobody stands ready, so the next has to be started first.
+            for child in offboard._children:
+                os.kill(child._process.pid, signal.SIGKILL)
+            await asyncio.sleep(0.02)
+            count = len(sent.frames)
+            while not offboard.silent:
+                # Told nothing of the autopilot, it is not ready before.
+                offboard.tick(SYSTEM, WANTED)
+                await asyncio.sleep(0.05)
+            assert (asked, len(sent.frames)) == ([], count)
+            await tick_until(offboard, lambda: len(sent.frames) > count, WANTED)
+            assert sent.frames[count][0] >= asked[3]
+            assert not offboard.silent
+            await tick_until(offboard, lambda: len(sent.frames) >= count + 5, WANTED)
+            assert len(asked) == 4
+
+    asyncio.run(body())
+
+
+def test_before_the_first_setpoint_there_is_no_gap_however_long_it_takes() -> None:
+    async def body() -> None:
+        offboard = Offboard(lambda frame: None, lambda: pytest.fail("no stream had begun"))
+        try:
+            began_s = time.monotonic()
+            await tick_until(offboard, lambda: time.monotonic() - began_s > STREAM_GAP_S + 0.1, WANTED)
+            assert not offboard.silent
+            await tick_until(offboard, lambda: offboard._left_s is not None, WANTED)
+        finally:
+            offboard.close()
+
+    asyncio.run(body())
+
+
+def test_a_flood_of_telemetry_ends_no_child_that_still_imports() -> None:
+    async def body() -> None:
+        offboard = Offboard(lambda frame: None, lambda: True)
+        try:
+            patience_ends_s = time.monotonic() + READY_WITHIN_S
+            while not all(child.ready for child in offboard._children):
+                assert time.monotonic() < patience_ends_s
+                for _ in range(200):
+                    offboard.receive(HEARTBEAT)
+                offboard.tick(SYSTEM, None)
+                await asyncio.sleep(0.05)
+            assert offboard.ended == 0
+        finally:
+            offboard.close()
+
+    asyncio.run(body())
+
+
+def test_the_signal_that_clears_a_take_over_ends_no_child_from_its_first_moment_on() -> None:
+    async def body() -> None:
+        offboard = Offboard(lambda frame: None, lambda: True)
+        try:
+            for child in offboard._children:
+                os.kill(child._process.pid, signal.SIGUSR1)
+            await tick_until(offboard, lambda: all(child.ready for child in offboard._children), None)
+            for child in offboard._children:
+                os.kill(child._process.pid, signal.SIGUSR1)
+            await asyncio.sleep(0.1)
+            offboard.tick(SYSTEM, None)
+            assert [child._process.poll() for child in offboard._children] == [None, None]
+            assert offboard.ended == 0
+            # Only the children are deaf to it.
+            assert signal.SIGUSR1 not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+        finally:
+            offboard.close()
+
+    asyncio.run(body())
+
+
+def stop_the_one_that_steers(offboard: Offboard) -> None:
+    (active,) = [child for child in offboard._children if child.steers]
+    os.kill(active._process.pid, signal.SIGSTOP)
+
+
+def longest_gap_s(sent: Sent) -> float:
+    times_s = [at_s for at_s, _ in sent.frames]
+    return max(after_s - before_s for before_s, after_s in pairwise(times_s))
+
+
 def test_without_a_tick_nothing_more_is_let_through_and_the_children_end() -> None:
     async def body() -> None:
         sent = Sent()
@@ -158,7 +265,7 @@ from companion.offboard import Offboard
 from tests.companion.test_offboard import HEARTBEAT, SYSTEM, WANTED
 
 async def main():
-    offboard = Offboard(lambda frame: print("sent", flush=True))
+    offboard = Offboard(lambda frame: print("sent", flush=True), lambda: True)
     while True:
         offboard.receive(HEARTBEAT)
         offboard.tick(SYSTEM, WANTED)

@@ -10,8 +10,12 @@ from pymavlink.dialects.v20 import common
 from companion.adapters.base import COMPANION_COMPONENT
 from companion.config import AutopilotSection
 from companion.core import Companion, Decision
+from companion.engagement import State
 from companion.flightlog import Mark, clock_frame, clock_offset_s, decision_frame, mark_frame, mark_of
+from companion.framing import header_of
+from companion.offboard import MAVSDK_SILENT
 from companion.replay import replay
+from companion.service import BEGINNINGS
 from companion.wire import FrameWriter
 from tests.companion.core_flight import CONFIG, GUIDED, SYSTEM, Flight
 
@@ -26,17 +30,17 @@ PARAMETERS = {
 class Recorded(Flight):
     """A flight that is logged as `companion run` does."""
 
-    def __init__(self, kind: str, was_engaged: bool) -> None:
+    def __init__(self, kind: str, was: State) -> None:
         super().__init__(CONFIG, kind)
         section = AutopilotSection(kind=kind, link="udpin:127.0.0.1:14540")
         self.config = CONFIG.model_copy(update={"autopilot": section})
-        self.companion = Companion(self.config, was_engaged=was_engaged)
+        self.companion = Companion(self.config, was=was)
         self.records: list[tuple[float, bytes]] = []
         self.decisions: list[Decision] = []
         self._marks = FrameWriter()
         self._slots = 0
-        if was_engaged:
-            self.note(mark_frame(Mark.RESUMED, SYSTEM))
+        if was in BEGINNINGS:
+            self.note(mark_frame(BEGINNINGS[was], SYSTEM))
 
     def note(self, frame: bytes) -> None:
         self.records.append((self.now_s, frame))
@@ -58,7 +62,10 @@ class Recorded(Flight):
             self.decisions.append(decision)
             self.note(self._marks.encode(decision_frame(decision)))
         else:
+            stood = self.companion.steers
             frames = self.companion.repeat(self.now_s)
+            if stood and not self.companion.steers:
+                self.note(mark_frame(Mark.WITHDRAWN, SYSTEM))
         for frame in frames:
             self.note(frame)
 
@@ -69,6 +76,10 @@ class Recorded(Flight):
     def clear(self) -> None:
         self.companion.clear(self.now_s)
         self.note(mark_frame(Mark.CLEARED, SYSTEM))
+
+    def gap(self) -> None:
+        self.companion.engagement.note_gap(MAVSDK_SILENT)
+        self.note(mark_frame(Mark.GAP, SYSTEM))
 
     def parameters(self) -> None:
         for name, value in PARAMETERS[self.companion.adapter.kind].items():
@@ -103,22 +114,36 @@ def test_an_offset_of_the_clock_is_read_back_to_the_millisecond(t_s: float, offs
 
 
 events = st.sampled_from(
-    ["offboard", "hold", "disarm", "critical", "clear", "clock", "restart", "parameters", "low", "slots", "slots"]
+    [
+        "offboard",
+        "hold",
+        "disarm",
+        "critical",
+        "clear",
+        "gap",
+        "clock",
+        "restart",
+        "parameters",
+        "low",
+        "slots",
+        "slots",
+    ]
 )
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.sampled_from(sorted(PARAMETERS)), st.booleans(), st.lists(events, min_size=5, max_size=20))
+@given(st.sampled_from(sorted(PARAMETERS)), st.sampled_from(State), st.lists(events, min_size=5, max_size=20))
 def test_whatever_happens_in_a_flight_its_log_is_decided_again_to_the_bit(
-    kind: str, was_engaged: bool, history: list[str]
+    kind: str, was: State, history: list[str]
 ) -> None:
-    flight = Recorded(kind, was_engaged)
+    flight = Recorded(kind, was)
     actions = {
         "offboard": flight.heartbeat,
         "hold": lambda: flight.heartbeat(GUIDED, HOLD_MODE),
         "disarm": lambda: flight.heartbeat(common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, HOLD_MODE),
         "critical": lambda: flight.heartbeat(state=common.MAV_STATE_CRITICAL),
         "clear": flight.clear,
+        "gap": flight.gap,
         "clock": lambda: flight.step_clock(3_599.9996 if len(flight.records) % 2 else 0.0),
         "restart": flight.restart,
         "parameters": flight.parameters,
@@ -138,3 +163,32 @@ def test_whatever_happens_in_a_flight_its_log_is_decided_again_to_the_bit(
     # By their text: what is not a number is not equal to itself.
     assert repr([one.decision for one in again]) == repr(flight.decisions)
     assert all(one.same for one in again)
+
+
+@pytest.mark.parametrize("kind", sorted(PARAMETERS))
+def test_a_mode_that_is_left_and_chosen_again_between_two_decisions_is_decided_again(kind: str) -> None:
+    flight = Recorded(kind, State.WAITING)
+    flight.heartbeat(GUIDED, HOLD_MODE)
+    flight.landed(common.MAV_LANDED_STATE_IN_AIR)
+    flight.parameters()
+    for slot in range(160):
+        if slot == 40:
+            flight.heartbeat()
+        if slot % 10 == 0:
+            flight.broadcast((2_000.0, 3_000.0))
+        # Left and chosen again while the last decision would stand.
+        if slot == 121:
+            flight.heartbeat(GUIDED, HOLD_MODE)
+        elif slot == 123:
+            flight.heartbeat()
+        flight.position(0.8 * slot, 0.0, (8.0, 0.0))
+        flight.slot()
+    assert any(one.setpoint is not None for one in flight.decisions)
+    assert [mark_of(frame) for _, frame in flight.records if is_companions(frame)].count(Mark.WITHDRAWN) == 1
+    again = list(replay(flight.records, flight.config))
+    assert repr([one.decision for one in again]) == repr(flight.decisions)
+    assert all(one.same for one in again)
+
+
+def is_companions(frame: bytes) -> bool:
+    return header_of(frame).component == COMPANION_COMPONENT

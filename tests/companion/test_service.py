@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -11,9 +12,10 @@ from companion.admission import Admission, AdmissionState, Trust
 from companion.background import Background
 from companion.config import BroadcastSection, Config
 from companion.core import Companion
+from companion.errors import InputError
 from companion.keys import keygen
 from companion.process import SteadyClock
-from companion.service import _Listening, _logs, _StateKeeper, trust_of
+from companion.service import _Listening, _logs, _StateKeeper, run_companion, trust_of
 from companion.wire import Directive, FrameWriter, Stamp, StateFrame
 
 
@@ -167,3 +169,16 @@ def test_each_run_logs_into_a_folder_of_its_own(tmp_path: Path) -> None:
             "decisions-7.csv",
             "companion-7.yaml",
         }
+
+
+def test_a_run_whose_port_is_missing_leaves_no_folder(tmp_path: Path) -> None:
+    autopilot = {"kind": "arducopter", "link": f"serial:{tmp_path}/nothing:57600"}
+    broadcast = {"link": "file:" + str(tmp_path / "heard.tlog"), "trust": "unsigned"}
+    (tmp_path / "heard.tlog").write_bytes(b"")
+    logs = tmp_path / "logs"
+    config = Config.model_validate(
+        {"agent_id": 7, "log_dir": str(logs), "autopilot": autopilot, "broadcast": broadcast}
+    )
+    with pytest.raises(InputError, match="nothing"):
+        asyncio.run(run_companion(config, asyncio.Event()))
+    assert list(logs.iterdir()) == []

@@ -8,6 +8,8 @@ import json
 import os
 import signal
 import socket
+import subprocess
+import sys
 import time
 from collections import Counter
 from collections.abc import Awaitable, Callable
@@ -264,9 +266,9 @@ def test_whether_it_steers_is_kept_for_the_next_one(tmp_path: Path) -> None:
 
     async def script(scene: Scene) -> None:
         await _steered(scene)
-        await scene.until(lambda: path.exists() and json.loads(path.read_text()) == {"engaged": True})
+        await scene.until(lambda: path.exists() and json.loads(path.read_text()) == {"engagement": "engaged"})
         scene.vehicle.mode = 9
-        await scene.until(lambda: json.loads(path.read_text()) == {"engaged": False})
+        await scene.until(lambda: json.loads(path.read_text()) == {"engagement": "waiting"})
 
     Scene(tmp_path, autopilot_more=f", state_file: {path}").play(script)
 
@@ -280,6 +282,19 @@ def test_a_signal_that_is_not_configured_ends_nothing(tmp_path: Path, capfd: pyt
 
     Scene(tmp_path).play(script)
     assert "SIGUSR1 ignored; it counts only with autopilot.clear: signal" in capfd.readouterr().out
+
+
+def test_the_program_is_deaf_to_the_signal_before_its_imports_are_done() -> None:
+    code = """
+import os, signal, sys
+import companion.cli
+companion.cli.run_program = lambda *_: os.kill(os.getpid(), signal.SIGUSR1)
+assert not {"numpy", "pydantic", "pymavlink", "companion.service"} & set(sys.modules)
+companion.cli.main()
+print("lives")
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=WITHIN_S)
+    assert (done.stdout, done.stderr) == ("lives\n", "")
 
 
 def test_a_configured_signal_is_logged_for_the_replay(tmp_path: Path) -> None:

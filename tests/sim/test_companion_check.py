@@ -10,9 +10,10 @@ import pytest
 
 from companion.check_service import check_vehicle
 from companion.config import Config, parse_config
+from companion.engagement import State
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.keys import keygen
-from companion.service import run_companion
+from companion.service import kept_engagement, run_companion
 from companion.transport import open_sender, parse_link
 from companion.wire import Directive, FrameWriter, Stamp, StateFrame
 from sim.vehicle_service import VehicleOptions, run_vehicle
@@ -150,12 +151,39 @@ def test_a_port_in_use_is_named() -> None:
     assert "in use by another program" in complaint_of(config)
 
 
-@pytest.mark.parametrize("content", ["{", '{"engaged": 1}', "[]", '"x"'])
-def test_a_state_file_of_something_else_is_refused(tmp_path: Path, content: str) -> None:
+@pytest.mark.parametrize("content", [b"", b"{", b'{"engagement": 1}', b"[]", b'"x"', b"\xff", b"[" * 60_000])
+def test_a_state_file_of_something_else_counts_as_locked_and_is_no_reason_not_to_start(
+    tmp_path: Path, content: bytes
+) -> None:
     path = tmp_path / "autopilot.json"
-    path.write_text(content)
-    said = complaint_of(configured(free_ports(2), more=f", state_file: {path}"))
-    assert said.startswith(f"{path}: not a state of the engagement; remove it")
+    path.write_bytes(content)
+    section = configured(free_ports(2), more=f", state_file: {path}").autopilot
+    assert section is not None
+    state, doubt = kept_engagement(section)
+    assert state is State.LOCKED
+    assert doubt is not None and doubt.startswith(f"{path}: not a state of the engagement")
+
+
+@pytest.mark.parametrize("state", State)
+def test_a_state_file_tells_who_had_the_vehicle(tmp_path: Path, state: State) -> None:
+    path = tmp_path / "autopilot.json"
+    path.write_text(f'{{"engagement": "{state.value}"}}')
+    section = configured(free_ports(2), more=f", state_file: {path}").autopilot
+    assert section is not None
+    assert kept_engagement(section) == (state, None)
+
+
+def test_a_check_of_a_px4_fails_where_its_state_file_is_something_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "autopilot.json"
+    path.write_text("{")
+    given = configured(free_ports(2), more=f", state_file: {path}")
+    assert given.autopilot is not None
+    autopilot = given.autopilot.model_copy(update={"kind": "px4-plane"})
+    config = given.model_copy(update={"autopilot": autopilot})
+    assert asyncio.run(check_vehicle(config, 0.3, asyncio.Event())) == EXIT_FAILED
+    assert f"FAIL  {path}: not a state of the engagement" in capsys.readouterr().out
 
 
 def test_a_state_file_that_could_not_be_written_is_refused_before_the_flight(tmp_path: Path) -> None:

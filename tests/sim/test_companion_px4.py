@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import socket
 import time
 from collections.abc import Callable
@@ -25,6 +27,7 @@ from tests.sim.test_processes import free_ports
 WITHIN_S = 25.0
 HOLD = (4, 3)
 """PX4's main and sub mode."""
+OFFBOARD = 6 << 16
 CONFIG = """
 agent_id: 1
 autopilot: {{kind: px4-copter, link: "udpin:127.0.0.1:{autopilot}", state_file: {folder}/engaged.json}}
@@ -80,8 +83,18 @@ async def _broadcast(port: int, stop: asyncio.Event) -> None:
     sender.close()
 
 
-def test_after_a_take_over_mavsdk_streams_no_more_and_px4_is_left_in_the_persons_mode(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+def stop_mavsdk() -> None:
+    """Stop the processes that hold MAVSDK, as a kernel without memory or a debugger would."""
+    for listed in Path("/proc/self/task").glob("*/children"):
+        for pid in listed.read_text().split():
+            with suppress(FileNotFoundError):
+                if b"companion.offboard_child" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    os.kill(int(pid), signal.SIGSTOP)
+
+
+@pytest.mark.parametrize("ending", ["a person changes the mode", "MAVSDK hangs"])
+def test_after_its_stream_has_ended_mavsdk_streams_no_more_and_px4_does_not_go_back_to_offboard(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], ending: str
 ) -> None:
     autopilot, broadcast, ground_port = free_ports(3)
     config = parse_config(CONFIG.format(autopilot=autopilot, broadcast=broadcast, folder=tmp_path), "c.yaml")
@@ -112,12 +125,17 @@ def test_after_a_take_over_mavsdk_streams_no_more_and_px4_is_left_in_the_persons
         try:
             await until(lambda: says("loiter (no target)"), lambda: ground.hand_over(time.monotonic() - began_s))
             assert (tmp_path / "engaged.json").exists()
-            ground.take_over()
-            await until(lambda: says("nothing is sent until it is disarmed"), lambda: None)
+            if ending == "MAVSDK hangs":
+                await until(lambda: says("MAVSDK sent nothing; nothing is sent until it is disarmed"), stop_mavsdk)
+                await until(lambda: ground.modes[-1] != OFFBOARD, lambda: None)
+            else:
+                ground.take_over()
+                await until(lambda: says("nothing is sent until it is disarmed"), lambda: None)
             ground.modes.clear()
             # Long enough for PX4 to go back to OFFBOARD by itself, had the stream gone on or begun again.
             await until(lambda: len(ground.modes) >= 3, lambda: None)
-            assert set(ground.modes) == {HOLD[0] << 16 | HOLD[1] << 24}
+            assert OFFBOARD not in ground.modes
+            assert ending == "MAVSDK hangs" or set(ground.modes) == {HOLD[0] << 16 | HOLD[1] << 24}
         finally:
             stop.set()
             await asyncio.gather(*tasks)
