@@ -72,6 +72,7 @@ class ArduCopter(ArduPilot):
     first_mode = STABILIZE
     guided_mode = GUIDED
     holding_mode = BRAKE
+    stick_modes = STICK_MODES
     return_mode = RTL
     armable = ARMABLE_MODES
     gcs_failsafe = "FS_GCS_ENABLE"
@@ -261,9 +262,6 @@ class ArduCopter(ArduPilot):
         self._setpoint = None
         if self.mode in (LAND, RTL):
             self.armed = False
-
-    def _wants_sticks(self) -> bool:
-        return self.mode in STICK_MODES
 
     def _can_fall(self) -> bool:
         return True

@@ -46,6 +46,8 @@ class ArduPilot:
     guided_mode: int
     holding_mode: int
     """In which it stays where it is, without sticks."""
+    stick_modes: frozenset[int]
+    """Which a person's sticks fly."""
     return_mode: int
     armable: frozenset[int]
     gcs_failsafe: str
@@ -71,7 +73,7 @@ class ArduPilot:
     def base_mode(self) -> int:
         """Return HEARTBEAT.base_mode."""
         base_mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
-        if self._wants_sticks():
+        if self.mode in self.stick_modes:
             base_mode |= mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
         else:
             base_mode |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
@@ -109,12 +111,8 @@ class ArduPilot:
         """Whether it has come up, and would arm."""
         return self._ready_at_s is None
 
-    def _wants_sticks(self) -> bool:
-        raise NotImplementedError
-
     def _forget(self) -> None:
         """Drop what was asked in the mode that ends."""
-        raise NotImplementedError
 
     def _mind_time(self, now_s: float, around: Surroundings) -> None:
         """Do what the time alone makes due: coming up, the ground station's failsafe."""

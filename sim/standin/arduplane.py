@@ -118,6 +118,7 @@ class ArduPlane(ArduPilot):
     first_mode = MANUAL
     guided_mode = GUIDED
     holding_mode = LOITER
+    stick_modes = _STICK_MODES
     return_mode = RTL
     armable = frozenset({MANUAL, STABILIZE, FBWA, FBWB, CRUISE, TAKEOFF, GUIDED})
     gcs_failsafe = "FS_GCS_ENABL"
@@ -260,9 +261,6 @@ class ArduPlane(ArduPilot):
             turn_m_s2 = speed_m_s**2 / max(distance_m, radius_m) / AIRFRAME.turn_share
             push_m_s2 += turn_m_s2 if right else -turn_m_s2
         return clip(math.atan(push_m_s2 / GRAVITY_M_S2), -limit_rad, limit_rad)
-
-    def _wants_sticks(self) -> bool:
-        return self.mode in _STICK_MODES
 
     def _forget(self) -> None:
         self._course = self._bank = None

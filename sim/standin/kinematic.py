@@ -35,6 +35,7 @@ class Kinematic(ArduPilot):
     first_mode = STABILIZE
     guided_mode = GUIDED
     holding_mode = LOITER
+    stick_modes = STICK_MODES
     return_mode = RTL
     armable = frozenset({STABILIZE, GUIDED, LOITER})
     gcs_failsafe = "FS_GCS_ENABLE"
@@ -121,9 +122,6 @@ class Kinematic(ArduPilot):
     def _change(self, mode: int, _command: Command, around: Surroundings, _now_s: float) -> Answer:
         self._enter(mode, around)
         return ACCEPTED
-
-    def _wants_sticks(self) -> bool:
-        return self.mode in STICK_MODES
 
     def _forget(self) -> None:
         self._setpoint = None

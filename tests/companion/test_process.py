@@ -7,15 +7,14 @@ import socket
 
 from companion.process import hear_what_piled_up
 from companion.transport import open_duplex, parse_link
+from tests.ports import free_port
 
 
 def test_all_that_came_while_the_program_hung_is_heard_before_it_goes_on() -> None:
     heard: list[bytes] = []
 
     async def run() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
+        port = free_port()
         duplex = await open_duplex(parse_link(f"udpin:127.0.0.1:{port}"), heard.append)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
             for number in range(100):

@@ -32,6 +32,7 @@ from companion.service import run_companion
 from companion.tlog import read_tlog, whole_frames
 from companion.transport import open_sender, parse_link
 from companion.wire import Directive, FrameWriter, Stamp, StateFrame
+from tests.ports import free_port
 
 HERE = "127.0.0.1"
 GUIDED = 4
@@ -46,12 +47,6 @@ guidance_step_s: 0.2
 log_dir: {logs}
 {more}
 """
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind((HERE, 0))
-        return int(one.getsockname()[1])
 
 
 class Vehicle:

@@ -30,14 +30,9 @@ from companion.transport import (
 )
 from companion.transport.udp import MAX_PER_WAKE
 from tests.companion.end_points import run, until
+from tests.ports import free_port
 
 LOCALHOST = "127.0.0.1"
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((LOCALHOST, 0))
-        return int(probe.getsockname()[1])
 
 
 @asynccontextmanager

@@ -17,7 +17,7 @@ from companion.service import kept_engagement, run_companion
 from companion.transport import open_sender, parse_link
 from companion.wire import Directive, FrameWriter, Stamp, StateFrame
 from sim.vehicle_service import VehicleOptions, run_vehicle
-from tests.sim.test_processes import free_ports
+from tests.ports import free_ports
 
 WAIT_S = 6.0
 CONFIG = """

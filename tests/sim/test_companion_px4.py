@@ -22,7 +22,7 @@ from companion.transport import open_sender, parse_link
 from companion.wire import Directive, FrameWriter, Stamp, StateFrame
 from sim.person import Person
 from sim.vehicle_service import VehicleOptions, run_vehicle
-from tests.sim.test_processes import free_ports
+from tests.ports import free_ports
 
 WITHIN_S = 25.0
 HOLD = (4, 3)

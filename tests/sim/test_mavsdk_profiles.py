@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import socket
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -21,6 +20,7 @@ from mavsdk.plugins.telemetry import FlightMode
 
 from companion.transport import parse_link
 from sim.vehicle_service import VehicleOptions, run_vehicle
+from tests.ports import free_port
 
 LOCALHOST = "127.0.0.1"
 ARDUPLANE_TAKEOFF = 13
@@ -86,12 +86,6 @@ class Client:
 async def until(condition: Callable[[], Awaitable[bool]]) -> None:
     while not await condition():
         await asyncio.sleep(0.1)
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((LOCALHOST, 0))
-        return int(probe.getsockname()[1])
 
 
 async def fly(kind: str, client: Client, done: list[str]) -> None:

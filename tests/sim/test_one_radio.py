@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from sim.person import HAND_OVER_S, Person
+from tests.ports import free_ports
 
 PATIENCE_S = 60.0
 MISSION = """
@@ -33,17 +34,6 @@ height_m: 20
 arrival_radius_m: 20
 log_dir: {logs}
 """
-
-
-def free_ports(count: int) -> list[int]:
-    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
-    try:
-        for one in sockets:
-            one.bind(("127.0.0.1", 0))
-        return [int(one.getsockname()[1]) for one in sockets]
-    finally:
-        for one in sockets:
-            one.close()
 
 
 def start(folder: Path, name: str, *arguments: str) -> subprocess.Popen[bytes]:

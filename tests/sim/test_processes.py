@@ -18,6 +18,7 @@ from companion.config import parse_config
 from companion.geodesy import LocalFrame
 from companion.replay import replay
 from companion.tlog import read_tlog
+from tests.ports import free_ports
 
 PILOT = Path(__file__).parents[2] / "docs" / "examples" / "pilot.py"
 PATIENCE_S = 90.0
@@ -42,17 +43,6 @@ arrival_radius_m: 10
 guidance_step_s: 0.1
 log_dir: {logs}
 """
-
-
-def free_ports(count: int) -> list[int]:
-    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
-    try:
-        for one in sockets:
-            one.bind(("127.0.0.1", 0))
-        return [int(one.getsockname()[1]) for one in sockets]
-    finally:
-        for one in sockets:
-            one.close()
 
 
 class Program:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 from collections.abc import Awaitable, Callable
 
 import pytest
@@ -13,15 +12,10 @@ from companion.errors import InputError
 from companion.mission import LinkSpec
 from companion.transport import open_receiver, open_sender, parse_link
 from sim.relay import RelayOptions, relay, run_relay
+from tests.ports import free_port
 
 LOCALHOST = "127.0.0.1"
 DATAGRAMS = [bytes([index]) * 50 for index in range(200)]
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((LOCALHOST, 0))
-        return int(probe.getsockname()[1])
 
 
 async def relayed(spec: LinkSpec, seed: int, enough: Callable[[list[bytes]], bool]) -> list[bytes]:

@@ -27,17 +27,12 @@ from companion.errors import InputError
 from companion.transport import Link
 from sim.standin import Truth
 from sim.vehicle_service import VehicleOptions, run_vehicle, vehicle
+from tests.ports import free_port
 
 LOCALHOST = "127.0.0.1"
 RUN_VEHICLE = (
     "from companion.errors import run_program; from sim.vehicle_service import vehicle; run_program(vehicle, 's')"
 )
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((LOCALHOST, 0))
-        return int(probe.getsockname()[1])
 
 
 @contextmanager
