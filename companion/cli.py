@@ -41,9 +41,9 @@ def run(config: str) -> None:
 
     Example: companion run copter-demo-1
     """
-    from companion.config import load_config
-    from companion.process import run_until_signal
-    from companion.service import run_companion
+    from companion.onboard.config import load_config
+    from companion.onboard.service import run_companion
+    from companion.runtime.clock import run_until_signal
 
     loaded = load_config(config)
     run_until_signal(lambda stop: run_companion(loaded, stop))
@@ -69,9 +69,9 @@ def check(config: str, wait_s: float) -> int:
 
     Example: companion check companion.yaml
     """
-    from companion.check_service import check_vehicle
-    from companion.config import load_config
-    from companion.process import run_until_signal
+    from companion.onboard.config import load_config
+    from companion.onboard.preflight_service import check_vehicle
+    from companion.runtime.clock import run_until_signal
 
     loaded = load_config(config)
     return run_until_signal(lambda stop: check_vehicle(loaded, wait_s, stop))
@@ -87,11 +87,11 @@ def replay_command(log: str, config: str | None) -> int:
 
     Example: companion replay runs/paper-dynamic/vehicle-1.tlog
     """
-    from companion.config import parse_config
-    from companion.flightlog import line_of
-    from companion.replay import replay
-    from companion.tlog import read_tlog
-    from companion.yamlfile import read_text_file
+    from companion.files.tlog import read_tlog
+    from companion.files.yaml import read_text_file
+    from companion.onboard.config import parse_config
+    from companion.onboard.flight_log import summary_line
+    from companion.onboard.replay import replay
 
     records = read_tlog(log)
     settings = _settings_beside(log) if config is None else config
@@ -101,7 +101,7 @@ def replay_command(log: str, config: str | None) -> int:
         decision = replayed.decision
         decisions += 1
         different += not replayed.same
-        line = line_of(decision)
+        line = summary_line(decision)
         if line != said or not replayed.same:
             click.echo(f"{decision.t_s:.3f} {line}{'' if replayed.same else '  <- differs from the flight'}")
         said = line
@@ -145,7 +145,7 @@ def train(surrogate: str, out: Path | None, seed: int, samples: int, epochs: int
 
     # The vehicle flies without torch.
     try:
-        from companion import training, training_monolithic, training_pairwise
+        from companion.surrogate import training, training_monolithic, training_pairwise
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise
@@ -201,10 +201,10 @@ def certify_command(mission: str, seed: int, b_m: float | None, as_json: bool) -
     """
     if b_m is not None and not (b_m > 0.0 and math.isfinite(b_m)):
         raise InputError(f"--b: {b_m:g}; allowed: a positive number of metres")
-    from companion.certificate import certify
-    from companion.certificate_text import certificate_text
-    from companion.drawing import resolve
-    from companion.mission import load_mission
+    from companion.mission.model import load_mission
+    from companion.mission.resolve import resolve
+    from companion.surrogate.certificate_text import certificate_text
+    from companion.surrogate.certificates import certify
 
     certificate = certify(resolve(load_mission(mission), seed, mission), seed, b_m)
     tell(json.dumps(certificate.to_dict(), allow_nan=False) if as_json else certificate_text(certificate))

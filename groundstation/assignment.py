@@ -1,7 +1,7 @@
 """Who goes where: targets are copied in turn until there is one for every agent, then the assignment problem is solved.
 
 METHOD.md section 1 item 6. The paper maximises the sum of lambda/D and calls that minimising the total distance; it is
-not (METHOD.md 2.3), so both objectives exist; what a pair costs around the threats is for groundstation/ways.py to say.
+not (METHOD.md 2.3), so both objectives exist; what a pair costs around the threats is for `route_cost.py` to say.
 The range budget takes part (METHOD.md 2.8): an agent is sent only where it can arrive, because one that turns home
 half-way leaves its target without anybody.
 
@@ -24,7 +24,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 Objective = Literal["distance", "inverse-distance"]
 OBJECTIVES: tuple[Objective, ...] = ("distance", "inverse-distance")
-"""Those that go by the straight distance; `route` and `latest` are in groundstation/ways.py."""
+"""Those that go by the straight distance; `route` and `latest` are in groundstation/route_cost.py."""
 SWITCHING_SHARE = 0.02
 """Of `route` and `latest` unless the mission says otherwise: twice the 1 % that a flown way is longer than the shortest
 (METHOD.md section 3), so that flying less than perfectly is no reason to change."""

@@ -16,10 +16,9 @@ from hashlib import sha256
 from importlib import resources
 from typing import TypeVar
 
-from companion.mission import Mission, ThreatSpec
-from companion.packed import GREATEST_AGE_S, Entry, FleetEntry, Layout, finest_resolution_cm
-from companion.weightsfile import content_digest
-from companion.wire import (
+from companion.files.weights import content_digest
+from companion.mission.model import Mission, ThreatSpec
+from companion.protocol.codec import (
     AGENTS_PER_FRAME,
     BANDS_PER_FRAME,
     ID_SPAN,
@@ -44,7 +43,8 @@ from companion.wire import (
     ThreatPlace,
     WireError,
 )
-from groundstation.picture import GroundPicture, Track
+from companion.protocol.fleet_codec import GREATEST_AGE_S, Entry, FleetEntry, Layout, finest_resolution_cm
+from groundstation.tracks import Track, TrackTable
 
 EntryT = TypeVar("EntryT", AgentEntry, TargetEntry, ThreatEntry, AgentMotion, PointMotion, BandEntry)
 PackedT = TypeVar("PackedT", bound=Entry)
@@ -73,7 +73,7 @@ class Unsendable:
 
 
 def state_frames(
-    picture: GroundPicture,
+    picture: TrackTable,
     mission: Mission,
     assignment: dict[int, int],  # agent id -> target id
     directive: Directive,
@@ -123,7 +123,7 @@ def state_frames(
     ]
 
 
-def motion_frames(picture: GroundPicture, mission: Mission, stamp: Stamp) -> list[MotionFrame]:
+def motion_frames(picture: TrackTable, mission: Mission, stamp: Stamp) -> list[MotionFrame]:
     """Return the motion frames that go with the last state broadcast."""
     now_s = stamp.unix_s
     moving = picture.present_agents if mission.case == "I" else []
@@ -160,14 +160,14 @@ def band_frames(mission: Mission, stamp: Stamp) -> list[BandsFrame]:
 
 
 def fleet_frames(
-    picture: GroundPicture,
+    picture: TrackTable,
     mission: Mission,
     assignment: dict[int, int],  # agent id -> target id
     directive: Directive,
     stamp: Stamp,
     data_bytes: int,
 ) -> list[FleetFrame]:
-    """Return the fleet frames of one broadcast, each with at most `data_bytes` of data (companion.packed.data_bytes).
+    """Return the fleet frames of one broadcast, each with at most `data_bytes` of data (fleet_codec.data_bytes).
 
     In Case II no place of an agent is told, as in a state frame.
 
@@ -260,7 +260,7 @@ def surrogate_digest(mission: Mission) -> bytes:
     """Return the first 8 bytes of the SHA-256 of the packaged weights of a mission's surrogate; zeros: it has none."""
     if mission.surrogate == "analytic":
         return bytes(DIGEST_BYTES)
-    weights = resources.files("companion").joinpath("weights", f"{mission.surrogate}.json")
+    weights = resources.files("companion.surrogate").joinpath("weights", f"{mission.surrogate}.json")
     return bytes.fromhex(content_digest(json.loads(weights.read_text(encoding="utf-8"))))[:DIGEST_BYTES]
 
 
@@ -283,7 +283,7 @@ def grown(threat: ThreatSpec, track: Track, now_s: float) -> ThreatEntry:
     )
 
 
-def untold_growth_m(picture: GroundPicture, mission: Mission, until_s: float) -> dict[int, float]:
+def untold_growth_m(picture: TrackTable, mission: Mission, until_s: float) -> dict[int, float]:
     """Return by how much each threat's discs grow until then beyond the greatest age that a fleet frame tells, by id.
 
     Empty while no track is so old, which takes 58 days.
@@ -297,7 +297,7 @@ def untold_growth_m(picture: GroundPicture, mission: Mission, until_s: float) ->
 
 
 def _agents_and_targets(
-    picture: GroundPicture,
+    picture: TrackTable,
     mission: Mission,
     assignment: dict[int, int],  # agent id -> target id
     here: dict[int, tuple[float, float]],  # agent id -> m

@@ -14,16 +14,16 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 
-from companion.adapters import ADAPTERS
-from companion.doubts import doubts
-from companion.drawing import resolve
+from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError, nearest_hint, run_program, tell
-from companion.keys import MAVLINK_NAME, PUBLIC_NAME
-from companion.keys import keygen as write_keys
-from companion.mission import Mission, load_mission
-from companion.process import run_until_signal
-from companion.transport import Link, parse_link
-from groundstation.core import check_runnable
+from companion.mission.lint import lint
+from companion.mission.model import Mission, load_mission
+from companion.mission.resolve import resolve
+from companion.protocol.keys import MAVLINK_NAME, PUBLIC_NAME
+from companion.protocol.keys import keygen as write_keys
+from companion.runtime.clock import run_until_signal
+from companion.transport.endpoints import Link, parse_link
+from groundstation.ground_station import check_runnable
 from groundstation.plan import AUTHENTICATIONS, BURSTS, Authentication, Plan
 from groundstation.plan import plan as make_plan
 from groundstation.radio import RADIOS_BYTES_PER_S, Radio, parse_radio
@@ -117,8 +117,8 @@ def run(
         state=None if state is None else Path(state),
         can_stop=ADAPTERS[autopilot]().can_stop,
     )
-    for doubt in doubts(resolved):
-        click.echo(f"groundstation: warning: {mission}: {doubt}", err=True)
+    for warning in lint(resolved):
+        click.echo(f"groundstation: warning: {mission}: {warning}", err=True)
     run_until_signal(lambda stop: run_groundstation(resolved, options, stop))
 
 

@@ -16,8 +16,11 @@ from typing import Literal, TypeVar
 import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from companion.drawing import random_stream
-from companion.frames import (
+from companion.mission.model import Mission, agent_height_m
+from companion.mission.random_streams import random_stream
+from companion.protocol.ed25519 import FrameSigner
+from companion.protocol.mavlink_signing import KEY_BYTES, MavlinkSigner
+from companion.protocol.messages import (
     BandsFrame,
     Directive,
     FleetFrame,
@@ -26,10 +29,7 @@ from companion.frames import (
     RadiiFrame,
     StateFrame,
 )
-from companion.mission import Mission, agent_height_m
-from companion.sealing import Sealer
-from companion.signing import KEY_BYTES, MavlinkSigner
-from groundstation.core import GroundStation
+from groundstation.ground_station import GroundStation
 from groundstation.radio import Radio
 from groundstation.schedule import SHORTEST_REFRESH_S, TICK_S, Broadcaster, BroadcastFrame, Sent
 
@@ -409,8 +409,8 @@ def _left_out(items: Sequence[Item], state: Item, radio: Radio) -> tuple[str, ..
     return tuple(lines)
 
 
-def _a_sealer(authentication: Authentication) -> Sealer:
-    """Return a sealer with keys of its own: what they are changes no length but by chance."""
+def _a_sealer(authentication: Authentication) -> FrameSigner:
+    """Return a frame signer with keys of its own: what they are changes no length but by chance."""
     signed, sealed = authentication in ("mavlink", "both"), authentication in ("ed25519", "both")
     private_key = Ed25519PrivateKey.from_private_bytes(bytes(32)) if sealed else None
-    return Sealer(private_key, MavlinkSigner(bytes(KEY_BYTES), 0) if signed else None)
+    return FrameSigner(private_key, MavlinkSigner(bytes(KEY_BYTES), 0) if signed else None)

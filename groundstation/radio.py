@@ -1,7 +1,7 @@
 """What a radio gives the broadcast: bytes per second, of which a share, and the longest frame that it carries whole.
 
 A radio is named or given as a number of bytes per second. Behind it may stand an autopilot that passes on only what it
-knows: then every frame travels inside a V2_EXTENSION, which costs bytes (companion/encapsulation.py).
+knows: then every frame travels inside a V2_EXTENSION, which costs bytes (companion/protocol/v2_extension.py).
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from companion.encapsulation import WRAP_BYTES
 from companion.errors import InputError, nearest_hint
+from companion.protocol.v2_extension import WRAP_BYTES
 
 LONGEST_FRAME_BYTES = 252
 """The longest packet that SiK firmware sends in one piece; a LoRa modem's is 255."""

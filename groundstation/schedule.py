@@ -13,12 +13,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from companion.dialect import oneway
-from companion.encapsulation import wrap
 from companion.errors import InputError
-from companion.frames import BandsFrame, Directive, FleetFrame, MissionFrame, MotionFrame, RadiiFrame, StateFrame
-from companion.sealing import Sealer
-from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, WireError
+from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, WireError
+from companion.protocol.dialect import oneway
+from companion.protocol.ed25519 import FrameSigner
+from companion.protocol.messages import (
+    BandsFrame,
+    Directive,
+    FleetFrame,
+    MissionFrame,
+    MotionFrame,
+    RadiiFrame,
+    StateFrame,
+)
+from companion.protocol.v2_extension import wrap
 from groundstation.broadcast import Unsendable
 from groundstation.radio import MAVLINK_SIGNATURE_BYTES, Radio
 
@@ -27,7 +35,7 @@ BroadcastFrame = StateFrame | MotionFrame | BandsFrame | FleetFrame | RadiiFrame
 SHORTEST_REFRESH_S = 1.0
 """Nothing that the broadcast tells of is known or acted on faster."""
 LONGEST_REFRESH_S = 20.0
-"""Its last frame is so old when it leaves; receivers refuse what is older than 30 s (companion/admission.py)."""
+"""Its last frame is so old when it leaves; receivers refuse what is older than 30 s (authenticator.py)."""
 MOST_SENDS = 4
 """Of one state frame in a refresh: two seconds of them are enough for 99.6 % at a loss of one half."""
 CAROUSEL_SHARE = 0.1
@@ -163,10 +171,10 @@ class Sent:
 class Broadcaster:
     """Decides what a ground station's radio sends; without a radio, everything as soon as it is due."""
 
-    def __init__(self, station: Station, radio: Radio | None, sealer: Sealer | None = None) -> None:
+    def __init__(self, station: Station, radio: Radio | None, frame_signer: FrameSigner | None = None) -> None:
         self._station = station
         self._radio = radio
-        self._sealer = sealer or Sealer(None, None)
+        self._sealer = frame_signer or FrameSigner(None, None)
         self.unsendable = Unsendable()
         """What could not be sent, where there is a radio."""
         self._schedule = None if radio is None else _Schedule(station, radio, self._sealer, self.unsendable)
@@ -221,14 +229,14 @@ class _Refresh:
 
 
 class _Schedule:
-    def __init__(self, station: Station, radio: Radio, sealer: Sealer, unsendable: Unsendable) -> None:
+    def __init__(self, station: Station, radio: Radio, frame_signer: FrameSigner, unsendable: Unsendable) -> None:
         self._station = station
         self._unsendable = unsendable
         self._begin_again_s = float("-inf")
         """No refresh begins before, because the last one could not be made."""
         self._radio = radio
-        self._sealer = sealer
-        self._payload_bytes = radio.max_frame_bytes - _MAVLINK_BYTES - sealer.overhead_bytes
+        self._sealer = frame_signer
+        self._payload_bytes = radio.max_frame_bytes - _MAVLINK_BYTES - frame_signer.overhead_bytes
         self.pacer = Pacer(radio.budget_bytes_per_s, burst_bytes(radio))
         self._writer = FrameWriter()
         self._waiting: tuple[Sent, Callable[[float], None]] | None = None

@@ -22,23 +22,23 @@ from pathlib import Path
 
 import click
 
-from companion.config import DEFAULT_LAW
-from companion.encapsulation import unwrap
 from companion.errors import InputError, nearest_hint
-from companion.flightlog import FlightLog, unused
-from companion.frames import Directive
-from companion.framing import StreamFramer
-from companion.keys import MAVLINK_NAME, PRIVATE_NAME, load_mavlink_key, load_private
-from companion.mission import Mission
-from companion.process import SteadyClock, wait
-from companion.sealing import Sealer
-from companion.signing import UNITS_PER_S, MavlinkSigner, timestamp_of
-from companion.statefile import read_state_file, write_state_file
-from companion.tlog import TlogWriter
-from companion.transport import Link, open_receiver, open_sender
+from companion.files.state import read_state_file, write_state_file
+from companion.files.tlog import TlogWriter
+from companion.mission.model import Mission
+from companion.onboard.config import DEFAULT_LAW
+from companion.onboard.flight_log import FlightLog, unused
+from companion.protocol.deframer import StreamFramer
+from companion.protocol.ed25519 import FrameSigner
+from companion.protocol.keys import MAVLINK_NAME, PRIVATE_NAME, load_mavlink_key, load_private
+from companion.protocol.mavlink_signing import UNITS_PER_S, MavlinkSigner, timestamp_of
+from companion.protocol.messages import Directive
+from companion.protocol.v2_extension import unwrap
+from companion.runtime.clock import SteadyClock, wait
+from companion.transport.endpoints import Link, open_receiver, open_sender
+from groundstation.adsb_mirror import AdsbMirror
 from groundstation.broadcast import Unsendable
-from groundstation.core import GroundStation
-from groundstation.mirror import Mirror
+from groundstation.ground_station import GroundStation
 from groundstation.plan import Authentication
 from groundstation.radio import Radio
 from groundstation.schedule import TICK_S as RADIO_TICK_S
@@ -53,7 +53,7 @@ STATUS_PERIOD_S = 60.0
 """How often what was sent is told."""
 MOST_AHEAD_S = 1.5
 """So far ahead of the clock an epoch or a signing time may be: receivers refuse what is more than 2 s ahead of theirs
-(companion/admission.py), and theirs may be behind. A restart within the second needs 1 s."""
+(companion/protocol/authenticator.py), and theirs may be behind. A restart within the second needs 1 s."""
 LINK_ID = 0
 """Of our stream of MAVLink signatures."""
 STATE_NAME = "groundstation.state"
@@ -89,7 +89,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Kept:
+class SavedState:
     """What of a run must be known to the next one."""
 
     epoch_s: int
@@ -102,7 +102,7 @@ class Kept:
     directive: Directive
 
 
-def kept_from(text: str, source: Path) -> Kept:
+def saved_state_from(text: str, source: Path) -> SavedState:
     """Return what a state file keeps.
 
     Raises:
@@ -111,7 +111,7 @@ def kept_from(text: str, source: Path) -> Kept:
     """
     try:
         values = json.loads(text)
-        kept = Kept(
+        kept = SavedState(
             int(values["epoch_s"]),
             int(values["signing_timestamp"]),
             str(values["threats"]),
@@ -128,7 +128,7 @@ def kept_from(text: str, source: Path) -> Kept:
     return kept
 
 
-def text_of(kept: Kept) -> str:
+def text_of(kept: SavedState) -> str:
     """Return what a state file holds."""
     return json.dumps(
         {
@@ -141,7 +141,7 @@ def text_of(kept: Kept) -> str:
     )
 
 
-def epoch_after(kept: Kept | None, now_s: float, source: Path | None) -> int:
+def epoch_after(kept: SavedState | None, now_s: float, source: Path | None) -> int:
     """Return the epoch of a run that begins now: this second, but later than the last run's.
 
     Raises:
@@ -154,7 +154,7 @@ def epoch_after(kept: Kept | None, now_s: float, source: Path | None) -> int:
     return epoch_s
 
 
-def signing_after(kept: Kept | None, now_s: float, only_mavlink: bool, source: Path | None) -> int:
+def signing_after(kept: SavedState | None, now_s: float, only_mavlink: bool, source: Path | None) -> int:
     """Return the MAVLink signing time above which a run that begins now signs.
 
     Raises:
@@ -178,7 +178,7 @@ def _behind(source: Path | None, by_s: float) -> InputError:
     )
 
 
-def began_at_s(kept: Kept | None, threats: str, now_s: float) -> float:
+def began_at_s(kept: SavedState | None, threats: str, now_s: float) -> float:
     """Return when the threats of a run that begins now were where the mission says; `threats` is their digest."""
     return now_s if kept is None or kept.threats != threats else min(kept.began_s, now_s)
 
@@ -206,7 +206,7 @@ def directive_from(line: str) -> Directive:
     return words[word]
 
 
-def load_sealer(authentication: Authentication, folder: Path | None) -> Sealer:
+def load_frame_signer(authentication: Authentication, folder: Path | None) -> FrameSigner:
     """Return what signs the frames, with the keys in a folder.
 
     Raises:
@@ -214,7 +214,7 @@ def load_sealer(authentication: Authentication, folder: Path | None) -> Sealer:
 
     """
     if folder is None:
-        return Sealer(None, None)
+        return FrameSigner(None, None)
     try:
         mode = folder.stat().st_mode
     except OSError as error:
@@ -232,7 +232,7 @@ def load_sealer(authentication: Authentication, folder: Path | None) -> Sealer:
     signer = None
     if authentication in ("mavlink", "both"):
         signer = MavlinkSigner(load_mavlink_key(folder / MAVLINK_NAME), LINK_ID)
-    return Sealer(private_key, signer)
+    return FrameSigner(private_key, signer)
 
 
 async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Event) -> None:
@@ -245,10 +245,10 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         InputError: a link cannot be opened, a file not used, or the mission asks for something that cannot be done.
 
     """
-    sealer = load_sealer(options.authentication, options.keys)
+    frame_signer = load_frame_signer(options.authentication, options.keys)
     clock = SteadyClock()
     start_s = clock.now_s()
-    keeper = _Keeper(options, mission, sealer, start_s)
+    keeper = _Keeper(options, mission, frame_signer, start_s)
     station = GroundStation(
         mission,
         start_s,
@@ -259,9 +259,9 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         began_s=keeper.began_s,
     )
     station.directive = keeper.directive
-    broadcaster = Broadcaster(station, options.radio, sealer)
+    broadcaster = Broadcaster(station, options.radio, frame_signer)
     broadcaster.begin(start_s)
-    mirror = Mirror(mission)
+    mirror = AdsbMirror(mission)
     added_bytes = 0 if options.radio is None else options.radio.added_bytes
     with ExitStack() as stack:
         log = FlightLog(None if options.log is None else TlogWriter(unused(options.log)), "groundstation")
@@ -306,7 +306,7 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
                 status.sent_bytes += len(data) + added_bytes
                 log.record(now_s, unwrap(data) or data)
             if display is not None:
-                for data in mirror.tick(station.picture, now_s):
+                for data in mirror.tick(station.tracks, now_s):
                     display.send(data)
             for line in status.news(now_s, sender.counts.sent):
                 click.echo(f"groundstation: {line}")
@@ -318,12 +318,12 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
 class _Keeper:
     """What the last run left, and the file in which this one leaves it."""
 
-    def __init__(self, options: Options, mission: Mission, sealer: Sealer, now_s: float) -> None:
+    def __init__(self, options: Options, mission: Mission, frame_signer: FrameSigner, now_s: float) -> None:
         """Read the file, if there is one to be read; raises InputError if this run cannot follow on it."""
         self._path = self._read_from = options.state
-        self._signer = sealer.signer
+        self._signer = frame_signer.signer
         text = None if self._path is None else read_state_file(self._path)
-        kept = None if self._path is None or text is None else kept_from(text, self._path)
+        kept = None if self._path is None or text is None else saved_state_from(text, self._path)
         self._threats = threats_digest(mission)
         self._can_move = any(threat.speed_bound_m_s > 0.0 for threat in mission.threats)
         self.epoch_s = epoch_after(kept, now_s, self._path)
@@ -359,7 +359,7 @@ class _Keeper:
             return
         if self._signer is not None:
             self._signing = self._signer.last_timestamp
-        kept = Kept(station.epoch_s, self._signing, self._threats, self.began_s, station.directive)
+        kept = SavedState(station.epoch_s, self._signing, self._threats, self.began_s, station.directive)
         write_state_file(self._path, text_of(kept))
         self._kept, self._kept_at_s = kept, now_s
 
@@ -416,7 +416,7 @@ class _Status:
             rate_bytes_per_s = (self.sent_bytes - self._told_bytes) / (now_s - self._told_at_s)
             pace = self._broadcaster.pace
             slowed = f", slowed to {pace:.0%} by the radio's buffer" if pace < 1.0 else ""
-            too_far, unsendable = self._station.picture.too_far, sum(one.count for one in self._unsendable())
+            too_far, unsendable = self._station.tracks.too_far, sum(one.count for one in self._unsendable())
             refused = f", {too_far} detections refused as too far" if too_far else ""
             unsent = f", {unsendable} frames not sent" if unsendable else ""
             lines.append(
@@ -439,7 +439,7 @@ class _Status:
 
     def _mission_line(self) -> str:
         station = self._station
-        picture = station.picture
+        picture = station.tracks
         pairs = ", ".join(f"{agent} to {target}" for agent, target in sorted(station.assignment.items()))
         if len(station.assignment) > _MOST_PAIRS:
             pairs = f"{len(station.assignment)} of {len(picture.present_agents)} sent"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from companion.mission import Mission
+from companion.mission.model import Mission
 from sim.trajectory import POSITION_DECIMALS
 
 

@@ -17,11 +17,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from companion.config import DEFAULT_LAW, LAWS, Law
-from companion.doubts import doubts
-from companion.drawing import resolve
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, run_program, tell
-from companion.mission import Mission, dump_mission, load_mission
+from companion.mission.lint import lint
+from companion.mission.model import Mission, dump_mission, load_mission
+from companion.mission.resolve import resolve
+from companion.onboard.config import DEFAULT_LAW, LAWS, Law
 from groundstation.radio import RADIOS_BYTES_PER_S, parse_radio
 from sim.arena.families import FAMILIES
 from sim.arena.peers import PEERS
@@ -30,8 +30,8 @@ from sim.arena.report import JSON_NAME as ARENA_JSON_NAME
 from sim.arena.report import MARKDOWN_NAME as ARENA_MARKDOWN_NAME
 from sim.arena.report import broken_promise, failures, summaries, write_arena, write_worst
 from sim.arena.run import OWN_LAWS, Run, fly_all, jobs_of
+from sim.figures import clearance_png, plot_paths
 from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, check_flyable, fly
-from sim.plots import clearance_png, plot_paths
 from sim.report import KINEMATIC, write_report
 from sim.reproduction.claims import Claim, all_claims
 from sim.reproduction.experiments import MIN_SEEDS, Settings, run_all
@@ -124,8 +124,8 @@ def fly_command(
     check_flyable(resolved, mission, allow_monolithic)
     if resolved.surrogate == "monolithic":
         click.echo(f"sim: warning: {mission}: surrogate: 'monolithic' should not fly: {WHY_NOT_MONOLITHIC}", err=True)
-    for doubt in doubts(resolved):
-        click.echo(f"sim: warning: {mission}: {doubt}", err=True)
+    for warning in lint(resolved):
+        click.echo(f"sim: warning: {mission}: {warning}", err=True)
     folder = None if out is None else _writable_folder(out)
     if folder is not None:
         # First, so that an interrupted flight leaves what it was.

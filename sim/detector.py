@@ -15,8 +15,8 @@ from typing import Self
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.geodesy import LocalFrame
-from sim.standin import StandIn
+from companion.geo.local_frame import LocalFrame
+from sim.vehicles import StandIn
 
 _FLAGS = (
     mavlink.ADSB_FLAGS_VALID_COORDS

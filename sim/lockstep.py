@@ -3,7 +3,7 @@
 Ground station, companions, sensor and vehicles are those of the real programs and exchange nothing but encoded frames.
 Kinematic: the vehicles are points that turn at a bounded rate, not aircraft, and obey their companion from the start.
 The stand-ins of real autopilots fly, are told setpoints and tell telemetry ten times a second, and a person hands them
-over (sim/person.py). The same mission and seed give the same trajectory, bit for bit.
+over (sim/safety_pilot.py). The same mission and seed give the same trajectory, bit for bit.
 """
 
 from __future__ import annotations
@@ -17,31 +17,31 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from companion.adapters import ADAPTERS
-from companion.config import AutopilotSection, Law, config_for_agent, dump_config
-from companion.core import Companion, Decision
-from companion.drawing import random_stream
-from companion.encapsulation import wrap
+from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
-from companion.flightlog import Mark, decision_frame, mark_frame
-from companion.geodesy import LocalFrame
-from companion.mission import AgentSpec, Mission
-from companion.monolithic import load_monolithic
-from companion.tlog import TlogWriter, logged_s
-from companion.wire import Detection, FrameWriter, Kind
-from groundstation.core import GroundStation, check_runnable
+from companion.files.tlog import TlogWriter, logged_s
+from companion.geo.local_frame import LocalFrame
+from companion.mission.model import AgentSpec, Mission
+from companion.mission.random_streams import random_stream
+from companion.onboard.companion import Companion, Decision
+from companion.onboard.config import AutopilotSection, Law, config_for_agent, dump_config
+from companion.onboard.flight_log import Mark, decision_frame, mark_frame
+from companion.protocol.codec import Detection, FrameWriter, Kind
+from companion.protocol.v2_extension import wrap
+from companion.surrogate.networks import load_monolithic
+from groundstation.ground_station import GroundStation, check_runnable
 from groundstation.radio import Radio
 from groundstation.schedule import Broadcaster
+from sim.air_link import LINK_STREAM, LossyLink, Tamper
 from sim.arrivals import Arrivals
 from sim.detector import Detector, Fleet
-from sim.link import LINK_STREAM, LossyLink, Tamper
-from sim.person import Person
+from sim.safety_pilot import SafetyPilot
 from sim.scaling import CRUISE_M_S
 from sim.sensor import LOOK_PERIOD_S, mission_sensor, seen
-from sim.standin import CRAFTS, LOCKSTEP_RATES_HZ, Craft, Home, StandIn, Start, kinematic_profile
-from sim.standin.routing import Router
-from sim.standin.vehicle import parse
 from sim.trajectory import Trajectory, TrajectoryBuilder
+from sim.vehicles import CRAFTS, LOCKSTEP_RATES_HZ, Craft, Home, StandIn, Start, kinematic_profile
+from sim.vehicles.routing import Router
+from sim.vehicles.stand_in import parse
 from sim.wind import WindField
 from sim.world import World
 
@@ -99,7 +99,7 @@ class _Aircraft:
         detector: Detector | None,
         link: LossyLink,
         log: TlogWriter | None,
-        person: Person | None,
+        person: SafetyPilot | None,
         router: Router | None,
     ) -> None:
         self.spec = spec
@@ -337,7 +337,7 @@ class _Flying:
         detector = None
         if self._mission.case == "II" or law == "routed":
             detector = Detector(spec.id, system_id, self._frame, self._mission.detector_range_m)
-        person = None if self._is_point else Person(autopilot, system_id)
+        person = None if self._is_point else SafetyPilot(autopilot, system_id)
         router = Router(system_id) if self._one_radio else None
         return _Aircraft(spec, Companion(config, ADAPTERS[autopilot]()), vehicle, detector, link, log, person, router)
 

@@ -12,11 +12,11 @@ import click
 import numpy as np
 
 from companion.errors import EXIT_DONE, InputError, run_program
-from companion.mission import LinkSpec
-from companion.process import run_until_signal, wait
-from companion.transport import Link, open_receiver, open_sender, parse_link
-from companion.yamlfile import validated
-from sim.link import LINK_STREAM, LossyLink
+from companion.files.yaml import validated
+from companion.mission.model import LinkSpec
+from companion.runtime.clock import run_until_signal, wait
+from companion.transport.endpoints import Link, open_receiver, open_sender, parse_link
+from sim.air_link import LINK_STREAM, LossyLink
 
 TICK_S = 0.005
 """How often what has arrived is passed on: fine against any delay worth giving."""

@@ -17,7 +17,7 @@ from sim.score import Score
 from sim.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from companion.mission import LinkSpec, Mission, Wind
+    from companion.mission.model import LinkSpec, Mission, Wind
 
 RESULT_ROWS: tuple[tuple[str, str, str], ...] = (
     ("arrived", "agents arrived", "Agents that came within the arrival radius of a target nobody had reached before."),

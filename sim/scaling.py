@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from companion.adapters import ADAPTERS
-from companion.adapters.base import Abilities
+from companion.autopilot.adapter import Abilities
+from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
-from companion.mission import Mission
+from companion.mission.model import Mission
 
 PAPER_SPEED_M_S = 60.0
 """The paper's vehicle."""

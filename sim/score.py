@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.mission import Mission, agent_height_m, in_the_way
+from companion.mission.model import Mission, agent_height_m, in_the_way
 from sim.shortest_path import shortest_path_length
 from sim.trajectory import Trajectory
 

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from companion.mission import Mission
-from companion.wire import (
+from companion.mission.model import Mission
+from companion.protocol.codec import (
     DETECTIONS_PER_FRAME,
     GROUND_SYSTEM,
     SENSOR_COMPONENT,

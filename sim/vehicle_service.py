@@ -17,15 +17,15 @@ import click
 import numpy as np
 
 from companion.errors import EXIT_DONE, InputError, nearest_hint
-from companion.geodesy import LocalFrame
-from companion.process import run_until_signal, wait
-from companion.transport import Duplex, Link, Sender, open_duplex, open_sender, parse_link
-from companion.wire import Kind
+from companion.geo.local_frame import LocalFrame
+from companion.protocol.codec import Kind
+from companion.runtime.clock import run_until_signal, wait
+from companion.transport.endpoints import Duplex, Link, Sender, open_duplex, open_sender, parse_link
 from sim.sensor import Sensor, seen
-from sim.standin import CRAFTS, Craft, Home, StandIn, Start, Truth, kinematic_profile
-from sim.standin.ardupilot import ArduPilot
-from sim.standin.routing import Router
-from sim.standin.vehicle import parse
+from sim.vehicles import CRAFTS, Craft, Home, StandIn, Start, Truth, kinematic_profile
+from sim.vehicles.ardupilot import ArduPilot
+from sim.vehicles.routing import Router
+from sim.vehicles.stand_in import parse
 
 AUTOPILOTS = (*CRAFTS, "kinematic")
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from companion.drawing import random_stream
-from companion.mission import Wind
+from companion.mission.model import Wind
+from companion.mission.random_streams import random_stream
 
 WIND_STREAM = 4
 """The seed's random stream for wind; each gust has its own within it."""

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from companion.drawing import random_stream
-from companion.mission import Mission, PathMotion, SteadyMotion, TargetSpec, ThreatSpec
+from companion.mission.model import Mission, PathMotion, SteadyMotion, TargetSpec, ThreatSpec
+from companion.mission.random_streams import random_stream
 
 MOTION_STREAM = 2
 """The seed's random stream for motion."""

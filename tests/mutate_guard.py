@@ -33,9 +33,9 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from mutmut.mutation.file_mutation import ChildReplacementTransformer, create_mutations
 
-from companion import guard
+from companion.guard.guard import guard
 
-TESTS = "tests/companion/test_guard.py"
+TESTS = "tests/companion/guard/test_guard.py"
 EQUIVALENT = Path(__file__).with_name("mutate_guard_equivalent.txt")
 CPU_SHARE = 3.0
 CPU_S = 2.0

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from companion.dialect import oneway
-from companion.wire import FrameReader, StateFrame
+from companion.protocol.codec import FrameReader, StateFrame
+from companion.protocol.dialect import oneway
 
 ROOT = Path(__file__).parents[1]
 FORBIDDEN = {"companion": {"groundstation", "sim"}, "groundstation": {"sim"}, "sim": set[str]()}
@@ -25,9 +25,9 @@ import importlib.util, math
 for absent in ("torch", "scipy", "matplotlib", "groundstation", "sim"):
     assert importlib.util.find_spec(absent) is None, absent
 from pymavlink.dialects.v20 import common
-from companion.config import Config
-from companion.core import Companion, Purpose
-from companion.wire import AgentEntry, Directive, FrameWriter, Stamp, StateFrame, TargetEntry, ThreatEntry
+from companion.onboard.config import Config
+from companion.onboard.companion import Companion, Purpose
+from companion.protocol.codec import AgentEntry, Directive, FrameWriter, Stamp, StateFrame, TargetEntry, ThreatEntry
 import companion.cli
 vehicle = common.MAVLink(None, srcSystem=1, srcComponent=1)
 pilot = Companion(Config(agent_id=1))

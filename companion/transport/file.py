@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 
 from companion.errors import InputError
-from companion.tlog import TlogWriter, read_tlog, whole_frames
+from companion.files.tlog import TlogWriter, read_tlog, whole_frames
 from companion.transport.link import Link, OnDatagram, ReceiveCounts, Receiver, Sender
 
 

@@ -14,8 +14,8 @@ import termios
 from collections.abc import Callable
 from contextlib import suppress
 
-from companion.dialect.oneway import x25crc
 from companion.errors import InputError
+from companion.protocol.dialect.oneway import x25crc
 from companion.transport.link import Link, OnDatagram, ReceiveCounts, Receiver, SendCounts, Sender
 from companion.transport.stream import FrameCutter
 

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.drawing import check_start, random_stream, resolve
 from companion.errors import InputError
-from companion.guidance import turn_rate_rad_s
-from companion.kinematics import GRAVITY_M_S2
-from companion.mission import (
+from companion.geo.kinematics import GRAVITY_M_S2, turn_rate_rad_s
+from companion.guidance.separation import Rules, interaction_radius_m
+from companion.mission.model import (
     AgentSpec,
     Burst,
     CostWeights,
@@ -35,7 +34,8 @@ from companion.mission import (
     Wind,
     load_mission,
 )
-from companion.right_of_way import Rules, interaction_radius_m
+from companion.mission.random_streams import random_stream
+from companion.mission.resolve import check_start, resolve
 from sim.arena.planner import ground_turn_radius_m, target_stays_clear
 
 ARENA_STREAM = 11

@@ -14,20 +14,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.adapters.base import Neighbour, NoAutopilot, Telemetry
-from companion.config import Law, config_for_agent
-from companion.core import Companion, Decision
-from companion.drawing import random_stream
-from companion.geodesy import LocalFrame
-from companion.guard import Setpoint
-from companion.guidance import turn_rate_rad_s
-from companion.kinematics import advance, turn_towards
-from companion.laws import SteeringOf
-from companion.mission import AgentSpec, Mission
-from companion.wire import Detection, DetectionsFrame, Kind
-from groundstation.core import GroundStation
+from companion.autopilot.adapter import NoAutopilot
+from companion.autopilot.telemetry import Neighbour, Telemetry
+from companion.geo.kinematics import advance, turn_rate_rad_s, turn_towards
+from companion.geo.local_frame import LocalFrame
+from companion.guard.guard import Setpoint
+from companion.guidance.laws import SteeringOf
+from companion.mission.model import AgentSpec, Mission
+from companion.mission.random_streams import random_stream
+from companion.onboard.companion import Companion, Decision
+from companion.onboard.config import Law, config_for_agent
+from companion.protocol.codec import Detection, DetectionsFrame, Kind
+from groundstation.ground_station import GroundStation
+from sim.air_link import LINK_STREAM, LossyLink
 from sim.arrivals import Arrivals
-from sim.link import LINK_STREAM, LossyLink
 from sim.lockstep import START_S
 from sim.sensor import LOOK_PERIOD_S, seen
 from sim.trajectory import Trajectory, TrajectoryBuilder
@@ -224,7 +224,7 @@ class _Flying:
         look = DetectionsFrame(
             int(now_s), round(now_s % 1.0 * 1000.0), origin.lat_deg, origin.lon_deg, tuple(detections)
         )
-        self._ground.picture.take(look, now_s)
+        self._ground.tracks.take(look, now_s)
 
     def _guide(self, t_s: float) -> None:
         """Let everybody see the same moment, then decide."""

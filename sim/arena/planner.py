@@ -30,8 +30,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from companion.kinematics import GRAVITY_M_S2, advance
-from companion.mission import Mission, SteadyMotion, ThreatSpec
+from companion.geo.kinematics import GRAVITY_M_S2, advance
+from companion.mission.model import Mission, SteadyMotion, ThreatSpec
 from sim.shortest_path import Piece, shortest_path_length, turning_path
 from sim.world import World
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from sim.arena.families import FAMILIES
 from sim.arena.run import Run, law_order
 from sim.arena.statistics import Estimate, Summary
-from sim.plots import AGENT_COLOURS, DPI, figure_png
+from sim.figures import AGENT_COLOURS, DPI, figure_png
 
 RATES_NAME = "arena-rates.png"
 RATIOS_NAME = "arena-ratios.png"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from companion.mission import dump_mission
+from companion.mission.model import dump_mission
 from sim.arena.families import FAMILIES, draw
 from sim.arena.run import OWN_LAWS, Run, flight_seed, law_order
 from sim.arena.statistics import Estimate, Summary, behind, summarise

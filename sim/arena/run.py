@@ -14,15 +14,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.config import LAWS, Config, Law
-from companion.laws import SteeringLaw, SteeringOf
-from companion.mission import Mission
+from companion.guidance.laws import SteeringLaw, SteeringOf
+from companion.mission.model import Mission
+from companion.onboard.config import LAWS, Config, Law
 from sim.arena.families import FAMILIES, draw
 from sim.arena.flight import ArenaFlight, fly_arena
 from sim.arena.peers import PEERS, SLOW
 from sim.arena.planner import plan, target_stays_clear
-from sim.jobs import outcomes
 from sim.score import AgentScore, Score, score
+from sim.worker_pool import outcomes
 
 OWN_LAWS: tuple[Law, ...] = ("routed", "seed")
 """Ours and the paper's; `ramp` and `step` are the paper's contrast, not contestants."""

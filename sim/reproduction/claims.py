@@ -13,8 +13,8 @@ from enum import Enum
 
 import numpy as np
 
-from companion.guidance import turn_rate_rad_s
-from companion.mission import Mission
+from companion.geo.kinematics import turn_rate_rad_s
+from companion.mission.model import Mission
 from sim.reproduction.experiments import DYNAMIC, PAPER_STEP_S, STATIC_SEED, STATIC_STEP, FlightFigures, Results
 
 # The paper, section Simulation (METHOD.md section 4).

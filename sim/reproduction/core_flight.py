@@ -17,21 +17,19 @@ from typing import Literal
 
 import numpy as np
 
-from companion.core import ARRIVAL_SHARE
-from companion.cost import Weights
-from companion.guidance import (
-    Pull,
+from companion.geo.kinematics import limit_turn, turn_rate_rad_s, turn_towards
+from companion.guidance.steering import (
+    SteeringVector,
     attraction,
-    limit_turn,
     loiter_attraction,
     loiter_place,
     loiter_radius_m,
     loiter_spacing_m,
-    turn_rate_rad_s,
 )
-from companion.kinematics import turn_towards
-from companion.mission import LinkSpec, Mission, Wind
-from companion.surrogate import PROFILE_NAMES, RadialProfile, StepProfile, profile_by_name, surrogate_gradient
+from companion.mission.model import LinkSpec, Mission, Wind
+from companion.onboard.companion import ARRIVAL_SHARE
+from companion.surrogate.cost import Weights
+from companion.surrogate.profiles import PROFILE_NAMES, RadialProfile, StepProfile, profile_by_name, surrogate_gradient
 from groundstation.assignment import OBJECTIVES, Objective, assign
 from sim.sensor import LOOK_PERIOD_S
 from sim.trajectory import POSITION_DECIMALS, Trajectory, TrajectoryBuilder
@@ -198,8 +196,8 @@ class _Flying:
         rows[:, 2] = np.degrees(rows[:, 2]) % 360.0
         rows[:, 3] = self._speed_m_s
         self._trajectory.append(t_s, rows, targets, threats)
-        seen_ned_m = np.round(rows[:, :2], POSITION_DECIMALS)
-        offset_m = seen_ned_m[:, None] - np.round(targets[:, :2], POSITION_DECIMALS)
+        traffic_ned_m = np.round(rows[:, :2], POSITION_DECIMALS)
+        offset_m = traffic_ned_m[:, None] - np.round(targets[:, :2], POSITION_DECIMALS)
         near: np.ndarray = np.hypot(offset_m[..., 0], offset_m[..., 1]) <= self._mission.arrival_radius_m
         return near
 
@@ -231,7 +229,7 @@ class _Flying:
             target = int(heard.assigned[agent])
             target_ned_m = None if target == _NO_TARGET else (targets[target][0], targets[target][1])
             pull = self._pull(agent, (north_m, east_m), target_ned_m, heard)
-            wanted = Pull(pull.north_m - gradient_m[agent][0], pull.east_m - gradient_m[agent][1])
+            wanted = SteeringVector(pull.north_m - gradient_m[agent][0], pull.east_m - gradient_m[agent][1])
             self._commanded_rad[agent], limited = limit_turn(
                 heading_rad,
                 wanted.heading_rad if wanted.strength_m > 0.0 else heading_rad,
@@ -243,7 +241,7 @@ class _Flying:
 
     def _pull(
         self, agent: int, position: tuple[float, float], target_ned_m: tuple[float, float] | None, heard: _Heard
-    ) -> Pull:
+    ) -> SteeringVector:
         """Return what attracts an agent: its target until it is there, then its loiter circle, as on board."""
         radius_m = self._mission.arrival_radius_m * (1.0 if self._latched[agent] else ARRIVAL_SHARE)
         self._latched[agent] = target_ned_m is not None and math.dist(position, target_ned_m) <= radius_m
@@ -259,7 +257,7 @@ class _Flying:
         return loiter_attraction(position, place, loiter_m)
 
     def _settled(self, agent: int, heard: _Heard) -> np.ndarray:
-        """Return which peers' loiter places go before an agent's, (N,) bool, by the rule of `companion.picture`."""
+        """Return which peers' loiter places go before an agent's, (N,) bool, by the rule of the world model."""
         ids = np.array(self._ids)
         settled: np.ndarray = (heard.assigned == _NO_TARGET) | (ids < self._ids[agent])
         settled[agent] = False

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.drawing import resolve
 from companion.errors import InputError
-from companion.mission import Mission, load_mission
-from sim.jobs import outcomes
+from companion.mission.model import Mission, load_mission
+from companion.mission.resolve import resolve
 from sim.lockstep import fly
 from sim.reproduction.core_flight import PERFECT_LINK, CoreFlight, CoreLaw, fly_core
 from sim.score import Score, score
 from sim.trajectory import Trajectory
+from sim.worker_pool import outcomes
 
 PAPER_STEP_S = 5.0
 """Paper, section Simulation: "each iteration is chosen to be 5 s"."""
@@ -204,8 +204,8 @@ class _TrainingJob:
 
     def run(self) -> tuple[Training, str]:
         # Only here: they need torch, which flights do without.
-        from companion.training_monolithic import train_monolithic
-        from companion.training_pairwise import train_pairwise
+        from companion.surrogate.training_monolithic import train_monolithic
+        from companion.surrogate.training_pairwise import train_pairwise
 
         train = train_monolithic if self.monolithic else train_pairwise
         _, record = train(self.seed, self.samples, self.epochs)

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from companion.surrogate import HALF_WIDTH, PolygonProfile, RadialProfile, StepProfile, load_pairwise
-from sim.plots import ATTACK_COLOUR, DETECTION_COLOUR, DPI, draw_run, figure_png, plot_paths
+from companion.surrogate.profiles import HALF_WIDTH, PolygonProfile, RadialProfile, StepProfile, load_pairwise
+from sim.figures import ATTACK_COLOUR, DETECTION_COLOUR, DPI, draw_run, figure_png, plot_paths
 from sim.reproduction.claims import PAPER_MAX_MS, PAPER_MEAN_MS, PAPER_TRAINING_MSE
 from sim.reproduction.experiments import PAPER_STEP_S, Flown, Results, Training
 from sim.score import score

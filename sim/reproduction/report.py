@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from companion.guidance import turn_rate_rad_s
-from companion.mission import Mission
+from companion.geo.kinematics import turn_rate_rad_s
+from companion.mission.model import Mission
 from sim.reproduction.claims import PAPER_MAX_MS, PAPER_MEAN_MS, PAPER_STEPS, Claim, complete_steps
 from sim.reproduction.experiments import (
     DYNAMIC,

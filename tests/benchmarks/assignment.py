@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from groundstation.assignment import SWITCHING_SHARE
-from groundstation.ways import MAX_ROUTES, Scene, WayObjective, Ways, assign_by_ways
+from groundstation.route_cost import MAX_ROUTES, RouteCosts, Scene, WayObjective, assign_by_route_cost
 
 SIDE_M = 200_000.0
 SPEED_M_S, TURN_RADIUS_M = 60.0, 367.0
@@ -54,15 +54,15 @@ def measure(agents: int, targets: int, discs: int, objective: WayObjective, agai
     """Return a line on assignments of one kind; `again`: of the second in a flight, with the first one present."""
     rng = np.random.default_rng(7)
     speeds_m_s = np.full(agents, SPEED_M_S)
-    settle = partial(assign_by_ways, speeds_m_s=speeds_m_s, objective=objective, in_range=everything)
+    settle = partial(assign_by_route_cost, speeds_m_s=speeds_m_s, objective=objective, in_range=everything)
     took_ms, searched = [], []
     for _ in range(SCENES):
         drawn = scene(rng, agents, targets, discs)
         present, share = np.full(agents, -1), SWITCHING_SHARE
         if again:
-            present = settle(Ways(drawn), present=present, switching_share=share)
+            present = settle(RouteCosts(drawn), present=present, switching_share=share)
         started_s = time.perf_counter()
-        ways = Ways(drawn)
+        ways = RouteCosts(drawn)
         settle(ways, present=present, switching_share=share)
         took_ms.append(1e3 * (time.perf_counter() - started_s))
         searched.append(ways.searched)

@@ -12,16 +12,16 @@ from collections.abc import Callable
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from companion.config import Config
-from companion.core import Companion
-from companion.cost import Weights
-from companion.drawing import resolve
-from companion.guard import Discs, Limits, Motion, Setpoint, check
-from companion.mission import load_mission
-from companion.surrogate import gradient_for_agent, profile_by_name
-from companion.wire import FrameReader, FrameWriter, Stamp
+from companion.guard.guard import Discs, Limits, Motion, Setpoint, check
+from companion.mission.model import load_mission
+from companion.mission.resolve import resolve
+from companion.onboard.companion import Companion
+from companion.onboard.config import Config
+from companion.protocol.codec import FrameReader, FrameWriter, Stamp
+from companion.surrogate.cost import Weights
+from companion.surrogate.profiles import gradient_for_agent, profile_by_name
 from groundstation.broadcast import state_frames
-from groundstation.core import GroundStation
+from groundstation.ground_station import GroundStation
 from sim.lockstep import START_S, fly
 
 ROUNDS = 15

@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from companion.mission import Mission, ThreatSpec, load_mission
-from companion.packed import MISSION_HEAD_BYTES, RADII_HEAD_BYTES, data_bytes
-from companion.wire import Stamp
+from companion.mission.model import Mission, ThreatSpec, load_mission
+from companion.protocol.codec import Stamp
+from companion.protocol.fleet_codec import MISSION_HEAD_BYTES, RADII_HEAD_BYTES, data_bytes
 from groundstation.broadcast import mission_frame, radii_frames
 
 LOSSES = (0.0, 0.1, 0.3, 0.5)

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.drawing import resolve
-from companion.mission import Mission, Wind, load_mission
-from companion.wire import Kind
-from groundstation.core import GroundStation
+from companion.mission.model import Mission, Wind, load_mission
+from companion.mission.resolve import resolve
+from companion.protocol.codec import Kind
+from groundstation.ground_station import GroundStation
 from sim.lockstep import fly
 from sim.score import score
 
@@ -59,7 +59,7 @@ def flown(seed: int, report_period_s: float, wind: Wind) -> Outcome:
     beyond: list[bool] = []
 
     def watch(t_s: float, ground: GroundStation, agents: np.ndarray) -> None:
-        picture, errors_m = ground.picture, []
+        picture, errors_m = ground.tracks, []
         for index, agent in enumerate(mission.agents):
             if agent.id in picture.active_agents:
                 track = picture.tracks[Kind.AGENT, agent.id]

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from companion.config import Config, Law
-from companion.drawing import resolve
-from companion.guard import Guard
-from companion.laws import SteeringLaw, law_of
-from companion.mission import AgentSpec, Defaults, Draw, Mission, TargetSpec, ThreatDefaults
+from companion.guard.guard import Guard
+from companion.guidance.laws import SteeringLaw, law_of
+from companion.mission.model import AgentSpec, Defaults, Draw, Mission, TargetSpec, ThreatDefaults
+from companion.mission.resolve import resolve
+from companion.onboard.config import Config, Law
 from sim.arena.flight import fly_arena
 from sim.arena.peers import PEERS, SLOW
 from sim.arena.run import OWN_LAWS

@@ -10,8 +10,8 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from sim.fault_table import DEAD_PARAMETERS, FAULTS, RESTART_S, Dead, Row, dies, fly
-from sim.faults import DEMANDED, KINDS
+from sim.faults.flight import DEMANDED, KINDS
+from sim.faults.table import DEAD_PARAMETERS, FAULTS, RESTART_S, Dead, Row, dies, fly
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 MOST_EVENTS = 6

@@ -1,7 +1,7 @@
 """A flood on a real socket: `python -m tests.benchmarks.flood [--seconds 10] [--rate 10000]` from the root.
 
 A sender process floods a receiver process on 127.0.0.1, genuine frames at GENUINE_PER_S among the forged ones. The
-receiver is what a companion has: transport, admission, event loop. First without the key (a CRC-correct, newer frame
+receiver has what a companion has: transport, authenticator, loop. First without the key (a CRC-correct, newer frame
 with a wrong MAVLink hash: the costliest of that kind), then by a holder of the shared MAVLink key, who can do all but
 the Ed25519 signature. Printed: the share of one core that the receiver used, what was accepted, and for the second
 flood how long a vehicle waits for a genuine frame. Exit status 1 if a forged frame was accepted or, in the first
@@ -21,11 +21,11 @@ import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 
-from companion.admission import Admission, Gate, Trust
-from companion.sealing import SEAL_BYTES
-from companion.signing import MavlinkSigner
-from companion.transport import open_receiver, parse_link
-from tests.companion.hostile import Ground, forged_seal
+from companion.protocol.authenticator import Authenticator, CheckLimiter, Trust
+from companion.protocol.ed25519 import ED25519_BYTES
+from companion.protocol.mavlink_signing import MavlinkSigner
+from companion.transport.endpoints import open_receiver, parse_link
+from tests.companion.protocol.hostile import Ground, forged_seal
 
 GENUINE_PER_S = 5.0
 PORT = 19_550
@@ -122,7 +122,7 @@ def _forger(ground: Ground, rng: random.Random, *, has_key: bool) -> Callable[[f
 
     def forge(now_s: float) -> bytes:
         raw = ground.unsealed(now_s, rng.randrange(1 << 31, 1 << 32))
-        return signer.sign(forged_seal(raw, rng.randbytes(SEAL_BYTES)), now_s)
+        return signer.sign(forged_seal(raw, rng.randbytes(ED25519_BYTES)), now_s)
 
     return forge
 
@@ -133,12 +133,12 @@ def _receive(trust: Trust, pipe: Connection) -> None:
 
 
 async def _listen(trust: Trust, pipe: Connection) -> None:
-    admission = Admission(trust)
+    authenticator = Authenticator(trust)
     counts = {"heard": 0, "forged": 0, "genuine": 0}
 
     def hear(datagram: bytes) -> None:
         counts["heard"] += 1
-        for _, frame in admission.admit(datagram, time.time()):
+        for _, frame in authenticator.admit(datagram, time.time()):
             # A genuine one counts from 1; a forged one begins far above.
             is_forged = frame.stamp.sequence >= 1 << 31
             counts["forged" if is_forged else "genuine"] += 1
@@ -148,10 +148,10 @@ async def _listen(trust: Trust, pipe: Connection) -> None:
     began_cpu_s = time.process_time()
     while not pipe.poll():
         await asyncio.sleep(0.05)
-        admission.due(time.time())
+        authenticator.due(time.time())
     cpu_s = time.process_time() - began_cpu_s
     receiver.close()
-    checked = admission.rejected["wrong Ed25519 signature"] + admission.accepted
+    checked = authenticator.rejected["wrong Ed25519 signature"] + authenticator.accepted
     pipe.send(counts | {"cpu_s": cpu_s, "checked": checked})
 
 
@@ -160,7 +160,7 @@ def waits_s(rate: float, checks_per_s: float, seconds: float, crowd_s: float) ->
 
     In virtual time; the forger sends all its frames within `crowd_s` about each genuine one.
     """
-    gate = Gate(checks_per_s, random.Random(3))
+    gate = CheckLimiter(checks_per_s, random.Random(3))
     each = round(rate / GENUINE_PER_S)
     begins_s = [turn / GENUINE_PER_S for turn in range(round(seconds * GENUINE_PER_S))]
     rng = random.Random(4)

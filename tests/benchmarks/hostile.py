@@ -13,7 +13,7 @@ import sys
 import time
 from collections import Counter
 
-from tests.companion.hostile import AUTHENTICATIONS, run
+from tests.companion.protocol.hostile import AUTHENTICATIONS, run
 
 GROWTH_MB = 8.0
 """Of the resident size, after the first WARM datagrams of a strength."""

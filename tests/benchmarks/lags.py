@@ -7,7 +7,7 @@ The adapters' `REACTION_S`, `LEAD_S` and `TRACKING_M` come from here.
 
 from __future__ import annotations
 
-from tests.sim.tracking import TURNS_RAD, Flight, off, turned
+from tests.sim.vehicles.tracking import TURNS_RAD, Flight, off, turned
 
 REACTIONS_S = [0.05 * index for index in range(13)]
 FLIGHTS = (

@@ -24,9 +24,9 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.offboard import SETPOINT_IDS
-from companion.tlog import whole_frames
-from sim.person import Person
+from companion.autopilot.offboard import SETPOINT_IDS
+from companion.files.tlog import whole_frames
+from sim.safety_pilot import SafetyPilot
 
 HERE = "127.0.0.1"
 NICED = "import os, sys; os.nice(%d); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
@@ -108,7 +108,7 @@ class Between:
                 except (BlockingIOError, ConnectionRefusedError):
                     continue
 
-    def hand_over(self, person: Person, t_s: float) -> None:
+    def hand_over(self, person: SafetyPilot, t_s: float) -> None:
         """Let the person do what is due."""
         for frame in [person.heartbeat(), *person.orders(t_s, self.custom_mode)]:
             with suppress(ConnectionRefusedError):
@@ -161,7 +161,7 @@ def main() -> None:
         # The vehicle and the one who looks on stand for other computers.
         os.nice(options.nice - 1)
     kind = options.autopilot
-    person = Person(kind, 1)
+    person = SafetyPilot(kind, 1)
     companion_port, broadcast, person_port, sensor = (free_port() for _ in range(4))
     between = Between(companion_port, person_port)
     running: list[subprocess.Popen[bytes]] = []

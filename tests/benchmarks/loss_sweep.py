@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.core import Companion, Decision
-from companion.drawing import resolve
-from companion.ladder import Stage
-from companion.mission import Burst, LinkSpec, load_mission
+from companion.mission.model import Burst, LinkSpec, load_mission
+from companion.mission.resolve import resolve
+from companion.onboard.companion import Companion, Decision
+from companion.onboard.failsafe import Stage
 from sim.lockstep import START_S, fly
 from sim.score import score
 

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.drawing import random_stream, resolve
-from companion.mission import Loss, Mission, load_mission
-from groundstation.core import GroundStation
+from companion.mission.model import Loss, Mission, load_mission
+from companion.mission.random_streams import random_stream
+from companion.mission.resolve import resolve
+from groundstation.ground_station import GroundStation
 from sim.lockstep import fly
 from sim.score import score
 
@@ -58,7 +59,7 @@ def flown(seed: int) -> Outcome:
 
     def watch(t_s: float, ground: GroundStation, agents: np.ndarray) -> None:
         nonlocal known, checked, short
-        picture = ground.picture
+        picture = ground.tracks
         active, open_targets = picture.active_agents, picture.open_targets
         known = max(known, len(picture.lost))
         uncovered = set(open_targets) - set(ground.assignment.values())

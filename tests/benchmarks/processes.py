@@ -25,16 +25,16 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.config import config_for_agent
-from companion.drawing import resolve
-from companion.geodesy import LocalFrame, to_grid
-from companion.mission import Mission, dump_mission, load_mission
-from companion.tlog import read_tlog
-from companion.wire import Detection, Kind
-from companion.yamlfile import dump_yaml
+from companion.files.tlog import read_tlog
+from companion.files.yaml import dump_yaml
+from companion.geo.local_frame import LocalFrame, to_grid
+from companion.mission.model import Mission, dump_mission, load_mission
+from companion.mission.resolve import resolve
+from companion.onboard.config import config_for_agent
+from companion.protocol.codec import Detection, Kind
 from sim.arrivals import Arrivals
 from sim.detector import Detector, Fleet
-from sim.person import Person
+from sim.safety_pilot import SafetyPilot
 from sim.scaling import CRUISE_M_S, scaled
 from sim.score import score
 from sim.sensor import LOOK_PERIOD_S, mission_sensor, seen
@@ -108,7 +108,7 @@ class Vehicle:
     """What the judge knows of one vehicle, by what its autopilot says on the second link."""
 
     socket: socket.socket
-    person: Person
+    person: SafetyPilot
     detector: Detector
     frame: LocalFrame
     mode: int | None = None
@@ -196,7 +196,7 @@ def start(
         vehicles.append(
             Vehicle(
                 end_point,
-                Person(kind, index + 1),
+                SafetyPilot(kind, index + 1),
                 Detector(spec.id, index + 1, frame, mission.detector_range_m),
                 frame,
             )

@@ -1,6 +1,6 @@
 """The route over a thousand scenes, flown, and timed: `python -m tests.benchmarks.route [--scenes 1000]`.
 
-Correctness is that of tests/companion/test_route.py over many more scenes. Times are processor time of one thread, and
+Correctness is that of test_route.py over many more scenes. Times are processor time of one thread, and
 each stands beside the yardstick, the independent planner of sim/shortest_path.py, run on the same scenes in turn.
 """
 
@@ -13,9 +13,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from companion.route import Reach, Router, shortest_route
+from companion.guidance.route import Reach, Router, shortest_route
 from sim.shortest_path import shortest_path_length
-from tests.companion.test_route import FAMILIES, Scene, arrival, disagreement, misdirection, scenes
+from tests.companion.guidance.test_route import FAMILIES, Scene, arrival, disagreement, misdirection, scenes
 
 SIDE_M = 200_000.0
 """Scenes that are timed fill the paper's square with discs of 0.5 to 1.5 times the paper's radius."""

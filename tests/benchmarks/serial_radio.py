@@ -21,7 +21,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import common
 
-from companion.dialect import oneway
+from companion.protocol.dialect import oneway
 
 LINE_BYTES_PER_S = 5760.0
 """57600 baud, ten bits a byte."""

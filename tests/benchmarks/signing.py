@@ -12,16 +12,16 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from companion.admission import Admission, Trust
-from companion.dialect import oneway
-from companion.drawing import resolve
-from companion.mission import load_mission
-from companion.sealing import Sealer
-from companion.signing import MavlinkSigner, timestamp_of
-from companion.wire import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, Stamp, StateFrame
+from companion.mission.model import load_mission
+from companion.mission.resolve import resolve
+from companion.protocol.authenticator import Authenticator, Trust
+from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, Stamp, StateFrame
+from companion.protocol.dialect import oneway
+from companion.protocol.ed25519 import FrameSigner
+from companion.protocol.mavlink_signing import MavlinkSigner, timestamp_of
 from groundstation.broadcast import state_frames
-from groundstation.core import GroundStation
-from tests.companion.hostile import START_S, Ground
+from groundstation.ground_station import GroundStation
+from tests.companion.protocol.hostile import START_S, Ground
 
 ROUNDS = 15
 CALLS = 300
@@ -37,30 +37,30 @@ def main() -> None:
     keys = Ground("both", random.Random(1))
     private_key, mavlink_key = keys.private_key, keys.mavlink_key
 
-    def sealer(*, sealed: bool, signed: bool) -> Sealer:
-        return Sealer(private_key if sealed else None, MavlinkSigner(mavlink_key, 0) if signed else None)
+    def frame_signer(*, sealed: bool, signed: bool) -> FrameSigner:
+        return FrameSigner(private_key if sealed else None, MavlinkSigner(mavlink_key, 0) if signed else None)
 
     def sending(*, sealed: bool, signed: bool) -> Batch:
         def batch() -> Callable[[], object]:
-            writer, sealing = FrameWriter(), sealer(sealed=sealed, signed=signed)
+            writer, sealing = FrameWriter(), frame_signer(sealed=sealed, signed=signed)
             return lambda: [sealing.seal(writer.encode(one), START_S) for one in frames]
 
         return batch
 
     def hearing(*, sealed: bool, signed: bool) -> Batch:
-        writer, sealing = FrameWriter(), sealer(sealed=sealed, signed=signed)
+        writer, sealing = FrameWriter(), frame_signer(sealed=sealed, signed=signed)
         raws = [sealing.seal(writer.encode(one), START_S) for one in frames]
         # The bound on checks is for floods; all of these are to be checked at once.
         trust = Trust(mavlink_key if signed else None, private_key.public_key() if sealed else None, checks_per_s=1e9)
 
         def batch() -> Callable[[], object]:
-            admission = Admission(trust)
+            authenticator = Authenticator(trust)
 
             def hear() -> None:
                 for index, raw in enumerate(raws):
-                    admission.admit(raw, START_S + index / CALLS)
-                if admission.accepted != CALLS:
-                    raise AssertionError(f"{admission.accepted} of {CALLS} accepted: {admission.rejected}")
+                    authenticator.admit(raw, START_S + index / CALLS)
+                if authenticator.accepted != CALLS:
+                    raise AssertionError(f"{authenticator.accepted} of {CALLS} accepted: {authenticator.rejected}")
 
             return hear
 

@@ -15,16 +15,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.guard import Motion
-from companion.guidance import (
-    loiter_attraction,
-    loiter_place,
-    loiter_radius_m,
-    loiter_spacing_m,
-    turn_rate_rad_s,
-)
-from companion.kinematics import turn_towards
-from companion.right_of_way import Rules, give_way, reserved_radius_m
+from companion.geo.kinematics import turn_rate_rad_s, turn_towards
+from companion.guard.guard import Motion
+from companion.guidance.separation import Rules, give_way, reserved_radius_m
+from companion.guidance.steering import loiter_attraction, loiter_place, loiter_radius_m, loiter_spacing_m
 
 DT_S = 0.5
 PIECES = 5
@@ -147,17 +141,17 @@ def _wanted_m_s(craft: Craft, rules: Rules) -> float:
     return min(craft.cruise_m_s, 0.3 * math.dist((craft.north_m, craft.east_m), craft.place_ned_m))
 
 
-def _wanted_rad(craft: Craft, settled_ned_m: np.ndarray, rules: Rules, arrival_radius_m: float) -> float:
+def _wanted_rad(craft: Craft, loitering_ned_m: np.ndarray, rules: Rules, arrival_radius_m: float) -> float:
     """Return the heading of plain attraction or loitering; straight on where the target is inside a turning circle."""
     here = (craft.north_m, craft.east_m)
     if craft.done_s is not None or craft.target_ned_m is None:
         if rules.can_stop:
-            craft.place_ned_m = craft.place_ned_m or loiter_place(here, settled_ned_m, 2.0 * rules.separation_m)
+            craft.place_ned_m = craft.place_ned_m or loiter_place(here, loitering_ned_m, 2.0 * rules.separation_m)
             return math.atan2(craft.place_ned_m[1] - here[1], craft.place_ned_m[0] - here[0])
         radius_m = loiter_radius_m(craft.cruise_m_s, rules.n_max, DT_S)
         if craft.place_ned_m is None:
             craft.place_ned_m = loiter_place(
-                here, settled_ned_m, loiter_spacing_m(rules.separation_m, radius_m) + radius_m
+                here, loitering_ned_m, loiter_spacing_m(rules.separation_m, radius_m) + radius_m
             )
         return loiter_attraction(here, craft.place_ned_m, radius_m).heading_rad
     rho_m = craft.speed_m_s / turn_rate_rad_s(craft.speed_m_s, rules.n_max)

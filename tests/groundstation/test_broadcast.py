@@ -15,17 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import groundstation
-from companion.dialect import oneway
-from companion.drawing import resolve
-from companion.mission import AgentSpec, Mission, TargetSpec, ThreatSpec, load_mission
-from companion.packed import (
-    FLEET_HEAD_BYTES,
-    MISSION_HEAD_BYTES,
-    RADII_HEAD_BYTES,
-    data_bytes,
-)
-from companion.picture import Picture
-from companion.wire import (
+from companion.mission.model import AgentSpec, Mission, TargetSpec, ThreatSpec, load_mission
+from companion.mission.resolve import resolve
+from companion.onboard.world_model import WorldModel
+from companion.protocol.codec import (
     BANDS_PER_FRAME,
     SIGNATURE_BYTES,
     THREATS_PER_FRAME,
@@ -42,6 +35,13 @@ from companion.wire import (
     WireError,
     decode_frame,
 )
+from companion.protocol.dialect import oneway
+from companion.protocol.fleet_codec import (
+    FLEET_HEAD_BYTES,
+    MISSION_HEAD_BYTES,
+    RADII_HEAD_BYTES,
+    data_bytes,
+)
 from groundstation.broadcast import (
     band_frames,
     fleet_frames,
@@ -52,7 +52,7 @@ from groundstation.broadcast import (
     state_frames,
     surrogate_digest,
 )
-from groundstation.picture import GroundPicture, Track
+from groundstation.tracks import Track, TrackTable
 
 START_S = 1_790_000_000
 STAMP = Stamp(START_S, 0, 1)
@@ -96,8 +96,8 @@ def worlds(draw: st.DrawFn) -> tuple[Mission, dict[int, int]]:
     return mission_of(agents, targets, threats), assignment
 
 
-def ground(mission: Mission) -> GroundPicture:
-    return GroundPicture(mission, START_S, silent_after_s=None)
+def ground(mission: Mission) -> TrackTable:
+    return TrackTable(mission, START_S, silent_after_s=None)
 
 
 def states(mission: Mission, assignment: dict[int, int]) -> list[StateFrame]:
@@ -176,7 +176,7 @@ def test_each_agent_believes_its_assignment_and_every_threat_after_one_broadcast
     mission, assignment = world
     frames = states(mission, assignment)
     for spec in mission.agents[:3]:
-        picture = Picture(spec.id)
+        picture = WorldModel(spec.id)
         for frame in frames:
             picture.take_state(frame, START_S)
         view = picture.view(START_S)
@@ -419,7 +419,7 @@ def test_each_agent_knows_all_it_needs_after_a_packed_broadcast_in_any_order(
     ]
     chance.shuffle(frames)
     for spec in mission.agents[:2]:
-        picture = Picture(spec.id)
+        picture = WorldModel(spec.id)
         for frame in frames:
             assert picture.take(decode_frame(FrameWriter().encode(frame)), START_S)
         view = picture.view(START_S)
@@ -578,6 +578,6 @@ def test_the_digest_is_that_of_the_weights_the_mission_flies_by(surrogate: str, 
     if not known:
         assert digest == bytes(8)
     else:
-        text = (resources.files("companion") / "weights" / f"{surrogate}.json").read_text(encoding="utf-8")
+        text = (resources.files("companion.surrogate") / "weights" / f"{surrogate}.json").read_text(encoding="utf-8")
         assert json.loads(text)["sha256"].startswith(digest.hex())
         assert digest != bytes(8)

@@ -15,35 +15,35 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
-from companion.admission import Admission, Trust
 from companion.errors import InputError
-from companion.frames import Directive, MotionFrame, Stamp, StateFrame
-from companion.framing import is_signed
-from companion.keys import keygen, load_mavlink_key, load_public
-from companion.mission import Mission, parse_mission
-from companion.signing import timestamp_of
-from companion.tlog import read_tlog
-from companion.transport import parse_link
+from companion.files.tlog import read_tlog
+from companion.mission.model import Mission, parse_mission
+from companion.protocol.authenticator import Authenticator, Trust
+from companion.protocol.deframer import is_signed
+from companion.protocol.keys import keygen, load_mavlink_key, load_public
+from companion.protocol.mavlink_signing import timestamp_of
+from companion.protocol.messages import Directive, MotionFrame, Stamp, StateFrame
+from companion.transport.endpoints import parse_link
 from groundstation import service
 from groundstation.plan import Authentication
 from groundstation.radio import parse_radio
 from groundstation.service import (
     MOST_AHEAD_S,
-    Kept,
     Options,
+    SavedState,
     began_at_s,
     directive_from,
     epoch_after,
-    kept_from,
-    load_sealer,
+    load_frame_signer,
     run_groundstation,
+    saved_state_from,
     signing_after,
     text_of,
     threats_digest,
 )
 
 NOW_S = 1_790_000_000.0
-KEPT = Kept(1, 0, "", 0.0, Directive.NORMAL)
+KEPT = SavedState(1, 0, "", 0.0, Directive.NORMAL)
 SMALL = """
 name: small
 broadcast_period_s: 0.1
@@ -110,9 +110,9 @@ def broadcast_until(options: Options, done: Callable[[], bool]) -> None:
 
 
 def admitted(heard: list[bytes], trust: Trust) -> list[StateFrame]:
-    admission = Admission(trust)
+    authenticator = Authenticator(trust)
     now_s = admission_time_s(heard)
-    frames = [one.frame for data in heard for one in admission.admit(data, now_s)]
+    frames = [one.frame for data in heard for one in authenticator.admit(data, now_s)]
     return [frame for frame in frames if isinstance(frame, StateFrame)]
 
 
@@ -210,14 +210,16 @@ def test_after_a_small_step_back_of_the_clock_a_restart_is_heard_at_once(
 ) -> None:
     state = tmp_path / "ground.state"
     options = Options(ear.link, "both", keys, state=state)
-    admission = Admission(Trust(load_mavlink_key(keys / "broadcast.mavlink"), load_public(keys / "broadcast.public")))
+    authenticator = Authenticator(
+        Trust(load_mavlink_key(keys / "broadcast.mavlink"), load_public(keys / "broadcast.public"))
+    )
     for run in range(2):
         set_clock(monkeypatch, -0.3 * run)
         ear.heard().clear()
         broadcast_until(options, lambda: len(ear.heard()) >= 3)
         # The vehicle's clock stands still meanwhile, all but.
         now_s = Stepped().now_s()
-        assert [len(admission.admit(raw, now_s)) for raw in ear.heard()] == [1] * len(ear.heard())
+        assert [len(authenticator.admit(raw, now_s)) for raw in ear.heard()] == [1] * len(ear.heard())
 
 
 def test_stamps_follow_the_clock_though_the_last_run_was_ahead_of_it(ear: Ear, tmp_path: Path) -> None:
@@ -253,7 +255,7 @@ def test_no_mavlink_time_is_at_or_below_one_signed_before(ear: Ear, keys: Path) 
     broadcast_until(Options(ear.link, "mavlink", keys, state=state), lambda: len(ear.heard()) >= 3)
     times = [int.from_bytes(raw[-12:-6], "little") for raw in ear.heard()]
     assert times == list(range(ahead + 1, ahead + 1 + len(times)))
-    assert kept_from(state.read_text(), state).signing_timestamp >= ahead + len(times)
+    assert saved_state_from(state.read_text(), state).signing_timestamp >= ahead + len(times)
 
 
 def test_a_signing_time_far_ahead_is_refused_where_vehicles_look_at_it_and_only_there() -> None:
@@ -267,7 +269,7 @@ def test_a_run_without_mavlink_signing_forgets_no_signing_time(ear: Ear, tmp_pat
     state = tmp_path / "ground.state"
     state.write_text(text_of(replace(KEPT, signing_timestamp=12_345)))
     broadcast_until(Options(ear.link, "unsigned", state=state), lambda: len(ear.heard()) >= 1)
-    assert kept_from(state.read_text(), state).signing_timestamp == 12_345
+    assert saved_state_from(state.read_text(), state).signing_timestamp == 12_345
 
 
 def threat_radius_m(ear: Ear) -> float:
@@ -282,14 +284,14 @@ def test_after_a_restart_the_threats_are_as_old_as_the_mission(
     options = Options(ear.link, "unsigned", state=state)
     broadcast_until(options, lambda: len(ear.heard()) >= 1)
     assert threat_radius_m(ear) < 3_050.0
-    kept = kept_from(state.read_text(), state)
+    kept = saved_state_from(state.read_text(), state)
     state.write_text(text_of(replace(kept, began_s=kept.began_s - 600.0)))
     ear.heard().clear()
     capsys.readouterr()
     broadcast_until(options, lambda: len(ear.heard()) >= 1)
     assert threat_radius_m(ear) >= 3_000.0 + 600.0 * 10.0
     assert "threats: where the mission says 60" in capsys.readouterr().out
-    assert kept_from(state.read_text(), state).began_s == kept.began_s - 600.0
+    assert saved_state_from(state.read_text(), state).began_s == kept.began_s - 600.0
 
 
 def test_only_the_same_threats_are_as_old_as_the_last_run_has_them() -> None:
@@ -327,7 +329,7 @@ def test_a_directive_is_on_disk_at_once_and_holds_after_a_restart(
             # Looked at while the program runs: it is not its end that writes this.
             heard = [frame.directive for frame in admitted(ear.heard(), Trust())] if ear.heard() else []
             if Directive.HOLD in heard:
-                found.append(kept_from(state.read_text(), state).directive)
+                found.append(saved_state_from(state.read_text(), state).directive)
             return bool(found)
 
         broadcast_until(options, held)
@@ -346,7 +348,7 @@ def test_a_frame_that_cannot_be_made_is_warned_of_once_and_ends_nothing(
     def never(*_: object) -> list[MotionFrame]:
         return [MotionFrame(Stamp(1, 1, -1), (), (), ())]
 
-    monkeypatch.setattr("groundstation.core.motion_frames", never)
+    monkeypatch.setattr("groundstation.ground_station.motion_frames", never)
     broadcast_until(Options(ear.link, "unsigned"), lambda: len(ear.heard()) >= 4)
     warning = "a frame could not be sent: sequence -1 does not fit its field; allowed: 0 to 4294967295; going on with"
     assert capsys.readouterr().err.count(warning) == 1
@@ -398,9 +400,9 @@ def test_the_first_run_begins_now() -> None:
     assert epoch_after(None, NOW_S + 0.7, None) == NOW_S
 
 
-@given(st.builds(Kept, st.integers(), st.integers(), st.text(), st.floats(0.0, 1e12), st.sampled_from(Directive)))
-def test_what_is_written_is_what_is_read(kept: Kept) -> None:
-    assert kept_from(text_of(kept), Path("x.state")) == kept
+@given(st.builds(SavedState, st.integers(), st.integers(), st.text(), st.floats(0.0, 1e12), st.sampled_from(Directive)))
+def test_what_is_written_is_what_is_read(kept: SavedState) -> None:
+    assert saved_state_from(text_of(kept), Path("x.state")) == kept
 
 
 @pytest.mark.parametrize(
@@ -421,7 +423,7 @@ def test_what_is_written_is_what_is_read(kept: Kept) -> None:
 )
 def test_a_state_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="x.state: no state of a ground station; allowed: "):
-        kept_from(text, Path("x.state"))
+        saved_state_from(text, Path("x.state"))
 
 
 @pytest.mark.parametrize(
@@ -481,25 +483,25 @@ def test_a_folder_of_keys_that_is_missing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match="--keys: .*nowhere.*No such file.*allowed: the folder that `groundstation keygen"
     ):
-        load_sealer("both", tmp_path / "nowhere")
+        load_frame_signer("both", tmp_path / "nowhere")
 
 
 def test_a_file_is_no_folder_of_keys(keys: Path) -> None:
     with pytest.raises(InputError, match="is no folder; allowed: "):
-        load_sealer("both", keys / "broadcast.private")
+        load_frame_signer("both", keys / "broadcast.private")
 
 
 def test_a_folder_of_keys_that_others_can_read_is_refused(keys: Path) -> None:
     keys.chmod(0o750)
     with pytest.raises(InputError, match="is open to others \\(mode 750\\); allowed: its owner only; chmod 700"):
-        load_sealer("both", keys)
+        load_frame_signer("both", keys)
 
 
 def test_only_the_keys_that_are_used_need_be_there(keys: Path) -> None:
     (keys / "broadcast.mavlink").unlink()
-    assert load_sealer("ed25519", keys).overhead_bytes == 64
+    assert load_frame_signer("ed25519", keys).overhead_bytes == 64
     with pytest.raises(InputError, match="broadcast.mavlink: cannot read the key"):
-        load_sealer("both", keys)
+        load_frame_signer("both", keys)
 
 
 def test_no_error_and_no_status_shows_a_key(keys: Path, ear: Ear, capsys: pytest.CaptureFixture[str]) -> None:
@@ -507,4 +509,4 @@ def test_no_error_and_no_status_shows_a_key(keys: Path, ear: Ear, capsys: pytest
     broadcast_until(options, lambda: len(ear.heard()) >= 2)
     said = "".join(capsys.readouterr())
     secret = load_mavlink_key(keys / "broadcast.mavlink")
-    assert secret.hex() not in said + repr(options) + repr(load_sealer("both", keys))
+    assert secret.hex() not in said + repr(options) + repr(load_frame_signer("both", keys))

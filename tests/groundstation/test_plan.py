@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.drawing import resolve
 from companion.errors import InputError
-from companion.frames import (
+from companion.mission.model import Mission, load_mission, parse_mission
+from companion.mission.resolve import resolve
+from companion.protocol.messages import (
     AgentEntry,
     Directive,
     FleetFrame,
@@ -24,7 +25,6 @@ from companion.frames import (
     TargetEntry,
     ThreatPlace,
 )
-from companion.mission import Mission, load_mission, parse_mission
 from groundstation.plan import Air, Authentication, Bursts, Item, Part, Plan, outage_limit, plan
 from groundstation.radio import parse_radio
 from groundstation.schedule import Sent

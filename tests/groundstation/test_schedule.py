@@ -11,17 +11,17 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.admission import Admission, Trust
-from companion.dialect import oneway
-from companion.encapsulation import unwrap
 from companion.errors import InputError
-from companion.frames import BandsFrame, Directive, Kind, MissionFrame, Stamp, StateFrame, TargetEntry
-from companion.mission import parse_mission
-from companion.picture import Picture
-from companion.sealing import Sealer
-from companion.signing import MavlinkSigner
-from companion.wire import FrameWriter, WireError, decode_frame
-from groundstation.core import GroundStation
+from companion.mission.model import parse_mission
+from companion.onboard.world_model import WorldModel
+from companion.protocol.authenticator import Authenticator, Trust
+from companion.protocol.codec import FrameWriter, WireError, decode_frame
+from companion.protocol.dialect import oneway
+from companion.protocol.ed25519 import FrameSigner
+from companion.protocol.mavlink_signing import MavlinkSigner
+from companion.protocol.messages import BandsFrame, Directive, Kind, MissionFrame, Stamp, StateFrame, TargetEntry
+from companion.protocol.v2_extension import unwrap
+from groundstation.ground_station import GroundStation
 from groundstation.radio import parse_radio
 from groundstation.schedule import (
     CAROUSEL_SHARE,
@@ -372,7 +372,7 @@ def test_a_state_that_a_radio_cannot_carry_is_refused_with_the_remedies() -> Non
 
 
 def test_where_ed25519_is_what_does_not_fit_that_is_a_remedy_too() -> None:
-    broadcaster = Broadcaster(Talker(100), parse_radio("300", 1.0), Sealer(KEY, None))
+    broadcaster = Broadcaster(Talker(100), parse_radio("300", 1.0), FrameSigner(KEY, None))
     with pytest.raises(InputError, match="--auth mavlink instead of Ed25519"):
         [broadcaster.step(START_S + tick * TICK_S) for tick in range(3)]
 
@@ -483,13 +483,13 @@ def test_a_state_that_can_never_be_made_is_refused_at_the_beginning() -> None:
 
 @pytest.mark.parametrize("share", [0.5, 1.0])
 @pytest.mark.parametrize(
-    ("sealer", "is_sealed"),
-    [(None, False), (Sealer(None, MavlinkSigner(bytes(32), 0)), False), (Sealer(KEY, None), True)],
+    ("frame_signer", "is_sealed"),
+    [(None, False), (FrameSigner(None, MavlinkSigner(bytes(32), 0)), False), (FrameSigner(KEY, None), True)],
 )
 def test_what_does_not_fit_is_refused_before_the_first_frame_with_remedies_that_help(
-    sealer: Sealer | None, is_sealed: bool, share: float
+    frame_signer: FrameSigner | None, is_sealed: bool, share: float
 ) -> None:
-    broadcaster = Broadcaster(Talker(100), parse_radio("300", share), sealer)
+    broadcaster = Broadcaster(Talker(100), parse_radio("300", share), frame_signer)
     with pytest.raises(InputError, match="by a faster radio.* or fewer agents") as caught:
         broadcaster.begin(START_S)
     assert ("--auth mavlink" in str(caught.value)) == is_sealed
@@ -515,7 +515,7 @@ def test_nothing_is_sent_in_a_tick_in_which_the_station_worked() -> None:
 
 def test_without_a_radio_the_stations_own_frames_are_sealed_as_they_come() -> None:
     signer = MavlinkSigner(bytes(32), 0)
-    broadcaster = Broadcaster(Talker(1), None, Sealer(KEY, signer))
+    broadcaster = Broadcaster(Talker(1), None, FrameSigner(KEY, signer))
     (data,) = broadcaster.tick(START_S)
     assert data[2] == 1
     assert len(data) == 12 + 159 + 64 + 13
@@ -523,8 +523,8 @@ def test_without_a_radio_the_stations_own_frames_are_sealed_as_they_come() -> No
 
 
 def test_everything_is_sealed_when_it_is_first_wanted_and_a_copy_is_signed_anew() -> None:
-    sealer = Sealer(KEY, MavlinkSigner(bytes(32), 0))
-    broadcaster = Broadcaster(Talker(1, 1), parse_radio("sik-57600", 1.0), sealer)
+    frame_signer = FrameSigner(KEY, MavlinkSigner(bytes(32), 0))
+    broadcaster = Broadcaster(Talker(1, 1), parse_radio("sik-57600", 1.0), frame_signer)
     sent = [s for tick in range(200) for s in broadcaster.step(START_S + tick * TICK_S)]
     times = [int.from_bytes(s.data[-12:-6], "little") for s in sent]
     assert times == sorted(set(times))
@@ -550,16 +550,16 @@ threats: [{{id: 1, north_m: 10000, east_m: 0, detection_radius_m: 3000, attack_r
 
 
 class Flight:
-    """A real ground station, its radio, and the pictures of all agents, heard through their admission."""
+    """A real ground station, its radio, and the pictures of all agents, heard through their authenticator."""
 
     def __init__(self, agents: int, radio: str, case: str = "I") -> None:
         listed = ", ".join(f"{{id: {one}, north_m: 0, east_m: {500 * one}}}" for one in range(1, agents + 1))
         mission = parse_mission(MANY.format(agents=listed) + f"case: {case}\n", "many")
         self.station = GroundStation(mission, START_S, sensed=False)
-        sealer = Sealer(KEY, MavlinkSigner(bytes(32), 0))
-        self.broadcaster = Broadcaster(self.station, parse_radio(radio, 1.0), sealer)
-        self.admission = Admission(Trust(bytes(32), KEY.public_key()))
-        self.pictures = {one: Picture(one) for one in range(1, agents + 1)}
+        frame_signer = FrameSigner(KEY, MavlinkSigner(bytes(32), 0))
+        self.broadcaster = Broadcaster(self.station, parse_radio(radio, 1.0), frame_signer)
+        self.authenticator = Authenticator(Trust(bytes(32), KEY.public_key()))
+        self.pictures = {one: WorldModel(one) for one in range(1, agents + 1)}
         self.kinds: set[str] = set()
         self.now_s = START_S
 
@@ -567,7 +567,7 @@ class Flight:
         end_s = self.now_s + lasting_s
         while self.now_s < end_s - 1e-9:
             for data in self.broadcaster.tick(self.now_s):
-                for _, frame in self.admission.admit(unwrap(data) or data, self.now_s):
+                for _, frame in self.authenticator.admit(unwrap(data) or data, self.now_s):
                     self.kinds.add(type(frame).__name__)
                     for picture in self.pictures.values():
                         picture.take(frame, self.now_s)
@@ -600,7 +600,7 @@ def test_every_agent_knows_its_target_and_the_threat_and_is_told_of_a_directive(
     flight.station.directive = Directive.RETURN
     flight.for_s(2.0)
     assert {picture.directive for picture in flight.pictures.values()} == {Directive.RETURN}
-    assert flight.admission.rejected.keys() <= {"heartbeat", "repeated"}
+    assert flight.authenticator.rejected.keys() <= {"heartbeat", "repeated"}
 
 
 def test_a_picture_of_heights_comes_with_the_radii() -> None:
@@ -611,9 +611,9 @@ def test_a_picture_of_heights_comes_with_the_radii() -> None:
 
 def test_in_case_ii_reckoned_agents_hear_what_is_packed() -> None:
     flight = Flight(11, "sik-57600", "II").for_s(5.0)
-    before = {one: flight.station.picture.tracks[Kind.AGENT, one].position_ned_m for one in flight.station.assignment}
+    before = {one: flight.station.tracks.tracks[Kind.AGENT, one].position_ned_m for one in flight.station.assignment}
     flight.for_s(5.0)
-    after = {one: flight.station.picture.tracks[Kind.AGENT, one].position_ned_m for one in flight.station.assignment}
+    after = {one: flight.station.tracks.tracks[Kind.AGENT, one].position_ned_m for one in flight.station.assignment}
     targets = {1: (20_000.0, 0.0), 2: (20_000.0, 9_000.0)}
     assert flight.station.assignment
     for one, target in flight.station.assignment.items():

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from companion.drawing import check_start
-from companion.guidance import turn_rate_rad_s
-from companion.mission import Mission, PathMotion, dump_mission, parse_mission
-from companion.right_of_way import Rules, interaction_radius_m
+from companion.geo.kinematics import turn_rate_rad_s
+from companion.guidance.separation import Rules, interaction_radius_m
+from companion.mission.model import Mission, PathMotion, dump_mission, parse_mission
+from companion.mission.resolve import check_start
 from sim.arena.families import FAMILIES, GREATEST_TURN_RAD, draw
 from sim.arena.planner import target_stays_clear
 

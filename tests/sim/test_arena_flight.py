@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from companion.config import Config
-from companion.guidance import Pull
-from companion.laws import Pose, Task, Wish
-from companion.mission import AgentSpec, LinkSpec, Loss, Mission, TargetSpec, ThreatSpec, Wind
-from companion.picture import View
+from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guidance.steering import SteeringVector
+from companion.guidance.view import View
+from companion.mission.model import AgentSpec, LinkSpec, Loss, Mission, TargetSpec, ThreatSpec, Wind
+from companion.onboard.config import Config
 from sim.arena.flight import fly_arena
 from sim.arena.run import Job, flight_seed, fly_job
 from sim.lockstep import fly
@@ -67,8 +67,8 @@ def test_the_same_flight_comes_out_twice() -> None:
 class Straight:
     """Flies straight on for ever."""
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
-        return Wish(Pull(1.0, 0.0))
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+        return SteeringDemand(SteeringVector(1.0, 0.0))
 
 
 def test_a_law_of_the_callers_steers_in_the_place_of_ours() -> None:

@@ -14,12 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.config import Config, LimitsSection
 from companion.errors import InputError
-from companion.guidance import attraction, limit_turn, loiter_attraction, turn_rate_rad_s
-from companion.kinematics import turn_towards
-from companion.laws import Pose, SteeringLaw, Task
-from companion.picture import View
+from companion.geo.kinematics import limit_turn, turn_rate_rad_s, turn_towards
+from companion.guidance.laws import Pose, SteeringLaw, Task
+from companion.guidance.steering import attraction, loiter_attraction
+from companion.guidance.view import View
+from companion.onboard.config import Config, LimitsSection
 from sim.arena.peers import PEERS, SLOW
 from sim.arena.peers.bendyruler import OFFSETS_RAD, BendyRuler
 from sim.arena.peers.horizon import ITERATIONS, BatchPlanner, RecedingHorizon
@@ -93,13 +93,13 @@ def view_of(threats: list[Threat], t_s: float = 0.0, age_s: float = 0.0) -> View
         threat_age_s=np.full(len(threats), age_s),
         peers_ned_m=NOWHERE,
         peer_ids=np.zeros(0, dtype=int),
-        settled_ned_m=NOWHERE,
+        loitering_ned_m=NOWHERE,
     )
 
 
 def seeing(view: View, position_ned_m: tuple[float, float], velocity_m_s: tuple[float, float]) -> View:
     """Return the view with one other agent that the own detector sees."""
-    seen = {"seen_ned_m": np.array([position_ned_m]), "seen_velocity_m_s": np.array([velocity_m_s])}
+    seen = {"traffic_ned_m": np.array([position_ned_m]), "traffic_velocity_m_s": np.array([velocity_m_s])}
     return replace(view, peers_ned_m=np.array([position_ned_m]), peer_ids=np.array([2]), **seen)
 
 

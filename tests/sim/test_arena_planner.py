@@ -11,7 +11,16 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from companion.mission import AgentSpec, Mission, PathMotion, SteadyMotion, TargetSpec, ThreatMotion, ThreatSpec, Wind
+from companion.mission.model import (
+    AgentSpec,
+    Mission,
+    PathMotion,
+    SteadyMotion,
+    TargetSpec,
+    ThreatMotion,
+    ThreatSpec,
+    Wind,
+)
 from sim.arena.planner import MARGIN_M, Plan, ground_turn_radius_m, plan, target_stays_clear, verify
 from sim.shortest_path import turning_path
 from sim.world import World

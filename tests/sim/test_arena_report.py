@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from companion.mission import load_mission
+from companion.mission.model import load_mission
 from sim.arena.plots import PLOT_NAMES, draw_plots
 from sim.arena.report import (
     JSON_NAME,

@@ -12,16 +12,16 @@ import pytest
 from click.testing import CliRunner
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.config import parse_config
-from companion.core import Purpose
-from companion.drawing import resolve
-from companion.encapsulation import V2_EXTENSION_ID
-from companion.mission import Mission, parse_mission
-from companion.replay import replay
-from companion.tlog import read_tlog
+from companion.files.tlog import read_tlog
+from companion.mission.model import Mission, parse_mission
+from companion.mission.resolve import resolve
+from companion.onboard.companion import Purpose
+from companion.onboard.config import parse_config
+from companion.onboard.replay import replay
+from companion.protocol.v2_extension import V2_EXTENSION_ID
 from sim.cli import cli
 from sim.lockstep import Flight, fly
-from sim.person import HAND_OVER_S, Person
+from sim.safety_pilot import HAND_OVER_S, SafetyPilot
 from sim.scaling import CRUISE_M_S, scaled
 from sim.score import score
 from sim.trajectory import Trajectory
@@ -162,7 +162,7 @@ def test_with_no_scale_the_mission_is_flown_as_it_is(tmp_path: Path) -> None:
 
 
 def test_a_person_asks_until_heartbeat_shows_the_mode_and_never_again() -> None:
-    person = Person("px4-copter", 7)
+    person = SafetyPilot("px4-copter", 7)
     offboard = 6 << 16
     asked_s = [t_s for t_s in np.arange(0.0, 10.0, 0.5) if person.orders(float(t_s), offboard if t_s > 4.2 else 0)]
     assert asked_s == [2.0, 3.0, 4.0]

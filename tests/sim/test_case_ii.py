@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 import yaml
 
-from companion.drawing import resolve
-from companion.mission import Mission, load_mission, parse_mission
-from companion.tlog import read_tlog
-from companion.wire import FrameReader, Kind, MotionFrame, StateFrame
-from companion.yamlfile import dump_yaml
-from groundstation.core import GroundStation
-from groundstation.reckoning import FIX_ERROR_M
+from companion.files.tlog import read_tlog
+from companion.files.yaml import dump_yaml
+from companion.mission.model import Mission, load_mission, parse_mission
+from companion.mission.resolve import resolve
+from companion.protocol.codec import FrameReader, Kind, MotionFrame, StateFrame
+from groundstation.agents import FIX_ERROR_M
+from groundstation.ground_station import GroundStation
 from sim.lockstep import Flight, fly
-from sim.person import HAND_OVER_S
+from sim.safety_pilot import HAND_OVER_S
 from sim.score import Score, score
 
 BASE = """
@@ -68,11 +68,11 @@ class Watched:
 
     def __call__(self, t_s: float, ground: GroundStation, agents: np.ndarray) -> None:
         ids = [agent.id for agent in self.mission.agents]
-        places = [ground.picture.tracks[Kind.AGENT, identity].position_ned_m for identity in ids]
+        places = [ground.tracks.tracks[Kind.AGENT, identity].position_ned_m for identity in ids]
         self.t_s.append(t_s)
         self.error_m.append([math.dist(place, row[:2]) for place, row in zip(places, agents, strict=True)])
-        self.uncertainty_m.append([ground.picture.uncertainty_m[identity] for identity in ids])
-        self.lost.append(set(ground.picture.lost))
+        self.uncertainty_m.append([ground.tracks.uncertainty_m[identity] for identity in ids])
+        self.lost.append(set(ground.tracks.lost))
 
 
 def watched(changes: str = "", autopilot: str = "kinematic") -> Watched:

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from companion.check_service import check_vehicle
-from companion.config import Config, parse_config
-from companion.engagement import State
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
-from companion.keys import keygen
-from companion.service import kept_engagement, run_companion
-from companion.transport import open_sender, parse_link
-from companion.wire import Directive, FrameWriter, Stamp, StateFrame
+from companion.onboard.authority import State
+from companion.onboard.config import Config, parse_config
+from companion.onboard.preflight_service import check_vehicle
+from companion.onboard.service import run_companion, saved_authority
+from companion.protocol.codec import Directive, FrameWriter, Stamp, StateFrame
+from companion.protocol.keys import keygen
+from companion.transport.endpoints import open_sender, parse_link
 from sim.vehicle_service import VehicleOptions, run_vehicle
 from tests.ports import free_ports
 
@@ -159,9 +159,9 @@ def test_a_state_file_of_something_else_counts_as_locked_and_is_no_reason_not_to
     path.write_bytes(content)
     section = configured(free_ports(2), more=f", state_file: {path}").autopilot
     assert section is not None
-    state, doubt = kept_engagement(section)
+    state, warning = saved_authority(section)
     assert state is State.LOCKED
-    assert doubt is not None and doubt.startswith(f"{path}: not a state of the engagement")
+    assert warning is not None and warning.startswith(f"{path}: not a state of the engagement")
 
 
 @pytest.mark.parametrize("state", State)
@@ -170,7 +170,7 @@ def test_a_state_file_tells_who_had_the_vehicle(tmp_path: Path, state: State) ->
     path.write_text(f'{{"engagement": "{state.value}"}}')
     section = configured(free_ports(2), more=f", state_file: {path}").autopilot
     assert section is not None
-    assert kept_engagement(section) == (state, None)
+    assert saved_authority(section) == (state, None)
 
 
 def test_a_check_of_a_px4_fails_where_its_state_file_is_something_else(

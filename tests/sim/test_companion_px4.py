@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common
 
-from companion.config import parse_config
-from companion.replay import replay
-from companion.service import run_companion
-from companion.tlog import read_tlog
-from companion.transport import open_sender, parse_link
-from companion.wire import Directive, FrameWriter, Stamp, StateFrame
-from sim.person import Person
+from companion.files.tlog import read_tlog
+from companion.onboard.config import parse_config
+from companion.onboard.replay import replay
+from companion.onboard.service import run_companion
+from companion.protocol.codec import Directive, FrameWriter, Stamp, StateFrame
+from companion.transport.endpoints import open_sender, parse_link
+from sim.safety_pilot import SafetyPilot
 from sim.vehicle_service import VehicleOptions, run_vehicle
 from tests.ports import free_ports
 
@@ -46,7 +46,7 @@ class Ground:
         self._socket.connect(("127.0.0.1", port))
         self._socket.setblocking(False)
         self._mav = common.MAVLink(None, srcSystem=255, srcComponent=190)
-        self.person = Person("px4-copter", 1)
+        self.person = SafetyPilot("px4-copter", 1)
         self.modes: list[int] = []
 
     def send(self, *frames: bytes) -> None:
@@ -88,7 +88,7 @@ def stop_mavsdk() -> None:
     for listed in Path("/proc/self/task").glob("*/children"):
         for pid in listed.read_text().split():
             with suppress(FileNotFoundError):
-                if b"companion.offboard_child" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                if b"companion.autopilot.offboard_child" in Path(f"/proc/{pid}/cmdline").read_bytes():
                     os.kill(int(pid), signal.SIGSTOP)
 
 

@@ -9,8 +9,8 @@ import math
 
 import pytest
 
-from companion.guard import STANDARD_GRAVITY_M_S2
-from tests.sim.tracking import Flight
+from companion.guard.guard import STANDARD_GRAVITY_M_S2
+from tests.sim.vehicles.tracking import Flight
 
 WATCHED_S = 60.0
 STANDING_M_S = 0.3

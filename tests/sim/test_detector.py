@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
-from companion.geodesy import LocalFrame
+from companion.geo.local_frame import LocalFrame
 from sim.detector import Detector, Fleet
-from sim.standin import Home, StandIn, kinematic_profile
+from sim.vehicles import Home, StandIn, kinematic_profile
 
 FRAME = LocalFrame(47.0, 8.0)
 OWN, SYSTEM = 1, 7

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 import yaml
 
-from companion.tlog import read_tlog
-from companion.wire import FrameReader, MotionFrame, StateFrame
+from companion.files.tlog import read_tlog
+from companion.protocol.codec import FrameReader, MotionFrame, StateFrame
 
 SEED = 14
 """Two agents pass within 120 m in this flight, so that the separation is worth recomputing."""

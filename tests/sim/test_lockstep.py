@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.core import Companion, Decision, Purpose
-from companion.drawing import resolve
 from companion.errors import InputError
-from companion.mission import Mission, parse_mission
-from companion.wire import AgentEntry, Directive, FrameReader, FrameWriter, StateFrame
+from companion.mission.model import Mission, parse_mission
+from companion.mission.resolve import resolve
+from companion.onboard.companion import Companion, Decision, Purpose
+from companion.protocol.codec import AgentEntry, Directive, FrameReader, FrameWriter, StateFrame
 from sim.lockstep import Flight, fly
 from sim.score import Score, score
 
@@ -265,7 +265,7 @@ def test_companions_that_hear_nothing_have_no_picture_and_do_not_steer(monkeypat
     flight = fly(mission_of("link: {loss: 1.0}\nmax_time_s: 300"), 1)
     assert {decision.purpose for decision in decisions} == {Purpose.IDLE}
     assert decisions[-1].reason == "no picture"
-    assert all(companion.picture.age_s(0.0) is None for companion in flight.companions.values())
+    assert all(companion.world_model.age_s(0.0) is None for companion in flight.companions.values())
     track = flight.trajectory.agents_ned_m[:, 0]
     assert float(np.max(np.hypot(*(track - track[0]).T))) < 500.0
 
@@ -298,8 +298,8 @@ def test_damaged_frames_are_counted_and_leave_the_companion_blind_but_flying(mon
     decisions = watched(monkeypatch)
     flight = fly(mission_of("max_time_s: 200"), 1, tamper=damaged)
     (companion,) = flight.companions.values()
-    assert companion.admission.rejected.total() > 20
-    assert companion.admission.accepted == 0
+    assert companion.authenticator.rejected.total() > 20
+    assert companion.authenticator.accepted == 0
     assert {decision.reason for decision in decisions} == {"no picture"}
 
 

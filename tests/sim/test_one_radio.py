@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.person import HAND_OVER_S, Person
+from sim.safety_pilot import HAND_OVER_S, SafetyPilot
 from tests.ports import free_ports
 
 PATIENCE_S = 60.0
@@ -88,7 +88,7 @@ def wait_for(path: Path, text: str, meanwhile: Callable[[], None]) -> None:
 
 def test_the_companion_steers_by_a_broadcast_that_only_its_autopilot_hears(programs: tuple[Path, int]) -> None:
     folder, port = programs
-    person, began_s = Person("arducopter", 1), time.monotonic()
+    person, began_s = SafetyPilot("arducopter", 1), time.monotonic()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as pilot:
         pilot.connect(("127.0.0.1", port))
 

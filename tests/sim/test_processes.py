@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common
 
-from companion.config import parse_config
-from companion.geodesy import LocalFrame
-from companion.replay import replay
-from companion.tlog import read_tlog
+from companion.files.tlog import read_tlog
+from companion.geo.local_frame import LocalFrame
+from companion.onboard.config import parse_config
+from companion.onboard.replay import replay
 from tests.ports import free_ports
 
 PILOT = Path(__file__).parents[2] / "docs" / "examples" / "pilot.py"

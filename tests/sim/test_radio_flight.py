@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from companion.dialect import oneway
-from companion.drawing import resolve
-from companion.framing import header_of
-from companion.mission import LinkSpec, Mission, parse_mission
-from companion.tlog import read_tlog
+from companion.files.tlog import read_tlog
+from companion.mission.model import LinkSpec, Mission, parse_mission
+from companion.mission.resolve import resolve
+from companion.protocol.deframer import header_of
+from companion.protocol.dialect import oneway
 from groundstation.radio import parse_radio
 from sim.lockstep import Flight, fly
 from sim.score import Score, score

@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 from companion.errors import InputError
-from companion.mission import LinkSpec
-from companion.transport import open_receiver, open_sender, parse_link
+from companion.mission.model import LinkSpec
+from companion.transport.endpoints import open_receiver, open_sender, parse_link
 from sim.relay import RelayOptions, relay, run_relay
 from tests.ports import free_port
 

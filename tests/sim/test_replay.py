@@ -9,15 +9,15 @@ import pytest
 from click.testing import CliRunner
 
 from companion.cli import cli
-from companion.config import Config, parse_config
-from companion.dialect import oneway
-from companion.drawing import resolve
 from companion.errors import InputError
-from companion.framing import header_of
-from companion.mission import Burst, LinkSpec, load_mission
-from companion.replay import Replayed, replay
-from companion.tlog import read_tlog
-from companion.wire import FrameWriter, StateFrame, decode_frame
+from companion.files.tlog import read_tlog
+from companion.mission.model import Burst, LinkSpec, load_mission
+from companion.mission.resolve import resolve
+from companion.onboard.config import Config, parse_config
+from companion.onboard.replay import Replayed, replay
+from companion.protocol.codec import FrameWriter, StateFrame, decode_frame
+from companion.protocol.deframer import header_of
+from companion.protocol.dialect import oneway
 from sim.lockstep import fly
 
 RADIO = LinkSpec(loss=0.2, burst=Burst(enter=0.05, leave=0.2), delay_s=0.3, jitter_s=0.4, duplicate=0.2, reorder=0.2)

@@ -17,11 +17,10 @@ import pytest
 
 import sim.cli
 import sim.reproduction.experiments as experiments
-from companion.drawing import resolve
 from companion.errors import InputError, run_program
-from companion.guidance import turn_rate_rad_s
-from companion.kinematics import shorter_turn_rad
-from companion.mission import LinkSpec, Loss, Mission, parse_mission
+from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
+from companion.mission.model import LinkSpec, Loss, Mission, parse_mission
+from companion.mission.resolve import resolve
 from sim.lockstep import fly
 from sim.reproduction.claims import Claim, Verdict, all_claims
 from sim.reproduction.core_flight import fly_core

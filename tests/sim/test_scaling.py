@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.adapters import ADAPTERS
-from companion.drawing import check_start, resolve
+from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
-from companion.mission import Mission, dump_mission, load_mission, parse_mission
+from companion.mission.model import Mission, dump_mission, load_mission, parse_mission
+from companion.mission.resolve import check_start, resolve
 from sim.scaling import CRUISE_M_S, scaled
 
 KINDS = tuple(CRUISE_M_S)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.wire import DETECTIONS_PER_FRAME, DetectionsFrame, FrameReader, Kind
+from companion.protocol.codec import DETECTIONS_PER_FRAME, DetectionsFrame, FrameReader, Kind
 from sim.sensor import Sensor, seen
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import functools
 
-from companion.drawing import resolve
-from companion.kinematics import GRAVITY_M_S2
-from companion.mission import Mission, load_mission
+from companion.geo.kinematics import GRAVITY_M_S2
+from companion.mission.model import Mission, load_mission
+from companion.mission.resolve import resolve
 from sim.lockstep import Flight, fly
 from sim.score import score
 

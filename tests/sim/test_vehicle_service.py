@@ -22,11 +22,11 @@ from mavsdk.plugins.offboard import VelocityNedYaw
 from mavsdk.plugins.telemetry import FlightMode
 from pymavlink.dialects.v20 import common
 
-from companion.encapsulation import wrap
 from companion.errors import InputError
-from companion.transport import Link
-from sim.standin import Truth
+from companion.protocol.v2_extension import wrap
+from companion.transport.endpoints import Link
 from sim.vehicle_service import VehicleOptions, run_vehicle, vehicle
+from sim.vehicles import Truth
 from tests.ports import free_port
 
 LOCALHOST = "127.0.0.1"

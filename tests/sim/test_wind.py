@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.mission import Wind
+from companion.mission.model import Wind
 from sim.wind import GUST_HOLD_S, WindField
 
 seeds = st.integers(0, 2**63 - 1)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.drawing import resolve
-from companion.mission import parse_mission
+from companion.mission.model import parse_mission
+from companion.mission.resolve import resolve
 from sim.world import World
 
 TEXT = """

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from companion.config import Config
-from companion.laws import SteeringLaw
+from companion.guidance.laws import SteeringLaw
+from companion.onboard.config import Config
 from sim.arena.peers.apf import PotentialField
 from sim.arena.peers.bendyruler import BendyRuler
 from sim.arena.peers.horizon import RecedingHorizon

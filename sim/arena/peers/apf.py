@@ -9,10 +9,10 @@ import math
 
 import numpy as np
 
-from companion.config import Config
-from companion.guidance import Pull
-from companion.laws import Pose, Task, Wish
-from companion.picture import View
+from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guidance.steering import SteeringVector
+from companion.guidance.view import View
+from companion.onboard.config import Config
 from sim.arena.peers.surroundings import discs_foreseen, distances_m, goal_of, scale_of
 
 INFLUENCE_TURN_RADII = 2.0
@@ -34,15 +34,15 @@ class PotentialField:
         balance_m = balance_share * self._influence_m
         self._gain = balance_m**2 / (1.0 / balance_m - 1.0 / self._influence_m)
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
         """See SteeringLaw."""
         if task.loitering:
-            return Wish(task.pull)
+            return SteeringDemand(task.pull)
         distance_m, bearing_rad = goal_of(task, pose)
         attraction = min(1.0, distance_m / task.arrival_m)
         repulsion = self._repulsion(pose, view)
-        return Wish(
-            Pull(
+        return SteeringDemand(
+            SteeringVector(
                 distance_m * (attraction * math.cos(bearing_rad) + float(repulsion[0])),
                 distance_m * (attraction * math.sin(bearing_rad) + float(repulsion[1])),
             )

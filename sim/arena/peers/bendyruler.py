@@ -11,9 +11,9 @@ import math
 
 import numpy as np
 
-from companion.config import Config
-from companion.laws import Pose, Task, Wish
-from companion.picture import View
+from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guidance.view import View
+from companion.onboard.config import Config
 from sim.arena.peers.surroundings import Discs, discs_foreseen, goal_of, heading_for, ray_margins_m, scale_of
 
 BEARING_STEP_RAD = math.radians(5.0)
@@ -58,11 +58,11 @@ class BendyRuler:
         self._held_rad: float | None = None
         self._held_for: tuple[float, float] | None = None
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
         """See SteeringLaw."""
         if task.loitering:
             self._held_rad = None
-            return Wish(task.pull)
+            return SteeringDemand(task.pull)
         if task.place_ned_m != self._held_for:
             self._held_rad, self._held_for = None, task.place_ned_m
         discs = discs_foreseen(view, pose, self._scale)
@@ -72,7 +72,7 @@ class BendyRuler:
         if resistible:
             bearing_rad = self._resist(discs, pose, bearing_rad, margin_m, ahead_m)
         self._held_rad = bearing_rad
-        return Wish(heading_for(bearing_rad, distance_m))
+        return SteeringDemand(heading_for(bearing_rad, distance_m))
 
     def _choose(
         self, discs: Discs, task: Task, pose: Pose, goal_rad: float, ahead_m: float

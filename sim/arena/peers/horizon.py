@@ -14,10 +14,10 @@ from types import ModuleType
 
 import numpy as np
 
-from companion.config import Config
 from companion.errors import InputError
-from companion.laws import Pose, Task, Wish
-from companion.picture import View
+from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guidance.view import View
+from companion.onboard.config import Config
 from sim.arena.peers.surroundings import (
     Discs,
     discs_foreseen,
@@ -55,11 +55,11 @@ class RecedingHorizon:
         self._planned_for: tuple[float, float] | None = None
         self._plans = 0
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
         """See SteeringLaw."""
         if task.loitering:
             # It may be loitering for want of a plan: that is no reason to plan more often.
-            return Wish(task.pull)
+            return SteeringDemand(task.pull)
         discs = discs_foreseen(view, pose, self._scale)
         if task.place_ned_m != self._planned_for:
             self._way_ned_m, self._planned_at_s, self._planned_for = np.zeros((0, 2)), -math.inf, task.place_ned_m
@@ -67,8 +67,8 @@ class RecedingHorizon:
             self._plan(task, pose, discs)
             self._planned_at_s = now_s
         if not len(self._way_ned_m):
-            return Wish(task.pull, stay="no plan")
-        return Wish(heading_for(self._follow(pose, discs), goal_of(task, pose)[0]))
+            return SteeringDemand(task.pull, stay="no plan")
+        return SteeringDemand(heading_for(self._follow(pose, discs), goal_of(task, pose)[0]))
 
     def _plan(self, task: Task, pose: Pose, discs: Discs) -> None:
         """Plan from here; the last plan stays where there is no new one."""

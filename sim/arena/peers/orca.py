@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from companion.config import Config
-from companion.laws import Pose, Task, Wish
-from companion.picture import View
+from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guidance.view import View
+from companion.onboard.config import Config
 from sim.arena.peers.surroundings import (
     Discs,
     Scale,
@@ -53,13 +53,13 @@ class ReciprocalAvoidance:
         self._threat_horizon_s = max(threat_horizon_s, 2.0 * self._step_s)
         self._tracking_m = tracking_share * self._scale.turn_radius_m
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
         """See SteeringLaw."""
         if task.loitering:
-            return Wish(task.pull)
+            return SteeringDemand(task.pull)
         distance_m, goal_rad = goal_of(task, pose)
         normals, least_m_s = self._half_planes(discs_around(view, self._scale), pose)
-        return Wish(heading_for(nearest_heading_rad(goal_rad, normals, least_m_s, self._scale), distance_m))
+        return SteeringDemand(heading_for(nearest_heading_rad(goal_rad, normals, least_m_s, self._scale), distance_m))
 
     def _half_planes(self, discs: Discs, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
         """Return normals (D, 2) and least components along them (D,) m/s of the permitted velocities."""

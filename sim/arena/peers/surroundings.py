@@ -1,4 +1,4 @@
-"""What the published methods steer among, taken from the same picture as our laws' (`companion.picture.View`).
+"""What the published methods steer among, taken from the same picture as our laws' (`companion.guidance.view.View`).
 
 None of the methods knows of old reports: here a threat becomes a disc that holds it now, and another agent becomes a
 disc of the separation to keep.
@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.config import Config
-from companion.guidance import Pull, turn_rate_rad_s
-from companion.laws import LOOK_AHEAD_S, ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS, Pose, Task
-from companion.picture import View
+from companion.geo.kinematics import turn_rate_rad_s
+from companion.guidance.laws import LOOK_AHEAD_S, ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS, Pose, Task
+from companion.guidance.steering import SteeringVector
+from companion.guidance.view import View
+from companion.onboard.config import Config
 
 _NEAREST_M = 1e-6
 """Distances are not taken as less than this, so that nothing divides by zero."""
@@ -68,11 +69,11 @@ def discs_around(view: View, scale: Scale) -> Discs:
     """
     heard_m_s = np.hypot(view.threat_velocity_m_s[:, 0], view.threat_velocity_m_s[:, 1])
     explained_m = np.minimum(heard_m_s, view.threat_speed_m_s) * view.threat_age_s
-    seen = len(view.seen_ned_m)
+    seen = len(view.traffic_ned_m)
     agent_velocity_m_s = np.zeros_like(view.peers_ned_m)
     if seen:
         # The picture lists those that are seen last, in the detector's order.
-        agent_velocity_m_s[-seen:] = view.seen_velocity_m_s
+        agent_velocity_m_s[-seen:] = view.traffic_velocity_m_s
     threats_ned_m = view.threats_ned_m + view.threat_velocity_m_s * view.threat_age_s[:, np.newaxis]
     return Discs(
         centres_ned_m=np.concatenate((threats_ned_m, view.peers_ned_m)),
@@ -88,7 +89,7 @@ def discs_around(view: View, scale: Scale) -> Discs:
 def discs_foreseen(view: View, pose: Pose, scale: Scale) -> Discs:
     """Return the discs each where it will be when the vehicle could be at it.
 
-    As our route foresees them (companion.laws.foreseen), for methods that know only of obstacles that stand still.
+    As our route foresees them (`foreseen` in guidance/laws.py), for methods that know only of standing obstacles.
     """
     discs = discs_around(view, scale)
     gap_m = distances_m(discs, pose.position_ned_m)[1] - discs.radius_m
@@ -108,9 +109,9 @@ def goal_of(task: Task, pose: Pose) -> tuple[float, float]:
     return math.hypot(north_m, east_m), math.atan2(east_m, north_m)
 
 
-def heading_for(heading_rad: float, strength_m: float) -> Pull:
+def heading_for(heading_rad: float, strength_m: float) -> SteeringVector:
     """Return the pull along a heading, as strong as the way that is left."""
-    return Pull(strength_m * math.cos(heading_rad), strength_m * math.sin(heading_rad))
+    return SteeringVector(strength_m * math.cos(heading_rad), strength_m * math.sin(heading_rad))
 
 
 def wrapped(angle_rad: np.ndarray) -> np.ndarray:  # (...) rad

@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from companion.config import Config
-from companion.laws import Pose, Task, Wish
-from companion.picture import View
+from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guidance.view import View
+from companion.onboard.config import Config
 from sim.arena.peers.surroundings import Discs, discs_foreseen, distances_m, goal_of, heading_for, scale_of, wrapped
 
 SECTORS = 72
@@ -42,11 +42,11 @@ class VectorFieldHistogram:
         self._blocked = np.zeros(SECTORS, dtype=bool)
         self._previous_rad: float | None = None
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> Wish:
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
         """See SteeringLaw."""
         if task.loitering:
             self._previous_rad = None
-            return Wish(task.pull)
+            return SteeringDemand(task.pull)
         distance_m, goal_rad = goal_of(task, pose)
         discs = discs_foreseen(view, pose, self._scale)
         self._blocked = self._binary(discs, pose, min(self._window_m, distance_m))
@@ -60,7 +60,7 @@ class VectorFieldHistogram:
             side = 1.0 if right_rad >= left_rad else -1.0
             chosen_rad = pose.heading_rad + side * math.pi / 2.0
         self._previous_rad = chosen_rad
-        return Wish(heading_for(chosen_rad, distance_m))
+        return SteeringDemand(heading_for(chosen_rad, distance_m))
 
     def _binary(self, discs: Discs, pose: Pose, window_m: float) -> np.ndarray:  # (SECTORS,)
         """Return the binary polar histogram: blocked, free, or as before in between."""

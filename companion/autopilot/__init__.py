@@ -1,0 +1,1 @@
+"""Autopilots: their kinds, telemetry, parameters, commands and setpoints, one module per kind."""

@@ -1,0 +1,129 @@
+"""What every autopilot adapter offers the companion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Protocol
+
+from companion.autopilot.telemetry import Neighbour, Telemetry
+from companion.guard.guard import Setpoint
+
+
+@dataclass(frozen=True)
+class Abilities:
+    """What guidance and guard must assume of the vehicle, as its autopilot's parameters make it."""
+
+    speed_min_m_s: float = 0.0
+    speed_max_m_s: float = math.inf
+    n_max: float = math.inf
+    """Load factor of the turn rate n_max g / v that its turns achieve."""
+    reaction_s: float = 0.0
+    """From sending a setpoint to the vehicle beginning to obey it: the pure delay that stands for its lag."""
+    braking_m_s2: float = math.inf
+    """Of one that can stop."""
+    tracking_m: float = 0.0
+    """How far it strays from the path of arcs and straight lines that guidance and guard reckon with."""
+    assumed: tuple[str, ...] = ()
+    """Parameters that the autopilot did not tell: their documented defaults are assumed."""
+
+
+class Adapter(Protocol):
+    """One autopilot kind: its telemetry, its steering, its abilities."""
+
+    kind: str
+    """As configurations name it."""
+    can_stop: bool
+    """Whether the vehicle can stand still in the air."""
+    resumes_on_stream: bool
+    """Whether the autopilot obeys again by itself when a stream of setpoints comes back, whatever happened since."""
+
+    @property
+    def neighbours(self) -> Collection[Neighbour]:
+        """What the vehicle's own detector has seen; who reads them minds their age."""
+        ...
+
+    @property
+    def telemetry(self) -> Telemetry:
+        """The newest of what the autopilot said."""
+        ...
+
+    @property
+    def steerable(self) -> bool:
+        """Whether a person has armed the vehicle and put it into the mode that obeys setpoints."""
+        ...
+
+    @property
+    def refusal(self) -> str | None:
+        """Why this autopilot is not steered at all, and what to do about it: another kind than configured, ..."""
+        ...
+
+    @property
+    def missing_telemetry(self) -> str | None:
+        """What the autopilot does not tell now, without which this kind cannot be steered."""
+        ...
+
+    @property
+    def abilities(self) -> Abilities:
+        """What the vehicle can do, by the parameters read so far."""
+        ...
+
+    @property
+    def parameters_known(self) -> bool:
+        """Whether every parameter that the abilities rest on was told, or asked for in vain as often as it is worth."""
+        ...
+
+    def receive(self, datagram: bytes, now_s: float) -> None:
+        """Take in bytes from the autopilot link; never raises, whatever the bytes."""
+        ...
+
+    def requests(self, now_s: float) -> list[bytes]:
+        """Return what is due to be asked of the autopilot: message rates, parameters; bounded in number and rate."""
+        ...
+
+    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
+        """Return the frames that ask for a setpoint whose heading is from grid north."""
+        ...
+
+    def hold(self, now_s: float) -> list[bytes]:
+        """Return the frames that ask to stay as it is, where a stream must flow before a person can hand over."""
+        ...
+
+    def release(self) -> None:
+        """Forget what belongs to the steering that ended: somebody else has the vehicle."""
+        ...
+
+    def heartbeat(self) -> bytes:
+        """Return the companion's heartbeat, as an onboard controller."""
+        ...
+
+
+class NoAutopilot:
+    """What a point that stands for a vehicle need not say for itself: it hears no bytes and obeys at once, exactly."""
+
+    kind = "kinematic"
+    resumes_on_stream = False
+    steerable = True
+    refusal: str | None = None
+    missing_telemetry: str | None = None
+    abilities = Abilities()
+    parameters_known = True
+
+    def receive(self, datagram: bytes, now_s: float) -> None:
+        """There is no autopilot to hear."""
+
+    def requests(self, now_s: float) -> list[bytes]:
+        """There is nobody to ask."""
+        return []
+
+    def hold(self, now_s: float) -> list[bytes]:
+        """Nothing need flow before it is steered."""
+        return []
+
+    def release(self) -> None:
+        """Nothing is kept of a steering that ended."""
+
+    def heartbeat(self) -> bytes:
+        """Nobody listens to it."""
+        return b""

@@ -1,0 +1,84 @@
+"""ArduCopter in GUIDED: velocity setpoints; it brakes by itself GUID_TIMEOUT + 0.5 s after the last one.
+
+Figures without another source are AUTOPILOT_FACTS'.
+"""
+
+from __future__ import annotations
+
+import math
+
+from companion.autopilot.adapter import Abilities
+from companion.autopilot.ardupilot import fence_demands, no_gcs_failsafe
+from companion.autopilot.linked import ARDUCOPTER
+from companion.autopilot.parameter_checks import ParameterCheck
+from companion.autopilot.parameters import Wanted
+from companion.autopilot.velocity import VelocityAdapter
+from companion.guard.guard import STANDARD_GRAVITY_M_S2
+
+LEAD_S = 0.45
+"""Of the velocity's lag on a steady turn, 0.62 s; the rest is the reaction."""
+REACTION_S = 0.2
+"""What the lead leaves of the lag. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest rate
+(tests/benchmarks/lags.py)..."""
+TURN_SHARE = 0.7
+"""Of the acceleration that WPNAV_ACCEL allows; nearer to all of it the speed collapses in turns."""
+BRAKING_SHARE = 0.8
+TOP_SPEED_AT_45_DEG_M_S = 15.0
+TOP_SPEED_AT_30_DEG_M_S = 10.3
+_TOP_SPEED_EXPONENT = math.log(TOP_SPEED_AT_45_DEG_M_S / TOP_SPEED_AT_30_DEG_M_S) / math.log(
+    1.0 / math.tan(math.radians(30.0))
+)
+"""Drag against lean angle, through the two measured points."""
+SPEED_SHARE = 0.85
+"""Of the top speed: asking for more than is reachable winds up, and turning needs some of the lean angle."""
+TRACKING_M = 1.5
+"""...it stays within this at 4 and 8 m/s."""
+
+WANTED = (
+    Wanted("WPNAV_ACCEL", 250.0, (("WP_ACC", 100.0),)),
+    Wanted("ANGLE_MAX", 3000.0, (("ATC_ANGLE_MAX", 100.0),)),
+    Wanted("GUID_TIMEOUT", 3.0),
+    Wanted("FS_GCS_ENABLE", 0.0),
+    Wanted("FENCE_ENABLE", 0.0),
+    Wanted("FENCE_ACTION", 1.0),
+)
+PARAMETER_CHECKS = (
+    ParameterCheck(
+        "GUID_TIMEOUT",
+        "a copter whose companion died brakes so long after the last setpoint",
+        "set GUID_TIMEOUT to 1",
+        0.5,
+        1.0,
+    ),
+    no_gcs_failsafe("FS_GCS_ENABLE"),
+    ParameterCheck(
+        "WPNAV_ACCEL", "it bounds how fast the copter turns and stops", "set WPNAV_ACCEL to 250", 100.0, 1000.0
+    ),
+    ParameterCheck("ANGLE_MAX", "it bounds the speed that the copter reaches", "set ANGLE_MAX to 3000", 2000.0, 4500.0),
+    *fence_demands((1.0, 2.0, 3.0, 4.0, 5.0)),
+)
+
+
+class ArduCopterAdapter(VelocityAdapter):
+    """Velocity with the yaw along the track."""
+
+    identity = ARDUCOPTER
+    can_stop = True
+    wanted = WANTED
+    demands = PARAMETER_CHECKS
+    lead_s = LEAD_S
+
+    @property
+    def abilities(self) -> Abilities:
+        """What WPNAV_ACCEL and ANGLE_MAX leave."""
+        acceleration_m_s2 = max(self.parameters.value("WPNAV_ACCEL"), 1.0) / 100.0
+        lean_rad = math.radians(min(max(self.parameters.value("ANGLE_MAX") / 100.0, 10.0), 80.0))
+        top_speed_m_s = TOP_SPEED_AT_45_DEG_M_S * math.tan(lean_rad) ** _TOP_SPEED_EXPONENT
+        return Abilities(
+            speed_max_m_s=SPEED_SHARE * top_speed_m_s,
+            n_max=TURN_SHARE * acceleration_m_s2 / STANDARD_GRAVITY_M_S2,
+            reaction_s=REACTION_S,
+            braking_m_s2=BRAKING_SHARE * acceleration_m_s2,
+            tracking_m=TRACKING_M,
+            assumed=tuple(name for name in self.parameters.assumed if name in ("WPNAV_ACCEL", "ANGLE_MAX")),
+        )

@@ -1,0 +1,35 @@
+"""What is demanded of every ArduPilot vehicle alike: no ground-station failsafe, and a fence of its own."""
+
+from __future__ import annotations
+
+from companion.autopilot.parameter_checks import ParameterCheck
+
+
+def fence_demands(actions: tuple[float, ...]) -> tuple[ParameterCheck, ...]:
+    """Return the demands on the fence; `actions`: values of FENCE_ACTION that bring a vehicle of the kind back."""
+    return (
+        ParameterCheck(
+            "FENCE_ENABLE",
+            "the autopilot's own fence holds when the companion is dead",
+            "set FENCE_ENABLE to 1 and upload the fence",
+            allowed=(1.0,),
+            when_fenced=True,
+        ),
+        ParameterCheck(
+            "FENCE_ACTION",
+            "a fence that only reports, or that leaves the vehicle in GUIDED, holds nobody",
+            f"set FENCE_ACTION to {actions[0]:g}",
+            allowed=actions,
+            when_fenced=True,
+        ),
+    )
+
+
+def no_gcs_failsafe(name: str) -> ParameterCheck:
+    """Return the demand on the parameter of the ground-station failsafe, whose name differs from kind to kind."""
+    return ParameterCheck(
+        name,
+        "a vehicle that only listens is out of its ground station's reach by design",
+        f"set {name} to 0",
+        allowed=(0.0,),
+    )

@@ -1,0 +1,189 @@
+"""ArduPlane in GUIDED: a heading loop of our own over roll-only SET_ATTITUDE_TARGET (mask 0xC6).
+
+AUTOPILOT_FACTS: velocity setpoints are ignored, a heading command never expires; a bank is held exactly, height and
+speed are kept by the autopilot, and 3.0 s after the last one it reverts to what lies underneath. So a loiter about
+where the plane was a moment ago is put there every few seconds: a dead companion leaves a plane that circles nearby.
+"""
+
+from __future__ import annotations
+
+import math
+
+from pymavlink.dialects.v20 import common
+
+from companion.autopilot.adapter import Abilities
+from companion.autopilot.ardupilot import fence_demands, no_gcs_failsafe
+from companion.autopilot.commands import Command
+from companion.autopilot.course import CourseRamp
+from companion.autopilot.linked import ARDUPLANE, LinkedAdapter, is_usable, milliseconds
+from companion.autopilot.parameter_checks import ParameterCheck
+from companion.autopilot.parameters import Wanted
+from companion.guard.guard import STANDARD_GRAVITY_M_S2, Setpoint
+
+ROLL_ONLY = 0xC6
+"""type_mask: ignore pitch and yaw rate, throttle and attitude but for its roll, as measured."""
+COURSE_GAIN = 3.0
+"""Bank per course error."""
+GREATEST_BANK_DEG = 45.0
+"""Entering 65 degrees oscillates for 4 s."""
+TURN_SHARE = 0.73
+"""Of g tan(bank) / v: what a sustained turn achieves."""
+BANK_RESERVE_DEG = 5.0
+"""Of the greatest bank, kept for correcting the course in a turn."""
+REACTION_S = 0.25
+"""With the bank of the turn fed forward. On the stand-in 0.15 fits turns of 8 to 360 degrees best
+(tests/benchmarks/lags.py), but a plane that turns for a minute in front of a fence then leaves by 5 m."""
+TRACKING_M = 5.5
+"""...and with 0.25 s it stays within this, at 22 m/s in a reversal."""
+LOITER_PERIOD_S = 4.0
+RESEND_PERIOD_S = 10.0
+"""Height and speed are ordered again after so long though they did not change: entering GUIDED forgets them."""
+HEIGHT_STEP_M = 0.5
+SPEED_STEP_M_S = 0.1
+"""Smaller changes are not worth a command."""
+EXTRAPOLATED_S = 0.5
+"""A course is reckoned on for at most so long."""
+_AIRSPEED = 0.0
+_KEEP_SPEED = -1.0
+
+WANTED = (
+    Wanted("ROLL_LIMIT_DEG", 45.0, (("LIM_ROLL_CD", 0.01),)),
+    Wanted("WP_LOITER_RAD", 60.0),
+    Wanted("AIRSPEED_MIN", 9.0, (("ARSPD_FBW_MIN", 1.0),)),
+    Wanted("AIRSPEED_MAX", 22.0, (("ARSPD_FBW_MAX", 1.0),)),
+    Wanted("FS_GCS_ENABL", 0.0),
+    Wanted("FENCE_ENABLE", 0.0),
+    Wanted("FENCE_ACTION", 0.0),
+)
+PARAMETER_CHECKS = (
+    ParameterCheck("ROLL_LIMIT_DEG", "it bounds how fast the plane turns", "set ROLL_LIMIT_DEG to 45", 30.0, 65.0),
+    ParameterCheck(
+        "WP_LOITER_RAD", "a plane whose companion died circles so wide", "set WP_LOITER_RAD to 60", 20.0, 200.0
+    ),
+    no_gcs_failsafe("FS_GCS_ENABL"),
+    *fence_demands((1.0, 8.0)),
+)
+
+
+class ArduPlaneAdapter(LinkedAdapter):
+    """Bank from the course error and the rate of the course; height and speed by commands that are acknowledged."""
+
+    identity = ARDUPLANE
+    can_stop = False
+    wanted = WANTED
+    demands = PARAMETER_CHECKS
+
+    def __init__(self, system_id: int | None = None) -> None:
+        """See LinkedAdapter."""
+        super().__init__(system_id)
+        self._ramp = CourseRamp()
+        self._height_m = math.nan
+        self._speed_m_s = math.nan
+        self._ordered_s = -math.inf
+        self._loiter_s = -math.inf
+
+    @property
+    def abilities(self) -> Abilities:
+        """What ROLL_LIMIT_DEG and the airspeeds leave."""
+        bank_rad = self._bank_max_rad() - math.radians(BANK_RESERVE_DEG)
+        slowest_m_s = max(self.parameters.value("AIRSPEED_MIN"), 1.0)
+        return Abilities(
+            speed_min_m_s=slowest_m_s,
+            speed_max_m_s=max(self.parameters.value("AIRSPEED_MAX"), slowest_m_s),
+            n_max=TURN_SHARE * math.tan(bank_rad),
+            reaction_s=REACTION_S,
+            tracking_m=TRACKING_M,
+            assumed=tuple(
+                name for name in self.parameters.assumed if not name.startswith(("FS_", "FENCE_", "WP_LOITER"))
+            ),
+        )
+
+    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
+        """Return SET_ATTITUDE_TARGET with the bank, and what is due of height, speed and the loiter underneath."""
+        present_rad = self._course_rad()
+        if present_rad is None or not is_usable(setpoint, convergence_rad):
+            return []
+        bank_rad = self._bank_rad(setpoint.heading_rad + convergence_rad, present_rad, now_s)
+        if not math.isfinite(bank_rad):
+            return []
+        self._order(setpoint, now_s)
+        orders = [self._pack(message) for message in self._orders.due(now_s, self._system_id)]
+        return [self._bank(bank_rad, now_s), *orders]
+
+    def release(self) -> None:
+        """Forget the course, and what was ordered of height and speed."""
+        super().release()
+        self._ramp.release()
+        self._height_m = self._speed_m_s = math.nan
+        self._loiter_s = self._ordered_s = -math.inf
+
+    def _bank_max_rad(self) -> float:
+        limit_deg = self.parameters.value("ROLL_LIMIT_DEG")
+        return math.radians(min(max(limit_deg, 2.0 * BANK_RESERVE_DEG), GREATEST_BANK_DEG))
+
+    def _bank_rad(self, wanted_rad: float, present_rad: float, now_s: float) -> float:
+        telemetry = self.telemetry
+        speed_m_s = math.hypot(telemetry.velocity_north_m_s, telemetry.velocity_east_m_s)
+        rate_max_rad_s = self.abilities.n_max * STANDARD_GRAVITY_M_S2 / max(speed_m_s, 1.0)
+        course_rad, rate_rad_s = self._ramp.towards(wanted_rad, present_rad, rate_max_rad_s, now_s)
+        # The course was told a moment ago, and the plane has turned since as its bank makes it.
+        age_s = min(max(now_s - (telemetry.position_at_s or now_s), 0.0), EXTRAPOLATED_S)
+        roll_rad = telemetry.roll_rad if math.isfinite(telemetry.roll_rad) else 0.0
+        present_rad += age_s * STANDARD_GRAVITY_M_S2 * math.tan(roll_rad) / max(speed_m_s, 1.0)
+        error_rad = math.remainder(course_rad - present_rad, math.tau)
+        bank_rad = COURSE_GAIN * error_rad + math.atan(speed_m_s * rate_rad_s / STANDARD_GRAVITY_M_S2)
+        bank_max_rad = self._bank_max_rad()
+        return min(max(bank_rad, -bank_max_rad), bank_max_rad)
+
+    def _order(self, setpoint: Setpoint, now_s: float) -> None:
+        again = now_s - self._ordered_s >= RESEND_PERIOD_S
+        if again:
+            self._ordered_s = now_s
+        if again or not abs(setpoint.altitude_m - self._height_m) <= HEIGHT_STEP_M:
+            self._height_m = setpoint.altitude_m
+            self._orders.order(
+                Command(
+                    common.MAV_CMD_GUIDED_CHANGE_ALTITUDE,
+                    f"height {setpoint.altitude_m:.0f} m",
+                    frame=common.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+                    altitude_m=setpoint.altitude_m,
+                )
+            )
+        if again or not abs(setpoint.speed_m_s - self._speed_m_s) <= SPEED_STEP_M_S:
+            self._speed_m_s = setpoint.speed_m_s
+            self._orders.order(
+                Command(
+                    common.MAV_CMD_GUIDED_CHANGE_SPEED,
+                    f"airspeed {setpoint.speed_m_s:.1f} m/s",
+                    (_AIRSPEED, setpoint.speed_m_s, 0.0, 0.0),
+                    frame=common.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+                )
+            )
+        telemetry = self.telemetry
+        if now_s - self._loiter_s >= LOITER_PERIOD_S and math.isfinite(telemetry.lat_deg):
+            self._loiter_s = now_s
+            self._orders.order(
+                Command(
+                    common.MAV_CMD_DO_REPOSITION,
+                    "loiter underneath",
+                    (_KEEP_SPEED, 0.0, self.parameters.value("WP_LOITER_RAD"), 0.0),
+                    frame=common.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+                    place_deg=(telemetry.lat_deg, telemetry.lon_deg),
+                    altitude_m=setpoint.altitude_m,
+                )
+            )
+
+    def _bank(self, bank_rad: float, now_s: float) -> bytes:
+        return self._pack(
+            common.MAVLink_set_attitude_target_message(
+                milliseconds(now_s),
+                self._system_id,
+                common.MAV_COMP_ID_AUTOPILOT1,
+                ROLL_ONLY,
+                [math.cos(bank_rad / 2.0), math.sin(bank_rad / 2.0), 0.0, 0.0],
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+            )
+        )

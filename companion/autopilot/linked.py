@@ -1,0 +1,299 @@
+"""What all adapters of real autopilots share: one link heard, the right autopilot on it, parameters and message rates.
+
+A companion speaks as the onboard computer of its autopilot's system, so it takes the system id of the one it hears.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import common
+
+from companion.autopilot.adapter import Abilities
+from companion.autopilot.commands import Command, Commands
+from companion.autopilot.parameter_checks import ParameterCheck
+from companion.autopilot.parameters import ParameterReader, Wanted, request
+from companion.autopilot.telemetry import COMPANION_COMPONENT, Neighbour, Telemetry, TelemetryReader, messages_in
+from companion.guard.guard import Setpoint
+
+COPTER_TYPES = frozenset(
+    {
+        common.MAV_TYPE_QUADROTOR,
+        common.MAV_TYPE_COAXIAL,
+        common.MAV_TYPE_HELICOPTER,
+        common.MAV_TYPE_HEXAROTOR,
+        common.MAV_TYPE_OCTOROTOR,
+        common.MAV_TYPE_TRICOPTER,
+        common.MAV_TYPE_DODECAROTOR,
+        common.MAV_TYPE_DECAROTOR,
+    }
+)
+PLANE_TYPES = frozenset({common.MAV_TYPE_FIXED_WING})
+ROVER_TYPES = frozenset({common.MAV_TYPE_GROUND_ROVER, common.MAV_TYPE_SURFACE_BOAT})
+COMMON_RATES_HZ: Mapping[int, float] = {
+    common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+    common.MAVLINK_MSG_ID_ATTITUDE: 10.0,
+    common.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
+    common.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+    common.MAVLINK_MSG_ID_HOME_POSITION: 0.2,
+}
+"""What a companion needs to be told, and how often."""
+HEIGHT_GAIN_1_S = 0.5
+"""Vertical speed asked for per metre of height error."""
+VERTICAL_SPEED_M_S = 2.0
+"""Greatest vertical speed asked for."""
+COURSE_SPEED_M_S = 1.0
+"""Below this ground speed the course over ground says nothing and the yaw is used."""
+_UINT32 = 2**32
+_AUTOPILOTS = {
+    common.MAV_AUTOPILOT_GENERIC: "generic",
+    common.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot",
+    common.MAV_AUTOPILOT_PX4: "PX4",
+}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How an autopilot kind shows itself in its heartbeat, and by which mode a person hands it over."""
+
+    name: str
+    """As configurations name it."""
+    autopilot: int
+    """MAV_AUTOPILOT."""
+    types: frozenset[int] | None
+    """MAV_TYPE; None for any."""
+    guided_mode: int
+    """custom_mode in which it obeys setpoints."""
+
+
+ARDUCOPTER = Kind("arducopter", common.MAV_AUTOPILOT_ARDUPILOTMEGA, COPTER_TYPES, 4)
+ARDUPLANE = Kind("arduplane", common.MAV_AUTOPILOT_ARDUPILOTMEGA, PLANE_TYPES, 15)
+ARDUROVER = Kind("ardurover", common.MAV_AUTOPILOT_ARDUPILOTMEGA, ROVER_TYPES, 15)
+PX4_COPTER = Kind("px4-copter", common.MAV_AUTOPILOT_PX4, COPTER_TYPES, 6 << 16)
+PX4_PLANE = Kind("px4-plane", common.MAV_AUTOPILOT_PX4, PLANE_TYPES, 6 << 16)
+KINEMATIC = Kind("kinematic", common.MAV_AUTOPILOT_GENERIC, None, 4)
+KINDS = (ARDUCOPTER, ARDUPLANE, PX4_COPTER, PX4_PLANE, ARDUROVER, KINEMATIC)
+
+
+def kind_of(autopilot: int | None, mav_type: int | None) -> Kind | None:
+    """Return the kind that a heartbeat tells of, or None for one that cannot be steered."""
+    for kind in KINDS:
+        if kind.autopilot == autopilot and (kind.types is None or mav_type in kind.types):
+            return kind
+    return None
+
+
+class LinkedAdapter(ABC):
+    """An adapter without its steering: `encode` and `abilities` are each kind's own."""
+
+    identity: Kind
+    can_stop: bool
+    resumes_on_stream = False
+    demands: tuple[ParameterCheck, ...] = ()
+    wanted: tuple[Wanted, ...] = ()
+    rates_hz: Mapping[int, float] = COMMON_RATES_HZ
+
+    def __init__(self, system_id: int | None = None) -> None:
+        """Steer the autopilot of this system id, or whichever is heard first."""
+        self.kind = self.identity.name
+        self.parameters = ParameterReader(self.wanted, bytewise=self.identity.autopilot == common.MAV_AUTOPILOT_PX4)
+        self._reader = TelemetryReader(system_id)
+        self._rate_orders = Commands()
+        self._orders = Commands()
+        self._mav: common.MAVLink | None = None
+        self._asked_after: int | None = None
+
+    @property
+    def telemetry(self) -> Telemetry:
+        """The newest of what the autopilot said."""
+        return self._reader.telemetry
+
+    @property
+    def neighbours(self) -> Collection[Neighbour]:
+        """What the vehicle's own detector has seen."""
+        return self._reader.neighbours.values()
+
+    @property
+    def rejected(self) -> Mapping[str, int]:
+        """How many messages were not believed, by why."""
+        return self._reader.rejected
+
+    @property
+    def steerable(self) -> bool:
+        """Armed and in the mode that obeys setpoints: both are a person's doing."""
+        return self.telemetry.armed and self.telemetry.custom_mode == self.identity.guided_mode
+
+    @property
+    def parameters_known(self) -> bool:
+        """Whether every parameter was told, or asked for in vain as often as it is worth."""
+        return self.parameters.all_known
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What the autopilot did not do of what it was asked, a short line each."""
+        return self._rate_orders.failures + self._orders.failures
+
+    @property
+    def missing_telemetry(self) -> str | None:
+        """Positions suffice, unless a kind says otherwise."""
+        return None
+
+    @property
+    def refusal(self) -> str | None:
+        """Why this autopilot is not steered at all, and what to do about it."""
+        telemetry = self.telemetry
+        if self._reader.shared_system_id:
+            return (
+                f"two autopilots say they are system {telemetry.system_id}: give each a system id of its own "
+                "(ArduPilot: SYSID_THISMAV or MAV_SYSID, PX4: MAV_SYS_ID)"
+            )
+        if telemetry.system_id is None:
+            if not self._reader.foreign_ids:
+                return None
+            heard = ", ".join(map(str, sorted(self._reader.foreign_ids)))
+            return (
+                f"heard system {heard}, configured autopilot.system_id {self._reader.system_id}: "
+                "correct it, or the vehicle's own id"
+            )
+        heard_kind = kind_of(telemetry.autopilot, telemetry.mav_type)
+        if heard_kind is self.identity:
+            return None
+        words = _AUTOPILOTS.get(telemetry.autopilot or 0, f"autopilot {telemetry.autopilot}")
+        remedy = "this vehicle cannot be steered" if heard_kind is None else f"set autopilot.kind to {heard_kind.name}"
+        return f"heard {words} of MAV_TYPE {telemetry.mav_type}, configured autopilot.kind {self.kind}: {remedy}"
+
+    @property
+    def abilities(self) -> Abilities:
+        """What the vehicle can do; nothing is known of one without parameters."""
+        return Abilities()
+
+    def receive(self, datagram: bytes, now_s: float) -> None:
+        """Take in bytes from the autopilot link."""
+        for message in messages_in(datagram):
+            if not self._reader.take(message, now_s):
+                continue
+            name = message.get_type()
+            if name == "PARAM_VALUE":
+                self.parameters.take(message)
+            elif name == "COMMAND_ACK":
+                self._rate_orders.take(message, self._system_id)
+                self._orders.take(message, self._system_id)
+
+    def requests(self, now_s: float) -> list[bytes]:
+        """Ask for message rates and parameters, anew after the autopilot has restarted."""
+        telemetry = self.telemetry
+        if telemetry.heartbeat_at_s is None or self.refusal is not None:
+            return []
+        if self._asked_after != telemetry.restarts:
+            if self._asked_after is not None:
+                self.parameters.restart()
+            self._asked_after = telemetry.restarts
+            for message_id, rate_hz in self.rates_hz.items():
+                self._rate_orders.order(_interval(message_id, rate_hz))
+        frames = [self._pack(message) for message in self._rate_orders.due(now_s, self._system_id)]
+        return frames + [self._pack(request(name, self._system_id)) for name in self.parameters.due(now_s)]
+
+    @abstractmethod
+    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
+        """Return the frames that ask for a setpoint whose heading is from grid north."""
+
+    def hold(self, now_s: float) -> list[bytes]:
+        """Send nothing: the mode alone decides."""
+        return []
+
+    def release(self) -> None:
+        """Forget what was ordered for the steering that ended."""
+        self._orders.clear()
+
+    def heartbeat(self) -> bytes:
+        """Return the companion's heartbeat: an onboard controller, never a ground station (it would mask its loss)."""
+        return self._pack(
+            common.MAVLink_heartbeat_message(
+                type=common.MAV_TYPE_ONBOARD_CONTROLLER,
+                autopilot=common.MAV_AUTOPILOT_INVALID,
+                base_mode=0,
+                custom_mode=0,
+                system_status=common.MAV_STATE_ACTIVE,
+                mavlink_version=3,
+            )
+        )
+
+    @property
+    def _system_id(self) -> int:
+        return self.telemetry.system_id or 0
+
+    def _course_rad(self) -> float | None:
+        """Return where the vehicle is going over the ground, from local true north; its yaw where it hardly moves."""
+        telemetry = self.telemetry
+        north_m_s, east_m_s = telemetry.velocity_north_m_s, telemetry.velocity_east_m_s
+        if math.hypot(north_m_s, east_m_s) >= COURSE_SPEED_M_S:
+            return math.atan2(east_m_s, north_m_s)
+        return telemetry.yaw_rad
+
+    def _climb_m_s(self, height_m: float) -> float:
+        """Return the vertical speed that leads to a height above home."""
+        climb_m_s = HEIGHT_GAIN_1_S * (height_m - self.telemetry.height_m)
+        return min(max(climb_m_s, -VERTICAL_SPEED_M_S), VERTICAL_SPEED_M_S)
+
+    def _pack(self, message: common.MAVLink_message) -> bytes:
+        # A companion shares its autopilot's system id, which is known once it was heard.
+        system_id = self.telemetry.system_id or 1
+        if self._mav is None or self._mav.srcSystem != system_id:
+            self._mav = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
+        data = bytes(message.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return data
+
+    def _local_target(
+        self,
+        type_mask: int,
+        now_s: float,
+        velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        place_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        yaw_rad: float = 0.0,
+    ) -> list[bytes]:
+        """Return SET_POSITION_TARGET_LOCAL_NED of north, east, down; nothing if any of it is not finite."""
+        if not all(map(math.isfinite, (*velocity_m_s, *place_m, yaw_rad))):
+            return []
+        return [
+            self._pack(
+                common.MAVLink_set_position_target_local_ned_message(
+                    milliseconds(now_s),
+                    self._system_id,
+                    common.MAV_COMP_ID_AUTOPILOT1,
+                    common.MAV_FRAME_LOCAL_NED,
+                    type_mask,
+                    *place_m,
+                    *velocity_m_s,
+                    0.0,
+                    0.0,
+                    0.0,
+                    yaw_rad,
+                    0.0,
+                )
+            )
+        ]
+
+
+def is_usable(setpoint: Setpoint, convergence_rad: float) -> bool:
+    """Return whether a setpoint may be sent: not a number is never on the wire."""
+    values = (setpoint.heading_rad, setpoint.speed_m_s, setpoint.altitude_m, convergence_rad)
+    return all(map(math.isfinite, values))
+
+
+def milliseconds(now_s: float) -> int:
+    """Return a time as it goes into a setpoint: wrapped within its field."""
+    return int(now_s * 1000.0) % _UINT32
+
+
+def _interval(message_id: int, rate_hz: float) -> Command:
+    return Command(
+        common.MAV_CMD_SET_MESSAGE_INTERVAL,
+        f"rate of message {message_id}",
+        (float(message_id), round(1e6 / rate_hz), 0.0, 0.0),
+        key=float(message_id),
+    )

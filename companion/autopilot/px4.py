@@ -1,0 +1,47 @@
+"""What both PX4 kinds have in common: OFFBOARD, which a stream of setpoints keeps, ends and begins again by itself.
+
+AUTOPILOT_FACTS: the stream must flow before a person can choose OFFBOARD; when it stops OFFBOARD ends COM_OF_LOSS_T
+later by COM_OBL_RC_ACT; when it comes back PX4 re-enters OFFBOARD whatever happened since.
+"""
+
+from __future__ import annotations
+
+from pymavlink.dialects.v20 import common
+
+from companion.autopilot.linked import COMMON_RATES_HZ
+from companion.autopilot.parameter_checks import ParameterCheck
+from companion.autopilot.parameters import Wanted
+
+RATES_HZ = {
+    **COMMON_RATES_HZ,
+    common.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 10.0,
+    common.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
+}
+WANTED = (
+    Wanted("COM_OF_LOSS_T", 1.0),
+    Wanted("COM_OBL_RC_ACT", 0.0),
+    Wanted("GF_ACTION", 2.0),
+)
+PARAMETER_CHECKS = (
+    ParameterCheck(
+        "COM_OF_LOSS_T",
+        "so long after its companion died the vehicle flies on by the last setpoint",
+        "set COM_OF_LOSS_T to 1",
+        # Longer than the gap after which the companion itself takes its stream for ended (companion.onboard.authority).
+        0.8,
+        1.0,
+    ),
+    ParameterCheck(
+        "COM_OBL_RC_ACT",
+        "only 5 (Hold) keeps place and height when the stream ends; 0 drifts and sinks, or flies straight on",
+        "set COM_OBL_RC_ACT to 5",
+        allowed=(5.0,),
+    ),
+    ParameterCheck(
+        "GF_ACTION",
+        "the autopilot's own fence holds when the companion is dead",
+        "set GF_ACTION to 2 (Hold) or 3 (Return) and upload the fence",
+        allowed=(2.0, 3.0, 5.0),
+        when_fenced=True,
+    ),
+)

@@ -1,0 +1,67 @@
+"""PX4 copters in OFFBOARD: exactly what MAVSDK sends for set_velocity_ned (velocity and yaw, mask 0x9C7).
+
+Figures without another source are AUTOPILOT_FACTS'.
+"""
+
+from __future__ import annotations
+
+import math
+
+from companion.autopilot import px4
+from companion.autopilot.adapter import Abilities
+from companion.autopilot.linked import PX4_COPTER
+from companion.autopilot.parameter_checks import ParameterCheck
+from companion.autopilot.parameters import Wanted
+from companion.autopilot.velocity import VELOCITY_AND_YAW, VelocityAdapter
+from companion.guard.guard import STANDARD_GRAVITY_M_S2
+
+LEAD_S = 0.5
+"""Of the velocity's lag on a steady turn; the rest is the reaction."""
+REACTION_S = 0.2
+"""What the lead leaves of the lag. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest rate
+(tests/benchmarks/lags.py)..."""
+TURN_SHARE = 0.7
+BRAKING_SHARE = 0.8
+SPEED_SHARE = 0.85
+TRACKING_M = 1.5
+"""...it stays within this at 5 and 10 m/s."""
+
+WANTED = (*px4.WANTED, Wanted("MPC_ACC_HOR", 3.0), Wanted("MPC_XY_VEL_MAX", 12.0))
+PARAMETER_CHECKS = (
+    *px4.PARAMETER_CHECKS,
+    ParameterCheck("MPC_ACC_HOR", "it bounds how fast the copter turns and stops", "set MPC_ACC_HOR to 3", 1.0, 10.0),
+    ParameterCheck("MPC_XY_VEL_MAX", "it bounds the speed of the copter", "set MPC_XY_VEL_MAX to 12", 2.0, 20.0),
+)
+
+
+class Px4CopterAdapter(VelocityAdapter):
+    """Velocity, with the nose along the track."""
+
+    identity = PX4_COPTER
+    can_stop = True
+    resumes_on_stream = True
+    wanted = WANTED
+    demands = PARAMETER_CHECKS
+    rates_hz = px4.RATES_HZ
+    type_mask = VELOCITY_AND_YAW
+    lead_s = LEAD_S
+
+    @property
+    def abilities(self) -> Abilities:
+        """What MPC_ACC_HOR and MPC_XY_VEL_MAX leave."""
+        acceleration_m_s2 = max(self.parameters.value("MPC_ACC_HOR"), 0.1)
+        return Abilities(
+            speed_max_m_s=SPEED_SHARE * max(self.parameters.value("MPC_XY_VEL_MAX"), 0.1),
+            n_max=TURN_SHARE * acceleration_m_s2 / STANDARD_GRAVITY_M_S2,
+            reaction_s=REACTION_S,
+            braking_m_s2=BRAKING_SHARE * acceleration_m_s2,
+            tracking_m=TRACKING_M,
+            assumed=tuple(name for name in self.parameters.assumed if name.startswith("MPC_")),
+        )
+
+    def hold(self, now_s: float) -> list[bytes]:
+        """Ask to stand still, nose and height as they are."""
+        yaw_rad = self.telemetry.yaw_rad
+        if yaw_rad is None:
+            return []
+        return self._local_target(self.type_mask, now_s, yaw_rad=math.remainder(yaw_rad, math.tau))

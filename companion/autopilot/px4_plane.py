@@ -1,0 +1,121 @@
+"""PX4 planes in OFFBOARD: position and velocity (mask 0xDC0), its own place with the wanted height, and a course.
+
+AUTOPILOT_FACTS: velocity alone is ignored and freezes the attitude, an acceleration acts with the wrong sign, the speed
+is FW_AIRSPD_TRIM's whatever is asked, and only the bank is limited: the course must be ramped within n_max g / v here.
+"""
+
+from __future__ import annotations
+
+import math
+
+from companion.autopilot import px4
+from companion.autopilot.adapter import Abilities
+from companion.autopilot.course import CourseRamp
+from companion.autopilot.linked import PX4_PLANE, LinkedAdapter, is_usable
+from companion.autopilot.parameter_checks import ParameterCheck
+from companion.autopilot.parameters import Wanted
+from companion.guard.guard import STANDARD_GRAVITY_M_S2, Setpoint
+
+POSITION_AND_VELOCITY = 0x0DC0
+"""type_mask: ignore acceleration, yaw and yaw rate."""
+LEAD_S = 0.9
+"""Of the course's lag of 1.17 s on a steady turn; with all of it (1.15 s was measured to follow a steady one within 0.7
+degrees) the stand-in begins and ends turns too early, and strays 6.7 m."""
+VECTOR_M_S = 15.0
+"""Length of the velocity that carries the course; PX4 minds only its direction."""
+HEIGHT_STEP_M = 8.0
+"""The height asked for is never further away: with an error over 10 m it loiters instead of holding its course."""
+REACTION_S = 0.2
+"""What the lead leaves of the lag. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest rate
+(tests/benchmarks/lags.py)..."""
+PLANE_LAG_S = 1.17
+"""A course this much ahead of the present one, times the rate, turns the plane at that rate (AUTOPILOT_FACTS)."""
+CIRCLE_SHARE = 0.8
+"""Of the greatest turn rate, where it circles because nothing better is known."""
+N_MAX = 0.4
+"""15 deg/s at 15 m/s was followed within 0.7 degrees."""
+BANK_SHARE = 0.7
+"""Of what the greatest bank would give."""
+TRACKING_M = 2.0
+"""...it stays within this."""
+
+WANTED = (*px4.WANTED, Wanted("FW_AIRSPD_TRIM", 15.0), Wanted("FW_R_LIM", 50.0))
+PARAMETER_CHECKS = (
+    *px4.PARAMETER_CHECKS,
+    ParameterCheck("FW_AIRSPD_TRIM", "it is the speed, whatever is asked for", "set FW_AIRSPD_TRIM to 15", 8.0, 40.0),
+    ParameterCheck("FW_R_LIM", "it bounds how fast the plane turns", "set FW_R_LIM to 50", 30.0, 65.0),
+)
+
+
+class Px4PlaneAdapter(LinkedAdapter):
+    """A course command, ahead of the course by as much as the plane lags behind it."""
+
+    identity = PX4_PLANE
+    can_stop = False
+    resumes_on_stream = True
+    wanted = WANTED
+    demands = PARAMETER_CHECKS
+    rates_hz = px4.RATES_HZ
+
+    def __init__(self, system_id: int | None = None) -> None:
+        """See LinkedAdapter."""
+        super().__init__(system_id)
+        self._ramp = CourseRamp()
+
+    @property
+    def abilities(self) -> Abilities:
+        """What FW_AIRSPD_TRIM and FW_R_LIM leave."""
+        speed_m_s = max(self.parameters.value("FW_AIRSPD_TRIM"), 1.0)
+        bank_rad = math.radians(min(max(self.parameters.value("FW_R_LIM"), 5.0), 65.0))
+        return Abilities(
+            speed_min_m_s=speed_m_s,
+            speed_max_m_s=speed_m_s,
+            n_max=min(N_MAX, BANK_SHARE * math.tan(bank_rad)),
+            reaction_s=REACTION_S,
+            tracking_m=TRACKING_M,
+            assumed=tuple(name for name in self.parameters.assumed if name.startswith("FW_")),
+        )
+
+    @property
+    def missing_telemetry(self) -> str | None:
+        """Its own place in the autopilot's local frame, which every setpoint carries."""
+        return "no local position" if self.telemetry.local_ned_m is None else None
+
+    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
+        """Return SET_POSITION_TARGET_LOCAL_NED with the course, turned from grid to local north, and the height."""
+        present_rad = self._course_rad()
+        if present_rad is None or not is_usable(setpoint, convergence_rad):
+            return []
+        abilities = self.abilities
+        course_rad, rate_rad_s = self._ramp.towards(
+            setpoint.heading_rad + convergence_rad,
+            present_rad,
+            abilities.n_max * STANDARD_GRAVITY_M_S2 / abilities.speed_max_m_s,
+            now_s,
+        )
+        return self._course(course_rad + LEAD_S * rate_rad_s, setpoint.altitude_m, now_s)
+
+    def hold(self, now_s: float) -> list[bytes]:
+        """Ask for the present course and height; once it obeys, for a circle: straight on would lead it anywhere."""
+        course_rad = self._course_rad()
+        if course_rad is None:
+            return []
+        if self.steerable:
+            abilities = self.abilities
+            rate_rad_s = CIRCLE_SHARE * abilities.n_max * STANDARD_GRAVITY_M_S2 / abilities.speed_max_m_s
+            course_rad += PLANE_LAG_S * rate_rad_s
+        return self._course(course_rad, self.telemetry.height_m, now_s)
+
+    def release(self) -> None:
+        """Forget the course of the steering that ended."""
+        super().release()
+        self._ramp.release()
+
+    def _course(self, course_rad: float, height_m: float, now_s: float) -> list[bytes]:
+        telemetry = self.telemetry
+        if telemetry.local_ned_m is None:
+            return []
+        north_m, east_m, down_m = telemetry.local_ned_m
+        up_m = min(max(height_m - telemetry.height_m, -HEIGHT_STEP_M), HEIGHT_STEP_M)
+        velocity_m_s = (VECTOR_M_S * math.cos(course_rad), VECTOR_M_S * math.sin(course_rad), 0.0)
+        return self._local_target(POSITION_AND_VELOCITY, now_s, velocity_m_s, (north_m, east_m, down_m - up_m))

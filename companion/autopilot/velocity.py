@@ -1,0 +1,64 @@
+"""Steering by velocity setpoints in the local NED frame: what copters, rovers and the stand-in point obey.
+
+AUTOPILOT_FACTS: frame 1, never acknowledged, ignored in silence outside the guided mode.
+"""
+
+from __future__ import annotations
+
+import math
+
+from companion.autopilot.course import CourseRamp
+from companion.autopilot.linked import LinkedAdapter, is_usable
+from companion.guard.guard import STANDARD_GRAVITY_M_S2, Setpoint
+
+VELOCITY_ONLY = 0x0DC7
+"""type_mask: ignore position, acceleration, yaw and yaw rate."""
+VELOCITY_AND_YAW = 0x09C7
+"""type_mask: ignore position, acceleration and yaw rate."""
+SLOWEST_M_S = 0.5
+"""Slower than this a vehicle turns at the rate of this speed."""
+TURN_RATE_MAX_RAD_S = math.pi / 2.0
+"""A velocity that turns faster leads nobody."""
+
+
+class VelocityAdapter(LinkedAdapter):
+    """Asks for a velocity over the ground, ahead of the course by as much as the vehicle lags on a turn."""
+
+    type_mask = VELOCITY_ONLY
+    lead_s = 0.0
+    """How far a turning velocity runs ahead."""
+
+    def __init__(self, system_id: int | None = None) -> None:
+        """See LinkedAdapter."""
+        super().__init__(system_id)
+        self._ramp = CourseRamp()
+
+    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
+        """Return SET_POSITION_TARGET_LOCAL_NED with the velocity, turned from grid to local north."""
+        if not is_usable(setpoint, convergence_rad):
+            return []
+        heading_rad = self._heading_rad(setpoint.heading_rad + convergence_rad, setpoint.speed_m_s, now_s)
+        velocity_m_s = (
+            setpoint.speed_m_s * math.cos(heading_rad),
+            setpoint.speed_m_s * math.sin(heading_rad),
+            -self._climb_m_s(setpoint.altitude_m),
+        )
+        yaw_rad = 0.0 if self.type_mask == VELOCITY_ONLY else math.remainder(heading_rad, math.tau)
+        return self._local_target(self.type_mask, now_s, velocity_m_s, yaw_rad=yaw_rad)
+
+    def release(self) -> None:
+        """Forget the course of the steering that ended."""
+        super().release()
+        self._ramp.release()
+
+    def _heading_rad(self, wanted_rad: float, speed_m_s: float, now_s: float) -> float:
+        """Return where the velocity points now."""
+        rate_max_rad_s = self.abilities.n_max * STANDARD_GRAVITY_M_S2 / max(speed_m_s, SLOWEST_M_S)
+        present_rad = self._course_rad()
+        course_rad, rate_rad_s = self._ramp.towards(
+            wanted_rad,
+            wanted_rad if present_rad is None else present_rad,
+            min(rate_max_rad_s, TURN_RATE_MAX_RAD_S),
+            now_s,
+        )
+        return course_rad + self.lead_s * rate_rad_s

@@ -1,0 +1,1 @@
+"""Files: YAML, state that survives a crash, network weights, and tlogs."""

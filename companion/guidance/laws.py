@@ -1,0 +1,313 @@
+"""What steers: from where the vehicle is to be and what it knows, to a wanted direction (METHOD.md sections 1 and 3).
+
+A law says where it would like to head. The right of way, the turn limit and the guard come after it, whatever the law.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
+from companion.guard.guard import TRACKING_REACTIONS, TRACKING_STEPS
+from companion.guidance.route import Piece, Reach, Route, Router, shortest_route
+from companion.guidance.steering import MonolithicSurrogate, PairSurrogate, SteeringVector, Surrogate, direction
+from companion.guidance.view import View
+from companion.onboard.config import Config
+from companion.surrogate.cost import Weights
+from companion.surrogate.networks import load_monolithic
+from companion.surrogate.profiles import (
+    HALF_WIDTH,
+    PolygonProfile,
+    RadialProfile,
+    StepProfile,
+    profile_by_name,
+    range_gradient,
+    wall_gradient,
+)
+
+ROUTE_MARGIN_M = 2.0
+"""The route keeps at least so far outside what the guard keeps (METHOD.md section 3: margins nest)..."""
+ROUTE_MARGIN_STEPS = 0.05
+"""...or this share of the way flown in a step, if that is more: a step cuts its corners."""
+WALL_SHARE = 22.0
+"""Half-width of F*'s edge is the route's margin over this: at the route it weighs less than any attraction."""
+ONWARD_CIRCLES = 3
+"""A way on from the route's end is kept ready once the end is so many turning circles' lengths away: the guard
+looks so far along a route."""
+ONWARD_RAD = 0.05
+"""And until the route arrives on a heading that differs by more than this."""
+OPPOSED_SHARE = 0.01
+"""A component against the route is worth counting from this share of the attraction."""
+COASTING_PERIODS = 3.0
+"""Broadcast periods after which a picture counts as coasting: the configuration says no more of the period."""
+LOOK_AHEAD_S = 30.0
+"""A broadcast velocity is believed for so long; after that the threat may be anywhere its bound allows."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the vehicle is, where it heads, and how fast over the ground."""
+
+    north_m: float
+    east_m: float
+    heading_rad: float
+    speed_m_s: float
+
+    @property
+    def position_ned_m(self) -> tuple[float, float]:
+        """(north, east)."""
+        return self.north_m, self.east_m
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the vehicle is to do now: go to a place, or keep a place that it loiters at."""
+
+    place_ned_m: tuple[float, float]
+    pull: SteeringVector
+    """What would attract it if there were nothing else."""
+    loitering: bool
+    to_target: bool
+    flown_m: float
+    arrival_m: float
+    """As near as this is there."""
+    crowded: bool = False
+    """Others are so near that the right of way may ask for a circle to the right at any time."""
+
+
+class SteeringDemand(NamedTuple):
+    """Where a law wants to go, as strongly as the gradient of its cost."""
+
+    pull: SteeringVector
+    stay: str | None = None
+    """Why the vehicle can do no better than to loiter here; None while it can."""
+    note: str | None = None
+    """What else is worth knowing of this decision."""
+    opposed: bool = False
+    """The surrogate's component against the route was dropped."""
+    route: Route | None = None
+    onward: tuple[Piece, ...] = ()
+    """A way on from where the route ends, for a vehicle that cannot stop there."""
+
+
+class SteeringLaw(Protocol):
+    """A guidance law of one vehicle; it may remember, but time and inputs are given to it."""
+
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+        """Return what it wants; `now_s` is this vehicle's clock."""
+        ...
+
+
+@dataclass(frozen=True)
+class _OnwardFor:
+    """What a way on was found for."""
+
+    from_ned_m: tuple[float, float]
+    threat_ids: tuple[int, ...]
+    heading_rad: float
+
+    def serves(self, other: _OnwardFor) -> bool:
+        """Return whether it will do for another as well."""
+        same = self.from_ned_m == other.from_ned_m and self.threat_ids == other.threat_ids
+        return same and abs(math.remainder(self.heading_rad - other.heading_rad, math.tau)) <= ONWARD_RAD
+
+
+SteeringOf = Callable[[Config], SteeringLaw]
+"""Makes a vehicle's law from its configuration."""
+
+
+class GradientLaw:
+    """The paper's laws: the attraction less the gradient of the surrogate (paper: direct1)."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._surrogate = _surrogate(config)
+
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+        """See SteeringLaw."""
+        gradient_m = self._surrogate.gradient_m(pose.position_ned_m, view)
+        if task.to_target and self._config.law == "seed":
+            gradient_m = gradient_m + _range_gradient(task, pose, self._config)
+        return SteeringDemand(direction(task.pull, gradient_m))
+
+
+class RoutedLaw:
+    """H* = F* + 1/2 D_geo^2: the attraction follows the shortest path around the discs (METHOD.md section 3)."""
+
+    def __init__(self, config: Config) -> None:
+        limits = config.limits
+        self._config = config
+        self._weights = Weights(**config.weights.model_dump())
+        self._margin_m = max(ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS * limits.speed_m_s * config.guidance_step_s)
+        # What the guard adds to every disc, so that the route lies outside what it keeps.
+        held_s = TRACKING_STEPS * config.guidance_step_s + TRACKING_REACTIONS * limits.reaction_s
+        self._clearance_m = self._margin_m + limits.position_error_m + limits.wind_m_s * held_s
+        ground_m_s = limits.speed_m_s + limits.wind_m_s
+        rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
+        self._turn_radius_m = ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
+        self._period_s = config.staleness.coasting_after_s / COASTING_PERIODS
+        self._router = Router()
+        self._began_ned_m: tuple[float, float] | None = None
+        self._onward: tuple[_OnwardFor, tuple[Piece, ...]] | None = None
+
+    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+        """See SteeringLaw."""
+        self._began_ned_m = self._began_ned_m or pose.position_ned_m
+        wall_m = self._wall_gradient(pose, view)
+        if task.loitering:
+            return SteeringDemand(direction(task.pull, wall_m))
+        centres_ned_m, radii_m = foreseen(view, pose, self._config.limits.speed_m_s, self._period_s)
+        radii_m = radii_m + self._clearance_m
+        route = self._route(task, pose, centres_ned_m, radii_m, view)
+        if route.reach is Reach.NONE:
+            return SteeringDemand(direction(task.pull, wall_m), stay="no way to the target", route=route)
+        note = None
+        if route.reach is Reach.NEAREST:
+            note = "target out of reach: to the nearest safe point"
+            if route.length_m <= max(task.arrival_m, 2.0 * self._turn_radius_m):
+                return SteeringDemand(
+                    SteeringVector(0.0, 0.0), stay="at the nearest safe point", note=note, route=route
+                )
+        pull = SteeringVector(
+            route.length_m * math.cos(route.heading_rad), route.length_m * math.sin(route.heading_rad)
+        )
+        wanted, opposed = _unopposed(pull, wall_m)
+        if route.turn != 0:
+            # The shorter side of a long turn may be the other one: then the side is wanted, not the end of it.
+            wanted = _on_side(wanted, pose.heading_rad, route.turn)
+        onward = self._way_on(route, self._began_ned_m, centres_ned_m, radii_m, view)
+        return SteeringDemand(wanted, note=note, opposed=opposed, route=route, onward=onward)
+
+    def _route(
+        self, task: Task, pose: Pose, centres_ned_m: np.ndarray, radii_m: np.ndarray, view: View
+    ) -> Route:  # (M, 2) m, (M,) m
+        """Return the way to the place; with others near, where there is one, the way that leaves room for a circle."""
+        for room_m in (2.0 * self._turn_radius_m, 0.0) if task.crowded and len(radii_m) else (0.0,):
+            route = self._router.route(
+                pose.position_ned_m,
+                pose.heading_rad,
+                self._turn_radius_m,
+                task.place_ned_m,
+                centres_ned_m,
+                radii_m + room_m,
+                view.threat_ids,
+            )
+            if route.reach is Reach.TARGET:
+                break
+        return route
+
+    def _way_on(
+        self, route: Route, back_ned_m: tuple[float, float], centres_ned_m: np.ndarray, radii_m: np.ndarray, view: View
+    ) -> tuple[Piece, ...]:  # (M, 2) m, (M,) m
+        """Return the way from the end of a route back to where guidance began, among discs that stand still.
+
+        A place is worth going to only if there is a way on from it; the guard looks along it for room to circle.
+        """
+        near = route.length_m <= ONWARD_CIRCLES * math.tau * self._turn_radius_m
+        if not near or not route.pieces or np.count_nonzero(view.threat_speed_m_s):
+            return ()
+        last = route.pieces[-1]
+        arrival_rad = (last.heading_rad + last.curvature_1_m * last.length_m) % math.tau
+        wanted_for = _OnwardFor(route.goal_ned_m, tuple(view.threat_ids.tolist()), arrival_rad)
+        if self._onward is None or not self._onward[0].serves(wanted_for):
+            found = shortest_route(
+                route.goal_ned_m, back_ned_m, centres_ned_m, radii_m, arrival_rad, self._turn_radius_m
+            )
+            self._onward = (wanted_for, found.pieces)
+        return self._onward[1]
+
+    def _wall_gradient(self, pose: Pose, view: View) -> np.ndarray:  # (2,) m
+        return wall_gradient(
+            np.array(pose.position_ned_m),
+            view.threats_ned_m,
+            view.detection_radius_m,
+            view.attack_radius_m,
+            view.peers_ned_m,
+            self._config.separation_m,
+            self._weights,
+            self._margin_m / WALL_SHARE,
+        )
+
+
+def foreseen(
+    view: View, pose: Pose, speed_m_s: float, period_s: float
+) -> tuple[np.ndarray, np.ndarray]:  # (M, 2) m, (M,) m
+    """Return discs that hold each threat when the vehicle could be at it: what a route must go around.
+
+    A broadcast velocity is believed for LOOK_AHEAD_S and only as far as the announced bound; what a threat may have
+    done beyond it since it was heard of stays in the radius. That counts as if a broadcast period had gone by: discs
+    that grow and shrink with every broadcast would open and close gaps, and the route would go to and fro.
+    """
+    if not np.count_nonzero(view.threat_speed_m_s):
+        return view.threats_ned_m, view.detection_radius_m
+    offset_m = view.threats_ned_m - np.array(pose.position_ned_m)
+    apart_m = _lengths(offset_m) - view.detection_radius_m
+    ahead_s = np.minimum(np.maximum(apart_m / speed_m_s, 0.0), LOOK_AHEAD_S)
+    moved_m = view.threat_velocity_m_s * (view.threat_age_s + ahead_s)[:, np.newaxis]
+    known_m_s = _lengths(view.threat_velocity_m_s)
+    unexplained_m_s = view.threat_speed_m_s - np.minimum(known_m_s, view.threat_speed_m_s)
+    heard_m = view.detection_radius_m - view.threat_speed_m_s * view.threat_age_s
+    grown_m = unexplained_m_s * np.maximum(view.threat_age_s, period_s)
+    return view.threats_ned_m + moved_m, heard_m + grown_m
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:  # (M, 2) -> (M,)
+    squares = vectors * vectors
+    lengths: np.ndarray = np.sqrt(squares[:, 0] + squares[:, 1])
+    return lengths
+
+
+def law_of(config: Config) -> SteeringLaw:
+    """Return the law that a configuration names."""
+    return RoutedLaw(config) if config.law == "routed" else GradientLaw(config)
+
+
+def _unopposed(pull: SteeringVector, gradient_m: np.ndarray) -> tuple[SteeringVector, bool]:
+    """Return the direction without what the surrogate puts against the route, and whether there was any."""
+    strength_m = pull.strength_m
+    if strength_m == 0.0:
+        return direction(pull, gradient_m), False
+    ahead = (pull.north_m / strength_m, pull.east_m / strength_m)
+    against_m = float(gradient_m[0]) * ahead[0] + float(gradient_m[1]) * ahead[1]
+    if against_m <= 0.0:
+        return direction(pull, gradient_m), False
+    sideways_m = gradient_m - against_m * np.array(ahead)
+    return direction(pull, sideways_m), against_m > OPPOSED_SHARE * strength_m
+
+
+def _on_side(wanted: SteeringVector, heading_rad: float, side: int) -> SteeringVector:
+    """Return the wanted direction, or a right angle to the side if it would be turned to by the other one."""
+    if side * shorter_turn_rad(heading_rad, wanted.heading_rad) >= 0.0:
+        return wanted
+    turned_rad = heading_rad + side * math.pi / 2.0
+    return SteeringVector(wanted.strength_m * math.cos(turned_rad), wanted.strength_m * math.sin(turned_rad))
+
+
+def _range_gradient(task: Task, pose: Pose, config: Config) -> np.ndarray:  # (2,) m
+    """Return the gradient of the smooth f4 (paper: fun4)."""
+    return range_gradient(
+        np.array(pose.position_ned_m),
+        np.array(task.place_ned_m),
+        task.flown_m,
+        config.limits.range_m,
+        config.weights.k_l,
+    )
+
+
+def _surrogate(config: Config) -> Surrogate:
+    if config.law == "seed" and config.surrogate == "monolithic":
+        return MonolithicSurrogate(load_monolithic(), config.agent_id)
+    return PairSurrogate(_profile(config), config.separation_m, Weights(**config.weights.model_dump()))
+
+
+def _profile(config: Config) -> RadialProfile:
+    if config.law == "ramp":
+        return PolygonProfile(HALF_WIDTH)
+    if config.law == "step":
+        return StepProfile()
+    return profile_by_name(config.surrogate)

@@ -1,0 +1,436 @@
+"""Who gives way to whom when nobody answers: separation between vehicles from position and velocity alone.
+
+No vehicle here can promise anything to another, and peers are as fast as we are, so no path is safe against any peer.
+What is left is a rule that every vehicle computes alone, from what its own detector shows, and that is safe if all keep
+it (METHOD.md section 3, "Peers"). The rule: each reserves the disc in which it can circle to the right for ever, and
+moves the centre of that disc into at most its own half of the gap to any other. Circling leaves the centre where it is,
+so a legal decision always exists, and the discs never overlap. docs/separation.md has the proof and the measurements.
+
+Liveness comes from keeping right: a vehicle that may not fly where it wants takes the first legal heading clockwise
+from there, so that what is in its way stays on its left, as in a roundabout.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
+from companion.guard.guard import Motion
+
+GREATEST_STEP_TURN_RAD = 2.8
+"""A circle to the right is commanded by a heading this far ahead at most: beyond pi it would be a turn to the left."""
+LEFT_FRACTIONS = (1.0, 0.5, 0.25, 0.125)
+"""Parts of a wanted turn to the left that are tried, because a left turn moves the reserved disc twice as fast."""
+SPEED_FRACTIONS = (1.0, 0.75, 0.5, 0.35, 0.2, 0.1)
+"""Parts of the speed that a vehicle that can stop tries before it stops."""
+HEADINGS_TRIED = 24
+"""Headings tried, clockwise from the wanted one, beside the edges of the forbidden arcs, where some are blocked."""
+OPENING_RAD = 0.2
+"""A vehicle that can stop passes a neighbour a little outwards: at the edge itself it could only creep."""
+UNEVENNESS = 0.5
+"""A vehicle leaves up to this part of its half of a gap unused, by where it is: exact symmetry would never resolve."""
+LEAST_PART = 0.5 * (1.0 - UNEVENNESS)
+"""The least part of a gap that a vehicle ever uses."""
+UNEVEN_RADII = 5.0
+"""The part changes over this many reserved radii: neighbours differ, and a difference lasts long enough to matter."""
+RETREAT = 0.3
+"""Where discs overlap after all, by errors or late sight, at least this part of what is flown leads apart."""
+LATE_PART = 0.25
+"""Discs that overlap by more than this part of D_safe were seen too late; less is an error of position."""
+LATE_HORIZON_S = 40.0
+"""How far ahead a vehicle looks past a neighbour that it has seen too late."""
+LATE_CLEARANCE = 4.0
+"""In separations: what must be left, as predicted, for the rule's own choice to stand."""
+EDGE_RAD = 1e-6
+"""A heading taken at the edge of a forbidden arc lies this far outside it, against rounding."""
+
+CIRCLING = "right of way: circling right until the way is free"
+PASSING = "right of way: keeping a neighbour on the left"
+TURNING_RIGHT = "right of way: turning to the right, because a neighbour is on the left"
+SLOWING = "right of way: slowing down"
+LATE = "right of way: keeping clear of a neighbour seen too late"
+STOPPING = "right of way: stopping until the way is free"
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What all vehicles of an airspace agree on before the flight: the rule is safe between those that share it."""
+
+    separation_m: float  # D_safe, between centres
+    n_max: float  # load factor of the circle that each reserves
+    speed_m_s: float  # cruise speed
+    reaction_s: float = 0.0  # from a decision to its effect, beyond the decision's own step
+    can_stop: bool = False
+    braking_m_s2: float | None = None  # needed if can_stop
+    position_error_m: float = 0.0  # of any position that is used, own or a neighbour's
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """What the rule makes of a wanted heading."""
+
+    heading_rad: float  # clockwise from north, in [0, 2 pi)
+    speed_m_s: float
+    reason: str | None  # None: nothing was changed
+
+
+@dataclass(frozen=True)
+class _Neighbour:
+    """A neighbour whose reserved disc is near enough to forbid something."""
+
+    bearing_rad: float  # from our reserved centre to its own
+    share_m: float  # how far our centre may move towards it; less than 0: how far away it must
+    # Of one seen only when the discs overlapped already, to whom the rule can promise nothing: north and east of us, m,
+    # and its velocity, m/s.
+    seen_late: tuple[float, float, float, float] | None = None
+
+
+def reserved_radius_m(speed_m_s: float, rules: Rules, dt_s: float) -> float:
+    """Return the radius of the disc a vehicle reserves, m: its turn circle, or its way to a stop, and half D_safe."""
+    margin_m = 0.5 * rules.separation_m + rules.position_error_m
+    if rules.can_stop:
+        return _braking_way_m(speed_m_s, rules) + margin_m
+    return _circle(speed_m_s, rules, dt_s)[1] + margin_m
+
+
+def interaction_radius_m(rules: Rules, dt_s: float) -> float:
+    """Return the distance between two vehicles at cruise speed beyond which neither constrains the other, m.
+
+    Of two that cannot stop this is the worst geometry, each with the other abeam to its right. The detector must see at
+    least so far for the promise to hold.
+    """
+    cruise_m_s = rules.speed_m_s
+    discs_m = 2.0 * reserved_radius_m(cruise_m_s, rules, dt_s)
+    fits_m = cruise_m_s * dt_s / LEAST_PART
+    if rules.can_stop:
+        return discs_m + fits_m + 2.0 * cruise_m_s * rules.reaction_s
+    rate_rad_s, _ = _circle(cruise_m_s, rules, dt_s)
+    return discs_m + 2.0 * (fits_m + cruise_m_s / rate_rad_s) + 4.0 * cruise_m_s * rules.reaction_s
+
+
+def give_way(
+    wanted_rad: float,
+    motion: Motion,
+    peers_ned_m: np.ndarray,  # (P, 2) m
+    peer_velocities_m_s: np.ndarray,  # (P, 2) m/s, over ground
+    rules: Rules,
+    dt_s: float,
+    blocked: Callable[[float], bool] | None = None,
+    heading_at_effect_rad: float | None = None,
+) -> Resolution:
+    """Return the wanted heading, or the first clockwise that the rule allows, and the greatest speed allowed with it.
+
+    `motion` is what neighbours see of us now: its heading is the course over ground. The vehicle is taken to turn to
+    the returned heading by the shorter side at n_max and then to fly straight until `dt_s` is over; it begins
+    `reaction_s` from now, at `heading_at_effect_rad` (default: the heading now). `blocked` names headings not to be
+    chosen for other reasons; circling right is chosen whatever it says. Only a vehicle that can stop is ever given
+    another speed than its own. Raises ValueError if rules.can_stop lacks a positive braking_m_s2.
+    """
+    if rules.can_stop:
+        return _give_way_stopping(wanted_rad, motion, peers_ned_m, peer_velocities_m_s, rules, dt_s, blocked)
+    wanted_rad %= math.tau
+    neighbours = _neighbours(motion, peers_ned_m, peer_velocities_m_s, rules, dt_s)
+    if not neighbours:
+        return Resolution(wanted_rad, motion.speed_m_s, None)
+    if heading_at_effect_rad is not None:
+        motion = replace(motion, heading_rad=heading_at_effect_rad)
+    chosen = _keep_right(wanted_rad, motion, neighbours, rules, dt_s, blocked)
+    late = [each.seen_late for each in neighbours if each.seen_late is not None]
+    if not late:
+        return chosen
+    return _keep_clear(chosen, motion, late, [each for each in neighbours if each.seen_late is None], rules, dt_s)
+
+
+def _keep_right(
+    wanted_rad: float,
+    motion: Motion,
+    neighbours: Sequence[_Neighbour],
+    rules: Rules,
+    dt_s: float,
+    blocked: Callable[[float], bool] | None,
+) -> Resolution:
+    """Return the wanted heading or the first free one clockwise; turn there by a side that stays in our shares."""
+    rate_rad_s = _circle_rate_rad_s(motion.speed_m_s, rules, dt_s)
+    step_turn_rad = rate_rad_s * dt_s
+    arcs = _forbidden_arcs(neighbours, motion.speed_m_s * dt_s)
+    chosen_rad = _first_clockwise(wanted_rad, arcs, blocked)
+    if chosen_rad is None:
+        return Resolution((motion.heading_rad + step_turn_rad) % math.tau, motion.speed_m_s, CIRCLING)
+    turn_rad = shorter_turn_rad(motion.heading_rad, chosen_rad)
+    reason = None if chosen_rad == wanted_rad else PASSING
+    if turn_rad >= 0.0:
+        return Resolution(chosen_rad, motion.speed_m_s, reason)
+    if not _sweeps(motion.heading_rad, turn_rad, arcs):
+        for fraction in LEFT_FRACTIONS:
+            part_rad = max(fraction * turn_rad, -step_turn_rad)
+            if _left_turn_allowed(motion, part_rad, rate_rad_s, dt_s, neighbours):
+                if fraction == 1.0:
+                    return Resolution(chosen_rad, motion.speed_m_s, reason)
+                return Resolution((motion.heading_rad + part_rad) % math.tau, motion.speed_m_s, PASSING)
+        if not _inside(motion.heading_rad, arcs):
+            return Resolution(motion.heading_rad % math.tau, motion.speed_m_s, PASSING)
+    # The long way round: a heading as far ahead as one step turns, or the vehicle would take the shorter side.
+    ahead_rad = min(step_turn_rad, turn_rad + math.tau)
+    return Resolution((motion.heading_rad + ahead_rad) % math.tau, motion.speed_m_s, TURNING_RIGHT)
+
+
+def _keep_clear(
+    chosen: Resolution,
+    motion: Motion,
+    late: Sequence[tuple[float, float, float, float]],
+    others: Sequence[_Neighbour],
+    rules: Rules,
+    dt_s: float,
+) -> Resolution:
+    """Return the choice if it stays clear of those seen too late, else the clearest of circling right, straight, left.
+
+    Each is compared with what a neighbour may do that we cannot know: fly on straight, or circle right. Straight and
+    left count only as far as the shares with all others allow. This is prudence, not proof.
+    """
+    rate_rad_s = _circle_rate_rad_s(motion.speed_m_s, rules, dt_s)
+    step_turn_rad = rate_rad_s * dt_s
+    to_choice_rad = shorter_turn_rad(motion.heading_rad, chosen.heading_rad)
+    turns_rad = [math.inf if chosen.reason in (CIRCLING, TURNING_RIGHT) else to_choice_rad, math.inf]
+    if not _inside(motion.heading_rad, _forbidden_arcs(others, motion.speed_m_s * dt_s)):
+        turns_rad.append(0.0)
+    if _left_turn_allowed(motion, -step_turn_rad, rate_rad_s, dt_s, others):
+        turns_rad.append(-math.inf)
+    clear_m = _clearance_m(motion, np.array(turns_rad), np.array(late), rules, dt_s)
+    if clear_m[0] >= LATE_CLEARANCE * rules.separation_m:
+        return chosen
+    best_rad = turns_rad[int(np.argmax(clear_m))]
+    ahead_rad = max(-step_turn_rad, min(step_turn_rad, best_rad))
+    return Resolution((motion.heading_rad + ahead_rad) % math.tau, motion.speed_m_s, LATE)
+
+
+def _clearance_m(
+    motion: Motion,
+    turns_rad: np.ndarray,  # (C,) rad, to the right; infinite: a circle
+    late: np.ndarray,  # (L, 4): north and east from us, m, and velocity, m/s
+    rules: Rules,
+    dt_s: float,
+) -> np.ndarray:  # (C,) m
+    """Return how near each of our turns may bring us to any neighbour, if it flies straight or circles right."""
+    time_s = np.arange(1.0, LATE_HORIZON_S + 1.0)  # (T,)
+    rate_rad_s = _circle_rate_rad_s(motion.speed_m_s, rules, dt_s)
+    ours_m = _path(motion.speed_m_s, motion.heading_rad, turns_rad[:, np.newaxis], rate_rad_s, time_s)  # (C, T)
+    velocity = late[:, 2] + 1j * late[:, 3]
+    speed_m_s = np.abs(velocity)[:, np.newaxis, np.newaxis]  # (L, 1, 1)
+    course_rad = np.angle(velocity)[:, np.newaxis, np.newaxis]
+    peer_rate_rad_s = np.array([_circle_rate_rad_s(each, rules, dt_s) for each in np.abs(velocity).tolist()])
+    turns = np.array([[0.0], [math.inf]])  # (2, 1)
+    theirs_m = _path(speed_m_s, course_rad, turns, peer_rate_rad_s[:, np.newaxis, np.newaxis], time_s)  # (L, 2, T)
+    theirs_m = theirs_m + (late[:, 0] + 1j * late[:, 1])[:, np.newaxis, np.newaxis]
+    clear_m: np.ndarray = np.abs(ours_m[:, np.newaxis, np.newaxis] - theirs_m).min(axis=(1, 2, 3))
+    return clear_m
+
+
+def _path(
+    speed_m_s: float | np.ndarray,
+    heading_rad: float | np.ndarray,
+    turn_rad: np.ndarray,
+    rate_rad_s: float | np.ndarray,
+    time_s: np.ndarray,  # (T,)
+) -> np.ndarray:
+    """Return places from the start, m, of a turn by an angle at the rate, then straight on.
+
+    North is the real part, east the imaginary one; the shapes are broadcast.
+    """
+    turned_rad = np.clip(turn_rad, -rate_rad_s * time_s, rate_rad_s * time_s)
+    straight_m = speed_m_s * (time_s - np.abs(turned_rad) / rate_rad_s)
+    chord_m = 2.0 * speed_m_s / rate_rad_s * np.sin(0.5 * np.abs(turned_rad))
+    places_m: np.ndarray = np.exp(1j * (heading_rad + 0.5 * turned_rad)) * (
+        chord_m + straight_m * np.exp(0.5j * turned_rad)
+    )
+    return places_m
+
+
+def _circle(speed_m_s: float, rules: Rules, dt_s: float) -> tuple[float, float]:
+    """Return turn rate, rad/s, and radius, m, of the circle to the right: the tightest, unless a step turns too far."""
+    rate_rad_s = turn_rate_rad_s(speed_m_s, rules.n_max)
+    most_rad_s = GREATEST_STEP_TURN_RAD / dt_s
+    if rate_rad_s <= most_rad_s:
+        return rate_rad_s, speed_m_s / rate_rad_s
+    # The vehicle turns faster than the circle wants and flies a polygon, which leaves the circle by less than a step.
+    return most_rad_s, speed_m_s / most_rad_s + speed_m_s * dt_s
+
+
+def _circle_rate_rad_s(speed_m_s: float, rules: Rules, dt_s: float) -> float:
+    """Return the turn rate of the circle to the right."""
+    return _circle(speed_m_s, rules, dt_s)[0]
+
+
+def _neighbours(
+    motion: Motion, peers_ned_m: np.ndarray, peer_velocities_m_s: np.ndarray, rules: Rules, dt_s: float
+) -> list[_Neighbour]:
+    """Return the peers whose reserved disc is within what both centres may do in a step."""
+    speed_m_s = motion.speed_m_s
+    radius_m = speed_m_s / _circle_rate_rad_s(speed_m_s, rules, dt_s)
+    north_m = motion.north_m - radius_m * math.sin(motion.heading_rad)
+    east_m = motion.east_m + radius_m * math.cos(motion.heading_rad)
+    # Our disc, both margins, and what decisions in flight may still do: move a centre, to the left at twice the speed.
+    kept_m = 2.0 * reserved_radius_m(speed_m_s, rules, dt_s) - _circle(speed_m_s, rules, dt_s)[1]
+    kept_m += 2.0 * rules.reaction_s * speed_m_s
+    part = 0.5 * (1.0 - UNEVENNESS * _uneven(motion, rules, dt_s))
+    reach_m = 2.0 * speed_m_s * dt_s / LEAST_PART
+    neighbours = []
+    # Plain floats: for the dozens of peers that a detector shows this is faster than a dozen array operations.
+    for place, velocity in zip(peers_ned_m.tolist(), peer_velocities_m_s.tolist(), strict=True):
+        peer_m_s = math.hypot(velocity[0], velocity[1])
+        rate_rad_s, peer_radius_m = _circle(peer_m_s, rules, dt_s)
+        to_north_m = place[0] - velocity[1] / rate_rad_s - north_m
+        to_east_m = place[1] + velocity[0] / rate_rad_s - east_m
+        gap_m = math.hypot(to_north_m, to_east_m) - kept_m - peer_radius_m - 2.0 * rules.reaction_s * peer_m_s
+        if gap_m < reach_m:
+            bearing_rad = math.atan2(to_east_m, to_north_m)
+            in_flight_m = 2.0 * rules.reaction_s * (speed_m_s + peer_m_s)
+            late = gap_m + in_flight_m < -LATE_PART * rules.separation_m
+            seen = (place[0] - motion.north_m, place[1] - motion.east_m, velocity[0], velocity[1]) if late else None
+            share_m = max(part * gap_m, -RETREAT * speed_m_s * dt_s)
+            neighbours.append(_Neighbour(bearing_rad, share_m, seen))
+    return neighbours
+
+
+def _uneven(motion: Motion, rules: Rules, dt_s: float) -> float:
+    """Return a number in [0, 1) that differs between vehicles: a fold of the position that has no symmetry."""
+    period_m = UNEVEN_RADII * reserved_radius_m(rules.speed_m_s, rules, dt_s)
+    return math.modf(abs(motion.north_m * math.sqrt(2.0) + motion.east_m * math.sqrt(3.0)) / period_m)[0]
+
+
+def _forbidden_arcs(neighbours: Sequence[_Neighbour], step_m: float) -> list[tuple[float, float]]:
+    """Return (middle, half-width) of the headings along which a whole step would overrun a share, rad."""
+    return [
+        (each.bearing_rad, math.acos(each.share_m / step_m) + EDGE_RAD) for each in neighbours if each.share_m < step_m
+    ]
+
+
+def _inside(heading_rad: float, arcs: Sequence[tuple[float, float]]) -> bool:
+    """Return whether a heading lies in any of the arcs."""
+    return any(abs(math.remainder(heading_rad - middle, math.tau)) < half for middle, half in arcs)
+
+
+def _first_clockwise(
+    wanted_rad: float, arcs: Sequence[tuple[float, float]], blocked: Callable[[float], bool] | None
+) -> float | None:
+    """Return the wanted heading if it is free, else the first free one clockwise from it, None if there is none."""
+    free = [wanted_rad] + [(middle + half + EDGE_RAD) % math.tau for middle, half in arcs]
+    if blocked is not None:
+        free += [(wanted_rad + math.tau * k / HEADINGS_TRIED) % math.tau for k in range(1, HEADINGS_TRIED)]
+    for heading_rad in sorted(free, key=lambda each: (each - wanted_rad) % math.tau):
+        if not _inside(heading_rad, arcs) and not (blocked is not None and blocked(heading_rad)):
+            return heading_rad
+    return None
+
+
+def _sweeps(heading_rad: float, turn_rad: float, arcs: Sequence[tuple[float, float]]) -> bool:
+    """Return whether a turn to the left (negative) passes any arc; an arc we are in and leave to the left counts."""
+    middle_rad, half_rad = heading_rad + 0.5 * turn_rad, -0.5 * turn_rad - 2.0 * EDGE_RAD
+    return any(abs(math.remainder(middle_rad - middle, math.tau)) < half_rad + half for middle, half in arcs)
+
+
+def _left_turn_allowed(
+    motion: Motion, turn_rad: float, rate_rad_s: float, dt_s: float, neighbours: Sequence[_Neighbour]
+) -> bool:
+    """Return whether the reserved centre stays in our share while we turn left by an angle (negative), then straight.
+
+    The centre flies an arc of twice the turn radius; its way towards a neighbour is greatest at the end of the arc, at
+    the end of the step, or where the heading passes the neighbour's abeam on the way.
+    """
+    diameter_m = 2.0 * motion.speed_m_s / rate_rad_s
+    straight_m = motion.speed_m_s * (dt_s + turn_rad / rate_rad_s)
+    for each in neighbours:
+        start_rad = math.remainder(motion.heading_rad - each.bearing_rad, math.tau)
+        end_rad = start_rad + turn_rad
+        arc_m = diameter_m * (math.sin(start_rad) - math.sin(end_rad))
+        farthest_m = max(arc_m, arc_m + straight_m * math.cos(end_rad))
+        if end_rad < -math.pi / 2 < start_rad:
+            farthest_m = max(farthest_m, diameter_m * (math.sin(start_rad) + 1.0))
+        if farthest_m > max(each.share_m, 0.0):
+            return False
+    return True
+
+
+def _braking_way_m(speed_m_s: float, rules: Rules) -> float:
+    """Return the way from a speed to a stop, m."""
+    return 0.5 * speed_m_s**2 / _braking_m_s2(rules)
+
+
+def _braking_m_s2(rules: Rules) -> float:
+    """Return the deceleration to count on; raise ValueError if it is not positive."""
+    if rules.braking_m_s2 is None or rules.braking_m_s2 <= 0.0:
+        raise ValueError(f"rules.braking_m_s2 is {rules.braking_m_s2}, a vehicle that can stop needs a positive one")
+    return rules.braking_m_s2
+
+
+def _give_way_stopping(
+    wanted_rad: float,
+    motion: Motion,
+    peers_ned_m: np.ndarray,  # (P, 2) m
+    peer_velocities_m_s: np.ndarray,  # (P, 2) m/s
+    rules: Rules,
+    dt_s: float,
+    blocked: Callable[[float], bool] | None,
+) -> Resolution:
+    """See give_way: keep right, and be only so fast that the way to a stop stays in our share."""
+    wanted_rad %= math.tau
+    neighbours = _stopping_neighbours(motion, peers_ned_m, peer_velocities_m_s, rules, dt_s)
+    if not neighbours:
+        return Resolution(wanted_rad, rules.speed_m_s, None)
+    arcs = [(middle, half + OPENING_RAD) for middle, half in _forbidden_arcs(neighbours, rules.speed_m_s * dt_s)]
+    chosen_rad = _first_clockwise(wanted_rad, arcs, blocked)
+    if chosen_rad is not None:
+        for fraction in SPEED_FRACTIONS:
+            speed_m_s = fraction * rules.speed_m_s
+            if _speed_allowed(motion, chosen_rad, speed_m_s, rules, dt_s, neighbours):
+                kept = chosen_rad == wanted_rad
+                return Resolution(chosen_rad, speed_m_s, (None if kept else PASSING) if fraction == 1.0 else SLOWING)
+    return Resolution(wanted_rad if chosen_rad is None else chosen_rad, 0.0, STOPPING)
+
+
+def _stopping_neighbours(
+    motion: Motion, peers_ned_m: np.ndarray, peer_velocities_m_s: np.ndarray, rules: Rules, dt_s: float
+) -> list[_Neighbour]:
+    """Return the peers whose way to a stop is within what both vehicles may add to theirs in a step."""
+    if len(peers_ned_m) == 0:
+        return []
+    cruise_m_s = rules.speed_m_s
+    to_north_m, to_east_m = peers_ned_m[:, 0] - motion.north_m, peers_ned_m[:, 1] - motion.east_m
+    peer_speed_m_s = np.hypot(peer_velocities_m_s[:, 0], peer_velocities_m_s[:, 1])  # (P,)
+    speed_m_s = np.array(motion.speed_m_s)
+    if rules.reaction_s > 0.0:
+        # A decision in flight may still bring either up to cruise speed.
+        speed_m_s, peer_speed_m_s = np.maximum(speed_m_s, cruise_m_s), np.maximum(peer_speed_m_s, cruise_m_s)
+    gap_m = np.hypot(to_north_m, to_east_m) - rules.separation_m - 2.0 * rules.position_error_m
+    gap_m = gap_m - (speed_m_s**2 + peer_speed_m_s**2) / (2.0 * _braking_m_s2(rules))
+    gap_m = gap_m - rules.reaction_s * (speed_m_s + peer_speed_m_s)
+    reach_m = (cruise_m_s * dt_s + _braking_way_m(cruise_m_s, rules)) / LEAST_PART
+    part = 0.5 * (1.0 - UNEVENNESS * _uneven(motion, rules, dt_s))
+    return [
+        _Neighbour(math.atan2(to_east_m[k], to_north_m[k]), max(part * float(gap_m[k]), 0.0))
+        for k in np.flatnonzero(gap_m < reach_m).tolist()
+    ]
+
+
+def _speed_allowed(
+    motion: Motion, heading_rad: float, speed_m_s: float, rules: Rules, dt_s: float, neighbours: Sequence[_Neighbour]
+) -> bool:
+    """Return whether turning to a heading and to a speed keeps the way to a stop inside our share of each gap.
+
+    Braking shrinks the reserved disc inside itself, so only what is flown after it counts, and what a greater speed
+    adds to the way to a stop.
+    """
+    braking_s = max(motion.speed_m_s - speed_m_s, 0.0) / _braking_m_s2(rules)
+    way_m = speed_m_s * max(dt_s - braking_s, 0.0)
+    added_m = max(_braking_way_m(speed_m_s, rules) - _braking_way_m(motion.speed_m_s, rules), 0.0)
+    # Who stands may begin in any direction; who moves sweeps all headings between.
+    turn_rad = shorter_turn_rad(motion.heading_rad, heading_rad) if motion.speed_m_s > 0.0 else 0.0
+    for each in neighbours:
+        # The heading nearest to the neighbour among all that the turn sweeps.
+        off_rad = abs(math.remainder(heading_rad - 0.5 * turn_rad - each.bearing_rad, math.tau)) - 0.5 * abs(turn_rad)
+        if way_m * max(math.cos(max(off_rad, 0.0)), 0.0) + added_m > each.share_m:
+            return False
+    return True

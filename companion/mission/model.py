@@ -1,0 +1,539 @@
+"""The mission file: one YAML document that all three programs read, check, resolve and write back.
+
+A mission is validated as a whole when it is loaded. Whatever it leaves to chance (counts under `draw`, positions or
+headings left out) is drawn from a seed by `resolve`, after which everything is listed and the start is checked for
+legality. Every fault is an InputError on one line naming file, key, value and what is allowed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal, Self, TypeVar
+
+from pydantic import Discriminator, Field, Strict, Tag, ValidationError, model_validator
+
+from companion.autopilot.registry import ADAPTERS
+from companion.errors import InputError, nearest_hint
+from companion.files.yaml import Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
+
+MAX_ID = 65_535
+"""Agent, target and threat ids travel as 16 bits on the wire."""
+MAX_COORDINATE_M = 1.0e6
+"""Beyond this the plane about the origin is no longer a map anyone would steer by."""
+MAX_SPEED_M_S = 1.0e3
+MAX_THREAT_SPEED_M_S = 255.0
+"""A threat's bound travels as 8 bits; a smaller one than the true one would be unsafe."""
+MIN_PERIOD_S = 1.0e-3
+MAX_STEP_S = 10.0
+MAX_STEPS = 20_000_000
+"""Integration steps of one flight: the default time at the least step, and already days of computing."""
+MAX_ITEMS = 2_000
+MAX_HEIGHT_M = 20_000.0
+"""An agent flies at most so high above the origin; a companion's own limits are narrower."""
+MIN_LEVEL_M, MAX_LEVEL_M = -1_000.0, 30_000.0
+"""Floors and ceilings, above sea level, travel as 16 bits of metres."""
+
+Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)]
+Period = Annotated[float, Strict(), Field(ge=MIN_PERIOD_S, allow_inf_nan=False)]
+Step = Annotated[float, Strict(), Field(ge=MIN_PERIOD_S, le=MAX_STEP_S, allow_inf_nan=False)]
+Probability = Annotated[float, Strict(), Field(ge=0, le=1, allow_inf_nan=False)]
+Coordinate = Annotated[float, Strict(), Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M, allow_inf_nan=False)]
+Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)]
+Speed = Annotated[float, Strict(), Field(gt=0, le=MAX_SPEED_M_S, allow_inf_nan=False)]
+ThreatSpeedBound = Annotated[float, Strict(), Field(ge=0, le=MAX_THREAT_SPEED_M_S, allow_inf_nan=False)]
+SpeedBound = Annotated[float, Strict(), Field(ge=0, le=MAX_SPEED_M_S, allow_inf_nan=False)]
+Height = Annotated[float, Strict(), Field(ge=0, le=MAX_HEIGHT_M, allow_inf_nan=False)]
+Level = Annotated[float, Strict(), Field(ge=MIN_LEVEL_M, le=MAX_LEVEL_M, allow_inf_nan=False)]
+SwitchingShare = Annotated[float, Strict(), Field(ge=0, lt=1, allow_inf_nan=False)]
+Identity = Annotated[int, Strict(), Field(ge=1, le=MAX_ID)]
+Count = Annotated[int, Strict(), Field(ge=0, le=MAX_ITEMS)]
+
+
+SpecT = TypeVar("SpecT", "AgentSpec", "TargetSpec", "ThreatSpec")
+
+
+class Origin(Section):
+    """WGS84 position of the plane's (0, 0)."""
+
+    lat_deg: Annotated[float, Strict(), Field(ge=-90, le=90, allow_inf_nan=False)] = 47.0
+    lon_deg: Annotated[float, Strict(), Field(ge=-180, le=180, allow_inf_nan=False)] = 8.0
+    alt_m: Annotated[float, Strict(), Field(ge=-1_000, le=20_000, allow_inf_nan=False)] = 500.0
+
+
+class Area(Section):
+    """The box things are drawn in; the origin is its south-west corner."""
+
+    north: Annotated[float, Strict(), Field(gt=0, le=MAX_COORDINATE_M, allow_inf_nan=False)] = 200_000.0
+    east: Annotated[float, Strict(), Field(gt=0, le=MAX_COORDINATE_M, allow_inf_nan=False)] = 200_000.0
+
+
+class SteadyMotion(Section):
+    """A straight line at constant speed."""
+
+    heading_deg: Degrees
+    speed_m_s: SpeedBound
+
+
+class PathMotion(Section):
+    """Way points [t_s, north_m, east_m] in order of time, straight lines between them."""
+
+    path: Annotated[tuple[tuple[NotNegative, Coordinate, Coordinate], ...], Field(min_length=1, max_length=MAX_ITEMS)]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        times_s = [point[0] for point in self.path]
+        if any(later <= earlier for earlier, later in zip(times_s, times_s[1:], strict=False)):
+            raise ValueError("path: times must increase from point to point")
+        return self
+
+
+def _motion_kind(value: object) -> str:
+    if isinstance(value, PathMotion) or (isinstance(value, Mapping) and "path" in value):
+        return "kind:path"
+    return "kind:steady" if isinstance(value, Mapping | SteadyMotion) else "kind:word"
+
+
+Motion = Annotated[
+    Annotated[Literal["static", "random"], Tag("kind:word")]
+    | Annotated[SteadyMotion, Tag("kind:steady")]
+    | Annotated[PathMotion, Tag("kind:path")],
+    Discriminator(_motion_kind),
+]
+
+
+ThreatMotion = Annotated[
+    Annotated[Literal["static", "random", "chase"], Tag("kind:word")]
+    | Annotated[SteadyMotion, Tag("kind:steady")]
+    | Annotated[PathMotion, Tag("kind:path")],
+    Discriminator(_motion_kind),
+]
+
+
+class AgentSpec(Section):
+    """A vehicle under guidance. A position or heading left out is drawn."""
+
+    id: Identity
+    north_m: Coordinate | None = None
+    east_m: Coordinate | None = None
+    heading_deg: Degrees | None = None
+    speed_m_s: Speed = 60.0
+    n_max: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)] = 10.0
+    range_m: Positive = 500_000.0
+    height_m: Height = 30.0
+    only_target: Identity | None = None
+    """The target it is kept for; None: any that the centre gives it."""
+
+    @property
+    def position_ned_m(self) -> tuple[float, float]:
+        """(north, east) of a resolved agent."""
+        return _located(self.north_m, self.east_m)
+
+    @model_validator(mode="after")
+    def _wholly_placed(self) -> Self:
+        _refuse_half_a_place(self.north_m, self.east_m)
+        return self
+
+
+class _Moving(Section):
+    id: Identity
+    north_m: Coordinate | None = None
+    east_m: Coordinate | None = None
+    speed_bound_m_s: SpeedBound = 10.0
+    motion: ThreatMotion = "static"
+
+    @property
+    def position_ned_m(self) -> tuple[float, float]:
+        """(north, east) of a resolved target or threat."""
+        return _located(self.north_m, self.east_m)
+
+    @model_validator(mode="after")
+    def _within_bound(self) -> Self:
+        _refuse_half_a_place(self.north_m, self.east_m)
+        if isinstance(self.motion, PathMotion) and self.north_m is not None and self.motion.path[0][0] == 0:
+            if (self.north_m, self.east_m) != self.motion.path[0][1:]:
+                raise ValueError("motion.path: starts elsewhere than north_m, east_m; allowed: the same point")
+        speed_m_s = _greatest_speed_m_s(self.motion, self.north_m, self.east_m)
+        if speed_m_s > self.speed_bound_m_s + 1e-9:
+            raise ValueError(
+                f"motion: {speed_m_s:g} m/s is faster than speed_bound_m_s {self.speed_bound_m_s:g}; "
+                "allowed: at most the bound"
+            )
+        return self
+
+
+class TargetSpec(_Moving):
+    """A place to reach; the wire says where it is, never where it will be."""
+
+    motion: Motion = "static"
+
+
+class ThreatSpec(_Moving):
+    """A moving keep-out disc; `chase` flies at its speed bound at the nearest agent, in the simulator only."""
+
+    detection_radius_m: Positive
+    attack_radius_m: Positive
+    speed_bound_m_s: ThreatSpeedBound = 10.0
+    motion: ThreatMotion = "static"
+    floor_m: Level | None = None
+    ceiling_m: Level | None = None
+
+    @model_validator(mode="after")
+    def _a_band(self) -> Self:
+        if self.floor_m is not None and self.ceiling_m is not None and self.floor_m >= self.ceiling_m:
+            raise ValueError(f"floor_m: {self.floor_m:g}; allowed: less than ceiling_m {self.ceiling_m:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _nested(self) -> Self:
+        if self.attack_radius_m >= self.detection_radius_m:
+            raise ValueError(
+                f"attack_radius_m: {self.attack_radius_m:g}; allowed: less than detection_radius_m "
+                f"{self.detection_radius_m:g}"
+            )
+        return self
+
+
+class Draw(Section):
+    """How many of each are drawn beside the listed ones."""
+
+    agents: Count = 0
+    targets: Count = 0
+    threats: Count = 0
+
+
+class AgentDefaults(Section):
+    """What an agent has unless it says otherwise."""
+
+    heading_deg: Degrees | None = None
+    speed_m_s: Speed | None = None
+    n_max: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)] | None = None
+    range_m: Positive | None = None
+    height_m: Height | None = None
+
+
+class TargetDefaults(Section):
+    """What a target has unless it says otherwise."""
+
+    speed_bound_m_s: SpeedBound | None = None
+    motion: Motion | None = None
+
+
+class ThreatDefaults(Section):
+    """What a threat has unless it says otherwise."""
+
+    detection_radius_m: Positive | None = None
+    attack_radius_m: Positive | None = None
+    speed_bound_m_s: ThreatSpeedBound | None = None
+    motion: ThreatMotion | None = None
+    floor_m: Level | None = None
+    ceiling_m: Level | None = None
+
+
+class Defaults(Section):
+    """Per kind, for drawn and listed alike."""
+
+    agent: AgentDefaults = AgentDefaults()
+    target: TargetDefaults = TargetDefaults()
+    threat: ThreatDefaults = ThreatDefaults()
+
+
+class CostWeights(Section):
+    """Penalties of the cost in m^2 (paper: 1e5 and 1e4 km^2)."""
+
+    k_d: NotNegative = 1.0e11
+    k_a: NotNegative = 1.0e11
+    k_c: NotNegative = 1.0e10
+    k_l: NotNegative = 1.0e10
+
+
+class Burst(Section):
+    """Gilbert-Elliott losses: chances per frame of going bad and good again, and the loss while bad."""
+
+    enter: Probability
+    leave: Annotated[float, Strict(), Field(gt=0, le=1, allow_inf_nan=False)]
+    loss: Probability = 1.0
+
+
+class LinkSpec(Section):
+    """What the broadcast link does to each frame on its way to each vehicle."""
+
+    loss: Probability = 0.0
+    burst: Burst | None = None
+    delay_s: NotNegative = 0.1
+    jitter_s: NotNegative = 0.0
+    duplicate: Probability = 0.0
+    reorder: Probability = 0.0
+
+
+class Wind(Section):
+    """Mean wind and gusts."""
+
+    from_deg: Degrees = 270.0
+    speed_m_s: NotNegative = 0.0
+    gust_m_s: NotNegative = 0.0
+
+
+class Loss(Section):
+    """An agent that breaks down at a given time."""
+
+    agent: Identity
+    t_s: NotNegative
+
+
+class Scale(Section):
+    """By what the lengths and speeds of a mission were multiplied so that an autopilot kind can fly it."""
+
+    autopilot: Annotated[str, Strict()]
+    factor: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)]
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        if self.autopilot not in ADAPTERS:
+            hint = nearest_hint(self.autopilot, ADAPTERS)
+            raise ValueError(f"autopilot: '{self.autopilot}'{hint}; allowed: {', '.join(ADAPTERS)}")
+        return self
+
+
+class Mission(Section):
+    """A whole mission, as in the file. Units are in the names; metres and seconds where a name has none."""
+
+    name: Annotated[str, Strict(), Field(min_length=1, max_length=80)] = "mission"
+    origin: Origin = Origin()
+    area_m: Area = Area()
+    fence: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=MAX_ITEMS)] | None = None
+    agents: Annotated[tuple[AgentSpec, ...], Field(max_length=MAX_ITEMS)] = ()
+    targets: Annotated[tuple[TargetSpec, ...], Field(max_length=MAX_ITEMS)] = ()
+    threats: Annotated[tuple[ThreatSpec, ...], Field(max_length=MAX_ITEMS)] = ()
+    draw: Draw = Draw()
+    defaults: Defaults = Defaults()
+    weights: CostWeights = CostWeights()
+    guidance_step_s: Step = 0.5
+    integration_step_s: Step = 0.5
+    broadcast_period_s: Period = 5.0
+    assignment_period_s: Period = 25.0
+    arrival_radius_m: Positive = 300.0
+    separation_m: Positive = 100.0
+    detector_range_m: NotNegative = 2_000.0
+    heading_hold_s: Period = 5.0
+    lost_after_s: Positive = 30.0
+    report_period_s: NotNegative = 0.0
+    case: Literal["I", "II"] = "I"
+    range_policy: Literal["return", "arrive"] = "return"
+    objective: Literal["distance", "inverse-distance", "route", "latest"] = "distance"
+    switching_share: SwitchingShare | None = None
+    """By how much a new assignment must be better; None: the ground station's own for the objective."""
+    layers: Annotated[int, Strict(), Field(ge=1, le=MAX_ITEMS)] = 1
+    layer_spacing_m: Annotated[float, Strict(), Field(ge=0, le=MAX_HEIGHT_M, allow_inf_nan=False)] = 0.0
+    surrogate: Literal["pairwise", "analytic", "monolithic"] = "pairwise"
+    link: LinkSpec = LinkSpec()
+    wind: Wind = Wind()
+    losses: Annotated[tuple[Loss, ...], Field(max_length=MAX_ITEMS)] = ()
+    max_time_s: Positive = 20_000.0
+    scale: Scale | None = None
+    """Of a mission that was scaled already; None: as it was written."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _apply_defaults(cls, data: object) -> object:
+        if not isinstance(data, Mapping):
+            return data
+        merged = dict(data)
+        try:
+            defaults = Defaults.model_validate(data.get("defaults", {}))
+        except ValidationError:
+            return data  # the field's own validation reports it, under its full name
+        for key, part in (("agents", defaults.agent), ("targets", defaults.target), ("threats", defaults.threat)):
+            given = part.model_dump(exclude_none=True)
+            items = data.get(key)
+            if isinstance(items, Sequence) and not isinstance(items, str):
+                merged[key] = [{**given, **item} if isinstance(item, Mapping) else item for item in items]
+        return merged
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for key, items in (("agents", self.agents), ("targets", self.targets), ("threats", self.threats)):
+            _refuse_duplicates(key, [item.id for item in items])
+        _refuse_duplicates("losses", [loss.agent for loss in self.losses])
+        number_of_agents = len(self.agents) + self.draw.agents
+        number_of_targets = len(self.targets) + self.draw.targets
+        if number_of_agents < 1:
+            raise ValueError("agents: none; allowed: at least one, listed or under draw")
+        if number_of_targets < 1:
+            raise ValueError("targets: none; allowed: at least one, listed or under draw")
+        if number_of_targets > number_of_agents:
+            raise ValueError(
+                f"targets: {number_of_targets} with agents: {number_of_agents}; allowed: no more targets than agents"
+            )
+        listed = {target.id for target in self.targets}
+        for index, agent in enumerate(self.agents):
+            if agent.only_target is not None and agent.only_target not in listed:
+                raise ValueError(
+                    f"agents[{index}].only_target: {agent.only_target}; allowed: the id of a listed target"
+                )
+        if self.draw.threats:
+            for radius in ("detection_radius_m", "attack_radius_m"):
+                if getattr(self.defaults.threat, radius) is None:
+                    raise ValueError(f"draw.threats: {self.draw.threats}; allowed: only with defaults.threat.{radius}")
+        self._refuse_bad_defaults()
+        self._refuse_bad_layers()
+        if self.max_time_s / self.integration_step_s > MAX_STEPS:
+            raise ValueError(
+                f"max_time_s: {self.max_time_s:g}; allowed: at most {MAX_STEPS} times integration_step_s "
+                f"{self.integration_step_s:g}"
+            )
+        ratio = self.guidance_step_s / self.integration_step_s
+        if round(ratio) < 1 or not math.isclose(ratio, round(ratio), rel_tol=1e-9):
+            raise ValueError(
+                f"guidance_step_s: {self.guidance_step_s:g}; allowed: a whole multiple of integration_step_s "
+                f"{self.integration_step_s:g}"
+            )
+        return self
+
+    def _refuse_bad_layers(self) -> None:
+        if (self.layers > 1) != (self.layer_spacing_m > 0.0):
+            raise ValueError(
+                f"layers: {self.layers} with layer_spacing_m {self.layer_spacing_m:g}; allowed: neither, or at least 2 "
+                "layers with a spacing"
+            )
+        given = self.defaults.agent.model_dump(include={"height_m"}, exclude_none=True)
+        drawn = [AgentSpec(id=1, **given)] if self.draw.agents else []
+        top_m = max(agent.height_m for agent in (*self.agents, *drawn)) + (self.layers - 1) * self.layer_spacing_m
+        if top_m > MAX_HEIGHT_M:
+            raise ValueError(
+                f"layer_spacing_m: {self.layer_spacing_m:g} puts an agent at {top_m:g} m; allowed: at most "
+                f"{MAX_HEIGHT_M:g}"
+            )
+
+    def _refuse_bad_defaults(self) -> None:
+        """Raise ValueError if nothing could be drawn with the defaults, each of which is legal by itself."""
+        drawn: tuple[tuple[str, int, type[_Moving], Section], ...] = (
+            ("target", self.draw.targets, TargetSpec, self.defaults.target),
+            ("threat", self.draw.threats, ThreatSpec, self.defaults.threat),
+        )
+        for kind, count, spec, defaults in drawn:
+            if count:
+                try:
+                    spec(id=1, **defaults.model_dump(exclude_none=True))
+                except ValidationError as error:
+                    message = error.errors()[0]["msg"].removeprefix("Value error, ")
+                    raise ValueError(f"defaults.{kind}.{message}") from error
+
+    @property
+    def resolved(self) -> bool:
+        """Whether everything is listed and placed."""
+        return (
+            self.draw == Draw()
+            and all(agent.heading_deg is not None for agent in self.agents)
+            and all(item.north_m is not None and item.east_m is not None for item in self._placed())
+        )
+
+    def _placed(self) -> tuple[AgentSpec | TargetSpec | ThreatSpec, ...]:
+        return (*self.agents, *self.targets, *self.threats)
+
+
+def agent_height_m(mission: Mission, agent_id: int) -> float:
+    """Return at what height above the origin's altitude an agent flies: its own, and its layer's on top.
+
+    Agents are dealt to the layers in file order.
+
+    Raises:
+        ValueError: the mission lists no such agent.
+
+    """
+    for index, agent in enumerate(mission.agents):
+        if agent.id == agent_id:
+            return agent.height_m + mission.layer_spacing_m * (index % mission.layers)
+    raise ValueError(f"agent {agent_id} is not in mission {mission.name}")
+
+
+def packaged_missions() -> tuple[str, ...]:
+    """Return the names of the missions that ship with the project."""
+    folder = resources.files("companion.mission") / "missions"
+    return tuple(sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml")))
+
+
+def load_mission(name_or_path: str | Path) -> Mission:
+    """Load a mission by its packaged name or from a YAML file.
+
+    Raises:
+        InputError: the file cannot be read, is not YAML, or breaks a rule of the mission file.
+
+    """
+    text = str(name_or_path)
+    if text in packaged_missions():
+        source = resources.files("companion.mission") / "missions" / f"{text}.yaml"
+        return parse_mission(source.read_text(encoding="utf-8"), text)
+    path = Path(name_or_path)
+    if not text or not is_there(path):
+        hint = nearest_hint(text, packaged_missions())
+        raise InputError(
+            f"{text}: no such mission file or packaged mission{hint}; packaged: {', '.join(packaged_missions())}"
+        )
+    return parse_mission(read_text_file(path), text)
+
+
+def in_the_way(mission: Mission, agent_id: int, threat: ThreatSpec) -> bool:
+    """Return whether a threat reaches the height at which an agent flies.
+
+    Raises:
+        ValueError: the mission lists no such agent.
+
+    """
+    level_m = mission.origin.alt_m + agent_height_m(mission, agent_id)
+    above = threat.floor_m is None or threat.floor_m <= level_m
+    return above and (threat.ceiling_m is None or level_m <= threat.ceiling_m)
+
+
+def parse_mission(text: str, source: str) -> Mission:
+    """Parse and validate the YAML text of a mission; `source` names it in errors.
+
+    Raises:
+        InputError: not YAML, empty, or against a rule of the mission file.
+
+    """
+    return validated(Mission, parse_yaml(text, source), source)
+
+
+def _refuse_duplicates(key: str, ids: Sequence[int]) -> None:
+    for index, identity in enumerate(ids):
+        if identity in ids[:index]:
+            raise ValueError(f"{key}[{index}]: id {identity} is given twice; allowed: each id once")
+
+
+def _located(north_m: float | None, east_m: float | None) -> tuple[float, float]:
+    if north_m is None or east_m is None:
+        raise ValueError("the mission is not resolved: a position is still to be drawn")
+    return north_m, east_m
+
+
+def _refuse_half_a_place(north_m: float | None, east_m: float | None) -> None:
+    if (north_m is None) != (east_m is None):
+        given, missing = ("north_m", "east_m") if east_m is None else ("east_m", "north_m")
+        raise ValueError(f"{missing}: missing beside {given}; allowed: both, or neither (then the place is drawn)")
+
+
+def _greatest_speed_m_s(motion: ThreatMotion, north_m: float | None, east_m: float | None) -> float:
+    if isinstance(motion, SteadyMotion):
+        return motion.speed_m_s
+    if not isinstance(motion, PathMotion):
+        return 0.0
+    points = list(motion.path)
+    if points[0][0] > 0 and north_m is not None and east_m is not None:
+        points.insert(0, (0.0, north_m, east_m))
+    legs = zip(points, points[1:], strict=False)
+    return max((math.hypot(b[1] - a[1], b[2] - a[2]) / (b[0] - a[0]) for a, b in legs), default=0.0)
+
+
+def dump_mission(mission: Mission) -> str:
+    """Return the mission as YAML text that `parse_mission` reads back to an equal mission."""
+    data = mission.model_dump(mode="json", exclude_defaults=False)
+    for key in ("draw", "defaults"):
+        if getattr(mission, key) == type(getattr(mission, key))():
+            del data[key]
+    if mission.scale is None:
+        del data["scale"]
+    return dump_yaml(data)

@@ -1,0 +1,204 @@
+"""What a mission leaves to chance is drawn here, and its start is checked for legality.
+
+A mission may give counts under `draw` and leave out positions and headings. `resolve` draws them from a seed, after
+which everything is listed; the same mission and seed give the same drawing, whatever else uses the seed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TypeVar
+
+import numpy as np
+
+from companion.errors import InputError
+from companion.geo.polygon import inside_polygon
+from companion.mission.model import AgentSpec, Defaults, Draw, Mission, PathMotion, TargetSpec, ThreatSpec, in_the_way
+from companion.mission.random_streams import random_stream
+
+DRAW_CLEARANCE = 0.5
+"""Drawn agents and targets keep this fraction of R_d clear of every detection disc. Within about 0.1 R_d (pairwise; 0.2
+analytic) the repulsion of F* outweighs the attraction, so a nearer target could not be approached; the rest is for the
+walks of target and threat towards each other, a kilometre or two in a flight of the paper's length."""
+DRAW_TRIES = 10_000
+DRAW_DECIMALS = 1
+"""Drawn positions are rounded to 0.1 m and headings to 0.1 degrees, so that the resolved file reads well."""
+DRAW_STREAM = 1
+"""The seed's random stream used for drawing; motion, link and the rest use others, so that a resolved mission flown
+again with the same seed repeats the flight."""
+
+SpecT = TypeVar("SpecT", AgentSpec, TargetSpec, ThreatSpec)
+
+
+def resolve(mission: Mission, seed: int, source: str | None = None) -> Mission:
+    """Return the mission with everything drawn from the seed listed, after checking that the start is legal.
+
+    Targets and agents are drawn inside the area and the fence, DRAW_CLEARANCE·R_d clear of every detection disc, agents
+    at least two separations apart; threats inside the area, as clear of the listed agents and targets. The drawing
+    depends on nothing but mission and seed.
+
+    Raises:
+        InputError: no legal place was found, or a listed start is illegal.
+
+    """
+    name = source or mission.name
+    generator = random_stream(seed, DRAW_STREAM)
+    threats = [*mission.threats]
+    given = mission.defaults.threat.model_dump(exclude_none=True)
+    threats += [ThreatSpec(id=identity, **given) for identity in _free_ids(mission.threats, mission.draw.threats)]
+    listed: list[AgentSpec | TargetSpec] = [*mission.agents, *mission.targets]
+    listed_ned_m = np.array([item.position_ned_m for item in listed if _is_placed(item)]).reshape(-1, 2)
+    placed_threats = [
+        threat
+        if _is_placed(threat)
+        else _placed_at(threat, _path_start(threat) or _threat_point(mission, generator, threat, listed_ned_m, name))
+        for threat in threats
+    ]
+    discs = np.array([(*t.position_ned_m, t.detection_radius_m * (1 + DRAW_CLEARANCE)) for t in placed_threats])
+    discs = discs.reshape(-1, 3)
+
+    given = mission.defaults.target.model_dump(exclude_none=True)
+    targets = [*mission.targets]
+    targets += [TargetSpec(id=identity, **given) for identity in _free_ids(mission.targets, mission.draw.targets)]
+    nobody = np.empty((0, 2))
+    placed_targets = [
+        target
+        if _is_placed(target)
+        else _placed_at(
+            target,
+            _path_start(target) or _legal_point(mission, generator, discs, nobody, f"{name}: target {target.id}"),
+        )
+        for target in targets
+    ]
+
+    given = mission.defaults.agent.model_dump(exclude_none=True)
+    agents = [*mission.agents]
+    agents += [AgentSpec(id=identity, **given) for identity in _free_ids(mission.agents, mission.draw.agents)]
+    taken = [agent.position_ned_m for agent in agents if _is_placed(agent)]
+    placed_agents = []
+    for agent in agents:
+        placed = agent
+        if not _is_placed(agent):
+            others = np.array(taken).reshape(-1, 2)
+            point = _legal_point(mission, generator, discs, others, f"{name}: agent {agent.id}")
+            placed = _placed_at(agent, point)
+            taken.append(point)
+        if placed.heading_deg is None:
+            heading_deg = round(float(generator.uniform(0.0, 360.0)), DRAW_DECIMALS)
+            placed = placed.model_copy(update={"heading_deg": heading_deg})
+        placed_agents.append(placed)
+
+    resolved = mission.model_copy(
+        update={
+            "agents": tuple(placed_agents),
+            "targets": tuple(placed_targets),
+            "threats": tuple(placed_threats),
+            "draw": Draw(),
+            "defaults": Defaults(),
+        }
+    )
+    check_start(resolved, name)
+    return resolved
+
+
+def check_start(mission: Mission, source: str) -> None:
+    """Raise InputError if a resolved mission starts illegally.
+
+    Illegal are: an agent or target inside an attack radius, an agent or target outside the fence, two agents closer
+    than the separation, and a loss of an agent that does not exist.
+    """
+    starts: list[tuple[str, AgentSpec | TargetSpec]] = []
+    starts += [(f"agents[{index}]", agent) for index, agent in enumerate(mission.agents)]
+    starts += [(f"targets[{index}]", target) for index, target in enumerate(mission.targets)]
+    for key, item in starts:
+        for threat in mission.threats:
+            distance_m = math.dist(item.position_ned_m, threat.position_ned_m)
+            if isinstance(item, AgentSpec) and not in_the_way(mission, item.id, threat):
+                continue
+            if distance_m <= threat.attack_radius_m:
+                raise InputError(
+                    f"{source}: {key}: id {item.id} starts {distance_m:.1f} m from threat {threat.id}; "
+                    f"allowed: outside its attack_radius_m {threat.attack_radius_m:g}"
+                )
+        if mission.fence is not None and not inside_polygon(item.position_ned_m, mission.fence):
+            raise InputError(
+                f"{source}: {key}: id {item.id} starts at {item.position_ned_m}; allowed: inside the fence"
+            )
+    positions_ned_m = [agent.position_ned_m for agent in mission.agents]
+    for index, position in enumerate(positions_ned_m):
+        for other in range(index):
+            distance_m = math.dist(position, positions_ned_m[other])
+            if distance_m < mission.separation_m:
+                raise InputError(
+                    f"{source}: agents[{index}]: id {mission.agents[index].id} starts {distance_m:.1f} m from agent "
+                    f"{mission.agents[other].id}; allowed: at least separation_m {mission.separation_m:g}"
+                )
+    known = [agent.id for agent in mission.agents]
+    for index, loss in enumerate(mission.losses):
+        if loss.agent not in known:
+            raise InputError(
+                f"{source}: losses[{index}].agent: {loss.agent}; allowed: one of {', '.join(map(str, known))}"
+            )
+
+
+def _free_ids(listed: Sequence[AgentSpec | TargetSpec | ThreatSpec], count: int) -> list[int]:
+    used = {item.id for item in listed}
+    return [identity for identity in range(1, len(used) + count + 1) if identity not in used][:count]
+
+
+def _is_placed(item: AgentSpec | TargetSpec | ThreatSpec) -> bool:
+    return item.north_m is not None and item.east_m is not None
+
+
+def _placed_at(item: SpecT, point: tuple[float, float]) -> SpecT:
+    return item.model_copy(update={"north_m": point[0], "east_m": point[1]})
+
+
+def _path_start(item: TargetSpec | ThreatSpec) -> tuple[float, float] | None:
+    return item.motion.path[0][1:] if isinstance(item.motion, PathMotion) else None
+
+
+def _random_point(mission: Mission, generator: np.random.Generator) -> tuple[float, float]:
+    north_m, east_m = generator.uniform((0.0, 0.0), (mission.area_m.north, mission.area_m.east))
+    return round(float(north_m), DRAW_DECIMALS), round(float(east_m), DRAW_DECIMALS)
+
+
+def _threat_point(
+    mission: Mission,
+    generator: np.random.Generator,
+    threat: ThreatSpec,
+    listed_ned_m: np.ndarray,  # (L, 2) m, agents and targets whose places are given
+    name: str,
+) -> tuple[float, float]:
+    for _ in range(DRAW_TRIES):
+        point = _random_point(mission, generator)
+        apart_m = np.hypot(listed_ned_m[:, 0] - point[0], listed_ned_m[:, 1] - point[1])
+        if np.all(apart_m > threat.detection_radius_m * (1 + DRAW_CLEARANCE)):
+            return point
+    raise InputError(
+        f"{name}: threat {threat.id}: no legal start in {DRAW_TRIES} draws; allowed: an area_m with room clear of the "
+        "listed agents and targets"
+    )
+
+
+def _legal_point(
+    mission: Mission,
+    generator: np.random.Generator,
+    discs: np.ndarray,  # (M, 3) north, east, radius to keep clear of
+    others_ned_m: np.ndarray,  # (P, 2) agents already placed
+    subject: str,
+) -> tuple[float, float]:
+    for _ in range(DRAW_TRIES):
+        point = _random_point(mission, generator)
+        if mission.fence is not None and not inside_polygon(point, mission.fence):
+            continue
+        if np.any(np.hypot(discs[:, 0] - point[0], discs[:, 1] - point[1]) <= discs[:, 2]):
+            continue
+        apart_m = np.hypot(others_ned_m[:, 0] - point[0], others_ned_m[:, 1] - point[1])
+        if np.all(apart_m >= 2 * mission.separation_m):
+            return point
+    raise InputError(
+        f"{subject}: no legal start in {DRAW_TRIES} draws; allowed: an area_m with room inside the fence, clear of the "
+        "detection discs and apart from the other agents"
+    )

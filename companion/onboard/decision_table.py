@@ -1,0 +1,100 @@
+"""The decisions of a flight as a table that any program opens: `decisions-<id>.csv`, beside the `.tlog`.
+
+The `.tlog` is what a replay needs; this is for reading. docs/deploy.md lists the columns.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+
+from companion.autopilot.telemetry import Telemetry
+from companion.files.tlog import Sink
+from companion.onboard.companion import Decision
+
+COLUMNS = (
+    "time_unix_s",
+    "purpose",
+    "reason",
+    "target",
+    "stage",
+    "triggers",
+    "picture_age_s",
+    "lat_deg",
+    "lon_deg",
+    "height_m",
+    "ground_speed_m_s",
+    "wanted_heading_deg",
+    "heading_deg",
+    "speed_m_s",
+    "altitude_m",
+    "turn_limited",
+    "guard_changes",
+    "broken",
+    "gave_way",
+    "note",
+    "battery_percent",
+    "gap_max_ms",
+)
+
+
+class DecisionTable:
+    """Writes one row per decision; a file that can no longer be written is given up."""
+
+    def __init__(self, file: Sink) -> None:
+        """Write the head of the table."""
+        self._file: Sink | None = file
+        self._write(COLUMNS)
+
+    def add(self, decision: Decision, telemetry: Telemetry, gap_s: float) -> None:
+        """Write a decision, the telemetry that it was made on, and the longest setpoint gap since the last."""
+        setpoint = decision.setpoint
+        speed_m_s = math.hypot(telemetry.velocity_north_m_s, telemetry.velocity_east_m_s)
+        self._write(
+            (
+                f"{decision.t_s:.6f}",
+                decision.purpose.value,
+                decision.reason,
+                "" if decision.target_id is None else str(decision.target_id),
+                decision.stage.value,
+                "; ".join(decision.triggers),
+                _figure(decision.picture_age_s, 2),
+                _figure(telemetry.lat_deg, 7),
+                _figure(telemetry.lon_deg, 7),
+                _figure(telemetry.height_m, 2),
+                _figure(speed_m_s, 2),
+                _degrees(decision.wanted_heading_rad),
+                _degrees(None if setpoint is None else setpoint.heading_rad),
+                _figure(None if setpoint is None else setpoint.speed_m_s, 2),
+                _figure(None if setpoint is None else setpoint.altitude_m, 2),
+                str(int(decision.turn_limited)),
+                "; ".join(map(str, decision.guard_changes)),
+                "; ".join(map(str, decision.broken)),
+                decision.gave_way or "",
+                decision.note or "",
+                _figure(telemetry.battery_percent, 0),
+                _figure(1e3 * gap_s, 0),
+            )
+        )
+
+    def _write(self, row: tuple[str, ...]) -> None:
+        if self._file is None:
+            return
+        line = io.StringIO()
+        csv.writer(line, lineterminator="\n").writerow(row)
+        try:
+            self._file.write(line.getvalue().encode())
+            self._file.flush()
+        except OSError:
+            self._file = None
+
+
+def _figure(value: float | None, digits: int) -> str:
+    return "" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
+
+
+def _degrees(angle_rad: float | None) -> str:
+    if angle_rad is None or not math.isfinite(angle_rad):
+        return ""
+    return f"{math.degrees(angle_rad) % 360.0:.1f}"

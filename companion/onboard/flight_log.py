@@ -1,0 +1,211 @@
+"""What a flight leaves behind: every frame heard, sent and believed, and every decision, as tlogs that any tool opens.
+
+`vehicle-<id>.tlog` holds, in order, all that the on-board code was told and what it decided, so that `companion replay`
+can decide it all again. Nothing in it can be used against the fleet: MAVLink signatures are cut off, and frames that
+carry a key are left out.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import zlib
+from enum import IntEnum
+from pathlib import Path
+
+import click
+from pymavlink.dialects.v20 import common
+
+from companion.autopilot.telemetry import COMPANION_COMPONENT
+from companion.files.tlog import TlogWriter, whole_frames
+from companion.onboard.companion import CLOCK_DIGITS, Decision, Purpose
+from companion.onboard.failsafe import Stage
+from companion.protocol.deframer import header_of
+from companion.protocol.mavlink_signing import strip_signature
+from companion.protocol.messages import DecisionFlag, DecisionFrame
+
+SETUP_SIGNING_ID = 256
+"""The MAVLink message that carries a secret key."""
+STATUSTEXT_ID = common.MAVLINK_MSG_ID_STATUSTEXT
+STATUSTEXT_CHARACTERS = 50
+FLUSH_PERIOD_S = 1.0
+"""A machine that dies loses no more of a log than this."""
+LOG_BURST_S = 10.0
+"""A bounded log may hold so much more for a moment."""
+_MARKER_V2 = 0xFD
+_MICROSECONDS = 1e6
+
+
+class Mark(IntEnum):
+    """What a log tells of a companion beside frames and decisions: MAV_CMD that it sends to itself, and nowhere."""
+
+    CLEARED = common.MAV_CMD_USER_1
+    """A person cleared a take-over: Companion.clear()."""
+    RESUMED = common.MAV_CMD_USER_2
+    """At the beginning: the companion that ran before had the vehicle."""
+    WITHDRAWN = common.MAV_CMD_USER_4
+    """Between two decisions the setpoint that stood was withdrawn: Companion.repeat(), which then may send nothing."""
+    LOCKED = common.MAV_CMD_USER_5
+    """At the beginning: somebody had taken over from the companion that ran before, and nobody had cleared that."""
+    GAP = common.MAV_CMD_USER_3
+    """MAVSDK's stream had a gap: Authority.note_gap()."""
+
+
+class FlightLog:
+    """A tlog that gives up, with a word, rather than disturb a flight: a full disk is no reason to stop steering."""
+
+    def __init__(
+        self, writer: TlogWriter | None, program: str = "companion", most_bytes_per_s: float = math.inf
+    ) -> None:
+        """Log with a writer, or nothing; `program` is who says that it gave up.
+
+        What comes faster than `most_bytes_per_s` is left out and counted: a flood of a link shall not fill the disk.
+        """
+        self._writer = writer
+        self._program = program
+        self._most_bytes_per_s = most_bytes_per_s
+        self._allowance_bytes = most_bytes_per_s * LOG_BURST_S
+        self._last_s: float | None = None
+        self._flush_due_s = -math.inf
+        self._told = 0
+        self.left_out = 0
+
+    def record(self, t_unix_s: float, datagram: bytes) -> None:
+        """Log the frames of a datagram; what is not a frame has no place in a tlog."""
+        for frame in () if self._writer is None else whole_frames(datagram):
+            harmless = without_secrets(frame)
+            if harmless is not None:
+                self._write(t_unix_s, harmless)
+
+    def close(self) -> None:
+        """Write out what is buffered."""
+        if self._writer is not None:
+            try:
+                self._writer.close()
+            except OSError as error:
+                self._give_up(error)
+
+    def tell(self, t_unix_s: float, text: str) -> None:
+        """Log a line of words, as the MAVLink message that ground-control programs show."""
+        teller = common.MAVLink(None, srcSystem=1, srcComponent=COMPANION_COMPONENT)
+        self._told = self._told % 65_535 + 1
+        for number, start in enumerate(range(0, len(text), STATUSTEXT_CHARACTERS)):
+            part = text[start : start + STATUSTEXT_CHARACTERS].encode(errors="replace")
+            message = common.MAVLink_statustext_message(common.MAV_SEVERITY_INFO, part, self._told, number)
+            self._write(t_unix_s, bytes(message.pack(teller)))
+
+    def _write(self, t_unix_s: float, frame: bytes) -> None:
+        if self._writer is None or not self._allowed(t_unix_s, len(frame)):
+            return
+        try:
+            self._writer.write(t_unix_s, frame)
+            if t_unix_s >= self._flush_due_s:
+                self._writer.flush()
+                self._flush_due_s = t_unix_s + FLUSH_PERIOD_S
+        except OSError as error:
+            self._give_up(error)
+
+    def _allowed(self, t_unix_s: float, count: int) -> bool:
+        if math.isinf(self._most_bytes_per_s):
+            return True
+        passed_s = 0.0 if self._last_s is None else max(0.0, t_unix_s - self._last_s)
+        self._last_s = t_unix_s
+        most_bytes = self._most_bytes_per_s * LOG_BURST_S
+        self._allowance_bytes = min(most_bytes, self._allowance_bytes + passed_s * self._most_bytes_per_s)
+        if count > self._allowance_bytes:
+            self.left_out += 1
+            return False
+        self._allowance_bytes -= count
+        return True
+
+    def _give_up(self, error: OSError) -> None:
+        self._writer = None
+        click.echo(f"{self._program}: warning: no longer logging: {error.strerror}", err=True)
+
+
+def unused(path: Path) -> Path:
+    """Return the path, or with -2, -3 and so on before its suffix where that is taken: no run costs another's log."""
+    if not path.exists():
+        return path
+    numbered = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
+    return next(one for one in numbered if not one.exists())
+
+
+def without_secrets(frame: bytes) -> bytes | None:
+    """Return a whole frame as it may be kept: without MAVLink's signature; None for one that carries a key."""
+    if frame[0] != _MARKER_V2:
+        return frame
+    return None if header_of(frame).message_id == SETUP_SIGNING_ID else strip_signature(frame)
+
+
+def decision_frame(decision: Decision) -> DecisionFrame:
+    """Return a decision as it is logged."""
+    setpoint = decision.setpoint
+    facts = {
+        DecisionFlag.TURN_LIMITED: decision.turn_limited,
+        DecisionFlag.GUARD_CHANGED: bool(decision.guard_changes),
+        DecisionFlag.UNCERTIFIED: decision.uncertified,
+        DecisionFlag.BROKEN: bool(decision.broken),
+        DecisionFlag.GAVE_WAY: decision.gave_way is not None,
+        DecisionFlag.STAY: decision.stay is not None,
+        DecisionFlag.OPPOSED: decision.opposed,
+    }
+    told = (decision.gave_way, decision.note, *decision.triggers)
+    words = (decision.reason, *decision.guard_changes, *decision.broken, *told)
+    return DecisionFrame(
+        time_us=round(decision.t_s * _MICROSECONDS),
+        purpose=list(Purpose).index(decision.purpose),
+        stage=list(Stage).index(decision.stage),
+        target_id=decision.target_id,
+        flags=DecisionFlag(sum(flag for flag, holds in facts.items() if holds)),
+        picture_age_s=math.nan if decision.picture_age_s is None else decision.picture_age_s,
+        wanted_heading_rad=decision.wanted_heading_rad,
+        heading_rad=math.nan if setpoint is None else setpoint.heading_rad,
+        speed_m_s=math.nan if setpoint is None else setpoint.speed_m_s,
+        altitude_m=math.nan if setpoint is None else setpoint.altitude_m,
+        words_crc=zlib.crc32("; ".join(str(word) for word in words).encode()),
+    )
+
+
+def mark_frame(mark: Mark, system_id: int) -> bytes:
+    """Return a mark as it is logged."""
+    teller = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
+    order = (system_id, COMPANION_COMPONENT, mark, 0, *[0.0] * 7)
+    return bytes(common.MAVLink_command_long_message(*order).pack(teller))
+
+
+def mark_of(frame: bytes) -> Mark | None:
+    """Return the mark that a whole MAVLink 2 frame of the companion's is, if it is one."""
+    if header_of(frame).message_id != common.MAVLINK_MSG_ID_COMMAND_LONG:
+        return None
+    (message,) = common.MAVLink(None).parse_buffer(bytearray(frame)) or (None,)
+    if message is None or message.target_component != COMPANION_COMPONENT or message.command not in list(Mark):
+        return None
+    return Mark(message.command)
+
+
+def clock_frame(system_id: int, t_unix_s: float, offset_s: float) -> bytes:
+    """Return what stands in a log for Companion.note_clock() with news: SYSTEM_TIME, the computer's clock at a time."""
+    teller = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
+    wall_us = round(t_unix_s * _MICROSECONDS) + round(round(offset_s, CLOCK_DIGITS) * _MICROSECONDS)
+    return bytes(common.MAVLink_system_time_message(max(0, wall_us), 0).pack(teller))
+
+
+def clock_offset_s(frame: bytes, t_unix_s: float) -> float | None:
+    """Return the offset that a whole MAVLink 2 frame of the companion's tells of, if it is a `clock_frame`."""
+    if header_of(frame).message_id != common.MAVLINK_MSG_ID_SYSTEM_TIME:
+        return None
+    (message,) = common.MAVLink(None).parse_buffer(bytearray(frame)) or (None,)
+    return None if message is None else (message.time_unix_usec - round(t_unix_s * _MICROSECONDS)) / _MICROSECONDS
+
+
+def summary_line(decision: Decision) -> str:
+    """Return a decision in a line: what, why, on which picture, and what changed it."""
+    target = f" {decision.target_id}" if decision.target_id is not None else ""
+    changes = f", guard: {', '.join(decision.guard_changes)}" if decision.guard_changes else ""
+    changes += "".join(f", {said}" for said in (decision.note, decision.gave_way) if said is not None)
+    changes += f", broken: {', '.join(decision.broken)}" if decision.broken else ""
+    trusted = "picture none" if decision.picture_age_s is None else "picture fresh"
+    if decision.picture_age_s is not None and decision.stage is not Stage.FRESH:
+        trusted = f"{decision.stage.value}: {', '.join(decision.triggers)}"
+    return f"{decision.purpose.value}{target} ({decision.reason}), {trusted}{changes}"

@@ -1,0 +1,130 @@
+"""Whether a vehicle is fit to be steered, and to be left safe by a dead companion: the rules of `companion check`.
+
+Pure: what was heard is an argument, and each finding says what is wrong and what to do about it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from companion.autopilot.linked import LinkedAdapter
+from companion.onboard.config import Config
+
+HEARTBEAT_MAX_AGE_S = 3.5
+"""An autopilot's heartbeat comes once a second; three may be lost."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at: whether it will do, what was found, and what to do if it will not."""
+
+    passed: bool
+    text: str
+    remedy: str = ""
+
+
+def findings(
+    config: Config, adapter: LinkedAdapter, *, link_heard: bool, broadcast_heard: bool, now_s: float
+) -> list[Finding]:
+    """Return what there is to say of a vehicle, the most fundamental first.
+
+    `link_heard`: whether anything at all came over the autopilot link; `broadcast_heard`: whether a frame of the
+    broadcast was believed. What rests on an autopilot that is not heard, or not the right one, is left out.
+    """
+    found = list(_identity(config, adapter, link_heard, now_s))
+    if all(finding.passed for finding in found):
+        found += [*_demands(config, adapter), *_abilities(config, adapter), *_health(config, adapter, now_s)]
+        found += [Finding(False, trouble, "see the autopilot's own messages") for trouble in adapter.failures]
+    found.append(
+        Finding(True, "broadcast heard")
+        if broadcast_heard
+        else Finding(False, "no genuine broadcast heard", "check broadcast.link, its keys, and this computer's clock")
+    )
+    return found
+
+
+def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: float) -> Iterator[Finding]:
+    telemetry = adapter.telemetry
+    link = config.autopilot.link if config.autopilot else "none"
+    if adapter.refusal is not None:
+        refusal, _, remedy = adapter.refusal.rpartition(": ")
+        yield Finding(False, refusal, remedy)
+    elif telemetry.heartbeat_at_s is None:
+        heard = "messages, but no autopilot's heartbeat" if link_heard else "nothing"
+        yield Finding(False, f"{heard} heard on autopilot.link {link}", "check the link, its rate and the cable")
+    elif now_s - telemetry.heartbeat_at_s > HEARTBEAT_MAX_AGE_S:
+        age_s = now_s - telemetry.heartbeat_at_s
+        yield Finding(False, f"last heartbeat {age_s:.0f} s ago", "check the link and that the autopilot runs")
+    else:
+        yield Finding(True, f"{adapter.kind}, system {telemetry.system_id}, heard on {link}")
+
+
+def _demands(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
+    told = adapter.parameters.values
+    for demand in adapter.demands:
+        if demand.when_fenced and config.limits.fence is None:
+            continue
+        if demand.name not in told:
+            yield Finding(False, f"{demand.name}: not told; {demand.why}", f"{demand.remedy}, or check the link")
+        else:
+            value = told[demand.name]
+            words = f"{demand.name}: {value:g}; allowed: {demand.words}; {demand.why}"
+            yield Finding(demand.met_by(value), words, demand.remedy)
+
+
+def _abilities(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
+    abilities, limits = adapter.abilities, config.limits
+    if abilities.assumed:
+        names = ", ".join(abilities.assumed)
+        yield Finding(False, f"not told, so assumed: {names}", "check the link; these are the autopilot's defaults")
+    low_m_s, high_m_s = abilities.speed_min_m_s, abilities.speed_max_m_s
+    # Rounded inwards, so that what is advised is within what it can.
+    span = f"{_rounded(low_m_s, math.ceil)} to {_rounded(high_m_s, math.floor)}"
+    yield Finding(
+        low_m_s <= limits.speed_m_s <= high_m_s,
+        f"limits.speed_m_s: {limits.speed_m_s:g}; this vehicle flies {span} m/s",
+        f"set limits.speed_m_s within {span}",
+    )
+    yield _at_most("limits.n_max", limits.n_max, abilities.n_max, "turns at most with")
+    if adapter.can_stop:
+        yield _at_most("limits.braking_m_s2", limits.braking_m_s2, abilities.braking_m_s2, "brakes at most with")
+    yield Finding(
+        limits.wind_m_s < min(limits.speed_m_s, high_m_s),
+        f"limits.wind_m_s: {limits.wind_m_s:g}, below the speed it must fly in",
+        "lower limits.wind_m_s, or fly on another day",
+    )
+
+
+def _at_most(key: str, configured: float, able: float, words: str) -> Finding:
+    most = _rounded(able, math.floor)
+    return Finding(configured <= able, f"{key}: {configured:g}; this vehicle {words} {most}", f"set {key} to {most}")
+
+
+def _rounded(value: float, to: Callable[[float], int]) -> str:
+    return f"{to(value * 1000.0) / 1000.0:g}" if math.isfinite(value) else "any"
+
+
+def _health(config: Config, adapter: LinkedAdapter, now_s: float) -> Iterator[Finding]:
+    telemetry = adapter.telemetry
+    timeout_s = config.telemetry_timeout_s
+    if telemetry.position_at_s is None or now_s - telemetry.position_at_s > timeout_s:
+        yield Finding(False, f"no position within {timeout_s:g} s", "wait for a fix; check the rates of the link")
+    else:
+        yield Finding(True, f"position {telemetry.lat_deg:.5f} {telemetry.lon_deg:.5f}")
+    known = telemetry.gps_fix is not None and telemetry.gps_fix >= config.health.gps_fix_min
+    text = "not told" if telemetry.gps_fix is None else f"fix type {telemetry.gps_fix}"
+    yield Finding(known, f"GPS: {text}; allowed: at least {config.health.gps_fix_min}", "wait for a fix under open sky")
+    accuracy_m = telemetry.position_accuracy_m
+    if math.isfinite(accuracy_m):
+        allowed_m = config.health.position_accuracy_m
+        words = f"position good to {accuracy_m:.1f} m; allowed: {allowed_m:g}"
+        yield Finding(accuracy_m <= allowed_m, words, "wait, or set health.position_accuracy_m to what is acceptable")
+    home = telemetry.home_deg is not None
+    yield Finding(home, f"home {'known' if home else 'not told'}", "wait for a fix, or arm once: home is set then")
+    battery = telemetry.battery_percent
+    least = config.health.battery_return_percent
+    text = "not told" if battery is None else f"{battery:.0f} %"
+    remedy = "set up the autopilot's battery monitor" if battery is None else "charge it"
+    yield Finding(battery is not None and battery > least, f"battery: {text}; returns at {least:g} %", remedy)

@@ -1,0 +1,135 @@
+"""Shell of `companion check`: opens the links, listens and asks for a while, and says what it found.
+
+It sends what a companion sends before it may steer, heartbeats and questions, and never a setpoint.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from contextlib import ExitStack
+
+import click
+
+from companion.autopilot.linked import LinkedAdapter
+from companion.autopilot.offboard import require_mavsdk
+from companion.autopilot.registry import ADAPTERS
+from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
+from companion.files.tlog import whole_frames
+from companion.onboard.companion import HEARTBEAT_PERIOD_S
+from companion.onboard.config import ONE_RADIO, Config
+from companion.onboard.preflight import Finding, findings
+from companion.onboard.service import saved_authority, trust_of
+from companion.protocol.authenticator import Authenticator
+from companion.protocol.v2_extension import unwrap
+from companion.runtime.clock import SteadyClock, wait
+from companion.transport.endpoints import Duplex, open_duplex, open_receiver, open_sender, parse_link
+
+ASK_PERIOD_S = 0.1
+SETTLING_S = 3.0
+"""Listened for at least so long: slow messages, such as the battery's, come once a second or less often."""
+
+
+async def check_vehicle(config: Config, wait_s: float, stop: asyncio.Event) -> int:
+    """Listen for `wait_s` at most, or until all is known; print the findings and return the exit status.
+
+    Raises:
+        InputError: a link cannot be opened, or a key or state file not used.
+
+    """
+    if config.autopilot is None or config.broadcast is None:
+        raise InputError("companion: autopilot and broadcast links are needed")
+    with ExitStack() as stack:
+        checker = _Checker(config, stack)
+        await checker.open()
+        await checker.listen(wait_s, stop)
+        return report(checker.findings())
+
+
+def report(found: list[Finding]) -> int:
+    """Print one line per finding and how many failed; return the exit status."""
+    for finding in found:
+        remedy = "" if finding.passed or not finding.remedy else f" -> {finding.remedy}"
+        click.echo(f"{'pass' if finding.passed else 'FAIL'}  {finding.text}{remedy}")
+    failed = sum(not finding.passed for finding in found)
+    click.echo(f"{len(found)} checked, {failed or 'none'} failed")
+    return EXIT_FAILED if failed else EXIT_DONE
+
+
+class _Checker:
+    def __init__(self, config: Config, stack: ExitStack) -> None:
+        assert config.autopilot is not None and config.broadcast is not None
+        self._config, self._autopilot, self._broadcast, self._stack = config, config.autopilot, config.broadcast, stack
+        adapter = ADAPTERS[config.autopilot.kind](config.autopilot.system_id)
+        assert isinstance(adapter, LinkedAdapter)
+        self._adapter = adapter
+        one_radio = config.broadcast.link == ONE_RADIO
+        self._broadcast_link = None if one_radio else parse_link(config.broadcast.link)
+        is_stream = self._broadcast_link is not None and self._broadcast_link.scheme == "serial"
+        # Without a state: what a companion that ran before has heard is no less genuine for that.
+        self._admission = Authenticator(trust_of(config.broadcast), is_stream=is_stream)
+        self._clock = SteadyClock()
+        self._link_heard = self._broadcast_heard = False
+        self._doubt: str | None = None
+        self._link: Duplex
+
+    async def open(self) -> None:
+        """Open what `companion run` would open; raises InputError."""
+        _, warning = saved_authority(self._autopilot)
+        self._doubt = warning if self._adapter.resumes_on_stream else None
+        if self._autopilot.kind == "px4-copter" and self._autopilot.offboard == "mavsdk":
+            require_mavsdk()
+        if self._broadcast_link is not None:
+            receiver = await open_receiver(self._broadcast_link, self._from_broadcast)
+            self._stack.callback(receiver.close)
+        self._link = await open_duplex(parse_link(self._autopilot.link), self._from_autopilot)
+        self._stack.callback(self._link.close)
+        if self._config.uplink is not None:
+            self._stack.callback((await open_sender(parse_link(self._config.uplink.link))).close)
+
+    async def listen(self, wait_s: float, stop: asyncio.Event) -> None:
+        """Ask and listen until all is known, the time is over or `stop` is set."""
+        began_s, heartbeat_s = time.monotonic(), -math.inf
+        while not stop.is_set() and time.monotonic() - began_s < wait_s:
+            now_s = self._clock.now_s()
+            self._broadcast_heard |= bool(self._admission.due(now_s))
+            if self._all_known and time.monotonic() - began_s >= SETTLING_S:
+                return
+            if now_s - heartbeat_s >= HEARTBEAT_PERIOD_S:
+                heartbeat_s = now_s
+                self._link.send(self._adapter.heartbeat())
+            for frame in self._adapter.requests(now_s):
+                self._link.send(frame)
+            await wait(stop, ASK_PERIOD_S)
+
+    def findings(self) -> list[Finding]:
+        """Return what was found."""
+        found = findings(
+            self._config,
+            self._adapter,
+            link_heard=self._link_heard,
+            broadcast_heard=self._broadcast_heard,
+            now_s=self._clock.now_s(),
+        )
+        if self._doubt is not None:
+            found.append(Finding(False, self._doubt, "remove it while the vehicle is disarmed"))
+        return found
+
+    @property
+    def _all_known(self) -> bool:
+        telemetry = self._adapter.telemetry
+        healthy = None not in (telemetry.home_deg, telemetry.gps_fix, telemetry.battery_percent)
+        return self._adapter.refusal is None and self._adapter.parameters_known and self._broadcast_heard and healthy
+
+    def _from_broadcast(self, datagram: bytes) -> None:
+        self._broadcast_heard |= bool(self._admission.admit(datagram, self._clock.now_s()))
+
+    def _from_autopilot(self, datagram: bytes) -> None:
+        self._link_heard = True
+        self._adapter.receive(datagram, self._clock.now_s())
+        if self._broadcast_link is None:
+            for frame in whole_frames(datagram):
+                inner = unwrap(frame)
+                if inner is not None:
+                    self._from_broadcast(inner)

@@ -1,0 +1,110 @@
+"""What the companion says of itself on the autopilot link, in the messages that ground-control programs show.
+
+Text when the line changes, and a set of named values every few seconds. The autopilot sends them on by its own radio,
+so there is a limit on their rate, and nothing at all where the vehicle shall be silent.
+"""
+
+from __future__ import annotations
+
+import math
+
+from pymavlink.dialects.v20 import common
+
+from companion.autopilot.telemetry import COMPANION_COMPONENT
+from companion.onboard.companion import Decision, Purpose
+from companion.onboard.failsafe import Stage
+
+TEXT_PERIOD_S = 2.0
+"""At most one text in this time; of several lines meanwhile the newest is said."""
+MOST_CHUNKS = 4
+"""A line longer than this many texts of 50 bytes is cut."""
+CHUNK_BYTES = 50
+SEVERITIES = {
+    Stage.FRESH: common.MAV_SEVERITY_INFO,
+    Stage.COASTING: common.MAV_SEVERITY_NOTICE,
+    Stage.LOITERING: common.MAV_SEVERITY_WARNING,
+    Stage.RETURNING: common.MAV_SEVERITY_WARNING,
+}
+UNCERTIFIED_SEVERITY = common.MAV_SEVERITY_CRITICAL
+"""Of a decision for which the guard had no certified back-up."""
+_UINT32 = 2**32
+_ID_MAX = 65_535
+
+
+class StatusReporter:
+    """Decides what is to be said and when; packs it. Times are given by the caller."""
+
+    def __init__(self, period_s: float, quiet: bool) -> None:
+        """Tell the values every `period_s` seconds; nothing at all if `quiet`."""
+        self._period_s = period_s
+        self._quiet = quiet
+        self._mav = common.MAVLink(None, srcComponent=COMPANION_COMPONENT)
+        self._began_s: float | None = None
+        self._line = self._said = ""
+        self._severity = common.MAV_SEVERITY_INFO
+        self._text_s = self._values_s = -math.inf
+        self._text_id = 0
+
+    def note(self, decision: Decision, line: str) -> None:
+        """Note a decision and the line that tells of it."""
+        self._line = line
+        self._severity = UNCERTIFIED_SEVERITY if decision.uncertified else SEVERITIES[decision.stage]
+
+    def text(self, now_s: float, system_id: int | None) -> list[bytes]:
+        """Return the newest line as STATUSTEXT frames if it is new and its time has come."""
+        waits = now_s - self._text_s < TEXT_PERIOD_S
+        if self._quiet or system_id is None or waits or self._line == self._said:
+            return []
+        self._text_s, self._said = now_s, self._line
+        self._mav.srcSystem = system_id
+        return [self._pack(message) for message in self._texts(self._line.encode(errors="replace"))]
+
+    def values(self, now_s: float, system_id: int | None, decision: Decision, gap_s: float) -> list[bytes]:
+        """Return the named values; `gap_s` is the longest time between two setpoints since the last call's.
+
+        Nothing is returned before their time has come: see `values_due`.
+        """
+        if system_id is None or not self.values_due(now_s):
+            return []
+        self._began_s = now_s if self._began_s is None else self._began_s
+        self._values_s = now_s
+        self._mav.srcSystem = system_id
+        time_ms = round(1e3 * (now_s - self._began_s)) % _UINT32
+        age_s = math.nan if decision.picture_age_s is None else decision.picture_age_s
+        guard = 2 if decision.uncertified else 1 if decision.guard_changes else 0
+        integers = {
+            "OW_STAGE": list(Stage).index(decision.stage),
+            "OW_PURPOSE": list(Purpose).index(decision.purpose),
+            "OW_TARGET": decision.target_id or 0,
+            "OW_GUARD": guard,
+            "OW_GAP_MS": round(1e3 * gap_s),
+        }
+        messages = [
+            common.MAVLink_named_value_int_message(time_ms, name.encode(), value) for name, value in integers.items()
+        ]
+        if math.isfinite(age_s):
+            messages.append(common.MAVLink_named_value_float_message(time_ms, b"OW_AGE", age_s))
+        return [self._pack(message) for message in messages]
+
+    def values_due(self, now_s: float) -> bool:
+        """Return whether the named values are to be told now."""
+        return not self._quiet and now_s - self._values_s >= self._period_s
+
+    def _texts(self, text: bytes) -> list[common.MAVLink_statustext_message]:
+        if len(text) <= CHUNK_BYTES:
+            return [common.MAVLink_statustext_message(self._severity, text)]
+        self._text_id = self._text_id % _ID_MAX + 1
+        # A text that is no longer than its chunk ends the line, so the last one is left a byte short.
+        text = text[: MOST_CHUNKS * CHUNK_BYTES - 1]
+        chunks = [text[start : start + CHUNK_BYTES] for start in range(0, len(text), CHUNK_BYTES)]
+        if len(chunks[-1]) == CHUNK_BYTES:
+            chunks.append(b"")
+        return [
+            common.MAVLink_statustext_message(self._severity, chunk, self._text_id, number)
+            for number, chunk in enumerate(chunks)
+        ]
+
+    def _pack(self, message: common.MAVLink_statustext_message) -> bytes:
+        frame = bytes(message.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return frame

@@ -1,0 +1,790 @@
+"""Values <-> frames of the private dialect, and the checked reader of everything received.
+
+A frame is one MAVLink 2 message. Encoding chooses the resolution of positions per frame and rounds radii up, so that a
+receiver's disc always holds the true one; decoding trusts nothing: a message whose counts, ids, indices or ranges do
+not make sense is dropped and counted, never raised. Frames are written without signatures: those come last, over bytes
+(companion/protocol/ed25519.py, companion/protocol/mavlink_signing.py).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from types import SimpleNamespace as Fields
+from typing import Any
+
+from companion.protocol.dialect import oneway
+from companion.protocol.fields import (
+    INT16_MAX,
+    INT16_MIN,
+    INT32_MAX,
+    UINT8_MAX,
+    UINT16_MAX,
+    UINT32_MAX,
+    UINT64_MAX,
+    band_limits,
+    band_of,
+    ceiling,
+    degrees_of,
+    on_earth_e7,
+    rounded,
+    whole,
+)
+from companion.protocol.fleet_codec import (
+    FLEET_HEAD_BYTES,
+    MISSION_HEAD_BYTES,
+    PAYLOAD_BYTES,
+    RADII_HEAD_BYTES,
+    FleetEntry,
+    read_fleet,
+    read_radii,
+    write_fleet,
+    write_radii,
+)
+from companion.protocol.messages import (
+    AgentEntry,
+    AgentMotion,
+    BandEntry,
+    BandsFrame,
+    DecisionFlag,
+    DecisionFrame,
+    Detection,
+    DetectionsFrame,
+    Directive,
+    FleetFrame,
+    Frame,
+    Kind,
+    MissionFrame,
+    MotionFrame,
+    PointMotion,
+    RadiiEntry,
+    RadiiFrame,
+    ReportFrame,
+    Stamp,
+    StateFrame,
+    TargetEntry,
+    ThreatEntry,
+    ThreatPlace,
+    WireError,
+)
+
+__all__ = [
+    "AGENTS_PER_FRAME",
+    "BANDS_PER_FRAME",
+    "DETECTIONS_PER_FRAME",
+    "GROUND_COMPONENT",
+    "GROUND_SYSTEM",
+    "ID_SPAN",
+    "SENSOR_COMPONENT",
+    "SIGNATURE_BYTES",
+    "TARGETS_PER_FRAME",
+    "THREATS_PER_FRAME",
+    "AgentEntry",
+    "AgentMotion",
+    "BandEntry",
+    "BandsFrame",
+    "DecisionFlag",
+    "DecisionFrame",
+    "Detection",
+    "DetectionsFrame",
+    "Directive",
+    "FleetFrame",
+    "Frame",
+    "FrameReader",
+    "FrameWriter",
+    "Kind",
+    "MissionFrame",
+    "MotionFrame",
+    "PointMotion",
+    "RadiiEntry",
+    "RadiiFrame",
+    "ReportFrame",
+    "Stamp",
+    "StateFrame",
+    "TargetEntry",
+    "ThreatEntry",
+    "ThreatPlace",
+    "WireError",
+    "decode_frame",
+    "frame_resolution_cm",
+]
+
+AGENTS_PER_FRAME = 10
+TARGETS_PER_FRAME = 5
+THREATS_PER_FRAME = 4
+DETECTIONS_PER_FRAME = 14
+BANDS_PER_FRAME = 20
+ID_SPAN = 256
+"""Ids in one state frame lie within this of the least one: they travel as 8 bits above a 16-bit base."""
+SIGNATURE_BYTES = 64
+GROUND_SYSTEM = 254
+"""MAVLink system id of the ground station; 255/190 would be dropped by a receiver that is a ground station itself."""
+GROUND_COMPONENT = 190
+SENSOR_COMPONENT = 191
+
+_UNKNOWN_POSITION = INT16_MIN
+"""As north and east of an agent: nobody on the ground knows where it is (Case II)."""
+_UNKNOWN_HEADING = UINT16_MAX
+_MIN_RESOLUTION_CM = 1
+_DIGEST_BYTES = 8
+_MISSION_NAME_BYTES = PAYLOAD_BYTES - MISSION_HEAD_BYTES
+_HEADER_BYTES = 10
+"""Of a MAVLink 2 frame, before its payload."""
+_MARKER = 0xFD
+_LENGTH_AT = 1
+_ID_AT = 7
+_NO_SIGNATURE = [0] * SIGNATURE_BYTES
+
+
+class FrameWriter:
+    """Encodes frames as one MAVLink component, numbering them as MAVLink does."""
+
+    def __init__(self, system: int = GROUND_SYSTEM, component: int = GROUND_COMPONENT) -> None:
+        self._mav = oneway.MAVLink(None, srcSystem=system, srcComponent=component)
+
+    def encode(self, frame: Frame) -> bytes:
+        """Return the bytes of a frame, unsigned.
+
+        Raises:
+            WireError: the frame holds too many entries, or a value that does not fit its field.
+
+        """
+        data = bytes(_ENCODERS[type(frame)](frame).pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return data
+
+
+class FrameReader:
+    """Decodes datagrams of a trusted channel; anything else is dropped and counted by reason in `rejected`.
+
+    The parser starts afresh with every datagram, so that junk in one cannot swallow the next.
+    """
+
+    def __init__(self) -> None:
+        self.rejected: Counter[str] = Counter()
+        self.accepted = 0
+
+    def read(self, datagram: bytes) -> list[Frame]:
+        """Return the genuine frames in a datagram, in order. Never raises, whatever the bytes."""
+        parser = oneway.MAVLink(None)
+        parser.robust_parsing = True
+        frames: list[Frame] = []
+        messages = parser.parse_buffer(bytes(datagram)) or ()
+        if not messages:
+            self.rejected["incomplete"] += 1
+        for message in messages:
+            if message.get_type() == "BAD_DATA":
+                self.rejected["damaged"] += 1
+                continue
+            try:
+                frames.append(decode_frame(bytes(message.get_msgbuf())))
+            except WireError as error:
+                self.rejected[str(error)] += 1
+        self.accepted += len(frames)
+        return frames
+
+
+def decode_frame(raw: bytes) -> Frame:
+    """Return what one whole MAVLink 2 frame says, whose checksum the caller has found right.
+
+    A MAVLink signature may follow; neither it nor an Ed25519 signature is looked at.
+
+    Raises:
+        WireError: the frame is not of the dialect's own messages, or its fields make no sense; the text is a fixed one.
+
+    """
+    number = int.from_bytes(raw[_ID_AT:_HEADER_BYTES], "little")
+    if len(raw) < _HEADER_BYTES or raw[0] != _MARKER or number not in _DECODERS:
+        raise WireError("foreign")
+    return _DECODERS[number](_fields(number, raw[_HEADER_BYTES : _HEADER_BYTES + raw[_LENGTH_AT]]))
+
+
+def _fields(number: int, payload: bytes) -> Fields:
+    """Return the fields by name, arrays as tuples; MAVLink cuts the zeros at the end of a payload."""
+    kind = oneway.mavlink_map[number]
+    values = kind.unpacker.unpack(payload[: kind.unpacker.size].ljust(kind.unpacker.size, b"\0"))
+    named: dict[str, object] = {}
+    at = 0
+    for name, length in zip(kind.ordered_fieldnames, kind.lengths, strict=True):
+        named[name] = values[at] if length == 1 else values[at : at + length]
+        at += length
+    return Fields(**named)
+
+
+def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
+    located = [agent.position_ned_m for agent in frame.agents]
+    points = [point for point in located if point is not None]
+    points += [(target.north_m, target.east_m) for target in frame.targets]
+    points += [(threat.north_m, threat.east_m) for threat in frame.threats]
+    radii_m = [threat.detection_radius_m for threat in frame.threats]
+    if any(not 0 < threat.attack_radius_m <= threat.detection_radius_m for threat in frame.threats):
+        raise WireError("a threat's radii are not in order; allowed: 0 < attack radius <= detection radius")
+    resolution_cm = frame_resolution_cm(points, radii_m)
+    unit_m = resolution_cm / 100.0
+    origin_lat, origin_lon = on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
+    frame_index, frame_count = _part(frame.stamp)
+    agent_base, agent_ids = _based_ids([agent.id for agent in frame.agents], AGENTS_PER_FRAME, "agents")
+    target_base, target_ids = _based_ids([target.id for target in frame.targets], TARGETS_PER_FRAME, "targets")
+    threat_base, threat_ids = _based_ids([threat.id for threat in frame.threats], THREATS_PER_FRAME, "threats")
+    place = {target.id: index + 1 for index, target in enumerate(frame.targets)}
+    assigned = []
+    for agent in frame.agents:
+        if agent.target_id is not None and agent.target_id not in place:
+            raise WireError(f"agent {agent.id} is assigned to target {agent.target_id}, which the frame lacks")
+        assigned.append(0 if agent.target_id is None else place[agent.target_id])
+
+    def coordinates(points: Sequence[tuple[float, float] | None], length: int) -> tuple[list[int], ...]:
+        north = [_UNKNOWN_POSITION if point is None else round(point[0] / unit_m) for point in points]
+        east = [_UNKNOWN_POSITION if point is None else round(point[1] / unit_m) for point in points]
+        return _padded(north, length), _padded(east, length)
+
+    agent_north, agent_east = coordinates(located, AGENTS_PER_FRAME)
+    target_north, target_east = coordinates([(t.north_m, t.east_m) for t in frame.targets], TARGETS_PER_FRAME)
+    threat_north, threat_east = coordinates([(t.north_m, t.east_m) for t in frame.threats], THREATS_PER_FRAME)
+    rounding_m = unit_m * math.sqrt(0.5)
+
+    def radius_units(radius_m: float) -> int:
+        return math.ceil((radius_m + rounding_m) / unit_m)
+
+    return oneway.MAVLink_oneway_state_message(
+        epoch=whole(frame.stamp.epoch_s, UINT32_MAX, "epoch"),
+        time_ms=whole(frame.stamp.time_ms, UINT32_MAX, "time_ms"),
+        sequence=whole(frame.stamp.sequence, UINT32_MAX, "sequence"),
+        origin_lat=origin_lat,
+        origin_lon=origin_lon,
+        agent_north=agent_north,
+        agent_east=agent_east,
+        target_north=target_north,
+        target_east=target_east,
+        threat_north=threat_north,
+        threat_east=threat_east,
+        threat_detection=_padded([radius_units(t.detection_radius_m) for t in frame.threats], THREATS_PER_FRAME),
+        threat_attack=_padded([radius_units(t.attack_radius_m) for t in frame.threats], THREATS_PER_FRAME),
+        resolution=resolution_cm,
+        agent_id_base=agent_base,
+        target_id_base=target_base,
+        threat_id_base=threat_base,
+        directive=int(frame.directive),
+        frame_index=frame_index,
+        frame_count=frame_count,
+        agent_count=len(frame.agents),
+        target_count=len(frame.targets),
+        threat_count=len(frame.threats),
+        threat_speed_bound=_padded(
+            [ceiling(t.speed_bound_m_s, UINT8_MAX, "threat_speed_bound") for t in frame.threats],
+            THREATS_PER_FRAME,
+        ),
+        threat_id=threat_ids,
+        target_id=target_ids,
+        agent_id=agent_ids,
+        agent_target=_padded(assigned, AGENTS_PER_FRAME),
+        ed25519_signature=_NO_SIGNATURE,
+    )
+
+
+def _motion_message(frame: MotionFrame) -> oneway.MAVLink_oneway_motion_message:
+    agent_base, agent_ids = _based_ids([agent.id for agent in frame.agents], AGENTS_PER_FRAME, "agents")
+    target_base, target_ids = _based_ids([target.id for target in frame.targets], TARGETS_PER_FRAME, "targets")
+    threat_base, threat_ids = _based_ids([threat.id for threat in frame.threats], THREATS_PER_FRAME, "threats")
+
+    def velocities(entries: Sequence[PointMotion], length: int) -> tuple[list[int], list[int], list[int]]:
+        return (
+            _padded([_speed_cm_s(entry.velocity_north_m_s) for entry in entries], length),
+            _padded([_speed_cm_s(entry.velocity_east_m_s) for entry in entries], length),
+            _padded([_age_ds(entry.age_s, UINT16_MAX) for entry in entries], length),
+        )
+
+    target_north, target_east, target_age = velocities(frame.targets, TARGETS_PER_FRAME)
+    threat_north, threat_east, threat_age = velocities(frame.threats, THREATS_PER_FRAME)
+    frame_index, frame_count = _part(frame.stamp)
+    return oneway.MAVLink_oneway_motion_message(
+        epoch=whole(frame.stamp.epoch_s, UINT32_MAX, "epoch"),
+        time_ms=whole(frame.stamp.time_ms, UINT32_MAX, "time_ms"),
+        sequence=whole(frame.stamp.sequence, UINT32_MAX, "sequence"),
+        agent_heading=_padded([_heading_cdeg(agent.heading_rad) for agent in frame.agents], AGENTS_PER_FRAME),
+        agent_speed=_padded(
+            [whole(rounded(agent.speed_m_s * 100), UINT16_MAX, "agent_speed") for agent in frame.agents],
+            AGENTS_PER_FRAME,
+        ),
+        target_velocity_north=target_north,
+        target_velocity_east=target_east,
+        threat_velocity_north=threat_north,
+        threat_velocity_east=threat_east,
+        target_age=target_age,
+        threat_age=threat_age,
+        agent_id_base=agent_base,
+        target_id_base=target_base,
+        threat_id_base=threat_base,
+        frame_index=frame_index,
+        frame_count=frame_count,
+        agent_count=len(frame.agents),
+        target_count=len(frame.targets),
+        threat_count=len(frame.threats),
+        agent_age=_padded([_age_ds(agent.age_s, UINT8_MAX) for agent in frame.agents], AGENTS_PER_FRAME),
+        threat_id=threat_ids,
+        target_id=target_ids,
+        agent_id=agent_ids,
+        ed25519_signature=_NO_SIGNATURE,
+    )
+
+
+def _bands_message(frame: BandsFrame) -> oneway.MAVLink_oneway_bands_message:
+    base, ids = _based_ids([threat.id for threat in frame.threats], BANDS_PER_FRAME, "threats")
+    limits = [band_limits(threat.floor_m, threat.ceiling_m, threat.id) for threat in frame.threats]
+    frame_index, frame_count = _part(frame.stamp)
+    return oneway.MAVLink_oneway_bands_message(
+        epoch=whole(frame.stamp.epoch_s, UINT32_MAX, "epoch"),
+        time_ms=whole(frame.stamp.time_ms, UINT32_MAX, "time_ms"),
+        sequence=whole(frame.stamp.sequence, UINT32_MAX, "sequence"),
+        threat_floor=_padded([floor for floor, _ in limits], BANDS_PER_FRAME),
+        threat_ceiling=_padded([ceiling for _, ceiling in limits], BANDS_PER_FRAME),
+        threat_id_base=base,
+        frame_index=frame_index,
+        frame_count=frame_count,
+        threat_count=len(frame.threats),
+        threat_id=ids,
+        ed25519_signature=_NO_SIGNATURE,
+    )
+
+
+def _detections_message(frame: DetectionsFrame) -> oneway.MAVLink_oneway_detections_message:
+    seen = frame.detections
+    if len(seen) > DETECTIONS_PER_FRAME:
+        raise WireError(f"{len(seen)} detections; a frame holds {DETECTIONS_PER_FRAME}")
+    length = DETECTIONS_PER_FRAME
+    origin_lat, origin_lon = on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
+    return oneway.MAVLink_oneway_detections_message(
+        epoch=whole(frame.epoch_s, UINT32_MAX, "epoch"),
+        time_ms=whole(frame.time_ms, UINT32_MAX, "time_ms"),
+        origin_lat=origin_lat,
+        origin_lon=origin_lon,
+        north=_padded([_coordinate_cm(item.north_m) for item in seen], length),
+        east=_padded([_coordinate_cm(item.east_m) for item in seen], length),
+        velocity_north=_padded([_speed_cm_s(item.velocity_north_m_s) for item in seen], length),
+        velocity_east=_padded([_speed_cm_s(item.velocity_east_m_s) for item in seen], length),
+        id=_padded([whole(item.id, UINT16_MAX, "id") for item in seen], length),
+        count=len(seen),
+        kind=_padded([int(item.kind) for item in seen], length),
+    )
+
+
+def _report_message(frame: ReportFrame) -> oneway.MAVLink_oneway_report_message:
+    lat_e7, lon_e7 = on_earth_e7(frame.lat_deg, frame.lon_deg)
+    return oneway.MAVLink_oneway_report_message(
+        epoch=whole(frame.epoch_s, UINT32_MAX, "epoch"),
+        time_ms=whole(frame.time_ms, UINT32_MAX, "time_ms"),
+        lat=lat_e7,
+        lon=lon_e7,
+        flown=ceiling(frame.flown_m, UINT32_MAX, "flown"),
+        velocity_north=_speed_cm_s(frame.velocity_north_m_s),
+        velocity_east=_speed_cm_s(frame.velocity_east_m_s),
+        agent_id=whole(frame.agent_id, UINT16_MAX, "agent_id"),
+    )
+
+
+def _state_frame(message: Fields) -> StateFrame:
+    stamp = _stamp(message)
+    origin_lat_deg, origin_lon_deg = degrees_of(message.origin_lat, message.origin_lon, "origin")
+    directive = _directive(message)
+    unit_m = message.resolution / 100.0
+    if unit_m <= 0:
+        raise WireError("resolution is zero")
+    agent_ids = _ids(message.agent_id_base, message.agent_id, message.agent_count)
+    target_ids = _ids(message.target_id_base, message.target_id, message.target_count)
+    threat_ids = _ids(message.threat_id_base, message.threat_id, message.threat_count)
+    assigned = message.agent_target[: len(agent_ids)]
+    if any(place > len(target_ids) for place in assigned):
+        raise WireError("assigned to a target that is not there")
+    return StateFrame(
+        stamp=stamp,
+        origin_lat_deg=origin_lat_deg,
+        origin_lon_deg=origin_lon_deg,
+        directive=directive,
+        agents=tuple(
+            AgentEntry(identity, *_position_m(north, east, unit_m), target_ids[place - 1] if place else None)
+            for identity, north, east, place in zip(
+                agent_ids, message.agent_north, message.agent_east, assigned, strict=False
+            )
+        ),
+        targets=tuple(
+            TargetEntry(identity, north * unit_m, east * unit_m)
+            for identity, north, east in zip(target_ids, message.target_north, message.target_east, strict=False)
+        ),
+        threats=tuple(_threat_entry(identity, message, index, unit_m) for index, identity in enumerate(threat_ids)),
+    )
+
+
+def _position_m(north: int, east: int, unit_m: float) -> tuple[float | None, float | None]:
+    unknown = (north == _UNKNOWN_POSITION, east == _UNKNOWN_POSITION)
+    if unknown == (True, True):
+        return None, None
+    if any(unknown):
+        raise WireError("half a position")
+    return north * unit_m, east * unit_m
+
+
+def _threat_entry(identity: int, message: Fields, index: int, unit_m: float) -> ThreatEntry:
+    detection_units, attack_units = message.threat_detection[index], message.threat_attack[index]
+    if not 0 < attack_units <= detection_units:
+        raise WireError("radii out of range")
+    return ThreatEntry(
+        id=identity,
+        north_m=message.threat_north[index] * unit_m,
+        east_m=message.threat_east[index] * unit_m,
+        detection_radius_m=detection_units * unit_m,
+        attack_radius_m=attack_units * unit_m,
+        speed_bound_m_s=float(message.threat_speed_bound[index]),
+    )
+
+
+def _motion_frame(message: Fields) -> MotionFrame:
+    agent_ids = _ids(message.agent_id_base, message.agent_id, message.agent_count)
+    target_ids = _ids(message.target_id_base, message.target_id, message.target_count)
+    threat_ids = _ids(message.threat_id_base, message.threat_id, message.threat_count)
+    headings_rad = [_heading_rad(value) for value in message.agent_heading[: len(agent_ids)]]
+    return MotionFrame(
+        stamp=_stamp(message),
+        agents=tuple(
+            AgentMotion(identity, heading_rad, speed / 100.0, age / 10.0)
+            for identity, heading_rad, speed, age in zip(
+                agent_ids, headings_rad, message.agent_speed, message.agent_age, strict=False
+            )
+        ),
+        targets=_point_motions(
+            target_ids, message.target_velocity_north, message.target_velocity_east, message.target_age
+        ),
+        threats=_point_motions(
+            threat_ids, message.threat_velocity_north, message.threat_velocity_east, message.threat_age
+        ),
+    )
+
+
+def _point_motions(
+    ids: Iterable[int], north: Iterable[int], east: Iterable[int], age: Iterable[int]
+) -> tuple[PointMotion, ...]:
+    return tuple(
+        PointMotion(identity, north_cm_s / 100.0, east_cm_s / 100.0, age_ds / 10.0)
+        for identity, north_cm_s, east_cm_s, age_ds in zip(ids, north, east, age, strict=False)
+    )
+
+
+def _bands_frame(message: Fields) -> BandsFrame:
+    ids = _ids(message.threat_id_base, message.threat_id, message.threat_count)
+    bands = [band_of(*limits) for limits in zip(message.threat_floor[: len(ids)], message.threat_ceiling, strict=False)]
+    return BandsFrame(
+        stamp=_stamp(message),
+        threats=tuple(
+            BandEntry(identity, band.floor_m, band.ceiling_m) for identity, band in zip(ids, bands, strict=True)
+        ),
+    )
+
+
+def _detections_frame(message: Fields) -> DetectionsFrame:
+    if message.count > DETECTIONS_PER_FRAME:
+        raise WireError("count out of range")
+    if any(kind > max(Kind) for kind in message.kind[: message.count]):
+        raise WireError("unknown kind")
+    origin_lat_deg, origin_lon_deg = degrees_of(message.origin_lat, message.origin_lon, "origin")
+    return DetectionsFrame(
+        epoch_s=message.epoch,
+        time_ms=message.time_ms,
+        origin_lat_deg=origin_lat_deg,
+        origin_lon_deg=origin_lon_deg,
+        detections=tuple(
+            Detection(
+                Kind(message.kind[index]),
+                message.id[index],
+                message.north[index] / 100.0,
+                message.east[index] / 100.0,
+                message.velocity_north[index] / 100.0,
+                message.velocity_east[index] / 100.0,
+            )
+            for index in range(message.count)
+        ),
+    )
+
+
+def _report_frame(message: Fields) -> ReportFrame:
+    lat_deg, lon_deg = degrees_of(message.lat, message.lon, "position")
+    return ReportFrame(
+        epoch_s=message.epoch,
+        time_ms=message.time_ms,
+        agent_id=message.agent_id,
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
+        velocity_north_m_s=message.velocity_north / 100.0,
+        velocity_east_m_s=message.velocity_east / 100.0,
+        flown_m=float(message.flown),
+    )
+
+
+def _fleet_message(frame: FleetFrame) -> oneway.MAVLink_oneway_fleet_message:
+    entries: list[FleetEntry] = [*frame.agents, *frame.targets, *frame.threats]
+    north_base, east_base, data = write_fleet(entries, frame.resolution_cm)
+    frame_index, frame_count = _part(frame.stamp)
+    return oneway.MAVLink_oneway_fleet_message(
+        **_times(frame.stamp),
+        north_base=north_base,
+        east_base=east_base,
+        resolution=frame.resolution_cm,
+        directive=int(frame.directive),
+        frame_index=frame_index,
+        frame_count=frame_count,
+        **_data(data, FLEET_HEAD_BYTES),
+    )
+
+
+def _radii_message(frame: RadiiFrame) -> oneway.MAVLink_oneway_radii_message:
+    resolution_cm, data = write_radii(frame.threats)
+    frame_index, frame_count = _part(frame.stamp)
+    return oneway.MAVLink_oneway_radii_message(
+        **_times(frame.stamp),
+        resolution=resolution_cm,
+        frame_index=frame_index,
+        frame_count=frame_count,
+        **_data(data, RADII_HEAD_BYTES),
+    )
+
+
+def _mission_message(frame: MissionFrame) -> oneway.MAVLink_oneway_mission_message:
+    origin_lat, origin_lon = on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
+    origin_alt = rounded(frame.origin_alt_m * 10)
+    if abs(origin_alt) > INT32_MAX:
+        raise WireError(f"an origin {frame.origin_alt_m} m above the sea does not fit a frame")
+    for digest in (frame.surrogate_digest, frame.mission_digest):
+        if len(digest) != _DIGEST_BYTES:
+            raise WireError(f"a digest of {len(digest)} bytes; allowed: {_DIGEST_BYTES}")
+    name = frame.name.encode()
+    if len(name) > _MISSION_NAME_BYTES:
+        raise WireError(f"a name of {len(name)} bytes; a frame holds {_MISSION_NAME_BYTES}")
+    return oneway.MAVLink_oneway_mission_message(
+        **_times(frame.stamp),
+        origin_lat=origin_lat,
+        origin_lon=origin_lon,
+        origin_alt=origin_alt,
+        separation=whole(rounded(frame.separation_m * 10), UINT16_MAX, "separation"),
+        arrival_radius=whole(rounded(frame.arrival_radius_m * 10), UINT16_MAX, "arrival_radius"),
+        agent_count=whole(frame.agents, UINT16_MAX, "agent_count"),
+        target_count=whole(frame.targets, UINT16_MAX, "target_count"),
+        threat_count=whole(frame.threats, UINT16_MAX, "threat_count"),
+        surrogate_digest=list(frame.surrogate_digest),
+        mission_digest=list(frame.mission_digest),
+        **_data(name, MISSION_HEAD_BYTES),
+    )
+
+
+def _decision_message(frame: DecisionFrame) -> oneway.MAVLink_oneway_decision_message:
+    return oneway.MAVLink_oneway_decision_message(
+        time_usec=whole(frame.time_us, UINT64_MAX, "time_usec"),
+        picture_age=_float(frame.picture_age_s),
+        wanted_heading=_float(frame.wanted_heading_rad),
+        heading=_float(frame.heading_rad),
+        speed=_float(frame.speed_m_s),
+        altitude=_float(frame.altitude_m),
+        words_crc=whole(frame.words_crc, UINT32_MAX, "words_crc"),
+        target_id=0 if frame.target_id is None else whole(frame.target_id, UINT16_MAX, "target_id"),
+        purpose=whole(frame.purpose, UINT8_MAX, "purpose"),
+        stage=whole(frame.stage, UINT8_MAX, "stage"),
+        flags=int(frame.flags),
+    )
+
+
+def _fleet_frame(message: Fields) -> FleetFrame:
+    data = _data_of(message)
+    agents, targets, threats = read_fleet(data, message.resolution, message.north_base, message.east_base)
+    return FleetFrame(_stamp(message), _directive(message), message.resolution, agents, targets, threats)
+
+
+def _radii_frame(message: Fields) -> RadiiFrame:
+    return RadiiFrame(_stamp(message), read_radii(_data_of(message), message.resolution))
+
+
+def _mission_frame(message: Fields) -> MissionFrame:
+    origin_lat_deg, origin_lon_deg = degrees_of(message.origin_lat, message.origin_lon, "origin")
+    try:
+        name = _data_of(message).decode()
+    except UnicodeDecodeError as error:
+        raise WireError("name is not UTF-8") from error
+    return MissionFrame(
+        stamp=Stamp(message.epoch, message.time_ms, message.sequence),
+        origin_lat_deg=origin_lat_deg,
+        origin_lon_deg=origin_lon_deg,
+        origin_alt_m=message.origin_alt / 10.0,
+        separation_m=message.separation / 10.0,
+        arrival_radius_m=message.arrival_radius / 10.0,
+        surrogate_digest=bytes(message.surrogate_digest),
+        agents=message.agent_count,
+        targets=message.target_count,
+        threats=message.threat_count,
+        name=name,
+        mission_digest=bytes(message.mission_digest),
+    )
+
+
+def _decision_frame(message: Fields) -> DecisionFrame:
+    numbers = (message.picture_age, message.wanted_heading, message.heading, message.speed, message.altitude)
+    if any(math.isinf(number) for number in numbers):
+        raise WireError("number out of range")
+    if message.flags & ~_ALL_FLAGS:
+        raise WireError("unknown flag")
+    return DecisionFrame(
+        time_us=message.time_usec,
+        purpose=message.purpose,
+        stage=message.stage,
+        target_id=message.target_id or None,
+        flags=DecisionFlag(message.flags),
+        picture_age_s=message.picture_age,
+        wanted_heading_rad=message.wanted_heading,
+        heading_rad=message.heading,
+        speed_m_s=message.speed,
+        altitude_m=message.altitude,
+        words_crc=message.words_crc,
+    )
+
+
+def _times(stamp: Stamp) -> dict[str, int]:
+    return {
+        "epoch": whole(stamp.epoch_s, UINT32_MAX, "epoch"),
+        "time_ms": whole(stamp.time_ms, UINT32_MAX, "time_ms"),
+        "sequence": whole(stamp.sequence, UINT32_MAX, "sequence"),
+    }
+
+
+def _data(data: bytes, head_bytes: int) -> dict[str, object]:
+    """Return the fields size and data of a packed message."""
+    return {"size": len(data), "data": list(data.ljust(PAYLOAD_BYTES - head_bytes, b"\0"))}
+
+
+def _data_of(message: Fields) -> bytes:
+    if message.size > len(message.data):
+        raise WireError("size out of range")
+    return bytes(message.data[: message.size])
+
+
+def _directive(message: Fields) -> Directive:
+    if message.directive > _GREATEST_DIRECTIVE:
+        raise WireError("unknown directive")
+    return Directive(message.directive)
+
+
+def _float(value: float) -> float:
+    """Return the value as a 32-bit float holds it; nan stays."""
+    try:
+        held: float = _FLOAT.unpack(_FLOAT.pack(value))[0]
+    except OverflowError:
+        held = math.inf
+    if math.isinf(held):
+        raise WireError(f"{value} does not fit its field; allowed: a 32-bit float")
+    return held
+
+
+_FLOAT = struct.Struct("<f")
+_GREATEST_DIRECTIVE = max(Directive)
+_ALL_FLAGS = int(~DecisionFlag(0))
+_ENCODERS: dict[type[Frame], Callable[[Any], oneway.MAVLink_message]] = {
+    StateFrame: _state_message,
+    MotionFrame: _motion_message,
+    BandsFrame: _bands_message,
+    DetectionsFrame: _detections_message,
+    ReportFrame: _report_message,
+    FleetFrame: _fleet_message,
+    RadiiFrame: _radii_message,
+    MissionFrame: _mission_message,
+    DecisionFrame: _decision_message,
+}
+_DECODERS: dict[int, Callable[[Fields], Frame]] = {
+    oneway.MAVLINK_MSG_ID_ONEWAY_STATE: _state_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_MOTION: _motion_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_BANDS: _bands_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_DETECTIONS: _detections_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_REPORT: _report_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_FLEET: _fleet_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_RADII: _radii_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_MISSION: _mission_frame,
+    oneway.MAVLINK_MSG_ID_ONEWAY_DECISION: _decision_frame,
+}
+
+
+def frame_resolution_cm(points: Sequence[tuple[float, float]], radii_m: Sequence[float]) -> int:
+    """Return the finest resolution, in whole cm, at which every position and radius fits its 16 bits."""
+    reach_m = max((max(abs(north_m), abs(east_m)) for north_m, east_m in points), default=0.0)
+    radius_m = max(radii_m, default=0.0)
+    if not (math.isfinite(reach_m) and math.isfinite(radius_m)):
+        raise WireError("a position or radius is not finite")
+    # A radius gains up to sqrt(1/2) of a unit for the rounding of its centre and up to one for its own.
+    needed_cm = max(100 * reach_m / INT16_MAX, 100 * radius_m / (UINT16_MAX - 2))
+    if needed_cm > UINT16_MAX:
+        raise WireError(
+            f"a position {reach_m:.3g} m from the origin or a radius of {radius_m:.3g} m does not fit a frame"
+        )
+    return max(_MIN_RESOLUTION_CM, math.ceil(needed_cm))
+
+
+def _based_ids(ids: Sequence[int], length: int, what: str) -> tuple[int, list[int]]:
+    if len(ids) > length:
+        raise WireError(f"{len(ids)} {what}; a frame holds {length}")
+    if not ids:
+        return 0, [0] * length
+    base = min(ids)
+    if max(ids) - base >= ID_SPAN:
+        raise WireError(f"{what}: ids {base} and {max(ids)} are too far apart for one frame")
+    if len(set(ids)) != len(ids):
+        raise WireError(f"{what}: an id is given twice")
+    whole(max(ids), UINT16_MAX, f"{what} id")
+    return whole(base, UINT16_MAX, f"{what} id"), _padded([identity - base for identity in ids], length)
+
+
+def _ids(base: int, offsets: Sequence[int], count: int) -> list[int]:
+    if count > len(offsets):
+        raise WireError("count out of range")
+    ids = [base + offset for offset in offsets[:count]]
+    if len(set(ids)) != count or any(identity > UINT16_MAX for identity in ids):
+        raise WireError("ids out of range")
+    return ids
+
+
+def _stamp(message: Fields) -> Stamp:
+    if message.frame_index >= message.frame_count:
+        raise WireError("frame index out of range")
+    return Stamp(message.epoch, message.time_ms, message.sequence, message.frame_index, message.frame_count)
+
+
+def _padded(values: list[int], length: int) -> list[int]:
+    return values + [0] * (length - len(values))
+
+
+def _coordinate_cm(coordinate_m: float) -> int:
+    value_cm = rounded(coordinate_m * 100)
+    if abs(value_cm) > INT32_MAX:
+        raise WireError(f"a position {coordinate_m:.0f} m from the origin does not fit a frame")
+    return value_cm
+
+
+def _part(stamp: Stamp) -> tuple[int, int]:
+    """Return frame index and count."""
+    count = whole(stamp.frame_count, UINT8_MAX, "frame_count")
+    return whole(stamp.frame_index, count - 1, "frame_index"), count
+
+
+def _speed_cm_s(speed_m_s: float) -> int:
+    return max(-INT16_MAX, min(INT16_MAX, rounded(speed_m_s * 100)))
+
+
+def _age_ds(age_s: float, greatest: int) -> int:
+    if not age_s >= 0:
+        raise WireError(f"an age of {age_s} s does not fit its field; allowed: 0 or more")
+    return math.ceil(min(round(age_s * 10, 6), greatest))
+
+
+def _heading_cdeg(heading_rad: float | None) -> int:
+    return _UNKNOWN_HEADING if heading_rad is None else rounded(math.degrees(heading_rad) * 100) % 36_000
+
+
+def _heading_rad(value_cdeg: int) -> float | None:
+    if value_cdeg == _UNKNOWN_HEADING:
+        return None
+    if value_cdeg >= 36_000:
+        raise WireError("heading out of range")
+    return math.radians(value_cdeg / 100.0)

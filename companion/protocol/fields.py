@@ -1,0 +1,137 @@
+"""Numbers into message fields: what does not fit is refused (WireError), never cut or wrapped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from companion.protocol.messages import WireError
+
+INT16_MIN, INT16_MAX = -32_768, 32_767
+UINT8_MAX = 255
+UINT16_MAX = 65_535
+UINT32_MAX = 4_294_967_295
+UINT64_MAX = 2**64 - 1
+INT32_MAX = 2_147_483_647
+NO_FLOOR, NO_CEILING = INT16_MIN, INT16_MAX
+"""As a floor and as a ceiling: there is none."""
+_LAT_MAX_E7 = 900_000_000
+_LON_MAX_E7 = 1_800_000_000
+_WHOLE = 1.0e-12
+"""A quotient so near a whole number, relatively, is whole but for floating point and is not rounded up."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """Least and greatest height, m above sea level; None: no limit on that side."""
+
+    floor_m: float | None
+    ceiling_m: float | None
+
+
+def whole(value: int, greatest: int, what: str) -> int:
+    """Return the value of an unsigned field.
+
+    Raises:
+        WireError: it is negative or greater than the field's greatest.
+
+    """
+    if not 0 <= value <= greatest:
+        raise WireError(f"{what} {value} does not fit its field; allowed: 0 to {greatest}")
+    return value
+
+
+def rounded(value: float) -> int:
+    """Return the nearest whole number.
+
+    Raises:
+        WireError: the value is not finite.
+
+    """
+    if not math.isfinite(value):
+        raise WireError(f"{value} does not fit any field; allowed: a finite number")
+    return round(value)
+
+
+def ceiling(value: float, greatest: int, what: str) -> int:
+    """Return the least whole number that is not less, for an unsigned field.
+
+    Raises:
+        WireError: the value is not finite, negative or greater than the field's greatest.
+
+    """
+    rounded(value)
+    return whole(math.ceil(value), greatest, what)
+
+
+def ceiling_units(value: float, unit: float, greatest: int, what: str) -> int:
+    """Return how many units hold a value, for an unsigned field.
+
+    Raises:
+        WireError: the value is not finite, negative or too great for the field.
+
+    """
+    units = value / unit
+    nearest = rounded(units)
+    return (
+        whole(nearest, greatest, what)
+        if math.isclose(units, nearest, rel_tol=_WHOLE)
+        else ceiling(units, greatest, what)
+    )
+
+
+def on_earth_e7(lat_deg: float, lon_deg: float) -> tuple[int, int]:
+    """Return latitude and longitude in 1e-7 degrees.
+
+    Raises:
+        WireError: there is no such place.
+
+    """
+    lat_e7, lon_e7 = rounded(lat_deg * 1e7), rounded(lon_deg * 1e7)
+    if abs(lat_e7) > _LAT_MAX_E7 or abs(lon_e7) > _LON_MAX_E7:
+        raise WireError(f"{lat_deg}, {lon_deg} is not on Earth")
+    return lat_e7, lon_e7
+
+
+def degrees_of(lat_e7: int, lon_e7: int, what: str) -> tuple[float, float]:
+    """Return latitude and longitude in degrees.
+
+    Raises:
+        WireError: there is no such place; it reads "`what` out of range".
+
+    """
+    if abs(lat_e7) > _LAT_MAX_E7 or abs(lon_e7) > _LON_MAX_E7:
+        raise WireError(f"{what} out of range")
+    return lat_e7 / 1e7, lon_e7 / 1e7
+
+
+def band_limits(floor_m: float | None, ceiling_m: float | None, threat_id: int) -> tuple[int, int]:
+    """Return floor and ceiling in whole metres, never a narrower band than the true one.
+
+    Raises:
+        WireError: a height does not fit, or the floor is not below the ceiling.
+
+    """
+    if floor_m is not None and ceiling_m is not None and floor_m >= ceiling_m:
+        raise WireError(f"threat {threat_id} has its floor at or above its ceiling")
+    floor = NO_FLOOR if floor_m is None else _height_m(floor_m, math.floor)
+    return floor, NO_CEILING if ceiling_m is None else _height_m(ceiling_m, math.ceil)
+
+
+def band_of(floor: int, ceiling: int) -> Band:
+    """Return the band that two fields mean.
+
+    Raises:
+        WireError: the floor is not below the ceiling.
+
+    """
+    if floor >= ceiling:
+        raise WireError("band out of range")
+    return Band(None if floor == NO_FLOOR else float(floor), None if ceiling == NO_CEILING else float(ceiling))
+
+
+def _height_m(height_m: float, rounding: Callable[[float], int]) -> int:
+    if not INT16_MIN + 1 <= height_m <= INT16_MAX - 1:
+        raise WireError(f"a height of {height_m} m does not fit a frame")
+    return rounding(height_m)

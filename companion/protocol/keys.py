@@ -1,0 +1,129 @@
+"""Key files: made once on the ground, copied to the vehicles, and read with care that nobody else could read them.
+
+Vehicles get `broadcast.public` and, where MAVLink signing is used, `broadcast.mavlink`; `broadcast.private` never
+leaves the ground station. No key byte appears in an error: a file that cannot be used is named, not quoted.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+from companion.errors import InputError
+from companion.protocol.mavlink_signing import KEY_BYTES
+
+PRIVATE_NAME = "broadcast.private"
+PUBLIC_NAME = "broadcast.public"
+MAVLINK_NAME = "broadcast.mavlink"
+
+_SECRET_MODE = 0o600
+_PUBLIC_MODE = 0o644
+_FOLDER_MODE = 0o700
+_OTHERS = 0o077
+_MAX_FILE_BYTES = 4096
+"""Longer than any key file of ours: a wrong path must not be read whole."""
+
+
+def keygen(folder: Path) -> list[Path]:
+    """Make a new set of keys and return their paths: private, public, MAVLink.
+
+    Raises InputError if one of them is there already, the folder is open to others, or it cannot be written.
+    """
+    private = Ed25519PrivateKey.generate()
+    pem = serialization.Encoding.PEM
+    contents = {
+        folder / PRIVATE_NAME: (
+            private.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()),
+            _SECRET_MODE,
+        ),
+        folder / PUBLIC_NAME: (
+            private.public_key().public_bytes(pem, serialization.PublicFormat.SubjectPublicKeyInfo),
+            _PUBLIC_MODE,
+        ),
+        folder / MAVLINK_NAME: (os.urandom(KEY_BYTES).hex().encode() + b"\n", _SECRET_MODE),
+    }
+    written: list[Path] = []
+    try:
+        folder.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
+        _refuse_open(folder, folder.stat().st_mode, "the folder", "700")
+        for path in contents:
+            if path.exists() or path.is_symlink():
+                raise InputError(f"{path}: is there already; a key is never overwritten: name another folder")
+        for path, (content, mode) in contents.items():
+            _write_new(path, content, mode, written)
+    except OSError as error:
+        for path in written:
+            path.unlink(missing_ok=True)
+        raise InputError(f"{folder}: cannot write keys: {error.strerror}") from error
+    return written
+
+
+def load_private(path: Path) -> Ed25519PrivateKey:
+    """Return the Ed25519 private key in a PEM file; raises InputError if it cannot be used or others can read it."""
+    content = _read(path, secret=True)
+    try:
+        key = serialization.load_pem_private_key(content, password=None)
+    except (ValueError, TypeError, UnsupportedAlgorithm):
+        # The library's own message may quote what it read.
+        key = None
+    if not isinstance(key, Ed25519PrivateKey):
+        raise InputError(f"{path}: not an Ed25519 private key; allowed: the {PRIVATE_NAME} that keygen wrote")
+    return key
+
+
+def load_public(path: Path) -> Ed25519PublicKey:
+    """Return the Ed25519 public key in a PEM file; raises InputError if it cannot be used."""
+    content = _read(path, secret=False)
+    try:
+        key = serialization.load_pem_public_key(content)
+    except (ValueError, UnsupportedAlgorithm):
+        key = None
+    if not isinstance(key, Ed25519PublicKey):
+        raise InputError(f"{path}: not an Ed25519 public key; allowed: the {PUBLIC_NAME} that keygen wrote")
+    return key
+
+
+def load_mavlink_key(path: Path) -> bytes:
+    """Return the 32 bytes of a shared MAVLink key; raises InputError if it cannot be used or others can read it."""
+    content = _read(path, secret=True).strip()
+    try:
+        key = bytes.fromhex(content.decode("ascii"))
+    except ValueError:
+        key = b""
+    if len(key) != KEY_BYTES:
+        raise InputError(f"{path}: not a MAVLink key; allowed: {2 * KEY_BYTES} hexadecimal digits")
+    return key
+
+
+def _write_new(path: Path, content: bytes, mode: int, written: list[Path]) -> None:
+    # Made with its mode, so that at no moment anybody else can open it.
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    written.append(path)
+    with os.fdopen(descriptor, "wb") as file:
+        os.fchmod(descriptor, mode)
+        file.write(content)
+        file.flush()
+        os.fsync(descriptor)
+
+
+def _read(path: Path, *, secret: bool) -> bytes:
+    try:
+        with path.open("rb") as file:
+            if secret:
+                _refuse_open(path, os.fstat(file.fileno()).st_mode, "the key", "600")
+            return file.read(_MAX_FILE_BYTES)
+    except OSError as error:
+        raise InputError(f"{path}: cannot read the key: {error.strerror}") from error
+
+
+def _refuse_open(path: Path, mode: int, what: str, remedy: str) -> None:
+    if stat.S_IMODE(mode) & _OTHERS:
+        raise InputError(
+            f"{path}: {what} is open to others (mode {stat.S_IMODE(mode):03o}); allowed: its owner only; "
+            f"chmod {remedy} {path}"
+        )

@@ -1,0 +1,1 @@
+"""What the programs' shells share: clock, loop rate, a thread for input and output, systemd."""

@@ -1,0 +1,1 @@
+"""The paper's cost, its differentiable surrogates, their training, and the convergence theorem."""

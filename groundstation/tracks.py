@@ -1,0 +1,186 @@
+"""The ground station's picture of the world: one track per agent, target and threat, with ages.
+
+It begins with what the mission says and lives on the detections of a sensor; in Case II agents are not detected but
+placed where they are reckoned to be. An agent not heard of for too long is lost (METHOD.md section 1 item 7); one that
+comes within the arrival radius of a target completes it, and both leave the problem. Where an agent is only known to so
+many metres, its arrival is believed as much later as it takes to fly them. Times are Unix seconds given by the caller.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.geo.local_frame import LocalFrame
+from companion.mission.model import Mission
+from companion.protocol.codec import DetectionsFrame, Kind
+from groundstation.agents import Estimate
+
+FARTHEST_M = 2.0e7
+"""No detection is believed farther from the origin, along the ground: half the way round the Earth, and less than any
+frame can carry."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Where a thing was last seen and how it moved."""
+
+    north_m: float
+    east_m: float
+    velocity_north_m_s: float
+    velocity_east_m_s: float
+    seen_at_s: float
+
+    @property
+    def position_ned_m(self) -> tuple[float, float]:
+        """(north, east) where it was seen."""
+        return self.north_m, self.east_m
+
+    def age_s(self, now_s: float) -> float:
+        """Return how long ago that was."""
+        return max(0.0, now_s - self.seen_at_s)
+
+
+class TrackTable:
+    """Tracks by kind and id, and what has become of agents and targets."""
+
+    def __init__(
+        self, mission: Mission, now_s: float, silent_after_s: float | None, began_s: float | None = None
+    ) -> None:
+        """Begin with a resolved mission's positions, which were true at `began_s`, now unless given.
+
+        An agent not heard of for `silent_after_s` is lost; None where nobody is heard of, so that nobody can be known
+        lost.
+        """
+        self._mission = mission
+        self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
+        self._silent_after_s = silent_after_s
+        self._speed_m_s = {agent.id: agent.speed_m_s for agent in mission.agents}
+        self._only_target = {agent.id: agent.only_target for agent in mission.agents}
+        self._near: dict[int, tuple[int, float]] = {}
+        """Agent to the target that it is believed to be near, and since when."""
+        placed_at_s = now_s if began_s is None else min(began_s, now_s)
+        self.too_far = 0
+        """Detections refused because no frame could carry them."""
+        self.tracks: dict[tuple[Kind, int], Track] = {}
+        for kind, items in (
+            (Kind.AGENT, mission.agents),
+            (Kind.TARGET, mission.targets),
+            (Kind.THREAT, mission.threats),
+        ):
+            for item in items:
+                self.tracks[kind, item.id] = Track(*item.position_ned_m, 0.0, 0.0, placed_at_s)
+        self.heard_at_s = {agent.id: now_s for agent in mission.agents}
+        """When each agent was last detected (Case I) or reported (Case II)."""
+        self.flown_m = {agent.id: 0.0 for agent in mission.agents}
+        self.uncertainty_m = {agent.id: 0.0 for agent in mission.agents}
+        self.arrived: set[int] = set()
+        self.reached_by: dict[int, int] = {}
+        """Agent that has arrived to the target that it completed."""
+        self.lost: set[int] = set()
+        self.completed: set[int] = set()
+
+    @property
+    def active_agents(self) -> list[int]:
+        """Agents still on their way, in file order."""
+        return [agent.id for agent in self._mission.agents if agent.id not in self.arrived | self.lost]
+
+    @property
+    def present_agents(self) -> list[int]:
+        """Agents in the air as far as is known: on their way or arrived."""
+        return [agent.id for agent in self._mission.agents if agent.id not in self.lost]
+
+    @property
+    def open_targets(self) -> list[int]:
+        """Targets not reached yet, in file order."""
+        return [target.id for target in self._mission.targets if target.id not in self.completed]
+
+    def take(self, frame: DetectionsFrame, now_s: float) -> None:
+        """Merge one look of a sensor; detections of unknown things, and older ones than the track, are ignored.
+
+        Those beyond FARTHEST_M are counted in `too_far` and ignored.
+        """
+        seen_at_s = min(now_s, frame.unix_s)
+        same_plane = (frame.origin_lat_deg, frame.origin_lon_deg) == (self._frame.lat_deg, self._frame.lon_deg)
+        sensor_frame = None if same_plane else LocalFrame(frame.origin_lat_deg, frame.origin_lon_deg)
+        for detection in frame.detections:
+            key = (detection.kind, detection.id)
+            track = self.tracks.get(key)
+            if track is None or seen_at_s < track.seen_at_s:
+                continue
+            if detection.kind is Kind.AGENT and self._mission.case == "II":
+                continue  # agents are reckoned, whatever a stray detection says of them
+            north_m, east_m = detection.north_m, detection.east_m
+            # Before it is converted too: what is farther would come out somewhere else on the Earth.
+            is_near = math.hypot(north_m, east_m) <= FARTHEST_M
+            if is_near and sensor_frame is not None:
+                north_m, east_m = self._frame.to_local(*sensor_frame.to_global(north_m, east_m))
+                is_near = math.hypot(north_m, east_m) <= FARTHEST_M
+            if not is_near:
+                self.too_far += 1
+                continue
+            if detection.kind is Kind.AGENT:
+                self.flown_m[detection.id] += math.dist(track.position_ned_m, (north_m, east_m))
+                self.heard_at_s[detection.id] = seen_at_s
+            self.tracks[key] = Track(
+                north_m, east_m, detection.velocity_north_m_s, detection.velocity_east_m_s, seen_at_s
+            )
+
+    def place(self, agent_id: int, estimate: Estimate, now_s: float) -> None:
+        """Put an agent where it is reckoned to be now (Case II)."""
+        self.tracks[Kind.AGENT, agent_id] = Track(
+            estimate.north_m,
+            estimate.east_m,
+            estimate.speed_m_s * math.cos(estimate.heading_rad),
+            estimate.speed_m_s * math.sin(estimate.heading_rad),
+            now_s,
+        )
+        self.flown_m[agent_id] = estimate.flown_m
+        self.uncertainty_m[agent_id] = estimate.uncertainty_m
+
+    def update(self, now_s: float, assignment: Mapping[int, int]) -> bool:
+        """Find who is lost and who has arrived by `now_s`; return whether anything changed.
+
+        `assignment` is of agent id to target id: an agent whose place is uncertain arrives only where it was sent.
+        """
+        before = (set(self.arrived), set(self.lost), set(self.completed))
+        if self._silent_after_s is not None:
+            self.lost = {
+                key for key, heard_at_s in self.heard_at_s.items() if now_s - heard_at_s > self._silent_after_s
+            }
+        self._near = {key: near for key, near in self._near.items() if assignment.get(key) == near[0]}
+        for target_id, agent_id in self._candidates(assignment):
+            target, agent = self.tracks[Kind.TARGET, target_id], self.tracks[Kind.AGENT, agent_id]
+            if agent_id not in self.arrived and self._only_target[agent_id] in (None, target_id):
+                near = math.dist(agent.position_ned_m, target.position_ned_m) <= self._mission.arrival_radius_m
+                if self._has_arrived(agent_id, target_id, near, assignment.get(agent_id) == target_id, now_s):
+                    self.arrived.add(agent_id)
+                    self.completed.add(target_id)
+                    if target_id not in self.reached_by.values():
+                        self.reached_by[agent_id] = target_id
+        return before != (self.arrived, self.lost, self.completed)
+
+    def _candidates(self, assignment: Mapping[int, int]) -> list[tuple[int, int]]:
+        """Return (target id, agent id) of all that can have arrived: who is near, or was sent there."""
+        agents, targets = self.active_agents, self.open_targets
+        agents_ned_m = np.array([self.tracks[Kind.AGENT, one].position_ned_m for one in agents]).reshape(-1, 2)
+        targets_ned_m = np.array([self.tracks[Kind.TARGET, one].position_ned_m for one in targets]).reshape(-1, 2)
+        apart_m = targets_ned_m[:, np.newaxis] - agents_ned_m  # (K, N, 2)
+        # A little farther, so that only the exact distance decides.
+        close = np.hypot(apart_m[..., 0], apart_m[..., 1]) <= self._mission.arrival_radius_m * (1.0 + 1e-9)
+        sent = np.array(targets, dtype=int)[:, np.newaxis] == np.array([assignment.get(one, 0) for one in agents])
+        return [(targets[row], agents[column]) for row, column in np.argwhere(close | sent)]
+
+    def _has_arrived(self, agent_id: int, target_id: int, near: bool, sent: bool, now_s: float) -> bool:
+        doubt_s = self.uncertainty_m[agent_id] / self._speed_m_s[agent_id]
+        if doubt_s == 0.0:
+            return near
+        if not sent:
+            return False
+        # Once near it loiters there, by its own lights; it need not stay near by ours.
+        if near:
+            self._near.setdefault(agent_id, (target_id, now_s))
+        return agent_id in self._near and now_s - self._near[agent_id][1] >= doubt_s

@@ -1,0 +1,35 @@
+"""Stand-in autopilots: what a companion meets before it meets the real ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from sim.vehicles.arducopter import ArduCopter
+from sim.vehicles.arduplane import ArduPlane
+from sim.vehicles.craft import Craft, Home, Start
+from sim.vehicles.kinematic import kinematic_profile
+from sim.vehicles.px4_copter import Px4Copter
+from sim.vehicles.px4_plane import Px4Plane
+from sim.vehicles.stand_in import DEFAULT_RATES_HZ, LOCKSTEP_RATES_HZ, StandIn, Truth
+
+__all__ = [
+    "CRAFTS",
+    "DEFAULT_RATES_HZ",
+    "LOCKSTEP_RATES_HZ",
+    "ArduCopter",
+    "ArduPlane",
+    "Craft",
+    "Home",
+    "StandIn",
+    "Start",
+    "Truth",
+    "kinematic_profile",
+]
+
+CRAFTS: dict[str, Callable[[Start], Craft]] = {
+    "arducopter": ArduCopter,
+    "arduplane": ArduPlane,
+    "px4-copter": Px4Copter,
+    "px4-plane": Px4Plane,
+}
+"""What makes a craft of each autopilot kind."""

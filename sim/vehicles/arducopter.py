@@ -1,0 +1,327 @@
+"""ArduCopter as measured in its own simulator with default parameters (AUTOPILOT_FACTS.md; V4.7.0-dev, October 2025).
+
+A velocity demand shapes a reference (acceleration and jerk limited), which the copter follows with a lag as far as its
+lean against the drag allows. The reference does not know of the top speed, so who asks for more than is reachable winds
+it up and waits longer for a reversal, as on the real one.
+
+Not modelled: the drift of STABILIZE and ALT_HOLD (they hold their place), and the disarming of a copter left armed on
+the ground.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from companion.geo.kinematics import GRAVITY_M_S2, shorter_turn_rad
+from sim.vehicles.ardupilot import ACCEPTED, DENIED, FAILED, UNSUPPORTED, ArduPilot, changes_mode
+from sim.vehicles.craft import Answer, Command, Message, Parameter, Start, Surroundings
+from sim.vehicles.modes import ARMABLE_MODES, BRAKE, COPTER_MODES, GUIDED, LAND, RTL, STABILIZE, STICK_MODES
+from sim.vehicles.setpoint import SANE_POSITION_M, Setpoint, clip, global_place_m, rotated, understood
+
+_SHAPING_LAG_S = 0.54
+_FOLLOWING_LAG_S = 0.08
+"""Together they lag 0.62 s behind a vector that turns at 10 deg/s, as measured."""
+_JERK_M_S3 = 5.0
+"""PSC_JERK_XY (code, default). With it a step to 5 m/s is 90 % done after 2.3 s; measured 2.35 s."""
+_BRAKING_SHARE = 1.25
+"""Of WPNAV_ACCEL when no setpoint comes any more: from 10 m/s it was seen to stop within 18 m and 3.6 s."""
+_SETPOINT_GRACE_S = 0.5
+"""Added to GUID_TIMEOUT before a silent companion is given up."""
+_TOP_SPEED_AT_45_DEG_M_S = 15.0
+_TOP_SPEED_EXPONENT = math.log(_TOP_SPEED_AT_45_DEG_M_S / 10.3) / math.log(1.0 / math.tan(math.radians(30.0)))
+"""Drag against lean angle, through the two measured points: 10.3 m/s at 30 degrees and 15.0 m/s at 45."""
+_CLIMB_M_S = 2.5
+_DESCENT_M_S = 1.5
+_STICK_SINK_M_S = 2.5
+"""LOITER and its like without a radio-control stick sink this fast."""
+_VERTICAL_ACCELERATION_M_S2 = 1.0
+_LAND_FINAL_M = 10.0
+_LAND_FINAL_M_S = 0.5
+_RTL_HEIGHT_M = 15.0
+_RTL_ARRIVED_M = 0.5
+_YAW_RATE_RAD_S = math.radians(60.0)
+_YAW_TRACK_MIN_M_S = 0.5
+"""Below this a velocity demand has no track to turn the nose to."""
+_POSITION_GAIN_1_S = 0.5
+_ALTITUDE_GAIN_1_S = 1.0
+_TAKEOFF_DONE_M = 0.05
+_STEP_S = 0.1
+
+
+class ArduCopter(ArduPilot):
+    """One copter."""
+
+    kind = "arducopter"
+    mav_type = mavlink.MAV_TYPE_QUADROTOR
+    longest_step_s = _STEP_S
+    # Ranges: ArduPilot's parameter reference; WPNAV_ACCEL and PSC_JERK_XY reach as far as they were flown.
+    parameters = (
+        Parameter("GUID_TIMEOUT", 3.0, 0.1, 5.0),
+        Parameter("WPNAV_ACCEL", 250.0, 50.0, 1000.0),
+        Parameter("ANGLE_MAX", 3000.0, 1000.0, 8000.0),
+        Parameter("FS_GCS_ENABLE", 0.0, 0.0, 7.0),
+        Parameter("WPNAV_SPEED", 1000.0, 10.0, 2000.0),
+        Parameter("PSC_JERK_XY", _JERK_M_S3, 1.0, 20.0),
+        Parameter("FENCE_ENABLE", 0.0, 0.0, 1.0),
+        Parameter("FENCE_ACTION", 1.0, 0.0, 5.0),
+    )
+    modes = COPTER_MODES
+    first_mode = STABILIZE
+    guided_mode = GUIDED
+    holding_mode = BRAKE
+    stick_modes = STICK_MODES
+    return_mode = RTL
+    armable = ARMABLE_MODES
+    gcs_failsafe = "FS_GCS_ENABLE"
+
+    def __init__(self, start: Start) -> None:
+        """Begin as told; on the ground it stands."""
+        super().__init__(start)
+        self._setpoint: Setpoint | None = None
+        self._takeoff_altitude_m: float | None = None
+        # North and east along the grid, what the velocity controller wants now, and its rate of change.
+        self._reference_m_s = self.body.velocity_north_m_s, self.body.velocity_east_m_s
+        self._acceleration_m_s2 = (0.0, 0.0)
+        self._commands |= {
+            mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
+            mavlink.MAV_CMD_NAV_LAND: partial(self._change, LAND),
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: partial(self._change, RTL),
+            mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
+            # Accepted; a velocity setpoint's speed is none of its business.
+            mavlink.MAV_CMD_DO_CHANGE_SPEED: lambda _command, _around, _now_s: ACCEPTED,
+        }
+
+    def landed_state(self) -> int:
+        """Return EXTENDED_SYS_STATE.landed_state."""
+        if self._takeoff_altitude_m is not None:
+            return int(mavlink.MAV_LANDED_STATE_TAKEOFF)
+        if not self.in_air:
+            return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
+        return int(mavlink.MAV_LANDED_STATE_LANDING if self.mode == LAND else mavlink.MAV_LANDED_STATE_IN_AIR)
+
+    def setpoint(self, message: Message, around: Surroundings, now_s: float) -> None:
+        """Mind velocities and places in GUIDED; a setpoint that makes no sense stops."""
+        if self.mode != GUIDED or not self.in_air or not self.armed:
+            return
+        if message.get_type() != "SET_POSITION_TARGET_LOCAL_NED":
+            return
+        # As measured and in ArduCopter's source: a setpoint replaces a take-off.
+        self._takeoff_altitude_m = None
+        self._setpoint = understood(message, self.body, around, now_s) or Setpoint(now_s, (0.0, 0.0, 0.0))
+
+    def blow(self, wind_m_s: tuple[float, float]) -> None:
+        """Keep the velocity over the ground: the lean works against the wind."""
+        self._note_airspeed(wind_m_s)
+
+    def step(self, now_s: float, dt_s: float, around: Surroundings) -> None:
+        """Fly what the mode wants."""
+        self._mind_time(now_s, around)
+        expires_s = self._expires_s()
+        if now_s < expires_s < now_s + dt_s:
+            self._fly(True, around, expires_s - now_s)
+            self._fly(False, around, now_s + dt_s - expires_s)
+        else:
+            self._fly(now_s < expires_s, around, dt_s)
+
+    def _expires_s(self) -> float:
+        if self._setpoint is None:
+            return -math.inf
+        # A place to fly to does not go stale on ArduCopter; a velocity does.
+        if self._setpoint.place_m is not None:
+            return math.inf
+        return self._setpoint.t_s + self.values["GUID_TIMEOUT"] + _SETPOINT_GRACE_S
+
+    def _fly(self, fresh: bool, around: Surroundings, dt_s: float) -> None:
+        body = self.body
+        if not self.in_air and self._takeoff_altitude_m is None:
+            return
+        if not self.armed:
+            body.climb_m_s -= GRAVITY_M_S2 * dt_s
+            self._move(body.velocity_north_m_s, body.velocity_east_m_s, body.climb_m_s, around, dt_s)
+            return
+        asked = self._setpoint if fresh else None
+        wanted_m_s = self._wanted_velocity(asked, around)
+        velocity_m_s = self._followed(wanted_m_s, asked is None and self._setpoint is not None, around.wind_m_s, dt_s)
+        limit_m_s = _VERTICAL_ACCELERATION_M_S2 * dt_s
+        climb_m_s = body.climb_m_s + clip(wanted_m_s[2] - body.climb_m_s, -limit_m_s, limit_m_s)
+        self._turn_nose(asked, around, wanted_m_s, dt_s)
+        self._move(*velocity_m_s, climb_m_s, around, dt_s)
+
+    def _followed(
+        self, wanted_m_s: tuple[float, float, float], braking: bool, wind_m_s: tuple[float, float], dt_s: float
+    ) -> tuple[float, float]:
+        """Return the next velocity (north, east) on the way to the wanted one."""
+        brakes = braking or self.mode == BRAKE
+        limit_m_s2 = self.values["WPNAV_ACCEL"] / 100.0 * (_BRAKING_SHARE if brakes else 1.0)
+        north_m_s, east_m_s = self._reference_m_s
+        gain_1_s = _share(dt_s, _SHAPING_LAG_S) / dt_s
+        push_m_s2 = _within((wanted_m_s[0] - north_m_s) * gain_1_s, (wanted_m_s[1] - east_m_s) * gain_1_s, limit_m_s2)
+        # Braking sets in at once; whatever else changes the acceleration is limited in jerk.
+        was_m_s2 = push_m_s2 if brakes else self._acceleration_m_s2
+        limit_m_s2 = self.values["PSC_JERK_XY"] * dt_s
+        change_m_s2 = _within(push_m_s2[0] - was_m_s2[0], push_m_s2[1] - was_m_s2[1], limit_m_s2)
+        self._acceleration_m_s2 = was_m_s2[0] + change_m_s2[0], was_m_s2[1] + change_m_s2[1]
+        north_m_s += (was_m_s2[0] + 0.5 * change_m_s2[0]) * dt_s
+        east_m_s += (was_m_s2[1] + 0.5 * change_m_s2[1]) * dt_s
+        self._reference_m_s = north_m_s, east_m_s
+        gain = _share(dt_s, _FOLLOWING_LAG_S)
+        north_m_s = self.body.velocity_north_m_s + (north_m_s - self.body.velocity_north_m_s) * gain
+        east_m_s = self.body.velocity_east_m_s + (east_m_s - self.body.velocity_east_m_s) * gain
+        # The lean works against the drag of the air, so a wind above the top speed carries the copter off.
+        air_m_s = _within(north_m_s - wind_m_s[0], east_m_s - wind_m_s[1], self._top_speed_m_s())
+        return wind_m_s[0] + air_m_s[0], wind_m_s[1] + air_m_s[1]
+
+    def _top_speed_m_s(self) -> float:
+        lean_rad = math.radians(self.values["ANGLE_MAX"] / 100.0)
+        return float(_TOP_SPEED_AT_45_DEG_M_S * math.tan(lean_rad) ** _TOP_SPEED_EXPONENT)
+
+    def _wanted_velocity(self, asked: Setpoint | None, around: Surroundings) -> tuple[float, float, float]:
+        """Return what the mode wants: (north, east) along the grid and up, m/s."""
+        body, home = self.body, around.home
+        height_m = body.altitude_m - home.altitude_m
+        if self.mode in STICK_MODES:
+            return 0.0, 0.0, -_STICK_SINK_M_S
+        if self.mode == LAND:
+            return 0.0, 0.0, _landing_climb_m_s(height_m)
+        if self.mode == RTL:
+            distance_m = math.hypot(home.north_m - body.north_m, home.east_m - body.east_m)
+            if distance_m <= _RTL_ARRIVED_M:
+                return 0.0, 0.0, _landing_climb_m_s(height_m)
+            if height_m < _RTL_HEIGHT_M - _RTL_ARRIVED_M:
+                return 0.0, 0.0, self._climb_towards_m_s(home.altitude_m + _RTL_HEIGHT_M)
+            return self._velocity_towards(home.north_m, home.east_m, body.altitude_m)
+        if self.mode == GUIDED:
+            if self._takeoff_altitude_m is not None:
+                if self._takeoff_altitude_m - body.altitude_m > _TAKEOFF_DONE_M:
+                    return 0.0, 0.0, self._climb_towards_m_s(self._takeoff_altitude_m)
+                self._takeoff_altitude_m = None
+            elif asked is not None:
+                if asked.place_m is not None:
+                    return self._velocity_towards(*asked.place_m)
+                north_m_s, east_m_s, up_m_s = asked.velocity_m_s
+                north_m_s, east_m_s = rotated(north_m_s, east_m_s, -around.convergence_rad)
+                return north_m_s, east_m_s, clip(up_m_s, -_DESCENT_M_S, _CLIMB_M_S)
+        return 0.0, 0.0, 0.0
+
+    def _velocity_towards(self, north_m: float, east_m: float, altitude_m: float) -> tuple[float, float, float]:
+        away_north_m, away_east_m = north_m - self.body.north_m, east_m - self.body.east_m
+        distance_m = math.hypot(away_north_m, away_east_m)
+        speed_m_s = _approach_speed_m_s(
+            distance_m, self.values["WPNAV_SPEED"] / 100.0, self.values["WPNAV_ACCEL"] / 100.0, _POSITION_GAIN_1_S
+        )
+        share_1_s = speed_m_s / distance_m if distance_m else 0.0
+        return away_north_m * share_1_s, away_east_m * share_1_s, self._climb_towards_m_s(altitude_m)
+
+    def _climb_towards_m_s(self, altitude_m: float) -> float:
+        away_m = altitude_m - self.body.altitude_m
+        top_m_s = _CLIMB_M_S if away_m > 0.0 else _DESCENT_M_S
+        speed_m_s = _approach_speed_m_s(abs(away_m), top_m_s, _VERTICAL_ACCELERATION_M_S2, _ALTITUDE_GAIN_1_S)
+        return math.copysign(speed_m_s, away_m)
+
+    def _turn_nose(
+        self, asked: Setpoint | None, around: Surroundings, wanted_m_s: tuple[float, float, float], dt_s: float
+    ) -> None:
+        """Turn to the yaw asked for, at the rate asked for, or along the wanted track."""
+        limit_rad = _YAW_RATE_RAD_S * dt_s
+        turn_rad = 0.0
+        if asked is not None and asked.yaw_rad is not None:
+            turn_rad = shorter_turn_rad(self.body.heading_rad, asked.yaw_rad - around.convergence_rad)
+        elif asked is not None and asked.yaw_rate_rad_s is not None:
+            turn_rad = asked.yaw_rate_rad_s * dt_s
+        elif math.hypot(wanted_m_s[0], wanted_m_s[1]) > _YAW_TRACK_MIN_M_S:
+            turn_rad = shorter_turn_rad(self.body.heading_rad, math.atan2(wanted_m_s[1], wanted_m_s[0]))
+        turn_rad = clip(turn_rad, -limit_rad, limit_rad)
+        self.body.heading_rad = math.remainder(self.body.heading_rad + turn_rad, math.tau)
+        self.body.turn_rate_rad_s = turn_rad / dt_s
+
+    def _move(self, north_m_s: float, east_m_s: float, climb_m_s: float, around: Surroundings, dt_s: float) -> None:
+        body = self.body
+        body.north_m += 0.5 * (body.velocity_north_m_s + north_m_s) * dt_s
+        body.east_m += 0.5 * (body.velocity_east_m_s + east_m_s) * dt_s
+        body.altitude_m += climb_m_s * dt_s
+        body.velocity_north_m_s, body.velocity_east_m_s, body.climb_m_s = north_m_s, east_m_s, climb_m_s
+        if body.altitude_m > around.home.altitude_m:
+            self.in_air = True
+        elif climb_m_s < 0.0:
+            self._touch_down(around)
+        self._note_airspeed(around.wind_m_s)
+
+    def _note_airspeed(self, wind_m_s: tuple[float, float]) -> None:
+        body = self.body
+        body.airspeed_m_s = math.hypot(body.velocity_north_m_s - wind_m_s[0], body.velocity_east_m_s - wind_m_s[1])
+
+    def _touch_down(self, around: Surroundings) -> None:
+        body = self.body
+        body.altitude_m = around.home.altitude_m
+        body.velocity_north_m_s = body.velocity_east_m_s = body.climb_m_s = body.turn_rate_rad_s = 0.0
+        self._reference_m_s = self._acceleration_m_s2 = (0.0, 0.0)
+        self.in_air = False
+        self._setpoint = None
+        if self.mode in (LAND, RTL):
+            self.armed = False
+
+    def _can_fall(self) -> bool:
+        return True
+
+    def _forget(self) -> None:
+        self._setpoint = None
+        self._takeoff_altitude_m = None
+        # The next mode's controllers begin from what flies.
+        self._reference_m_s = self.body.velocity_north_m_s, self.body.velocity_east_m_s
+        self._acceleration_m_s2 = (0.0, 0.0)
+
+    def _on_armed(self, around: Surroundings) -> None:
+        self._takeoff_altitude_m = None
+
+    def _take_off(self, command: Command, around: Surroundings, now_s: float) -> Answer:
+        ready = self.mode == GUIDED and self.armed and not self.in_air
+        if not (ready and 0.0 < command.z < SANE_POSITION_M):
+            return FAILED
+        self._takeoff_altitude_m = around.home.altitude_m + command.z
+        return ACCEPTED
+
+    def _change(self, mode: int, _command: Command, around: Surroundings, _now_s: float) -> Answer:
+        self._enter(mode, around)
+        return ACCEPTED
+
+    def _reposition(self, command: Command, around: Surroundings, now_s: float) -> Answer:
+        """Fly to a place, as a map's 'go to' asks. Not measured; the plane does not take it as COMMAND_LONG either."""
+        if not command.int_frame:
+            return UNSUPPORTED
+        place_m = global_place_m(command, around)
+        if place_m is None:
+            return DENIED
+        if not self.in_air:
+            return FAILED
+        if self.mode != GUIDED:
+            if not changes_mode(command):
+                return DENIED
+            self._enter(GUIDED, around)
+        self._takeoff_altitude_m = None
+        self._setpoint = Setpoint(now_s, (0.0, 0.0, 0.0), place_m)
+        return ACCEPTED
+
+
+def _share(dt_s: float, lag_s: float) -> float:
+    return -math.expm1(-dt_s / lag_s)
+
+
+def _within(north: float, east: float, limit: float) -> tuple[float, float]:
+    """Return a vector cut to a length."""
+    length = math.hypot(north, east)
+    return (north, east) if length <= limit else (north * limit / length, east * limit / length)
+
+
+def _landing_climb_m_s(height_m: float) -> float:
+    return -_DESCENT_M_S if height_m > _LAND_FINAL_M else -_LAND_FINAL_M_S
+
+
+def _approach_speed_m_s(distance_m: float, top_m_s: float, acceleration_m_s2: float, gain_1_s: float) -> float:
+    """Return the speed from which the vehicle can still stop at the place: proportional near it, a root further out."""
+    near_m = acceleration_m_s2 / gain_1_s**2
+    if distance_m <= near_m:
+        return min(top_m_s, gain_1_s * distance_m)
+    return min(top_m_s, math.sqrt(2.0 * acceleration_m_s2 * (distance_m - 0.5 * near_m)))

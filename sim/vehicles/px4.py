@@ -1,0 +1,437 @@
+"""What the PX4 kinds share: modes, OFFBOARD and what follows when its stream is lost, arming, answers to commands.
+
+As measured on PX4 v1.16.1 (AUTOPILOT_FACTS.md). "(code)" is as its source says; "(chosen)" was neither measured nor
+read. What a person asked for (the intended mode) is kept apart from the mode that is flown, as PX4 does: a lost stream
+changes only the latter, which is why OFFBOARD comes back by itself.
+
+Not modelled: radio control and its loss (there is none, as there was none when it was measured), geofence, battery
+failsafe and data link loss (their parameters are only there to be read), missions, attitude setpoints.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from sim.vehicles.craft import Answer, Body, Command, Home, Message, Parameter, Start, Surroundings
+from sim.vehicles.setpoint import SANE_POSITION_M, rotated
+
+# custom_mode: main mode << 16 | sub mode << 24 (px4_custom_mode.h).
+MANUAL, ALTITUDE, POSITION, OFFBOARD, STABILIZED = 1 << 16, 2 << 16, 3 << 16, 6 << 16, 7 << 16
+_AUTO = 4 << 16
+TAKE_OFF, HOLD, RETURN, LAND = _AUTO | 2 << 24, _AUTO | 3 << 24, _AUTO | 5 << 24, _AUTO | 6 << 24
+STICK_MODES = frozenset({MANUAL, ALTITUDE, POSITION, STABILIZED})
+MODES = STICK_MODES | {OFFBOARD, TAKE_OFF, HOLD, RETURN, LAND}
+_MAIN_MODE_FACTOR, _SUB_MODE_FACTOR = 1 << 16, 1 << 24
+
+# COM_OBL_RC_ACT by value (parameter reference); 6 terminates and 7 disarms, which nobody should fly.
+_LOSS_MODES = {0: POSITION, 1: ALTITUDE, 2: STABILIZED, 3: RETURN, 4: LAND, 5: HOLD}
+
+STREAM_NEEDED_S = 1.0
+"""How long setpoints must have come before OFFBOARD is entered. Asked for with a younger stream, the mode is entered
+once it is that old (chosen: one that asks at once was not measured); without any it is refused."""
+_STREAM_TOLERANCE_S = 0.05
+_FORCE = 21196.0
+"""The magic second parameter of MAV_CMD_COMPONENT_ARM_DISARM that skips every check."""
+_CHANGE_MODE = 1
+"""The flag in DO_REPOSITION's second parameter without which it is unsupported (code)."""
+_COMING_MOST = 64
+"""Setpoints under way at most; at 50 Hz there are five."""
+_TIME_TOLERANCE_S = 1e-6
+LANDED_AFTER_S = 1.0
+"""On the ground without climbing before it counts as landed (chosen; the land detector takes about so long)."""
+
+# POSITION_TARGET_TYPEMASK: the bit says "ignore", by field.
+_FIELDS = (
+    *(("x", 0x001), ("y", 0x002), ("z", 0x004), ("vx", 0x008), ("vy", 0x010), ("vz", 0x020)),
+    *(("afx", 0x040), ("afy", 0x080), ("afz", 0x100), ("yaw", 0x400), ("yaw_rate", 0x800)),
+)
+_LOCAL_FRAMES = frozenset({mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_NED})
+_SEA_LEVEL_FRAMES = frozenset({mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT})
+_HOME_FRAMES = frozenset({mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
+
+ACCEPTED = Answer((mavlink.MAV_RESULT_ACCEPTED,))
+REJECTED = Answer((mavlink.MAV_RESULT_TEMPORARILY_REJECTED,))
+DENIED = Answer((mavlink.MAV_RESULT_DENIED,))
+UNSUPPORTED = Answer((mavlink.MAV_RESULT_UNSUPPORTED,))
+
+COMMON_PARAMETERS = (
+    Parameter("BAT_LOW_THR", 0.15, 0.12, 0.5),
+    Parameter("COM_DISARM_LAND", 2.0, -1.0, 20.0),
+    Parameter("COM_DISARM_PRFLT", 10.0, -1.0, 3600.0),
+    Parameter("COM_LOW_BAT_ACT", 0.0, 0.0, 3.0, True),
+    Parameter("COM_OBL_RC_ACT", 0.0, 0.0, 7.0, True),
+    Parameter("COM_OF_LOSS_T", 1.0, 0.0, 60.0),
+    Parameter("COM_RCL_EXCEPT", 0.0, 0.0, 31.0, True),
+    Parameter("COM_RC_IN_MODE", 3.0, 0.0, 8.0, True),
+    Parameter("GF_ACTION", 2.0, 0.0, 5.0, True),
+    Parameter("GF_MAX_HOR_DIST", 0.0, 0.0, 10000.0),
+    Parameter("GF_MAX_VER_DIST", 0.0, 0.0, 10000.0),
+    Parameter("MAV_SYS_ID", 1.0, 1.0, 250.0, True),
+    Parameter("NAV_DLL_ACT", 0.0, 0.0, 6.0, True),
+    Parameter("NAV_RCL_ACT", 2.0, 1.0, 6.0, True),
+)
+"""Defaults and ranges: PX4's parameter reference."""
+
+
+@dataclass(frozen=True, slots=True)
+class Offboard:
+    """What a setpoint asks, along the plane's grid; None stands for what it ignores, or gives as NaN."""
+
+    north_m: float | None = None
+    east_m: float | None = None
+    altitude_m: float | None = None
+    """Above sea level."""
+    velocity_m_s: tuple[float, float] | None = None
+    """North and east over the ground."""
+    climb_m_s: float | None = None
+    acceleration_m_s2: tuple[float, float] | None = None
+    yaw_rad: float | None = None
+    yaw_rate_rad_s: float | None = None
+
+
+def understood(message: Message, body: Body, around: Surroundings) -> Offboard | None:
+    """Return what a SET_POSITION_TARGET_* asks for; None if PX4 drops it, so that it keeps no stream alive.
+
+    It drops unknown frames and what asks for neither a position nor a velocity (an acceleration alone would do on the
+    real one; not modelled).
+    """
+    given = {
+        name: float(getattr(message, name))
+        for name, bit in _FIELDS
+        if not message.type_mask & bit and hasattr(message, name) and math.isfinite(getattr(message, name))
+    }
+    if any(abs(value) > SANE_POSITION_M for value in given.values()):
+        return None
+    frame = message.coordinate_frame
+    if message.get_type() == "SET_POSITION_TARGET_GLOBAL_INT":
+        north_m, east_m, altitude_m = _global_place(message, around)
+        if frame not in _SEA_LEVEL_FRAMES | _HOME_FRAMES:
+            return None
+    elif frame in _LOCAL_FRAMES:
+        north_m, east_m, altitude_m = _local_place(given, frame, body, around)
+    else:
+        return None
+    velocity = _pair(given, "vx", "vy")
+    if (north_m is None or east_m is None) and altitude_m is None and velocity is None and "vz" not in given:
+        return None
+    # Body velocities are along the nose; the rest is along true north, and the plane's grid is turned against it.
+    turn_rad = body.heading_rad if frame == mavlink.MAV_FRAME_BODY_NED else -around.convergence_rad
+    acceleration = _pair(given, "afx", "afy")
+    yaw_rad = given.get("yaw")
+    return Offboard(
+        north_m,
+        east_m,
+        altitude_m,
+        None if velocity is None else rotated(*velocity, turn_rad),
+        None if "vz" not in given else -given["vz"],
+        None if acceleration is None else rotated(*acceleration, turn_rad),
+        None if yaw_rad is None else math.remainder(yaw_rad - around.convergence_rad, math.tau),
+        given.get("yaw_rate"),
+    )
+
+
+def _local_place(
+    given: Mapping[str, float], frame: int, body: Body, around: Surroundings
+) -> tuple[float | None, float | None, float | None]:
+    """Return the plane's north and east and the altitude; a body frame has no place (code)."""
+    if frame != mavlink.MAV_FRAME_LOCAL_NED:
+        return None, None, None
+    altitude_m = None if "z" not in given else around.home.altitude_m - given["z"]
+    place = _pair(given, "x", "y")
+    if place is None:
+        return None, None, altitude_m
+    return *around.local_to_plane(*place), altitude_m
+
+
+def _global_place(message: Message, around: Surroundings) -> tuple[float | None, float | None, float | None]:
+    altitude_m: float | None = None
+    if not message.type_mask & 0x004 and math.isfinite(message.alt) and abs(message.alt) < SANE_POSITION_M:
+        altitude_m = message.alt + (around.home.altitude_m if message.coordinate_frame in _HOME_FRAMES else 0.0)
+    if message.type_mask & 0x003 or abs(message.lat_int) > 90e7 or abs(message.lon_int) > 180e7:
+        return None, None, altitude_m
+    return *around.to_plane(message.lat_int * 1e-7, message.lon_int * 1e-7), altitude_m
+
+
+def _pair(given: Mapping[str, float], first: str, second: str) -> tuple[float, float] | None:
+    return (given[first], given[second]) if first in given and second in given else None
+
+
+@dataclass(frozen=True, slots=True)
+class Reposition:
+    """Where HOLD holds: a place of the plane and an altitude above sea level."""
+
+    north_m: float
+    east_m: float
+    altitude_m: float
+    radius_m: float | None = None
+    """Of a plane's loiter, where one was asked for."""
+
+
+OnCommand = Callable[[Command, Surroundings, float], Answer]
+
+
+class Px4:
+    """The base of a craft: a kind adds its motion."""
+
+    kind: str
+    mav_type: int
+    mav_autopilot: int = mavlink.MAV_AUTOPILOT_PX4
+    announces = False
+    """HEARTBEAT comes once a second whatever happens: a changed mode shows up to a second late."""
+    longest_step_s: float
+    reaction_s: float
+    """From a setpoint to the first that comes of it."""
+    parameters: tuple[Parameter, ...]
+
+    def __init__(self, start: Start) -> None:
+        """Begin in OFFBOARD, as if the stream had come until now, if asked to; else in HOLD."""
+        self.body: Body = start.body
+        self.armed = start.armed
+        self.in_air = start.in_air
+        self.failsafe = False
+        self.mode = self._intended = OFFBOARD if start.guided else HOLD
+        self.values = {parameter.name: parameter.default for parameter in self.parameters}
+        self.texts: list[str] = []
+        self._asked: Offboard | None = None
+        self._coming: deque[tuple[float, Offboard]] = deque(maxlen=_COMING_MOST)
+        self._stream_began_s: float | None = None
+        self._stream_heard_s: float | None = None
+        self._begins_streamed = start.guided
+        self._offboard_pending = False
+        self._grounded_since_s: float | None = None
+        self._has_flown = start.in_air
+        self._hold_at = self._here()
+        self._repositioned = False
+        self._hold_speed_m_s: float | None = None
+        self._commands: dict[int, OnCommand] = {
+            mavlink.MAV_CMD_DO_SET_MODE: self._do_set_mode,
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_disarm,
+            mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
+            mavlink.MAV_CMD_NAV_LAND: lambda command, around, now_s: self._intend(LAND, now_s),
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda command, around, now_s: self._intend(RETURN, now_s),
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda command, around, now_s: self._intend(HOLD, now_s),
+            mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
+            mavlink.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
+        }
+
+    def base_mode(self) -> int:
+        """Return HEARTBEAT.base_mode (code: by the mode that is flown)."""
+        flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        if self.mode in STICK_MODES:
+            flags |= mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+        else:
+            flags |= mavlink.MAV_MODE_FLAG_AUTO_ENABLED | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+        if self.mode != MANUAL:
+            flags |= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+        if self.armed:
+            flags |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        return int(flags)
+
+    def landed_state(self) -> int:
+        """Return EXTENDED_SYS_STATE.landed_state."""
+        if not self.in_air:
+            return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
+        if self.mode == TAKE_OFF:
+            return int(mavlink.MAV_LANDED_STATE_TAKEOFF)
+        return int(mavlink.MAV_LANDED_STATE_LANDING if self.mode == LAND else mavlink.MAV_LANDED_STATE_IN_AIR)
+
+    def command(self, command: Command, around: Surroundings, now_s: float) -> Answer | None:
+        """Answer a command; None if it is none of this kind's."""
+        handler = self._commands.get(command.command)
+        return None if handler is None else handler(command, around, now_s)
+
+    def setpoint(self, message: Message, around: Surroundings, now_s: float) -> None:
+        """Mind a setpoint in any mode: OFFBOARD needs a stream before it is entered, and returns with it."""
+        if message.get_type() == "SET_ATTITUDE_TARGET":
+            return
+        asked = understood(message, self.body, around)
+        if asked is None:
+            return
+        if self._stream_began_s is None or self._stream_lost(now_s):
+            self._stream_began_s = now_s
+            # What the stream before asked for must not be flown while the new one is under way.
+            self._coming.clear()
+            self._asked = asked
+        self._stream_heard_s = now_s
+        self._coming.append((now_s + self.reaction_s, asked))
+
+    def heartbeat_heard(self, system: int, component: int, mav_type: int, now_s: float) -> None:
+        """Mind nobody's: the data link loss failsafe (NAV_DLL_ACT) is off by default and not modelled."""
+
+    def reboot(self, now_s: float) -> None:
+        """Begin anew in HOLD: what was asked is forgotten. A vehicle in the air stays armed (chosen)."""
+        self._asked = None
+        self._coming.clear()
+        self._stream_began_s = self._stream_heard_s = None
+        self._begins_streamed = self._offboard_pending = self.failsafe = False
+        self._intended = HOLD
+        self._fly_mode(HOLD)
+
+    # Modes
+
+    def _mind_time(self, now_s: float) -> None:
+        """Do what the time alone makes due: OFFBOARD and its failsafe, landing, disarming on the ground."""
+        while self._coming and self._coming[0][0] <= now_s + _TIME_TOLERANCE_S:
+            self._asked = self._coming.popleft()[1]
+        if self._begins_streamed:
+            self._begins_streamed = False
+            self._stream_began_s = now_s - STREAM_NEEDED_S
+            self._stream_heard_s = now_s
+        if self._offboard_pending:
+            if self._stream_lost(now_s):
+                self._offboard_pending = False
+            elif self._stream_old_enough():
+                self._offboard_pending = False
+                self._intended = OFFBOARD
+        self.failsafe = self.armed and self._intended == OFFBOARD and self._stream_lost(now_s)
+        mode = self._intended
+        if self.failsafe:
+            mode = _LOSS_MODES.get(int(self.values["COM_OBL_RC_ACT"]), HOLD)
+        if mode != self.mode:
+            self._fly_mode(mode)
+        self._mind_ground(now_s)
+
+    def _mind_ground(self, now_s: float) -> None:
+        if self.in_air or not self.armed:
+            self._grounded_since_s = None
+            self._has_flown = self.in_air
+            return
+        if self._grounded_since_s is None:
+            self._grounded_since_s = now_s
+        # As on the real one the mode still reads what it was, and a landing leaves it so.
+        name = "COM_DISARM_LAND" if self._has_flown else "COM_DISARM_PRFLT"
+        waited_s = now_s - self._grounded_since_s - (LANDED_AFTER_S if self._has_flown else 0.0)
+        if waited_s >= self.values[name] > 0.0 and self.mode != TAKE_OFF:
+            self.armed = False
+
+    def _stream_lost(self, now_s: float) -> bool:
+        return self._stream_heard_s is None or now_s - self._stream_heard_s > self.values["COM_OF_LOSS_T"]
+
+    def _stream_old_enough(self) -> bool:
+        if self._stream_began_s is None or self._stream_heard_s is None:
+            return False
+        return self._stream_heard_s - self._stream_began_s >= STREAM_NEEDED_S - _STREAM_TOLERANCE_S
+
+    def _here(self) -> Reposition:
+        return Reposition(self.body.north_m, self.body.east_m, self.body.altitude_m)
+
+    def _fly_mode(self, mode: int) -> None:
+        """Fly another mode from now on; HOLD and its like begin from here."""
+        self.mode = mode
+        self._hold_at = self._here()
+        self._repositioned = False
+        self._hold_speed_m_s = None
+
+    def _intend(self, mode: int, now_s: float) -> Answer:
+        """Change what a person wants flown."""
+        self._offboard_pending = False
+        if mode == OFFBOARD and (self.armed or self.in_air):
+            if self._stream_lost(now_s):
+                return REJECTED
+            if not self._stream_old_enough():
+                self._offboard_pending = True
+                return ACCEPTED
+        if mode in STICK_MODES and self.armed:
+            # There is no stick to fly it by.
+            return REJECTED
+        self._intended = mode
+        self.failsafe = False
+        if mode != self.mode:
+            self._fly_mode(mode)
+        return ACCEPTED
+
+    # Commands
+
+    def _do_set_mode(self, command: Command, around: Surroundings, now_s: float) -> Answer:
+        if not (math.isfinite(command.param1) and math.isfinite(command.param2)):
+            return _twice(DENIED)
+        if not int(command.param1) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            return _twice(DENIED)
+        sub_mode = command.param3 if math.isfinite(command.param3) else 0.0
+        mode = int(command.param2) * _MAIN_MODE_FACTOR + int(sub_mode) * _SUB_MODE_FACTOR
+        if mode not in MODES:
+            return _twice(DENIED)
+        if mode == TAKE_OFF:
+            return _twice(self._take_off_to(around.home.altitude_m + self.values["MIS_TAKEOFF_ALT"], now_s))
+        return _twice(self._intend(mode, now_s))
+
+    def _arm_disarm(self, command: Command, around: Surroundings, now_s: float) -> Answer:
+        if command.param1 not in (0.0, 1.0):
+            return UNSUPPORTED
+        arm = command.param1 == 1.0
+        if arm == self.armed:
+            return ACCEPTED
+        forced = command.param2 == _FORCE
+        if arm and not forced and not self._armable(now_s):
+            return Answer(REJECTED.results, ("Arming denied: switch to another mode first",))
+        if not arm and self.in_air and not forced:
+            return Answer(REJECTED.results, ("Disarming denied: not landed",))
+        self.armed = arm
+        return ACCEPTED
+
+    def _armable(self, now_s: float) -> bool:
+        """Whether the mode allows it: neither one that lands, nor OFFBOARD that has no stream."""
+        if self.mode == OFFBOARD:
+            return not self._stream_lost(now_s)
+        return self.mode not in (LAND, RETURN)
+
+    def _take_off(self, command: Command, around: Surroundings, now_s: float) -> Answer:
+        altitude_m = command.z
+        if not math.isfinite(altitude_m):
+            altitude_m = around.home.altitude_m + self.values["MIS_TAKEOFF_ALT"]
+        return self._take_off_to(altitude_m, now_s)
+
+    def _take_off_to(self, altitude_m: float, now_s: float) -> Answer:
+        if abs(altitude_m) > SANE_POSITION_M or self.in_air:
+            return REJECTED
+        answer = self._intend(TAKE_OFF, now_s)
+        here = self._here()
+        self._hold_at = Reposition(here.north_m, here.east_m, max(altitude_m, here.altitude_m))
+        return answer
+
+    def _reposition(self, command: Command, around: Surroundings, now_s: float) -> Answer:
+        """Fly to a place and hold there; what is NaN stays as it is."""
+        if not math.isfinite(command.param2) or int(command.param2) != _CHANGE_MODE:
+            return UNSUPPORTED
+        scale = 1e-7 if command.int_frame else 1.0
+        lat_deg, lon_deg = command.x * scale, command.y * scale
+        altitude_m = command.z + (around.home.altitude_m if command.frame in _HOME_FRAMES else 0.0)
+        before = self._hold_at if self.mode == HOLD else self._here()
+        self._intend(HOLD, now_s)
+        north_m, east_m = before.north_m, before.east_m
+        if abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0:
+            north_m, east_m = around.to_plane(lat_deg, lon_deg)
+        radius_m = abs(command.param3)
+        self._hold_at = Reposition(
+            north_m,
+            east_m,
+            altitude_m if abs(altitude_m) < SANE_POSITION_M else before.altitude_m,
+            radius_m if 0.0 < radius_m < SANE_POSITION_M else None,
+        )
+        self._repositioned = True
+        if 0.0 < command.param1 < SANE_POSITION_M:
+            self._hold_speed_m_s = command.param1
+        return ACCEPTED
+
+    def _change_speed(self, command: Command, around: Surroundings, now_s: float) -> Answer:
+        """Acknowledge in every mode, and mind in HOLD alone."""
+        if self.mode == HOLD:
+            self._hold_speed_m_s = command.param2 if 0.0 < command.param2 < SANE_POSITION_M else None
+        return ACCEPTED
+
+    def _touch_down(self, home: Home) -> None:
+        body = self.body
+        body.altitude_m = home.altitude_m
+        body.velocity_north_m_s = body.velocity_east_m_s = body.climb_m_s = 0.0
+        body.turn_rate_rad_s = body.roll_rad = body.airspeed_m_s = 0.0
+        self.in_air = False
+
+
+def _twice(answer: Answer) -> Answer:
+    """Acknowledge a DO_SET_MODE twice, as PX4 does: the first says only that it came, the last one counts."""
+    return Answer((mavlink.MAV_RESULT_ACCEPTED, *answer.results), answer.texts)

@@ -1,0 +1,182 @@
+"""A plane with PX4: what it makes of OFFBOARD setpoints, of which one kind alone steers it, and what it does without.
+
+As measured on PX4 v1.16.1 at 15 m/s (AUTOPILOT_FACTS.md). "(chosen)" was neither measured nor read. The bank limit is
+all that limits a turn: the course asked for is flown to as fast as it lets it.
+
+Not modelled: the approach to a landing (it circles down), the roll on the runway, stall.
+"""
+
+from __future__ import annotations
+
+import math
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from companion.geo.kinematics import shorter_turn_rad
+from sim.vehicles import px4
+from sim.vehicles.craft import Parameter, Start, Surroundings
+from sim.vehicles.fixed_wing import Airframe, FixedWing, climb_towards_m_s, loiter_course_rad
+from sim.vehicles.px4 import Offboard, Px4, Reposition
+from sim.vehicles.setpoint import clip
+
+_COURSE_LAG_S = 1.07
+"""By how much a course that changes evenly is followed late; sent at 5 Hz it is the 1.17 s measured, within 3 %."""
+_AIRFRAME = Airframe(
+    roll_lag_s=0.3,
+    roll_rate_rad_s=math.radians(70.0),
+    turn_share=1.0,
+    acceleration_m_s2=1.0,
+    airspeed_lag_s=1.5,
+    climb_lag_s=1.0,
+)
+"""Bank: fits the 90 degree step done in 5 s; the rate is FW_R_RMAX's default. The rest is chosen: a level coordinated
+turn, as was not contradicted."""
+_ALTITUDE_GAIN_1_S = 0.5
+"""(chosen)"""
+_NEAR_CARROT_M = 70.0
+"""A bare position nearer than this, and higher or lower by more than the next, is circled until it is level: measured
+at 60 m and above 10 m."""
+_CARROT_ALTITUDE_M = 10.0
+_SMALL_SPEED_M_S = 0.1
+"""A wanted velocity below this has no direction."""
+_TAKE_OFF_ALTITUDE_M = 30.0
+"""MIS_TAKEOFF_ALT (chosen: a plane's is set by its airframe)."""
+_TAKE_OFF_DONE_M = 2.0
+_TAKE_OFF_SPEED_M_S = 1.0
+_LAND_SINK_M_S = 1.5
+"""(chosen)"""
+_STEP_S = 0.05
+
+_PARAMETERS = (
+    *px4.COMMON_PARAMETERS,
+    Parameter("FW_AIRSPD_MAX", 20.0, 0.5, 200.0),
+    Parameter("FW_AIRSPD_MIN", 10.0, 0.5, 200.0),
+    Parameter("FW_AIRSPD_TRIM", 15.0, 0.5, 200.0),
+    Parameter("FW_R_LIM", 50.0, 35.0, 65.0),
+    Parameter("FW_T_CLMB_R_SP", 3.0, 0.5, 15.0),
+    Parameter("FW_T_SINK_R_SP", 2.0, 0.5, 15.0),
+    Parameter("MIS_TAKEOFF_ALT", _TAKE_OFF_ALTITUDE_M, 0.0, 1000.0),
+    Parameter("NAV_LOITER_RAD", 80.0, 25.0, 1000.0),
+    Parameter("RTL_DESCEND_ALT", 30.0, 0.0, 100.0),
+    Parameter("RTL_RETURN_ALT", 60.0, 0.0, 150.0),
+)
+
+
+class Px4Plane(Px4):
+    """A fixed wing: it banks towards a course over the ground."""
+
+    kind = "px4-plane"
+    mav_type = mavlink.MAV_TYPE_FIXED_WING
+    longest_step_s = _STEP_S
+    reaction_s = 0.0
+    parameters = _PARAMETERS
+
+    def __init__(self, start: Start) -> None:
+        """Begin on the ground, or flying at the body's speed: at FW_AIRSPD_TRIM if it has none."""
+        super().__init__(start)
+        if start.in_air and start.body.airspeed_m_s <= 0.0:
+            start.body.airspeed_m_s = self.values["FW_AIRSPD_TRIM"]
+        self._wing = FixedWing(_AIRFRAME, start.body)
+        self._frozen_climb_m_s: float | None = None
+        self._straight_rad = start.body.heading_rad
+
+    def blow(self, wind_m_s: tuple[float, float]) -> None:
+        """Be carried along at once."""
+        if self.in_air:
+            self._wing.blow(wind_m_s)
+
+    def step(self, now_s: float, dt_s: float, around: Surroundings) -> None:
+        """Advance by `dt_s`."""
+        self._mind_time(now_s)
+        if not self.in_air:
+            if not (self.armed and self.mode == px4.TAKE_OFF):
+                return
+            # It is thrown.
+            self.in_air = True
+            self.body.airspeed_m_s = max(self.body.airspeed_m_s, _TAKE_OFF_SPEED_M_S)
+        bank_rad, climb_m_s = self._wanted(around)
+        speed_m_s = self.values["FW_AIRSPD_TRIM"]
+        if self._hold_speed_m_s is not None:
+            speed_m_s = clip(self._hold_speed_m_s, self.values["FW_AIRSPD_MIN"], self.values["FW_AIRSPD_MAX"])
+        self._wing.fly(bank_rad, speed_m_s, climb_m_s, around.wind_m_s, dt_s)
+        if self.body.altitude_m <= around.home.altitude_m and self.body.climb_m_s <= 0.0:
+            self._touch_down(around.home)
+
+    def _wanted(self, around: Surroundings) -> tuple[float, float]:
+        """Return the bank and the climb that the mode wants."""
+        home = around.home
+        if not self.armed or self.mode in px4.STICK_MODES:
+            # Without a stick it goes straight on at its height for ever.
+            return self._towards(self._straight_rad), self._climb_to(self._hold_at.altitude_m)
+        if self.mode == px4.OFFBOARD:
+            return self._asked_bank_and_climb()
+        if self.mode == px4.TAKE_OFF:
+            if self._hold_at.altitude_m - self.body.altitude_m <= _TAKE_OFF_DONE_M:
+                altitude_m = self._hold_at.altitude_m
+                self._intended = px4.HOLD
+                self._fly_mode(px4.HOLD)
+                self._hold_at = Reposition(self._hold_at.north_m, self._hold_at.east_m, altitude_m)
+            return self._towards(self._straight_rad), self._climb_to(self._hold_at.altitude_m)
+        if self.mode == px4.RETURN:
+            altitude_m = home.altitude_m + self.values["RTL_RETURN_ALT"]
+            return self._circling(Reposition(home.north_m, home.east_m, altitude_m))
+        if self.mode == px4.LAND:
+            return self._circling(self._hold_at)[0], -_LAND_SINK_M_S
+        return self._circling(self._hold_at)
+
+    def _fly_mode(self, mode: int) -> None:
+        super()._fly_mode(mode)
+        self._straight_rad = self._wing.course_rad()
+        self._frozen_climb_m_s = None
+
+    def _circling(self, place: Reposition) -> tuple[float, float]:
+        radius_m = place.radius_m or self.values["NAV_LOITER_RAD"]
+        north_m, east_m = place.north_m - self.body.north_m, place.east_m - self.body.east_m
+        course_rad = loiter_course_rad(north_m, east_m, radius_m, right=True)
+        # On the circle the course changes all the time: without the lead it would run wide by its lag.
+        near = abs(math.hypot(north_m, east_m) - radius_m) < 0.5 * radius_m
+        return self._towards(course_rad, self.body.airspeed_m_s / radius_m if near else 0.0), self._climb_to(
+            place.altitude_m
+        )
+
+    def _asked_bank_and_climb(self) -> tuple[float, float]:
+        """Return what the newest setpoint does: by a position with a velocity, by a bare position, or by neither."""
+        asked = self._asked
+        if asked is None or asked.north_m is None or asked.east_m is None:
+            # Alive, and ignored: the attitude stays as it was.
+            if self._frozen_climb_m_s is None:
+                self._frozen_climb_m_s = self.body.climb_m_s
+            return self.body.roll_rad, self._frozen_climb_m_s
+        self._frozen_climb_m_s = None
+        altitude_m = self.body.altitude_m if asked.altitude_m is None else asked.altitude_m
+        if asked.velocity_m_s is not None and math.hypot(*asked.velocity_m_s) > _SMALL_SPEED_M_S:
+            course_rad = math.atan2(asked.velocity_m_s[1], asked.velocity_m_s[0])
+            return self._towards(course_rad, self._curvature_rate_rad_s(asked, course_rad)), self._climb_to(altitude_m)
+        north_m, east_m = asked.north_m - self.body.north_m, asked.east_m - self.body.east_m
+        near = math.hypot(north_m, east_m) < _NEAR_CARROT_M
+        if near and abs(altitude_m - self.body.altitude_m) > _CARROT_ALTITUDE_M:
+            return self._circling(Reposition(asked.north_m, asked.east_m, altitude_m))
+        return self._towards(math.atan2(east_m, north_m)), self._climb_to(altitude_m)
+
+    def _curvature_rate_rad_s(self, asked: Offboard, course_rad: float) -> float:
+        """Return the turn rate that an acceleration across the course adds: to the wrong side."""
+        if asked.acceleration_m_s2 is None:
+            return 0.0
+        north_m_s2, east_m_s2 = asked.acceleration_m_s2
+        across_m_s2 = east_m_s2 * math.cos(course_rad) - north_m_s2 * math.sin(course_rad)
+        return -across_m_s2 / self.body.airspeed_m_s
+
+    def _towards(self, course_rad: float, rate_rad_s: float = 0.0) -> float:
+        """Return the bank towards a course over the ground that turns at a rate."""
+        error_rad = shorter_turn_rad(self._wing.course_rad(), course_rad)
+        bank_rad = self._wing.bank_rad(error_rad / _COURSE_LAG_S + rate_rad_s, self.body.airspeed_m_s)
+        limit_rad = math.radians(self.values["FW_R_LIM"])
+        return clip(bank_rad, -limit_rad, limit_rad)
+
+    def _climb_to(self, altitude_m: float) -> float:
+        return climb_towards_m_s(
+            altitude_m - self.body.altitude_m,
+            _ALTITUDE_GAIN_1_S,
+            self.values["FW_T_CLMB_R_SP"],
+            self.values["FW_T_SINK_R_SP"],
+        )

@@ -1,0 +1,96 @@
+"""Legal missions that will probably disappoint are said to, and the packaged ones are not among them."""
+
+from __future__ import annotations
+
+import pytest
+
+from companion.mission.lint import lint
+from companion.mission.model import load_mission, packaged_missions, parse_mission
+from companion.mission.resolve import resolve
+
+THREAT = "[{id: 1, north_m: 25000, east_m: 0, detection_radius_m: 5000, attack_radius_m: 2000}]"
+FINE = {
+    "agents": "[{id: 1, north_m: 0, east_m: 0}]",
+    "targets": "[{id: 1, north_m: 50000, east_m: 0}]",
+    "threats": THREAT,
+}
+
+
+def doubts_of(**changes: str) -> list[str]:
+    text = "\n".join(f"{key}: {value}" for key, value in {**FINE, **changes}.items())
+    return lint(resolve(parse_mission(text, "test"), 1))
+
+
+def test_a_sound_mission_raises_no_doubt() -> None:
+    assert doubts_of() == []
+
+
+@pytest.mark.parametrize("name", packaged_missions())
+def test_the_packaged_missions_raise_no_doubt(name: str) -> None:
+    assert lint(resolve(load_mission(name), 1)) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({"targets": "[{id: 4, north_m: 28000, east_m: 0}]"}, ("targets: id 4", "3000 m from threat 1")),
+        ({"targets": "[{id: 4, north_m: 30400, east_m: 0}]"}, ("targets: id 4", "farther off")),
+        ({"agents": "[{id: 7, north_m: 22000, east_m: 0}]"}, ("agents: id 7", "inside detection_radius_m")),
+        ({"agents": "[{id: 7, north_m: 0, east_m: 0, n_max: 0.1}]"}, ("agents: id 7", "circle its target")),
+        ({"agents": "[{id: 7, north_m: 0, east_m: 0, range_m: 99000}]"}, ("agents: id 7", "range_m 99000", "return")),
+        ({"case": "II", "losses": "[{agent: 1, t_s: 9}]"}, ("losses: ", "no loss can be known")),
+        (
+            {"targets": "[{id: 4, north_m: 50000, east_m: 0, motion: random, speed_bound_m_s: 60}]"},
+            ("targets: id 4", "speed_bound_m_s 60", "outrun"),
+        ),
+        (
+            {"threats": THREAT.replace("}", ", ceiling_m: 520}")},
+            ("threats: id 1", "floor_m and ceiling_m", "nobody keeps clear"),
+        ),
+        ({"threats": THREAT.replace("}", ", floor_m: 531}")}, ("threats: id 1", "no agent's height")),
+        ({"report_period_s": "60"}, ("report_period_s: 60", "no effect in Case I")),
+        ({"case": "II", "detector_range_m": "100"}, ("detector_range_m: 100", "separation_m 100")),
+        (
+            {"agents": "[{id: 7, north_m: 0, east_m: 0, range_m: 49000}]", "range_policy": "arrive"},
+            ("range_m 49000", "arrive"),
+        ),
+        ({"link": "{loss: 1.0}"}, ("link.loss", "hear")),
+    ],
+)
+def test_each_doubt_names_what_it_is_about(changes: dict[str, str], parts: tuple[str, ...]) -> None:
+    (warning,) = doubts_of(**changes)
+    assert all(part in warning for part in parts), warning
+
+
+def test_a_range_that_is_enough_one_way_is_enough_to_arrive() -> None:
+    agents = "[{id: 7, north_m: 0, east_m: 0, range_m: 51000}]"
+    assert doubts_of(agents=agents, range_policy="arrive") == []
+
+
+BELOW = THREAT.replace("}", ", ceiling_m: 520}")
+ABOVE_IT = "[{id: 7, north_m: 22000, east_m: 0}, {id: 8, north_m: 0, east_m: 0, height_m: 10}]"
+
+
+def test_a_threat_below_the_agent_is_no_threat_at_its_start() -> None:
+    assert doubts_of(threats=BELOW, agents=ABOVE_IT) == []
+
+
+def test_a_target_beside_a_threat_is_a_doubt_while_it_reaches_the_height_of_one_agent() -> None:
+    targets = "[{id: 4, north_m: 28000, east_m: 0}]"
+    (warning,) = doubts_of(threats=BELOW, agents=ABOVE_IT, targets=targets)
+    assert "targets: id 4" in warning
+    (warning,) = doubts_of(threats=BELOW, targets=targets)
+    assert "no agent's height" in warning
+
+
+def test_the_layer_of_an_agent_counts_to_its_height() -> None:
+    agents = "[{id: 7, north_m: 0, east_m: 0}, {id: 8, north_m: 0, east_m: 900}]"
+    layered = {"layers": "2", "layer_spacing_m": "50", "agents": agents}
+    assert doubts_of(threats=THREAT.replace("}", ", floor_m: 575}"), **layered) == []
+
+
+def test_many_of_a_kind_are_one_line() -> None:
+    (warning,) = doubts_of(
+        agents="[{id: 1, north_m: 0, east_m: 0, n_max: 0.1}, {id: 2, north_m: 0, east_m: 900, n_max: 0.1}]"
+    )
+    assert warning.endswith("(and 1 more like it)")

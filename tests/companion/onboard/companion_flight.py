@@ -1,0 +1,238 @@
+"""A companion, and what the world tells it: real frames, and the setpoints and reasons that come of them."""
+
+from __future__ import annotations
+
+import math
+
+from pymavlink.dialects.v20 import common
+
+from companion.autopilot.adapter import Abilities
+from companion.autopilot.arducopter import ArduCopterAdapter
+from companion.autopilot.linked import ARDUCOPTER, LinkedAdapter
+from companion.autopilot.px4_copter import Px4CopterAdapter
+from companion.autopilot.registry import ADAPTERS
+from companion.geo.local_frame import LocalFrame
+from companion.mission.model import CostWeights
+from companion.onboard.authority import State
+from companion.onboard.companion import Companion, Decision
+from companion.onboard.config import Config, LimitsSection, StalenessSection
+from companion.protocol.codec import (
+    THREATS_PER_FRAME,
+    AgentEntry,
+    BandEntry,
+    BandsFrame,
+    Directive,
+    FrameWriter,
+    Stamp,
+    StateFrame,
+    TargetEntry,
+    ThreatEntry,
+)
+
+ME = 3
+SYSTEM = 9
+EPOCH_S = 1_790_000_000
+NOW_S = EPOCH_S + 100.0
+ORIGIN_DEG = (47.0, 8.0)
+ALTITUDE_M = 530.0
+FRAME = LocalFrame(*ORIGIN_DEG)
+GUIDED_MODE = ARDUCOPTER.guided_mode
+GUIDED = common.MAV_MODE_FLAG_SAFETY_ARMED | common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+CONFIG = Config(
+    agent_id=ME,
+    limits=LimitsSection(speed_m_s=10.0, n_max=1.0, range_m=50_000.0),
+    weights=CostWeights(k_d=1e6, k_a=1e6, k_c=1e5, k_l=1e5),
+    arrival_radius_m=100.0,
+    separation_m=20.0,
+    staleness=StalenessSection(coasting_after_s=15.0, loitering_after_s=60.0, blind_after_s=300.0),
+)
+
+
+class ObedientCopter(ArduCopterAdapter):
+    """A copter without limits or lag of its own, so that what comes out is the core's doing."""
+
+    wanted = ()
+    rates_hz: dict[int, float] = {}
+    abilities = Abilities()
+
+    def _heading_rad(self, wanted_rad: float, speed_m_s: float, now_s: float) -> float:
+        return wanted_rad
+
+
+class ObedientPx4(Px4CopterAdapter):
+    """The same, which begins to obey again by itself when a stream of setpoints comes back."""
+
+    wanted = ()
+    rates_hz: dict[int, float] = {}
+    abilities = Abilities()
+
+    def _heading_rad(self, wanted_rad: float, speed_m_s: float, now_s: float) -> float:
+        return wanted_rad
+
+
+_OBEDIENT = {"arducopter": ObedientCopter, "px4-copter": ObedientPx4}
+
+
+def adapter_of(kind: str) -> LinkedAdapter:
+    return _OBEDIENT[kind]() if kind in _OBEDIENT else ADAPTERS[kind]()
+
+
+KINDS = ("arducopter", "kinematic")
+"""One that can stop, and one that cannot."""
+
+
+class Flight:
+    """A companion, and what the world tells it."""
+
+    def __init__(self, config: Config = CONFIG, kind: str = "arducopter", was: State = State.WAITING) -> None:
+        adapter = adapter_of(kind)
+        self.companion = Companion(config, adapter, was=was)
+        self.identity = adapter.identity
+        self.boot_ms = 0
+        self.now_s = NOW_S
+        self.sequence = 0
+        self._modes: tuple[int, int, int] | None = None
+        self._writer = FrameWriter()
+        self._autopilot = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=common.MAV_COMP_ID_AUTOPILOT1)
+
+    def heartbeat(
+        self, base_mode: int = GUIDED, custom_mode: int | None = None, state: int = common.MAV_STATE_ACTIVE
+    ) -> None:
+        """Say mode and state; in the guided mode unless told otherwise."""
+        custom_mode = self.identity.guided_mode if custom_mode is None else custom_mode
+        self._modes = (base_mode, custom_mode, state)
+        self.tell(
+            common.MAVLink_heartbeat_message(
+                common.MAV_TYPE_QUADROTOR,
+                self.identity.autopilot,
+                base_mode,
+                custom_mode,
+                state,
+                3,
+            )
+        )
+
+    def position(
+        self,
+        north_m: float = 0.0,
+        east_m: float = 0.0,
+        velocity: tuple[float, float] = (0.0, 0.0),
+        hdg: int = 0,
+        height_mm: int = 30_000,
+    ) -> None:
+        if self._modes is not None:
+            # An autopilot says both all the time.
+            self.heartbeat(*self._modes)
+        lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
+        self.boot_ms += 100
+        vx, vy = (round(100 * speed) for speed in velocity)
+        self.tell(
+            common.MAVLink_global_position_int_message(
+                self.boot_ms,
+                *(round(lat_deg * 1e7), round(lon_deg * 1e7), round(1e3 * ALTITUDE_M), height_mm),
+                *(vx, vy, 0, hdg),
+            )
+        )
+
+    def landed(self, state: int = common.MAV_LANDED_STATE_ON_GROUND) -> None:
+        self.tell(common.MAVLink_extended_sys_state_message(common.MAV_VTOL_STATE_UNDEFINED, state))
+
+    def battery(self, percent: int) -> None:
+        self.tell(common.MAVLink_sys_status_message(*(0, 0, 0, 500, 12_000, -1, percent, 0, 0, 0, 0, 0, 0)))
+
+    def gps(self, fix: int = 3, accuracy_m: float = 1.0) -> None:
+        accuracy_mm = round(1e3 * accuracy_m)
+        self.tell(common.MAVLink_gps_raw_int_message(*(0, fix, 0, 0, 0, 100, 100, 0, 0, 12), h_acc=accuracy_mm))
+
+    def home(self, north_m: float, east_m: float) -> None:
+        lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
+        self.tell(
+            common.MAVLink_home_position_message(
+                round(lat_deg * 1e7), round(lon_deg * 1e7), 500_000, 0, 0, 0, [1.0, 0.0, 0.0, 0.0], 0, 0, 0
+            )
+        )
+
+    def broadcast(
+        self,
+        target: tuple[float, float] | None = (5_000.0, 0.0),
+        *,
+        directive: Directive = Directive.NORMAL,
+        threats: tuple[ThreatEntry, ...] = (),
+        agents: tuple[AgentEntry, ...] = (),
+    ) -> None:
+        self.sequence += 1
+        targets = () if target is None else (TargetEntry(4, *target),)
+        me = AgentEntry(ME, 0.0, 0.0, 4 if targets else None)
+        parts = [threats[k : k + THREATS_PER_FRAME] for k in range(0, max(1, len(threats)), THREATS_PER_FRAME)]
+        for index, part in enumerate(parts):
+            stamp = Stamp(EPOCH_S, round((self.now_s - EPOCH_S) * 1000), self.sequence, index, len(parts))
+            frame = StateFrame(stamp, *ORIGIN_DEG, directive, (me, *agents), targets, part)
+            self.hear(self._writer.encode(frame))
+
+    def bands(self, *bands: BandEntry) -> None:
+        """Tell the heights of the threats of the last broadcast."""
+        stamp = Stamp(EPOCH_S, round((self.now_s - EPOCH_S) * 1000), self.sequence)
+        self.hear(self._writer.encode(BandsFrame(stamp, bands)))
+
+    def neighbour(
+        self,
+        north_m: float,
+        east_m: float,
+        velocity: tuple[float, float] = (0.0, 0.0),
+        *,
+        callsign: bytes = b"OW00012",
+        address: int = 0xABC,
+        above_m: float | None = None,
+    ) -> None:
+        """Let the vehicle's own detector see somebody; velocity from true north."""
+        lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
+        course_rad, speed_m_s = math.atan2(velocity[1], velocity[0]), math.hypot(*velocity)
+        valid = (
+            common.ADSB_FLAGS_VALID_COORDS
+            | common.ADSB_FLAGS_VALID_HEADING
+            | common.ADSB_FLAGS_VALID_VELOCITY
+            | common.ADSB_FLAGS_VALID_CALLSIGN
+        )
+        if above_m is not None:
+            valid |= common.ADSB_FLAGS_VALID_ALTITUDE
+        altitude_mm = round(1e3 * (ALTITUDE_M + (above_m or 0.0)))
+        altitude_type = common.ADSB_ALTITUDE_TYPE_GEOMETRIC
+        place = (address, round(lat_deg * 1e7), round(lon_deg * 1e7), altitude_type, altitude_mm)
+        motion = (round(math.degrees(course_rad) * 100) % 36_000, round(speed_m_s * 100), 0)
+        self.tell(common.MAVLink_adsb_vehicle_message(*place, *motion, callsign, 14, 0, valid, 0))
+
+    def tick(self) -> tuple[Decision, common.MAVLink_message | None]:
+        """Return the decision and the setpoint sent with it."""
+        decision, datagrams = self.companion.tick(self.now_s)
+        messages = [common.MAVLink(None).parse_buffer(bytearray(datagram))[0] for datagram in datagrams]
+        setpoints = [m for m in messages if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+        assert len(setpoints) <= 1
+        assert {m.get_type() for m in messages} <= {"SET_POSITION_TARGET_LOCAL_NED", "HEARTBEAT"}
+        return decision, setpoints[0] if setpoints else None
+
+    def at(
+        self, north_m: float = 0.0, east_m: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0), hdg: int = 0
+    ) -> tuple[Decision, common.MAVLink_message | None]:
+        """Be at a place and decide."""
+        self.position(north_m, east_m, velocity, hdg)
+        return self.tick()
+
+    @staticmethod
+    def parsed(frames: list[bytes]) -> list[common.MAVLink_message]:
+        """Return the setpoints among frames."""
+        messages = common.MAVLink(None).parse_buffer(b"".join(frames)) or []
+        return [message for message in messages if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+
+    def hear(self, frame: bytes) -> None:
+        self.companion.hear(frame, self.now_s)
+
+    def tell(self, message: common.MAVLink_message) -> None:
+        self.companion.receive(bytes(message.pack(self._autopilot)), self.now_s)
+
+
+def guided(config: Config = CONFIG, kind: str = "arducopter") -> Flight:
+    """Return a flight whose vehicle a person has armed, flown and handed over."""
+    flight = Flight(config, kind)
+    flight.heartbeat()
+    flight.position()
+    return flight

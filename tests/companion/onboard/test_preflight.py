@@ -1,0 +1,261 @@
+"""What `companion check` finds, and that each finding says what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import pytest
+from pymavlink.dialects.v20 import common
+
+from companion.autopilot.linked import KINDS, LinkedAdapter
+from companion.autopilot.registry import ADAPTERS
+from companion.onboard.config import Config, parse_config
+from companion.onboard.preflight import Finding, findings
+
+SYSTEM = 7
+NOW_S = 100.0
+REAL_KINDS = ("arducopter", "arduplane", "px4-copter", "px4-plane", "ardurover")
+GOOD = {
+    "arducopter": {"GUID_TIMEOUT": 1.0, "FS_GCS_ENABLE": 0.0, "WPNAV_ACCEL": 250.0, "ANGLE_MAX": 3000.0},
+    "arduplane": {
+        "ROLL_LIMIT_DEG": 45.0,
+        "WP_LOITER_RAD": 60.0,
+        "FS_GCS_ENABL": 0.0,
+        "AIRSPEED_MIN": 9.0,
+        "AIRSPEED_MAX": 30.0,
+    },
+    "px4-copter": {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 5.0, "MPC_ACC_HOR": 3.0, "MPC_XY_VEL_MAX": 12.0},
+    "px4-plane": {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 5.0, "FW_AIRSPD_TRIM": 15.0, "FW_R_LIM": 50.0},
+    "ardurover": {
+        "FS_GCS_ENABLE": 0.0,
+        "CRUISE_SPEED": 2.0,
+        "WP_SPEED": 2.0,
+        "ATC_TURN_MAX_G": 0.6,
+        "ATC_ACCEL_MAX": 1.0,
+    },
+    "kinematic": {},
+}
+SPEED_M_S = {
+    "arducopter": 8.0,
+    "arduplane": 22.0,
+    "px4-copter": 10.0,
+    "px4-plane": 15.0,
+    "ardurover": 2.0,
+    "kinematic": 60.0,
+}
+
+
+def config_of(kind: str, fence: str = "", **limits: float) -> Config:
+    chosen = {"speed_m_s": SPEED_M_S[kind], "n_max": 0.1, "braking_m_s2": 0.4, **limits}
+    return parse_config(
+        f"agent_id: 1\nautopilot: {{kind: {kind}, link: 'udpin:127.0.0.1:14550'}}\n"
+        f"limits: {{{', '.join(f'{key}: {value}' for key, value in chosen.items())}{fence}}}\n",
+        "test",
+    )
+
+
+def heard(
+    kind: str,
+    values: dict[str, float] | None = None,
+    *,
+    now_s: float = NOW_S,
+    fix: int = 3,
+    h_acc_mm: int = 800,
+    percent: int = 90,
+    home: bool = True,
+    position: bool = True,
+) -> LinkedAdapter:
+    """Return an adapter that has heard a vehicle with nothing wrong, but for what is given."""
+    adapter = ADAPTERS[kind]()
+    shown = next(one for one in KINDS if one.name == kind)
+    messages = [
+        common.MAVLink_heartbeat_message(min(shown.types or (0,)), shown.autopilot, 1, 0, 3, 3),
+        common.MAVLink_gps_raw_int_message(0, fix, 0, 0, 0, 80, 0, 0, 0, 12, h_acc=h_acc_mm),
+        common.MAVLink_sys_status_message(0, 0, 0, 500, 11_000, -1, percent, 0, 0, 0, 0, 0, 0),
+    ]
+    if position:
+        messages.append(common.MAVLink_global_position_int_message(1, 470_000_000, 80_000_000, 0, 0, 0, 0, 0, 0))
+    if home:
+        messages.append(
+            common.MAVLink_home_position_message(470_000_000, 80_000_000, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+        )
+    messages += [
+        common.MAVLink_param_value_message(name.encode(), value, common.MAV_PARAM_TYPE_REAL32, 1, 0)
+        for name, value in {**GOOD[kind], **(values or {})}.items()
+        if math.isfinite(value)
+    ]
+    link = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
+    for message in messages:
+        adapter.receive(bytes(message.pack(link)), now_s)
+    return adapter
+
+
+def found(
+    adapter: LinkedAdapter,
+    config: Config | None = None,
+    *,
+    link_heard: bool = True,
+    broadcast_heard: bool = True,
+    now_s: float = NOW_S,
+) -> list[Finding]:
+    config = config or config_of(adapter.kind)
+    return findings(config, adapter, link_heard=link_heard, broadcast_heard=broadcast_heard, now_s=now_s)
+
+
+def failed(all_found: Sequence[Finding]) -> list[Finding]:
+    return [finding for finding in all_found if not finding.passed]
+
+
+def only_failure(all_found: Sequence[Finding]) -> Finding:
+    (finding,) = failed(all_found)
+    assert finding.remedy
+    return finding
+
+
+@pytest.mark.parametrize("kind", REAL_KINDS)
+def test_a_vehicle_with_nothing_wrong_passes(kind: str) -> None:
+    assert failed(found(heard(kind))) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "value", "remedy"),
+    [
+        ("arducopter", "GUID_TIMEOUT", 3.0, "set GUID_TIMEOUT to 1"),
+        ("arducopter", "GUID_TIMEOUT", 0.1, "set GUID_TIMEOUT to 1"),
+        ("arducopter", "FS_GCS_ENABLE", 1.0, "set FS_GCS_ENABLE to 0"),
+        ("arducopter", "ANGLE_MAX", 8000.0, "set ANGLE_MAX to 3000"),
+        ("arduplane", "WP_LOITER_RAD", 500.0, "set WP_LOITER_RAD to 60"),
+        ("arduplane", "FS_GCS_ENABL", 1.0, "set FS_GCS_ENABL to 0"),
+        ("px4-copter", "COM_OF_LOSS_T", 5.0, "set COM_OF_LOSS_T to 1"),
+        ("px4-plane", "COM_OF_LOSS_T", 0.5, "set COM_OF_LOSS_T to 1"),
+        ("px4-copter", "COM_OBL_RC_ACT", 0.0, "set COM_OBL_RC_ACT to 5"),
+        ("px4-plane", "COM_OBL_RC_ACT", 3.0, "set COM_OBL_RC_ACT to 5"),
+        ("px4-plane", "FW_R_LIM", 80.0, "set FW_R_LIM to 50"),
+    ],
+)
+def test_a_parameter_that_a_dead_companion_would_not_survive_is_named_with_its_remedy(
+    kind: str, name: str, value: float, remedy: str
+) -> None:
+    finding = only_failure(found(heard(kind, {name: value})))
+    assert finding.text.startswith(f"{name}: {value:g}; allowed: ")
+    assert finding.remedy == remedy
+
+
+@pytest.mark.parametrize("kind", REAL_KINDS)
+def test_a_parameter_that_is_not_told_fails(kind: str) -> None:
+    name = ADAPTERS[kind]().demands[0].name
+    failures = failed(found(heard(kind, {name: math.nan})))
+    assert failures[0].text.startswith(f"{name}: not told")
+
+
+FENCE = ", fence: [[-100, -100], [100, -100], [100, 100]]"
+
+
+@pytest.mark.parametrize(
+    ("kind", "good", "bad"),
+    [
+        ("arducopter", {"FENCE_ENABLE": 1.0, "FENCE_ACTION": 1.0}, {"FENCE_ENABLE": 0.0}),
+        ("arduplane", {"FENCE_ENABLE": 1.0, "FENCE_ACTION": 1.0}, {"FENCE_ACTION": 0.0}),
+        ("px4-copter", {"GF_ACTION": 2.0}, {"GF_ACTION": 0.0}),
+        ("px4-plane", {"GF_ACTION": 3.0}, {"GF_ACTION": 1.0}),
+    ],
+)
+def test_who_has_a_fence_needs_the_autopilots_own(kind: str, good: dict[str, float], bad: dict[str, float]) -> None:
+    config = config_of(kind, FENCE)
+    assert failed(found(heard(kind, good), config)) == []
+    assert only_failure(found(heard(kind, {**good, **bad}), config)).text.startswith(next(iter(bad)))
+    # Without a fence in the configuration it is the person's own affair.
+    assert failed(found(heard(kind, {**good, **bad}))) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "holding", "letting_go"),
+    [
+        ("arducopter", {1, 2, 3, 4, 5}, {0, 6, 7}),
+        # 6 and 7 put a plane into GUIDED, where it would obey the companion that left the fence.
+        ("arduplane", {1, 8}, {0, 6, 7}),
+        ("ardurover", {1, 2, 3, 4}, {0, 5}),
+    ],
+)
+def test_only_a_fence_action_that_takes_the_vehicle_from_guided_will_do(
+    kind: str, holding: set[int], letting_go: set[int]
+) -> None:
+    (demand,) = (one for one in ADAPTERS[kind]().demands if one.name == "FENCE_ACTION")
+    assert {value for value in holding | letting_go if demand.met_by(value)} == holding
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "value", "text"),
+    [
+        ("arducopter", "n_max", 0.5, "limits.n_max: 0.5; this vehicle turns at most with 0.178"),
+        ("arducopter", "braking_m_s2", 3.0, "limits.braking_m_s2: 3; this vehicle brakes at most with 2"),
+        ("arducopter", "speed_m_s", 12.0, "limits.speed_m_s: 12; this vehicle flies 0 to 8.755 m/s"),
+        ("px4-plane", "speed_m_s", 18.0, "limits.speed_m_s: 18; this vehicle flies 15 to 15 m/s"),
+    ],
+)
+def test_limits_beyond_what_the_vehicle_can_do_are_named(kind: str, key: str, value: float, text: str) -> None:
+    assert only_failure(found(heard(kind), config_of(kind, **{key: value}))).text == text
+
+
+def test_the_simulators_point_can_do_anything() -> None:
+    assert failed(found(heard("kinematic"))) == []
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ({"fix": 2}, "GPS: fix type 2; allowed: at least 3"),
+        ({"h_acc_mm": 25_000}, "position good to 25.0 m; allowed: 10"),
+        ({"percent": -1}, "battery: not told; returns at 25 %"),
+        ({"percent": 20}, "battery: 20 %; returns at 25 %"),
+        ({"home": False}, "home not told"),
+        ({"position": False}, "no position within 2 s"),
+    ],
+)
+def test_what_ails_the_vehicle_is_named(wrong: dict[str, int], text: str) -> None:
+    assert only_failure(found(heard("arducopter", **wrong))).text == text
+
+
+def test_nothing_on_the_link_is_told_apart_from_no_heartbeat() -> None:
+    silent = found(ADAPTERS["arducopter"](), config_of("arducopter"), link_heard=False)
+    assert only_failure(silent).text == "nothing heard on autopilot.link udpin:127.0.0.1:14550"
+    others = found(ADAPTERS["arducopter"](), config_of("arducopter"), link_heard=True)
+    assert only_failure(others).text.startswith("messages, but no autopilot's heartbeat")
+
+
+def test_a_heartbeat_that_ended_is_old() -> None:
+    assert only_failure(found(heard("arducopter"), now_s=NOW_S + 10.0)).text == "last heartbeat 10 s ago"
+
+
+def test_the_wrong_kind_is_named_and_nothing_is_concluded_from_its_parameters() -> None:
+    adapter = ADAPTERS["arduplane"]()
+    link = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
+    adapter.receive(bytes(common.MAVLink_heartbeat_message(2, 3, 1, 0, 3, 3).pack(link)), NOW_S)
+    finding = only_failure(found(adapter, config_of("arduplane")))
+    assert (finding.text, finding.remedy) == (
+        "heard ArduPilot of MAV_TYPE 2, configured autopilot.kind arduplane",
+        "set autopilot.kind to arducopter",
+    )
+
+
+def test_a_broadcast_that_is_not_heard_fails_whatever_else_is_right() -> None:
+    assert only_failure(found(heard("px4-copter"), broadcast_heard=False)).text == "no genuine broadcast heard"
+
+
+def test_a_command_that_the_autopilot_did_not_do_is_told() -> None:
+    adapter = heard("arducopter")
+    link = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
+    adapter.requests(NOW_S)
+    ack = common.MAVLink_command_ack_message(common.MAV_CMD_SET_MESSAGE_INTERVAL, common.MAV_RESULT_DENIED)
+    adapter.receive(bytes(ack.pack(link)), NOW_S)
+    assert only_failure(found(adapter)).text == "rate of message 33: denied"
+
+
+@pytest.mark.parametrize("kind", REAL_KINDS)
+def test_every_demand_is_of_a_parameter_that_is_read_and_names_itself_in_the_remedy(kind: str) -> None:
+    adapter = ADAPTERS[kind]()
+    assert {demand.name for demand in adapter.demands} <= {wanted.name for wanted in adapter.wanted}
+    for demand in adapter.demands:
+        assert demand.name in demand.remedy
+        assert demand.words

@@ -1,0 +1,381 @@
+"""Hostile traffic of every kind, and genuine frames among it: what the CI test and the long benchmark both send.
+
+The forger has heard all that was on the air. Of the keys it has none, except where a kind says otherwise: a captured
+vehicle holds the shared MAVLink key, and a faulty ground station signs nonsense with the right ones.
+"""
+
+from __future__ import annotations
+
+import random
+import struct
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from companion.protocol.authenticator import Authenticator, Trust
+from companion.protocol.codec import (
+    GROUND_COMPONENT,
+    GROUND_SYSTEM,
+    AgentEntry,
+    AgentMotion,
+    Directive,
+    FrameWriter,
+    MotionFrame,
+    Stamp,
+    StateFrame,
+    TargetEntry,
+    ThreatEntry,
+)
+from companion.protocol.deframer import HEADER_BYTES, MARKER, crc_of, header_of
+from companion.protocol.dialect import oneway
+from companion.protocol.ed25519 import ED25519_BYTES, FrameSigner, content_bytes
+from companion.protocol.mavlink_signing import MavlinkSigner, strip_signature
+
+START_S = 1_800_000_000.0
+STEP_S = 0.001
+"""One datagram each; fast, yet few enough that are worth an Ed25519 check to stay below its bound."""
+GENUINE_EVERY = 100
+LATE_EVERY = 20
+TWICE_EVERY = 20
+"""Of the genuine frames, one is held back until the next is through, and another one comes twice."""
+RECENT = 64
+"""Genuine frames that the forger works on."""
+ARCHIVE = 512
+"""Old genuine frames that it replays."""
+AUTHENTICATIONS = ("mavlink", "ed25519", "both")
+"""The strengths that keep forgers out; "unsigned" is a fourth one that does not."""
+
+_STAMP = struct.Struct("<III")
+
+
+class Ground:
+    """A ground station's broadcasts, sealed; also what a faulty one might send with the right keys."""
+
+    def __init__(self, authentication: str, rng: random.Random, epoch_s: int = int(START_S)) -> None:
+        self._epoch_s = epoch_s
+        self.mavlink_key = rng.randbytes(32)
+        self.private_key = Ed25519PrivateKey.from_private_bytes(rng.randbytes(32))
+        self.has_mavlink = authentication in ("mavlink", "both")
+        self.has_ed25519 = authentication in ("ed25519", "both")
+        self.frame_signer = self.sealer_with(self.private_key, self.mavlink_key)
+        self.trust = Trust(
+            mavlink_key=self.mavlink_key if self.has_mavlink else None,
+            public_key=self.private_key.public_key() if self.has_ed25519 else None,
+        )
+        self._writer = FrameWriter()
+        self._sequence = 0
+
+    def sealer_with(self, private_key: Ed25519PrivateKey, mavlink_key: bytes) -> FrameSigner:
+        """Return a frame signer of the same strength with other keys."""
+        return FrameSigner(
+            private_key if self.has_ed25519 else None, MavlinkSigner(mavlink_key, 0) if self.has_mavlink else None
+        )
+
+    def unsealed(self, now_s: float, sequence: int | None = None) -> bytes:
+        """Return the next frame of the broadcast, or one of a given sequence: states, with a motion now and then."""
+        if sequence is None:
+            self._sequence += 1
+            sequence = self._sequence
+        stamp = Stamp(self._epoch_s, round((now_s - self._epoch_s) * 1000), sequence)
+        place_m = float(sequence % 1000)
+        if sequence % 4 == 0:
+            return self._writer.encode(MotionFrame(stamp, (AgentMotion(1, 0.5, 20.0, 1.0),), (), ()))
+        return self._writer.encode(
+            StateFrame(
+                stamp,
+                47.0,
+                8.0,
+                Directive.NORMAL,
+                agents=(AgentEntry(1, place_m, -place_m, 1),),
+                targets=(TargetEntry(1, 5000.0, 100.0),),
+                threats=(ThreatEntry(1, 2000.0, 0.0, 1000.0, 500.0, 10.0),),
+            )
+        )
+
+    def frame(self, now_s: float) -> bytes:
+        """Return the next genuine frame, ready for the air."""
+        return self.frame_signer.seal(self.unsealed(now_s), now_s)
+
+
+class Forger:
+    """Makes one hostile datagram of any kind."""
+
+    def __init__(self, ground: Ground, rng: random.Random) -> None:
+        self._ground = ground
+        self._rng = rng
+        self._recent: deque[bytes] = deque(maxlen=RECENT)
+        self._archive: list[bytes] = []
+        self._stranger = Ed25519PrivateKey.from_private_bytes(rng.randbytes(32))
+        self._right = ground.sealer_with(ground.private_key, ground.mavlink_key)
+        self._wrong = ground.sealer_with(self._stranger, rng.randbytes(32))
+        self._captured = MavlinkSigner(ground.mavlink_key, 0) if ground.has_mavlink else None
+        self._kinds: dict[str, tuple[int, Callable[[float], bytes]]] = {
+            # Weights: those that cost an Ed25519 check stay below a tenth in all.
+            "random bytes": (12, lambda now_s: rng.randbytes(rng.randrange(1, 300))),
+            "random payload, right CRC": (10, self._framed_noise),
+            "mutated": (18, self._mutated),
+            "truncated": (10, self._truncated),
+            "mutated, CRC repaired": (3, self._repaired),
+            "unsigned": (8, self._unsigned),
+            "wrong key": (2, self._wrong_key),
+            "captured MAVLink key": (2, self._captured_key),
+            "replayed": (12, lambda now_s: rng.choice(self._archive)),
+            "future-dated": (1, self._future),
+            "unknown id": (7, self._unknown_id),
+            "out of range": (1, self._out_of_range),
+            "NaN": (1, self._nan),
+            "MAVLink 1": (5, self._mavlink_1),
+            "other sender": (1, self._other_sender),
+            "junk behind a copy": (3, lambda now_s: rng.choice(self._recent) + rng.randbytes(rng.randrange(1, 40))),
+            "false start before a copy": (3, lambda now_s: b"\xfd\xff\x01" + rng.choice(self._recent)),
+            "too large": (1, lambda now_s: bytes((MARKER,)) * 2100),
+        }
+        self.kinds = tuple(self._kinds)
+        self._weights = [weight for weight, _ in self._kinds.values()]
+
+    def hear(self, raw: bytes) -> None:
+        """Take note of a frame that was on the air."""
+        self._recent.append(raw)
+        if len(self._archive) < ARCHIVE:
+            self._archive.append(raw)
+        else:
+            self._archive[self._rng.randrange(ARCHIVE)] = raw
+
+    def kinds_of(self, count: int) -> list[str]:
+        """Return kinds at random, by their weights."""
+        return self._rng.choices(self.kinds, self._weights, k=count)
+
+    def datagram(self, kind: str, now_s: float) -> bytes:
+        """Return a datagram of a kind."""
+        return self._kinds[kind][1](now_s)
+
+    def _bumped(self, now_s: float) -> bytes:
+        """Return a frame that was heard, stamped newer, without a MAVLink signature and with a right CRC."""
+        raw = bytearray(strip_signature(self._rng.choice(self._recent)))
+        epoch_s, _, sequence = _STAMP.unpack_from(raw, HEADER_BYTES)
+        newer = sequence + self._rng.randrange(1, 1 << 20)
+        _STAMP.pack_into(raw, HEADER_BYTES, epoch_s, round((now_s - epoch_s) * 1000), newer)
+        return _with_crc(raw)
+
+    def _framed_noise(self, now_s: float) -> bytes:
+        number = self._rng.choice(tuple(oneway.mavlink_map))
+        return _frame(number, self._rng.randbytes(self._rng.randrange(1, 256)))
+
+    def _mutated(self, now_s: float) -> bytes:
+        raw = bytearray(self._rng.choice(self._recent))
+        for _ in range(self._rng.randrange(1, 5)):
+            raw[self._rng.randrange(len(raw))] ^= self._rng.randrange(1, 256)
+        return bytes(raw)
+
+    def _truncated(self, now_s: float) -> bytes:
+        raw = self._rng.choice(self._recent)
+        return raw[: self._rng.randrange(1, len(raw))]
+
+    def _repaired(self, now_s: float) -> bytes:
+        raw = bytearray(self._rng.choice(self._recent))
+        end = HEADER_BYTES + raw[1]
+        for _ in range(self._rng.randrange(1, 4)):
+            # The id stays ours: any other is "unknown id".
+            raw[self._rng.choice((4, 5, 6, *range(HEADER_BYTES, end)))] ^= self._rng.randrange(1, 256)
+        raw[end : end + 2] = crc_of(bytes(raw[:end]), header_of(bytes(raw)).message_id)
+        return bytes(raw)
+
+    def _unsigned(self, now_s: float) -> bytes:
+        raw = self._bumped(now_s)
+        return _with_crc(bytearray(raw[: HEADER_BYTES + content_bytes(raw)] + b"\0\0"))
+
+    def _wrong_key(self, now_s: float) -> bytes:
+        return self._wrong.seal(self._unsigned(now_s), now_s)
+
+    def _captured_key(self, now_s: float) -> bytes:
+        """Return what a vehicle in wrong hands can make: without Ed25519 it would be genuine, so never that."""
+        if not self._ground.has_ed25519:
+            return self._wrong_key(now_s)
+        raw = forged_seal(self._bumped(now_s), self._rng.randbytes(ED25519_BYTES))
+        return raw if self._captured is None else self._captured.sign(raw, now_s)
+
+    def _future(self, now_s: float) -> bytes:
+        ahead_s = self._rng.uniform(10.0, 1e6)
+        if self._captured is not None and self._rng.random() < 0.5:
+            # The MAVLink time alone, where it counts; under Ed25519 the frame is a copy and its time says nothing.
+            return self._right_now(strip_signature(self._rng.choice(self._recent)), now_s + ahead_s)
+        return self._right.seal(self._ground.unsealed(now_s + ahead_s, self._rng.randrange(1 << 32)), now_s)
+
+    def _right_now(self, raw: bytes, now_s: float) -> bytes:
+        return MavlinkSigner(self._ground.mavlink_key, 0).sign(raw, now_s)
+
+    def _unknown_id(self, now_s: float) -> bytes:
+        raw = bytearray(self._rng.choice(self._recent))
+        raw[7:HEADER_BYTES] = self._rng.choice((0xF8, 0x1E, 0xA001FF, 0xFFFFFF)).to_bytes(3, "little")
+        return bytes(raw)
+
+    def _out_of_range(self, now_s: float) -> bytes:
+        """Return nonsense with the right keys: fields that no ground station in its right mind would send."""
+        number, nonsense = self._rng.choice(NONSENSE)
+        payload = bytearray(nonsense)
+        epoch_s = int(START_S)
+        _STAMP.pack_into(payload, 0, epoch_s, round((now_s - epoch_s) * 1000), self._rng.randrange(1 << 31, 1 << 32))
+        return self._right.seal(_frame(number, bytes(payload)), now_s)
+
+    def _nan(self, now_s: float) -> bytes:
+        """Return floats that are no numbers, in a message that has floats and in one that has none."""
+        nan = struct.pack("<f", float("nan"))
+        number = self._rng.choice((oneway.MAVLINK_MSG_ID_ONEWAY_DECISION, oneway.MAVLINK_MSG_ID_ONEWAY_FLEET))
+        raw = _frame(number, nan * self._rng.randrange(1, 16))
+        return raw if self._captured is None else self._captured.sign(raw, now_s)
+
+    def _mavlink_1(self, now_s: float) -> bytes:
+        payload = self._rng.randbytes(9)
+        body = bytes((9, self._rng.randrange(256), GROUND_SYSTEM, GROUND_COMPONENT, 0)) + payload
+        crc = oneway.x25crc(body + bytes((oneway.MAVLink_heartbeat_message.crc_extra,))).crc
+        return b"\xfe" + body + crc.to_bytes(2, "little")
+
+    def _other_sender(self, now_s: float) -> bytes:
+        raw = bytearray(self._unsigned(now_s))
+        raw[5] = 1 + self._rng.randrange(100)
+        return self._right.seal(_with_crc(raw), now_s)
+
+
+@dataclass
+class Outcome:
+    """What came of a run."""
+
+    sent: Counter[str] = field(default_factory=Counter)
+    """Hostile datagrams by kind."""
+    genuine: int = 0
+    """Genuine frames sent in their order, once each time."""
+    accepted: int = 0
+    """Those of them that were accepted."""
+    forged: int = 0
+    """Accepted frames that were none of them: must be 0."""
+    late: int = 0
+    """Genuine frames held back until a newer one was through; each must be refused."""
+    twice: int = 0
+    """Genuine frames sent again at once; each copy must be refused."""
+    rejected: Counter[str] = field(default_factory=Counter)
+    """By reason, once the run is over."""
+
+
+def run(count: int, authentication: str, seed: int, *, is_stream: bool = False) -> Iterator[Outcome]:
+    """Send `count` datagrams to an authenticator and yield the one outcome after every thousandth, and at the end."""
+    rng = random.Random(seed)
+    ground = Ground(authentication, rng)
+    authenticator = Authenticator(ground.trust, is_stream=is_stream, rng=random.Random(seed))
+    forger = Forger(ground, rng)
+    outcome = Outcome()
+    pending: deque[bytes] = deque()
+    held: bytes | None = None
+    kinds: list[str] = []
+
+    def deliver(datagram: bytes, now_s: float) -> None:
+        for raw, _ in authenticator.admit(datagram, now_s):
+            if pending and raw == pending[0]:
+                pending.popleft()
+                outcome.accepted += 1
+            else:
+                outcome.forged += 1
+
+    for step in range(count):
+        now_s = START_S + 1.0 + step * STEP_S
+        if step % GENUINE_EVERY == 0:
+            raw = ground.frame(now_s)
+            number = step // GENUINE_EVERY
+            if number % LATE_EVERY == LATE_EVERY // 2:
+                held = raw
+                continue
+            outcome.genuine += 1
+            pending.append(raw)
+            deliver(raw, now_s)
+            forger.hear(raw)
+            if number % TWICE_EVERY == 0:
+                outcome.twice += 1
+                deliver(raw, now_s)
+            if held is not None:
+                outcome.late += 1
+                deliver(held, now_s)
+                held = None
+            continue
+        if not outcome.genuine:
+            continue
+        kinds = kinds or forger.kinds_of(1000)
+        kind = kinds.pop()
+        outcome.sent[kind] += 1
+        deliver(forger.datagram(kind, now_s), now_s)
+        if step % 1000 == 999:
+            yield outcome
+    deliver(b"", START_S + 2.0 + count * STEP_S)
+    outcome.rejected = authenticator.rejected
+    yield outcome
+
+
+def forged_seal(raw: bytes, signature: bytes) -> bytes:
+    """Return an unsigned broadcast frame with any bytes for its Ed25519 signature."""
+    content = raw[HEADER_BYTES:-2][: content_bytes(raw)].ljust(content_bytes(raw), b"\0")
+    return _frame(header_of(raw).message_id, content + signature, raw[5], raw[6])
+
+
+def _frame(number: int, payload: bytes, system: int = GROUND_SYSTEM, component: int = GROUND_COMPONENT) -> bytes:
+    payload = payload[:1] + payload[1:].rstrip(b"\0")
+    head = bytes((MARKER, len(payload), 0, 0, 0, system, component)) + number.to_bytes(3, "little")
+    return head + payload + crc_of(head + payload, number)
+
+
+def _with_crc(raw: bytearray) -> bytes:
+    """Return an unsigned frame whose last two bytes stand for its CRC, with length and CRC made right."""
+    return _frame(header_of(raw).message_id, bytes(raw[HEADER_BYTES:-2]), raw[5], raw[6])
+
+
+_STATE_NONSENSE: tuple[dict[str, object], ...] = (
+    {"resolution": 0},
+    {"directive": 9},
+    {"agent_count": 255},
+    {"target_count": 6},
+    {"threat_count": 5},
+    {"frame_count": 0},
+    {"frame_index": 7},
+    {"origin_lat": 900_000_001},
+    {"origin_lon": -1_800_000_001},
+    {"threat_attack": [0] * 4},
+    {"threat_attack": [65_535] * 4},
+    {"agent_target": [9] * 10},
+    {"agent_north": [-32_768] * 10},
+    {"agent_count": 2},
+    {"threat_id_base": 65_535, "threat_id": [255] * 4},
+)
+_MOTION_NONSENSE: tuple[dict[str, object], ...] = (
+    {"agent_heading": [36_000] * 10},
+    {"agent_heading": [65_534] * 10},
+    {"agent_count": 11},
+    {"frame_index": 1},
+)
+_FLEET_HEAD = struct.pack("<hhHBBB", 0, 0, 100, 0, 0, 1)
+_FLEET_NONSENSE = (
+    struct.pack("<hhHBBB", 0, 0, 0, 0, 0, 1) + b"\0",
+    struct.pack("<hhHBBB", 0, 0, 100, 9, 0, 1) + b"\0",
+    struct.pack("<hhHBBB", 0, 0, 100, 0, 1, 1) + b"\0",
+    _FLEET_HEAD + b"\x01\xff",
+    _FLEET_HEAD + b"\x04\xff\xff\xff\xff",
+    _FLEET_HEAD + b"\xa0",
+)
+"""What stands behind the stamp: no resolution, an unknown directive, a part that is none, sections cut or unknown."""
+
+
+def _nonsense() -> tuple[tuple[int, bytes], ...]:
+    """Return message ids and payloads that no ground station in its right mind would send; the stamp is to be set."""
+    ground = Ground("unsigned", random.Random(0))
+    states = ((ground.unsealed(START_S, 1), changes) for changes in _STATE_NONSENSE)
+    motions = ((ground.unsealed(START_S, 4), changes) for changes in _MOTION_NONSENSE)
+    found = []
+    for raw, changes in (*states, *motions):
+        (message,) = oneway.MAVLink(None).parse_buffer(raw)
+        for name, value in changes.items():
+            setattr(message, name, value)
+        packed = bytes(message.pack(oneway.MAVLink(None)))
+        found.append((header_of(packed).message_id, packed[HEADER_BYTES:-2]))
+    fleets = ((oneway.MAVLINK_MSG_ID_ONEWAY_FLEET, bytes(_STAMP.size) + rest) for rest in _FLEET_NONSENSE)
+    return (*found, *fleets)
+
+
+NONSENSE = _nonsense()
