@@ -1,6 +1,7 @@
 """Case II: where each agent must be by now, found by flying its own companion on what was broadcast to it.
 
-The centre does not see its agents (METHOD.md section 1 item 7; paper: update2). It knows where they began, what each
+The centre does not see its agents (docs/method.md section 1, point 7; paper: update2). It knows where they began,
+what each
 was told and what steers them, so it lets a companion of its own, the very code that flies, decide for each of them, and
 moves the agent as that says. How far off it may be is an uncertainty that grows with time, by the bound of the wind
 too, and shrinks when the agent is heard of. It is no bound where frames are lost or an autopilot lags: a vehicle that

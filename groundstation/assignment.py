@@ -1,9 +1,9 @@
 """Who goes where: targets are copied in turn until there is one for every agent, then the assignment problem is solved.
 
-METHOD.md section 1 item 6. The paper maximises the sum of lambda/D and calls that minimising the total distance; it is
-not (METHOD.md 2.3), so both objectives exist; what a pair costs around the threats is for `route_cost.py` to say.
-The range budget takes part (METHOD.md 2.8): an agent is sent only where it can arrive, because one that turns home
-half-way leaves its target without anybody.
+docs/method.md section 1, point 6. The paper maximises the sum of lambda/D and calls that minimising the total
+distance; it is not (docs/method.md section 2, point 3), so both objectives exist; what a pair costs around the threats
+is for `route_cost.py` to say. The range budget takes part (docs/method.md section 2, point 8): an agent is sent only
+where it can arrive, because one that turns home half-way leaves its target without anybody.
 
 Assigning anew every period must not send agents back and forth. So the present pairs count `switching_share` less than
 they cost: agents change only where those that change save more than that share of what they cost together. Positions
@@ -27,7 +27,7 @@ OBJECTIVES: tuple[Objective, ...] = ("distance", "inverse-distance")
 """Those that go by the straight distance; `route` and `latest` are in groundstation/route_cost.py."""
 SWITCHING_SHARE = 0.02
 """Of `route` and `latest` unless the mission says otherwise: twice the 1 % that a flown way is longer than the shortest
-(METHOD.md section 3), so that flying less than perfectly is no reason to change."""
+(docs/method.md section 3), so that flying less than perfectly is no reason to change."""
 CLOSEST_M = 1.0
 """Distances below this count as this, so that 1/D stays finite."""
 
@@ -111,7 +111,7 @@ def within_range(
     reserve: float,
     there_m: np.ndarray | None = None,  # (N, K) m, None: the straight distances
 ) -> np.ndarray:  # (N, K) bool
-    """Return which agent can go to which target on what is left of its range (METHOD.md 2.8).
+    """Return which agent can go to which target on what is left of its range (docs/method.md section 2, point 8).
 
     The way there must be in it. With homes (range policy `return`) the way home must be too, times `reserve`,
     from the target and from here: otherwise the companion turns home before it arrives. Once home is out of reach it

@@ -339,7 +339,7 @@ def _turn_radius_m(agent: AgentSpec) -> float:
 
 
 def _silent_after_s(mission: Mission, sensed: bool) -> float | None:
-    """Return after how long without a word an agent counts as lost (METHOD.md section 1 item 7)."""
+    """Return after how long without a word an agent counts as lost (docs/method.md section 1, point 7)."""
     if mission.case == "I":
         return mission.lost_after_s if sensed else None
     return mission.report_period_s + mission.lost_after_s if mission.report_period_s > 0.0 else None

@@ -93,7 +93,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Outage:
-    """For how long nothing needs to be heard without an entry into any R_d (METHOD.md section 3)."""
+    """For how long nothing needs to be heard without an entry into any R_d (docs/method.md section 3)."""
 
     limit_s: float | None
     """None: the threats stand still."""

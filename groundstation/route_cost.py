@@ -1,7 +1,8 @@
 """How far it really is: the way of each agent to each target around the threats, and who goes where by it.
 
 An agent that is nearest to a target may have the longest way there, so the objectives `route` and `latest` count the
-turn-limited shortest paths around the discs (METHOD.md section 3) as the ground station has them now, grown by their
+turn-limited shortest paths around the discs (docs/method.md section 3) as the ground station has them now, grown by
+their
 age, as the vehicles are told. Such a path takes a millisecond or two, and there is one for every pair; so a pair is
 first given a length that it cannot be shorter than, that of the way around the worst single disc, and a path is only
 searched where an assignment would use the pair. Once all pairs that the best assignment uses are known, no other can be

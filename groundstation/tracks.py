@@ -1,7 +1,8 @@
 """The ground station's picture of the world: one track per agent, target and threat, with ages.
 
 It begins with what the mission says and lives on the detections of a sensor; in Case II agents are not detected but
-placed where they are reckoned to be. An agent not heard of for too long is lost (METHOD.md section 1 item 7); one that
+placed where they are reckoned to be. An agent not heard of for too long is lost (docs/method.md section 1, point 7);
+one that
 comes within the arrival radius of a target completes it, and both leave the problem. Where an agent is only known to so
 many metres, its arrival is believed as much later as it takes to fly them. Times are Unix seconds given by the caller.
 """

@@ -1,6 +1,6 @@
 """A vehicle's own detector of its neighbours, as the autopilot hands on what an ADS-B receiver on board hears.
 
-In Case II the centre does not see the agents, so near neighbours must be seen from the vehicle itself (METHOD.md
+In Case II the centre does not see the agents, so near neighbours must be seen from the vehicle itself (docs/method.md
 section 1, item 7). What it sees reaches the companion as standard ADSB_VEHICLE frames. Nothing is added to it: noise
 and misses are not modelled, and everybody within the range is heard.
 """

@@ -21,7 +21,7 @@ CRUISE_M_S = {
     "px4-copter": 10.0,
     "px4-plane": 15.0,
 }
-"""AUTOPILOT_FACTS: ArduCopter follows turns below the 10.3 m/s that 30 degrees of lean give; ArduPlane's simulator
+"""docs/autopilots.md: ArduCopter follows turns below the 10.3 m/s that 30 degrees of lean give; ArduPlane's simulator
 cruises at 22 m/s; a PX4 copter reaches 10 m/s; a PX4 plane flies FW_AIRSPD_TRIM, 15 m/s, whatever it is asked."""
 
 _MISSION_LENGTHS = ("arrival_radius_m", "separation_m", "detector_range_m")

@@ -131,7 +131,8 @@ def score(trajectory: Trajectory, mission: Mission) -> Score:
     * Separation is interpolated linearly between samples. A breach is a run of segments in which one pair's closest
       approach is below `separation_m`. None where two agents were never alive together.
 
-    Raises ValueError where the trajectory's ids are not the mission's. Source: DESIGN.md, METHOD.md section 1.
+    Raises ValueError where the trajectory's ids are not the mission's. Source: docs/design.md and docs/method.md,
+    section 1.
     """
     _check_ids(trajectory, mission)
     alive = _alive(trajectory, mission)

@@ -5,7 +5,8 @@ are the nodes of a graph whose edges are the free tangent segments and the free 
 exact. Start and goal are discs of radius zero, which makes their tangents a case of the tangents between discs.
 
 A vehicle that cannot turn on the spot leaves along one of its two turning circles, so its shortest way starts from
-these circles instead, and every disc is passed at its turn radius or more (METHOD.md section 3, routed attraction).
+these circles instead, and every disc is passed at its turn radius or more (docs/method.md section 3, routed
+attraction).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """ArduCopter in GUIDED: velocity setpoints; it brakes by itself GUID_TIMEOUT + 0.5 s after the last one.
 
-Figures without another source are AUTOPILOT_FACTS'.
+Figures without another source are docs/autopilots.md'.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """ArduPlane in GUIDED: a heading loop of our own over roll-only SET_ATTITUDE_TARGET (mask 0xC6).
 
-AUTOPILOT_FACTS: velocity setpoints are ignored, a heading command never expires; a bank is held exactly, height and
+docs/autopilots.md: velocity setpoints are ignored, a heading command never expires; a bank is held exactly, height and
 speed are kept by the autopilot, and 3.0 s after the last one it reverts to what lies underneath. So a loiter about
 where the plane was a moment ago is put there every few seconds: a dead companion leaves a plane that circles nearby.
 """

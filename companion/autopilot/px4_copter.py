@@ -1,6 +1,6 @@
 """PX4 copters in OFFBOARD: exactly what MAVSDK sends for set_velocity_ned (velocity and yaw, mask 0x9C7).
 
-Figures without another source are AUTOPILOT_FACTS'.
+Figures without another source are docs/autopilots.md'.
 """
 
 from __future__ import annotations

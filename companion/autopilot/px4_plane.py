@@ -1,6 +1,7 @@
 """PX4 planes in OFFBOARD: position and velocity (mask 0xDC0), its own place with the wanted height, and a course.
 
-AUTOPILOT_FACTS: velocity alone is ignored and freezes the attitude, an acceleration acts with the wrong sign, the speed
+docs/autopilots.md: velocity alone is ignored and freezes the attitude, an acceleration acts with the wrong sign, the
+speed
 is FW_AIRSPD_TRIM's whatever is asked, and only the bank is limited: the course must be ramped within n_max g / v here.
 """
 
@@ -29,7 +30,7 @@ REACTION_S = 0.2
 """What the lead leaves of the lag. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest rate
 (tests/benchmarks/lags.py)..."""
 PLANE_LAG_S = 1.17
-"""A course this much ahead of the present one, times the rate, turns the plane at that rate (AUTOPILOT_FACTS)."""
+"""A course this much ahead of the present one, times the rate, turns the plane at that rate (docs/autopilots.md)."""
 CIRCLE_SHARE = 0.8
 """Of the greatest turn rate, where it circles because nothing better is known."""
 N_MAX = 0.4

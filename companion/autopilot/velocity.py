@@ -1,6 +1,6 @@
 """Steering by velocity setpoints in the local NED frame: what copters, rovers and the stand-in point obey.
 
-AUTOPILOT_FACTS: frame 1, never acknowledged, ignored in silence outside the guided mode.
+docs/autopilots.md: frame 1, never acknowledged, ignored in silence outside the guided mode.
 """
 
 from __future__ import annotations

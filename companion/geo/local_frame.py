@@ -1,8 +1,8 @@
 """The one shared map between WGS84 and the mission's plane.
 
 Both ends of the broadcast and the stand-in must agree on where (north, east) is, so they all use this azimuthal
-equidistant projection about the mission origin (METHOD.md section 1). Grid north and local north differ away from the
-origin; a heading sent to an autopilot is turned by the convergence.
+equidistant projection about the mission origin (docs/method.md section 1). Grid north and local north differ away
+from the origin; a heading sent to an autopilot is turned by the convergence.
 """
 
 from __future__ import annotations

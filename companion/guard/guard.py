@@ -1,4 +1,4 @@
-"""The last thing every setpoint passes: it holds every limit and says what it changed and why (METHOD.md section 3).
+"""The last thing a setpoint passes: it holds every limit and says what it changed and why (docs/method.md section 3).
 
 It trusts nothing it is given and imports nothing but numpy and the standard library, so that a fault in guidance,
 surrogate, route or picture ends here.

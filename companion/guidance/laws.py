@@ -1,4 +1,4 @@
-"""What steers: from where the vehicle is to be and what it knows, to a wanted direction (METHOD.md sections 1 and 3).
+"""What steers: from where a vehicle is to be and what it knows, to a wanted heading (docs/method.md sections 1 and 3).
 
 A law says where it would like to head. The right of way, the turn limit and the guard come after it, whatever the law.
 """
@@ -31,7 +31,7 @@ from companion.surrogate.profiles import (
 )
 
 ROUTE_MARGIN_M = 2.0
-"""The route keeps at least so far outside what the guard keeps (METHOD.md section 3: margins nest)..."""
+"""The route keeps at least so far outside what the guard keeps (docs/method.md section 3: margins nest)..."""
 ROUTE_MARGIN_STEPS = 0.05
 """...or this share of the way flown in a step, if that is more: a step cuts its corners."""
 WALL_SHARE = 22.0
@@ -137,7 +137,7 @@ class GradientLaw:
 
 
 class RoutedLaw:
-    """H* = F* + 1/2 D_geo^2: the attraction follows the shortest path around the discs (METHOD.md section 3)."""
+    """H* = F* + 1/2 D_geo^2: the attraction follows the shortest path around the discs (docs/method.md section 3)."""
 
     def __init__(self, config: Config) -> None:
         limits = config.limits

@@ -1,4 +1,4 @@
-"""The shortest way around discs, for the vehicle's own computer: D_geo and its first direction (METHOD.md section 3).
+"""The shortest way around discs, for the vehicle's computer: D_geo and its first direction (docs/method.md section 3).
 
 A shortest path is made of arcs on discs and of segments that touch two of them, so it is a path in the graph of
 tangents. The search builds that graph only where it must: it begins with the straight line and takes a disc in when
@@ -24,7 +24,7 @@ import numpy as np
 TOLERANCE = 1e-9
 """Of the scene's size: how deep a path may seem to cut into a disc that it touches, for rounding."""
 SWITCH_SHARE = 0.02
-"""A fresh way around other sides must save more than this share of the kept one's length (METHOD.md section 3)."""
+"""A fresh way around other sides must save more than this share of the kept one's length (docs/method.md section 3)."""
 TURN_SLACK = 1.02
 """Arcs are this much wider than the turning circle: a vehicle a little outside an arc can still turn back onto it."""
 DEEP_SHARE = 0.05

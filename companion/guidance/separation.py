@@ -2,7 +2,8 @@
 
 No vehicle here can promise anything to another, and peers are as fast as we are, so no path is safe against any peer.
 What is left is a rule that every vehicle computes alone, from what its own detector shows, and that is safe if all keep
-it (METHOD.md section 3, "Peers"). The rule: each reserves the disc in which it can circle to the right for ever, and
+it (docs/method.md section 3, "Peers"). The rule: each reserves the disc in which it can circle to the right for ever,
+and
 moves the centre of that disc into at most its own half of the gap to any other. Circling leaves the centre where it is,
 so a legal decision always exists, and the discs never overlap. docs/separation.md has the proof and the measurements.
 

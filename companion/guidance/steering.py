@@ -1,4 +1,4 @@
-"""From the picture to a wanted heading: direction, turn limit, loiter (METHOD.md section 1, items 3 to 5)."""
+"""From the picture to a wanted heading: direction, turn limit, loiter (docs/method.md section 1, points 3 to 5)."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Surrogate(Protocol):
 
 @dataclass(frozen=True)
 class PairSurrogate:
-    """F* as a sum over pairs, each a radial profile of one distance (METHOD.md section 2, point 2)."""
+    """F* as a sum over pairs, each a radial profile of one distance (docs/method.md section 2, point 2)."""
 
     profile: RadialProfile
     separation_m: float

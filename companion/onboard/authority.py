@@ -2,7 +2,7 @@
 
 ArduPilot obeys setpoints in its guided mode and in no other, so the mode alone decides. PX4 wants a stream of setpoints
 before a person can choose OFFBOARD, and goes back to OFFBOARD by itself when a stream that ended begins again, even out
-of a failsafe (AUTOPILOT_FACTS): so after whatever ended an engagement nothing is sent until a person has cleared it.
+of a failsafe (docs/autopilots.md): so after whatever ended an engagement nothing is sent until a person has cleared it.
 """
 
 from __future__ import annotations

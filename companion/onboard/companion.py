@@ -89,7 +89,7 @@ class Purpose(Enum):
 
 @dataclass(frozen=True)
 class Decision:
-    """One tick's decision and why (DESIGN.md, rule 6). Headings are from grid north."""
+    """One tick's decision and why (docs/design.md, rule 6). Headings are from grid north."""
 
     t_s: float
     purpose: Purpose
@@ -233,8 +233,8 @@ class Companion:
     def repeat(self, now_s: float) -> list[bytes]:
         """Return the frames that keep the last decision standing between guidance steps; none if it must not stand.
 
-        An autopilot gives a silent companion up after a second or a few (AUTOPILOT_FACTS: COM_OF_LOSS_T, GUID_TIMEOUT),
-        which a guidance step may be longer than.
+        An autopilot gives a silent companion up after a second or a few (docs/autopilots.md: COM_OF_LOSS_T,
+        GUID_TIMEOUT), which a guidance step may be longer than.
         """
         requests = self.adapter.requests(now_s)
         if self._stream_ended(now_s) or self._why_idle(self.adapter.telemetry, now_s) is not None:

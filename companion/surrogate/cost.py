@@ -1,7 +1,7 @@
 """The paper's cost: what the guidance law is meant to minimise, and what the surrogate approximates.
 
 The step penalties and their continuous polygon are one family: half-width 0 is the step (F), a positive one the polygon
-(F~). Lost agents are simply not in the scene, so their terms vanish (METHOD.md section 1, point 8).
+(F~). Lost agents are simply not in the scene, so their terms vanish (docs/method.md section 1, point 8).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Weights:
-    """Penalty weights in m^2; the defaults are the paper's 1e5 and 1e4 km^2 (METHOD.md section 1)."""
+    """Penalty weights in m^2; the defaults are the paper's 1e5 and 1e4 km^2 (docs/method.md section 1)."""
 
     k_d: float = 1e11
     """Detection: per threat within its detection radius."""
@@ -91,7 +91,7 @@ def threat_penalty(scene: Scene, weights: Weights, half_width: float = 0.0) -> n
 def collision_penalty(scene: Scene, weights: Weights, half_width: float = 0.0) -> np.ndarray:
     """Return f3 of each agent, (N,), m^2 (paper: fun3); `half_width` as in `unit_disc_indicator`.
 
-    Over j != i: the paper's sum counts the agent itself (METHOD.md section 2, point 8).
+    Over j != i: the paper's sum counts the agent itself (docs/method.md section 2, point 8).
     """
     ratio = _distances(scene.agents_ned_m, scene.agents_ned_m) / scene.separation_m  # (N, N)
     near = unit_disc_indicator(ratio, half_width)

@@ -1,8 +1,8 @@
 """The paper's own surrogate: one network of the absolute positions of all agents and threats. It does not fly.
 
 It is kept for the record and the reproduction: trained properly on the paper's own case it explains about one percent
-of its target (METHOD.md section 2, point 1; docs/surrogate.md has the numbers), so its gradient is noise. `pairwise`
-flies instead. Evaluated with numpy alone, as on the vehicle.
+of its target (docs/method.md section 2, point 1; docs/surrogate.md has the numbers), so its gradient is noise.
+`pairwise` flies instead. Evaluated with numpy alone, as on the vehicle.
 """
 
 from __future__ import annotations

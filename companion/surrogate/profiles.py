@@ -1,9 +1,9 @@
 """F*, the differentiable stand-in for the step penalties, and the closed-form gradient that flies.
 
 Every penalty that depends on positions is a function of one distance over one radius, so a single network f(r) serves
-all pairs, any number of agents and threats, and mixed radii (METHOD.md section 2, point 2). The vehicle evaluates
+all pairs, any number of agents and threats, and mixed radii (docs/method.md section 2, point 2). The vehicle evaluates
 this with numpy alone; torch is needed only to train. f4 depends on the distance flown as well and is not part of F*:
-it has a closed form of its own (METHOD.md section 2, point 8).
+it has a closed form of its own (docs/method.md section 2, point 8).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from companion.files.weights import read_weights
 from companion.surrogate.cost import Weights, unit_disc_indicator
 
 HALF_WIDTH = 0.025
-"""Half-width of the polygon, as a fraction of the radius: law `seed` (METHOD.md section 2, point 2)."""
+"""Half-width of the polygon, as a fraction of the radius: law `seed` (docs/method.md section 2, point 2)."""
 PROFILE_NAMES = ("pairwise", "analytic")
 _FLAT = 50.0
 """So many half-widths outside its edge a logistic's slope is exp(-100) of its greatest: no weight can make it felt."""
@@ -114,7 +114,7 @@ def surrogate_cost(
     separation_m: float,
     weights: Weights,
 ) -> float:
-    """Return F* in m^2 (METHOD.md section 2, point 2; the f2 and f3 of fun5, each pair of agents counted twice).
+    """Return F* in m^2 (docs/method.md section 2, point 2; the f2 and f3 of fun5, each pair of agents counted twice).
 
     Shapes: agents (N, 2), threats (M, 2), both radii (M,); M may be 0 and N may be 1.
     """
@@ -191,7 +191,7 @@ def wall_gradient(
 ) -> np.ndarray:
     """Return dF*/dU_i of one agent, (2,), m, whose edges are logistics of one half-width in metres whatever the radius.
 
-    What the route needs: so sharp that it does not reach where the route runs (METHOD.md section 3). Shapes as
+    What the route needs: so sharp that it does not reach where the route runs (docs/method.md section 3). Shapes as
     `gradient_for_agent`.
     """
     threats = len(detection_radius_m)

@@ -62,7 +62,7 @@ def printed_decrease_m2(pace: Pace, b_m: float) -> float:
 
 
 def corrected_decrease_m2(pace: Pace, b_m: float) -> float:
-    """Return epsilon with the sign that the paper's own derivation gives, m^2 (METHOD.md section 2, point 4)."""
+    """Return epsilon with the sign that the paper's own derivation gives, m^2 (docs/method.md section 2, point 4)."""
     ratio = pace.target_m / pace.speed_m
     return _theorem_decrease_m2(pace, b_m, 1.0 + 4.0 * SQRT2 * ratio + ratio**2)
 
@@ -79,7 +79,7 @@ def sharp_decrease_m2(pace: Pace, b_m: float) -> float:
 
 
 def tight_decrease_m(pace: Pace, b_m: float) -> float:
-    """Return q, the least decrease of the distance in a step from beyond D_min, m (METHOD.md section 2, point 4)."""
+    """Return q, the least decrease of distance in a step from beyond D_min, m (docs/method.md section 2, point 4)."""
     if SQRT2 * b_m > pace.arrival_m:
         return -math.inf
     return pace.arrival_m - worst_next_distance_m(pace, b_m, pace.arrival_m)

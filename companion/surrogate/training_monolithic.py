@@ -2,9 +2,10 @@
 
 2 (N + M) coordinates -> 75 sigmoids -> 1, on F~ of uniformly drawn positions. A given agent is inside a given disc in
 one of 127 samples, and from absolute coordinates each of the 40 pairs of an agent and a threat is to be learnt on its
-own: what comes out is the mean and one percent of the variance (METHOD.md section 2, point 1). "14 input neurons" is
+own: what comes out is the mean and one percent of the variance (docs/method.md section 2, point 1). "14 input
+neurons" is
 not 2 N + 2 M for the paper's N = 10, M = 4; this has 28. f4 is left out, as it depends on the way flown and not on
-positions alone (METHOD.md section 2, point 8).
+positions alone (docs/method.md section 2, point 8).
 """
 
 from __future__ import annotations
@@ -98,7 +99,8 @@ def train_monolithic(
 ) -> tuple[MonolithicNetwork, MonolithicRecord]:
     """Return the network of the best validation error, and the record of its training.
 
-    Sets torch's global thread count and determinism. Source: METHOD.md section 2, point 1 and section 4; paper: aprfun.
+    Sets torch's global thread count and determinism. Source: docs/method.md section 2, point 1 and section 4;
+    paper: aprfun.
     """
     generator = seeded(seed)
     agents_ned_m, threats_ned_m = draw_positions(samples, generator)

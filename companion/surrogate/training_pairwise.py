@@ -1,7 +1,7 @@
 """Trains the pairwise network, the one that flies, on the polygon F~ of the unit disc.
 
 The network must not only fit: a slope of the wrong sign would attract agents to threats, and a ripple far outside would
-outweigh the attraction (METHOD.md section 2, point 2). Both are excluded by parametrisation, not by hope. In
+outweigh the attraction (docs/method.md section 2, point 2). Both are excluded by parametrisation, not by hope. In
 `mu + sum lambda_j sigma(w_j r + theta_j)` every lambda_j is positive and they sum to 1 (softmax), every steepness -w_j
 lies between STEEPNESS_MIN and STEEPNESS_MAX, every centre theta_j / -w_j within CENTRE_REACH of the edge, and mu = 0.
 So f falls monotonically from 1 to 0, and beyond the centres |df/dr| is less than
@@ -77,7 +77,7 @@ def train_pairwise(
 ) -> tuple[PairwiseNetwork, PairwiseRecord]:
     """Return the network of the best validation error, and the record of its training.
 
-    Sets torch's global thread count and determinism. Source: METHOD.md section 1, point 2 and section 2, point 2;
+    Sets torch's global thread count and determinism. Source: docs/method.md section 1, point 2 and section 2, point 2;
     paper: aprfun.
     """
     generator = seeded(seed)

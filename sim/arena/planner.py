@@ -140,7 +140,7 @@ def target_stays_clear(mission: Mission, target_ned_m: Sequence[float] | np.ndar
 
 
 def ground_turn_radius_m(speed_m_s: float, n_max: float, wind_m_s: float) -> float:
-    """Return the radius of the widest circle over the ground at the load factor n_max (METHOD.md section 3, wind)."""
+    """Return the radius of the widest circle over ground at the load factor n_max (docs/method.md section 3, wind)."""
     return (speed_m_s + wind_m_s) ** 2 / (n_max * GRAVITY_M_S2)
 
 

@@ -17,7 +17,7 @@ from companion.geo.kinematics import turn_rate_rad_s
 from companion.mission.model import Mission
 from sim.reproduction.experiments import DYNAMIC, PAPER_STEP_S, STATIC_SEED, STATIC_STEP, FlightFigures, Results
 
-# The paper, section Simulation (METHOD.md section 4).
+# The paper, section Simulation (docs/method.md section 4).
 PAPER_TRAINING_MSE = 2.449e-4
 PAPER_INPUTS = 14
 PAPER_ENTERED = (4, 6, 9)
@@ -55,7 +55,7 @@ class Claim:
 
 
 def all_claims(results: Results) -> tuple[Claim, ...]:
-    """Return every claim of METHOD.md section 4, and those of section 2 that this reproduction can show."""
+    """Return every claim of docs/method.md section 4, and those of section 2 that this reproduction can show."""
     return (
         _training_mse(results),
         _static_surrogate(results.of(STATIC_SEED)),

@@ -65,7 +65,7 @@ class _Heard:
 
 
 class _Arrivals:
-    """Who is still on the way to what: the first arrival completes a target (METHOD.md section 1, item 5)."""
+    """Who is still on the way to what: the first arrival completes a target (docs/method.md section 1, point 5)."""
 
     def __init__(self, agents: int, targets: int) -> None:
         self.flying = np.ones(agents, dtype=bool)

@@ -30,7 +30,7 @@ SAMPLE_S = 1.0
 FINE_STEP_S = 0.5
 """Guidance and integration of the packaged missions."""
 N_MAX = (10.0, 2.0, 1.0, 0.5)
-"""Load factors of the sweep: the paper's, and what fixed wings have (METHOD.md section 2, point 6)."""
+"""Load factors of the sweep: the paper's, and what fixed wings have (docs/method.md section 2, point 6)."""
 MIN_SEEDS = 5
 """As many fly over the wire too."""
 STATIC_SEED, STATIC_STEP, DYNAMIC = "static-seed", "static-step", "dynamic-10"

@@ -1,4 +1,4 @@
-"""ArduCopter as measured in its own simulator with default parameters (AUTOPILOT_FACTS.md; V4.7.0-dev, October 2025).
+"""ArduCopter as measured in its own simulator with default parameters (docs/autopilots.md; V4.7.0-dev, October 2025).
 
 A velocity demand shapes a reference (acceleration and jerk limited), which the copter follows with a lag as far as its
 lean against the drag allows. The reference does not know of the top speed, so who asks for more than is reachable winds

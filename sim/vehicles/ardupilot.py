@@ -1,6 +1,6 @@
 """What the ArduPilot kinds share: modes, arming, the ground station failsafe and the seconds until it is ready.
 
-As measured (AUTOPILOT_FACTS.md) unless a comment says otherwise. The stand-in of the paper's point borrows it.
+As measured (docs/autopilots.md) unless a comment says otherwise. The stand-in of the paper's point borrows it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""ArduPlane as measured in its own simulator with default parameters (AUTOPILOT_FACTS.md; V4.7.0-dev, October 2025).
+"""ArduPlane as measured in its own simulator with default parameters (docs/autopilots.md; V4.7.0-dev, October 2025).
 
 It has no velocity setpoint. In GUIDED it circles a place, holds a course or heading that a command gave, or holds a
 bank for as long as it is told to; altitude and airspeed are kept by themselves.

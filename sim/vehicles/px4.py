@@ -1,6 +1,6 @@
 """What the PX4 kinds share: modes, OFFBOARD and what follows when its stream is lost, arming, answers to commands.
 
-As measured on PX4 v1.16.1 (AUTOPILOT_FACTS.md). "(code)" is as its source says; "(chosen)" was neither measured nor
+As measured on PX4 v1.16.1 (docs/autopilots.md). "(code)" is as its source says; "(chosen)" was neither measured nor
 read. What a person asked for (the intended mode) is kept apart from the mode that is flown, as PX4 does: a lost stream
 changes only the latter, which is why OFFBOARD comes back by itself.
 

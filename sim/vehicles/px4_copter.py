@@ -1,6 +1,6 @@
 """A copter with PX4: its answers to OFFBOARD setpoints, and what it does when they stop.
 
-As measured on PX4 v1.16.1 with realistic drag (AUTOPILOT_FACTS.md). "(chosen)" was neither measured nor read.
+As measured on PX4 v1.16.1 with realistic drag (docs/autopilots.md). "(chosen)" was neither measured nor read.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A plane with PX4: what it makes of OFFBOARD setpoints, of which one kind alone steers it, and what it does without.
 
-As measured on PX4 v1.16.1 at 15 m/s (AUTOPILOT_FACTS.md). "(chosen)" was neither measured nor read. The bank limit is
+As measured on PX4 v1.16.1 at 15 m/s (docs/autopilots.md). "(chosen)" was neither measured nor read. The bank limit is
 all that limits a turn: the course asked for is flown to as fast as it lets it.
 
 Not modelled: the approach to a landing (it circles down), the roll on the runway, stall.

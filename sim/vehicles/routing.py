@@ -1,6 +1,6 @@
 """Which messages an autopilot passes on between its links: the rule on which a one-radio deployment rests.
 
-As measured on ArduPilot and PX4 (AUTOPILOT_FACTS.md): what the autopilot does not know is dropped; what it knows and is
+As measured on ArduPilot and PX4 (docs/autopilots.md): what the autopilot does not know is dropped; what it knows and is
 for everybody goes to every other link, with the sender's ids kept; what is for one system goes only where that system
 was heard. A link on which nothing was ever heard gets nothing. PX4's loss above some 200 messages a second is not
 modelled.

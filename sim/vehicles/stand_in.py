@@ -1,7 +1,7 @@
 """The stand-in autopilot: MAVLink `common` in and out on a given clock, without sockets.
 
 The companion must be tested against an autopilot that says no, brakes on silence and lies late, long before a real one
-is at hand. This one behaves as the real ones were measured to (AUTOPILOT_FACTS.md): what they share on the wire is
+is at hand. This one behaves as the real ones were measured to (docs/autopilots.md): what they share on the wire is
 here, what differs is the craft's. The truth lives in the mission's plane; whatever goes over the wire is relative to
 local true north, so everything is turned by the plane's convergence on its way in and out.
 

@@ -89,7 +89,7 @@ def test_no_other_assignment_is_better(
 
 
 def test_the_greatest_sum_of_inverse_distances_is_not_the_least_sum_of_distances() -> None:
-    """METHOD.md 2.3: one agent very near a target outweighs everything in the first, and not in the second."""
+    """One agent very near a target outweighs all of the first, not the second (docs/method.md section 2, point 3)."""
     agents = [(0.0, 0.0), (90.0, 0.0)]
     targets = [(85.0, 0.0), (500.0, 0.0)]
     assert assigned(agents, targets, "inverse-distance") == [1, 0]

@@ -421,7 +421,7 @@ def test_the_way_flown_counts_against_the_range() -> None:
     assert (list(station.assignment), len(station.uncovered)) == ([2], 1)
 
 
-# Coverage: METHOD.md section 1, item 6
+# Coverage: docs/method.md section 1, point 6
 
 
 NUMBER_OF_AGENTS, NUMBER_OF_TARGETS = 10, 5

@@ -1,7 +1,8 @@
 """Records flights and compares their digests: what a change that should change nothing must leave byte for byte.
 
 `python -m tests.recordings.record` flies every row of the table and compares it with `digests.json` beside this file;
-`--write` replaces that file, `--quick` flies the small missions on one seed only, `--keep DIR` leaves the recordings.
+`--write` replaces that file, `--quick` flies the small missions on one seed only, `--only TEXT` the rows whose names
+hold it, `--keep DIR` leaves the recordings.
 The rows are flown by `sim fly` and `sim arena` as a user calls them, so that they outlive any change of modules.
 Floating point differs between processors and numpy builds: compare on the machine that wrote the digests.
 """
@@ -105,16 +106,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true", help="replace digests.json")
     parser.add_argument("--quick", action="store_true", help="the small missions on one seed only")
+    parser.add_argument("--only", default="", help="the rows whose names hold this text")
     parser.add_argument("--keep", type=Path, help="leave the recordings in this folder")
     parser.add_argument("--jobs", type=int, default=2, help="flights at a time")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary, ThreadPoolExecutor(options.jobs) as pool:
         folder = options.keep or Path(temporary)
-        table = rows(options.quick)
+        table = [row for row in rows(options.quick) if options.only in row.name]
         recorded = dict(
             zip((row.name for row in table), pool.map(lambda row: record(row, folder / row.name), table), strict=True)
         )
-        if not options.quick:
+        if not options.quick and options.only in ARENA:
             recorded[ARENA] = record_arena(folder / ARENA)
     if options.write:
         DIGESTS.write_text(json.dumps(recorded, indent=1, sort_keys=True) + "\n")

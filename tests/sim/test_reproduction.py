@@ -63,7 +63,7 @@ METHOD_SECTION_4 = {
     "mean-time",
     "greatest-time",
 }
-"""Every claim of METHOD.md section 4."""
+"""Every claim of docs/method.md section 4."""
 METHOD_SECTION_2 = {"learns-nothing", "inputs", "turn-limit", "separation", "weights"}
 SMALL = """
 name: small

@@ -11,9 +11,9 @@ from companion.surrogate.cost import Scene, Weights, range_penalty
 from companion.surrogate.profiles import HALF_WIDTH, range_cost, range_gradient
 
 K_L = 1e10
-"""m^2 (METHOD.md section 4)."""
+"""m^2 (docs/method.md section 4)."""
 RANGE_M = 500_000.0
-"""METHOD.md section 4."""
+"""docs/method.md section 4."""
 TARGET = np.array([20_000.0, -10_000.0])
 
 offsets = st.tuples(st.floats(100.0, 100_000.0), st.floats(0.0, math.tau)).map(

@@ -1,4 +1,4 @@
-"""Every fact about ArduPlane that a client can observe (AUTOPILOT_FACTS.md) holds on the stand-in, within a tolerance.
+"""Every fact about ArduPlane that a client can observe (docs/autopilots.md) holds on the stand-in, within a tolerance.
 
 A row says what was measured; its function does what was done then and returns what the stand-in did. Where the stand-in
 is known to be further off than measured values usually scatter, the row's tolerance says by how much.

@@ -1,4 +1,4 @@
-"""Each row of AUTOPILOT_FACTS.md on the PX4 plane that a client can observe holds on the stand-in."""
+"""Each row of docs/autopilots.md on the PX4 plane that a client can observe holds on the stand-in."""
 
 from __future__ import annotations
 
