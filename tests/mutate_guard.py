@@ -33,7 +33,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from mutmut.mutation.file_mutation import ChildReplacementTransformer, create_mutations
 
-from companion.guard.guard import guard
+from companion.guard import guard
 
 TESTS = "tests/companion/guard/test_guard.py"
 EQUIVALENT = Path(__file__).with_name("mutate_guard_equivalent.txt")

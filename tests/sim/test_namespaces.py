@@ -18,8 +18,8 @@ from pathlib import Path
 import pytest
 
 from companion.protocol.keys import keygen
+from companion.transport import udp as udp_module
 from companion.transport.endpoints import open_receiver, open_sender, parse_link
-from companion.transport.endpoints import udp as udp_module
 
 CLONE_NEWNET = 0x40000000
 GROUP = "239.255.145.50:14600"

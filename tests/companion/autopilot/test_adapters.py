@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
-from companion.autopilot.adapter import _is_one_other_message
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import (
     COMPANION_COMPONENT,
@@ -21,6 +20,7 @@ from companion.autopilot.telemetry import (
     SHARED_ID_MEMORY_S,
     Neighbour,
     TelemetryReader,
+    _is_one_other_message,
 )
 
 SYSTEM = 7

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common
 
-from companion import offboard as offboard_module
+from companion.autopilot import offboard as offboard_module
 from companion.autopilot.offboard import SILENCE_S, Offboard, is_setpoint, velocity_of
 from companion.autopilot.offboard_child import SETPOINT, SETPOINT_FIELDS, TICK_TIMEOUT_S
 from companion.autopilot.telemetry import COMPANION_COMPONENT

@@ -14,6 +14,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from companion.geo.kinematics import turn_towards
+from companion.guard import guard
 from companion.guard.guard import (
     ALTITUDE,
     BACKUP,
@@ -37,7 +38,6 @@ from companion.guard.guard import (
     Piece,
     Setpoint,
     Verdict,
-    guard,
 )
 
 G_M_S2 = 9.80665

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from companion.geo.kinematics import turn_rate_rad_s, turn_towards
 from companion.guard.guard import Motion
+from companion.guidance import separation as right_of_way
 from companion.guidance.separation import (
     CIRCLING,
     LATE,
@@ -27,7 +28,6 @@ from companion.guidance.separation import (
     interaction_radius_m,
     reserved_radius_m,
 )
-from companion.guidance.steering import separation as right_of_way
 
 DT_S = 0.5
 NOBODY_NED_M = np.zeros((0, 2))

@@ -327,7 +327,7 @@ def test_without_a_fix_it_is_silent() -> None:
 def test_what_its_kind_needs_and_the_autopilot_does_not_tell_silences_it(monkeypatch: pytest.MonkeyPatch) -> None:
     flight = guided()
     flight.broadcast()
-    monkeypatch.setattr(ObedientCopter, "lacks", "no local position")
+    monkeypatch.setattr(ObedientCopter, "missing_telemetry", "no local position")
     decision, setpoint = flight.tick()
     assert (decision.reason, setpoint) == ("no local position", None)
     monkeypatch.undo()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import companion
+import companion.surrogate
 from companion.cli import main
 from companion.files.weights import content_digest
 from companion.surrogate.cost import Scene, Weights, collision_penalty, threat_penalty, unit_disc_indicator
@@ -225,8 +225,8 @@ def test_without_torch_the_user_is_told_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
     for module in ("training", "training_pairwise", "training_monolithic"):
-        monkeypatch.delitem(sys.modules, f"companion.{module}", raising=False)
-        monkeypatch.delattr(companion, module, raising=False)
+        monkeypatch.delitem(sys.modules, f"companion.surrogate.{module}", raising=False)
+        monkeypatch.delattr(companion.surrogate, module, raising=False)
     assert run_train(monkeypatch, "--out", str(tmp_path / "w.json")) == 2
     assert "pip install '.[train]'" in capsys.readouterr().err
 
@@ -267,7 +267,7 @@ def test_a_network_that_had_learnt_something_would_be_told_of_differently() -> N
 def test_the_target_of_the_papers_network_is_the_polygon_of_the_penalties() -> None:
     import torch
 
-    from companion import training_monolithic as case
+    from companion.surrogate import training_monolithic as case
 
     agents, threats = case.draw_positions(200, torch.Generator().manual_seed(1))
     agents[:, 0] = threats[:, 0] + np.linspace(0.0, 11_000.0, 200)[:, np.newaxis] / np.sqrt(2.0)

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.errors import InputError
+from companion.transport import serial as serial_module
 from companion.transport.endpoints import Link, Sender, open_receiver, open_sender
-from companion.transport.endpoints import serial as serial_module
 from companion.transport.serial import RadioStatusReader
 from groundstation.radio import parse_radio
 from groundstation.schedule import TICK_S, Pacer, burst_bytes

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from companion.errors import InputError
+from companion.transport import tcp as tcp_module
 from companion.transport.endpoints import Link, open_duplex, parse_link
-from companion.transport.endpoints import tcp as tcp_module
 from companion.transport.stream import FrameCutter
 from tests.companion.transport.end_points import run, until
 
