@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.registry import ADAPTERS
-from companion.autopilot.telemetry import NEIGHBOUR_MEMORY_S
+from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S, NEIGHBOUR_MEMORY_S
 from companion.geo.kinematics import turn_towards
 from companion.guard.guard import KEEP_OUT, NEW_THREAT, Verdict
 from companion.guidance.laws import ROUTE_MARGIN_M, Pose, SteeringDemand, Task
 from companion.guidance.separation import PASSING, SLOWING, STOPPING
 from companion.guidance.steering import SteeringVector
 from companion.guidance.view import View
-from companion.onboard.companion import ARRIVAL_SHARE, HEARTBEAT_TIMEOUT_S, HOME_TOO_FAR, Companion, Decision, Purpose
+from companion.onboard.companion import ARRIVAL_SHARE, HOME_TOO_FAR, Companion, Decision, Purpose
 from companion.onboard.config import LAWS, Config
 from companion.onboard.failsafe import Stage
 from companion.protocol.authenticator import Authenticator, Trust
