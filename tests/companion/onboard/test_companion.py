@@ -459,7 +459,7 @@ places_m = st.floats(-300_000.0, 300_000.0)
 pairs = st.tuples(places_m, places_m)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     st.sampled_from(KINDS),
     st.sampled_from(LAWS),
@@ -1067,7 +1067,7 @@ def test_at_the_end_of_its_range_a_vehicle_is_pulled_harder_and_deflected_less()
 
 
 @given(k_l=st.floats(0.0, 1e9))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_heavier_the_range_weighs_the_less_a_threat_deflects(k_l: float) -> None:
     assert deflection_rad(4_400.0, k_l=k_l) <= deflection_rad(50_000.0, k_l=k_l) + 1e-12
 
