@@ -1,4 +1,4 @@
-"""The project as a whole: imports point one way, the companion flies without torch and scipy, documents are true."""
+"""The project as a whole: imports point one way, the companion flies on its own libraries alone, documents are true."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import re
 import struct
 import subprocess
 import sys
+import tomllib
 import venv
 from pathlib import Path
 
@@ -18,11 +19,11 @@ from companion.protocol.dialect import oneway
 
 ROOT = Path(__file__).parents[1]
 FORBIDDEN = {"companion": {"groundstation", "sim"}, "groundstation": {"sim"}, "sim": set[str]()}
-COMPANION_NEEDS = ("numpy", "pymavlink", "cryptography", "fastcrc", "pydantic", "pyyaml", "pyproj", "click", "rich")
-"""What the vehicle's computer must have; torch, scipy and matplotlib are not among it."""
+COMPANION_NEEDS = ("numpy", "pymavlink", "cryptography", "fastcrc", "pydantic", "pyyaml", "pyproj", "click", "mavsdk")
+"""What the vehicle's computer must have: the project's base dependencies, and none of an extra's."""
 DECIDE = """
 import importlib.util, math
-for absent in ("torch", "scipy", "matplotlib", "groundstation", "sim"):
+for absent in ("torch", "scipy", "matplotlib", "rich", "jinja2", "groundstation", "sim"):
     assert importlib.util.find_spec(absent) is None, absent
 from pymavlink.dialects.v20 import common
 from companion.onboard.config import Config
@@ -115,6 +116,11 @@ def test_a_companion_decides_in_a_bare_environment_without_torch_and_scipy(tmp_p
         [str(tmp_path / "bin" / "python"), "-I", "-c", DECIDE], capture_output=True, text=True, timeout=120, check=False
     )
     assert process.stdout == "decided\n", process.stderr
+
+
+def test_the_project_itself_depends_on_what_the_vehicle_needs_and_nothing_else() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert {re.split(r"[<>=]", line)[0] for line in project["dependencies"]} == set(COMPANION_NEEDS)
 
 
 @pytest.mark.parametrize("program", ["companion", "groundstation", "sim"])
