@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.kinds import KINDS
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
-from companion.files.tlog import TlogWriter, logged_s
+from companion.files.tlog import TlogWriter
 from companion.geo.local_frame import LocalFrame
 from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
@@ -30,6 +30,7 @@ from companion.onboard.config import AutopilotSection, config_for_agent, dump_co
 from companion.onboard.flight_log import Mark, decision_frame, mark_frame
 from companion.protocol.codec import Detection, FrameWriter, Kind
 from companion.protocol.v2_extension import wrap
+from companion.runtime.clock import logged_s
 from companion.surrogate.networks import load_monolithic
 from groundstation.ground_station import GroundStation, check_runnable
 from groundstation.radio import Radio

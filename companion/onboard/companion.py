@@ -16,7 +16,13 @@ import numpy as np
 from companion.autopilot.adapter import Adapter
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.stream import STREAM_GAP_S
-from companion.autopilot.telemetry import COMPANION_COMPONENT, NEIGHBOUR_MEMORY_S, Telemetry
+from companion.autopilot.telemetry import (
+    COMPANION_COMPONENT,
+    HEARTBEAT_PERIOD_S,
+    HEARTBEAT_TIMEOUT_S,
+    NEIGHBOUR_MEMORY_S,
+    Telemetry,
+)
 from companion.files.tlog import whole_frames
 from companion.geo.kinematics import limit_turn
 from companion.geo.local_frame import LocalFrame, to_grid
@@ -65,9 +71,6 @@ STANDING_WITHIN_M = 1.0
 """A vehicle that can stop stands still within this distance of its loiter place."""
 BAND_MARGIN_M = 5.0
 """Above and below its height a vehicle minds the threats there: it does not hold a height to the metre."""
-HEARTBEAT_PERIOD_S = 1.0
-HEARTBEAT_TIMEOUT_S = 3.5
-"""An autopilot's heartbeat comes once a second; three may be lost."""
 COURSE_SPEED_M_S = 1.0
 """Below this ground speed the course over ground says nothing and the yaw is used."""
 STEP_SHARE = 1.5

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.errors import InputError
@@ -283,7 +283,6 @@ def test_an_agent_that_is_heard_of_but_not_seen_is_taken_as_standing() -> None:
     st.tuples(*[st.floats(-1e3, 1e3)] * 4),
     st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(1.0, 500.0)),
 )
-@settings(deadline=None)
 def test_the_margin_of_a_ray_is_the_least_distance_of_its_points(
     ends: tuple[float, ...], disc: tuple[float, float, float]
 ) -> None:
@@ -345,7 +344,6 @@ def test_vfhplus_does_not_turn_to_the_side_where_a_disc_lies_in_its_turning_circ
     st.floats(10.0, 1000.0),
     st.tuples(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0)),
 )
-@settings(deadline=None)
 def test_past_the_edge_of_a_velocity_obstacle_nothing_is_hit_within_the_horizon(
     apart_m: float, bearing_rad: float, radius_m: float, relative: tuple[float, float]
 ) -> None:

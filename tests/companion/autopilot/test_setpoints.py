@@ -198,7 +198,7 @@ def numbers(message: Message) -> list[float]:
     return values
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.sampled_from(sorted(ADAPTERS)),
     st.lists(
@@ -640,7 +640,7 @@ def test_a_plane_never_banks_over_45_degrees_whatever_its_limit() -> None:
 
 @pytest.mark.parametrize("name", ADAPTERS)
 @given(st.lists(st.floats(width=32, allow_nan=True, allow_infinity=True), min_size=8, max_size=8))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_nonsense_in_the_parameters_leaves_abilities_that_can_be_reckoned_with(name: str, values: list[float]) -> None:
     adapter = flying(name)
     for wanted, value in zip(adapter.wanted, values, strict=False):

@@ -129,7 +129,6 @@ def test_the_law_seed_adds_the_gradient_of_the_surrogate_and_of_the_range() -> N
 # The route's direction
 
 
-@settings(deadline=None)
 @given(angles_rad, st.floats(10.0, 1e5))
 def test_with_nothing_in_the_way_it_heads_for_the_place_as_strongly_as_it_is_far(
     bearing_rad: float, distance_m: float
@@ -200,7 +199,7 @@ def test_a_long_turn_keeps_its_side_though_its_end_is_nearer_by_the_other_one() 
     assert wish.pull.strength_m == pytest.approx(wish.route.length_m)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     angles_rad,
     st.tuples(angles_rad, st.floats(1.0, 500.0)),
@@ -280,7 +279,6 @@ def test_where_no_way_leaves_room_for_a_circle_it_takes_the_one_there_is() -> No
 # The surrogate as a thin wall
 
 
-@settings(deadline=None)
 @given(
     st.tuples(st.floats(-30.0, 30.0), angles_rad),
     st.floats(10.0, 20_000.0),
@@ -318,14 +316,12 @@ def wall_at(distance_m: float, half_width_m: float, weights: Weights) -> float:
     return float(np.hypot(*wall_gradient(place, here, radius, radius, nobody, 50.0, weights, half_width_m)))
 
 
-@settings(deadline=None)
 @given(st.floats(2.0, 100.0))
 def test_at_the_routes_margin_the_wall_weighs_nothing_even_with_the_papers_weights(margin_m: float) -> None:
     assert wall_at(400.0 + margin_m, margin_m / WALL_SHARE, Weights()) < 1e-5
     assert wall_at(400.0, margin_m / WALL_SHARE, Weights()) > 1e9
 
 
-@settings(deadline=None)
 @given(st.floats(0.05, 50.0), st.floats(1.0, 1e4))
 def test_where_the_wall_is_left_out_of_the_sum_it_would_weigh_nothing(half_width_m: float, beyond: float) -> None:
     just_within, just_outside = (wall_at(400.0 + k * half_width_m, half_width_m, Weights()) for k in (49.9, 50.1))
@@ -381,7 +377,6 @@ def test_a_component_against_the_route_that_is_hardly_felt_is_not_counted() -> N
     assert not wish.opposed
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.tuples(angles_rad, st.floats(-1.0, 1.0)), min_size=1, max_size=4),
     st.floats(100.0, 1e4),
@@ -409,7 +404,6 @@ def one(centre_and_radius: tuple[np.ndarray, np.ndarray]) -> Disc:
     return float(north_m), float(east_m), float(radius_m)
 
 
-@settings(deadline=None)
 @given(ages_s)
 def test_discs_that_stand_still_are_foreseen_as_they_are(age_s: float) -> None:
     view = view_of((1_000.0, 50.0, 400.0), (-300.0, 90.0, 20.0), age_s=age_s)
@@ -418,7 +412,6 @@ def test_discs_that_stand_still_are_foreseen_as_they_are(age_s: float) -> None:
     assert np.array_equal(radii, view.detection_radius_m)
 
 
-@settings(deadline=None)
 @given(angles_rad, st.floats(0.0, 1.0), speeds_m_s, ages_s)
 def test_at_no_look_ahead_a_disc_of_unknown_velocity_holds_the_one_that_the_guard_keeps(
     bearing_rad: float, inside: float, bound_m_s: float, age_s: float
@@ -430,7 +423,6 @@ def test_at_no_look_ahead_a_disc_of_unknown_velocity_holds_the_one_that_the_guar
     assert radius_m >= float(view.detection_radius_m[0]) - 1e-9
 
 
-@settings(deadline=None)
 @given(angles_rad, st.floats(0.0, 3_000.0), angles_rad, speeds_m_s, st.floats(0.0, 1.0), ages_s, angles_rad)
 def test_a_disc_foreseen_holds_the_threat_that_flies_on_as_broadcast_until_the_vehicle_is_there(
     bearing_rad: float,
@@ -454,7 +446,6 @@ def test_a_disc_foreseen_holds_the_threat_that_flies_on_as_broadcast_until_the_v
     assert math.dist((north_m, east_m), then) + 400.0 <= radius_m + 1e-6
 
 
-@settings(deadline=None)
 @given(angles_rad, speeds_m_s, st.floats(0.0, 1.0), st.floats(0.0, 3.0 * PERIOD_S), st.floats(0.0, 3.0 * PERIOD_S))
 def test_a_disc_does_not_shrink_between_broadcasts(
     course_rad: float, bound_m_s: float, share: float, age_s: float, later_s: float
@@ -469,7 +460,6 @@ def test_a_disc_does_not_shrink_between_broadcasts(
     assert radius_m(age_s + later_s) >= radius_m(age_s) - 1e-9
 
 
-@settings(deadline=None)
 @given(speeds_m_s, st.floats(0.0, PERIOD_S))
 def test_nor_does_it_with_a_broadcast_that_comes_within_the_period(bound_m_s: float, age_s: float) -> None:
     old, fresh = (view_of((1_000.0, 0.0, 400.0), bound_m_s=bound_m_s, age_s=age) for age in (age_s, 0.0))

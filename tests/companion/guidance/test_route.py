@@ -382,7 +382,7 @@ def test_radii_of_another_number_than_centres_are_refused() -> None:
 whole = st.integers(-6, 6).map(float)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     place=st.tuples(whole, whole),
     goal=st.tuples(whole, whole),
@@ -513,7 +513,7 @@ def check_arrival(scene: Scene, heading_rad: float, turn_radius_m: float, step_m
 
 
 # Most scenes so dense have their start or goal inside a disc, or no way.
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.filter_too_much])
 @given(
     seed=st.integers(0, 10_000),
     heading_rad=st.floats(0.0, math.tau),
