@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from tests.pages.citations import DOCS, ROOT, Citation, citations, cited_files, places, rules
-from tests.pages.modules import PAGE, page_with_list
+from tests.pages.modules import PAGE, module_paths, page_with_list
 
 PAGES = sorted(DOCS.glob("*.md"))
 AT_THE_ROOT = sorted(ROOT.glob("*.md"))
@@ -109,3 +109,11 @@ def test_modules_that_a_page_calls_with_python_m_exist(page: Path) -> None:
     for dotted in re.findall(r"python -m ((?:companion|groundstation|sim|tests)[a-z_.]*[a-z_])", page.read_text()):
         path = ROOT / dotted.replace(".", "/")
         assert path.with_suffix(".py").exists() or (path / "__main__.py").exists(), f"{page.name} calls {dotted}"
+
+
+def test_todays_words_of_the_glossary_are_the_codes() -> None:
+    table = (DOCS / "glossary.md").read_text().split("<!-- renamed -->")[1]
+    named = {name for row in table.splitlines() for name in re.findall(r"`([^`]+)`", row.rpartition(" | ")[2])}
+    classes = {name for path in module_paths() for name in re.findall(r"^class (\w+)", path.read_text(), re.MULTILINE)}
+    lost = [name for name in sorted(named) if name not in classes and not (ROOT / name).exists()]
+    assert not lost
