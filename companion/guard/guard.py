@@ -54,8 +54,8 @@ from companion.guard.types import (
 )
 
 STANDARD_GRAVITY_M_S2 = 9.80665
-"""Standard gravity (3rd CGPM, 1901). companion/geo/kinematics.py has it too: the guard shares no code with what it guards
-against."""
+"""Standard gravity (3rd CGPM, 1901). companion/geo/kinematics.py has it too: the guard shares no code with what it
+guards against."""
 TURN_TOLERANCE_RAD = 1e-9
 """A setpoint at the turn limit must not be called over it for its rounding."""
 GREATEST_TURN_RAD = 3.0
