@@ -28,7 +28,7 @@ from companion.geo.kinematics import limit_turn
 from companion.geo.local_frame import LocalFrame, to_grid
 from companion.geo.polygon import inside_polygon
 from companion.guard.guard import Guard
-from companion.guard.types import NO_BACKUP, Discs, Limits, Motion, Setpoint, Verdict
+from companion.guard.types import NO_BACKUP, Discs, Hints, Limits, Motion, Setpoint, Verdict
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
 from companion.guidance.separation import Rules, give_way, interaction_radius_m
 from companion.guidance.steering import (
@@ -750,8 +750,8 @@ class Companion:
             ids=view.threat_ids,
         )
         route = () if wish.route is None else wish.route.pieces + wish.onward
-        keep_right = self._crowded(motion, view)
-        return self.guard.check(wanted, motion, discs, now_s, self.config.guidance_step_s, route, keep_right)
+        hints = Hints(route, self._crowded(motion, view))
+        return self.guard.check(wanted, motion, discs, now_s, self.config.guidance_step_s, hints)
 
     def _crowded(self, here: Motion, view: View) -> bool:
         """Return whether another is within the interaction radius."""

@@ -1,6 +1,6 @@
 """The guard's theorem at length, its tracking in wind and its speed: `python -m tests.benchmarks.guard` from the root.
 
-Not collected by pytest: the worlds of tests/companion/guard/test_guard.py, flown more often and a hundred times as
+Not collected by pytest: the worlds of tests/companion/guard/guard_flight.py, flown more often and a hundred times as
 long. Exit status 1 if any flight enters a disc, leaves the fence, lacks a path or sees an assumption called broken that
 holds.
 """
@@ -14,9 +14,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from companion.guard.guard import Guard, guard
+from companion.guard.guard import Guard
 from companion.guard.types import KEEP_OUT, Discs, Limits, Motion, Setpoint
-from tests.companion.guard.test_guard import WORLDS, Vehicle, flown_against, gusts, sent
+from tests.companion.guard.guard_flight import WORLDS, Vehicle, flown_against, gusts, sent
 
 STEPS = 10_000
 SEEDS = 10
