@@ -31,7 +31,7 @@ from sim.arena.report import MARKDOWN_NAME as ARENA_MARKDOWN_NAME
 from sim.arena.report import broken_promise, failures, summaries, write_arena, write_worst
 from sim.arena.run import OWN_LAWS, Run, fly_all, jobs_of
 from sim.figures import clearance_png, plot_paths
-from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, check_flyable, fly
+from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, FlightOptions, check_flyable, fly
 from sim.report import KINEMATIC, write_report
 from sim.reproduction.claims import Claim, all_claims
 from sim.reproduction.experiments import MIN_SEEDS, Settings, run_all
@@ -134,14 +134,16 @@ def fly_command(
         flight = fly(
             resolved,
             seed,
-            chosen,
-            autopilot,
-            folder,
-            realtime,
-            progress,
-            allow_monolithic=allow_monolithic,
-            radio=over,
-            one_radio=one_radio,
+            FlightOptions(
+                law=chosen,
+                autopilot=autopilot,
+                out=folder,
+                realtime=realtime,
+                progress=progress,
+                allow_monolithic=allow_monolithic,
+                radio=over,
+                one_radio=one_radio,
+            ),
         )
     scored = score(flight.trajectory, resolved)
     result = result_of(scored, flight, seed, chosen)
