@@ -33,7 +33,6 @@ from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
 from companion.guidance.separation import Rules, give_way, interaction_radius_m
 from companion.guidance.steering import (
     APPROACH_GAIN_1_S,
-    RANGE_RESERVE,
     SteeringVector,
     attraction,
     loiter_attraction,
@@ -42,6 +41,7 @@ from companion.guidance.steering import (
     loiter_spacing_m,
 )
 from companion.guidance.view import Traffic, View
+from companion.mission.model import RANGE_RESERVE
 from companion.onboard.authority import FAILSAFE, FAILSAFE_STATES, Authority, State
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.failsafe import (
