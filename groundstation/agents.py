@@ -20,9 +20,11 @@ from companion.autopilot.telemetry import Neighbour
 from companion.geo.kinematics import advance, turn_rate_rad_s, turn_towards
 from companion.geo.local_frame import LocalFrame
 from companion.guidance.laws import SteeringOf
+from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
 from companion.onboard.companion import Companion
-from companion.onboard.config import Law, config_for_agent
+from companion.onboard.config import config_for_agent
+from companion.onboard.law_settings import law_settings
 
 DRIFT_SHARE = 0.01
 """Of the distance that an agent may have flown: how much of it the reckoning may be wrong by in still air."""
@@ -47,7 +49,7 @@ class DeadReckoner:
     """Reckons all agents of one mission; times are Unix seconds given by the caller."""
 
     def __init__(
-        self, mission: Mission, now_s: float, law: Law, can_stop: bool, steering: SteeringOf | None = None
+        self, mission: Mission, now_s: float, law: LawName, can_stop: bool, steering: SteeringOf | None = None
     ) -> None:
         """Begin with the agents where the mission says; `can_stop` is the kind of vehicle that they are.
 
@@ -137,7 +139,7 @@ class _Reckoned:
         spec: AgentSpec,
         frame: LocalFrame,
         now_s: float,
-        law: Law,
+        law: LawName,
         can_stop: bool,
         steering: SteeringOf | None,
     ) -> None:
@@ -145,7 +147,7 @@ class _Reckoned:
         self.spec = spec
         self.north_m, self.east_m = spec.position_ned_m
         self._adapter = PointAdapter(can_stop, frame.to_global(self.north_m, self.east_m), config.height_m)
-        self.companion = Companion(config, self._adapter, None if steering is None else steering(config))
+        self.companion = Companion(config, self._adapter, None if steering is None else steering(law_settings(config)))
         self.heading_rad = math.radians(spec.heading_deg or 0.0)
         self.speed_m_s = 0.0 if can_stop else spec.speed_m_s
         self.fixed_at_s = now_s

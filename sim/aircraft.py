@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.files.tlog import TlogWriter, logged_s
+from companion.files.tlog import TlogWriter
 from companion.mission.model import AgentSpec
 from companion.onboard.companion import Companion
 from companion.onboard.flight_log import Mark, decision_frame, mark_frame
 from companion.protocol.codec import Detection, FrameWriter, Kind
+from companion.runtime.clock import logged_s
 from sim.air_link import LossyLink
 from sim.detector import Detector, Fleet
 from sim.loop import START_S, Outcome

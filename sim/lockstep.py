@@ -17,14 +17,16 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import common
 
+from companion.autopilot.kinds import KINDS
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
 from companion.files.tlog import TlogWriter
 from companion.geo.local_frame import LocalFrame
+from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
 from companion.mission.random_streams import random_stream
 from companion.onboard.companion import Companion
-from companion.onboard.config import AutopilotSection, Law, config_for_agent, dump_config
+from companion.onboard.config import AutopilotSection, config_for_agent, dump_config
 from companion.surrogate.networks import load_monolithic
 from groundstation.ground_station import GroundStation, check_runnable
 from groundstation.radio import Radio
@@ -65,7 +67,7 @@ Progress = Callable[[float, int], None]
 class FlightOptions:
     """How a mission is flown."""
 
-    law: Law = "seed"
+    law: LawName = "seed"
     autopilot: str = "kinematic"
     out: Path | None = None
     """Folder for the `.tlog` files and the companions' configurations."""
@@ -164,7 +166,7 @@ def _fly(hangar: _Hangar, fleet: Sequence[Aircraft], broadcast_log: TlogWriter |
     """Fly to the end."""
     mission, options = hangar.mission, hangar.options
     is_point = options.autopilot == "kinematic"
-    ground = GroundStation(mission, START_S, law=options.law, can_stop=ADAPTERS[options.autopilot]().can_stop)
+    ground = GroundStation(mission, START_S, law=options.law, can_stop=KINDS[options.autopilot].can_stop)
     transmitter = Transmitter(
         Broadcaster(ground, options.radio),
         mission.integration_step_s if options.radio else RADIO_TICK_S,
@@ -284,7 +286,7 @@ class _Hangar:
             east_m=east_m,
             altitude_m=mission.origin.alt_m + height_m,
             heading_rad=float(np.radians(spec.heading_deg or 0.0)),
-            speed_m_s=0.0 if ADAPTERS[autopilot]().can_stop else spec.speed_m_s,
+            speed_m_s=0.0 if KINDS[autopilot].can_stop else spec.speed_m_s,
             home=Home(north_m, east_m, mission.origin.alt_m),
             in_air=True,
             armed=True,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from companion.autopilot.adapter import Abilities
 from companion.autopilot.telemetry import Neighbour, Telemetry
-from companion.guard.guard import Setpoint
+from companion.guard.types import Setpoint
 
 
 class PointAdapter:

@@ -20,10 +20,12 @@ from companion.autopilot.telemetry import Neighbour
 from companion.geo.kinematics import advance, turn_rate_rad_s, turn_towards
 from companion.geo.local_frame import LocalFrame
 from companion.guidance.laws import SteeringLaw, SteeringOf
+from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
 from companion.mission.random_streams import random_stream
 from companion.onboard.companion import Companion
-from companion.onboard.config import Config, Law, config_for_agent
+from companion.onboard.config import Config, config_for_agent
+from companion.onboard.law_settings import law_settings
 from companion.protocol.codec import Detection, DetectionsFrame, Kind
 from groundstation.ground_station import GroundStation
 from groundstation.schedule import Broadcaster
@@ -198,7 +200,7 @@ class _Record(FlightRecord):
         )
 
 
-def fly_arena(mission: Mission, seed: int, law: Law = "routed", steering: SteeringOf | None = None) -> ArenaFlight:
+def fly_arena(mission: Mission, seed: int, law: LawName = "routed", steering: SteeringOf | None = None) -> ArenaFlight:
     """Fly a resolved mission until every target is reached, nobody is left, or its time is up.
 
     `law` configures the companions; `steering` makes another law for each of them in its place.
@@ -238,10 +240,12 @@ def fly_arena(mission: Mission, seed: int, law: Law = "routed", steering: Steeri
 
 
 def _point(
-    mission: Mission, index: int, seed: int, frame: LocalFrame, law: Law, steering: SteeringOf | None
+    mission: Mission, index: int, seed: int, frame: LocalFrame, law: LawName, steering: SteeringOf | None
 ) -> _PointVehicle:
     """Return the vehicle of the mission's `index`th agent."""
     spec = mission.agents[index]
     config = config_for_agent(mission, spec.id, law)
     air = LossyLink(mission.link, random_stream(seed, LINK_STREAM, index), mission.broadcast_period_s)
-    return _PointVehicle(spec, mission, frame, air, config, None if steering is None else steering(config))
+    return _PointVehicle(
+        spec, mission, frame, air, config, None if steering is None else steering(law_settings(config))
+    )
