@@ -11,11 +11,12 @@ import click
 import numpy as np
 from rich.table import Table
 
+from companion.autopilot.missions import load_mission_to_fly
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, tell
+from companion.guidance.settings import DEFAULT_LAW, LAWS, LawName
 from companion.mission.lint import lint
-from companion.mission.model import Mission, dump_mission, load_mission
+from companion.mission.model import Mission, dump_mission
 from companion.mission.resolve import resolve
-from companion.onboard.config import DEFAULT_LAW, LAWS, Law
 from groundstation.radio import RADIOS_BYTES_PER_S, Radio, parse_radio
 from sim.flown import KINEMATIC, FlownMission
 from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, check_flyable, fly
@@ -160,7 +161,7 @@ def result_of(flown: FlownMission, flight: Flight) -> dict[str, Any]:
     }
 
 
-def _law(name: str) -> Law:
+def _law(name: str) -> LawName:
     chosen = next((law for law in LAWS if law == name), None)
     if chosen is not None:
         return chosen
@@ -184,7 +185,7 @@ def _radio(options: FlyOptions) -> Radio | None:
 def _resolved(options: FlyOptions) -> Mission:
     """Return the mission that is flown, drawn and scaled, after warning of what it should not ask for."""
     source = options.mission
-    mission = load_mission(source)
+    mission = load_mission_to_fly(source)
     if options.vehicles is not None:
         mission = _with_vehicles(mission, options.vehicles, source)
     resolved = resolve(mission, options.seed, source)
