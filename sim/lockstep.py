@@ -23,8 +23,9 @@ from companion.files.tlog import TlogWriter, logged_s
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import AgentSpec, Mission
 from companion.mission.random_streams import random_stream
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection, Law, config_for_agent, dump_config
+from companion.onboard.decision import Decision
 from companion.onboard.flight_log import Mark, decision_frame, mark_frame
 from companion.protocol.codec import Detection, FrameWriter, Kind
 from companion.protocol.v2_extension import wrap

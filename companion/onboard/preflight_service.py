@@ -17,10 +17,10 @@ from companion.autopilot.offboard import require_mavsdk
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.files.tlog import whole_frames
-from companion.onboard.companion import HEARTBEAT_PERIOD_S
 from companion.onboard.config import ONE_RADIO, Config
 from companion.onboard.preflight import Finding, findings
 from companion.onboard.service import saved_authority, trust_of
+from companion.onboard.stream import HEARTBEAT_PERIOD_S
 from companion.protocol.authenticator import Authenticator
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait

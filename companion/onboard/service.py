@@ -28,8 +28,9 @@ from companion.errors import InputError
 from companion.files.state import check_state_file, read_state_file, write_state_file
 from companion.files.tlog import TlogWriter, whole_frames
 from companion.onboard.authority import State
-from companion.onboard.companion import Companion, Decision, Purpose
+from companion.onboard.companion import Companion
 from companion.onboard.config import ONE_RADIO, AutopilotSection, BroadcastSection, Config, dump_config
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.decision_table import DecisionTable
 from companion.onboard.flight_log import FlightLog, Mark, clock_frame, decision_frame, mark_frame, summary_line, unused
 from companion.onboard.statustext import StatusReporter

@@ -22,8 +22,9 @@ from companion.guard.guard import Setpoint
 from companion.guidance.laws import SteeringOf
 from companion.mission.model import AgentSpec, Mission
 from companion.mission.random_streams import random_stream
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
 from companion.onboard.config import Law, config_for_agent
+from companion.onboard.decision import Decision
 from companion.protocol.codec import Detection, DetectionsFrame, Kind
 from groundstation.ground_station import GroundStation
 from sim.air_link import LINK_STREAM, LossyLink
