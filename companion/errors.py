@@ -20,6 +20,10 @@ EXIT_UNUSABLE = 2
 """Unusable input."""
 EXIT_INTERRUPTED = 130
 """Stopped from the keyboard: 128 + SIGINT, as shells count."""
+EXTRAS = {"companion": "ground", "groundstation": "ground", "sim": "sim"}
+"""What `pip install '.[EXTRA]'` adds to the vehicle's libraries for a program."""
+_OPTIONAL = ("jinja2", "matplotlib", "rich", "scipy")
+"""The libraries that these extras install; a program imports them in the commands that use them."""
 
 
 class InputError(Exception):
@@ -61,6 +65,11 @@ def run_program(command: click.Command, name: str) -> None:
         message, status = error.format_message(), EXIT_UNUSABLE
     except InputError as error:
         message, status = str(error), EXIT_UNUSABLE
+    except ModuleNotFoundError as error:
+        library = (error.name or "").partition(".")[0]
+        if library not in _OPTIONAL or name not in EXTRAS:
+            raise
+        message, status = f"needs {library}, which is not installed: pip install '.[{EXTRAS[name]}]'", EXIT_UNUSABLE
     except OSError as error:
         # A full disk, a vanished folder: the machine's fault, not the mission's, and no reason for a traceback.
         where = f"{error.filename}: " if error.filename else ""

@@ -19,11 +19,13 @@ from companion.autopilot.adapter import NoAutopilot
 from companion.autopilot.telemetry import Neighbour, Telemetry
 from companion.geo.kinematics import advance, turn_rate_rad_s, turn_towards
 from companion.geo.local_frame import LocalFrame
-from companion.guard.guard import Setpoint
+from companion.guard.types import Setpoint
 from companion.guidance.laws import SteeringOf
+from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
 from companion.onboard.companion import Companion
-from companion.onboard.config import Law, config_for_agent
+from companion.onboard.config import config_for_agent
+from companion.onboard.law_settings import law_settings
 
 DRIFT_SHARE = 0.01
 """Of the distance that an agent may have flown: how much of it the reckoning may be wrong by in still air."""
@@ -48,7 +50,7 @@ class DeadReckoner:
     """Reckons all agents of one mission; times are Unix seconds given by the caller."""
 
     def __init__(
-        self, mission: Mission, now_s: float, law: Law, can_stop: bool, steering: SteeringOf | None = None
+        self, mission: Mission, now_s: float, law: LawName, can_stop: bool, steering: SteeringOf | None = None
     ) -> None:
         """Begin with the agents where the mission says; `can_stop` is the kind of vehicle that they are.
 
@@ -138,14 +140,14 @@ class _Reckoned(NoAutopilot):
         spec: AgentSpec,
         frame: LocalFrame,
         now_s: float,
-        law: Law,
+        law: LawName,
         can_stop: bool,
         steering: SteeringOf | None,
     ) -> None:
         config = config_for_agent(mission, spec.id, law)
         self.spec = spec
         self.can_stop = can_stop
-        self.companion = Companion(config, self, None if steering is None else steering(config))
+        self.companion = Companion(config, self, None if steering is None else steering(law_settings(config)))
         self.neighbours: list[Neighbour] = []
         self.north_m, self.east_m = spec.position_ned_m
         self.heading_rad = math.radians(spec.heading_deg or 0.0)

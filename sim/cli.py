@@ -17,11 +17,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from companion.autopilot.missions import load_mission_to_fly
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, run_program, tell
+from companion.guidance.settings import DEFAULT_LAW, LAWS, LawName
 from companion.mission.lint import lint
-from companion.mission.model import Mission, dump_mission, load_mission
+from companion.mission.model import Mission, dump_mission
 from companion.mission.resolve import resolve
-from companion.onboard.config import DEFAULT_LAW, LAWS, Law
 from groundstation.radio import RADIOS_BYTES_PER_S, parse_radio
 from sim.arena.families import FAMILIES
 from sim.arena.peers import PEERS
@@ -116,7 +117,7 @@ def fly_command(
     if autopilot not in AUTOPILOTS:
         hint = nearest_hint(autopilot, AUTOPILOTS)
         raise InputError(f"--autopilot: '{autopilot}'{hint}; allowed: {', '.join(AUTOPILOTS)}")
-    loaded = load_mission(mission)
+    loaded = load_mission_to_fly(mission)
     if vehicles is not None:
         loaded = _with_vehicles(loaded, vehicles, mission)
     resolved = resolve(loaded, seed, mission)
@@ -241,7 +242,7 @@ def arena_command(runs: int | None, seed: int, out: Path, families: tuple[str, .
     return EXIT_FAILED if any(run.law == "routed" and broken_promise(run) for run in flown) else EXIT_DONE
 
 
-def result_of(scored: Score, flight: Flight, seed: int, law: Law) -> dict[str, Any]:
+def result_of(scored: Score, flight: Flight, seed: int, law: LawName) -> dict[str, Any]:
     """Return the content of `result.json` (docs/outputs.md explains each figure)."""
     figures: dict[str, Any] = scored.to_dict()
     quantiles = np.percentile(flight.decision_us, [50, 99, 99.9, 100]) if flight.decision_us.size else [0.0] * 4
@@ -263,7 +264,7 @@ def result_of(scored: Score, flight: Flight, seed: int, law: Law) -> dict[str, A
     }
 
 
-def _law(name: str) -> Law:
+def _law(name: str) -> LawName:
     chosen = next((law for law in LAWS if law == name), None)
     if chosen is not None:
         return chosen

@@ -17,18 +17,21 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import common
 
+from companion.autopilot.kinds import KINDS
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
-from companion.files.tlog import TlogWriter, logged_s
+from companion.files.tlog import TlogWriter
 from companion.geo.local_frame import LocalFrame
+from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
 from companion.mission.random_streams import random_stream
 from companion.onboard.companion import Companion
-from companion.onboard.config import AutopilotSection, Law, config_for_agent, dump_config
+from companion.onboard.config import AutopilotSection, config_for_agent, dump_config
 from companion.onboard.decision import Decision
 from companion.onboard.flight_log import Mark, decision_frame, mark_frame
 from companion.protocol.codec import Detection, FrameWriter, Kind
 from companion.protocol.v2_extension import wrap
+from companion.runtime.clock import logged_s
 from companion.surrogate.networks import load_monolithic
 from groundstation.ground_station import GroundStation, check_runnable
 from groundstation.radio import Radio
@@ -222,7 +225,7 @@ def _check_slots(mission: Mission, source: str) -> None:
 def fly(
     mission: Mission,
     seed: int,
-    law: Law = "seed",
+    law: LawName = "seed",
     autopilot: str = "kinematic",
     out: Path | None = None,
     realtime: bool = False,
@@ -265,7 +268,7 @@ class _Flying:
         self,
         mission: Mission,
         seed: int,
-        law: Law,
+        law: LawName,
         autopilot: str,
         log: Callable[[str], TlogWriter | None],
         tamper: Tamper | None,
@@ -277,7 +280,7 @@ class _Flying:
         self._wraps = one_radio and radio is None
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self._is_point = autopilot == "kinematic"
-        can_stop = ADAPTERS[autopilot]().can_stop
+        can_stop = KINDS[autopilot].can_stop
         self._ground = GroundStation(mission, START_S, law=law, can_stop=can_stop)
         self._broadcaster = Broadcaster(self._ground, radio)
         # A radio's frames leave one after the other within a step, not all at its beginning.
@@ -305,7 +308,7 @@ class _Flying:
         spec: AgentSpec,
         index: int,
         seed: int,
-        law: Law,
+        law: LawName,
         autopilot: str,
         log: TlogWriter | None,
         tamper: Tamper | None,
@@ -321,7 +324,7 @@ class _Flying:
             east_m=east_m,
             altitude_m=self._mission.origin.alt_m + config.height_m,
             heading_rad=float(np.radians(spec.heading_deg or 0.0)),
-            speed_m_s=0.0 if ADAPTERS[autopilot]().can_stop else spec.speed_m_s,
+            speed_m_s=0.0 if KINDS[autopilot].can_stop else spec.speed_m_s,
             home=Home(north_m, east_m, self._mission.origin.alt_m),
             in_air=True,
             armed=True,

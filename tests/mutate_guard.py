@@ -195,11 +195,15 @@ def main() -> int:
         tried = tried[: asked.sample]
     # That a test fails is enough. How long it takes depends on what else the machine does.
     settings.register_profile(
-        "mutants", database=None, phases=[Phase.explicit, Phase.generate], suppress_health_check=[HealthCheck.too_slow]
+        "mutants",
+        database=None,
+        deadline=None,
+        phases=[Phase.explicit, Phase.generate],
+        suppress_health_check=[HealthCheck.too_slow],
     )
-    settings.load_profile("mutants")
     judge = Judge(tried, asked.jobs)
-    status = pytest.main([TESTS, "-n0", "--capture=no", "--tb=no", "--assert=plain"], plugins=[judge])
+    options = ["-n0", "--capture=no", "--tb=no", "--assert=plain", "--hypothesis-profile=mutants"]
+    status = pytest.main([TESTS, *options], plugins=[judge])
     if status != pytest.ExitCode.OK:
         return 1
     expected, survived = listed(), {one.change for one in judge.survivors}

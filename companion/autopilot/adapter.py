@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from companion.autopilot.telemetry import Neighbour, Telemetry
-from companion.guard.guard import Setpoint
+from companion.guard.types import Setpoint
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,16 @@ class Adapter(Protocol):
 
     kind: str
     """As configurations name it."""
-    can_stop: bool
-    """Whether the vehicle can stand still in the air."""
-    resumes_on_stream: bool
-    """Whether the autopilot obeys again by itself when a stream of setpoints comes back, whatever happened since."""
+
+    @property
+    def can_stop(self) -> bool:
+        """Whether the vehicle can stand still in the air."""
+        ...
+
+    @property
+    def resumes_on_stream(self) -> bool:
+        """Whether the autopilot obeys again by itself when a stream of setpoints comes back, whatever happened."""
+        ...
 
     @property
     def neighbours(self) -> Collection[Neighbour]:

@@ -16,6 +16,9 @@ Message = Any
 
 
 COMPANION_COMPONENT = common.MAV_COMP_ID_ONBOARD_COMPUTER
+HEARTBEAT_PERIOD_S = 1.0
+HEARTBEAT_TIMEOUT_S = 3.5
+"""An autopilot's heartbeat comes once a second; three may be lost."""
 
 
 _MESSAGE_IDS = frozenset(

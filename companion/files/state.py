@@ -44,7 +44,7 @@ def check_state_file(path: Path) -> None:
 
 
 def write_state_file(path: Path, text: str) -> None:
-    """Replace the file; its folder is made if there is none.
+    """Replace the file; its folder is made if there is none. A machine that dies after that finds the new text.
 
     Raises:
         InputError: it cannot be written.
@@ -58,8 +58,18 @@ def write_state_file(path: Path, text: str) -> None:
             file.flush()
             os.fsync(file.fileno())
         fresh.replace(path)
+        _sync_folder(path.parent)
     except OSError as error:
         raise _unwritable(path, error) from error
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the disk keep which file a name stands for: without that, a crash may leave the name to the old file."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:

@@ -89,11 +89,6 @@ class TlogWriter:
         self.close()
 
 
-def logged_s(t_unix_s: float) -> float:
-    """Return a time as a log gives it back: who acts on it acts the same again in a replay."""
-    return round(t_unix_s * _MICROSECONDS) / _MICROSECONDS
-
-
 def whole_frames(datagram: bytes) -> Iterator[bytes]:
     """Yield the whole frames that a datagram is made of, up to the first bytes that begin none."""
     at = 0

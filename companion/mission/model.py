@@ -15,7 +15,6 @@ from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Discriminator, Field, Strict, Tag, ValidationError, model_validator
 
-from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 
@@ -288,14 +287,8 @@ class Scale(Section):
     """By what the lengths and speeds of a mission were multiplied so that an autopilot kind can fly it."""
 
     autopilot: Annotated[str, Strict()]
+    """The kind; whether there is such a one is for the programs to say that fly the mission."""
     factor: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)]
-
-    @model_validator(mode="after")
-    def _known(self) -> Self:
-        if self.autopilot not in ADAPTERS:
-            hint = nearest_hint(self.autopilot, ADAPTERS)
-            raise ValueError(f"autopilot: '{self.autopilot}'{hint}; allowed: {', '.join(ADAPTERS)}")
-        return self
 
 
 class Mission(Section):

@@ -3,7 +3,7 @@
 The shell (`companion run`) and the lockstep simulator run this same object. Each tick walks one line, a module each:
 telemetry -> may it steer (authority, readiness) -> where is it (navigation) -> what is believed (world_model, traffic)
 -> how far can that be trusted (failsafe) -> what to do (goal) -> law, right of way, turn limit, guard (steering) ->
-adapter (stream).
+adapter (setpoint_stream).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from companion.autopilot.adapter import Adapter
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import Telemetry
 from companion.files.tlog import whole_frames
-from companion.guard.guard import NO_BACKUP
+from companion.guard.types import NO_BACKUP
 from companion.guidance.laws import SteeringLaw
 from companion.onboard.authority import Authority, State
 from companion.onboard.config import Config
@@ -26,8 +26,8 @@ from companion.onboard.limits import within
 from companion.onboard.navigation import Located, Navigation, navigate, outside_fence, plane_of
 from companion.onboard.readiness import may_hold, not_reachable, not_ready, not_steerable
 from companion.onboard.reporter import Reporter
+from companion.onboard.setpoint_stream import AutopilotStream
 from companion.onboard.steering import Moment, Steered, steer, steering_of, within_limits
-from companion.onboard.stream import AutopilotStream
 from companion.onboard.traffic import detected
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator, Trust
@@ -230,8 +230,7 @@ class Companion:
         view = world_model.view(now_s, _band_m(telemetry, config.height_m))
         view = world_model.with_traffic(view, seen.traffic)
         status = self._assess(age_s, now_s)
-        here_ned_m = (motion.north_m, motion.east_m)
-        situation = Situation(here_ned_m, located.home_ned_m, view, status, world_model.directive)
+        situation = Situation(motion.position_ned_m, located.home_ned_m, view, status, world_model.directive)
         goal = choose_goal(situation, before, config, self.steering.loiter)
         steered = steer(self.steering, goal, Moment(motion, view, self.flown_m, now_s), before)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
-from companion.guard.guard import NO_BACKUP, Setpoint
+from companion.guard.types import NO_BACKUP, Setpoint
 from companion.onboard.failsafe import Stage
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.guard.guard import Setpoint
+from companion.guard.types import Setpoint
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from companion.autopilot.linked import LinkedAdapter
+from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
 from companion.onboard.config import Config
-
-HEARTBEAT_MAX_AGE_S = 3.5
-"""An autopilot's heartbeat comes once a second; three may be lost."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: f
     elif telemetry.heartbeat_at_s is None:
         heard = "messages, but no autopilot's heartbeat" if link_heard else "nothing"
         yield Finding(False, f"{heard} heard on autopilot.link {link}", "check the link, its rate and the cable")
-    elif now_s - telemetry.heartbeat_at_s > HEARTBEAT_MAX_AGE_S:
+    elif now_s - telemetry.heartbeat_at_s > HEARTBEAT_TIMEOUT_S:
         age_s = now_s - telemetry.heartbeat_at_s
         yield Finding(False, f"last heartbeat {age_s:.0f} s ago", "check the link and that the autopilot runs")
     else:
@@ -63,7 +61,7 @@ def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: f
 
 def _demands(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
     told = adapter.parameters.values
-    for demand in adapter.demands:
+    for demand in adapter.parameter_checks:
         if demand.when_fenced and config.limits.fence is None:
             continue
         if demand.name not in told:

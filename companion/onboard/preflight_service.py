@@ -15,12 +15,12 @@ import click
 from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.offboard import require_mavsdk
 from companion.autopilot.registry import ADAPTERS
+from companion.autopilot.telemetry import HEARTBEAT_PERIOD_S
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.files.tlog import whole_frames
 from companion.onboard.config import ONE_RADIO, Config
 from companion.onboard.preflight import Finding, findings
 from companion.onboard.service import saved_authority, trust_of
-from companion.onboard.stream import HEARTBEAT_PERIOD_S
 from companion.protocol.authenticator import Authenticator
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait
@@ -28,7 +28,7 @@ from companion.transport.endpoints import Duplex, open_duplex, open_receiver, op
 
 ASK_PERIOD_S = 0.1
 SETTLING_S = 3.0
-"""Listened for at least so long: slow messages, such as the battery's, come once a second or less often."""
+"""Shortest time that is listened for: slow messages, such as the battery's, come once a second or less often."""
 
 
 async def check_vehicle(config: Config, wait_s: float, stop: asyncio.Event) -> int:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from companion.autopilot.adapter import Adapter
+from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
 from companion.onboard.authority import FAILSAFE, FAILSAFE_STATES, Authority, State
 from companion.onboard.config import Config
 from companion.onboard.failsafe import SEVERITY, Cause, FailsafeStatus, Stage
 
-HEARTBEAT_TIMEOUT_S = 3.5
-"""An autopilot's heartbeat comes once a second; three may be lost."""
 NOT_HANDED_OVER = "not armed and in the guided mode"
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.geo.kinematics import limit_turn
-from companion.guard.guard import Discs, Guard, Limits, Motion, Setpoint, Verdict
-from companion.guidance.laws import Pose, SteeringDemand, SteeringLaw, Task, law_of
+from companion.guard.guard import Guard
+from companion.guard.types import Discs, Limits, Motion, Setpoint, Verdict
+from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
 from companion.guidance.separation import Rules, give_way, interaction_radius_m
 from companion.guidance.steering import (
     APPROACH_GAIN_1_S,
@@ -23,6 +24,7 @@ from companion.onboard.config import Config, LimitsSection
 from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
 from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry
+from companion.onboard.law_settings import law_settings
 
 STANDING_WITHIN_M = 1.0
 """A vehicle that can stop stands still within this distance of its loiter place."""
@@ -109,7 +111,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
         config=config,
         can_stop=can_stop,
         guard=guard,
-        law=law or law_of(config),
+        law=law or law_of(law_settings(config)),
         own_law=law is not None,
         rules=rules,
         interaction_m=0.0 if rules is None else interaction_radius_m(rules, config.guidance_step_s),
@@ -187,15 +189,14 @@ def _place_to_loiter(
     """Return where it loiters already, or else a place that keeps its distance from those that go before it."""
     if place_ned_m is not None:
         return place_ned_m
-    here_ned_m = (moment.motion.north_m, moment.motion.east_m)
-    return loiter_place(here_ned_m, moment.view.loitering_ned_m, steering.loiter.spacing_m)
+    return loiter_place(moment.motion.position_ned_m, moment.view.loitering_ned_m, steering.loiter.spacing_m)
 
 
 def _go(
     steering: Steering, place_ned_m: tuple[float, float], purpose: Purpose, moment: Moment, crowded: bool
 ) -> tuple[SteeringDemand, float]:
     """Return what the law wants of a vehicle that is to go to a place, and the speed it shall have, m/s."""
-    pull = attraction((moment.motion.north_m, moment.motion.east_m), place_ned_m)
+    pull = attraction(moment.motion.position_ned_m, place_ned_m)
     task = Task(
         place_ned_m=place_ned_m,
         pull=pull,
@@ -205,14 +206,14 @@ def _go(
         arrival_m=ARRIVAL_SHARE * steering.config.arrival_radius_m,
         crowded=crowded,
     )
-    return _demand(steering, task, moment), steering.config.limits.speed_m_s
+    return steering.law.steer(task, moment.motion, moment.view, moment.now_s), steering.config.limits.speed_m_s
 
 
 def _loiter(
     steering: Steering, place_ned_m: tuple[float, float], moment: Moment, crowded: bool
 ) -> tuple[SteeringDemand, float]:
     """Return what the law wants of a vehicle that loiters at a place, and the speed it shall have, m/s."""
-    here_ned_m = (moment.motion.north_m, moment.motion.east_m)
+    here_ned_m = moment.motion.position_ned_m
     speed_m_s = steering.config.limits.speed_m_s
     if steering.can_stop:
         pull = attraction(here_ned_m, place_ned_m)
@@ -228,13 +229,7 @@ def _loiter(
         arrival_m=ARRIVAL_SHARE * steering.config.arrival_radius_m,
         crowded=crowded,
     )
-    return _demand(steering, task, moment), speed_m_s
-
-
-def _demand(steering: Steering, task: Task, moment: Moment) -> SteeringDemand:
-    motion = moment.motion
-    pose = Pose(motion.north_m, motion.east_m, motion.heading_rad, motion.speed_m_s)
-    return steering.law.steer(task, pose, moment.view, moment.now_s)
+    return steering.law.steer(task, moment.motion, moment.view, moment.now_s), speed_m_s
 
 
 def _wanted(steering: Steering, intent: _Intent, motion: Motion) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from companion.autopilot.telemetry import NEIGHBOUR_MEMORY_S, Neighbour
 from companion.geo.local_frame import LocalFrame, to_grid
-from companion.guard.guard import Motion
+from companion.guard.types import Motion
 from companion.guidance.view import Traffic
 from companion.onboard.config import Config
 

@@ -8,12 +8,16 @@ import time
 from collections.abc import Callable, Coroutine
 from typing import TypeVar
 
-from companion.files.tlog import logged_s
-
 Result = TypeVar("Result")
 
+_MICROSECONDS = 1e6
 PILED_UP_DATAGRAMS = 256
 """Several seconds of an autopilot's telemetry: what a program that hung finds waiting."""
+
+
+def logged_s(t_unix_s: float) -> float:
+    """Return a time as a log gives it back: who acts on it acts the same again in a replay."""
+    return round(t_unix_s * _MICROSECONDS) / _MICROSECONDS
 
 
 class SteadyClock:
@@ -35,7 +39,7 @@ async def hear_what_piled_up() -> None:
 
 
 async def wait(stop: asyncio.Event, wait_s: float) -> None:
-    """Wait so long, or until `stop` is set."""
+    """Wait for `wait_s` seconds, or until `stop` is set."""
     try:
         await asyncio.wait_for(stop.wait(), max(wait_s, 0.0))
     except TimeoutError:

@@ -18,13 +18,15 @@ from companion.autopilot.adapter import NoAutopilot
 from companion.autopilot.telemetry import Neighbour, Telemetry
 from companion.geo.kinematics import advance, turn_rate_rad_s, turn_towards
 from companion.geo.local_frame import LocalFrame
-from companion.guard.guard import Setpoint
+from companion.guard.types import Setpoint
 from companion.guidance.laws import SteeringOf
+from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
 from companion.mission.random_streams import random_stream
 from companion.onboard.companion import Companion
-from companion.onboard.config import Law, config_for_agent
+from companion.onboard.config import config_for_agent
 from companion.onboard.decision import Decision
+from companion.onboard.law_settings import law_settings
 from companion.protocol.codec import Detection, DetectionsFrame, Kind
 from groundstation.ground_station import GroundStation
 from sim.air_link import LINK_STREAM, LossyLink
@@ -64,11 +66,11 @@ class _Vehicle(NoAutopilot):
     can_stop = False
 
     def __init__(
-        self, spec: AgentSpec, mission: Mission, frame: LocalFrame, law: Law, steering: SteeringOf | None
+        self, spec: AgentSpec, mission: Mission, frame: LocalFrame, law: LawName, steering: SteeringOf | None
     ) -> None:
         config = config_for_agent(mission, spec.id, law)
         self.spec = spec
-        self.companion = Companion(config, self, None if steering is None else steering(config))
+        self.companion = Companion(config, self, None if steering is None else steering(law_settings(config)))
         self.neighbours: list[Neighbour] = []
         self.telemetry = Telemetry()
         self.north_m, self.east_m = spec.position_ned_m
@@ -140,7 +142,7 @@ class _Vehicle(NoAutopilot):
 class _Flying:
     """A flight under way."""
 
-    def __init__(self, mission: Mission, seed: int, law: Law, steering: SteeringOf | None) -> None:
+    def __init__(self, mission: Mission, seed: int, law: LawName, steering: SteeringOf | None) -> None:
         frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self._mission = mission
         self._ground = GroundStation(mission, START_S, law=law, steering=steering)
@@ -259,7 +261,7 @@ class _Flying:
             self._stays[decision.stay] = self._stays.get(decision.stay, 0) + 1
 
 
-def fly_arena(mission: Mission, seed: int, law: Law = "routed", steering: SteeringOf | None = None) -> ArenaFlight:
+def fly_arena(mission: Mission, seed: int, law: LawName = "routed", steering: SteeringOf | None = None) -> ArenaFlight:
     """Fly a resolved mission until every target is reached, nobody is left, or its time is up.
 
     `law` configures the companions; `steering` makes another law for each of them in its place.

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.guidance.laws import SteeringLaw, SteeringOf
+from companion.guidance.settings import LAWS, LawName, LawSettings
 from companion.mission.model import Mission
-from companion.onboard.config import LAWS, Config, Law
 from sim.arena.families import FAMILIES, draw
 from sim.arena.flight import ArenaFlight, fly_arena
 from sim.arena.peers import PEERS, SLOW
@@ -24,7 +24,7 @@ from sim.arena.planner import plan, target_stays_clear
 from sim.score import AgentScore, Score, score
 from sim.worker_pool import outcomes
 
-OWN_LAWS: tuple[Law, ...] = ("routed", "seed")
+OWN_LAWS: tuple[LawName, ...] = ("routed", "seed")
 """Ours and the paper's; `ramp` and `step` are the paper's contrast, not contestants."""
 FULL_RUNS = 500
 """Missions of a full arena."""
@@ -186,8 +186,8 @@ def fly_law(mission: Mission, seed: int, law: str) -> ArenaFlight:
 
 
 def _steering(law: str) -> SteeringOf:
-    def make(config: Config) -> SteeringLaw:
-        return PEERS[law](config)
+    def make(settings: LawSettings) -> SteeringLaw:
+        return PEERS[law](settings)
 
     return make
 

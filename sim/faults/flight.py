@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.autopilot.kinds import KINDS as AUTOPILOTS
 from companion.autopilot.offboard import is_setpoint
 from companion.autopilot.offboard_child import TICK_TIMEOUT_S
 from companion.autopilot.registry import ADAPTERS
@@ -231,7 +232,7 @@ class Flight:
         )
         self._world = World(mission, SEED)
         self._sensor = mission_sensor(mission, int(START_S))
-        can_stop = ADAPTERS[kind]().can_stop
+        can_stop = AUTOPILOTS[kind].can_stop
         self._ground = GroundStation(mission, START_S, law="routed", can_stop=can_stop)
         self._broadcaster = Broadcaster(self._ground, None, _sealer(FLEET_KEY if setting.signed else None))
         self._impostor: Broadcaster | None = None
@@ -553,7 +554,7 @@ class Flight:
             east_m=place_m[1],
             altitude_m=mission.origin.alt_m + HEIGHT_M,
             heading_rad=math.radians(self.setting.heading_deg),
-            speed_m_s=0.0 if ADAPTERS[kind]().can_stop else self.cruise_m_s,
+            speed_m_s=0.0 if AUTOPILOTS[kind].can_stop else self.cruise_m_s,
             home=Home(0.0, 0.0, mission.origin.alt_m),
             in_air=True,
             armed=True,

@@ -12,7 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from companion.guard.guard import Discs, Limits, Motion, Setpoint, check
+from companion.guard.guard import check
+from companion.guard.types import Discs, Limits, Motion, Setpoint
 from companion.mission.model import load_mission
 from companion.mission.resolve import resolve
 from companion.onboard.companion import Companion

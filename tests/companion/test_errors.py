@@ -11,10 +11,12 @@ import pytest
 from companion.errors import EXIT_INTERRUPTED, InputError, nearest_hint, one_line, run_program
 
 
-def outcome(command: click.Command, capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+def outcome(
+    command: click.Command, capsys: pytest.CaptureFixture[str], *arguments: str, program: str = "program"
+) -> tuple[int, str]:
     with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as ended:
-        patch.setattr("sys.argv", ["program", *arguments])
-        run_program(command, "program")
+        patch.setattr("sys.argv", [program, *arguments])
+        run_program(command, program)
     assert isinstance(ended.value.code, int)
     return ended.value.code, capsys.readouterr().err
 
@@ -63,6 +65,23 @@ def test_a_fault_of_the_program_itself_is_not_hidden() -> None:
     with pytest.MonkeyPatch.context() as patch, pytest.raises(ZeroDivisionError):
         patch.setattr("sys.argv", ["program"])
         run_program(ending_in(ZeroDivisionError()), "program")
+
+
+@pytest.mark.parametrize(("program", "extra"), [("companion", "ground"), ("groundstation", "ground"), ("sim", "sim")])
+def test_a_library_of_an_extra_that_is_not_installed_is_one_line_that_says_how_to_install_it(
+    program: str, extra: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    missing = ModuleNotFoundError("No module named 'scipy.optimize'", name="scipy.optimize")
+    assert outcome(ending_in(missing), capsys, program=program) == (
+        2,
+        f"{program}: needs scipy, which is not installed: pip install '.[{extra}]'\n",
+    )
+
+
+def test_a_module_of_our_own_that_is_missing_is_not_hidden() -> None:
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(ModuleNotFoundError):
+        patch.setattr("sys.argv", ["sim"])
+        run_program(ending_in(ModuleNotFoundError("No module named 'sim.absent'", name="sim.absent")), "sim")
 
 
 def test_the_nearest_word_is_suggested_only_if_it_is_near() -> None:

@@ -215,7 +215,7 @@ def test_doubt_grows_by_a_share_of_the_way_flown_and_by_the_bound_of_the_wind(li
     )
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(age_s=st.floats(0.0, 50.0))
 def test_a_fix_leaves_its_own_error_and_what_may_have_happened_since(age_s: float) -> None:
     told = Told(None, WINDY, flying=()).to(50.0)
@@ -228,7 +228,7 @@ coordinates = st.floats(-1e5, 1e5)
 speeds = st.floats(-80.0, 80.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.tuples(coordinates, coordinates), st.tuples(speeds, speeds), st.floats(0.0, 20.0), st.floats(0.0, 1e5))
 def test_a_late_fix_is_carried_on_by_its_velocity(
     fixed_ned_m: tuple[float, float], velocity_m_s: tuple[float, float], age_s: float, flown_m: float
@@ -336,7 +336,7 @@ def test_a_report_moves_the_agent_its_way_flown_and_its_doubt() -> None:
 
 
 @given(st.floats(-2e5, 2e5), st.floats(-2e5, 2e5), st.floats(-math.pi, math.pi))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_a_reported_course_is_turned_from_true_north_to_the_grid(
     north_m: float, east_m: float, course_rad: float
 ) -> None:
@@ -386,7 +386,7 @@ def test_a_reporter_whose_clock_is_ahead_is_believed_as_of_the_receipt() -> None
     assert run.to(10.5).place() == pytest.approx((1_000.0, 500.0), abs=0.5 * SPEED_M_S + 1.0)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.binary(max_size=200) | st.binary(max_size=60).map(lambda data: b"\xfd" + data), max_size=5))
 def test_random_bytes_on_the_uplink_change_nothing(junk: list[bytes]) -> None:
     run = Run().to(2.0)

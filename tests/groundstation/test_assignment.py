@@ -76,7 +76,7 @@ def test_too_few_agents_go_to_one_target_each(
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(data=st.data(), number_of_agents=st.integers(1, 5), number_of_targets=st.integers(1, 5))
 def test_no_other_assignment_is_better(
     objective: Objective, data: st.DataObject, number_of_agents: int, number_of_targets: int
@@ -137,7 +137,7 @@ def best_rank(agents: Points, targets: Points, reachable: Table, objective: Obje
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(scene=restricted())
 def test_in_range_most_targets_are_covered_then_most_agents_used_then_the_objective_decides(
     objective: Objective, scene: tuple[Points, Points, Table]
@@ -296,7 +296,7 @@ def tables(draw: st.DrawFn, least_cost: int = 1) -> Costs:
 shares = st.sampled_from([0.0, 0.02, 0.3])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(table=tables(), share=shares)
 def test_fewest_blocked_pairs_are_used_and_then_the_total_is_least_what_is_kept_counting_a_share_less(
     table: Costs, share: float
@@ -306,7 +306,7 @@ def test_fewest_blocked_pairs_are_used_and_then_the_total_is_least_what_is_kept_
     assert table.total(chosen, share) == pytest.approx(min(table.total(way, share) for way in table.best_ways()))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(table=tables())
 def test_without_a_share_the_latest_arrival_is_least_and_then_the_total(table: Costs) -> None:
     chosen = assign_least_latest(table.cost, table.reachable, table.blocked, table.present, 0.0)
@@ -316,7 +316,7 @@ def test_without_a_share_the_latest_arrival_is_least_and_then_the_total(table: C
     assert (table.latest(tuple(chosen)), table.total(tuple(chosen))) == pytest.approx((latest, total))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(table=tables(), share=shares)
 def test_the_latest_arrival_stands_unless_it_can_fall_by_more_than_the_share(table: Costs, share: float) -> None:
     chosen = assign_least_latest(table.cost, table.reachable, table.blocked, table.present, share)
@@ -338,7 +338,7 @@ def settle(table: Costs, latest: bool, present: np.ndarray | None, share: float)
 
 
 @pytest.mark.parametrize("latest", [False, True], ids=["total", "latest"])
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(table=tables(least_cost=100), seed=st.integers(0, 2**32))
 def test_costs_that_tremble_by_less_than_the_share_bring_no_assignment_back_that_was_left(
     latest: bool, table: Costs, seed: int

@@ -140,7 +140,7 @@ def test_sixty_agents_with_ids_all_over_arrive_whole() -> None:
     assert len(frames) > 6
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(worlds())
 def test_a_broadcast_holds_everything_and_every_agent_once_beside_its_target(
     world: tuple[Mission, dict[int, int]],
@@ -148,7 +148,7 @@ def test_a_broadcast_holds_everything_and_every_agent_once_beside_its_target(
     assert_whole(states(*world), *world)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(worlds())
 def test_every_frame_can_be_sent_and_is_accepted(world: tuple[Mission, dict[int, int]]) -> None:
     mission, assignment = world
@@ -159,7 +159,7 @@ def test_every_frame_can_be_sent_and_is_accepted(world: tuple[Mission, dict[int,
     assert reader.rejected.total() == 0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(worlds())
 def test_the_frames_of_a_broadcast_are_numbered(world: tuple[Mission, dict[int, int]]) -> None:
     mission, assignment = world
@@ -168,7 +168,7 @@ def test_the_frames_of_a_broadcast_are_numbered(world: tuple[Mission, dict[int, 
         assert {frame.stamp.frame_count for frame in frames} <= {len(frames)}
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(worlds())
 def test_each_agent_believes_its_assignment_and_every_threat_after_one_broadcast(
     world: tuple[Mission, dict[int, int]],
@@ -195,7 +195,7 @@ def test_an_agents_frame_holds_the_threats_nearest_to_its_group() -> None:
     assert [threat.id for threat in frames[1].threats] == [5, 6, 7, 8]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(places, min_size=1, max_size=10), st.lists(places, min_size=5, max_size=12))
 def test_no_threat_left_out_of_a_frame_is_nearer_than_one_in_it(
     agents: list[tuple[float, float]], threats: list[tuple[float, float]]
@@ -269,7 +269,7 @@ def test_an_agent_that_stands_has_no_heading() -> None:
     assert frame.agents[0].heading_rad is None
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(worlds())
 def test_the_motion_frames_hold_everything_once(world: tuple[Mission, dict[int, int]]) -> None:
     mission, _ = world
@@ -286,7 +286,7 @@ def unseen(mission: Mission) -> Mission:
     return mission.model_copy(update={"case": "II"})
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(worlds())
 def test_in_case_ii_a_broadcast_tells_no_place_and_no_motion_of_any_agent(
     world: tuple[Mission, dict[int, int]],
@@ -301,7 +301,7 @@ def test_in_case_ii_a_broadcast_tells_no_place_and_no_motion_of_any_agent(
     assert Counter(t.id for f in moving for t in f.threats) == Counter(t.id for t in mission.threats)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(worlds())
 def test_in_case_ii_threats_travel_with_whom_they_are_near_just_as_in_case_i(
     world: tuple[Mission, dict[int, int]],
@@ -376,7 +376,7 @@ def five_hundred() -> tuple[Mission, dict[int, int]]:
     return mission, {k: 1 + k % 50 for k in range(1, 501)}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(worlds(), ROOMS)
 def test_fleet_frames_hold_everything_once_and_no_more_than_there_is_room_for(
     world: tuple[Mission, dict[int, int]], room: int
@@ -406,7 +406,7 @@ def used_bytes(frame: Frame) -> int:
     return size
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(worlds(), st.randoms(use_true_random=False))
 def test_each_agent_knows_all_it_needs_after_a_packed_broadcast_in_any_order(
     world: tuple[Mission, dict[int, int]], chance: random.Random

@@ -427,7 +427,7 @@ def test_the_way_flown_counts_against_the_range() -> None:
 NUMBER_OF_AGENTS, NUMBER_OF_TARGETS = 10, 5
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32), number_of_losses=st.integers(1, 6))
 def test_no_target_is_left_without_an_agent_while_there_are_as_many_agents_whoever_is_lost(
     seed: int, number_of_losses: int

@@ -81,7 +81,7 @@ def scenes(draw: st.DrawFn, least_agents: int = 1) -> Scene:
 # Single ways
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(scene=scenes())
 def test_what_is_known_without_a_search_is_the_length_of_the_path_and_the_rest_is_no_longer_than_it(
     scene: Scene,
@@ -103,7 +103,7 @@ def test_what_is_known_without_a_search_is_the_length_of_the_path_and_the_rest_i
     assert np.all(ways.cost_m <= searched.cost_m * (1.0 + 1e-9))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(scene=scenes())
 def test_where_nothing_is_in_the_way_every_way_is_known_but_to_what_is_inside_a_turning_circle(scene: Scene) -> None:
     bare = replace(scene, in_the_way=np.zeros_like(scene.in_the_way))
@@ -192,7 +192,7 @@ def worth(
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(scene=scenes(), seed=st.integers(0, 99))
 def test_by_all_paths_no_other_assignment_is_better(objective: WayObjective, scene: Scene, seed: int) -> None:
     rng, searched = np.random.default_rng(seed), all_searched(scene)
@@ -204,7 +204,7 @@ def test_by_all_paths_no_other_assignment_is_better(objective: WayObjective, sce
     assert ours == pytest.approx(best_total(searched, share, present, speeds_m_s, latest), rel=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(scene=scenes(least_agents=2), data=st.data())
 def test_by_all_paths_agents_change_only_where_they_save_more_than_the_share(scene: Scene, data: st.DataObject) -> None:
     searched, share = all_searched(scene), 0.1
@@ -214,7 +214,7 @@ def test_by_all_paths_agents_change_only_where_they_save_more_than_the_share(sce
     assert ours == pytest.approx(best_total(searched, share, present, speeds_m_s, False), rel=1e-9)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(scene=scenes(least_agents=3), data=st.data())
 def test_the_latest_arrival_stands_or_falls_as_it_does_by_all_paths(scene: Scene, data: st.DataObject) -> None:
     searched, share = all_searched(scene), 0.1

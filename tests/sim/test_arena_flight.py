@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guard.types import Motion
+from companion.guidance.laws import SteeringDemand, Task
+from companion.guidance.settings import LawSettings
 from companion.guidance.steering import SteeringVector
 from companion.guidance.view import View
 from companion.mission.model import AgentSpec, LinkSpec, Loss, Mission, TargetSpec, ThreatSpec, Wind
-from companion.onboard.config import Config
 from sim.arena.flight import fly_arena
 from sim.arena.run import Job, flight_seed, fly_job
 from sim.lockstep import fly
@@ -67,12 +68,12 @@ def test_the_same_flight_comes_out_twice() -> None:
 class Straight:
     """Flies straight on for ever."""
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+    def steer(self, task: Task, pose: Motion, view: View, now_s: float) -> SteeringDemand:
         return SteeringDemand(SteeringVector(1.0, 0.0))
 
 
 def test_a_law_of_the_callers_steers_in_the_place_of_ours() -> None:
-    def straight(config: Config) -> Straight:
+    def straight(settings: LawSettings) -> Straight:
         return Straight()
 
     flight = fly_arena(a_mission(threats=()), 1, "seed", straight)

@@ -234,7 +234,7 @@ disc = st.tuples(st.floats(-200, 1400), st.floats(-500, 500), st.floats(50, 250)
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @example(discs=[(0.0, 96.0, 50.0), (0.0, -67.0, 61.0)], heading_deg=93.0)
 @given(discs=st.lists(disc, max_size=6), heading_deg=st.floats(-180, 180))
 def test_every_way_among_discs_is_legal_and_no_shorter_than_the_bound(discs: list[Disc], heading_deg: float) -> None:

@@ -368,7 +368,7 @@ def by_plain_loops(path: Path, mission: Any) -> dict[str, Any]:  # noqa: ANN401
     }
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(
     agents=st.integers(1, 4),
     targets=st.integers(0, 3),

@@ -154,7 +154,7 @@ def test_an_origin_far_away_does_not_change_the_length() -> None:
     assert far == pytest.approx(near, rel=1e-8)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(scene)
 def test_the_length_lies_between_the_polygons_about_the_discs_and_slightly_larger_discs(
     drawn: tuple[tuple[float, float], tuple[float, float], list[tuple[float, float, float]]],
@@ -169,7 +169,7 @@ def test_the_length_lies_between_the_polygons_about_the_discs_and_slightly_large
     assert by_corners <= length_m(start, goal, larger) + 1e-4
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(scene)
 def test_the_way_back_is_as_long_and_never_shorter_than_the_straight_line(
     drawn: tuple[tuple[float, float], tuple[float, float], list[tuple[float, float, float]]],
@@ -180,7 +180,7 @@ def test_the_way_back_is_as_long_and_never_shorter_than_the_straight_line(
     assert there >= math.dist(start, goal) * (1 - 1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(scene, disc)
 def test_one_disc_more_never_makes_the_path_shorter(
     drawn: tuple[tuple[float, float], tuple[float, float], list[tuple[float, float, float]]],

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Geod
 
@@ -23,7 +23,6 @@ def at(bearing_rad: float, distance_m: float) -> tuple[float, float]:
     return distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad)
 
 
-@settings(deadline=None)
 @given(lat_deg=LATITUDES, lon_deg=LONGITUDES, bearing_rad=BEARINGS, distance_m=st.floats(0.0, REACH_M))
 def test_a_round_trip_over_300_km_returns_within_a_micrometre(
     lat_deg: float, lon_deg: float, bearing_rad: float, distance_m: float
@@ -45,7 +44,6 @@ def test_the_other_side_of_the_date_line_is_near(origin: tuple[float, float]) ->
     assert math.hypot(*frame.to_local(origin[0], -math.copysign(179.99, origin[1]))) < 2.3e3
 
 
-@settings(deadline=None)
 @given(lat_deg=LATITUDES, lon_deg=LONGITUDES, bearing_rad=BEARINGS, distance_m=st.floats(0.0, REACH_M))
 def test_distance_from_the_origin_is_the_geodesic_distance(
     lat_deg: float, lon_deg: float, bearing_rad: float, distance_m: float
@@ -69,7 +67,6 @@ def test_the_origin_maps_to_zero_without_convergence() -> None:
     assert frame.convergence_rad(0.0, 0.0) == pytest.approx(0.0, abs=1e-12)
 
 
-@settings(deadline=None)
 @given(lat_deg=st.floats(-75.0, 75.0), lon_deg=LONGITUDES, bearing_rad=BEARINGS, distance_m=st.floats(1e3, REACH_M))
 def test_convergence_is_the_turn_of_the_radial_direction_found_by_differences(
     lat_deg: float, lon_deg: float, bearing_rad: float, distance_m: float
@@ -83,7 +80,6 @@ def test_convergence_is_the_turn_of_the_radial_direction_found_by_differences(
     assert abs(error_rad) < 1e-8
 
 
-@settings(deadline=None)
 @given(
     lat_deg=st.floats(-60.0, 60.0),
     bearing_rad=BEARINGS,
@@ -107,7 +103,6 @@ def test_the_convergence_east_of_a_northern_origin_is_clockwise_and_matters() ->
     assert 2.5 < convergence_deg < 3.5
 
 
-@settings(deadline=None)
 @given(lat_deg=LATITUDES, lon_deg=LONGITUDES, bearing_rad=BEARINGS, distance_m=st.floats(1.0, REACH_M))
 def test_every_way_to_ask_gives_the_same_place_and_convergence(
     lat_deg: float, lon_deg: float, bearing_rad: float, distance_m: float

@@ -120,12 +120,10 @@ def flown(route: Route, per_piece: int = 200) -> np.ndarray:
     points, end = [], None
     for piece in route.pieces:
         if end is not None:
-            assert math.dist(end[:2], piece.start_ned_m) < 1e-4
+            assert math.dist(end[:2], piece[:2]) < 1e-4
             assert abs(math.remainder(end[2] - piece.heading_rad, math.tau)) < 1e-3
         for share in np.linspace(0.0, 1.0, per_piece + 1):
-            end = advance(
-                *piece.start_ned_m, piece.heading_rad, 1.0, piece.curvature_1_m, piece.length_m * float(share)
-            )
+            end = advance(*piece[:3], 1.0, piece.curvature_1_m, piece.length_m * float(share))
             points.append(end[:2])
     return np.array(points)
 
@@ -384,7 +382,7 @@ def test_radii_of_another_number_than_centres_are_refused() -> None:
 whole = st.integers(-6, 6).map(float)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     place=st.tuples(whole, whole),
     goal=st.tuples(whole, whole),
@@ -515,7 +513,7 @@ def check_arrival(scene: Scene, heading_rad: float, turn_radius_m: float, step_m
 
 
 # Most scenes so dense have their start or goal inside a disc, or no way.
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.filter_too_much])
 @given(
     seed=st.integers(0, 10_000),
     heading_rad=st.floats(0.0, math.tau),

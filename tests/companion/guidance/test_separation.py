@@ -15,7 +15,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from companion.geo.kinematics import turn_rate_rad_s, turn_towards
-from companion.guard.guard import Motion
+from companion.guard.types import Motion
 from companion.guidance import separation as right_of_way
 from companion.guidance.separation import (
     CIRCLING,
@@ -129,7 +129,7 @@ def test_reserved_discs_that_do_not_overlap_never_will(
         assert math.dist((after[0].north_m, after[0].east_m), (after[1].north_m, after[1].east_m)) >= 100.0 - 1e-3
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(headings_rad, st.floats(0.0, 1.0), st.floats(0.05, 2.8), st.floats(0.0, 60.0))
 @example(-math.pi / 2 + 0.4, 1.0, 0.8, 3.0)  # goes out and comes back within the step
 def test_a_left_turn_is_allowed_if_and_only_if_the_centre_stays_in_its_share(

@@ -167,7 +167,6 @@ def test_attraction_is_the_way_to_the_target() -> None:
     assert attraction((100.0, -50.0), (400.0, 350.0)).strength_m == 500.0
 
 
-@settings(deadline=None)
 @given(
     places=st.lists(st.tuples(st.floats(-15e3, 15e3), st.floats(-15e3, 15e3)), min_size=6, max_size=6, unique=True),
     pull=st.builds(SteeringVector, st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)),
@@ -232,7 +231,7 @@ def test_inside_the_loiter_circle_the_pull_leads_outwards_and_still_clockwise(be
     assert pull.strength_m == pytest.approx(100.0)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     away=st.floats(0.0, 8.0),
     bearing_rad=HEADINGS,

@@ -75,7 +75,7 @@ def test_the_papers_missions_have_the_papers_numbers() -> None:
 # Drawing
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seeds)
 def test_the_same_seed_draws_the_same_mission(seed: int) -> None:
     assert resolve(small(), seed) == resolve(small(), seed)
@@ -85,7 +85,7 @@ def test_another_seed_draws_another_mission() -> None:
     assert resolve(small(), 1) != resolve(small(), 2)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seeds)
 def test_a_drawn_mission_lists_everything(seed: int) -> None:
     mission = resolve(small(), seed)
@@ -95,7 +95,7 @@ def test_a_drawn_mission_lists_everything(seed: int) -> None:
     assert all(agent.heading_deg is not None and agent.speed_m_s == 40.0 for agent in mission.agents)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seeds, st.sampled_from(["small", "paper-static"]))
 def test_a_drawn_start_is_legal(seed: int, name: str) -> None:
     drawn = small() if name == "small" else load_mission(name)
@@ -118,7 +118,7 @@ def test_a_drawn_start_is_legal(seed: int, name: str) -> None:
     )
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seeds)
 def test_agents_drawn_into_a_crowded_area_are_two_separations_apart(seed: int) -> None:
     text = "area_m: {north: 1000, east: 1000}\ndraw: {agents: 10, targets: 1}\nseparation_m: 80\n"
@@ -126,7 +126,7 @@ def test_agents_drawn_into_a_crowded_area_are_two_separations_apart(seed: int) -
     assert all(math.dist(place, other) >= 160.0 for k, place in enumerate(places) for other in places[:k])
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seeds)
 def test_drawing_leaves_what_was_listed_as_it_was(seed: int) -> None:
     before, after = small(), resolve(small(), seed)
@@ -137,7 +137,7 @@ def test_drawing_leaves_what_was_listed_as_it_was(seed: int) -> None:
     assert after.model_dump(exclude=changed) == before.model_dump(exclude=changed)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seeds, seeds)
 def test_a_resolved_mission_resolves_to_itself_whatever_the_seed(seed: int, other: int) -> None:
     mission = resolve(small(), seed)
@@ -164,7 +164,7 @@ draw: {agents: 1, targets: 1}
 # Writing back
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seeds, st.sampled_from(["small", "paper-dynamic", "copter-demo"]))
 def test_a_mission_written_and_read_again_is_the_same(seed: int, name: str) -> None:
     mission = resolve(small() if name == "small" else load_mission(name), seed)
@@ -486,7 +486,6 @@ def test_no_text_whatever_ends_in_anything_but_an_input_error(text: str) -> None
         assert "\n" not in str(error)
 
 
-@settings(deadline=None)
 @given(
     st.sampled_from(sorted(Mission.model_fields)),
     st.recursive(

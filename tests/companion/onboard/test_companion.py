@@ -11,19 +11,19 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.registry import ADAPTERS
-from companion.autopilot.telemetry import NEIGHBOUR_MEMORY_S
+from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S, NEIGHBOUR_MEMORY_S
 from companion.geo.kinematics import turn_towards
-from companion.guard.guard import KEEP_OUT, NEW_THREAT, Verdict
-from companion.guidance.laws import ROUTE_MARGIN_M, Pose, SteeringDemand, Task
+from companion.guard.types import KEEP_OUT, NEW_THREAT, Motion, Verdict
+from companion.guidance.laws import ROUTE_MARGIN_M, SteeringDemand, Task
 from companion.guidance.separation import PASSING, SLOWING, STOPPING
+from companion.guidance.settings import LAWS
 from companion.guidance.steering import SteeringVector
 from companion.guidance.view import View
 from companion.onboard.companion import HOME_TOO_FAR, Companion
-from companion.onboard.config import LAWS, Config
+from companion.onboard.config import Config
 from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
 from companion.onboard.goal import ARRIVAL_SHARE
-from companion.onboard.readiness import HEARTBEAT_TIMEOUT_S
 from companion.protocol.authenticator import Authenticator, Trust
 from companion.protocol.codec import (
     AgentEntry,
@@ -462,7 +462,7 @@ places_m = st.floats(-300_000.0, 300_000.0)
 pairs = st.tuples(places_m, places_m)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     st.sampled_from(KINDS),
     st.sampled_from(LAWS),
@@ -767,7 +767,7 @@ def test_what_keeps_the_law_from_its_goal_is_the_reason_of_the_decision() -> Non
     class Resigned:
         """Wants to go nowhere."""
 
-        def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+        def steer(self, task: Task, pose: Motion, view: View, now_s: float) -> SteeringDemand:
             """Loiter as asked, else stay."""
             return (
                 SteeringDemand(task.pull) if task.loitering else SteeringDemand(SteeringVector(0.0, 0.0), stay="weary")
@@ -1070,7 +1070,7 @@ def test_at_the_end_of_its_range_a_vehicle_is_pulled_harder_and_deflected_less()
 
 
 @given(k_l=st.floats(0.0, 1e9))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_heavier_the_range_weighs_the_less_a_threat_deflects(k_l: float) -> None:
     assert deflection_rad(4_400.0, k_l=k_l) <= deflection_rad(50_000.0, k_l=k_l) + 1e-12
 

@@ -11,7 +11,8 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities
 from companion.autopilot.arducopter import ArduCopterAdapter
-from companion.onboard.authority import STREAM_GAP_S, State
+from companion.autopilot.stream import STREAM_GAP_S
+from companion.onboard.authority import State
 from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection, Config
 from companion.onboard.decision import Decision, Purpose
@@ -255,7 +256,7 @@ def test_a_take_over_that_is_taken_back_within_one_datagram_counts() -> None:
 events = st.sampled_from(["offboard", "hold", "disarm", "critical", "position", "picture", "wait", "reboot", "clear"])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.lists(events, max_size=25), st.sampled_from(State))
 def test_whatever_happens_nothing_is_sent_outside_offboard_after_an_engagement_until_it_is_cleared(
     history: list[str], was: State

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.cli import main
@@ -71,7 +71,6 @@ def crowd(surrogate: str, agents: int, kinds: list[tuple[float, float]], speed_b
     )  # fmt: skip
 
 
-@settings(deadline=None)
 @given(
     surrogate=st.sampled_from(["pairwise", "analytic"]),
     kinds=st.lists(st.sampled_from(KINDS), min_size=1, max_size=4),

@@ -58,7 +58,7 @@ def cases(draw: st.DrawFn) -> Case:
 # --- value and gradient
 
 
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 @given(case=cases())
 def test_the_gradient_is_the_one_central_differences_find(case: Case) -> None:
     closed, h = case.gradient(), 1e-4 * case.network.area_m
@@ -75,7 +75,7 @@ def test_the_gradient_is_the_one_central_differences_find(case: Case) -> None:
     np.testing.assert_allclose(closed, numeric, atol=1e-6 * (span_m2 + 1e11) / case.network.area_m)
 
 
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 @given(case=cases())
 def test_the_gradient_is_the_one_autograd_finds(case: Case) -> None:
     torch = pytest.importorskip("torch")
@@ -98,7 +98,7 @@ def test_the_gradient_is_the_one_autograd_finds(case: Case) -> None:
     np.testing.assert_allclose(case.gradient(), expected, rtol=1e-9, atol=1e-12 * np.max(np.abs(expected)))
 
 
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 @given(case=cases())
 def test_no_component_of_the_gradient_exceeds_the_corollarys_bound(case: Case) -> None:
     assert np.max(np.abs(case.gradient())) <= case.network.component_bound_m() * (1.0 + 1e-12)

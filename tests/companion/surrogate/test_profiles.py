@@ -228,7 +228,7 @@ def torch_gradient(profile: RadialProfile, geometry: Geometry) -> np.ndarray:
 
 
 @pytest.mark.parametrize("profile", SMOOTH, ids=lambda p: type(p).__name__)
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(geometry=geometries())
 def test_the_gradient_is_the_one_autograd_finds(profile: RadialProfile, geometry: Geometry) -> None:
     points = np.concatenate((geometry.agents_ned_m, geometry.threats_ned_m))
@@ -239,7 +239,7 @@ def test_the_gradient_is_the_one_autograd_finds(profile: RadialProfile, geometry
 
 
 @pytest.mark.parametrize("profile", SMOOTH, ids=lambda p: type(p).__name__)
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(geometry=geometries(min_threats=1))
 def test_the_gradient_is_the_one_central_differences_find(profile: RadialProfile, geometry: Geometry) -> None:
     closed = geometry.gradient(profile)
@@ -255,7 +255,7 @@ def test_the_gradient_is_the_one_central_differences_find(profile: RadialProfile
 
 
 @pytest.mark.parametrize("profile", ALL, ids=lambda p: type(p).__name__)
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(geometry=geometries())
 def test_one_agents_gradient_is_its_row_of_the_full_gradient(profile: RadialProfile, geometry: Geometry) -> None:
     full = geometry.gradient(profile)
@@ -265,7 +265,7 @@ def test_one_agents_gradient_is_its_row_of_the_full_gradient(profile: RadialProf
         )
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(geometry=geometries(), permutation=st.randoms(use_true_random=False))
 def test_reordering_agents_and_threats_only_reorders_the_gradient(
     geometry: Geometry, permutation: random.Random
@@ -285,7 +285,7 @@ def test_reordering_agents_and_threats_only_reorders_the_gradient(
     )
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(geometry=geometries(), shift=arrays(float, 2, elements=st.floats(-1e5, 1e5)))
 def test_moving_the_whole_scene_leaves_cost_and_gradient_unchanged(geometry: Geometry, shift: np.ndarray) -> None:
     moved = Geometry(

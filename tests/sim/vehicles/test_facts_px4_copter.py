@@ -437,7 +437,7 @@ def test_it_keeps_its_velocity_over_the_ground_in_a_wind() -> None:
 anything = st.floats(width=32)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     mask=st.integers(0, 0xFFFF),
     frame=st.integers(0, 21),
@@ -451,7 +451,7 @@ def test_no_setpoint_makes_its_place_anything_but_a_number(mask: int, frame: int
     assert all(map(math.isfinite, (*flight.place_m, flight.height_m, *flight.velocity_m_s, flight.bank_deg)))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     number=st.sampled_from((16, 17, 20, 21, 22, 176, 178, 192, 400)),
     numbers=st.lists(anything, min_size=7, max_size=7),

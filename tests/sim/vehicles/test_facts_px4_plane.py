@@ -330,7 +330,7 @@ def test_a_wind_carries_its_circle_nowhere() -> None:
     assert min(distances_m) > 50.0 and max(distances_m) < 110.0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     mask=st.integers(0, 0xFFFF),
     frame=st.integers(0, 21),

@@ -241,7 +241,7 @@ hostile = st.one_of(
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(messages=st.lists(hostile, max_size=8), flying=st.booleans())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_hostile_values_never_raise_nor_make_the_truth_unreal(kind: str, messages: list[Any], flying: bool) -> None:
     pilot = Pilot(kind, flying=flying)
     for message in messages:

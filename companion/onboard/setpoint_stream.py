@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 from companion.autopilot.adapter import Adapter
-from companion.onboard.authority import STREAM_GAP_S
+from companion.autopilot.stream import STREAM_GAP_S
+from companion.autopilot.telemetry import HEARTBEAT_PERIOD_S
 from companion.onboard.engagement import GridSetpoint
-
-HEARTBEAT_PERIOD_S = 1.0
 
 
 class AutopilotStream:
