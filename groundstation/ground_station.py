@@ -16,8 +16,7 @@ from companion.geo.kinematics import turn_rate_rad_s
 from companion.geo.local_frame import LocalFrame, to_grid
 from companion.guidance.laws import SteeringOf
 from companion.guidance.settings import LawName
-from companion.guidance.steering import RANGE_RESERVE
-from companion.mission.model import AgentSpec, Mission, agent_height_m
+from companion.mission.model import RANGE_RESERVE, AgentSpec, Mission, agent_height_m
 from companion.protocol.codec import (
     SIGNATURE_BYTES,
     BandsFrame,

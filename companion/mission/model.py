@@ -32,6 +32,8 @@ MAX_STEPS = 20_000_000
 MAX_ITEMS = 2_000
 MAX_HEIGHT_M = 20_000.0
 """An agent flies at most so high above the origin; a companion's own limits are narrower."""
+RANGE_RESERVE = 1.1
+"""With `range_policy: return` the way home is counted this much longer than the straight line."""
 MIN_LEVEL_M, MAX_LEVEL_M = -1_000.0, 30_000.0
 """Floors and ceilings, above sea level, travel as 16 bits of metres."""
 
