@@ -479,7 +479,7 @@ class _Listening:
         """Return what is to be said since the last call."""
         companion = self._companion
         lines = []
-        epoch_s = companion.world_model.epoch_s
+        epoch_s = companion.world_model.order.epoch_s
         if epoch_s != self._epoch_s:
             if self._epoch_s is not None:
                 lines.append(f"another run of a ground station took over (epoch {epoch_s})")
