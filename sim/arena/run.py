@@ -19,7 +19,7 @@ from companion.guidance.settings import LAWS, LawName, LawSettings
 from companion.mission.model import Mission
 from sim.arena.families import FAMILIES, draw
 from sim.arena.flight import ArenaFlight, fly_arena
-from sim.arena.peers import PEERS, SLOW
+from sim.arena.peers import PEERS, SLOW, horizon
 from sim.arena.planner import plan, target_stays_clear
 from sim.score import AgentScore, Score, score
 from sim.worker_pool import outcomes
@@ -108,6 +108,12 @@ def jobs_of(seed: int, runs: int | None, families: Sequence[str], laws: Sequence
             flown = [law for law in laws if law not in SLOW or (FAMILIES[family].single and index < SLOW_RUNS)]
             jobs.append(Job(family, seed, index, tuple(flown)))
     return jobs
+
+
+def check_installed(jobs: Sequence[Job]) -> None:
+    """Raise InputError if a law that the jobs fly needs a library that is not installed."""
+    if any("horizon" in job.laws for job in jobs):
+        horizon.check_installed()
 
 
 def fly_all(jobs: Sequence[Job], workers: int, progress: Callable[[int, int], None]) -> list[Run]:

@@ -34,10 +34,10 @@ from companion.protocol.mavlink_signing import MavlinkSigner
 from groundstation.ground_station import GroundStation
 from groundstation.schedule import Broadcaster
 from sim.detector import Detector, Fleet
-from sim.lockstep import START_S
+from sim.loop import START_S
 from sim.safety_pilot import SafetyPilot
 from sim.scaling import CRUISE_M_S, PAPER_SPEED_M_S, scaled
-from sim.sensor import LOOK_PERIOD_S, mission_sensor, seen
+from sim.sensor import LOOK_PERIOD_S, mission_sensor, world_detections
 from sim.vehicles import CRAFTS, DEFAULT_RATES_HZ, Home, StandIn
 from sim.world import World
 
@@ -469,8 +469,7 @@ class Flight:
         targets, threats = self._world.rows()
         here = self.vehicle.truth
         detections = [Detection(Kind.AGENT, AGENT_ID, here.north_m, here.east_m, *self.vehicle.ground_velocity_m_s)]
-        detections += [seen(Kind.TARGET, spec.id, row) for spec, row in zip(mission.targets, targets, strict=True)]
-        detections += [seen(Kind.THREAT, spec.id, row) for spec, row in zip(mission.threats, threats, strict=True)]
+        detections += world_detections(mission, targets, threats)
         for datagram in self._sensor.look(detections, START_S + t_s):
             self._ground.sense(datagram, START_S + t_s)
 

@@ -23,7 +23,8 @@ from companion.surrogate.cost import Weights
 from companion.surrogate.profiles import gradient_for_agent, profile_by_name
 from groundstation.broadcast import state_frames
 from groundstation.ground_station import GroundStation
-from sim.lockstep import START_S, fly
+from sim.lockstep import fly
+from sim.loop import START_S
 
 ROUNDS = 15
 CALLS = 200

@@ -114,6 +114,18 @@ class RecedingHorizon:
         return math.atan2(east_m, north_m)
 
 
+def check_installed() -> None:
+    """Raise InputError if the library that plans is not installed."""
+    _ompl("base")
+
+
+def _ompl(part: str) -> ModuleType:
+    try:
+        return importlib.import_module(f"ompl.{part}")
+    except ImportError as error:
+        raise InputError("horizon: needs the library OMPL; install '.[arena]'") from error
+
+
 class BatchPlanner:
     """BIT* in the plane, with an exact test of straight motions against discs."""
 
@@ -124,12 +136,7 @@ class BatchPlanner:
             InputError: the library is not installed.
 
         """
-        try:
-            self._base: ModuleType = importlib.import_module("ompl.base")
-            self._geometric: ModuleType = importlib.import_module("ompl.geometric")
-            self._util: ModuleType = importlib.import_module("ompl.util")
-        except ImportError as error:
-            raise InputError("horizon: needs the library OMPL; install '.[arena]'") from error
+        self._base, self._geometric, self._util = _ompl("base"), _ompl("geometric"), _ompl("util")
         self._iterations = iterations
 
     def plan(
