@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 from pymavlink.dialects.v20 import common
+
+from companion.autopilot.shared_id import SharedIdMonitor
 
 Message = Any
 """A message of the generated module, which carries no types."""
@@ -53,21 +55,6 @@ MAX_NEIGHBOURS = 100
 
 RESTART_MS = 1_000
 """An autopilot's clock that goes back by more was set to zero; less is a datagram that came late."""
-
-
-SHARED_ID_STEPS = 2
-
-
-SHARED_ID_WITHIN_S = 10.0
-"""An autopilot takes longer than this to start twice, so a clock that goes back so often is two autopilots' clocks."""
-
-
-SHARED_ID_CONTRADICTIONS = 20
-"""Where the clocks are alike: so many positions within that time that come late, or are elsewhere at the same moment. A
-link that puts a fifth of its datagrams out of order is none."""
-
-
-SHARED_ID_MEMORY_S = 30.0
 
 
 LOCAL_POSITION_MAX_AGE_S = 2.0
@@ -173,11 +160,8 @@ class TelemetryReader:
         self.system_id = system_id
         self.foreign_ids: set[int] = set()
         """System ids of other autopilots on the same link."""
-        self._heard_s = -math.inf
-        self._backward_s: deque[float] = deque(maxlen=SHARED_ID_STEPS)
-        self._contradicted_s: deque[float] = deque(maxlen=SHARED_ID_CONTRADICTIONS)
+        self._shared_id = SharedIdMonitor()
         self._place_e7 = _NO_FIX
-        self._twins_s = -math.inf
         self._local_at_s = -math.inf
         self._accuracies_m: dict[str, float] = {}
         self._readers: dict[str, Callable[[Message, float], None]] = {
@@ -195,7 +179,7 @@ class TelemetryReader:
     @property
     def shared_system_id(self) -> bool:
         """Whether two autopilots answer to one system id: their clocks alternated not long ago."""
-        return self._heard_s - self._twins_s <= SHARED_ID_MEMORY_S
+        return self._shared_id.shared
 
     def receive(self, datagram: bytes, now_s: float) -> None:
         """Take in a datagram; never raises, whatever the bytes."""
@@ -205,7 +189,7 @@ class TelemetryReader:
     def take(self, message: Message, now_s: float) -> bool:
         """Take in a parsed message; return whether it is one of the autopilot that this reader listens to."""
         name = message.get_type()
-        self._heard_s = now_s
+        self._shared_id.hear(now_s)
         if name == "BAD_DATA":
             self.rejected["damaged"] += 1
         elif name == "HEARTBEAT":
@@ -278,18 +262,12 @@ class TelemetryReader:
         restarted = before_ms is not None and boot_ms < before_ms - RESTART_MS
         if before_ms is not None and boot_ms <= before_ms and not restarted:
             if boot_ms < before_ms or place_e7 != self._place_e7:
-                self._suspect(self._contradicted_s, now_s)
+                self._shared_id.contradicted(now_s)
             return False
         self._update(boot_ms=boot_ms, restarts=self.telemetry.restarts + restarted)
         if restarted:
-            self._suspect(self._backward_s, now_s)
+            self._shared_id.clock_went_back(now_s)
         return True
-
-    def _suspect(self, times_s: deque[float], now_s: float) -> None:
-        """Note what one autopilot seldom does; often enough within a while, there are two."""
-        times_s.append(now_s)
-        if len(times_s) == times_s.maxlen and now_s - times_s[0] <= SHARED_ID_WITHIN_S:
-            self._twins_s = now_s
 
     def _home(self, message: Message, now_s: float) -> None:
         if (message.latitude, message.longitude) == _NO_FIX or not _is_on_earth(message.latitude, message.longitude):

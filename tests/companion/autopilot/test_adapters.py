@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.registry import ADAPTERS
+from companion.autopilot.shared_id import SHARED_ID_MEMORY_S
 from companion.autopilot.telemetry import (
     COMPANION_COMPONENT,
     MAX_NEIGHBOURS,
     METRES_PER_HDOP,
     NEIGHBOUR_MEMORY_S,
-    SHARED_ID_MEMORY_S,
     Neighbour,
     TelemetryReader,
     _is_one_other_message,
