@@ -58,7 +58,7 @@ RESTART_MS = 1_000
 
 
 LOCAL_POSITION_MAX_AGE_S = 2.0
-"""A local position that has not come for so long is none."""
+"""A local position that has not come for this time is none."""
 
 
 METRES_PER_HDOP = 2.5

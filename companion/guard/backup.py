@@ -32,11 +32,11 @@ from companion.guard.types import FENCE, KEEP_OUT, PIVOT_SPEED_M_S, Piece
 from companion.guard.vehicle import GREATEST_TURN_RAD, Step, VehicleModel
 
 ROUTE_STEPS = 60
-"""Steps along the route within which a turning circle must be clear..."""
+"""Steps along the route within which a turning circle must be clear, unless ROUTE_CIRCLES are more."""
 ROUTE_CIRCLES = 3
-"""...or those of so many turning circles, if they are more."""
+"""Turning circles whose steps count in place of ROUTE_STEPS where they are more."""
 CIRCLE_PARTS = 24
-"""Along the route, a turning circle is looked for so many times in the length of one."""
+"""Along the route, a turning circle is looked for this many times in the length of one."""
 FOLLOW_RAD = 0.01
 """A wanted turn this near to the path in hand is flown as that path: nothing need be looked for anew."""
 SAMPLES = 8
@@ -309,7 +309,7 @@ class BackupSearch:
     def violation(self, step: Step) -> tuple[float, ...]:
         """Return what to make least when nothing is certified: depth in attack discs, beyond the fence, in discs.
 
-        First the greatest during the step and straight on for as long again, then at the end of this, which tells
+        First the greatest during the step and straight on for another step, then at the end of this, which tells
         apart the ways out.
         """
         flight = self._flight
