@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
 from companion.guard.types import TRACKING_REACTIONS, TRACKING_STEPS, Motion, Piece
-from companion.guidance.route import Reach, Route, Router, shortest_route
+from companion.guidance.route.router import Departure, Reach, Route, Router, shortest_route
 from companion.guidance.settings import LawSettings
 from companion.guidance.steering import MonolithicSurrogate, PairSurrogate, SteeringVector, Surrogate, direction
 from companion.guidance.view import View
@@ -172,9 +172,7 @@ class RoutedLaw:
         """Return the way to the place; with others near, where there is one, the way that leaves room for a circle."""
         for room_m in (2.0 * self._turn_radius_m, 0.0) if task.crowded and len(radii_m) else (0.0,):
             route = self._router.route(
-                motion.position_ned_m,
-                motion.heading_rad,
-                self._turn_radius_m,
+                Departure(motion.position_ned_m, motion.heading_rad, self._turn_radius_m),
                 task.place_ned_m,
                 centres_ned_m,
                 radii_m + room_m,
