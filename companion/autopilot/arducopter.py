@@ -64,7 +64,7 @@ class ArduCopterAdapter(VelocityAdapter):
 
     identity = ARDUCOPTER
     can_stop = True
-    wanted = WANTED
+    wanted: tuple[Wanted, ...] = WANTED
     demands = PARAMETER_CHECKS
     lead_s = LEAD_S
 

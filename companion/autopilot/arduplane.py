@@ -70,7 +70,7 @@ class ArduPlaneAdapter(LinkedAdapter):
 
     identity = ARDUPLANE
     can_stop = False
-    wanted = WANTED
+    wanted: tuple[Wanted, ...] = WANTED
     demands = PARAMETER_CHECKS
 
     def __init__(self, system_id: int | None = None) -> None:

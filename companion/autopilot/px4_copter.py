@@ -40,7 +40,7 @@ class Px4CopterAdapter(VelocityAdapter):
     identity = PX4_COPTER
     can_stop = True
     resumes_on_stream = True
-    wanted = WANTED
+    wanted: tuple[Wanted, ...] = WANTED
     demands = PARAMETER_CHECKS
     rates_hz = px4.RATES_HZ
     type_mask = VELOCITY_AND_YAW
