@@ -14,10 +14,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 
-from companion.autopilot.registry import ADAPTERS
+from companion.autopilot.kinds import KINDS
+from companion.autopilot.missions import load_mission_to_fly
 from companion.errors import InputError, nearest_hint, run_program, tell
 from companion.mission.lint import lint
-from companion.mission.model import Mission, load_mission
+from companion.mission.model import Mission
 from companion.mission.resolve import resolve
 from companion.protocol.keys import MAVLINK_NAME, PUBLIC_NAME
 from companion.protocol.keys import keygen as write_keys
@@ -66,7 +67,7 @@ def cli() -> None:
 )
 @click.option("--uplink", metavar="URL", help="Case II: where agents' reports come in: udpin:HOST:PORT.")
 @click.option(
-    "--autopilot", default="kinematic", show_default=True, help=f"Case II: what is reckoned: {', '.join(ADAPTERS)}."
+    "--autopilot", default="kinematic", show_default=True, help=f"Case II: what is reckoned: {', '.join(KINDS)}."
 )
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
 def run(
@@ -93,7 +94,7 @@ def run(
 
     Example: groundstation run copter-demo --link serial:/dev/ttyUSB0:57600 --radio sik-57600 --share 0.5 --keys keys
     """
-    _one_of("--autopilot", autopilot, tuple(ADAPTERS))
+    _one_of("--autopilot", autopilot, tuple(KINDS))
     given = {"MISSION": mission, "--link": link, "--keys": keys, "--state": state, "--log": log}
     _without_null(given | {"--mirror": mirror, "--sensor": sensor, "--uplink": uplink})
     resolved = _broadcastable(mission, seed, uplink)
@@ -115,7 +116,7 @@ def run(
         mirror=shown_on,
         log=None if log is None else Path(log),
         state=None if state is None else Path(state),
-        can_stop=ADAPTERS[autopilot]().can_stop,
+        can_stop=KINDS[autopilot].can_stop,
     )
     for warning in lint(resolved):
         click.echo(f"groundstation: warning: {mission}: {warning}", err=True)
@@ -154,7 +155,7 @@ def plan_command(mission: str, radio_name: str, share: float, auth: str, seed: i
     _without_null({"MISSION": mission})
     authentication = _one_of("--auth", auth, AUTHENTICATIONS)
     radio = parse_radio(radio_name, share)
-    resolved = resolve(load_mission(mission), seed, mission)
+    resolved = resolve(load_mission_to_fly(mission), seed, mission)
     check_runnable(resolved, mission)
     columns = (TextColumn("planning"), BarColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
@@ -170,7 +171,7 @@ def main() -> None:
 
 
 def _broadcastable(mission: str, seed: int, uplink: str | None) -> Mission:
-    resolved = resolve(load_mission(mission), seed, mission)
+    resolved = resolve(load_mission_to_fly(mission), seed, mission)
     check_runnable(resolved, mission)
     if resolved.case == "I" and uplink is not None:
         raise InputError(f"{mission}: case: 'I' with --uplink; allowed: II, Case I has no use for reports")

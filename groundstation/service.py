@@ -25,8 +25,8 @@ import click
 from companion.errors import InputError, nearest_hint
 from companion.files.state import read_state_file, write_state_file
 from companion.files.tlog import TlogWriter
+from companion.guidance.settings import DEFAULT_LAW
 from companion.mission.model import Mission
-from companion.onboard.config import DEFAULT_LAW
 from companion.onboard.flight_log import FlightLog, unused
 from companion.protocol.deframer import StreamFramer
 from companion.protocol.ed25519 import FrameSigner

@@ -35,10 +35,10 @@ from companion.autopilot.offboard_child import (
     TICK_TIMEOUT_S,
     UP,
 )
+from companion.autopilot.stream import STREAM_GAP_S
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.errors import InputError
 from companion.files.tlog import whole_frames
-from companion.onboard.authority import STREAM_GAP_S
 from companion.protocol.deframer import header_of, payload_of
 
 CHILDREN = 2

@@ -15,6 +15,7 @@ import numpy as np
 
 from companion.autopilot.adapter import Adapter
 from companion.autopilot.registry import ADAPTERS
+from companion.autopilot.stream import STREAM_GAP_S
 from companion.autopilot.telemetry import (
     COMPANION_COMPONENT,
     HEARTBEAT_PERIOD_S,
@@ -26,12 +27,12 @@ from companion.files.tlog import whole_frames
 from companion.geo.kinematics import limit_turn
 from companion.geo.local_frame import LocalFrame, to_grid
 from companion.geo.polygon import inside_polygon
-from companion.guard.guard import NO_BACKUP, Discs, Guard, Limits, Motion, Setpoint, Verdict
-from companion.guidance.laws import Pose, SteeringDemand, SteeringLaw, Task, law_of
+from companion.guard.guard import Guard
+from companion.guard.types import NO_BACKUP, Discs, Limits, Motion, Setpoint, Verdict
+from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
 from companion.guidance.separation import Rules, give_way, interaction_radius_m
 from companion.guidance.steering import (
     APPROACH_GAIN_1_S,
-    RANGE_RESERVE,
     SteeringVector,
     attraction,
     loiter_attraction,
@@ -40,7 +41,8 @@ from companion.guidance.steering import (
     loiter_spacing_m,
 )
 from companion.guidance.view import Traffic, View
-from companion.onboard.authority import FAILSAFE, FAILSAFE_STATES, STREAM_GAP_S, Authority, State
+from companion.mission.model import RANGE_RESERVE
+from companion.onboard.authority import FAILSAFE, FAILSAFE_STATES, Authority, State
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.failsafe import (
     SEVERITY,
@@ -51,6 +53,7 @@ from companion.onboard.failsafe import (
     Stage,
     assess,
 )
+from companion.onboard.law_settings import law_settings
 from companion.onboard.limits import within
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator, Trust
@@ -285,7 +288,7 @@ class Companion:
         config, can_stop = self.config, self.adapter.can_stop
         guard = Guard(_limits(limits, can_stop))
         rules = _rules(config, limits, can_stop) if config.law == "routed" else None
-        law = self._given_law or law_of(config.model_copy(update={"limits": limits}))
+        law = self._given_law or law_of(law_settings(config, limits))
         self.guard, self.limits, self._rules, self._law = guard, limits, rules, law
         self._interaction_m = 0.0
         if self._rules is not None:
@@ -367,13 +370,12 @@ class Companion:
         self._mind_range(math.dist((motion.north_m, motion.east_m), home_ned_m))
         self._assess(age_s, telemetry, now_s)
         purpose, reason = self._purpose(motion, home_ned_m, view)
-        pose = Pose(motion.north_m, motion.east_m, motion.heading_rad, motion.speed_m_s)
         goal_ned_m = view.target_ned_m if purpose is Purpose.TARGET else home_ned_m
-        wish, speed_m_s = self._wish(None if purpose is Purpose.LOITER else goal_ned_m, purpose, pose, view, now_s)
+        wish, speed_m_s = self._wish(None if purpose is Purpose.LOITER else goal_ned_m, purpose, motion, view, now_s)
         stay, note = wish.stay, wish.note
         if stay is not None:
             purpose, reason = Purpose.LOITER, stay
-            wish, speed_m_s = self._wish(None, purpose, pose, view, now_s)
+            wish, speed_m_s = self._wish(None, purpose, motion, view, now_s)
         if purpose is not Purpose.LOITER:
             self._place_ned_m = None
         wanted = wish.pull
@@ -678,26 +680,26 @@ class Companion:
         self,
         goal_ned_m: tuple[float, float] | None,
         purpose: Purpose,
-        pose: Pose,
+        motion: Motion,
         view: View,
         now_s: float,
     ) -> tuple[SteeringDemand, float]:
         """Return what the law wants, and the speed the vehicle shall have; without a goal it loiters."""
-        pull, speed_m_s = self._pull(goal_ned_m, pose, view)
+        pull, speed_m_s = self._pull(goal_ned_m, motion, view)
         task = Task(
-            place_ned_m=goal_ned_m or self._place_ned_m or pose.position_ned_m,
+            place_ned_m=goal_ned_m or self._place_ned_m or motion.position_ned_m,
             pull=pull,
             loitering=goal_ned_m is None,
             to_target=purpose is Purpose.TARGET,
             flown_m=self.flown_m,
             arrival_m=ARRIVAL_SHARE * self.config.arrival_radius_m,
-            crowded=self._crowded(pose, view),
+            crowded=self._crowded(motion, view),
         )
-        return self._law.steer(task, pose, view, now_s), speed_m_s
+        return self._law.steer(task, motion, view, now_s), speed_m_s
 
-    def _pull(self, goal_ned_m: tuple[float, float] | None, pose: Pose, view: View) -> tuple[SteeringVector, float]:
+    def _pull(self, goal_ned_m: tuple[float, float] | None, motion: Motion, view: View) -> tuple[SteeringVector, float]:
         """Return what attracts the vehicle now, and the speed it shall have; without a goal it loiters."""
-        position, cruise_m_s = pose.position_ned_m, self.limits.speed_m_s
+        position, cruise_m_s = motion.position_ned_m, self.limits.speed_m_s
         if goal_ned_m is not None:
             return attraction(position, goal_ned_m), cruise_m_s
         if self._place_ned_m is None:
@@ -751,7 +753,7 @@ class Companion:
         keep_right = self._crowded(motion, view)
         return self.guard.check(wanted, motion, discs, now_s, self.config.guidance_step_s, route, keep_right)
 
-    def _crowded(self, here: Motion | Pose, view: View) -> bool:
+    def _crowded(self, here: Motion, view: View) -> bool:
         """Return whether another is within the interaction radius."""
         if len(view.traffic_ned_m) == 0:
             return False

@@ -15,7 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from companion.guard import guard
-from companion.guard.guard import KEEP_OUT, Discs, Guard, Limits, Motion, Setpoint
+from companion.guard.guard import Guard
+from companion.guard.types import KEEP_OUT, TRACKING_REACTIONS, TRACKING_STEPS, Discs, Limits, Motion, Setpoint
 from tests.companion.guard.test_guard import WORLDS, Vehicle, flown_against, gusts, sent
 
 STEPS = 10_000
@@ -91,7 +92,7 @@ def tracking(seeds: int) -> int:
     more = 0
     for airspeed_m_s, n_max, dt_s, reaction_s in WIND_CASES:
         worst_m = max(off_path_m(airspeed_m_s, n_max, dt_s, reaction_s, seed) for seed in range(seeds))
-        allowance_m = airspeed_m_s / 3.0 * (guard.TRACKING_STEPS * dt_s + guard.TRACKING_REACTIONS * reaction_s)
+        allowance_m = airspeed_m_s / 3.0 * (TRACKING_STEPS * dt_s + TRACKING_REACTIONS * reaction_s)
         more += worst_m > allowance_m
         print(
             f"{airspeed_m_s:6.0f}{n_max:6.1f}{dt_s:6.1f}{reaction_s:12.2f}{worst_m:12.2f}{allowance_m:13.2f}",

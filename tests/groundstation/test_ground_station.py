@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from companion.errors import InputError
 from companion.files.yaml import dump_yaml
-from companion.guidance.steering import RANGE_RESERVE
-from companion.mission.model import Mission, parse_mission
+from companion.mission.model import RANGE_RESERVE, Mission, parse_mission
 from companion.mission.resolve import resolve
 from companion.protocol.codec import (
     BandsFrame,

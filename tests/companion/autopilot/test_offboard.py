@@ -19,9 +19,9 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot import offboard as offboard_module
 from companion.autopilot.offboard import SILENCE_S, Offboard, is_setpoint, velocity_of
 from companion.autopilot.offboard_child import SETPOINT, SETPOINT_FIELDS, TICK_TIMEOUT_S
+from companion.autopilot.stream import STREAM_GAP_S
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.errors import InputError
-from companion.onboard.authority import STREAM_GAP_S
 
 SYSTEM = 3
 WANTED = (1.0, -2.0, 0.25, 30.0)

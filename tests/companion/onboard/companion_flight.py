@@ -8,7 +8,8 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities
 from companion.autopilot.arducopter import ArduCopterAdapter
-from companion.autopilot.linked import ARDUCOPTER, LinkedAdapter
+from companion.autopilot.heartbeat import ARDUCOPTER
+from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.px4_copter import Px4CopterAdapter
 from companion.autopilot.registry import ADAPTERS
 from companion.geo.local_frame import LocalFrame

@@ -12,7 +12,8 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities
 from companion.autopilot.arducopter import ArduCopterAdapter
-from companion.onboard.authority import STREAM_GAP_S, State
+from companion.autopilot.stream import STREAM_GAP_S
+from companion.onboard.authority import State
 from companion.onboard.companion import Companion, Decision, Purpose
 from companion.onboard.config import AutopilotSection, Config
 from companion.onboard.failsafe import ABILITIES_CHANGED, Stage
