@@ -53,7 +53,7 @@ def mission(extra: str = "") -> Mission:
 def stamp_of(datagram: bytes) -> Stamp:
     """Return the stamp of a broadcast frame."""
     (frame,) = FrameReader().read(datagram)
-    assert isinstance(frame, StateFrame)
+    assert isinstance(frame, StateFrame | MotionFrame)
     return frame.stamp
 
 

@@ -1,5 +1,7 @@
 """The surrogate that flies: its profiles, its closed-form gradient, and the care it takes with its weights file."""
 
+from __future__ import annotations
+
 import json
 import random
 import subprocess
