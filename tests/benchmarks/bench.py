@@ -17,7 +17,8 @@ from companion.guard.guard import Guard
 from companion.guard.types import Discs, Limits, Motion, Setpoint
 from companion.mission.model import load_mission
 from companion.mission.resolve import resolve
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
+from companion.onboard.decision import Decision
 from companion.protocol.codec import FrameReader, FrameWriter, Stamp
 from companion.surrogate.cost import Weights
 from companion.surrogate.profiles import gradient_for_agent, profile_by_name
