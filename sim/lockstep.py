@@ -41,7 +41,7 @@ from sim.scaling import CRUISE_M_S
 from sim.sensor import SensorChannel
 from sim.trajectory import Trajectory
 from sim.transmitter import RADIO_TICK_S, Transmitter
-from sim.vehicles import CRAFTS, LOCKSTEP_RATES_HZ, Craft, Home, StandIn, Start, kinematic_profile
+from sim.vehicles import CRAFTS, LOCKSTEP_RATES_HZ, Craft, Home, Setup, StandIn, Start, kinematic_profile
 from sim.vehicles.routing import Router
 from sim.wind import WindField
 from sim.world import World
@@ -280,19 +280,21 @@ class _Hangar:
         north_m, east_m = spec.position_ned_m
         return StandIn(
             _build(autopilot, spec),
-            system_id,
-            self.frame,
-            north_m=north_m,
-            east_m=east_m,
-            altitude_m=mission.origin.alt_m + height_m,
-            heading_rad=float(np.radians(spec.heading_deg or 0.0)),
-            speed_m_s=0.0 if KINDS[autopilot].can_stop else spec.speed_m_s,
-            home=Home(north_m, east_m, mission.origin.alt_m),
-            in_air=True,
-            armed=True,
-            guided=autopilot == "kinematic",
-            start_s=START_S,
-            rates_hz={**LOCKSTEP_RATES_HZ, _POSITION: 1.0 / mission.guidance_step_s},
+            Setup(
+                system_id,
+                self.frame,
+                north_m=north_m,
+                east_m=east_m,
+                altitude_m=mission.origin.alt_m + height_m,
+                heading_rad=float(np.radians(spec.heading_deg or 0.0)),
+                speed_m_s=0.0 if KINDS[autopilot].can_stop else spec.speed_m_s,
+                home=Home(north_m, east_m, mission.origin.alt_m),
+                in_air=True,
+                armed=True,
+                guided=autopilot == "kinematic",
+                start_s=START_S,
+                rates_hz={**LOCKSTEP_RATES_HZ, _POSITION: 1.0 / mission.guidance_step_s},
+            ),
         )
 
 

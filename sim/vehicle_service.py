@@ -22,7 +22,7 @@ from companion.protocol.codec import Kind
 from companion.runtime.clock import run_until_signal, wait
 from companion.transport.endpoints import Duplex, Link, Sender, open_duplex, open_sender, parse_link
 from sim.sensor import Sensor, detection_of_row
-from sim.vehicles import CRAFTS, Craft, Home, StandIn, Start, Truth, kinematic_profile
+from sim.vehicles import CRAFTS, Craft, Home, Setup, StandIn, Start, Truth, kinematic_profile
 from sim.vehicles.ardupilot import ArduPilot
 from sim.vehicles.routing import Router
 from sim.vehicles.stand_in import parse
@@ -151,23 +151,25 @@ def _build(options: VehicleOptions) -> StandIn:
         build = CRAFTS[options.autopilot]
     vehicle = StandIn(
         build,
-        options.system_id,
-        LocalFrame(options.lat_deg, options.lon_deg),
-        altitude_m=options.alt_m + (height_m or 0.0),
-        heading_rad=math.radians(options.heading_deg),
-        speed_m_s=speed_m_s,
-        home=Home(0.0, 0.0, options.alt_m),
-        in_air=height_m is not None,
-        armed=height_m is not None,
-        guided=guided,
+        Setup(
+            options.system_id,
+            LocalFrame(options.lat_deg, options.lon_deg),
+            altitude_m=options.alt_m + (height_m or 0.0),
+            heading_rad=math.radians(options.heading_deg),
+            speed_m_s=speed_m_s,
+            home=Home(0.0, 0.0, options.alt_m),
+            in_air=height_m is not None,
+            armed=height_m is not None,
+            guided=guided,
+        ),
     )
     from_rad = math.radians(options.wind_from_deg)
     vehicle.wind_m_s = -options.wind_speed_m_s * math.cos(from_rad), -options.wind_speed_m_s * math.sin(from_rad)
     vehicle.sensors.noise_m = options.gps_noise_m
     vehicle.sensors.delay_s = options.gps_delay_s
-    vehicle.battery_percent = options.battery_percent
+    vehicle.battery.percent = options.battery_percent
     if options.endurance_min is not None:
-        vehicle.battery_drain_percent_s = 100.0 / (60.0 * options.endurance_min)
+        vehicle.battery.drain_percent_s = 100.0 / (60.0 * options.endurance_min)
     _set_parameters(vehicle.craft, options)
     if height_m is None and isinstance(vehicle.craft, ArduPilot):
         vehicle.craft.boot(0.0)

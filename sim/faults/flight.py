@@ -37,7 +37,7 @@ from sim.loop import START_S
 from sim.safety_pilot import SafetyPilot
 from sim.scaling import CRUISE_M_S, PAPER_SPEED_M_S, scaled
 from sim.sensor import LOOK_PERIOD_S, mission_sensor, world_detections
-from sim.vehicles import CRAFTS, DEFAULT_RATES_HZ, Home, StandIn
+from sim.vehicles import CRAFTS, DEFAULT_RATES_HZ, Home, Setup, StandIn
 from sim.world import World
 
 KINDS = tuple(CRUISE_M_S)
@@ -546,19 +546,21 @@ class Flight:
         mission, kind = self.setting.mission, self.setting.kind
         return StandIn(
             CRAFTS[kind],
-            SYSTEM_ID,
-            self._frame,
-            north_m=place_m[0],
-            east_m=place_m[1],
-            altitude_m=mission.origin.alt_m + HEIGHT_M,
-            heading_rad=math.radians(self.setting.heading_deg),
-            speed_m_s=0.0 if AUTOPILOTS[kind].can_stop else self.cruise_m_s,
-            home=Home(0.0, 0.0, mission.origin.alt_m),
-            in_air=True,
-            armed=True,
-            guided=guided,
-            start_s=start_s,
-            rates_hz=DEFAULT_RATES_HZ,
+            Setup(
+                SYSTEM_ID,
+                self._frame,
+                north_m=place_m[0],
+                east_m=place_m[1],
+                altitude_m=mission.origin.alt_m + HEIGHT_M,
+                heading_rad=math.radians(self.setting.heading_deg),
+                speed_m_s=0.0 if AUTOPILOTS[kind].can_stop else self.cruise_m_s,
+                home=Home(0.0, 0.0, mission.origin.alt_m),
+                in_air=True,
+                armed=True,
+                guided=guided,
+                start_s=start_s,
+                rates_hz=DEFAULT_RATES_HZ,
+            ),
         )
 
     def _elsewhere(self) -> tuple[object, ...]:

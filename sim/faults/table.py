@@ -213,7 +213,7 @@ def _blow(north: float, east: float) -> Action:
 
 def _charge(percent: float) -> Action:
     def charge(flight: Flight) -> None:
-        flight.vehicle.battery_percent = percent
+        flight.vehicle.battery.percent = percent
 
     return charge
 

@@ -183,6 +183,8 @@ class Px4:
     mav_autopilot: int = mavlink.MAV_AUTOPILOT_PX4
     announces = False
     """HEARTBEAT comes once a second whatever happens: a changed mode shows up to a second late."""
+    ready = True
+    """Only the ArduPilot kinds take their time to come up."""
     longest_step_s: float
     reaction_s: float
     """From a setpoint to the first that comes of it."""

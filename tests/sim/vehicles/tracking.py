@@ -16,7 +16,7 @@ from companion.autopilot.registry import ADAPTERS
 from companion.geo.kinematics import GRAVITY_M_S2, turn_towards
 from companion.geo.local_frame import LocalFrame
 from companion.guard.types import Setpoint
-from sim.vehicles import CRAFTS, Home, StandIn
+from sim.vehicles import CRAFTS, Home, Setup, StandIn
 
 HEIGHT_M = 100.0
 STEP_S = 0.1
@@ -63,13 +63,15 @@ class Flight:
         self.adapter = ADAPTERS[self.kind]()
         self.vehicle = StandIn(
             CRAFTS[self.kind],
-            1,
-            LocalFrame(47.0, 8.0),
-            altitude_m=HEIGHT_M,
-            speed_m_s=self.speed_m_s,
-            home=Home(0.0, 0.0, 0.0),
-            in_air=True,
-            armed=True,
+            Setup(
+                1,
+                LocalFrame(47.0, 8.0),
+                altitude_m=HEIGHT_M,
+                speed_m_s=self.speed_m_s,
+                home=Home(0.0, 0.0, 0.0),
+                in_air=True,
+                armed=True,
+            ),
         )
         self.vehicle.wind_m_s = self.wind_m_s
         self.now_s = 0.0
