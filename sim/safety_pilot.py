@@ -1,4 +1,4 @@
-"""The safety pilot, who has the vehicle: hands it to the companion by a mode change, as any ground-control program does."""
+"""The safety pilot, who has the vehicle: gives it to the companion by a mode change, as ground-control programs do."""
 
 from __future__ import annotations
 
