@@ -56,7 +56,7 @@ class Setting:
     start_ned_m: tuple[float, float] = (0.0, 0.0)
     heading_deg: float = 0.0
     fence_ahead_s: float | None = None
-    """So much flight ahead the vehicle's own fence ends; None: where the mission's does."""
+    """Seconds of flight ahead at which the vehicle's own fence ends; None: where the mission's does."""
     parameters: Mapping[str, float] | None = None
     """Of the autopilot, those that it has; None for those demanded."""
 

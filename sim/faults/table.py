@@ -15,7 +15,7 @@ from sim.scaling import CRUISE_M_S, PAPER_SPEED_M_S
 ON_S = 10.0
 """When a fault begins: the vehicle is under way for six seconds, a standing disc is five ahead."""
 WATCHDOG_S = 2.0
-"""WatchdogSec of companion/onboard/deploy: a loop that does not ping for so long is killed."""
+"""WatchdogSec of companion/onboard/deploy: a loop that does not ping within it is killed."""
 RESTART_S = 3.0
 """From the end of a process to the first decision of the next: what it may take at most."""
 STOPPED_M_S = 0.5
@@ -146,7 +146,7 @@ def _hour_ahead_and_restarted(flight: Flight) -> None:
 
 
 def _ahead(flight: Flight, seconds: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return a place so far ahead on the vehicle's course, and a velocity towards it at cruise speed."""
+    """Return the place that is some seconds ahead on the vehicle's course, and a velocity towards it at cruise speed."""
     truth, (north_m_s, east_m_s) = flight.vehicle.truth, flight.vehicle.ground_velocity_m_s
     return (truth.north_m + seconds * north_m_s, truth.east_m + seconds * east_m_s), (-north_m_s, -east_m_s)
 

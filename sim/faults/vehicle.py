@@ -32,7 +32,7 @@ from sim.vehicles import StandIn
 
 _GROUND_CONTROL_SYSTEM = 255
 _TWIN_AHEAD_S = 500.0
-"""The other autopilot with our system id was started so much earlier."""
+"""How much earlier the other autopilot with our system id was started."""
 _TWIN_AWAY_M = 600.0
 _DETECTOR_ID = 60_000
 """Whom the vehicle's detector takes itself for: its own agent id is the stranger's."""

@@ -1,7 +1,7 @@
 """What the PX4 kinds share: modes, OFFBOARD and what follows when its stream is lost, arming, answers to commands.
 
 As measured on PX4 v1.16.1 (docs/autopilots.md). "(code)" is as its source says; "(chosen)" was neither measured nor
-read. What a person asked for (the intended mode) is kept apart from the mode that is flown, as PX4 does: a lost stream
+read. What the pilot asked for (the intended mode) is kept apart from the mode that is flown, as PX4 does: a lost stream
 changes only the latter, which is why OFFBOARD comes back by itself.
 
 Not modelled: radio control and its loss (there is none, as there was none when it was measured), geofence, battery
@@ -43,7 +43,7 @@ _COMING_MOST = 64
 """Setpoints under way at most; at 50 Hz there are five."""
 _TIME_TOLERANCE_S = 1e-6
 LANDED_AFTER_S = 1.0
-"""On the ground without climbing before it counts as landed (chosen; the land detector takes about so long)."""
+"""On the ground without climbing before it counts as landed (chosen; about what the land detector takes)."""
 
 # POSITION_TARGET_TYPEMASK: the bit says "ignore", by field.
 _FIELDS = (
@@ -371,7 +371,7 @@ class Px4:
         self._hold = Hold(self._here())
 
     def _intend(self, mode: int, now_s: float) -> Answer:
-        """Change what a person wants flown."""
+        """Change the mode that the pilot wants flown."""
         self._offboard_pending = False
         if mode == OFFBOARD and (self.armed or self.in_air):
             if self._stream_lost(now_s):

@@ -108,8 +108,8 @@ class Flight:
         command = common.MAVLink_command_long_message(
             1, 1, common.MAV_CMD_DO_SET_MODE, 0, common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *modes, 0.0, 0.0, 0.0, 0.0
         )
-        person = common.MAVLink(None, srcSystem=255, srcComponent=190)
-        self.vehicle.receive(bytes(command.pack(person)), self.now_s)
+        safety_pilot = common.MAVLink(None, srcSystem=255, srcComponent=190)
+        self.vehicle.receive(bytes(command.pack(safety_pilot)), self.now_s)
 
 
 def turned(flight: Flight, turns_rad: tuple[float, ...]) -> tuple[float, float]:
