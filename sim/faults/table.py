@@ -146,7 +146,7 @@ def _hour_ahead_and_restarted(flight: Flight) -> None:
 
 
 def _ahead(flight: Flight, seconds: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the place some seconds ahead on the vehicle's course, and the velocity at which it would come towards us."""
+    """Return the place some seconds ahead on the vehicle's course, and the velocity of who comes from there."""
     truth, (north_m_s, east_m_s) = flight.vehicle.truth, flight.vehicle.ground_velocity_m_s
     return (truth.north_m + seconds * north_m_s, truth.east_m + seconds * east_m_s), (-north_m_s, -east_m_s)
 
