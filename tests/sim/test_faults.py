@@ -1,6 +1,6 @@
 """Every fault in flight, by kind: what the companion does, when, how near disc and fence it comes, what brings it back.
 
-Times are seconds from the fault on, lengths metres; the scene is sim/faults/flight.py's.
+Times are seconds from the fault on, lengths metres; the scene is sim/faults/scene.py's.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 import pytest
 
-from sim.faults.flight import DEMANDED, KINDS, LOOP_PERIOD_S, Moment
+from sim.faults.log import Moment
+from sim.faults.scene import DEMANDED, KINDS, LOOP_PERIOD_S
 from sim.faults.table import DEAD_PARAMETERS, FAULTS, WATCHDOG_S, Dead, Row, dies, fly
 from sim.scaling import CRUISE_M_S
 
