@@ -10,7 +10,7 @@ import numpy as np
 LONG_GAP_S = 0.5
 """An autopilot that hears no setpoint for longer may begin to give the companion up (docs/autopilots.md)."""
 STEERING_ENDED_S = 3.0
-"""After so long without a setpoint the next one begins another stretch of steering."""
+"""After this time without a setpoint the next one begins another stretch of steering."""
 _BIN_S = 1e-3
 
 
@@ -79,7 +79,7 @@ class SetpointGaps:
         return longest_s
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """All of it in a line."""
         if not self.count:
             return "no setpoints sent"
