@@ -30,15 +30,16 @@ SWITCH_SHARE = 0.02
 DEEP_SHARE = 0.05
 """A vehicle this share of the radius inside a disc heads straight out of it; less deep, partly outwards."""
 PATIENCE = 48
-"""After so many states the search asks whether there is a way at all; that costs as much as about twenty states."""
+"""After this many states the search asks whether there is a way at all, which costs as much as about twenty states."""
 MAX_STATES = 1500
-"""And after so many it gives up a path that keeps the turn limit; scenes of 100 discs need fewer than 300."""
+"""After this many it gives up a path that keeps the turn limit; scenes of 100 discs need fewer than 300."""
 NEAREST_TRIES = 8
-"""So many of the nearest points are tried where it is not known which of them there is a way to."""
+"""Nearest points that are tried where it is not known which of them there is a way to."""
 REPLAN_STEPS = 10
-"""A kept way is compared with a fresh one at least every so many calls..."""
+"""A kept way is compared with a fresh one at least once in this many calls."""
 REPLAN_SHARE = 0.05
-"""...and when a disc's centre and radius together, or the goal, have changed by this share of a radius since then."""
+"""A kept way is compared too when a disc's centre and radius together, or the goal, have changed by this share of a
+radius since then."""
 
 
 class Reach(Enum):

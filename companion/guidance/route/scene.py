@@ -12,9 +12,9 @@ TOLERANCE = 1e-9
 TURN_SLACK = 1.02
 """Arcs are this much wider than the turning circle: a vehicle a little outside an arc can still turn back onto it."""
 SNAP_SHARE = 1e-6
-"""Of the radius: a vehicle or a goal this near to a disc's edge is on it..."""
+"""Of the radius: a vehicle or a goal this near to a disc's edge is on it."""
 SNAP_RAD = 1e-3
-"""...and a vehicle goes along it if its heading is this near to the edge's."""
+"""A vehicle on an edge goes along it if its heading is this near to the edge's."""
 FULL_TURN_RAD = 1e-7
 """An arc that lacks less than this to a full turn is no arc: the rounding of a zero."""
 HALF_PI = math.pi / 2.0
