@@ -252,7 +252,7 @@ def fly(
                 break
         if is_due("look", LOOK_PERIOD_S, t_s):
             detections = [
-                Detection(Kind.AGENT, int(identity), *map(float, row[:2]), *vehicle.velocity_m_s)
+                Detection(Kind.AGENT, int(identity), float(row[0]), float(row[1]), *vehicle.velocity_m_s)
                 for identity, row, vehicle in zip(ids, rows, vehicles, strict=True)
             ]
             detections += world_detections(mission, targets, threats)

@@ -26,6 +26,8 @@ from sim.scaling import CRUISE_M_S, scaled
 from sim.score import score
 from sim.trajectory import Trajectory
 
+pytestmark = pytest.mark.slow
+
 KINDS = tuple(CRUISE_M_S)
 MISSION = """
 name: a crossing

@@ -24,6 +24,8 @@ from sim.safety_pilot import SafetyPilot
 from sim.vehicle_service import VehicleOptions, run_vehicle
 from tests.ports import free_ports
 
+pytestmark = pytest.mark.slow
+
 WITHIN_S = 25.0
 HOLD = (4, 3)
 """PX4's main and sub mode."""

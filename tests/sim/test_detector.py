@@ -32,7 +32,7 @@ def own(north_m: float = 0.0, east_m: float = 0.0) -> tuple[float, ...]:
 def seen(them: Fleet, range_m: float = 2_000.0) -> list[Any]:
     messages = []
     for frame in Detector(OWN, SYSTEM, FRAME, range_m).look(them):
-        (message,) = common.MAVLink(None).parse_buffer(frame) or ()
+        (message,) = common.MAVLink(None).parse_buffer(frame) or []
         messages.append(message)
     return messages
 

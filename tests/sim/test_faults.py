@@ -311,6 +311,7 @@ CASES: tuple[tuple[str, tuple[str, ...], tuple[Check, ...]], ...] = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("title", "kind", "checks"),
     [pytest.param(title, kind, checks, id=f"{title}, {kind}") for title, kinds, checks in CASES for kind in kinds],
@@ -365,6 +366,7 @@ def test_a_longer_timeout_costs_its_flight() -> None:
     assert long.farthest_m - short.farthest_m == pytest.approx(2.0 * CRUISE_M_S["arducopter"], rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ARDUPILOT)
 def test_an_ardupilot_goes_on_when_its_companion_is_started_again(kind: str) -> None:
     dead = dies(kind, restarts=True)

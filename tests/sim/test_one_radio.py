@@ -16,6 +16,8 @@ import pytest
 from sim.safety_pilot import HAND_OVER_S, SafetyPilot
 from tests.ports import free_ports
 
+pytestmark = pytest.mark.slow
+
 PATIENCE_S = 60.0
 MISSION = """
 name: one-radio

@@ -155,5 +155,5 @@ class Pilot:
 
 
 def _parsed(frame: bytes) -> Message:
-    (message,) = common.MAVLink(None).parse_buffer(frame) or ()
+    (message,) = common.MAVLink(None).parse_buffer(frame) or []
     return message

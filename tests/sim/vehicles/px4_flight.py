@@ -177,7 +177,7 @@ class Flight:
         return math.degrees(math.remainder(math.radians(self.course_deg - course_deg), math.tau))
 
 
-def local(mask: int, frame: int = common.MAV_FRAME_LOCAL_NED, **fields: float) -> Message:
+def local(mask: int, frame: int = common.MAV_FRAME_LOCAL_NED, /, **fields: float) -> Message:
     """Return a SET_POSITION_TARGET_LOCAL_NED; what is not named is 0."""
     names = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
     assert set(fields) <= set(names)

@@ -126,7 +126,7 @@ def test_a_parked_vehicle_drains_nothing() -> None:
 def test_the_receivers_noise_has_the_deviation_asked_for_and_leaves_the_truth_alone() -> None:
     noisy, exact = Pilot("arducopter"), Pilot("arducopter")
     noisy.vehicle.sensors.noise_m = 3.0
-    errors_m = []
+    errors_m: list[float] = []
     for pilot in (noisy, exact):
         pilot.wait(600.0, period_s=0.5)
     assert noisy.vehicle.truth == exact.vehicle.truth

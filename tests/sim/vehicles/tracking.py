@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common
 
-from companion.autopilot.linked import KINDS
 from companion.autopilot.registry import ADAPTERS
 from companion.geo.kinematics import GRAVITY_M_S2, turn_towards
 from companion.geo.local_frame import LocalFrame
@@ -102,7 +101,7 @@ class Flight:
             self.adapter.receive(datagram, self.now_s)
 
     def _hand_over(self) -> None:
-        mode = next(kind.guided_mode for kind in KINDS if kind.name == self.kind)
+        mode = self.adapter.identity.guided_mode
         # PX4 takes its main mode as a parameter of its own.
         modes = (mode >> 16, 0.0) if mode >= 1 << 16 else (mode, 0.0)
         command = common.MAVLink_command_long_message(
