@@ -30,9 +30,11 @@ from companion.onboard.config import DEFAULT_LAW
 from companion.onboard.flight_log import FlightLog, unused
 from companion.protocol.deframer import StreamFramer
 from companion.protocol.ed25519 import FrameSigner
+from companion.protocol.frame import raw_frame
 from companion.protocol.keys import MAVLINK_NAME, PRIVATE_NAME, load_mavlink_key, load_private
 from companion.protocol.mavlink_signing import UNITS_PER_S, MavlinkSigner, timestamp_of
 from companion.protocol.messages import Directive
+from companion.protocol.radio_status import read_radio_status
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait
 from companion.transport.endpoints import Link, open_receiver, open_sender
@@ -272,15 +274,19 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
 
             def on_datagram(datagram: bytes) -> None:
                 now_s = clock.now_s()
-                for frames in [datagram] if framer is None else framer.feed(datagram):
-                    take(frames, now_s)
-                    log.record(now_s, frames)
+                if framer is None:
+                    take(datagram, now_s)
+                    log.record(now_s, datagram)
+                    return
+                for frame in framer.feed(datagram):
+                    take(frame.data, now_s)
+                    log.record_frame(now_s, frame)
 
             if link is not None:
                 receiver = await open_receiver(link, on_datagram)
                 stack.callback(receiver.close)
 
-        sender = await open_sender(options.link)
+        sender = await open_sender(options.link, read_radio_status)
         stack.callback(sender.close)
         await listen(options.sensor, station.sense)
         await listen(options.uplink, station.hear_report)
@@ -304,7 +310,7 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
             for data in broadcaster.tick(now_s, sender.txbuf_percent):
                 sender.send(data)
                 status.sent_bytes += len(data) + added_bytes
-                log.record(now_s, unwrap(data) or data)
+                log.record(now_s, unwrap(raw_frame(data)) or data)
             if display is not None:
                 for data in mirror.tick(station.tracks, now_s):
                     display.send(data)

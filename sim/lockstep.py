@@ -131,7 +131,7 @@ class _Aircraft:
             heard_s = logged_s(START_S + arrival_s)
             for passed_on in self._passed_on(datagram):
                 for frame in self.companion.hear(passed_on, heard_s):
-                    self._log(frame, heard_s)
+                    self._log(frame.data, heard_s)
 
     def _passed_on(self, datagram: bytes) -> list[bytes]:
         """Return what the companion gets of the broadcast: all, or what the autopilot that hears it passes on."""

@@ -11,6 +11,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
+from companion.files.mavlink_layout import HEADER_V2_BYTES, MARKER_V2, frame_parts
+
 Message = Any
 """A message of the generated module, which carries no types."""
 
@@ -87,20 +89,8 @@ _LAT_MAX_E7 = 900_000_000
 _LON_MAX_E7 = 1_800_000_000
 
 
-_HEADER_BYTES = 10
-
-
 _NO_FIX = (0, 0)
 """What autopilots send as latitude and longitude before they know them."""
-
-
-_FLAG_SIGNED = 0x01
-
-
-_SIGNATURE_BYTES = 13
-
-
-_MARKER = 0xFD
 
 
 @dataclass(frozen=True)
@@ -395,7 +385,7 @@ def _is_on_earth(lat_e7: int, lon_e7: int) -> bool:
 
 def _is_one_other_message(datagram: bytes) -> bool:
     """Return whether a datagram is a single MAVLink 2 message that nobody here reads: a cheap check before parsing."""
-    if len(datagram) < _HEADER_BYTES or datagram[0] != _MARKER:
+    if len(datagram) < HEADER_V2_BYTES or datagram[0] != MARKER_V2:
         return False
-    length = datagram[1] + 12 + (_SIGNATURE_BYTES if datagram[2] & _FLAG_SIGNED else 0)
-    return len(datagram) == length and int.from_bytes(datagram[7:10], "little") not in _MESSAGE_IDS
+    message_id, _, _, end = frame_parts(datagram)
+    return end == len(datagram) and message_id not in _MESSAGE_IDS

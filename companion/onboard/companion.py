@@ -8,6 +8,7 @@ may it steer (authority) -> picture -> how far all of it can be trusted (ladder)
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -55,6 +56,7 @@ from companion.onboard.limits import within
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator, Trust
 from companion.protocol.codec import Directive, FrameWriter, ReportFrame
+from companion.protocol.frame import RawFrame
 from companion.protocol.link_quality import LinkMonitor
 
 ARRIVAL_SHARE = 0.8
@@ -188,14 +190,18 @@ class Companion:
         """Whether a setpoint stands."""
         return self._steered is not None
 
-    def hear(self, datagram: bytes, now_s: float) -> list[bytes]:
+    def hear(self, datagram: bytes, now_s: float) -> list[RawFrame]:
         """Take in bytes from the broadcast link; return the frames that are believed. Never raises, whatever the bytes.
 
         In a flood a frame may be believed only at a later call.
         """
         return self._believe(self.authenticator.admit(datagram, now_s), now_s)
 
-    def hear_waiting(self, now_s: float) -> list[bytes]:
+    def hear_frames(self, frames: Iterable[RawFrame], now_s: float) -> list[RawFrame]:
+        """Take in what the authenticator has deframed; return the frames that are believed; see `hear`."""
+        return self._believe(self.authenticator.admit_frames(frames, now_s), now_s)
+
+    def hear_waiting(self, now_s: float) -> list[RawFrame]:
         """Take in what waited for its check; return the frames that are believed."""
         return self._believe(self.authenticator.due(now_s), now_s)
 
@@ -274,7 +280,7 @@ class Companion:
         self.flown_m = flown_m
         self._last_position_ned_m = None
 
-    def _believe(self, admitted: list[Authenticated], now_s: float) -> list[bytes]:
+    def _believe(self, admitted: list[Authenticated], now_s: float) -> list[RawFrame]:
         for _, frame in admitted:
             self.link_monitor.note(frame, now_s)
             self.world_model.take(frame, now_s)

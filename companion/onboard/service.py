@@ -22,21 +22,23 @@ from pathlib import Path
 
 import click
 
-from companion.autopilot.offboard import MAVSDK_SILENT, Offboard, Velocity, is_setpoint, velocity_of
+from companion.autopilot.adapter import SetpointFrame, Velocity
+from companion.autopilot.offboard import MAVSDK_SILENT, Offboard, is_setpoint
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.errors import InputError
 from companion.files.state import check_state_file, read_state_file, write_state_file
-from companion.files.tlog import TlogWriter, whole_frames
+from companion.files.tlog import TlogWriter
 from companion.onboard.authority import State
 from companion.onboard.companion import Companion, Decision, Purpose
 from companion.onboard.config import ONE_RADIO, AutopilotSection, BroadcastSection, Config, dump_config
 from companion.onboard.decision_table import DecisionTable
 from companion.onboard.flight_log import FlightLog, Mark, clock_frame, decision_frame, mark_frame, summary_line, unused
 from companion.onboard.statustext import StatusReporter
-from companion.protocol.authenticator import EXPECTED, OLD_EPOCH, Authenticator, AuthenticatorState, Trust
+from companion.protocol.authenticator import EXPECTED, Authenticator, AuthenticatorState, Trust
 from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter
-from companion.protocol.deframer import MARKER, StreamFramer, header_of
 from companion.protocol.dialect import oneway
+from companion.protocol.frame import RawFrame, raw_frames
+from companion.protocol.freshness import OLD_EPOCH
 from companion.protocol.keys import load_mavlink_key, load_public
 from companion.protocol.link_quality import Warnings
 from companion.protocol.v2_extension import unwrap
@@ -143,7 +145,7 @@ class _Shell:
         self._broadcast_link = link
         is_stream = link is not None and link.scheme == "serial"
         authenticator = Authenticator(trust_of(broadcast), _state_of(broadcast), is_stream=is_stream)
-        self._framer = StreamFramer() if is_stream else None
+        self._is_stream = is_stream
         was, warning = saved_authority(autopilot)
         if warning is not None:
             self._say(f"warning: {warning}")
@@ -249,11 +251,10 @@ class _Shell:
         for frame in frames:
             self._logs.vehicle.record(now_s, frame)
             steers = steers or is_setpoint(frame)
-            velocity = None if self._offboard is None else velocity_of(frame)
-            if velocity is None:
-                self._transmit(frame)
+            if self._offboard is not None and isinstance(frame, SetpointFrame):
+                self._wanted = frame.velocity
             else:
-                self._wanted = velocity
+                self._transmit(frame)
         if self._offboard is not None:
             self._offboard.tick(self._companion.adapter.telemetry.system_id, self._wanted)
         if not steers:
@@ -297,27 +298,34 @@ class _Shell:
     def _say(self, line: str) -> None:
         self._words.do(lambda: click.echo(f"companion: {line}"))
 
-    def _believe(self, take: Callable[[float], list[bytes]]) -> None:
+    def _believe(self, take: Callable[[float], list[RawFrame]]) -> None:
         now_s = self._clock.now_s()
         for raw in take(now_s):
-            self._logs.vehicle.record(now_s, raw)
+            self._logs.vehicle.record_frame(now_s, raw)
 
     def _from_broadcast(self, datagram: bytes) -> None:
-        for frames in [datagram] if self._framer is None else self._framer.feed(datagram):
-            self._logs.broadcast.record(self._clock.now_s(), frames)
-        self._believe(lambda now_s: self._companion.hear(datagram, now_s))
+        if self._is_stream:
+            frames = list(self._companion.authenticator.deframed(datagram))
+            for frame in frames:
+                self._logs.broadcast.record_frame(self._clock.now_s(), frame)
+            self._believe(lambda now_s: self._companion.hear_frames(frames, now_s))
+        else:
+            self._logs.broadcast.record(self._clock.now_s(), datagram)
+            self._believe(lambda now_s: self._companion.hear(datagram, now_s))
 
     def _from_autopilot(self, datagram: bytes) -> None:
-        frames = b"".join(frame for frame in whole_frames(datagram) if not self._is_others(frame))
+        frames = [frame for frame in raw_frames(datagram) if not self._is_others(frame)]
         if not frames:
             return
         now_s = self._clock.now_s()
-        self._companion.receive(frames, now_s)
-        self._logs.vehicle.record(now_s, frames)
+        told = b"".join(frame.data for frame in frames)
+        self._companion.receive(told, now_s)
+        for frame in frames:
+            self._logs.vehicle.record_frame(now_s, frame)
         if self._offboard is not None:
-            self._offboard.receive(frames)
+            self._offboard.receive(told)
 
-    def _is_others(self, frame: bytes) -> bool:
+    def _is_others(self, frame: RawFrame) -> bool:
         """Return whether a frame on the autopilot's link is none of the autopilot's; hear it if it is the broadcast's.
 
         What the log keeps for the ground station's and for our own must not come from this link, or a replay would
@@ -326,12 +334,10 @@ class _Shell:
         if self._broadcast_link is None and (inner := unwrap(frame)) is not None:
             self._from_broadcast(inner)
             return True
-        if frame[0] != MARKER:
+        if frame.version == 1:
             return False
-        header = header_of(frame)
-        sender = (header.system, header.component)
-        ours = header.component == COMPANION_COMPONENT or header.message_id in ONEWAY_IDS
-        return ours or sender == (GROUND_SYSTEM, GROUND_COMPONENT)
+        ours = frame.component == COMPANION_COMPONENT or frame.message_id in ONEWAY_IDS
+        return ours or frame.sender == (GROUND_SYSTEM, GROUND_COMPONENT)
 
     def _note_clock(self, now_s: float) -> None:
         offset_s = time.time() - now_s

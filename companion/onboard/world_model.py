@@ -31,8 +31,7 @@ from companion.protocol.codec import (
     ThreatEntry,
     ThreatPlace,
 )
-from companion.protocol.link_quality import SenderClock
-from companion.protocol.messages import RESTART_AFTER_S
+from companion.protocol.freshness import RESTART_AFTER_S, SenderClock
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,7 @@ from companion.protocol.fleet_codec import (
     write_fleet,
     write_radii,
 )
+from companion.protocol.frame import ED25519_BYTES, RawFrame, raw_frame
 from companion.protocol.messages import (
     AgentEntry,
     AgentMotion,
@@ -78,7 +79,6 @@ __all__ = [
     "GROUND_SYSTEM",
     "ID_SPAN",
     "SENSOR_COMPONENT",
-    "SIGNATURE_BYTES",
     "TARGETS_PER_FRAME",
     "THREATS_PER_FRAME",
     "AgentEntry",
@@ -118,7 +118,6 @@ DETECTIONS_PER_FRAME = 14
 BANDS_PER_FRAME = 20
 ID_SPAN = 256
 """Ids in one state frame lie within this of the least one: they travel as 8 bits above a 16-bit base."""
-SIGNATURE_BYTES = 64
 GROUND_SYSTEM = 254
 """MAVLink system id of the ground station; 255/190 would be dropped by a receiver that is a ground station itself."""
 GROUND_COMPONENT = 190
@@ -130,12 +129,7 @@ _UNKNOWN_HEADING = UINT16_MAX
 _MIN_RESOLUTION_CM = 1
 _DIGEST_BYTES = 8
 _MISSION_NAME_BYTES = PAYLOAD_BYTES - MISSION_HEAD_BYTES
-_HEADER_BYTES = 10
-"""Of a MAVLink 2 frame, before its payload."""
-_MARKER = 0xFD
-_LENGTH_AT = 1
-_ID_AT = 7
-_NO_SIGNATURE = [0] * SIGNATURE_BYTES
+_NO_SIGNATURE = [0] * ED25519_BYTES
 
 
 class FrameWriter:
@@ -164,7 +158,6 @@ class FrameReader:
 
     def __init__(self) -> None:
         self.rejected: Counter[str] = Counter()
-        self.accepted = 0
 
     def read(self, datagram: bytes) -> list[Frame]:
         """Return the genuine frames in a datagram, in order. Never raises, whatever the bytes."""
@@ -179,15 +172,14 @@ class FrameReader:
                 self.rejected["damaged"] += 1
                 continue
             try:
-                frames.append(decode_frame(bytes(message.get_msgbuf())))
+                frames.append(decode_frame(raw_frame(bytes(message.get_msgbuf()))))
             except WireError as error:
                 self.rejected[str(error)] += 1
-        self.accepted += len(frames)
         return frames
 
 
-def decode_frame(raw: bytes) -> Frame:
-    """Return what one whole MAVLink 2 frame says, whose checksum the caller has found right.
+def decode_frame(raw: RawFrame) -> Frame:
+    """Return what a MAVLink 2 frame says, whose checksum the caller has found right.
 
     A MAVLink signature may follow; neither it nor an Ed25519 signature is looked at.
 
@@ -195,10 +187,9 @@ def decode_frame(raw: bytes) -> Frame:
         WireError: the frame is not of the dialect's own messages, or its fields make no sense; the text is a fixed one.
 
     """
-    number = int.from_bytes(raw[_ID_AT:_HEADER_BYTES], "little")
-    if len(raw) < _HEADER_BYTES or raw[0] != _MARKER or number not in _DECODERS:
+    if raw.version != 2 or raw.message_id not in _DECODERS:
         raise WireError("foreign")
-    return _DECODERS[number](_fields(number, raw[_HEADER_BYTES : _HEADER_BYTES + raw[_LENGTH_AT]]))
+    return _DECODERS[raw.message_id](_fields(raw.message_id, raw.payload))
 
 
 def _fields(number: int, payload: bytes) -> Fields:

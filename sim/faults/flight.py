@@ -232,7 +232,7 @@ class Flight:
         self._sensor = mission_sensor(mission, int(START_S))
         can_stop = ADAPTERS[kind]().can_stop
         self._ground = GroundStation(mission, START_S, law="routed", can_stop=can_stop)
-        self._broadcaster = Broadcaster(self._ground, None, _sealer(FLEET_KEY if setting.signed else None))
+        self._broadcaster = Broadcaster(self._ground, None, _frame_signer(FLEET_KEY if setting.signed else None))
         self._impostor: Broadcaster | None = None
         self._replayed: list[tuple[float, bytes]] | None = None
         self._on_air: list[tuple[float, bytes]] = []
@@ -310,7 +310,7 @@ class Flight:
         elif how is not None:
             lured = self.setting.mission.model_copy(update={"threats": (), "targets": self._elsewhere()})
             station = GroundStation(lured, START_S + self._t_s, law="routed", can_stop=True)
-            self._impostor = Broadcaster(station, None, _sealer(OTHER_KEY if how == "of another key" else None))
+            self._impostor = Broadcaster(station, None, _frame_signer(OTHER_KEY if how == "of another key" else None))
 
     def take_over(self, mode: int | None = None) -> None:
         """Let the person choose another mode: the one that holds the vehicle where it is, unless another is named."""
@@ -584,7 +584,7 @@ def _config(setting: Setting) -> Config:
     return config.model_copy(update={"autopilot": section, "limits": limits, "staleness": STALENESS})
 
 
-def _sealer(key: bytes | None) -> FrameSigner:
+def _frame_signer(key: bytes | None) -> FrameSigner:
     return FrameSigner(None, None if key is None else MavlinkSigner(key, 0))
 
 

@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 
-from companion.protocol.authenticator import Authenticator, CheckLimiter, Trust
+from companion.protocol.authenticator import WRONG_ED25519, Authenticator, CheckLimiter, Trust
 from companion.protocol.ed25519 import ED25519_BYTES
 from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.transport.endpoints import open_receiver, parse_link
@@ -151,7 +151,7 @@ async def _listen(trust: Trust, pipe: Connection) -> None:
         authenticator.due(time.time())
     cpu_s = time.process_time() - began_cpu_s
     receiver.close()
-    checked = authenticator.rejected["wrong Ed25519 signature"] + authenticator.accepted
+    checked = authenticator.rejected[WRONG_ED25519] + counts["forged"] + counts["genuine"]
     pipe.send(counts | {"cpu_s": cpu_s, "checked": checked})
 
 
