@@ -201,12 +201,12 @@ def certify_command(mission: str, seed: int, b_m: float | None, as_json: bool) -
     """
     if b_m is not None and not (b_m > 0.0 and math.isfinite(b_m)):
         raise InputError(f"--b: {b_m:g}; allowed: a positive number of metres")
-    from companion.mission.model import load_mission
+    from companion.autopilot.missions import load_mission_to_fly
     from companion.mission.resolve import resolve
     from companion.surrogate.certificate_text import certificate_text
     from companion.surrogate.certificates import certify
 
-    certificate = certify(resolve(load_mission(mission), seed, mission), seed, b_m)
+    certificate = certify(resolve(load_mission_to_fly(mission), seed, mission), seed, b_m)
     tell(json.dumps(certificate.to_dict(), allow_nan=False) if as_json else certificate_text(certificate))
     return EXIT_DONE if certificate.certified else EXIT_FAILED
 

@@ -15,15 +15,16 @@ import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
-from companion.autopilot.adapter import NoAutopilot
-from companion.autopilot.telemetry import Neighbour, Telemetry
+from companion.autopilot.point import PointAdapter
+from companion.autopilot.telemetry import Neighbour
 from companion.geo.kinematics import advance, turn_rate_rad_s, turn_towards
 from companion.geo.local_frame import LocalFrame
-from companion.guard.guard import Setpoint
 from companion.guidance.laws import SteeringOf
+from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
 from companion.onboard.companion import Companion
-from companion.onboard.config import Law, config_for_agent
+from companion.onboard.config import config_for_agent
+from companion.onboard.law_settings import law_settings
 
 DRIFT_SHARE = 0.01
 """Of the distance that an agent may have flown: how much of it the reckoning may be wrong by in still air."""
@@ -48,7 +49,7 @@ class DeadReckoner:
     """Reckons all agents of one mission; times are Unix seconds given by the caller."""
 
     def __init__(
-        self, mission: Mission, now_s: float, law: Law, can_stop: bool, steering: SteeringOf | None = None
+        self, mission: Mission, now_s: float, law: LawName, can_stop: bool, steering: SteeringOf | None = None
     ) -> None:
         """Begin with the agents where the mission says; `can_stop` is the kind of vehicle that they are.
 
@@ -129,8 +130,8 @@ class DeadReckoner:
         )
 
 
-class _Reckoned(NoAutopilot):
-    """One agent as it must be by now; it is to its companion what an autopilot would be."""
+class _Reckoned:
+    """One agent as it must be by now."""
 
     def __init__(
         self,
@@ -138,38 +139,27 @@ class _Reckoned(NoAutopilot):
         spec: AgentSpec,
         frame: LocalFrame,
         now_s: float,
-        law: Law,
+        law: LawName,
         can_stop: bool,
         steering: SteeringOf | None,
     ) -> None:
         config = config_for_agent(mission, spec.id, law)
         self.spec = spec
-        self.can_stop = can_stop
-        self.companion = Companion(config, self, None if steering is None else steering(config))
-        self.neighbours: list[Neighbour] = []
         self.north_m, self.east_m = spec.position_ned_m
+        self._adapter = PointAdapter(can_stop, frame.to_global(self.north_m, self.east_m), config.height_m)
+        self.companion = Companion(config, self._adapter, None if steering is None else steering(law_settings(config)))
         self.heading_rad = math.radians(spec.heading_deg or 0.0)
         self.speed_m_s = 0.0 if can_stop else spec.speed_m_s
         self.fixed_at_s = now_s
         self.fix_error_m = FIX_ERROR_M
         self._frame = frame
-        self._home_deg = frame.to_global(self.north_m, self.east_m)
         self._altitude_m = mission.origin.alt_m + config.height_m
         self._wanted_rad = self.heading_rad
         self._circles = False
-        self.telemetry = Telemetry()
-
-    # What an adapter offers the companion
-
-    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
-        self._wanted_rad, self.speed_m_s = setpoint.heading_rad, setpoint.speed_m_s
-        return []
-
-    # What dead reckoning does with it
 
     def look(self, others: Iterable[_Reckoned], range_m: float, now_s: float) -> None:
         """See who is near, as the vehicle's own detector would."""
-        self.neighbours = [
+        self._adapter.neighbours = [
             other.as_neighbour(now_s)
             for other in others
             if other is not self and math.hypot(other.north_m - self.north_m, other.east_m - self.east_m) <= range_m
@@ -182,25 +172,13 @@ class _Reckoned(NoAutopilot):
         return Neighbour(self.spec.id, lat_deg, lon_deg, *velocity_m_s, now_s, self._altitude_m)
 
     def decide(self, now_s: float) -> None:
-        here = self.as_neighbour(now_s)
-        self.telemetry = Telemetry(
-            system_id=1,
-            heartbeat_at_s=now_s,
-            armed=True,
-            position_at_s=now_s,
-            lat_deg=here.lat_deg,
-            lon_deg=here.lon_deg,
-            height_m=self.companion.config.height_m,
-            altitude_m=self._altitude_m,
-            velocity_north_m_s=here.velocity_north_m_s,
-            velocity_east_m_s=here.velocity_east_m_s,
-            yaw_rad=None,
-            home_deg=self._home_deg,
-            in_air=True,
-        )
+        self._adapter.tell(self.as_neighbour(now_s), None, now_s)
+        self._adapter.setpoint = None
         decision, _ = self.companion.tick(now_s)
+        if self._adapter.setpoint is not None:
+            self._wanted_rad, self.speed_m_s = self._adapter.setpoint.heading_rad, self._adapter.setpoint.speed_m_s
         # Until its companion has a picture, what cannot stop circles where it is.
-        self._circles = decision.setpoint is None and not self.can_stop
+        self._circles = decision.setpoint is None and not self._adapter.can_stop
 
     def move(self, dt_s: float) -> None:
         self.north_m, self.east_m, self.heading_rad = self.ahead(dt_s)

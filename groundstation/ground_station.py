@@ -15,9 +15,8 @@ from companion.errors import InputError
 from companion.geo.kinematics import turn_rate_rad_s
 from companion.geo.local_frame import LocalFrame, to_grid
 from companion.guidance.laws import SteeringOf
-from companion.guidance.steering import RANGE_RESERVE
-from companion.mission.model import AgentSpec, Mission, agent_height_m
-from companion.onboard.config import Law
+from companion.guidance.settings import LawName
+from companion.mission.model import RANGE_RESERVE, AgentSpec, Mission, agent_height_m
 from companion.protocol.codec import (
     BandsFrame,
     DetectionsFrame,
@@ -93,7 +92,7 @@ class GroundStation:
         mission: Mission,
         start_s: float,
         sensed: bool = True,
-        law: Law = "seed",
+        law: LawName = "seed",
         can_stop: bool = False,
         steering: SteeringOf | None = None,
         epoch_s: int | None = None,

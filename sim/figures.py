@@ -11,7 +11,7 @@ import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,12 +20,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
-from sim.report import KINEMATIC
+from companion.mission.model import Mission
+from sim.flown import FlownMission
 from sim.score import Score
 from sim.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from companion.mission.model import Mission
 
 DETECTION_COLOUR = "#1f5fd0"
 ATTACK_COLOUR = "#d01c1c"
@@ -55,7 +53,7 @@ MARGIN = 0.05
 DPI = 110
 _LABEL_PT = 8.0
 _LABEL_STRIDE = 8
-"""Of a thinned path's points, every so many are kept clear of texts."""
+"""Of the points of a thinned path, every eighth is kept clear of texts."""
 _LABEL_OFFSETS_PT = tuple(
     (reach * math.cos(angle), reach * math.sin(angle))
     for reach in (10.0, 16.0, 24.0)
@@ -64,31 +62,22 @@ _LABEL_OFFSETS_PT = tuple(
 """Where an agent's number may stand beside its star; the first place free of other things is taken."""
 
 
-def plot_paths(
-    trajectory: Trajectory,
-    mission: Mission,
-    score: Score,
-    path_png: Path,
-    title: str,
-    *,
-    seed: int,
-    law: str,
-    stand_in: str = KINEMATIC,
-) -> bytes:
-    """Draw the paths of a run into a PNG file, north up, to equal scales, and return the file's bytes.
+def plot_paths(flown: FlownMission, path_png: Path, title: str) -> bytes:
+    """Draw the paths of a flight into a PNG file, north up, to equal scales, and return the file's bytes.
 
     Threats are drawn thin where they started and solid where they were at the end, with their track. The title may
     contain any text; it is not read as mathematics. Raises OSError where the file cannot be written.
     """
     figure = Figure(figsize=(10.0, 8.2), dpi=DPI)
     axes = figure.add_axes((0.075, 0.1, 0.69, 0.83))
-    legend, unit = draw_run(axes, trajectory, mission, score)
+    legend, unit = draw_flight(axes, flown)
+    score = flown.score
     figure.suptitle(title, x=0.42, y=0.975, fontsize=12, parse_math=False)
     figure.text(
         0.42,
         0.015,
-        f"{stand_in}, seed {seed}, law {law}, {_duration(score.flight_time_s)} flown, "
-        f"{score.arrived} of {len(trajectory.agent_ids)} agents arrived, "
+        f"{flown.stand_in}, seed {flown.seed}, law {flown.law}, {_duration(score.flight_time_s)} flown, "
+        f"{score.arrived} of {len(flown.trajectory.agent_ids)} agents arrived, "
         f"{score.targets_reached} of {score.targets} targets reached",
         ha="center",
         fontsize=8.5,
@@ -104,20 +93,19 @@ def plot_paths(
     return png
 
 
-def draw_run(
-    axes: Axes, trajectory: Trajectory, mission: Mission, score: Score, framed: Trajectory | None = None
-) -> tuple[list[Line2D], str]:
-    """Draw threats, targets and agents of a run, or of its beginning, onto a map; return its legend and length unit.
+def draw_flight(axes: Axes, flown: FlownMission, framed: Trajectory | None = None) -> tuple[list[Line2D], str]:
+    """Draw threats, targets and agents of a flight, or of its beginning, onto a map; return its legend and length unit.
 
-    The map is cut to hold all of `framed`, which is the trajectory itself unless given: so that pictures of one run at
-    several times show the same ground.
+    The map is cut to hold all of `framed`, which is the flight's trajectory unless given: so that pictures of one
+    flight at several times show the same ground.
     """
+    trajectory, mission = flown.trajectory, flown.mission
     unit_m, unit = _frame(axes, trajectory if framed is None else framed, mission)
     axes.set_xlabel(f"east ({unit})")
     axes.set_ylabel(f"north ({unit})")
     legend = _draw_threats(axes, trajectory, mission, unit_m)
     legend += _draw_targets(axes, trajectory, unit_m)
-    legend += _draw_agents(axes, trajectory, score, unit_m)
+    legend += _draw_agents(axes, trajectory, flown.score, unit_m)
     return legend, unit
 
 
@@ -129,7 +117,7 @@ def clearance_png(score: Score, mission: Mission) -> bytes:
     history = score.history
     upper.set_title("Clearance: nearest agent to the edge of any detection radius", fontsize=10, loc="left")
     if np.isnan(history.clearance_m).all():
-        _say(upper, "no threats, or no agents")
+        _note(upper, "no threats, or no agents")
     else:
         least_radius_m = min(threat.detection_radius_m for threat in mission.threats)
         linear_m = 10.0 ** math.floor(math.log10(least_radius_m / 5))  # logarithmic beyond, linear through zero
@@ -151,7 +139,7 @@ def clearance_png(score: Score, mission: Mission) -> bytes:
         )
     lower.set_title("Separation: nearest two agents, closest approach between samples", fontsize=10, loc="left")
     if np.isnan(history.separation_m).all():
-        _say(lower, "fewer than two agents")
+        _note(lower, "fewer than two agents")
     else:
         lower.set_yscale("log")
         lower.axhline(mission.separation_m, color=ATTACK_COLOUR, lw=1.0, ls="--")
@@ -359,7 +347,7 @@ def _moved(axes: Axes, track: np.ndarray) -> bool:
 
 
 def _thinned(track: np.ndarray) -> np.ndarray:
-    """Return every so many points of a track (S, 2), and the last."""
+    """Return a track (S, 2) thinned to about POINTS_PER_PATH points, the last among them."""
     stride = max(1, len(track) // POINTS_PER_PATH)
     return np.concatenate((track[:-1:stride], track[-1:]))
 
@@ -371,7 +359,7 @@ def _line(axes: Axes, t_s: np.ndarray, values: np.ndarray, colour: str) -> None:
     axes.plot(t_s[starts], np.fmin.reduceat(values, starts), color=colour, lw=1.3)
 
 
-def _say(axes: Axes, text: str) -> None:
+def _note(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#666666")
 
 

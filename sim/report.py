@@ -1,23 +1,25 @@
-"""The report of one run, as a person wants to read it: one HTML file that needs nothing else.
+"""The report of one flight, made for reading: one HTML file that needs nothing else.
 
 It opens from a disk years later, without a network: pictures are data URIs, the style is inside, nothing is loaded and
-no script runs. Every value is escaped, for a mission's name is anybody's text.
+no script runs. Every value is escaped, because anybody may have written a mission's name. The page itself is
+`templates/report.html`; what stands in it is worked out here.
 """
 
 from __future__ import annotations
 
 import base64
-import html
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from companion.mission.model import LinkSpec, Mission, Wind
+from sim.flown import KINEMATIC, FlownMission
 from sim.score import Score
 from sim.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from companion.mission.model import LinkSpec, Mission, Wind
 
 RESULT_ROWS: tuple[tuple[str, str, str], ...] = (
     ("arrived", "agents arrived", "Agents that came within the arrival radius of a target nobody had reached before."),
@@ -60,113 +62,63 @@ ELSEWHERE = ("seed", "law", "path_length_m", "shortest_path_m")
 
 _NOTHING = "–"
 
-_STYLE = """
-:root { color-scheme: light dark; --text: #1c1e21; --quiet: #5a6068; --page: #ffffff; --panel: #f3f4f6;
-  --line: #d5d8dd; }
-@media (prefers-color-scheme: dark) {
-  :root { --text: #e7e9ec; --quiet: #a5acb5; --page: #17191c; --panel: #22262b; --line: #3a4048; }
-}
-body { margin: 0 auto; padding: 1.5rem 1rem 4rem; max-width: 62rem; color: var(--text); background: var(--page);
-  font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
-h1 { font-size: 1.7rem; line-height: 1.25; margin: 0 0 .25rem; overflow-wrap: anywhere; }
-h2 { font-size: 1.2rem; margin: 2.2rem 0 .6rem; }
-p { max-width: 46rem; }
-.quiet { color: var(--quiet); }
-.summary { font-size: 1.1rem; }
-.note { border-left: .25rem solid var(--quiet); background: var(--panel); padding: .7rem 1rem; max-width: 44rem; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-caption { text-align: left; color: var(--quiet); padding-bottom: .4rem; }
-th, td { text-align: left; vertical-align: top; padding: .35rem .8rem .35rem 0; border-bottom: 1px solid var(--line); }
-thead th { border-bottom-width: 2px; }
-tbody th { font-weight: 600; }
-td.number, th.number { text-align: right; white-space: nowrap; }
-figure { margin: 0; }
-td { white-space: pre-line; }
-img { display: block; max-width: 100%; height: auto; background: #ffffff; border: 1px solid var(--line);
-  border-radius: .3rem; }
-figcaption { color: var(--quiet); padding-top: .4rem; max-width: 46rem; }
-pre { background: var(--panel); padding: .8rem 1rem; overflow-x: auto; border-radius: .3rem; }
-code { font-family: ui-monospace, "Cascadia Mono", Menlo, Consolas, monospace; font-size: .92em; }
-"""
+
+@dataclass(frozen=True)
+class Pictures:
+    """The pictures of a report, as the bytes of PNG files."""
+
+    paths_png: bytes
+    clearance_png: bytes
 
 
-KINEMATIC = "kinematic simulator"
-"""What flew, as reports and figures say it, unless the caller says that it was something else."""
-_KINEMATIC_NOTE = (
-    "The simulator is <strong>kinematic</strong>: vehicles move along exact arcs at their commanded speed, with a "
-    "limited rate of turn. It has no aerodynamics, no attitude and no engine, so it shows what the guidance decides "
-    "and what the link does to it, not how an airframe follows."
-)
-_STAND_IN_NOTE = (
-    "The vehicles are <strong>stand-ins</strong> that answer and move as the autopilot was measured to in its own "
-    "simulator: modes, time-outs, lags and limits, but no aerodynamics beyond them and no sensor's faults."
-)
+@dataclass(frozen=True)
+class Table:
+    """A table whose first column names the row."""
+
+    caption: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    numbers: tuple[int, ...] = ()
+    """Columns that are aligned to the right."""
 
 
-def write_report(
-    path: Path,
-    mission: Mission,
-    result: Mapping[str, Any],
-    score: Score,
-    trajectory: Trajectory,
-    paths_png: bytes,
-    clearance_png: bytes,
-    command: str,
-    stand_in: str = KINEMATIC,
-) -> None:
+def write_report(path: Path, flown: FlownMission, result: Mapping[str, Any], pictures: Pictures, command: str) -> None:
     """Write `report.html`.
 
-    `result` is what goes into `result.json`, at least `seed` and `law`; keys it lacks are left out of the table. The
-    two pictures are PNG files' bytes, `command` is what repeats the run, and `stand_in` says what flew. Raises OSError
-    where the file cannot be written.
+    `result` is what goes into `result.json`; keys that it lacks are left out of the table. `command` is what repeats
+    the flight. Raises OSError where the file cannot be written.
     """
-    title = f"{mission.name}: seed {result['seed']}, law {result['law']}"
-    body = [
-        f"<h1>{_text(mission.name)}</h1>",
-        f'<p class="quiet">Seed {_text(result["seed"])}, law {_text(result["law"])}. '
-        f"{_text(stand_in[:1].upper() + stand_in[1:])}.</p>",
-        f'<p class="summary">{_text(_verdict(score, trajectory))}</p>',
-        "<h2>The paths</h2>",
-        _picture(
-            paths_png,
-            "Map of the run, north up: the agents' paths from their starts to the targets, and the threats' circles.",
-            "North is up. Blue circles are detection radii, red circles attack radii; a star is an agent's start, a "
-            "plus a target.",
-        ),
-        "<h2>Results</h2>",
-        _result_table(result),
-        "<h2>How close it came</h2>",
-        _picture(
-            clearance_png,
-            "Two curves over time: the least distance of any agent to the edge of any detection radius, and the least "
-            "distance between two agents.",
-            "Both are the least over all agents that were not lost, whether or not they had arrived. Below zero, an "
-            "agent was inside a detection radius; below the dashed line, two were nearer than the mission allows.",
-        ),
-        "<h2>Agents</h2>",
-        _agent_table(score),
-        "<h2>Targets</h2>",
-        _target_table(score),
-        "<h2>What was flown</h2>",
-        _mission_table(mission, trajectory),
-        "<h2>What this run can and cannot show</h2>",
-        f'<p class="note">{_KINEMATIC_NOTE if stand_in == KINEMATIC else _STAND_IN_NOTE} '
-        "Threats and targets move as the mission says. Nothing here was flown outside the simulator.</p>",
-        "<h2>To repeat this run</h2>",
-        f"<pre><code>{_text(command)}</code></pre>",
-        "<p>The same mission and seed give the same <code>trajectory.csv</code> byte for byte, and every figure above "
-        "but the two times of computing. Figures about paths, entries, separation and arrival follow from "
-        "<code>trajectory.csv</code> and <code>mission.yaml</code> alone.</p>",
-    ]
     page = (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{_text(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<main>\n"
-        + "\n".join(body)
-        + "\n</main>\n</body>\n</html>\n"
+        _environment()
+        .get_template("report.html")
+        .render(
+            name=flown.mission.name,
+            seed=result["seed"],
+            law=result["law"],
+            stand_in=flown.stand_in,
+            kinematic=flown.stand_in == KINEMATIC,
+            verdict=_verdict(flown.score, flown.trajectory),
+            pictures=pictures,
+            results=_result_table(result),
+            agents=_agent_table(flown.score),
+            targets=_target_table(flown.score),
+            settings=_mission_table(flown.mission, flown.trajectory),
+            command=command,
+        )
     )
     path.write_text(page, encoding="utf-8", newline="\n")
+
+
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("sim"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
+    return environment
 
 
 def _verdict(score: Score, trajectory: Trajectory) -> str:
@@ -203,21 +155,21 @@ def _verdict(score: Score, trajectory: Trajectory) -> str:
     return " ".join(sentences)
 
 
-def _result_table(result: Mapping[str, Any]) -> str:
+def _result_table(result: Mapping[str, Any]) -> Table:
     known = [(name, _value(result[key]), why) for key, name, why in RESULT_ROWS if key in result]
     explained = {key for key, _, _ in RESULT_ROWS}
     others = [
         (key, _value(value), "") for key, value in result.items() if key not in explained and key not in ELSEWHERE
     ]
-    return _table(
+    return Table(
         "The figures of result.json, and what each means.",
         ("figure", "value", "meaning"),
-        [*known, *others],
+        (*known, *others),
         numbers=(1,),
     )
 
 
-def _agent_table(score: Score) -> str:
+def _agent_table(score: Score) -> Table:
     rows = []
     for agent in score.per_agent:
         ending = _NOTHING
@@ -238,7 +190,7 @@ def _agent_table(score: Score) -> str:
                 str(agent.threat_entries_detection),
             )
         )
-    return _table(
+    return Table(
         "The shortest path goes around the detection radii of static threats to where the agent arrived (else to its "
         "last position); moving threats are left out, so it is a lower bound. The ratio compares it with the path up "
         "to there, without the loiter afterwards.",
@@ -252,12 +204,12 @@ def _agent_table(score: Score) -> str:
             "ratio",
             "entries",
         ),
-        rows,
-        numbers=range(2, 8),
+        tuple(rows),
+        numbers=tuple(range(2, 8)),
     )
 
 
-def _target_table(score: Score) -> str:
+def _target_table(score: Score) -> Table:
     rows = [
         (
             str(target.id),
@@ -266,15 +218,15 @@ def _target_table(score: Score) -> str:
         )
         for target in score.per_target
     ]
-    return _table(
+    return Table(
         "When each target was first reached, and by which agent (the nearest, if several arrived at once).",
         ("target", "reached (s)", "by agent"),
-        rows,
+        tuple(rows),
         numbers=(1, 2),
     )
 
 
-def _mission_table(mission: Mission, trajectory: Trajectory) -> str:
+def _mission_table(mission: Mission, trajectory: Trajectory) -> Table:
     moving = sum(threat.motion != "static" for threat in mission.threats)
     rows = [
         ("agents", str(len(trajectory.agent_ids))),
@@ -289,7 +241,7 @@ def _mission_table(mission: Mission, trajectory: Trajectory) -> str:
         ("wind", _wind(mission.wind)),
         ("time limit", f"{mission.max_time_s:g} s"),
     ]
-    return _table("The whole of it is in mission.yaml.", ("setting", "value"), rows)
+    return Table("The whole of it is in mission.yaml.", ("setting", "value"), tuple(rows))
 
 
 def _link(link: LinkSpec) -> str:
@@ -309,38 +261,6 @@ def _wind(wind: Wind) -> str:
     if wind.speed_m_s == 0 and wind.gust_m_s == 0:
         return "none"
     return f"{wind.speed_m_s:g} m/s from {wind.from_deg:g}°, gusts {wind.gust_m_s:g} m/s"
-
-
-def _table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()) -> str:
-    """Return a table whose first column names the row; `numbers` are the columns to align right. Escapes everything."""
-    right = frozenset(numbers)
-    css = ['class="number"' if column in right else "" for column in range(len(heads))]
-    head = "".join(_cell("th", f'scope="col" {css[column]}', text) for column, text in enumerate(heads))
-    lines = [
-        "<tr>"
-        + _cell("th", 'scope="row"', row[0])
-        + "".join(_cell("td", css[column], text) for column, text in enumerate(row[1:], start=1))
-        + "</tr>"
-        for row in rows
-    ]
-    return (
-        f'<div class="scroll"><table>\n<caption>{_text(caption)}</caption>\n<thead><tr>{head}</tr></thead>\n<tbody>\n'
-        + "\n".join(lines)
-        + "\n</tbody></table></div>"
-    )
-
-
-def _cell(tag: str, attributes: str, text: str) -> str:
-    opening = f"{tag} {attributes}".strip()
-    return f"<{opening}>{_text(text)}</{tag}>"
-
-
-def _picture(png: bytes, alternative: str, caption: str) -> str:
-    data = base64.b64encode(png).decode("ascii")
-    return (
-        f'<figure><img alt="{_text(alternative)}" src="data:image/png;base64,{data}">'
-        f"<figcaption>{_text(caption)}</figcaption></figure>"
-    )
 
 
 def _value(value: object) -> str:
@@ -368,7 +288,3 @@ def _fixed(value: float | None, decimals: int) -> str:
 def _count(number: int, word: str, words: str | None = None) -> str:
     """Return "1 agent" or "2 agents"."""
     return f"{number} {word if number == 1 else words or word + 's'}"
-
-
-def _text(value: object) -> str:
-    return html.escape(str(value), quote=True)

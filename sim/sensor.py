@@ -17,6 +17,7 @@ from companion.protocol.codec import (
     FrameWriter,
     Kind,
 )
+from groundstation.ground_station import GroundStation
 
 LOOK_PERIOD_S = 1.0
 """Time between two looks."""
@@ -32,25 +33,48 @@ class Sensor:
 
     def look(self, detections: Iterable[Detection], now_s: float) -> list[bytes]:
         """Return the frames of one look at `now_s`, Unix seconds."""
-        seen = list(detections)
+        found = list(detections)
         time_ms = round((now_s - self._epoch_s) * 1000.0)
         return [
             self._writer.encode(
                 DetectionsFrame(
-                    self._epoch_s, time_ms, *self._origin_deg, tuple(seen[start : start + DETECTIONS_PER_FRAME])
+                    self._epoch_s, time_ms, *self._origin_deg, tuple(found[start : start + DETECTIONS_PER_FRAME])
                 )
             )
-            for start in range(0, len(seen), DETECTIONS_PER_FRAME)
+            for start in range(0, len(found), DETECTIONS_PER_FRAME)
         ]
 
 
-def seen(kind: Kind, identity: int, row: np.ndarray) -> Detection:
+class SensorChannel:
+    """A mission's sensor and the channel of its own on which the ground station hears it, on a virtual clock."""
+
+    def __init__(self, mission: Mission, epoch_s: float, ground: GroundStation) -> None:
+        """Connect the sensor, whose epoch is `epoch_s` in Unix seconds, to the ground station."""
+        self._sensor = mission_sensor(mission, int(epoch_s))
+        self._ground = ground
+
+    def look(self, detections: Iterable[Detection], now_s: float) -> None:
+        """Let the ground station have one look at `now_s`, Unix seconds."""
+        for datagram in self._sensor.look(detections, now_s):
+            self._ground.sense(datagram, now_s)
+
+
+def detection_of_row(kind: Kind, identity: int, row: np.ndarray) -> Detection:
     """Return the detection of a thing from its row: north m, east m, heading deg, speed m/s."""
     north_m, east_m, heading_deg, speed_m_s = map(float, row)
     heading_rad = math.radians(heading_deg)
     return Detection(
         kind, identity, north_m, east_m, speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad)
     )
+
+
+def world_detections(mission: Mission, targets: np.ndarray, threats: np.ndarray) -> list[Detection]:
+    """Return the detections of a mission's targets and threats from their rows, (K, 4) and (M, 4)."""
+    return [
+        detection_of_row(kind, spec.id, row)
+        for kind, specs, rows in ((Kind.TARGET, mission.targets, targets), (Kind.THREAT, mission.threats, threats))
+        for spec, row in zip(specs, rows, strict=True)
+    ]
 
 
 def mission_sensor(mission: Mission, epoch_s: int) -> Sensor:

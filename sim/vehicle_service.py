@@ -21,7 +21,7 @@ from companion.geo.local_frame import LocalFrame
 from companion.protocol.codec import Kind
 from companion.runtime.clock import run_until_signal, wait
 from companion.transport.endpoints import Duplex, Link, Sender, open_duplex, open_sender, parse_link
-from sim.sensor import Sensor, seen
+from sim.sensor import Sensor, detection_of_row
 from sim.vehicles import CRAFTS, Craft, Home, StandIn, Start, Truth, kinematic_profile
 from sim.vehicles.ardupilot import ArduPilot
 from sim.vehicles.routing import Router
@@ -131,7 +131,7 @@ def _sensing(options: VehicleOptions, sender: Sender) -> OnTruth:
 
     def tell(t_unix_s: float, truth: Truth) -> None:
         row = np.array([truth.north_m, truth.east_m, math.degrees(truth.heading_rad), truth.speed_m_s])
-        for datagram in sensor.look([seen(Kind.AGENT, options.system_id, row)], t_unix_s):
+        for datagram in sensor.look([detection_of_row(Kind.AGENT, options.system_id, row)], t_unix_s):
             sender.send(datagram)
 
     return tell

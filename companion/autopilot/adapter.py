@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol, Self
 
 from companion.autopilot.telemetry import Neighbour, Telemetry
-from companion.guard.guard import Setpoint
+from companion.guard.types import Setpoint
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,16 @@ class Adapter(Protocol):
 
     kind: str
     """As configurations name it."""
-    can_stop: bool
-    """Whether the vehicle can stand still in the air."""
-    resumes_on_stream: bool
-    """Whether the autopilot obeys again by itself when a stream of setpoints comes back, whatever happened since."""
+
+    @property
+    def can_stop(self) -> bool:
+        """Whether the vehicle can stand still in the air."""
+        ...
+
+    @property
+    def resumes_on_stream(self) -> bool:
+        """Whether the autopilot obeys again by itself when a stream of setpoints comes back, whatever happened."""
+        ...
 
     @property
     def neighbours(self) -> Collection[Neighbour]:
@@ -118,33 +124,3 @@ class Adapter(Protocol):
     def heartbeat(self) -> bytes:
         """Return the companion's heartbeat, as an onboard controller."""
         ...
-
-
-class NoAutopilot:
-    """What a point that stands for a vehicle need not say for itself: it hears no bytes and obeys at once, exactly."""
-
-    kind = "kinematic"
-    resumes_on_stream = False
-    steerable = True
-    refusal: str | None = None
-    missing_telemetry: str | None = None
-    abilities = Abilities()
-    parameters_known = True
-
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """There is no autopilot to hear."""
-
-    def requests(self, now_s: float) -> list[bytes]:
-        """There is nobody to ask."""
-        return []
-
-    def hold(self, now_s: float) -> list[bytes]:
-        """Nothing need flow before it is steered."""
-        return []
-
-    def release(self) -> None:
-        """Nothing is kept of a steering that ended."""
-
-    def heartbeat(self) -> bytes:
-        """Nobody listens to it."""
-        return b""

@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 
 from companion.autopilot.adapter import Abilities
-from companion.autopilot.ardupilot import fence_demands, no_gcs_failsafe
-from companion.autopilot.linked import ARDUCOPTER
+from companion.autopilot.ardupilot import fence_checks, no_gcs_failsafe
+from companion.autopilot.heartbeat import ARDUCOPTER
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
 from companion.autopilot.velocity import VelocityAdapter
-from companion.guard.guard import STANDARD_GRAVITY_M_S2
+from companion.geo.kinematics import GRAVITY_M_S2
 
 LEAD_S = 0.45
 """Of the velocity's lag on a steady turn, 0.62 s; the rest is the reaction."""
@@ -55,7 +55,7 @@ PARAMETER_CHECKS = (
         "WPNAV_ACCEL", "it bounds how fast the copter turns and stops", "set WPNAV_ACCEL to 250", 100.0, 1000.0
     ),
     ParameterCheck("ANGLE_MAX", "it bounds the speed that the copter reaches", "set ANGLE_MAX to 3000", 2000.0, 4500.0),
-    *fence_demands((1.0, 2.0, 3.0, 4.0, 5.0)),
+    *fence_checks((1.0, 2.0, 3.0, 4.0, 5.0)),
 )
 
 
@@ -63,9 +63,8 @@ class ArduCopterAdapter(VelocityAdapter):
     """Velocity with the yaw along the track."""
 
     identity = ARDUCOPTER
-    can_stop = True
     wanted = WANTED
-    demands = PARAMETER_CHECKS
+    parameter_checks = PARAMETER_CHECKS
     lead_s = LEAD_S
 
     @property
@@ -76,7 +75,7 @@ class ArduCopterAdapter(VelocityAdapter):
         top_speed_m_s = TOP_SPEED_AT_45_DEG_M_S * math.tan(lean_rad) ** _TOP_SPEED_EXPONENT
         return Abilities(
             speed_max_m_s=SPEED_SHARE * top_speed_m_s,
-            n_max=TURN_SHARE * acceleration_m_s2 / STANDARD_GRAVITY_M_S2,
+            n_max=TURN_SHARE * acceleration_m_s2 / GRAVITY_M_S2,
             reaction_s=REACTION_S,
             braking_m_s2=BRAKING_SHARE * acceleration_m_s2,
             tracking_m=TRACKING_M,

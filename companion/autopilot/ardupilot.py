@@ -1,12 +1,12 @@
-"""What is demanded of every ArduPilot vehicle alike: no ground-station failsafe, and a fence of its own."""
+"""What is checked of every ArduPilot vehicle alike: no ground-station failsafe, and a fence of its own."""
 
 from __future__ import annotations
 
 from companion.autopilot.parameter_checks import ParameterCheck
 
 
-def fence_demands(actions: tuple[float, ...]) -> tuple[ParameterCheck, ...]:
-    """Return the demands on the fence; `actions`: values of FENCE_ACTION that bring a vehicle of the kind back."""
+def fence_checks(actions: tuple[float, ...]) -> tuple[ParameterCheck, ...]:
+    """Return the checks of the fence; `actions`: values of FENCE_ACTION that bring a vehicle of the kind back."""
     return (
         ParameterCheck(
             "FENCE_ENABLE",
@@ -26,7 +26,7 @@ def fence_demands(actions: tuple[float, ...]) -> tuple[ParameterCheck, ...]:
 
 
 def no_gcs_failsafe(name: str) -> ParameterCheck:
-    """Return the demand on the parameter of the ground-station failsafe, whose name differs from kind to kind."""
+    """Return the check of the parameter of the ground-station failsafe, whose name differs from kind to kind."""
     return ParameterCheck(
         name,
         "a vehicle that only listens is out of its ground station's reach by design",

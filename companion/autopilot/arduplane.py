@@ -12,13 +12,15 @@ import math
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities
-from companion.autopilot.ardupilot import fence_demands, no_gcs_failsafe
+from companion.autopilot.ardupilot import fence_checks, no_gcs_failsafe
 from companion.autopilot.commands import Command
 from companion.autopilot.course import CourseRamp
-from companion.autopilot.linked import ARDUPLANE, LinkedAdapter, is_usable, milliseconds
+from companion.autopilot.heartbeat import ARDUPLANE
+from companion.autopilot.linked import LinkedAdapter, is_usable, milliseconds
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
-from companion.guard.guard import STANDARD_GRAVITY_M_S2, Setpoint
+from companion.geo.kinematics import GRAVITY_M_S2, turn_rate_rad_s
+from companion.guard.types import Setpoint
 
 ROLL_ONLY = 0xC6
 """type_mask: ignore pitch and yaw rate, throttle and attitude but for its roll, as measured."""
@@ -37,12 +39,12 @@ TRACKING_M = 5.5
 """...and with 0.25 s it stays within this, at 22 m/s in a reversal."""
 LOITER_PERIOD_S = 4.0
 RESEND_PERIOD_S = 10.0
-"""Height and speed are ordered again after so long though they did not change: entering GUIDED forgets them."""
+"""Height and speed are commanded again after this time though they did not change: entering GUIDED forgets them."""
 HEIGHT_STEP_M = 0.5
 SPEED_STEP_M_S = 0.1
 """Smaller changes are not worth a command."""
 EXTRAPOLATED_S = 0.5
-"""A course is reckoned on for at most so long."""
+"""A course is reckoned on for at most this time."""
 _AIRSPEED = 0.0
 _KEEP_SPEED = -1.0
 
@@ -61,7 +63,7 @@ PARAMETER_CHECKS = (
         "WP_LOITER_RAD", "a plane whose companion died circles so wide", "set WP_LOITER_RAD to 60", 20.0, 200.0
     ),
     no_gcs_failsafe("FS_GCS_ENABL"),
-    *fence_demands((1.0, 8.0)),
+    *fence_checks((1.0, 8.0)),
 )
 
 
@@ -69,9 +71,8 @@ class ArduPlaneAdapter(LinkedAdapter):
     """Bank from the course error and the rate of the course; height and speed by commands that are acknowledged."""
 
     identity = ARDUPLANE
-    can_stop = False
     wanted = WANTED
-    demands = PARAMETER_CHECKS
+    parameter_checks = PARAMETER_CHECKS
 
     def __init__(self, system_id: int | None = None) -> None:
         """See LinkedAdapter."""
@@ -79,7 +80,7 @@ class ArduPlaneAdapter(LinkedAdapter):
         self._ramp = CourseRamp()
         self._height_m = math.nan
         self._speed_m_s = math.nan
-        self._ordered_s = -math.inf
+        self._commanded_s = -math.inf
         self._loiter_s = -math.inf
 
     @property
@@ -106,16 +107,16 @@ class ArduPlaneAdapter(LinkedAdapter):
         bank_rad = self._bank_rad(setpoint.heading_rad + convergence_rad, present_rad, now_s)
         if not math.isfinite(bank_rad):
             return []
-        self._order(setpoint, now_s)
-        orders = [self._pack(message) for message in self._orders.due(now_s, self._system_id)]
-        return [self._bank(bank_rad, now_s), *orders]
+        self._queue_commands(setpoint, now_s)
+        commands = [self._pack(message) for message in self._commands.due(now_s, self._system_id)]
+        return [self._bank(bank_rad, now_s), *commands]
 
     def release(self) -> None:
-        """Forget the course, and what was ordered of height and speed."""
+        """Forget the course, and what was commanded of height and speed."""
         super().release()
         self._ramp.release()
         self._height_m = self._speed_m_s = math.nan
-        self._loiter_s = self._ordered_s = -math.inf
+        self._loiter_s = self._commanded_s = -math.inf
 
     def _bank_max_rad(self) -> float:
         limit_deg = self.parameters.value("ROLL_LIMIT_DEG")
@@ -124,24 +125,24 @@ class ArduPlaneAdapter(LinkedAdapter):
     def _bank_rad(self, wanted_rad: float, present_rad: float, now_s: float) -> float:
         telemetry = self.telemetry
         speed_m_s = math.hypot(telemetry.velocity_north_m_s, telemetry.velocity_east_m_s)
-        rate_max_rad_s = self.abilities.n_max * STANDARD_GRAVITY_M_S2 / max(speed_m_s, 1.0)
+        rate_max_rad_s = turn_rate_rad_s(max(speed_m_s, 1.0), self.abilities.n_max)
         course_rad, rate_rad_s = self._ramp.towards(wanted_rad, present_rad, rate_max_rad_s, now_s)
         # The course was told a moment ago, and the plane has turned since as its bank makes it.
         age_s = min(max(now_s - (telemetry.position_at_s or now_s), 0.0), EXTRAPOLATED_S)
         roll_rad = telemetry.roll_rad if math.isfinite(telemetry.roll_rad) else 0.0
-        present_rad += age_s * STANDARD_GRAVITY_M_S2 * math.tan(roll_rad) / max(speed_m_s, 1.0)
+        present_rad += age_s * GRAVITY_M_S2 * math.tan(roll_rad) / max(speed_m_s, 1.0)
         error_rad = math.remainder(course_rad - present_rad, math.tau)
-        bank_rad = COURSE_GAIN * error_rad + math.atan(speed_m_s * rate_rad_s / STANDARD_GRAVITY_M_S2)
+        bank_rad = COURSE_GAIN * error_rad + math.atan(speed_m_s * rate_rad_s / GRAVITY_M_S2)
         bank_max_rad = self._bank_max_rad()
         return min(max(bank_rad, -bank_max_rad), bank_max_rad)
 
-    def _order(self, setpoint: Setpoint, now_s: float) -> None:
-        again = now_s - self._ordered_s >= RESEND_PERIOD_S
+    def _queue_commands(self, setpoint: Setpoint, now_s: float) -> None:
+        again = now_s - self._commanded_s >= RESEND_PERIOD_S
         if again:
-            self._ordered_s = now_s
+            self._commanded_s = now_s
         if again or not abs(setpoint.altitude_m - self._height_m) <= HEIGHT_STEP_M:
             self._height_m = setpoint.altitude_m
-            self._orders.order(
+            self._commands.queue(
                 Command(
                     common.MAV_CMD_GUIDED_CHANGE_ALTITUDE,
                     f"height {setpoint.altitude_m:.0f} m",
@@ -151,7 +152,7 @@ class ArduPlaneAdapter(LinkedAdapter):
             )
         if again or not abs(setpoint.speed_m_s - self._speed_m_s) <= SPEED_STEP_M_S:
             self._speed_m_s = setpoint.speed_m_s
-            self._orders.order(
+            self._commands.queue(
                 Command(
                     common.MAV_CMD_GUIDED_CHANGE_SPEED,
                     f"airspeed {setpoint.speed_m_s:.1f} m/s",
@@ -162,7 +163,7 @@ class ArduPlaneAdapter(LinkedAdapter):
         telemetry = self.telemetry
         if now_s - self._loiter_s >= LOITER_PERIOD_S and math.isfinite(telemetry.lat_deg):
             self._loiter_s = now_s
-            self._orders.order(
+            self._commands.queue(
                 Command(
                     common.MAV_CMD_DO_REPOSITION,
                     "loiter underneath",

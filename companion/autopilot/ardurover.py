@@ -7,8 +7,8 @@ are guesses on the side of caution. A rover has no height; its configuration say
 from __future__ import annotations
 
 from companion.autopilot.adapter import Abilities
-from companion.autopilot.ardupilot import fence_demands, no_gcs_failsafe
-from companion.autopilot.linked import ARDUROVER
+from companion.autopilot.ardupilot import fence_checks, no_gcs_failsafe
+from companion.autopilot.heartbeat import ARDUROVER
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
 from companion.autopilot.velocity import VelocityAdapter
@@ -32,7 +32,7 @@ WANTED = (
 PARAMETER_CHECKS = (
     no_gcs_failsafe("FS_GCS_ENABLE"),
     ParameterCheck("ATC_TURN_MAX_G", "it bounds how fast the rover turns", "set ATC_TURN_MAX_G to 0.6", 0.1, 1.0),
-    *fence_demands((1.0, 2.0, 3.0, 4.0)),
+    *fence_checks((1.0, 2.0, 3.0, 4.0)),
 )
 
 
@@ -40,9 +40,8 @@ class ArduRoverAdapter(VelocityAdapter):
     """Velocity over the ground; the climb of a setpoint means nothing to a rover."""
 
     identity = ARDUROVER
-    can_stop = True
     wanted = WANTED
-    demands = PARAMETER_CHECKS
+    parameter_checks = PARAMETER_CHECKS
     lead_s = LEAD_S
 
     @property

@@ -96,7 +96,7 @@ class Commands:
         """What was not accepted, one short line each."""
         return tuple(f"{name}: {outcome}" for name, outcome in self.outcomes.values() if outcome != "accepted")
 
-    def order(self, command: Command) -> None:
+    def queue(self, command: Command) -> None:
         """Have a command sent; one of the same number and key that is not yet answered is replaced by it."""
         under_way = self._under_way.get(command.number)
         if under_way is not None and under_way.command.key == command.key:

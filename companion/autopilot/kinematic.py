@@ -5,7 +5,7 @@ Its stand-in says MAV_AUTOPILOT_GENERIC, which no ArduPilot or PX4 does, so that
 
 from __future__ import annotations
 
-from companion.autopilot.linked import KINEMATIC
+from companion.autopilot.heartbeat import KINEMATIC
 from companion.autopilot.velocity import VelocityAdapter
 
 
@@ -13,7 +13,6 @@ class KinematicAdapter(VelocityAdapter):
     """Asks for nothing and knows of no lag."""
 
     identity = KINEMATIC
-    can_stop = False
     rates_hz: dict[int, float] = {}
 
     def _heading_rad(self, wanted_rad: float, speed_m_s: float, now_s: float) -> float:

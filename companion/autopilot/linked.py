@@ -8,31 +8,17 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
 from companion.autopilot.commands import Command, Commands
+from companion.autopilot.heartbeat import HeartbeatIdentity, identified
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import ParameterReader, Wanted, request
 from companion.autopilot.telemetry import COMPANION_COMPONENT, Neighbour, Telemetry, TelemetryReader, messages_in
-from companion.guard.guard import Setpoint
+from companion.guard.types import Setpoint
 
-COPTER_TYPES = frozenset(
-    {
-        common.MAV_TYPE_QUADROTOR,
-        common.MAV_TYPE_COAXIAL,
-        common.MAV_TYPE_HELICOPTER,
-        common.MAV_TYPE_HEXAROTOR,
-        common.MAV_TYPE_OCTOROTOR,
-        common.MAV_TYPE_TRICOPTER,
-        common.MAV_TYPE_DODECAROTOR,
-        common.MAV_TYPE_DECAROTOR,
-    }
-)
-PLANE_TYPES = frozenset({common.MAV_TYPE_FIXED_WING})
-ROVER_TYPES = frozenset({common.MAV_TYPE_GROUND_ROVER, common.MAV_TYPE_SURFACE_BOAT})
 COMMON_RATES_HZ: Mapping[int, float] = {
     common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
     common.MAVLINK_MSG_ID_ATTITUDE: 10.0,
@@ -56,56 +42,33 @@ _AUTOPILOTS = {
 }
 
 
-@dataclass(frozen=True)
-class Kind:
-    """How an autopilot kind shows itself in its heartbeat, and by which mode a person hands it over."""
-
-    name: str
-    """As configurations name it."""
-    autopilot: int
-    """MAV_AUTOPILOT."""
-    types: frozenset[int] | None
-    """MAV_TYPE; None for any."""
-    guided_mode: int
-    """custom_mode in which it obeys setpoints."""
-
-
-ARDUCOPTER = Kind("arducopter", common.MAV_AUTOPILOT_ARDUPILOTMEGA, COPTER_TYPES, 4)
-ARDUPLANE = Kind("arduplane", common.MAV_AUTOPILOT_ARDUPILOTMEGA, PLANE_TYPES, 15)
-ARDUROVER = Kind("ardurover", common.MAV_AUTOPILOT_ARDUPILOTMEGA, ROVER_TYPES, 15)
-PX4_COPTER = Kind("px4-copter", common.MAV_AUTOPILOT_PX4, COPTER_TYPES, 6 << 16)
-PX4_PLANE = Kind("px4-plane", common.MAV_AUTOPILOT_PX4, PLANE_TYPES, 6 << 16)
-KINEMATIC = Kind("kinematic", common.MAV_AUTOPILOT_GENERIC, None, 4)
-KINDS = (ARDUCOPTER, ARDUPLANE, PX4_COPTER, PX4_PLANE, ARDUROVER, KINEMATIC)
-
-
-def kind_of(autopilot: int | None, mav_type: int | None) -> Kind | None:
-    """Return the kind that a heartbeat tells of, or None for one that cannot be steered."""
-    for kind in KINDS:
-        if kind.autopilot == autopilot and (kind.types is None or mav_type in kind.types):
-            return kind
-    return None
-
-
 class LinkedAdapter(ABC):
     """An adapter without its steering: `encode` and `abilities` are each kind's own."""
 
-    identity: Kind
-    can_stop: bool
-    resumes_on_stream = False
-    demands: tuple[ParameterCheck, ...] = ()
+    identity: HeartbeatIdentity
+    parameter_checks: tuple[ParameterCheck, ...] = ()
     wanted: tuple[Wanted, ...] = ()
     rates_hz: Mapping[int, float] = COMMON_RATES_HZ
 
     def __init__(self, system_id: int | None = None) -> None:
         """Steer the autopilot of this system id, or whichever is heard first."""
-        self.kind = self.identity.name
+        self.kind = self.identity.kind.name
         self.parameters = ParameterReader(self.wanted, bytewise=self.identity.autopilot == common.MAV_AUTOPILOT_PX4)
         self._reader = TelemetryReader(system_id)
-        self._rate_orders = Commands()
-        self._orders = Commands()
+        self._message_intervals = Commands()
+        self._commands = Commands()
         self._mav: common.MAVLink | None = None
         self._asked_after: int | None = None
+
+    @property
+    def can_stop(self) -> bool:
+        """Whether the vehicle can stand still in the air."""
+        return self.identity.kind.can_stop
+
+    @property
+    def resumes_on_stream(self) -> bool:
+        """Whether the autopilot obeys again by itself when a stream of setpoints comes back."""
+        return self.identity.kind.resumes_on_stream
 
     @property
     def telemetry(self) -> Telemetry:
@@ -135,7 +98,7 @@ class LinkedAdapter(ABC):
     @property
     def failures(self) -> tuple[str, ...]:
         """What the autopilot did not do of what it was asked, a short line each."""
-        return self._rate_orders.failures + self._orders.failures
+        return self._message_intervals.failures + self._commands.failures
 
     @property
     def missing_telemetry(self) -> str | None:
@@ -154,16 +117,16 @@ class LinkedAdapter(ABC):
         if telemetry.system_id is None:
             if not self._reader.foreign_ids:
                 return None
-            heard = ", ".join(map(str, sorted(self._reader.foreign_ids)))
+            foreign = ", ".join(map(str, sorted(self._reader.foreign_ids)))
             return (
-                f"heard system {heard}, configured autopilot.system_id {self._reader.system_id}: "
+                f"heard system {foreign}, configured autopilot.system_id {self._reader.system_id}: "
                 "correct it, or the vehicle's own id"
             )
-        heard_kind = kind_of(telemetry.autopilot, telemetry.mav_type)
-        if heard_kind is self.identity:
+        heard = identified(telemetry.autopilot, telemetry.mav_type)
+        if heard is self.identity:
             return None
         words = _AUTOPILOTS.get(telemetry.autopilot or 0, f"autopilot {telemetry.autopilot}")
-        remedy = "this vehicle cannot be steered" if heard_kind is None else f"set autopilot.kind to {heard_kind.name}"
+        remedy = "this vehicle cannot be steered" if heard is None else f"set autopilot.kind to {heard.kind.name}"
         return f"heard {words} of MAV_TYPE {telemetry.mav_type}, configured autopilot.kind {self.kind}: {remedy}"
 
     @property
@@ -180,8 +143,8 @@ class LinkedAdapter(ABC):
             if name == "PARAM_VALUE":
                 self.parameters.take(message)
             elif name == "COMMAND_ACK":
-                self._rate_orders.take(message, self._system_id)
-                self._orders.take(message, self._system_id)
+                self._message_intervals.take(message, self._system_id)
+                self._commands.take(message, self._system_id)
 
     def requests(self, now_s: float) -> list[bytes]:
         """Ask for message rates and parameters, anew after the autopilot has restarted."""
@@ -193,8 +156,8 @@ class LinkedAdapter(ABC):
                 self.parameters.restart()
             self._asked_after = telemetry.restarts
             for message_id, rate_hz in self.rates_hz.items():
-                self._rate_orders.order(_interval(message_id, rate_hz))
-        frames = [self._pack(message) for message in self._rate_orders.due(now_s, self._system_id)]
+                self._message_intervals.queue(_interval(message_id, rate_hz))
+        frames = [self._pack(message) for message in self._message_intervals.due(now_s, self._system_id)]
         return frames + [self._pack(request(name, self._system_id)) for name in self.parameters.due(now_s)]
 
     @abstractmethod
@@ -206,8 +169,8 @@ class LinkedAdapter(ABC):
         return []
 
     def release(self) -> None:
-        """Forget what was ordered for the steering that ended."""
-        self._orders.clear()
+        """Forget the commands of the steering that ended."""
+        self._commands.clear()
 
     def heartbeat(self) -> bytes:
         """Return the companion's heartbeat: an onboard controller, never a ground station (it would mask its loss)."""

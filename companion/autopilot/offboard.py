@@ -35,9 +35,9 @@ from companion.autopilot.offboard_child import (
     TICK_TIMEOUT_S,
     UP,
 )
+from companion.autopilot.stream import STREAM_GAP_S
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.errors import InputError
-from companion.onboard.authority import STREAM_GAP_S
 from companion.protocol.frame import raw_frame, raw_frames
 
 CHILDREN = 2

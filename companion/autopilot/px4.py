@@ -27,7 +27,7 @@ PARAMETER_CHECKS = (
         "COM_OF_LOSS_T",
         "so long after its companion died the vehicle flies on by the last setpoint",
         "set COM_OF_LOSS_T to 1",
-        # Longer than the gap after which the companion itself takes its stream for ended (companion.onboard.authority).
+        # Longer than the gap after which the companion itself takes its stream for ended (STREAM_GAP_S).
         0.8,
         1.0,
     ),

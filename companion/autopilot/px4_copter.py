@@ -9,11 +9,11 @@ import math
 
 from companion.autopilot import px4
 from companion.autopilot.adapter import Abilities
-from companion.autopilot.linked import PX4_COPTER
+from companion.autopilot.heartbeat import PX4_COPTER
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
 from companion.autopilot.velocity import VELOCITY_AND_YAW, VelocityAdapter
-from companion.guard.guard import STANDARD_GRAVITY_M_S2
+from companion.geo.kinematics import GRAVITY_M_S2
 
 LEAD_S = 0.5
 """Of the velocity's lag on a steady turn; the rest is the reaction."""
@@ -38,10 +38,8 @@ class Px4CopterAdapter(VelocityAdapter):
     """Velocity, with the nose along the track."""
 
     identity = PX4_COPTER
-    can_stop = True
-    resumes_on_stream = True
     wanted = WANTED
-    demands = PARAMETER_CHECKS
+    parameter_checks = PARAMETER_CHECKS
     rates_hz = px4.RATES_HZ
     type_mask = VELOCITY_AND_YAW
     lead_s = LEAD_S
@@ -52,7 +50,7 @@ class Px4CopterAdapter(VelocityAdapter):
         acceleration_m_s2 = max(self.parameters.value("MPC_ACC_HOR"), 0.1)
         return Abilities(
             speed_max_m_s=SPEED_SHARE * max(self.parameters.value("MPC_XY_VEL_MAX"), 0.1),
-            n_max=TURN_SHARE * acceleration_m_s2 / STANDARD_GRAVITY_M_S2,
+            n_max=TURN_SHARE * acceleration_m_s2 / GRAVITY_M_S2,
             reaction_s=REACTION_S,
             braking_m_s2=BRAKING_SHARE * acceleration_m_s2,
             tracking_m=TRACKING_M,

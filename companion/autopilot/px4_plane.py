@@ -12,10 +12,12 @@ import math
 from companion.autopilot import px4
 from companion.autopilot.adapter import Abilities
 from companion.autopilot.course import CourseRamp
-from companion.autopilot.linked import PX4_PLANE, LinkedAdapter, is_usable
+from companion.autopilot.heartbeat import PX4_PLANE
+from companion.autopilot.linked import LinkedAdapter, is_usable
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
-from companion.guard.guard import STANDARD_GRAVITY_M_S2, Setpoint
+from companion.geo.kinematics import turn_rate_rad_s
+from companion.guard.types import Setpoint
 
 POSITION_AND_VELOCITY = 0x0DC0
 """type_mask: ignore acceleration, yaw and yaw rate."""
@@ -52,10 +54,8 @@ class Px4PlaneAdapter(LinkedAdapter):
     """A course command, ahead of the course by as much as the plane lags behind it."""
 
     identity = PX4_PLANE
-    can_stop = False
-    resumes_on_stream = True
     wanted = WANTED
-    demands = PARAMETER_CHECKS
+    parameter_checks = PARAMETER_CHECKS
     rates_hz = px4.RATES_HZ
 
     def __init__(self, system_id: int | None = None) -> None:
@@ -91,7 +91,7 @@ class Px4PlaneAdapter(LinkedAdapter):
         course_rad, rate_rad_s = self._ramp.towards(
             setpoint.heading_rad + convergence_rad,
             present_rad,
-            abilities.n_max * STANDARD_GRAVITY_M_S2 / abilities.speed_max_m_s,
+            turn_rate_rad_s(abilities.speed_max_m_s, abilities.n_max),
             now_s,
         )
         return self._course(course_rad + LEAD_S * rate_rad_s, setpoint.altitude_m, now_s)
@@ -103,7 +103,7 @@ class Px4PlaneAdapter(LinkedAdapter):
             return []
         if self.steerable:
             abilities = self.abilities
-            rate_rad_s = CIRCLE_SHARE * abilities.n_max * STANDARD_GRAVITY_M_S2 / abilities.speed_max_m_s
+            rate_rad_s = turn_rate_rad_s(abilities.speed_max_m_s, CIRCLE_SHARE * abilities.n_max)
             course_rad += PLANE_LAG_S * rate_rad_s
         return self._course(course_rad, self.telemetry.height_m, now_s)
 

@@ -1,9 +1,10 @@
-"""One small module per autopilot kind behind one protocol: telemetry in, setpoint out, what the vehicle can do."""
+"""Which adapter steers which kind of autopilot: one small module per kind, behind one protocol."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
+from companion.autopilot import kinds
 from companion.autopilot.arducopter import ArduCopterAdapter
 from companion.autopilot.arduplane import ArduPlaneAdapter
 from companion.autopilot.ardurover import ArduRoverAdapter
@@ -22,11 +23,11 @@ class MakesAdapter(Protocol):
 
 
 ADAPTERS: dict[str, MakesAdapter] = {
-    "arducopter": ArduCopterAdapter,
-    "arduplane": ArduPlaneAdapter,
-    "px4-copter": Px4CopterAdapter,
-    "px4-plane": Px4PlaneAdapter,
-    "ardurover": ArduRoverAdapter,
-    "kinematic": KinematicAdapter,
+    kinds.ARDUCOPTER.name: ArduCopterAdapter,
+    kinds.ARDUPLANE.name: ArduPlaneAdapter,
+    kinds.PX4_COPTER.name: Px4CopterAdapter,
+    kinds.PX4_PLANE.name: Px4PlaneAdapter,
+    kinds.ARDUROVER.name: ArduRoverAdapter,
+    kinds.KINEMATIC.name: KinematicAdapter,
 }
-"""Autopilot kinds that can be steered, by the name used in configurations and on command lines."""
+"""The adapter of each kind, by the kind's name."""

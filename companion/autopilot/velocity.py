@@ -9,14 +9,13 @@ import math
 
 from companion.autopilot.course import CourseRamp
 from companion.autopilot.linked import LinkedAdapter, is_usable
-from companion.guard.guard import STANDARD_GRAVITY_M_S2, Setpoint
+from companion.geo.kinematics import turn_rate_rad_s
+from companion.guard.types import Setpoint
 
 VELOCITY_ONLY = 0x0DC7
 """type_mask: ignore position, acceleration, yaw and yaw rate."""
 VELOCITY_AND_YAW = 0x09C7
 """type_mask: ignore position, acceleration and yaw rate."""
-SLOWEST_M_S = 0.5
-"""Slower than this a vehicle turns at the rate of this speed."""
 TURN_RATE_MAX_RAD_S = math.pi / 2.0
 """A velocity that turns faster leads nobody."""
 
@@ -53,7 +52,7 @@ class VelocityAdapter(LinkedAdapter):
 
     def _heading_rad(self, wanted_rad: float, speed_m_s: float, now_s: float) -> float:
         """Return where the velocity points now."""
-        rate_max_rad_s = self.abilities.n_max * STANDARD_GRAVITY_M_S2 / max(speed_m_s, SLOWEST_M_S)
+        rate_max_rad_s = turn_rate_rad_s(speed_m_s, self.abilities.n_max)
         present_rad = self._course_rad()
         course_rad, rate_rad_s = self._ramp.towards(
             wanted_rad,

@@ -22,13 +22,40 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from companion.guard.types import (
+    ALTITUDE,
+    BACKUP,
+    FENCE,
+    IMPOSSIBLE,
+    KEEP_OUT,
+    LATE,
+    NEW_THREAT,
+    NO_BACKUP,
+    NOT_FINITE,
+    PIVOT_SPEED_M_S,
+    POSITION,
+    RATE,
+    SPEED,
+    THREAT_FASTER,
+    TRACKING_REACTIONS,
+    TRACKING_STEPS,
+    TURN,
+    WIND,
+    Discs,
+    Limits,
+    Motion,
+    Piece,
+    Setpoint,
+    Verdict,
+)
+
 STANDARD_GRAVITY_M_S2 = 9.80665
-"""CGPM 1901. Written here again on purpose: the guard shares no code with what it guards against."""
+"""Standard gravity (3rd CGPM, 1901). companion/geo/kinematics.py has it too: the guard shares no code with what it
+guards against."""
 TURN_TOLERANCE_RAD = 1e-9
 """A setpoint at the turn limit must not be called over it for its rounding."""
 GREATEST_TURN_RAD = 3.0
@@ -37,9 +64,6 @@ ROUNDING_M = 1e-6
 """A new path keeps this much clear, so that nothing is lost to rounding while it is flown."""
 LEAST_ARC_M = 1e-9
 """A shorter arc is a turn on the spot."""
-PIVOT_SPEED_M_S = 0.5
-"""A vehicle slower than this turns on the spot, at the rate of this speed, and flies away from nothing. Only one that
-can stop may be."""
 FAN_STEPS = 32
 """Headings tried to either side, evenly over a full turn, where no cheap one serves: 11.25 degrees apart."""
 FAN_STEP_RAD = math.tau / FAN_STEPS
@@ -68,138 +92,12 @@ SPEED_TOLERANCE_M_S = 0.5
 """Likewise for the ground speed."""
 THREAT_TOLERANCE_M = 10.0
 """A disc may stick out of its earlier self, grown, by this: the broadcast rounds a 200 km picture to 3 m, thrice."""
-TRACKING_STEPS = 1.5
-TRACKING_REACTIONS = 0.75
-"""Steps and reaction times of the greatest wind that a vehicle may be blown off its path: docs/guard.md has what was
-measured."""
 COURSE_SHARE = 2.0
 """A wind that changes turns the course by up to this much of its share of the speed, radians."""
 CLOSING_STEPS = 2.0
 """In so many steps the vehicle closes in on the path that wind blew it off."""
 SAMPLES = 8
 """Points of a step at which choices are compared when none is certified."""
-
-NOT_FINITE = "not finite"
-IMPOSSIBLE = "impossible"
-SPEED = "speed"
-ALTITUDE = "altitude"
-TURN = "turn rate"
-KEEP_OUT = "keep-out"
-FENCE = "fence"
-BACKUP = "back-up continued"
-NO_BACKUP = "no certified back-up"
-
-NEW_THREAT = "new threat"
-THREAT_FASTER = "threat faster than its bound"
-POSITION = "position"
-RATE = "turn rate not achieved"
-WIND = "wind"
-LATE = "called late"
-
-
-@dataclass(frozen=True, slots=True)
-class Setpoint:
-    """Heading in radians clockwise from grid north, speed and altitude."""
-
-    heading_rad: float
-    speed_m_s: float
-    altitude_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """Where the vehicle is and how it moves over the ground."""
-
-    north_m: float
-    east_m: float
-    heading_rad: float
-    speed_m_s: float
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What the vehicle may do; `braking_m_s2` is None for one that cannot stop. Raises ValueError for nonsense.
-
-    `rate_share` is the share of n_max g / v that its turns achieve, `wind_m_s` the greatest wind, `position_error_m`
-    the greatest error of a reported position, `horizon_s` how long moving discs are kept clear of where no path is
-    clear of them for ever.
-    """
-
-    speed_min_m_s: float
-    speed_max_m_s: float
-    n_max: float
-    altitude_min_m: float
-    altitude_max_m: float
-    braking_m_s2: float | None = None
-    fence_ned_m: tuple[tuple[float, float], ...] | None = None
-    horizon_s: float = 30.0
-    reaction_s: float = 0.0
-    rate_share: float = 1.0
-    wind_m_s: float = 0.0
-    position_error_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        can_stop = self.braking_m_s2 is not None
-        sound = (
-            (0.0 == self.speed_min_m_s if can_stop else PIVOT_SPEED_M_S <= self.speed_min_m_s)
-            and self.speed_min_m_s <= self.speed_max_m_s < math.inf
-            and 0.0 < self.n_max < math.inf
-            and -math.inf < self.altitude_min_m <= self.altitude_max_m < math.inf
-            and (self.braking_m_s2 is None or 0.0 < self.braking_m_s2 < math.inf)
-            and 0.0 <= self.horizon_s < math.inf
-            and 0.0 <= self.reaction_s < math.inf
-            and 0.0 < self.rate_share <= 1.0
-            and 0.0 <= self.wind_m_s
-            and (self.wind_m_s == 0.0 or self.wind_m_s < (self.speed_max_m_s if can_stop else self.speed_min_m_s))
-            and 0.0 <= self.position_error_m < math.inf
-        )
-        if not sound:
-            raise ValueError(f"limits that nothing can hold: {self}")
-        if self.fence_ned_m is not None and not (len(self.fence_ned_m) >= 3 and np.isfinite(self.fence_ned_m).all()):
-            raise ValueError("a fence needs at least three corners, all of them finite")
-
-
-@dataclass(frozen=True, slots=True)
-class Discs:
-    """Keep-out discs as they are now, and the greatest speed of each.
-
-    `attack_m` are the radii that are never given up for anything else; `ids` tell discs apart from call to call (None:
-    by their order).
-    """
-
-    centres_ned_m: np.ndarray  # (M, 2) m
-    radii_m: np.ndarray  # (M,) m
-    speeds_m_s: np.ndarray  # (M,) m/s
-    attack_m: np.ndarray | None = None  # (M,) m
-    ids: np.ndarray | None = None  # (M,)
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """The setpoint that may be sent (None: send nothing), and why it differs from the one wanted.
-
-    `broken` names the assumptions that did not hold since the last call. `certified_s` is how long the path in hand
-    stays clear: inf, the horizon, or 0 for "nothing is certified".
-    """
-
-    setpoint: Setpoint | None
-    changes: tuple[str, ...]
-    broken: tuple[str, ...] = ()
-    certified_s: float = 0.0
-
-
-Stretch = tuple[tuple[float, float], float, float, float]
-"""A stretch of a route: start (north_m, east_m), heading_rad, curvature_1_m (positive to the right), length_m."""
-
-
-class Piece(NamedTuple):
-    """A stretch of a path with one curvature, positive to the right."""
-
-    north_m: float
-    east_m: float
-    heading_rad: float
-    curvature_1_m: float
-    length_m: float
 
 
 class _Pose(NamedTuple):
@@ -256,7 +154,7 @@ class _Flight(NamedTuple):
     """Those that can matter to a step and a turning circle after it, or that move."""
     discs: list[_Disc]
     moving: bool
-    route: Sequence[Stretch]
+    route: Sequence[Piece]
     attack_m: list[float] | None
     sides: tuple[float, ...] = (1.0, -1.0)
     """Of the turning circles that may be a back-up, the first preferred."""
@@ -308,7 +206,7 @@ class Guard:
         discs: Discs,
         now_s: float,
         dt_s: float,
-        route: Sequence[Stretch] = (),
+        route: Sequence[Piece] = (),
         keep_right: bool = False,
     ) -> Verdict:
         """Return the setpoint nearest to the wanted one that every limit allows for the next `dt_s` seconds.
@@ -459,7 +357,7 @@ class Guard:
         return fastest_m_s > 0.0 and not (endless and fastest_m_s < speed_m_s - self._limits.wind_m_s)
 
     def _flight(
-        self, tip: _Pose, before_m_s: float, motion: Motion, discs: Discs, dt_s: float, route: Sequence[Stretch]
+        self, tip: _Pose, before_m_s: float, motion: Motion, discs: Discs, dt_s: float, route: Sequence[Piece]
     ) -> _Flight:
         inflated_m = discs.radii_m + (discs.speeds_m_s * self._limits.reaction_s + self._inflation_m())
         columns = (*discs.centres_ned_m.T.tolist(), inflated_m.tolist(), discs.speeds_m_s.tolist())
@@ -750,7 +648,7 @@ class Guard:
 
     def _along_route(self, pose: _Pose, step: _Step, spare_m: float, flight: _Flight) -> _Path | None:
         """Return a path along the route to where a turning circle is clear; None if it is too far or not clear."""
-        pieces_of_route = tuple(Piece(*start_ned_m, *rest) for start_ned_m, *rest in flight.route)
+        pieces_of_route = tuple(flight.route)
         rate_1_m = self._curvature_1_m(step.speed_m_s)
         # Where the route ends nothing need be clear: straight on from there something may be.
         pieces_of_route += (_straight(_end_of(pieces_of_route[-1]), math.tau / rate_1_m),)

@@ -13,12 +13,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
-from companion.guard.guard import TRACKING_REACTIONS, TRACKING_STEPS
-from companion.guidance.route import Piece, Reach, Route, Router, shortest_route
+from companion.guard.types import TRACKING_REACTIONS, TRACKING_STEPS, Motion, Piece
+from companion.guidance.route import Reach, Route, Router, shortest_route
+from companion.guidance.settings import LawSettings
 from companion.guidance.steering import MonolithicSurrogate, PairSurrogate, SteeringVector, Surrogate, direction
 from companion.guidance.view import View
-from companion.onboard.config import Config
-from companion.surrogate.cost import Weights
 from companion.surrogate.networks import load_monolithic
 from companion.surrogate.profiles import (
     HALF_WIDTH,
@@ -44,24 +43,9 @@ ONWARD_RAD = 0.05
 OPPOSED_SHARE = 0.01
 """A component against the route is worth counting from this share of the attraction."""
 COASTING_PERIODS = 3.0
-"""Broadcast periods after which a picture counts as coasting: the configuration says no more of the period."""
+"""Broadcast periods after which a picture counts as coasting: the settings say no more of the period."""
 LOOK_AHEAD_S = 30.0
 """A broadcast velocity is believed for so long; after that the threat may be anywhere its bound allows."""
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Where the vehicle is, where it heads, and how fast over the ground."""
-
-    north_m: float
-    east_m: float
-    heading_rad: float
-    speed_m_s: float
-
-    @property
-    def position_ned_m(self) -> tuple[float, float]:
-        """(north, east)."""
-        return self.north_m, self.east_m
 
 
 @dataclass(frozen=True)
@@ -98,7 +82,7 @@ class SteeringDemand(NamedTuple):
 class SteeringLaw(Protocol):
     """A guidance law of one vehicle; it may remember, but time and inputs are given to it."""
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+    def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """Return what it wants; `now_s` is this vehicle's clock."""
         ...
 
@@ -117,53 +101,52 @@ class _OnwardFor:
         return same and abs(math.remainder(self.heading_rad - other.heading_rad, math.tau)) <= ONWARD_RAD
 
 
-SteeringOf = Callable[[Config], SteeringLaw]
-"""Makes a vehicle's law from its configuration."""
+SteeringOf = Callable[[LawSettings], SteeringLaw]
+"""Makes a vehicle's law from its settings."""
 
 
 class GradientLaw:
     """The paper's laws: the attraction less the gradient of the surrogate (paper: direct1)."""
 
-    def __init__(self, config: Config) -> None:
-        self._config = config
-        self._surrogate = _surrogate(config)
+    def __init__(self, settings: LawSettings) -> None:
+        self._settings = settings
+        self._surrogate = _surrogate(settings)
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+    def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """See SteeringLaw."""
-        gradient_m = self._surrogate.gradient_m(pose.position_ned_m, view)
-        if task.to_target and self._config.law == "seed":
-            gradient_m = gradient_m + _range_gradient(task, pose, self._config)
+        gradient_m = self._surrogate.gradient_m(motion.position_ned_m, view)
+        if task.to_target and self._settings.law == "seed":
+            gradient_m = gradient_m + _range_gradient(task, motion, self._settings)
         return SteeringDemand(direction(task.pull, gradient_m))
 
 
 class RoutedLaw:
     """H* = F* + 1/2 D_geo^2: the attraction follows the shortest path around the discs (docs/method.md section 3)."""
 
-    def __init__(self, config: Config) -> None:
-        limits = config.limits
-        self._config = config
-        self._weights = Weights(**config.weights.model_dump())
-        self._margin_m = max(ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS * limits.speed_m_s * config.guidance_step_s)
+    def __init__(self, settings: LawSettings) -> None:
+        limits = settings.limits
+        self._settings = settings
+        self._margin_m = max(ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS * limits.speed_m_s * settings.guidance_step_s)
         # What the guard adds to every disc, so that the route lies outside what it keeps.
-        held_s = TRACKING_STEPS * config.guidance_step_s + TRACKING_REACTIONS * limits.reaction_s
+        held_s = TRACKING_STEPS * settings.guidance_step_s + TRACKING_REACTIONS * limits.reaction_s
         self._clearance_m = self._margin_m + limits.position_error_m + limits.wind_m_s * held_s
         ground_m_s = limits.speed_m_s + limits.wind_m_s
         rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
         self._turn_radius_m = ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
-        self._period_s = config.staleness.coasting_after_s / COASTING_PERIODS
+        self._period_s = settings.coasting_after_s / COASTING_PERIODS
         self._router = Router()
         self._began_ned_m: tuple[float, float] | None = None
         self._onward: tuple[_OnwardFor, tuple[Piece, ...]] | None = None
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+    def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """See SteeringLaw."""
-        self._began_ned_m = self._began_ned_m or pose.position_ned_m
-        wall_m = self._wall_gradient(pose, view)
+        self._began_ned_m = self._began_ned_m or motion.position_ned_m
+        wall_m = self._wall_gradient(motion, view)
         if task.loitering:
             return SteeringDemand(direction(task.pull, wall_m))
-        centres_ned_m, radii_m = foreseen(view, pose, self._config.limits.speed_m_s, self._period_s)
+        centres_ned_m, radii_m = foreseen(view, motion, self._settings.limits.speed_m_s, self._period_s)
         radii_m = radii_m + self._clearance_m
-        route = self._route(task, pose, centres_ned_m, radii_m, view)
+        route = self._route(task, motion, centres_ned_m, radii_m, view)
         if route.reach is Reach.NONE:
             return SteeringDemand(direction(task.pull, wall_m), stay="no way to the target", route=route)
         note = None
@@ -179,18 +162,18 @@ class RoutedLaw:
         wanted, opposed = _unopposed(pull, wall_m)
         if route.turn != 0:
             # The shorter side of a long turn may be the other one: then the side is wanted, not the end of it.
-            wanted = _on_side(wanted, pose.heading_rad, route.turn)
+            wanted = _on_side(wanted, motion.heading_rad, route.turn)
         onward = self._way_on(route, self._began_ned_m, centres_ned_m, radii_m, view)
         return SteeringDemand(wanted, note=note, opposed=opposed, route=route, onward=onward)
 
     def _route(
-        self, task: Task, pose: Pose, centres_ned_m: np.ndarray, radii_m: np.ndarray, view: View
+        self, task: Task, motion: Motion, centres_ned_m: np.ndarray, radii_m: np.ndarray, view: View
     ) -> Route:  # (M, 2) m, (M,) m
         """Return the way to the place; with others near, where there is one, the way that leaves room for a circle."""
         for room_m in (2.0 * self._turn_radius_m, 0.0) if task.crowded and len(radii_m) else (0.0,):
             route = self._router.route(
-                pose.position_ned_m,
-                pose.heading_rad,
+                motion.position_ned_m,
+                motion.heading_rad,
                 self._turn_radius_m,
                 task.place_ned_m,
                 centres_ned_m,
@@ -221,21 +204,21 @@ class RoutedLaw:
             self._onward = (wanted_for, found.pieces)
         return self._onward[1]
 
-    def _wall_gradient(self, pose: Pose, view: View) -> np.ndarray:  # (2,) m
+    def _wall_gradient(self, motion: Motion, view: View) -> np.ndarray:  # (2,) m
         return wall_gradient(
-            np.array(pose.position_ned_m),
+            np.array(motion.position_ned_m),
             view.threats_ned_m,
             view.detection_radius_m,
             view.attack_radius_m,
             view.peers_ned_m,
-            self._config.separation_m,
-            self._weights,
+            self._settings.separation_m,
+            self._settings.weights,
             self._margin_m / WALL_SHARE,
         )
 
 
 def foreseen(
-    view: View, pose: Pose, speed_m_s: float, period_s: float
+    view: View, motion: Motion, speed_m_s: float, period_s: float
 ) -> tuple[np.ndarray, np.ndarray]:  # (M, 2) m, (M,) m
     """Return discs that hold each threat when the vehicle could be at it: what a route must go around.
 
@@ -245,7 +228,7 @@ def foreseen(
     """
     if not np.count_nonzero(view.threat_speed_m_s):
         return view.threats_ned_m, view.detection_radius_m
-    offset_m = view.threats_ned_m - np.array(pose.position_ned_m)
+    offset_m = view.threats_ned_m - np.array(motion.position_ned_m)
     apart_m = _lengths(offset_m) - view.detection_radius_m
     ahead_s = np.minimum(np.maximum(apart_m / speed_m_s, 0.0), LOOK_AHEAD_S)
     moved_m = view.threat_velocity_m_s * (view.threat_age_s + ahead_s)[:, np.newaxis]
@@ -262,9 +245,9 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:  # (M, 2) -> (M,)
     return lengths
 
 
-def law_of(config: Config) -> SteeringLaw:
-    """Return the law that a configuration names."""
-    return RoutedLaw(config) if config.law == "routed" else GradientLaw(config)
+def law_of(settings: LawSettings) -> SteeringLaw:
+    """Return the law that the settings name."""
+    return RoutedLaw(settings) if settings.law == "routed" else GradientLaw(settings)
 
 
 def _unopposed(pull: SteeringVector, gradient_m: np.ndarray) -> tuple[SteeringVector, bool]:
@@ -288,26 +271,26 @@ def _on_side(wanted: SteeringVector, heading_rad: float, side: int) -> SteeringV
     return SteeringVector(wanted.strength_m * math.cos(turned_rad), wanted.strength_m * math.sin(turned_rad))
 
 
-def _range_gradient(task: Task, pose: Pose, config: Config) -> np.ndarray:  # (2,) m
+def _range_gradient(task: Task, motion: Motion, settings: LawSettings) -> np.ndarray:  # (2,) m
     """Return the gradient of the smooth f4 (paper: fun4)."""
     return range_gradient(
-        np.array(pose.position_ned_m),
+        np.array(motion.position_ned_m),
         np.array(task.place_ned_m),
         task.flown_m,
-        config.limits.range_m,
-        config.weights.k_l,
+        settings.limits.range_m,
+        settings.weights.k_l,
     )
 
 
-def _surrogate(config: Config) -> Surrogate:
-    if config.law == "seed" and config.surrogate == "monolithic":
-        return MonolithicSurrogate(load_monolithic(), config.agent_id)
-    return PairSurrogate(_profile(config), config.separation_m, Weights(**config.weights.model_dump()))
+def _surrogate(settings: LawSettings) -> Surrogate:
+    if settings.law == "seed" and settings.surrogate == "monolithic":
+        return MonolithicSurrogate(load_monolithic(), settings.agent_id)
+    return PairSurrogate(_profile(settings), settings.separation_m, settings.weights)
 
 
-def _profile(config: Config) -> RadialProfile:
-    if config.law == "ramp":
+def _profile(settings: LawSettings) -> RadialProfile:
+    if settings.law == "ramp":
         return PolygonProfile(HALF_WIDTH)
-    if config.law == "step":
+    if settings.law == "step":
         return StepProfile()
-    return profile_by_name(config.surrogate)
+    return profile_by_name(settings.surrogate)

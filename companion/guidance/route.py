@@ -21,6 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from companion.guard.types import Piece
+
 TOLERANCE = 1e-9
 """Of the scene's size: how deep a path may seem to cut into a disc that it touches, for rounding."""
 SWITCH_SHARE = 0.02
@@ -55,17 +57,6 @@ class Reach(Enum):
     TARGET = "target"
     NEAREST = "nearest safe point"
     NONE = "no way"
-
-
-class Piece(NamedTuple):
-    """A stretch of constant curvature."""
-
-    start_ned_m: tuple[float, float]
-    heading_rad: float
-    """At its start."""
-    curvature_1_m: float
-    """Positive to the right, 0 for a segment."""
-    length_m: float
 
 
 class Route(NamedTuple):
@@ -759,10 +750,10 @@ def _as_route(scene: _Scene, chain: list[_State], reach: Reach, radii_m: np.ndar
             via.append((state.circle, side))
         if arc_m > scene.tolerance_m:
             begin = place + cmath.rect(radius_m, state.angle_rad)
-            pieces.append(Piece(_pair(begin), state.angle_rad + side * _HALF_PI, side / radius_m, arc_m))
+            pieces.append(Piece(*_pair(begin), state.angle_rad + side * _HALF_PI, side / radius_m, arc_m))
         if after.segment_m > 0.0:
             begin = place + cmath.rect(radius_m, after.heading_rad - side * _HALF_PI)
-            pieces.append(Piece(_pair(begin), after.heading_rad, 0.0, after.segment_m))
+            pieces.append(Piece(*_pair(begin), after.heading_rad, 0.0, after.segment_m))
     first, second = chain[0], chain[1]
     # Without any pieces the vehicle is at the goal, to rounding.
     turning = first.circle > scene.goal_node and bool(pieces) and pieces[0].curvature_1_m != 0.0

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
-from companion.guard.guard import Motion
+from companion.guard.types import Motion
 
 GREATEST_STEP_TURN_RAD = 2.8
 """A circle to the right is commanded by a heading this far ahead at most: beyond pi it would be a turn to the left."""

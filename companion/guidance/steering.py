@@ -20,8 +20,6 @@ LOITER_STEPS = 2.0
 """And at least this many guidance steps long, so that a step's chord does not leave the circle."""
 LOITER_CAPTURE = 2.0
 """Gain of the pull onto the loiter circle, per radius of error."""
-RANGE_RESERVE = 1.1
-"""The way home is counted this much longer than the straight line."""
 APPROACH_GAIN_1_S = 0.5
 """A vehicle that can stop nears its loiter place at this fraction of the distance per second."""
 

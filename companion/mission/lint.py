@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from companion.geo.kinematics import turn_rate_rad_s
-from companion.guidance.steering import RANGE_RESERVE
-from companion.mission.model import AgentSpec, Mission, ThreatSpec, agent_height_m
+from companion.mission.model import RANGE_RESERVE, AgentSpec, Mission, ThreatSpec, agent_height_m
 
 APPROACH_SHARE = 0.1
 """Within this share of R_d outside a detection disc the surrogate's repulsion outweighs any attraction (measured: 0.09

@@ -15,7 +15,6 @@ from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Discriminator, Field, Strict, Tag, ValidationError, model_validator
 
-from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 
@@ -33,6 +32,8 @@ MAX_STEPS = 20_000_000
 MAX_ITEMS = 2_000
 MAX_HEIGHT_M = 20_000.0
 """An agent flies at most so high above the origin; a companion's own limits are narrower."""
+RANGE_RESERVE = 1.1
+"""With `range_policy: return` the way home is counted this much longer than the straight line."""
 MIN_LEVEL_M, MAX_LEVEL_M = -1_000.0, 30_000.0
 """Floors and ceilings, above sea level, travel as 16 bits of metres."""
 
@@ -288,14 +289,8 @@ class Scale(Section):
     """By what the lengths and speeds of a mission were multiplied so that an autopilot kind can fly it."""
 
     autopilot: Annotated[str, Strict()]
+    """The kind; whether there is such a one is for the programs to say that fly the mission."""
     factor: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)]
-
-    @model_validator(mode="after")
-    def _known(self) -> Self:
-        if self.autopilot not in ADAPTERS:
-            hint = nearest_hint(self.autopilot, ADAPTERS)
-            raise ValueError(f"autopilot: '{self.autopilot}'{hint}; allowed: {', '.join(ADAPTERS)}")
-        return self
 
 
 class Mission(Section):

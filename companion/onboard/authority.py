@@ -13,9 +13,6 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import Telemetry
 
-STREAM_GAP_S = 0.75
-"""A stream with a longer gap has ended, as PX4 sees it soon. Chosen: more than the slowest setpoint rate's period of
-0.5 s, less than the COM_OF_LOSS_T of 1 s that is demanded."""
 FAILSAFE_STATES = frozenset({common.MAV_STATE_CRITICAL, common.MAV_STATE_EMERGENCY})
 
 MODE_LEFT = "taken over: the mode was changed"

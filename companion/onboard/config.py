@@ -8,9 +8,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
-from companion.autopilot.registry import ADAPTERS
+from companion.autopilot.kinds import KINDS
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
+from companion.guidance.settings import DEFAULT_LAW, LawName, SurrogateName
 from companion.mission.model import (
     Coordinate,
     CostWeights,
@@ -23,11 +24,6 @@ from companion.mission.model import (
 )
 from companion.transport.endpoints import FORMS, RECEIVING, SENDING, Link, parse_link
 
-Law = Literal["routed", "seed", "ramp", "step"]
-"""The shortest way around the discs; the paper's law on its surrogate, on the polygon F~, and on F itself, whose
-gradient is nothing."""
-LAWS: tuple[Law, ...] = ("routed", "seed", "ramp", "step")
-DEFAULT_LAW: Law = "routed"
 TrustWord = Literal["unsigned", "mavlink", "ed25519", "both"]
 """MAVLink's own signature by a shared key, an Ed25519 signature of the ground station's, or both."""
 Height = Annotated[float, Strict(), Field(ge=0, le=20_000, allow_inf_nan=False)]
@@ -51,9 +47,9 @@ class AutopilotSection(Section):
 
     @model_validator(mode="after")
     def _known(self) -> Self:
-        if self.kind not in ADAPTERS:
-            hint = nearest_hint(self.kind, ADAPTERS)
-            raise ValueError(f"kind: '{self.kind}'{hint}; allowed: {', '.join(ADAPTERS)}")
+        if self.kind not in KINDS:
+            hint = nearest_hint(self.kind, KINDS)
+            raise ValueError(f"kind: '{self.kind}'{hint}; allowed: {', '.join(KINDS)}")
         if self.offboard == "direct" and self.kind != "px4-copter":
             raise ValueError(f"offboard: 'direct' with kind '{self.kind}'; allowed: only with px4-copter")
         _checked_link(self.link)
@@ -62,7 +58,7 @@ class AutopilotSection(Section):
     @property
     def needs_state_file(self) -> bool:
         """Whether the autopilot resumes by itself, so that a restart must know what was before."""
-        return ADAPTERS[self.kind]().resumes_on_stream
+        return KINDS[self.kind].resumes_on_stream
 
 
 class BroadcastSection(Section):
@@ -198,8 +194,8 @@ class Config(Section):
     height_m: Height = 30.0
     case: Literal["I", "II"] = "I"
     """In Case II nothing but the broadcast shall be heard of the fleet: the companion keeps silent (status.quiet)."""
-    law: Law = DEFAULT_LAW
-    surrogate: Literal["pairwise", "analytic", "monolithic"] = "pairwise"
+    law: LawName = DEFAULT_LAW
+    surrogate: SurrogateName = "pairwise"
     keep_out: Literal["attack", "detection"] = "detection"
     """Which discs the guard holds; what the law holds is its own affair."""
     weights: CostWeights = CostWeights()
@@ -292,7 +288,7 @@ def parse_config(text: str, source: str) -> Config:
     return validated(Config, parse_yaml(text, source), source)
 
 
-def config_for_agent(mission: Mission, agent_id: int, law: Law) -> Config:
+def config_for_agent(mission: Mission, agent_id: int, law: LawName) -> Config:
     """Return the configuration a mission implies for one of its agents; links are left to the caller."""
     agent = next(agent for agent in mission.agents if agent.id == agent_id)
     height_m = agent_height_m(mission, agent_id)

@@ -61,7 +61,7 @@ def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: f
 
 def _demands(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
     told = adapter.parameters.values
-    for demand in adapter.demands:
+    for demand in adapter.parameter_checks:
         if demand.when_fenced and config.limits.fence is None:
             continue
         if demand.name not in told:

@@ -149,7 +149,9 @@ class Authenticator:
             if trust.mavlink_key is None
             else MavlinkVerifier(trust.mavlink_key, dict(state.streams), ahead_s, behind_s)
         )
-        self._gate = None if trust.public_key is None else CheckLimiter[RawFrame](trust.checks_per_s, rng or random.Random())
+        self._gate = (
+            None if trust.public_key is None else CheckLimiter[RawFrame](trust.checks_per_s, rng or random.Random())
+        )
 
     @property
     def rejected(self) -> Counter[str]:
@@ -242,7 +244,7 @@ class Authenticator:
             return None
         silent_s = 0.0
         if self.trust.public_key is None and self._quiet_since_s is not None:
-            # Others than the centre can make a frame: one of theirs that is stamped ahead must not shut it out for good.
+            # Others can make a frame too: one of theirs, stamped ahead, must not shut the centre out for good.
             silent_s = now_s - self._quiet_since_s
         reason = overtaken(stamp, (self._epoch_s, self._sequence), silent_s)
         if reason is not None:

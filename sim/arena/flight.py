@@ -10,31 +10,32 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 
-from companion.autopilot.adapter import NoAutopilot
-from companion.autopilot.telemetry import Neighbour, Telemetry
+from companion.autopilot.point import PointAdapter
+from companion.autopilot.telemetry import Neighbour
 from companion.geo.kinematics import advance, turn_rate_rad_s, turn_towards
 from companion.geo.local_frame import LocalFrame
-from companion.guard.guard import Setpoint
-from companion.guidance.laws import SteeringOf
+from companion.guidance.laws import SteeringLaw, SteeringOf
+from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
 from companion.mission.random_streams import random_stream
-from companion.onboard.companion import Companion, Decision
-from companion.onboard.config import Law, config_for_agent
+from companion.onboard.companion import Companion
+from companion.onboard.config import Config, config_for_agent
+from companion.onboard.law_settings import law_settings
 from companion.protocol.codec import Detection, DetectionsFrame, Kind
 from groundstation.ground_station import GroundStation
+from groundstation.schedule import Broadcaster
 from sim.air_link import LINK_STREAM, LossyLink
-from sim.arrivals import Arrivals
-from sim.lockstep import START_S
-from sim.sensor import LOOK_PERIOD_S, seen
-from sim.trajectory import Trajectory, TrajectoryBuilder
+from sim.flight_record import FlightRecord
+from sim.loop import START_S, Loop, Outcome, Parts
+from sim.trajectory import Trajectory
+from sim.transmitter import Transmitter
 from sim.wind import WindField, crabbed
 from sim.world import World
-
-_TOLERANCE_S = 1e-6
 
 
 @dataclass(frozen=True)
@@ -57,210 +58,194 @@ class ArenaFlight:
     opposed: int
 
 
-class _Vehicle(NoAutopilot):
-    """A point in the wind; to its companion it is what an adapter would be."""
+@dataclass(frozen=True)
+class _Snapshot:
+    """Where all vehicles alive are at one moment, as their detectors see one another."""
 
-    can_stop = False
+    neighbours: list[Neighbour]
+    places_m: np.ndarray  # (A, 2) north, east
+
+
+class _PointVehicle:
+    """A point in the wind, coupled to its companion directly: what is told and asked crosses no wire."""
 
     def __init__(
-        self, spec: AgentSpec, mission: Mission, frame: LocalFrame, law: Law, steering: SteeringOf | None
+        self,
+        spec: AgentSpec,
+        mission: Mission,
+        frame: LocalFrame,
+        air: LossyLink,
+        config: Config,
+        law: SteeringLaw | None,
     ) -> None:
-        config = config_for_agent(mission, spec.id, law)
         self.spec = spec
-        self.companion = Companion(config, self, None if steering is None else steering(config))
-        self.neighbours: list[Neighbour] = []
-        self.telemetry = Telemetry()
+        self.alive = True
         self.north_m, self.east_m = spec.position_ned_m
         self.heading_rad = math.radians(spec.heading_deg or 0.0)
-        self.wind_m_s = (0.0, 0.0)
-        self.alive = True
+        self._adapter = PointAdapter(False, frame.to_global(self.north_m, self.east_m), config.height_m)
+        self._companion = Companion(config, self._adapter, law)
+        self._wind_m_s = (0.0, 0.0)
         self._rate_rad_s = turn_rate_rad_s(spec.speed_m_s, spec.n_max)
-        self._wanted_rad: float | None = None
+        self._mission = mission
         self._frame = frame
-        self._home_deg = frame.to_global(self.north_m, self.east_m)
-        self._height_m = config.height_m
-        self._altitude_m = mission.origin.alt_m + config.height_m
-
-    def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
-        """Take the setpoint: the vehicle is right here."""
-        self._wanted_rad = setpoint.heading_rad
-        return []
-
-    @property
-    def velocity_m_s(self) -> tuple[float, float]:
-        """(north, east) over the ground, along the grid."""
-        speed_m_s = self.spec.speed_m_s
-        return (
-            speed_m_s * math.cos(self.heading_rad) + self.wind_m_s[0],
-            speed_m_s * math.sin(self.heading_rad) + self.wind_m_s[1],
-        )
+        self._air = air
 
     def row(self) -> tuple[float, float, float, float]:
         """Return north m, east m, heading deg, speed m/s; a lost vehicle stands where it was lost."""
         heading_deg = math.degrees(self.heading_rad) % 360.0
         return self.north_m, self.east_m, heading_deg, self.spec.speed_m_s if self.alive else 0.0
 
-    def observe(self, now_s: float) -> Neighbour:
-        """Refresh the telemetry; return the vehicle as a neighbour's detector sees it."""
-        lat_deg, lon_deg, convergence_rad = self._frame.to_global_with_convergence(self.north_m, self.east_m)
-        north_m_s, east_m_s = self.velocity_m_s
-        cosine, sine = math.cos(convergence_rad), math.sin(convergence_rad)
-        true_m_s = (north_m_s * cosine - east_m_s * sine, north_m_s * sine + east_m_s * cosine)
-        self.telemetry = Telemetry(
-            system_id=1,
-            heartbeat_at_s=now_s,
-            armed=True,
-            position_at_s=now_s,
-            lat_deg=lat_deg,
-            lon_deg=lon_deg,
-            height_m=self._height_m,
-            altitude_m=self._altitude_m,
-            velocity_north_m_s=true_m_s[0],
-            velocity_east_m_s=true_m_s[1],
-            yaw_rad=self.heading_rad + convergence_rad,
-            home_deg=self._home_deg,
-            in_air=True,
-        )
-        return Neighbour(self.spec.id, lat_deg, lon_deg, *true_m_s, now_s, self._altitude_m)
+    def detection(self) -> Detection:
+        """Return what the centre's sensor sees of it."""
+        return Detection(Kind.AGENT, self.spec.id, self.north_m, self.east_m, *self._velocity_m_s())
 
-    def move(self, dt_s: float) -> None:
+    def set_wind(self, wind_m_s: tuple[float, float]) -> None:
+        """Let the air move (north, east) from now on."""
+        self._wind_m_s = wind_m_s
+
+    def move(self, t_s: float) -> None:
         """Fly on by the last setpoint for a step."""
+        dt_s = self._mission.integration_step_s
         pose = (self.north_m, self.east_m, self.heading_rad, self.spec.speed_m_s)
-        if self._wanted_rad is None:
+        if self._adapter.setpoint is None:
             # Until its companion has a picture it circles where it is.
             self.north_m, self.east_m, self.heading_rad = advance(*pose, self._rate_rad_s, dt_s)
         else:
-            heading_rad = crabbed(self._wanted_rad, self.spec.speed_m_s, self.wind_m_s)
+            heading_rad = crabbed(self._adapter.setpoint.heading_rad, self.spec.speed_m_s, self._wind_m_s)
             self.north_m, self.east_m, self.heading_rad = turn_towards(*pose, heading_rad, self._rate_rad_s, dt_s)
-        self.north_m += self.wind_m_s[0] * dt_s
-        self.east_m += self.wind_m_s[1] * dt_s
+        self.north_m += self._wind_m_s[0] * dt_s
+        self.east_m += self._wind_m_s[1] * dt_s
 
+    def transmitted(self, datagram: bytes, t_s: float) -> None:
+        """Put a datagram on its way through the air."""
+        self._air.send(datagram, t_s)
 
-class _Flying:
-    """A flight under way."""
+    def observe(self, now_s: float) -> Neighbour:
+        """Refresh the telemetry; return the vehicle as a neighbour's detector sees it."""
+        lat_deg, lon_deg, convergence_rad = self._frame.to_global_with_convergence(self.north_m, self.east_m)
+        north_m_s, east_m_s = self._velocity_m_s()
+        cosine, sine = math.cos(convergence_rad), math.sin(convergence_rad)
+        true_m_s = (north_m_s * cosine - east_m_s * sine, north_m_s * sine + east_m_s * cosine)
+        altitude_m = self._mission.origin.alt_m + self._companion.config.height_m
+        here = Neighbour(self.spec.id, lat_deg, lon_deg, *true_m_s, now_s, altitude_m)
+        self._adapter.tell(here, self.heading_rad + convergence_rad, now_s)
+        return here
 
-    def __init__(self, mission: Mission, seed: int, law: Law, steering: SteeringOf | None) -> None:
-        frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
-        self._mission = mission
-        self._ground = GroundStation(mission, START_S, law=law, steering=steering)
-        self._world = World(mission, seed)
-        self._wind = WindField(mission.wind, seed)
-        self._fleet = [_Vehicle(spec, mission, frame, law, steering) for spec in mission.agents]
-        self._links = [
-            LossyLink(mission.link, random_stream(seed, LINK_STREAM, index), mission.broadcast_period_s)
-            for index in range(len(self._fleet))
-        ]
-        self._losses_s = {loss.agent: loss.t_s for loss in mission.losses}
-        self._arrivals = Arrivals(mission)
-        self._trajectory = TrajectoryBuilder(
-            [agent.id for agent in mission.agents],
-            [target.id for target in mission.targets],
-            [threat.id for threat in mission.threats],
+    def guide(self, t_s: float, snapshot: _Snapshot) -> Outcome:
+        """Let the companion see its neighbours, hear and decide."""
+        places_m = snapshot.places_m
+        apart_m = np.hypot(places_m[:, 0] - self.north_m, places_m[:, 1] - self.east_m)
+        near = [snapshot.neighbours[index] for index in np.flatnonzero(apart_m <= self._mission.detector_range_m)]
+        self._adapter.neighbours = [other for other in near if other.agent_id != self.spec.id]
+        for arrival_s, datagram in self._air.deliver(t_s):
+            self._companion.hear(datagram, START_S + arrival_s)
+        began_ns = time.perf_counter_ns()
+        decision, _ = self._companion.tick(START_S + t_s)
+        return Outcome(decision, (time.perf_counter_ns() - began_ns) / 1000.0)
+
+    def repeat(self, t_s: float) -> None:
+        """Do nothing: a point flies by its last setpoint until the next."""
+
+    def report(self, now_s: float) -> list[bytes]:
+        """Return what the companion reports to the centre."""
+        return self._companion.report(now_s)
+
+    def _velocity_m_s(self) -> tuple[float, float]:
+        """Return (north, east) over the ground, along the grid."""
+        speed_m_s = self.spec.speed_m_s
+        return (
+            speed_m_s * math.cos(self.heading_rad) + self._wind_m_s[0],
+            speed_m_s * math.sin(self.heading_rad) + self._wind_m_s[1],
         )
-        self._decision_us: list[float] = []
-        self._guarded = self._uncertified = self._gave_way = self._opposed = 0
-        self._first: dict[int, bool] = {}
+
+
+class _Record(FlightRecord):
+    """The truth of a flight and what its decisions came to."""
+
+    def __init__(self, mission: Mission) -> None:
+        super().__init__(mission)
+        self.decision_us: list[float] = []
+        self.guarded = self.uncertified = self.gave_way = self.opposed = 0
+        self.first: dict[int, bool] = {}
         """Agents that have a picture, and whether they were certified on the first."""
-        self._broken: dict[str, int] = {}
-        self._stays: dict[str, int] = {}
+        self.broken: Counter[str] = Counter()
+        self.stays: Counter[str] = Counter()
 
-    def run(self) -> ArenaFlight:
-        """Fly to the end."""
-        mission, step_s = self._mission, self._mission.integration_step_s
-        guide_every = round(mission.guidance_step_s / step_s)
-        last_tick = int(mission.max_time_s / step_s + _TOLERANCE_S)
-        next_look_s = 0.0
-        for tick in range(last_tick + 1):
-            t_s = tick * step_s
-            alive = [vehicle for vehicle in self._fleet if vehicle.alive]
-            self._world.advance(t_s, np.array([(v.north_m, v.east_m) for v in alive]).reshape(-1, 2))
-            wind_m_s = self._wind.at(t_s)
-            for vehicle in self._fleet:
-                vehicle.wind_m_s = wind_m_s
-                vehicle.alive = t_s < self._losses_s.get(vehicle.spec.id, math.inf)
-            if self._record(t_s) or tick == last_tick:
-                break
-            if t_s >= next_look_s - _TOLERANCE_S:
-                self._look(t_s)
-                next_look_s += LOOK_PERIOD_S
-            for datagram in self._ground.tick(START_S + t_s):
-                for link in self._links:
-                    link.send(datagram, t_s)
-            if tick % guide_every == 0:
-                self._guide(t_s)
-            for vehicle in self._fleet:
-                if vehicle.alive:
-                    vehicle.move(step_s)
-        return ArenaFlight(
-            trajectory=self._trajectory.build(),
-            decision_us=np.array(self._decision_us),
-            guarded=self._guarded,
-            certified=all(self._first.values()),
-            uncertified=self._uncertified,
-            broken=self._broken,
-            stays=self._stays,
-            gave_way=self._gave_way,
-            opposed=self._opposed,
-        )
-
-    def _record(self, t_s: float) -> bool:
-        """Log the truth and note arrivals; return whether the flight is over."""
-        agents = np.array([vehicle.row() for vehicle in self._fleet])
-        targets, threats = self._world.rows()
-        self._trajectory.append(t_s, agents, targets, threats)
-        return self._arrivals.note(agents[:, :2], [vehicle.alive for vehicle in self._fleet], targets[:, :2])
-
-    def _look(self, t_s: float) -> None:
-        mission, now_s = self._mission, START_S + t_s
-        targets, threats = self._world.rows()
-        detections = [
-            Detection(Kind.AGENT, v.spec.id, v.north_m, v.east_m, *v.velocity_m_s)
-            for v in self._fleet
-            if v.alive and mission.case == "I"
-        ]
-        detections += [seen(Kind.TARGET, spec.id, row) for spec, row in zip(mission.targets, targets, strict=True)]
-        detections += [seen(Kind.THREAT, spec.id, row) for spec, row in zip(mission.threats, threats, strict=True)]
-        origin = mission.origin
-        look = DetectionsFrame(
-            int(now_s), round(now_s % 1.0 * 1000.0), origin.lat_deg, origin.lon_deg, tuple(detections)
-        )
-        self._ground.tracks.take(look, now_s)
-
-    def _guide(self, t_s: float) -> None:
-        """Let everybody see the same moment, then decide."""
-        now_s = START_S + t_s
-        flying = [(vehicle, link) for vehicle, link in zip(self._fleet, self._links, strict=True) if vehicle.alive]
-        echoes = [vehicle.observe(now_s) for vehicle, _ in flying]
-        places = np.array([(vehicle.north_m, vehicle.east_m) for vehicle, _ in flying]).reshape(-1, 2)
-        for index, (vehicle, link) in enumerate(flying):
-            apart_m = np.hypot(places[:, 0] - vehicle.north_m, places[:, 1] - vehicle.east_m)
-            near = np.flatnonzero(apart_m <= self._mission.detector_range_m)
-            vehicle.neighbours = [echoes[other] for other in near.tolist() if other != index]
-            for arrival_s, datagram in link.deliver(t_s):
-                vehicle.companion.hear(datagram, START_S + arrival_s)
-            began_ns = time.perf_counter_ns()
-            decision, _ = vehicle.companion.tick(now_s)
-            self._decision_us.append((time.perf_counter_ns() - began_ns) / 1000.0)
-            self._count(vehicle.spec.id, decision)
-            for report in vehicle.companion.report(now_s):
-                self._ground.hear_report(report, now_s)
-
-    def _count(self, agent_id: int, decision: Decision) -> None:
+    def decided(self, agent_id: int, outcome: Outcome) -> None:
+        """Count what a companion decided."""
+        decision = outcome.decision
+        self.decision_us.append(outcome.decision_us)
         if decision.picture_age_s is not None:
-            self._first.setdefault(agent_id, not decision.uncertified)
-        self._guarded += bool(decision.guard_changes)
-        self._uncertified += decision.uncertified
-        self._gave_way += decision.gave_way is not None
-        self._opposed += decision.opposed
-        for name in decision.broken:
-            self._broken[name] = self._broken.get(name, 0) + 1
+            self.first.setdefault(agent_id, not decision.uncertified)
+        self.guarded += bool(decision.guard_changes)
+        self.uncertified += decision.uncertified
+        self.gave_way += decision.gave_way is not None
+        self.opposed += decision.opposed
+        self.broken.update(decision.broken)
         if decision.stay is not None:
-            self._stays[decision.stay] = self._stays.get(decision.stay, 0) + 1
+            self.stays[decision.stay] += 1
+
+    def flight(self) -> ArenaFlight:
+        """Return what the flight left behind."""
+        return ArenaFlight(
+            trajectory=self.trajectory(),
+            decision_us=np.array(self.decision_us),
+            guarded=self.guarded,
+            certified=all(self.first.values()),
+            uncertified=self.uncertified,
+            broken=dict(self.broken),
+            stays=dict(self.stays),
+            gave_way=self.gave_way,
+            opposed=self.opposed,
+        )
 
 
-def fly_arena(mission: Mission, seed: int, law: Law = "routed", steering: SteeringOf | None = None) -> ArenaFlight:
+def fly_arena(mission: Mission, seed: int, law: LawName = "routed", steering: SteeringOf | None = None) -> ArenaFlight:
     """Fly a resolved mission until every target is reached, nobody is left, or its time is up.
 
     `law` configures the companions; `steering` makes another law for each of them in its place.
     """
-    return _Flying(mission, seed, law, steering).run()
+    frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
+    fleet = [_point(mission, index, seed, frame, law, steering) for index in range(len(mission.agents))]
+    ground = GroundStation(mission, START_S, law=law, steering=steering)
+    record = _Record(mission)
+
+    def snapshot(now_s: float) -> _Snapshot:
+        flying = [vehicle for vehicle in fleet if vehicle.alive]
+        places_m = np.array([(vehicle.north_m, vehicle.east_m) for vehicle in flying]).reshape(-1, 2)
+        return _Snapshot([vehicle.observe(now_s) for vehicle in flying], places_m)
+
+    def look(detections: list[Detection], now_s: float) -> None:
+        origin, time_ms = mission.origin, round(now_s % 1.0 * 1000.0)
+        ground.tracks.take(
+            DetectionsFrame(int(now_s), time_ms, origin.lat_deg, origin.lon_deg, tuple(detections)), now_s
+        )
+
+    loop = Loop(
+        Parts(
+            mission=mission,
+            world=World(mission, seed),
+            vehicles=fleet,
+            snapshot=snapshot,
+            ground=ground,
+            look=look,
+            transmit=Transmitter(Broadcaster(ground, None)).transmit,
+            recorder=record,
+            wind=WindField(mission.wind, seed),
+        )
+    )
+    while loop.step():
+        pass
+    return record.flight()
+
+
+def _point(
+    mission: Mission, index: int, seed: int, frame: LocalFrame, law: LawName, steering: SteeringOf | None
+) -> _PointVehicle:
+    """Return the vehicle of the mission's `index`th agent."""
+    spec = mission.agents[index]
+    config = config_for_agent(mission, spec.id, law)
+    air = LossyLink(mission.link, random_stream(seed, LINK_STREAM, index), mission.broadcast_period_s)
+    return _PointVehicle(
+        spec, mission, frame, air, config, None if steering is None else steering(law_settings(config))
+    )

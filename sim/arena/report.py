@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -77,45 +78,50 @@ def write_worst(folder: Path, runs: Sequence[Run], seed: int) -> list[tuple[Run,
     return saved
 
 
-def write_arena(
-    folder: Path,
-    runs: Sequence[Run],
-    seed: int,
-    wall_s: float,
-    saved: Sequence[tuple[Run, str, str]],
-    figures: Sequence[str],
-) -> None:
+@dataclass(frozen=True)
+class ArenaOutcome:
+    """An arena that has been flown."""
+
+    runs: Sequence[Run]
+    seed: int
+    wall_s: float
+    saved: Sequence[tuple[Run, str, str]]
+    """The worst runs, as `write_worst` returns them."""
+
+    @property
+    def missions(self) -> int:
+        """How many missions were flown, each by several laws."""
+        return len({(run.family, run.index) for run in self.runs})
+
+
+def write_arena(folder: Path, outcome: ArenaOutcome, figures: Sequence[str]) -> None:
     """Write `arena.json` and `arena.md`; `figures` are the names of the plots in the folder."""
-    found = summaries(runs)
+    found = summaries(outcome.runs)
     content: dict[str, Any] = {
-        "seed": seed,
-        "missions": len({(run.family, run.index) for run in runs}),
-        "wall_s": round(wall_s, 1),
+        "seed": outcome.seed,
+        "missions": outcome.missions,
+        "wall_s": round(outcome.wall_s, 1),
         "summaries": [_plain(dataclasses.asdict(summary)) for summary in found],
-        "worst": [{"family": run.family, "index": run.index, "why": why, "call": call} for run, why, call in saved],
-        "runs": [_plain(_run_figures(run)) for run in runs],
+        "worst": [
+            {"family": run.family, "index": run.index, "why": why, "call": call} for run, why, call in outcome.saved
+        ],
+        "runs": [_plain(_run_figures(run)) for run in outcome.runs],
     }
     (folder / JSON_NAME).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    (folder / MARKDOWN_NAME).write_text(markdown(found, runs, seed, wall_s, saved, figures), encoding="utf-8")
+    (folder / MARKDOWN_NAME).write_text(markdown(outcome, found, figures), encoding="utf-8")
 
 
-def markdown(
-    found: Sequence[Summary],
-    runs: Sequence[Run],
-    seed: int,
-    wall_s: float,
-    saved: Sequence[tuple[Run, str, str]],
-    figures: Sequence[str],
-) -> str:
-    """Return the arena's page."""
-    missions = len({(run.family, run.index) for run in runs})
+def markdown(outcome: ArenaOutcome, found: Sequence[Summary], figures: Sequence[str]) -> str:
+    """Return the arena's page; `found` are the summaries of its runs."""
+    runs = outcome.runs
     lines = [
         "# Arena",
         "",
-        f"Seed {seed}, {missions} missions, {len(runs)} flights, {wall_s / 60.0:.1f} min of wall time. The simulator "
-        "is kinematic: points that turn at a bounded rate. In brackets: 95 % intervals (Wilson for rates, order "
-        "statistics for quantiles). Arrivals and path ratios are of feasible missions from certified starts; entries "
-        "are of certified starts, those of others stand behind a plus. docs/arena.md says what the words mean.",
+        f"Seed {outcome.seed}, {outcome.missions} missions, {len(runs)} flights, {outcome.wall_s / 60.0:.1f} min of "
+        "wall time. The simulator is kinematic: points that turn at a bounded rate. In brackets: 95 % intervals "
+        "(Wilson for rates, order statistics for quantiles). Arrivals and path ratios are of feasible missions from "
+        "certified starts; entries are of certified starts, those of others stand behind a plus. docs/arena.md says "
+        "what the words mean.",
     ]
     for family in dict.fromkeys(summary.family for summary in found):
         lines += ["", f"## {family}: {FAMILIES[family].title}", "", FAMILIES[family].description, ""]
@@ -125,7 +131,7 @@ def markdown(
             if ours is not None and other.family == family and other.law != "routed" and behind(ours, other):
                 lines += ["", f"`routed` is behind `{other.law}` in {', '.join(behind(ours, other))}."]
     lines += ["", "## The worst runs of `routed`", ""]
-    lines += [f"- {run.family} {run.index}: {why}; `{call}`" for run, why, call in saved]
+    lines += [f"- {run.family} {run.index}: {why}; `{call}`" for run, why, call in outcome.saved]
     lines += [""] + [f"![{name}]({name})" for name in figures]
     return "\n".join(lines) + "\n"
 

@@ -15,16 +15,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.guidance.laws import SteeringLaw, SteeringOf
+from companion.guidance.settings import LAWS, LawName, LawSettings
 from companion.mission.model import Mission
-from companion.onboard.config import LAWS, Config, Law
 from sim.arena.families import FAMILIES, draw
 from sim.arena.flight import ArenaFlight, fly_arena
-from sim.arena.peers import PEERS, SLOW
+from sim.arena.peers import PEERS, SLOW, horizon
 from sim.arena.planner import plan, target_stays_clear
 from sim.score import AgentScore, Score, score
 from sim.worker_pool import outcomes
 
-OWN_LAWS: tuple[Law, ...] = ("routed", "seed")
+OWN_LAWS: tuple[LawName, ...] = ("routed", "seed")
 """Ours and the paper's; `ramp` and `step` are the paper's contrast, not contestants."""
 FULL_RUNS = 500
 """Missions of a full arena."""
@@ -110,6 +110,12 @@ def jobs_of(seed: int, runs: int | None, families: Sequence[str], laws: Sequence
     return jobs
 
 
+def check_installed(jobs: Sequence[Job]) -> None:
+    """Raise InputError if a law that the jobs fly needs a library that is not installed."""
+    if any("horizon" in job.laws for job in jobs):
+        horizon.check_installed()
+
+
 def fly_all(jobs: Sequence[Job], workers: int, progress: Callable[[int, int], None]) -> list[Run]:
     """Fly every job, on `workers` processes (0: in this one); return the runs in order of family, index and law."""
     # Fleets last as long as many single agents: first, so that no core waits for one of them at the end.
@@ -186,8 +192,8 @@ def fly_law(mission: Mission, seed: int, law: str) -> ArenaFlight:
 
 
 def _steering(law: str) -> SteeringOf:
-    def make(config: Config) -> SteeringLaw:
-        return PEERS[law](config)
+    def make(settings: LawSettings) -> SteeringLaw:
+        return PEERS[law](settings)
 
     return make
 

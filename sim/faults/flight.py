@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.autopilot.kinds import KINDS as AUTOPILOTS
 from companion.autopilot.offboard import is_setpoint
 from companion.autopilot.offboard_child import TICK_TIMEOUT_S
 from companion.autopilot.registry import ADAPTERS
@@ -22,8 +23,9 @@ from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission
 from companion.mission.resolve import resolve
 from companion.onboard.authority import State
-from companion.onboard.companion import Companion, Decision, Purpose
+from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection, Config, StalenessSection, config_for_agent
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
 from companion.protocol.authenticator import Authenticator, AuthenticatorState, Trust
 from companion.protocol.codec import Detection, Kind
@@ -32,10 +34,10 @@ from companion.protocol.mavlink_signing import MavlinkSigner
 from groundstation.ground_station import GroundStation
 from groundstation.schedule import Broadcaster
 from sim.detector import Detector, Fleet
-from sim.lockstep import START_S
+from sim.loop import START_S
 from sim.safety_pilot import SafetyPilot
 from sim.scaling import CRUISE_M_S, PAPER_SPEED_M_S, scaled
-from sim.sensor import LOOK_PERIOD_S, mission_sensor, seen
+from sim.sensor import LOOK_PERIOD_S, mission_sensor, world_detections
 from sim.vehicles import CRAFTS, DEFAULT_RATES_HZ, Home, StandIn
 from sim.world import World
 
@@ -230,7 +232,7 @@ class Flight:
         )
         self._world = World(mission, SEED)
         self._sensor = mission_sensor(mission, int(START_S))
-        can_stop = ADAPTERS[kind]().can_stop
+        can_stop = AUTOPILOTS[kind].can_stop
         self._ground = GroundStation(mission, START_S, law="routed", can_stop=can_stop)
         self._broadcaster = Broadcaster(self._ground, None, _frame_signer(FLEET_KEY if setting.signed else None))
         self._impostor: Broadcaster | None = None
@@ -467,8 +469,7 @@ class Flight:
         targets, threats = self._world.rows()
         here = self.vehicle.truth
         detections = [Detection(Kind.AGENT, AGENT_ID, here.north_m, here.east_m, *self.vehicle.ground_velocity_m_s)]
-        detections += [seen(Kind.TARGET, spec.id, row) for spec, row in zip(mission.targets, targets, strict=True)]
-        detections += [seen(Kind.THREAT, spec.id, row) for spec, row in zip(mission.threats, threats, strict=True)]
+        detections += world_detections(mission, targets, threats)
         for datagram in self._sensor.look(detections, START_S + t_s):
             self._ground.sense(datagram, START_S + t_s)
 
@@ -552,7 +553,7 @@ class Flight:
             east_m=place_m[1],
             altitude_m=mission.origin.alt_m + HEIGHT_M,
             heading_rad=math.radians(self.setting.heading_deg),
-            speed_m_s=0.0 if ADAPTERS[kind]().can_stop else self.cruise_m_s,
+            speed_m_s=0.0 if AUTOPILOTS[kind].can_stop else self.cruise_m_s,
             home=Home(0.0, 0.0, mission.origin.alt_m),
             in_air=True,
             armed=True,

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from companion.surrogate.profiles import HALF_WIDTH, PolygonProfile, RadialProfile, StepProfile, load_pairwise
-from sim.figures import ATTACK_COLOUR, DETECTION_COLOUR, DPI, draw_run, figure_png, plot_paths
+from sim.figures import ATTACK_COLOUR, DETECTION_COLOUR, DPI, draw_flight, figure_png, plot_paths
+from sim.flown import FlownMission
 from sim.reproduction.claims import PAPER_MAX_MS, PAPER_MEAN_MS, PAPER_TRAINING_MSE
 from sim.reproduction.experiments import PAPER_STEP_S, Flown, Results, Training
 from sim.score import score
@@ -125,7 +126,7 @@ def _learning(axes: Axes, training: Training, title: str) -> None:
 
 
 def _static_paths(flown: Flown, path: Path, law: str, title: str) -> None:
-    plot_paths(flown.trajectory, flown.mission, flown.score, path, title, seed=flown.seed, law=law)
+    plot_paths(FlownMission(flown.mission, flown.trajectory, flown.score, flown.seed, law), path, title)
 
 
 def _snapshots_png(flown: Flown) -> bytes:
@@ -148,7 +149,8 @@ def _snapshots_png(flown: Flown) -> bytes:
         until = _until(flown.trajectory, steps[index] * every)
         # A run that is over at a sample between two steps is drawn to that sample.
         scored = score(until, flown.mission)
-        legend, _ = draw_run(axes, until, flown.mission, scored, flown.trajectory)
+        beginning = FlownMission(flown.mission, until, scored, flown.seed, "seed")
+        legend, _ = draw_flight(axes, beginning, flown.trajectory)
         axes.set_title(
             f"step {steps[index]}, {until.t_s[-1]:g} s: {scored.targets_reached} of {scored.targets} targets reached",
             fontsize=9.5,

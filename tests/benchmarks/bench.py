@@ -12,7 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from companion.guard.guard import Discs, Limits, Motion, Setpoint, check
+from companion.guard.guard import check
+from companion.guard.types import Discs, Limits, Motion, Setpoint
 from companion.mission.model import load_mission
 from companion.mission.resolve import resolve
 from companion.onboard.companion import Companion
@@ -22,7 +23,8 @@ from companion.surrogate.cost import Weights
 from companion.surrogate.profiles import gradient_for_agent, profile_by_name
 from groundstation.broadcast import state_frames
 from groundstation.ground_station import GroundStation
-from sim.lockstep import START_S, fly
+from sim.lockstep import fly
+from sim.loop import START_S
 
 ROUNDS = 15
 CALLS = 200

@@ -18,7 +18,7 @@ from companion.mission.model import Mission, Wind, load_mission
 from companion.mission.resolve import resolve
 from companion.protocol.codec import Kind
 from groundstation.ground_station import GroundStation
-from sim.lockstep import fly
+from sim.lockstep import FlightOptions, fly
 from sim.score import score
 
 REPORT_PERIODS_S = (0.0, 300.0, 60.0)
@@ -68,7 +68,7 @@ def flown(seed: int, report_period_s: float, wind: Wind) -> Outcome:
         if errors_m:
             rows.append((t_s, float(np.mean(errors_m)), max(errors_m)))
 
-    scored = score(fly(mission, seed, watch=watch).trajectory, mission)
+    scored = score(fly(mission, seed, FlightOptions(watch=watch)).trajectory, mission)
     t_s, mean_m, worst_m = np.array(rows).T
     return Outcome(
         seed,

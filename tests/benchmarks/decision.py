@@ -17,9 +17,9 @@ import numpy as np
 
 from companion.guard.guard import Guard
 from companion.guidance.laws import SteeringLaw, law_of
+from companion.guidance.settings import LawName, LawSettings
 from companion.mission.model import AgentSpec, Defaults, Draw, Mission, TargetSpec, ThreatDefaults
 from companion.mission.resolve import resolve
-from companion.onboard.config import Config, Law
 from sim.arena.flight import fly_arena
 from sim.arena.peers import PEERS, SLOW
 from sim.arena.run import OWN_LAWS
@@ -88,13 +88,13 @@ def fly_timed(mission: Mission, seed: int, law: str) -> tuple[np.ndarray, np.nda
         watch.spent_ns = 0
         return verdict
 
-    def steering(config: Config) -> SteeringLaw:
-        made: Any = PEERS[law](config) if law in PEERS else law_of(config)
+    def steering(settings: LawSettings) -> SteeringLaw:
+        made: Any = PEERS[law](settings) if law in PEERS else law_of(settings)
         made.steer = watch.timed(made.steer)
         steered: SteeringLaw = made
         return steered
 
-    own: Law = "routed" if law == "routed" else "seed"
+    own: LawName = "routed" if law == "routed" else "seed"
     Guard.check = decided  # type: ignore[method-assign]
     try:
         ticks_us = fly_arena(mission, seed, own, steering).decision_us

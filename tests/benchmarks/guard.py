@@ -14,7 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from companion.guard.guard import KEEP_OUT, Discs, Guard, Limits, Motion, Setpoint, guard
+from companion.guard.guard import Guard, guard
+from companion.guard.types import KEEP_OUT, Discs, Limits, Motion, Setpoint
 from tests.companion.guard.test_guard import WORLDS, Vehicle, flown_against, gusts, sent
 
 STEPS = 10_000

@@ -16,9 +16,11 @@ import numpy as np
 
 from companion.mission.model import Burst, LinkSpec, load_mission
 from companion.mission.resolve import resolve
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
+from companion.onboard.decision import Decision
 from companion.onboard.failsafe import Stage
-from sim.lockstep import START_S, fly
+from sim.lockstep import FlightOptions, fly
+from sim.loop import START_S
 from sim.score import score
 
 MEAN_BURST_FRAMES = 20.0
@@ -66,7 +68,7 @@ def flown(name: str, seed: int, loss: float, bursty: bool) -> Outcome:
 
     Companion.tick = watched  # type: ignore[method-assign]
     try:
-        scored = score(fly(mission, seed, law="routed").trajectory, mission)
+        scored = score(fly(mission, seed, FlightOptions(law="routed")).trajectory, mission)
     finally:
         Companion.tick = tick  # type: ignore[method-assign]
     return Outcome(

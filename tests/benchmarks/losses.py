@@ -19,7 +19,7 @@ from companion.mission.model import Loss, Mission, load_mission
 from companion.mission.random_streams import random_stream
 from companion.mission.resolve import resolve
 from groundstation.ground_station import GroundStation
-from sim.lockstep import fly
+from sim.lockstep import FlightOptions, fly
 from sim.score import score
 
 LOSS_STREAM = 5
@@ -75,7 +75,7 @@ def flown(seed: int) -> Outcome:
         if set(ground.uncovered) != uncovered:
             broken.append(f"{t_s:g} s: uncovered {sorted(uncovered)}, named {sorted(ground.uncovered)}")
 
-    scored = score(fly(mission, seed, watch=watch).trajectory, mission)
+    scored = score(fly(mission, seed, FlightOptions(watch=watch)).trajectory, mission)
     return Outcome(len(mission.losses), known, checked, short, tuple(broken), scored.targets_reached)
 
 

@@ -37,7 +37,7 @@ from sim.detector import Detector, Fleet
 from sim.safety_pilot import SafetyPilot
 from sim.scaling import CRUISE_M_S, scaled
 from sim.score import score
-from sim.sensor import LOOK_PERIOD_S, mission_sensor, seen
+from sim.sensor import LOOK_PERIOD_S, mission_sensor, world_detections
 from sim.trajectory import TrajectoryBuilder
 from sim.world import World
 
@@ -255,8 +255,7 @@ def fly(
                 Detection(Kind.AGENT, int(identity), *map(float, row[:2]), *vehicle.velocity_m_s)
                 for identity, row, vehicle in zip(ids, rows, vehicles, strict=True)
             ]
-            detections += [seen(Kind.TARGET, one.id, row) for one, row in zip(mission.targets, targets, strict=True)]
-            detections += [seen(Kind.THREAT, one.id, row) for one, row in zip(mission.threats, threats, strict=True)]
+            detections += world_detections(mission, targets, threats)
             for datagram in sensor.look(detections, time.time()):
                 to_ground.sendto(datagram, sensor_at)
         if is_due("see", mission.guidance_step_s, t_s):

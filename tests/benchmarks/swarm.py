@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.geo.kinematics import turn_rate_rad_s, turn_towards
-from companion.guard.guard import Motion
+from companion.guard.types import Motion
 from companion.guidance.separation import Rules, give_way, reserved_radius_m
 from companion.guidance.steering import loiter_attraction, loiter_place, loiter_radius_m, loiter_spacing_m
 

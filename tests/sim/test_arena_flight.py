@@ -5,14 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guard.types import Motion
+from companion.guidance.laws import SteeringDemand, Task
+from companion.guidance.settings import LawSettings
 from companion.guidance.steering import SteeringVector
 from companion.guidance.view import View
 from companion.mission.model import AgentSpec, LinkSpec, Loss, Mission, TargetSpec, ThreatSpec, Wind
-from companion.onboard.config import Config
 from sim.arena.flight import fly_arena
 from sim.arena.run import Job, flight_seed, fly_job
-from sim.lockstep import fly
+from sim.lockstep import FlightOptions, fly
 
 LAWS = ("routed", "seed")
 
@@ -43,7 +44,7 @@ def a_mission(**changes: object) -> Mission:
 def test_a_flight_is_that_of_the_lockstep_runner_to_a_metre(law: str) -> None:
     mission = a_mission(link=LinkSpec(loss=0.2))
     here = fly_arena(mission, 1, law).trajectory  # type: ignore[arg-type]
-    there = fly(mission, 1, law).trajectory  # type: ignore[arg-type]
+    there = fly(mission, 1, FlightOptions(law=law)).trajectory  # type: ignore[arg-type]
     samples = min(len(here.t_s), len(there.t_s))
     assert abs(len(here.t_s) - len(there.t_s)) <= 1
     apart_m = np.hypot(*(here.agents_ned_m[:samples, 0] - there.agents_ned_m[:samples, 0]).T)
@@ -52,7 +53,7 @@ def test_a_flight_is_that_of_the_lockstep_runner_to_a_metre(law: str) -> None:
 
 def test_a_flight_in_wind_is_that_of_the_lockstep_runner_to_a_few_metres() -> None:
     mission = a_mission(threats=(), wind=Wind(from_deg=90.0, speed_m_s=5.0, gust_m_s=2.0))
-    here, there = fly_arena(mission, 1).trajectory, fly(mission, 1, "routed").trajectory
+    here, there = fly_arena(mission, 1).trajectory, fly(mission, 1, FlightOptions(law="routed")).trajectory
     samples = min(len(here.t_s), len(there.t_s))
     apart_m = np.hypot(*(here.agents_ned_m[:samples, 0] - there.agents_ned_m[:samples, 0]).T)
     assert apart_m.max() < 5.0
@@ -67,12 +68,12 @@ def test_the_same_flight_comes_out_twice() -> None:
 class Straight:
     """Flies straight on for ever."""
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+    def steer(self, task: Task, pose: Motion, view: View, now_s: float) -> SteeringDemand:
         return SteeringDemand(SteeringVector(1.0, 0.0))
 
 
 def test_a_law_of_the_callers_steers_in_the_place_of_ours() -> None:
-    def straight(config: Config) -> Straight:
+    def straight(settings: LawSettings) -> Straight:
         return Straight()
 
     flight = fly_arena(a_mission(threats=()), 1, "seed", straight)

@@ -12,6 +12,7 @@ from sim.arena.plots import PLOT_NAMES, draw_plots
 from sim.arena.report import (
     JSON_NAME,
     MARKDOWN_NAME,
+    ArenaOutcome,
     broken_promise,
     failures,
     summaries,
@@ -139,7 +140,7 @@ def test_the_worst_runs_are_missions_that_can_be_flown_again(tmp_path) -> None: 
 
 def test_the_page_and_the_figures_are_written(tmp_path) -> None:  # noqa: ANN001
     runs = [a_run(), a_run(law="seed", reached=0, entries=1, path_ratios=()), a_run(law="apf")]
-    write_arena(tmp_path, runs, 1, 60.0, [], ["plot.png"])
+    write_arena(tmp_path, ArenaOutcome(runs, 1, 60.0, []), ["plot.png"])
     content = json.loads((tmp_path / JSON_NAME).read_text(encoding="utf-8"))
     assert [row["law"] for row in content["summaries"]] == ["routed", "seed", "apf"]
     assert len(content["runs"]) == 3

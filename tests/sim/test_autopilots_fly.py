@@ -15,12 +15,12 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.files.tlog import read_tlog
 from companion.mission.model import Mission, parse_mission
 from companion.mission.resolve import resolve
-from companion.onboard.companion import Purpose
 from companion.onboard.config import parse_config
+from companion.onboard.decision import Purpose
 from companion.onboard.replay import replay
 from companion.protocol.v2_extension import V2_EXTENSION_ID
 from sim.cli import cli
-from sim.lockstep import Flight, fly
+from sim.lockstep import Flight, FlightOptions, fly
 from sim.safety_pilot import HAND_OVER_S, SafetyPilot
 from sim.scaling import CRUISE_M_S, scaled
 from sim.score import score
@@ -51,7 +51,7 @@ def crossing(kind: str, changes: str = "") -> Mission:
 @functools.cache
 def flown(kind: str) -> tuple[Mission, Flight, Path]:
     mission, folder = crossing(kind), Path(tempfile.mkdtemp(prefix="oneway-"))
-    return mission, fly(mission, 1, law="routed", autopilot=kind, out=folder), folder
+    return mission, fly(mission, 1, FlightOptions(law="routed", autopilot=kind, out=folder)), folder
 
 
 def assert_good(mission: Mission, trajectory: Trajectory) -> None:
@@ -107,14 +107,14 @@ def test_setpoints_leave_ten_times_a_second_once_it_is_steered(kind: str) -> Non
 
 def test_the_same_flight_is_the_same_bit_for_bit() -> None:
     mission, flight, _ = flown("arduplane")
-    again = fly(mission, 1, law="routed", autopilot="arduplane").trajectory
+    again = fly(mission, 1, FlightOptions(law="routed", autopilot="arduplane")).trajectory
     assert np.array_equal(again.agents_ned_m, flight.trajectory.agents_ned_m)
 
 
 @pytest.mark.parametrize("kind", ["arduplane", "px4-copter"])
 def test_in_a_wind_of_a_sixth_of_its_speed_it_arrives_too(kind: str) -> None:
     mission = crossing(kind, "wind: {from_deg: 200, speed_m_s: 7, gust_m_s: 3}\n")
-    assert_good(mission, fly(mission, 1, law="routed", autopilot=kind).trajectory)
+    assert_good(mission, fly(mission, 1, FlightOptions(law="routed", autopilot=kind)).trajectory)
 
 
 # One radio
@@ -123,7 +123,9 @@ def test_in_a_wind_of_a_sixth_of_its_speed_it_arrives_too(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["arducopter", "px4-plane"])
 def test_a_broadcast_through_the_autopilot_steers_as_well_as_one_heard_beside_it(kind: str, tmp_path: Path) -> None:
     mission = crossing(kind)
-    assert_good(mission, fly(mission, 1, law="routed", autopilot=kind, one_radio=True, out=tmp_path).trajectory)
+    assert_good(
+        mission, fly(mission, 1, FlightOptions(law="routed", autopilot=kind, one_radio=True, out=tmp_path)).trajectory
+    )
     broadcast = [raw for _, raw in read_tlog(tmp_path / "broadcast.tlog")]
     assert {int.from_bytes(raw[7:10], "little") for raw in broadcast} == {V2_EXTENSION_ID}
 

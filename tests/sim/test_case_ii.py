@@ -18,7 +18,7 @@ from companion.mission.resolve import resolve
 from companion.protocol.codec import FrameReader, Kind, MotionFrame, StateFrame
 from groundstation.agents import FIX_ERROR_M
 from groundstation.ground_station import GroundStation
-from sim.lockstep import Flight, fly
+from sim.lockstep import Flight, FlightOptions, fly
 from sim.safety_pilot import HAND_OVER_S
 from sim.score import Score, score
 
@@ -78,7 +78,7 @@ class Watched:
 def watched(changes: str = "", autopilot: str = "kinematic") -> Watched:
     mission = mission_of(changes)
     watch = Watched(mission)
-    fly(mission, 1, autopilot=autopilot, watch=watch)
+    fly(mission, 1, FlightOptions(autopilot=autopilot, watch=watch))
     return watch
 
 
@@ -109,7 +109,7 @@ def test_beside_a_threat_an_agent_is_where_it_is_reckoned_to_be_within_the_state
 def test_a_copter_on_its_way_is_behind_where_it_is_reckoned_to_be_by_no_more_than_hand_over_and_lag() -> None:
     demo = load_mission("copter-demo").model_copy(update={"case": "II", "threats": (), "max_time_s": 60.0})
     watch = Watched(resolve(demo, 1))
-    fly(watch.mission, 1, autopilot="arducopter", watch=watch)
+    fly(watch.mission, 1, FlightOptions(autopilot="arducopter", watch=watch))
     (speed_m_s,) = {agent.speed_m_s for agent in watch.mission.agents}
     behind_s = np.max(watch.error_m) / speed_m_s
     assert HAND_OVER_S + 0.5 < behind_s < HAND_OVER_S + 1.2
@@ -137,7 +137,7 @@ def test_every_report_puts_the_agents_back_where_they_are() -> None:
 
 
 def test_the_broadcast_of_a_flight_tells_neither_place_nor_motion_of_any_agent(tmp_path: Path) -> None:
-    fly(mission_of("max_time_s: 20"), 1, out=tmp_path)
+    fly(mission_of("max_time_s: 20"), 1, FlightOptions(out=tmp_path))
     reader = FrameReader()
     frames = [frame for _, data in read_tlog(tmp_path / "broadcast.tlog") for frame in reader.read(data)]
     states = [frame for frame in frames if isinstance(frame, StateFrame)]

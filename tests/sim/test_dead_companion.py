@@ -9,7 +9,7 @@ import math
 
 import pytest
 
-from companion.guard.guard import STANDARD_GRAVITY_M_S2
+from companion.geo.kinematics import GRAVITY_M_S2
 from tests.sim.vehicles.tracking import Flight
 
 WATCHED_S = 60.0
@@ -31,7 +31,7 @@ def left_alone(flight: Flight, seconds: float = WATCHED_S) -> tuple[float, float
 def steered(kind: str, speed_m_s: float, parameters: dict[str, float], turning: bool, until_s: float = 16.0) -> Flight:
     flight = Flight(kind, speed_m_s)
     flight.vehicle.parameters.update(parameters)
-    rate_rad_s = flight.adapter.abilities.n_max * STANDARD_GRAVITY_M_S2 / speed_m_s if turning else 0.0
+    rate_rad_s = flight.adapter.abilities.n_max * GRAVITY_M_S2 / speed_m_s if turning else 0.0
     heading_rad = 0.0
     while flight.now_s < until_s:
         heading_rad += 0.5 * rate_rad_s

@@ -16,7 +16,8 @@ import pytest
 from matplotlib.image import imread
 
 from sim.figures import clearance_png, plot_paths
-from sim.report import write_report
+from sim.flown import FlownMission
+from sim.report import Pictures, write_report
 from sim.score import Score, score
 from sim.trajectory import Trajectory, TrajectoryBuilder
 
@@ -86,14 +87,18 @@ def run_of(
     return trajectory, mission, score(trajectory, mission)
 
 
+def flown_of(trajectory: Trajectory, mission: Any, found: Score) -> FlownMission:  # noqa: ANN401
+    return FlownMission(mission, trajectory, found, seed=1, law="seed")
+
+
 def report_of(
     folder: Path, name: str = "two by two", result: dict[str, Any] | None = None, losses: Sequence[int] = ()
 ) -> str:
     trajectory, mission, found = run_of(3, 2, 1, name, losses)
     whole = {"seed": 7, "law": "seed", **found.to_dict(), **(result or {})}
-    pictures = (PNG_SIGNATURE + b"paths", PNG_SIGNATURE + b"clearance")
+    pictures = Pictures(PNG_SIGNATURE + b"paths", PNG_SIGNATURE + b"clearance")
     command = f"sim fly '{name}' --seed 7 --law seed"
-    write_report(folder / "report.html", mission, whole, found, trajectory, *pictures, command)
+    write_report(folder / "report.html", flown_of(trajectory, mission, found), whole, pictures, command)
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
@@ -124,7 +129,7 @@ class Page(HTMLParser):
 
 def test_the_picture_of_the_paths_is_written_and_returned(tmp_path: Path) -> None:
     trajectory, mission, found = run_of(2, 2, 2, losses=[2])
-    png = plot_paths(trajectory, mission, found, tmp_path / "paths.png", "a run", seed=1, law="seed")
+    png = plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "a run")
     assert png.startswith(PNG_SIGNATURE)
     assert (tmp_path / "paths.png").read_bytes() == png
 
@@ -132,7 +137,7 @@ def test_the_picture_of_the_paths_is_written_and_returned(tmp_path: Path) -> Non
 def test_the_same_run_gives_the_same_picture_byte_for_byte(tmp_path: Path) -> None:
     trajectory, mission, found = run_of(2, 2, 2)
     first, second = (
-        plot_paths(trajectory, mission, found, tmp_path / "paths.png", "a run", seed=1, law="seed") for _ in range(2)
+        plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "a run") for _ in range(2)
     )
     assert first == second
     assert clearance_png(found, mission) == clearance_png(found, mission)
@@ -140,7 +145,7 @@ def test_the_same_run_gives_the_same_picture_byte_for_byte(tmp_path: Path) -> No
 
 def test_the_pictures_carry_no_date_and_no_program_name(tmp_path: Path) -> None:
     trajectory, mission, found = run_of(2, 2, 2)
-    png = plot_paths(trajectory, mission, found, tmp_path / "paths.png", "a run", seed=1, law="seed")
+    png = plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "a run")
     for chunk in (b"tEXt", b"tIME", b"iTXt", b"zTXt"):
         assert chunk not in png
         assert chunk not in clearance_png(found, mission)
@@ -149,7 +154,7 @@ def test_the_pictures_carry_no_date_and_no_program_name(tmp_path: Path) -> None:
 def test_a_circle_is_drawn_in_blue_and_one_in_red_only_where_there_is_a_threat(tmp_path: Path) -> None:
     def coloured(threats: int) -> tuple[int, int]:
         trajectory, mission, found = run_of(1, 1, threats)
-        plot_paths(trajectory, mission, found, tmp_path / "paths.png", "a run", seed=1, law="seed")
+        plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "a run")
         red, green, blue = np.moveaxis(imread(tmp_path / "paths.png")[..., :3], -1, 0)
         return int(((blue > red + 0.5) & (blue > green + 0.3)).sum()), int((red > np.maximum(green, blue) + 0.6).sum())
 
@@ -159,7 +164,7 @@ def test_a_circle_is_drawn_in_blue_and_one_in_red_only_where_there_is_a_threat(t
 
 def test_the_picture_keeps_circles_round(tmp_path: Path) -> None:
     trajectory, mission, found = run_of(1, 1, 1)
-    plot_paths(trajectory, mission, found, tmp_path / "paths.png", "a run", seed=1, law="seed")
+    plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "a run")
     red, green, blue = np.moveaxis(imread(tmp_path / "paths.png")[:, :850, :3], -1, 0)
     rows, columns = np.nonzero((blue > red + 0.6) & (blue > green + 0.4))
     # The threat moved 300 m east, so its two thin and solid circles span one and a half diameters.
@@ -172,7 +177,7 @@ def test_any_make_up_of_a_mission_can_be_drawn(
     tmp_path: Path, agents: int, targets: int, threats: int, steps: int
 ) -> None:
     trajectory, mission, found = run_of(agents, targets, threats, steps=steps)
-    plot_paths(trajectory, mission, found, tmp_path / "paths.png", "a run", seed=1, law="seed")
+    plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "a run")
     assert clearance_png(found, mission).startswith(PNG_SIGNATURE)
 
 
@@ -180,18 +185,18 @@ def test_an_agent_lost_from_the_start_can_be_drawn(tmp_path: Path) -> None:
     trajectory, mission, _ = run_of(2, 1, 1)
     mission.losses = (SimpleNamespace(agent=1, t_s=0.0),)
     found = score(trajectory, mission)
-    assert plot_paths(trajectory, mission, found, tmp_path / "paths.png", "a run", seed=1, law="seed")
+    assert plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "a run")
 
 
 def test_a_title_that_looks_like_mathematics_is_drawn_as_it_is(tmp_path: Path) -> None:
     trajectory, mission, found = run_of(1, 1, 0)
-    assert plot_paths(trajectory, mission, found, tmp_path / "paths.png", "$\\frac{$", seed=1, law="seed")
+    assert plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "$\\frac{$")
 
 
 def test_ten_agents_and_five_thousand_samples_are_drawn_in_time(tmp_path: Path) -> None:
     trajectory, mission, found = run_of(10, 5, 4, steps=5_000)
     begin_s = time.perf_counter()
-    plot_paths(trajectory, mission, found, tmp_path / "paths.png", "a run", seed=1, law="seed")
+    plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "a run")
     assert time.perf_counter() - begin_s < PLOT_LIMIT_S
 
 

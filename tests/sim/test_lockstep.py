@@ -13,9 +13,10 @@ import pytest
 from companion.errors import InputError
 from companion.mission.model import Mission, parse_mission
 from companion.mission.resolve import resolve
-from companion.onboard.companion import Companion, Decision, Purpose
+from companion.onboard.companion import Companion
+from companion.onboard.decision import Decision, Purpose
 from companion.protocol.codec import AgentEntry, Directive, FrameReader, FrameWriter, StateFrame
-from sim.lockstep import Flight, fly
+from sim.lockstep import Flight, FlightOptions, fly
 from sim.score import Score, score
 
 BASE = """
@@ -229,7 +230,7 @@ SCENARIOS: list[tuple[str, str, dict[str, Any], list[Check]]] = [
 @pytest.mark.parametrize(("title", "changes", "options", "checks"), SCENARIOS, ids=[row[0] for row in SCENARIOS])
 def test_scenario(title: str, changes: str, options: dict[str, Any], checks: list[Check]) -> None:
     mission = mission_of(changes)
-    flight = fly(mission, 1, **options)
+    flight = fly(mission, 1, FlightOptions(**options))
     scored = score(flight.trajectory, mission)
     for check in checks:
         assert check(flight, scored), f"{title}: {check.__name__}: {scored}"
@@ -284,7 +285,7 @@ def test_a_companion_believes_what_the_wire_says_and_nothing_else() -> None:
             StateFrame(frame.stamp, frame.origin_lat_deg, frame.origin_lon_deg, Directive.NORMAL, agents, (moved,), ())
         )
 
-    flight = fly(mission_of("max_time_s: 150"), 1, tamper=elsewhere)
+    flight = fly(mission_of("max_time_s: 150"), 1, FlightOptions(tamper=elsewhere))
     assert flight.trajectory.agents_ned_m[-1, 0, 0] < -5_000.0
 
 
@@ -296,7 +297,7 @@ def test_damaged_frames_are_counted_and_leave_the_companion_blind_but_flying(mon
         return bytes(data)
 
     decisions = watched(monkeypatch)
-    flight = fly(mission_of("max_time_s: 200"), 1, tamper=damaged)
+    flight = fly(mission_of("max_time_s: 200"), 1, FlightOptions(tamper=damaged))
     (companion,) = flight.companions.values()
     assert companion.authenticator.rejected.total() > 20
     assert companion.authenticator.state.epoch_s is None
@@ -323,7 +324,9 @@ def test_a_broadcast_that_ends_leads_through_the_named_stages_and_home(monkeypat
 
     decisions = watched(monkeypatch)
     flight = fly(
-        mission_of("max_time_s: 600\ntargets: [{id: 1, north_m: 30000, east_m: 0}]"), 1, tamper=cut_after_a_minute
+        mission_of("max_time_s: 600\ntargets: [{id: 1, north_m: 30000, east_m: 0}]"),
+        1,
+        FlightOptions(tamper=cut_after_a_minute),
     )
     stages = [stage for stage, _ in itertools.groupby(decision.stage.value for decision in decisions)]
     assert stages == ["loitering", "fresh", "coasting", "loitering", "returning"]
@@ -387,7 +390,7 @@ def test_a_wind_that_the_slowest_agent_can_hold_its_course_in_is_flown() -> None
 
 def test_the_one_network_flies_when_it_is_allowed_to_and_steers_another_way() -> None:
     disc = DISC_AHEAD + "\n"
-    first = fly(mission_of(disc + MONOLITHIC), 1, allow_monolithic=True).trajectory.agents_ned_m
+    first = fly(mission_of(disc + MONOLITHIC), 1, FlightOptions(allow_monolithic=True)).trajectory.agents_ned_m
     other = fly(mission_of(disc + "max_time_s: 10"), 1).trajectory.agents_ned_m
     assert first.shape == other.shape
     assert not np.array_equal(first, other)
@@ -402,4 +405,4 @@ def test_the_one_network_flies_when_it_is_allowed_to_and_steers_another_way() ->
 )
 def test_the_one_network_flies_nobody_that_it_has_no_inputs_for(changes: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        fly(mission_of(f"{changes}\n{MONOLITHIC}"), 1, allow_monolithic=True)
+        fly(mission_of(f"{changes}\n{MONOLITHIC}"), 1, FlightOptions(allow_monolithic=True))

@@ -12,7 +12,7 @@ from companion.mission.resolve import resolve
 from companion.protocol.dialect import oneway
 from companion.protocol.frame import raw_frame
 from groundstation.radio import parse_radio
-from sim.lockstep import Flight, fly
+from sim.lockstep import Flight, FlightOptions, fly
 from sim.score import Score, score
 
 FLEET = """
@@ -41,7 +41,7 @@ def mission(**changes: object) -> Mission:
 
 
 def flown(given: Mission, out: Path | None = None) -> tuple[Flight, Score]:
-    flight = fly(given, 3, law="routed", radio=RADIO, out=out)
+    flight = fly(given, 3, FlightOptions(law="routed", radio=RADIO, out=out))
     return flight, score(flight.trajectory, given)
 
 

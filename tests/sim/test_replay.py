@@ -18,7 +18,7 @@ from companion.onboard.replay import Replayed, replay
 from companion.protocol.codec import FrameWriter, StateFrame, decode_frame
 from companion.protocol.dialect import oneway
 from companion.protocol.frame import raw_frame
-from sim.lockstep import fly
+from sim.lockstep import FlightOptions, fly
 
 RADIO = LinkSpec(loss=0.2, burst=Burst(enter=0.05, leave=0.2), delay_s=0.3, jitter_s=0.4, duplicate=0.2, reorder=0.2)
 
@@ -28,7 +28,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Flown over a bad radio, with a reaction time, so that all that is told counts."""
     folder = tmp_path_factory.mktemp("flight")
     mission = resolve(load_mission("paper-dynamic"), 18).model_copy(update={"link": RADIO, "max_time_s": 300.0})
-    fly(mission, 18, law="routed", out=folder)
+    fly(mission, 18, FlightOptions(law="routed", out=folder))
     return folder
 
 

@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import sim.cli
+import sim.reproduction.command as command
 import sim.reproduction.experiments as experiments
 from companion.errors import InputError, run_program
 from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
 from companion.mission.model import LinkSpec, Loss, Mission, parse_mission
 from companion.mission.resolve import resolve
+from sim.cli import cli
 from sim.lockstep import fly
 from sim.reproduction.claims import Claim, Verdict, all_claims
 from sim.reproduction.core_flight import fly_core
@@ -442,15 +443,15 @@ def sim_reproduce(
 ) -> tuple[object, Any]:
     monkeypatch.setattr(sys, "argv", ["sim", "reproduce", *arguments])
     with pytest.raises(SystemExit) as ended:
-        run_program(sim.cli.cli, "sim")
+        run_program(cli, "sim")
     return ended.value.code, capsys.readouterr()
 
 
 def test_the_command_writes_every_file_and_processes_change_nothing(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(sim.cli, "Settings", partial(Settings, **TINY))
-    monkeypatch.setattr(sim.cli, "MAX_WORKERS", 1)
+    monkeypatch.setattr(command, "Settings", partial(Settings, **TINY))
+    monkeypatch.setattr(command, "MAX_WORKERS", 1)
     out = tmp_path / "deep" / "out"
     options = ("--seeds", "5", "--samples", "200", "--epochs", "2")
     status, printed = sim_reproduce(monkeypatch, capsys, "--out", str(out), *options)
@@ -485,8 +486,8 @@ def test_the_status_says_whether_the_wire_agreed(
 ) -> None:
     results = good if agrees else replace(good, wire=(*good.wire[:4], compared_of(5, steps_wire=300)))
     failing = with_flights(results, STATIC_SEED, entries_detection=1)
-    monkeypatch.setattr(sim.cli, "run_all", lambda *arguments: failing)
-    monkeypatch.setattr(sim.cli, "draw_all", lambda *arguments: FIGURES)
+    monkeypatch.setattr(command, "run_all", lambda *arguments: failing)
+    monkeypatch.setattr(command, "draw_all", lambda *arguments: FIGURES)
     status, printed = sim_reproduce(monkeypatch, capsys, "--out", str(tmp_path))
 
     assert status == (0 if agrees else 1), "a verdict is a result, a disagreement is not"

@@ -7,14 +7,14 @@ import functools
 from companion.geo.kinematics import GRAVITY_M_S2
 from companion.mission.model import Mission, load_mission
 from companion.mission.resolve import resolve
-from sim.lockstep import Flight, fly
+from sim.lockstep import Flight, FlightOptions, fly
 from sim.score import score
 
 
 @functools.cache
 def flown() -> tuple[Mission, Flight]:
     mission = resolve(load_mission("underwater"), 1)
-    return mission, fly(mission, 1, law="routed")
+    return mission, fly(mission, 1, FlightOptions(law="routed"))
 
 
 def test_the_vehicle_is_slow_and_turns_in_circles_of_tens_of_metres() -> None:

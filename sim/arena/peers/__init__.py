@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from companion.guidance.laws import SteeringLaw
-from companion.onboard.config import Config
+from companion.guidance.settings import LawSettings
 from sim.arena.peers.apf import PotentialField
 from sim.arena.peers.bendyruler import BendyRuler
 from sim.arena.peers.horizon import RecedingHorizon
 from sim.arena.peers.orca import ReciprocalAvoidance
 from sim.arena.peers.vfhplus import VectorFieldHistogram
 
-PEERS: dict[str, Callable[[Config], SteeringLaw]] = {
+PEERS: dict[str, Callable[[LawSettings], SteeringLaw]] = {
     "apf": PotentialField,
     "vfhplus": VectorFieldHistogram,
     "bendyruler": BendyRuler,

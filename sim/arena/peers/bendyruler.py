@@ -11,9 +11,10 @@ import math
 
 import numpy as np
 
-from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guard.types import Motion
+from companion.guidance.laws import SteeringDemand, Task
+from companion.guidance.settings import LawSettings
 from companion.guidance.view import View
-from companion.onboard.config import Config
 from sim.arena.peers.surroundings import Discs, discs_foreseen, goal_of, heading_for, ray_margins_m, scale_of
 
 BEARING_STEP_RAD = math.radians(5.0)
@@ -47,39 +48,39 @@ class BendyRuler:
 
     def __init__(
         self,
-        config: Config,
+        settings: LawSettings,
         look_ahead_turn_radii: float = LOOK_AHEAD_TURN_RADII,
         margin_turn_radii: float = MARGIN_TURN_RADII,
     ) -> None:
-        self._scale = scale_of(config)
+        self._scale = scale_of(settings)
         self._full_m = max(look_ahead_turn_radii * self._scale.turn_radius_m, 4.0 * self._scale.step_m)
         self._margin_m = margin_turn_radii * self._scale.turn_radius_m
         self._look_ahead_m = self._full_m
         self._held_rad: float | None = None
         self._held_for: tuple[float, float] | None = None
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+    def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """See SteeringLaw."""
         if task.loitering:
             self._held_rad = None
             return SteeringDemand(task.pull)
         if task.place_ned_m != self._held_for:
             self._held_rad, self._held_for = None, task.place_ned_m
-        discs = discs_foreseen(view, pose, self._scale)
-        distance_m, goal_rad = goal_of(task, pose)
+        discs = discs_foreseen(view, motion, self._scale)
+        distance_m, goal_rad = goal_of(task, motion)
         ahead_m = min(self._look_ahead_m, distance_m)
-        bearing_rad, margin_m, resistible = self._choose(discs, task, pose, goal_rad, ahead_m)
+        bearing_rad, margin_m, resistible = self._choose(discs, task, motion, goal_rad, ahead_m)
         if resistible:
-            bearing_rad = self._resist(discs, pose, bearing_rad, margin_m, ahead_m)
+            bearing_rad = self._resist(discs, motion, bearing_rad, margin_m, ahead_m)
         self._held_rad = bearing_rad
         return SteeringDemand(heading_for(bearing_rad, distance_m))
 
     def _choose(
-        self, discs: Discs, task: Task, pose: Pose, goal_rad: float, ahead_m: float
+        self, discs: Discs, task: Task, motion: Motion, goal_rad: float, ahead_m: float
     ) -> tuple[float, float, bool]:
         """Return the bearing, the margin on its first ray, m, and whether it is one that obstacles dictate."""
         bearings_rad = goal_rad + OFFSETS_RAD
-        here = np.array(pose.position_ned_m)
+        here = np.array(motion.position_ned_m)
         ends_m = here + ahead_m * np.column_stack((np.cos(bearings_rad), np.sin(bearings_rad)))
         margins_m = ray_margins_m(discs, np.broadcast_to(here, ends_m.shape), ends_m)
         onward = (margins_m > self._margin_m) & self._second_open(discs, task, ends_m)
@@ -102,11 +103,11 @@ class BendyRuler:
         opened: np.ndarray = margins_m.max(axis=1) > self._margin_m
         return opened
 
-    def _resist(self, discs: Discs, pose: Pose, bearing_rad: float, margin_m: float, ahead_m: float) -> float:
+    def _resist(self, discs: Discs, motion: Motion, bearing_rad: float, margin_m: float, ahead_m: float) -> float:
         """Return the bearing held so far instead of a very different one that is not much more open."""
         if self._held_rad is None or abs(math.remainder(bearing_rad - self._held_rad, math.tau)) <= CHANGE_RAD:
             return bearing_rad
-        here = np.array([pose.position_ned_m])
+        here = np.array([motion.position_ned_m])
         end_m = here + ahead_m * np.array([[math.cos(self._held_rad), math.sin(self._held_rad)]])
         held_m = float(ray_margins_m(discs, here, end_m)[0])
         return bearing_rad if margin_m > CHANGE_RATIO * held_m else self._held_rad

@@ -15,9 +15,10 @@ from types import ModuleType
 import numpy as np
 
 from companion.errors import InputError
-from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guard.types import Motion
+from companion.guidance.laws import SteeringDemand, Task
+from companion.guidance.settings import LawSettings
 from companion.guidance.view import View
-from companion.onboard.config import Config
 from sim.arena.peers.surroundings import (
     Discs,
     discs_foreseen,
@@ -45,42 +46,42 @@ class RecedingHorizon:
     """Plans are the same for the same inputs: the sampler is seeded before each."""
 
     def __init__(
-        self, config: Config, clearance_turn_radii: float = CLEARANCE_TURN_RADII, iterations: int = ITERATIONS
+        self, settings: LawSettings, clearance_turn_radii: float = CLEARANCE_TURN_RADII, iterations: int = ITERATIONS
     ) -> None:
         self._planner = BatchPlanner(iterations)
-        self._scale = scale_of(config)
+        self._scale = scale_of(settings)
         self._clearance_m = clearance_turn_radii * self._scale.turn_radius_m
         self._way_ned_m = np.zeros((0, 2))
         self._planned_at_s = -math.inf
         self._planned_for: tuple[float, float] | None = None
         self._plans = 0
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+    def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """See SteeringLaw."""
         if task.loitering:
             # It may be loitering for want of a plan: that is no reason to plan more often.
             return SteeringDemand(task.pull)
-        discs = discs_foreseen(view, pose, self._scale)
+        discs = discs_foreseen(view, motion, self._scale)
         if task.place_ned_m != self._planned_for:
             self._way_ned_m, self._planned_at_s, self._planned_for = np.zeros((0, 2)), -math.inf, task.place_ned_m
         if now_s - self._planned_at_s >= REPLAN_S - 1e-6:
-            self._plan(task, pose, discs)
+            self._plan(task, motion, discs)
             self._planned_at_s = now_s
         if not len(self._way_ned_m):
             return SteeringDemand(task.pull, stay="no plan")
-        return SteeringDemand(heading_for(self._follow(pose, discs), goal_of(task, pose)[0]))
+        return SteeringDemand(heading_for(self._follow(motion, discs), goal_of(task, motion)[0]))
 
-    def _plan(self, task: Task, pose: Pose, discs: Discs) -> None:
+    def _plan(self, task: Task, motion: Motion, discs: Discs) -> None:
         """Plan from here; the last plan stays where there is no new one."""
         swept = self._swept(discs)
-        apart_m = distances_m(swept, pose.position_ned_m)[1]
+        apart_m = distances_m(swept, motion.position_ned_m)[1]
         radius_m = np.minimum(swept.radius_m + self._clearance_m, NEAR_SHARE * apart_m)
         self._plans += 1
         to_place_m = distances_m(swept, task.place_ned_m)[1]
         if np.any(to_place_m < radius_m):
             return  # no way can end there, and the planner would spend its whole budget to find none
         way_ned_m = self._planner.plan(
-            pose.position_ned_m, task.place_ned_m, swept.centres_ned_m, radius_m, SEED + self._plans
+            motion.position_ned_m, task.place_ned_m, swept.centres_ned_m, radius_m, SEED + self._plans
         )
         if len(way_ned_m):
             self._way_ned_m = way_ned_m
@@ -101,16 +102,28 @@ class RecedingHorizon:
             threats=discs.threats,
         )
 
-    def _follow(self, pose: Pose, discs: Discs) -> float:
+    def _follow(self, motion: Motion, discs: Discs) -> float:
         """Return the heading of the farthest point of the way in sight, and forget those before it."""
-        here_m = np.broadcast_to(np.array(pose.position_ned_m), self._way_ned_m.shape)
+        here_m = np.broadcast_to(np.array(motion.position_ned_m), self._way_ned_m.shape)
         visible = np.flatnonzero(ray_margins_m(discs, here_m, self._way_ned_m) >= 0.0)
         if visible.size:
             self._way_ned_m = self._way_ned_m[visible[-1] :]
-        elif len(self._way_ned_m) > 1 and math.dist(pose.position_ned_m, self._way_ned_m[0]) <= self._scale.step_m:
+        elif len(self._way_ned_m) > 1 and math.dist(motion.position_ned_m, self._way_ned_m[0]) <= self._scale.step_m:
             self._way_ned_m = self._way_ned_m[1:]
-        north_m, east_m = self._way_ned_m[0] - pose.position_ned_m
+        north_m, east_m = self._way_ned_m[0] - motion.position_ned_m
         return math.atan2(east_m, north_m)
+
+
+def check_installed() -> None:
+    """Raise InputError if the library that plans is not installed."""
+    _ompl("base")
+
+
+def _ompl(part: str) -> ModuleType:
+    try:
+        return importlib.import_module(f"ompl.{part}")
+    except ImportError as error:
+        raise InputError("horizon: needs the library OMPL; install '.[arena]'") from error
 
 
 class BatchPlanner:
@@ -123,12 +136,7 @@ class BatchPlanner:
             InputError: the library is not installed.
 
         """
-        try:
-            self._base: ModuleType = importlib.import_module("ompl.base")
-            self._geometric: ModuleType = importlib.import_module("ompl.geometric")
-            self._util: ModuleType = importlib.import_module("ompl.util")
-        except ImportError as error:
-            raise InputError("horizon: needs the library OMPL; install '.[arena]'") from error
+        self._base, self._geometric, self._util = _ompl("base"), _ompl("geometric"), _ompl("util")
         self._iterations = iterations
 
     def plan(

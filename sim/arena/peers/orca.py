@@ -10,9 +10,10 @@ import math
 
 import numpy as np
 
-from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guard.types import Motion
+from companion.guidance.laws import SteeringDemand, Task
+from companion.guidance.settings import LawSettings
 from companion.guidance.view import View
-from companion.onboard.config import Config
 from sim.arena.peers.surroundings import (
     Discs,
     Scale,
@@ -41,32 +42,32 @@ class ReciprocalAvoidance:
 
     def __init__(
         self,
-        config: Config,
+        settings: LawSettings,
         agent_horizon_s: float = AGENT_HORIZON_S,
         threat_horizon_turn_radii: float = THREAT_HORIZON_TURN_RADII,
         tracking_share: float = TRACKING_SHARE,
     ) -> None:
-        self._scale = scale_of(config)
-        self._step_s = config.guidance_step_s
+        self._scale = scale_of(settings)
+        self._step_s = settings.guidance_step_s
         self._agent_horizon_s = max(agent_horizon_s, 2.0 * self._step_s)
         threat_horizon_s = threat_horizon_turn_radii * self._scale.turn_radius_m / self._scale.speed_m_s
         self._threat_horizon_s = max(threat_horizon_s, 2.0 * self._step_s)
         self._tracking_m = tracking_share * self._scale.turn_radius_m
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+    def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """See SteeringLaw."""
         if task.loitering:
             return SteeringDemand(task.pull)
-        distance_m, goal_rad = goal_of(task, pose)
-        normals, least_m_s = self._half_planes(discs_around(view, self._scale), pose)
+        distance_m, goal_rad = goal_of(task, motion)
+        normals, least_m_s = self._half_planes(discs_around(view, self._scale), motion)
         return SteeringDemand(heading_for(nearest_heading_rad(goal_rad, normals, least_m_s, self._scale), distance_m))
 
-    def _half_planes(self, discs: Discs, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+    def _half_planes(self, discs: Discs, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Return normals (D, 2) and least components along them (D,) m/s of the permitted velocities."""
-        ours_m_s = pose.speed_m_s * np.array([math.cos(pose.heading_rad), math.sin(pose.heading_rad)])
+        ours_m_s = motion.speed_m_s * np.array([math.cos(motion.heading_rad), math.sin(motion.heading_rad)])
         is_threat = np.arange(len(discs.radius_m)) < discs.threats
         horizon_s = np.where(is_threat, self._threat_horizon_s, self._agent_horizon_s)
-        offset_m, apart_m = distances_m(discs, pose.position_ned_m)
+        offset_m, apart_m = distances_m(discs, motion.position_ned_m)
         normals, change_m_s = leave_velocity_obstacle(
             offset_m, apart_m, discs.radius_m + self._tracking_m, ours_m_s - discs.velocity_m_s, horizon_s, self._step_s
         )

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.geo.kinematics import turn_rate_rad_s
-from companion.guidance.laws import LOOK_AHEAD_S, ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS, Pose, Task
+from companion.guard.types import Motion
+from companion.guidance.laws import LOOK_AHEAD_S, ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS, Task
+from companion.guidance.settings import LawSettings
 from companion.guidance.steering import SteeringVector
 from companion.guidance.view import View
-from companion.onboard.config import Config
 
 _NEAREST_M = 1e-6
 """Distances are not taken as less than this, so that nothing divides by zero."""
@@ -46,10 +47,10 @@ class Scale:
     separation_m: float
 
 
-def scale_of(config: Config) -> Scale:
+def scale_of(settings: LawSettings) -> Scale:
     """Return the lengths that a configuration implies."""
-    limits = config.limits
-    step_m = limits.speed_m_s * config.guidance_step_s
+    limits = settings.limits
+    step_m = limits.speed_m_s * settings.guidance_step_s
     ground_m_s = limits.speed_m_s + limits.wind_m_s
     rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
     return Scale(
@@ -57,7 +58,7 @@ def scale_of(config: Config) -> Scale:
         step_m=step_m,
         turn_radius_m=ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s),
         margin_m=max(ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS * step_m),
-        separation_m=config.separation_m,
+        separation_m=settings.separation_m,
     )
 
 
@@ -86,13 +87,13 @@ def discs_around(view: View, scale: Scale) -> Discs:
     )
 
 
-def discs_foreseen(view: View, pose: Pose, scale: Scale) -> Discs:
+def discs_foreseen(view: View, motion: Motion, scale: Scale) -> Discs:
     """Return the discs each where it will be when the vehicle could be at it.
 
     As our route foresees them (`foreseen` in guidance/laws.py), for methods that know only of standing obstacles.
     """
     discs = discs_around(view, scale)
-    gap_m = distances_m(discs, pose.position_ned_m)[1] - discs.radius_m
+    gap_m = distances_m(discs, motion.position_ned_m)[1] - discs.radius_m
     ahead_s = np.clip(gap_m / scale.speed_m_s, 0.0, LOOK_AHEAD_S)
     return replace(discs, centres_ned_m=discs.centres_ned_m + discs.velocity_m_s * ahead_s[:, np.newaxis])
 
@@ -103,9 +104,9 @@ def distances_m(discs: Discs, position_ned_m: tuple[float, float]) -> tuple[np.n
     return offset_m, np.maximum(np.hypot(offset_m[:, 0], offset_m[:, 1]), _NEAREST_M)
 
 
-def goal_of(task: Task, pose: Pose) -> tuple[float, float]:
+def goal_of(task: Task, motion: Motion) -> tuple[float, float]:
     """Return the distance to where the vehicle is to be, m, and the bearing, rad."""
-    north_m, east_m = task.place_ned_m[0] - pose.north_m, task.place_ned_m[1] - pose.east_m
+    north_m, east_m = task.place_ned_m[0] - motion.north_m, task.place_ned_m[1] - motion.east_m
     return math.hypot(north_m, east_m), math.atan2(east_m, north_m)
 
 

@@ -10,9 +10,10 @@ import math
 
 import numpy as np
 
-from companion.guidance.laws import Pose, SteeringDemand, Task
+from companion.guard.types import Motion
+from companion.guidance.laws import SteeringDemand, Task
+from companion.guidance.settings import LawSettings
 from companion.guidance.view import View
-from companion.onboard.config import Config
 from sim.arena.peers.surroundings import Discs, discs_foreseen, distances_m, goal_of, heading_for, scale_of, wrapped
 
 SECTORS = 72
@@ -34,37 +35,37 @@ class VectorFieldHistogram:
     """Remembers the binary histogram and the direction chosen last, as the method does."""
 
     def __init__(
-        self, config: Config, window_turn_radii: float = WINDOW_TURN_RADII, wide_sectors: int = WIDE_SECTORS
+        self, settings: LawSettings, window_turn_radii: float = WINDOW_TURN_RADII, wide_sectors: int = WIDE_SECTORS
     ) -> None:
-        self._scale = scale_of(config)
+        self._scale = scale_of(settings)
         self._window_m = max(window_turn_radii * self._scale.turn_radius_m, 8.0 * self._scale.step_m)
         self._wide = wide_sectors
         self._blocked = np.zeros(SECTORS, dtype=bool)
         self._previous_rad: float | None = None
 
-    def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+    def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """See SteeringLaw."""
         if task.loitering:
             self._previous_rad = None
             return SteeringDemand(task.pull)
-        distance_m, goal_rad = goal_of(task, pose)
-        discs = discs_foreseen(view, pose, self._scale)
-        self._blocked = self._binary(discs, pose, min(self._window_m, distance_m))
-        left_rad, right_rad = self._reach(discs, pose)
-        turn_rad = wrapped(sector_headings_rad() - pose.heading_rad)
+        distance_m, goal_rad = goal_of(task, motion)
+        discs = discs_foreseen(view, motion, self._scale)
+        self._blocked = self._binary(discs, motion, min(self._window_m, distance_m))
+        left_rad, right_rad = self._reach(discs, motion)
+        turn_rad = wrapped(sector_headings_rad() - motion.heading_rad)
         half_rad = SECTOR_RAD / 2.0  # the sector of the heading itself is always within reach
         masked = self._blocked | (turn_rad > right_rad + half_rad) | (turn_rad < -left_rad - half_rad)
-        chosen_rad = self._cheapest(masked, goal_rad, pose.heading_rad)
+        chosen_rad = self._cheapest(masked, goal_rad, motion.heading_rad)
         if chosen_rad is None:
             # The paper's robot would stop: go on turning to the side where the turning circle is clear for longer.
             side = 1.0 if right_rad >= left_rad else -1.0
-            chosen_rad = pose.heading_rad + side * math.pi / 2.0
+            chosen_rad = motion.heading_rad + side * math.pi / 2.0
         self._previous_rad = chosen_rad
         return SteeringDemand(heading_for(chosen_rad, distance_m))
 
-    def _binary(self, discs: Discs, pose: Pose, window_m: float) -> np.ndarray:  # (SECTORS,)
+    def _binary(self, discs: Discs, motion: Motion, window_m: float) -> np.ndarray:  # (SECTORS,)
         """Return the binary polar histogram: blocked, free, or as before in between."""
-        offset_m, apart_m = distances_m(discs, pose.position_ned_m)
+        offset_m, apart_m = distances_m(discs, motion.position_ned_m)
         edge_m = np.maximum(apart_m - discs.radius_m, 0.0)
         magnitude = np.maximum(0.0, 1.0 - (edge_m / window_m) ** 2)
         bearing_rad = np.arctan2(offset_m[:, 1], offset_m[:, 0])
@@ -75,15 +76,15 @@ class VectorFieldHistogram:
         held: np.ndarray = (density > BLOCKED_ABOVE) | (self._blocked & (density >= FREE_BELOW))
         return held
 
-    def _reach(self, discs: Discs, pose: Pose) -> tuple[float, float]:
+    def _reach(self, discs: Discs, motion: Motion) -> tuple[float, float]:
         """Return how far the vehicle can turn left and right before its turning circle meets a disc, rad."""
         radius_m = self._scale.turn_radius_m
         ahead_m, aside_m = radius_m * np.sin(_ARC_RAD), radius_m * (1.0 - np.cos(_ARC_RAD))
         reach_rad = []
         for side in (-1.0, 1.0):
-            cosine, sine = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
-            north_m = pose.north_m + ahead_m * cosine - side * aside_m * sine
-            east_m = pose.east_m + ahead_m * sine + side * aside_m * cosine
+            cosine, sine = math.cos(motion.heading_rad), math.sin(motion.heading_rad)
+            north_m = motion.north_m + ahead_m * cosine - side * aside_m * sine
+            east_m = motion.east_m + ahead_m * sine + side * aside_m * cosine
             apart_m = np.hypot(
                 discs.centres_ned_m[:, :1] - north_m, discs.centres_ned_m[:, 1:] - east_m
             )  # (D, turns) m

@@ -28,7 +28,7 @@ def ack(
 def commands(*ordered: Command) -> Commands:
     made = Commands()
     for one in ordered:
-        made.order(one)
+        made.queue(one)
     return made
 
 
@@ -115,7 +115,7 @@ def test_an_acknowledgement_of_what_was_never_sent_is_ignored() -> None:
 def test_a_newer_order_replaces_the_one_that_waits_for_its_answer() -> None:
     made = commands(SPEED)
     made.due(0.0, SYSTEM)
-    made.order(Command(SPEED.number, "airspeed 25 m/s", (0.0, 25.0, 0.0, 0.0), frame=3))
+    made.queue(Command(SPEED.number, "airspeed 25 m/s", (0.0, 25.0, 0.0, 0.0), frame=3))
     (message,) = made.due(0.1, SYSTEM)
     assert message.param2 == 25.0
 
@@ -141,7 +141,7 @@ def test_what_is_accepted_later_is_no_trouble_any_more() -> None:
     made = commands(SPEED)
     sent(made, 0.0, 5.0)
     assert made.failures
-    made.order(SPEED)
+    made.queue(SPEED)
     made.due(5.0, SYSTEM)
     made.take(ack(SPEED.number, common.MAV_RESULT_ACCEPTED), SYSTEM)
     assert made.failures == ()

@@ -9,7 +9,7 @@ import sys
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.registry import ADAPTERS
-from companion.guard.guard import Setpoint
+from companion.guard.types import Setpoint
 
 SYSTEM = 1
 SPEED_M_S, HEADING_DEG, CLIMB_M_S = 5.0, 60.0, 0.5

@@ -22,10 +22,10 @@ from companion.autopilot.adapter import SetpointFrame, Velocity
 from companion.autopilot.offboard import SILENCE_S, Offboard, is_setpoint
 from companion.autopilot.offboard_child import SETPOINT, SETPOINT_FIELDS, TICK_TIMEOUT_S
 from companion.autopilot.px4_copter import Px4CopterAdapter
+from companion.autopilot.stream import STREAM_GAP_S
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.errors import InputError
 from companion.guard.guard import Setpoint
-from companion.onboard.authority import STREAM_GAP_S
 
 SYSTEM = 3
 WANTED = Velocity(1.0, -2.0, 0.25, math.radians(30.0))

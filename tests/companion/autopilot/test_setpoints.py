@@ -10,15 +10,16 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.arduplane import LOITER_PERIOD_S, RESEND_PERIOD_S
-from companion.autopilot.linked import KINDS, VERTICAL_SPEED_M_S, Kind, LinkedAdapter
+from companion.autopilot.heartbeat import IDENTITIES, HeartbeatIdentity
+from companion.autopilot.linked import VERTICAL_SPEED_M_S, LinkedAdapter
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import COMPANION_COMPONENT, Message
-from companion.guard.guard import Setpoint
+from companion.guard.types import Setpoint
 
 SYSTEM = 7
 HEIGHT_M = 20.0
 NORTH_EAST = Setpoint(math.radians(30.0), 10.0, 21.0)
-KIND_OF = {kind.name: kind for kind in KINDS}
+IDENTITY_OF = {identity.kind.name: identity for identity in IDENTITIES}
 VELOCITY_KINDS = ("arducopter", "px4-copter", "ardurover", "kinematic")
 GUIDED = common.MAV_MODE_FLAG_SAFETY_ARMED | common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
@@ -89,11 +90,11 @@ def told(adapter: LinkedAdapter, *messages: Message, now_s: float = 0.0) -> None
         adapter.receive(bytes(message.pack(mav())), now_s)
 
 
-def type_of(kind: Kind) -> int:
+def type_of(kind: HeartbeatIdentity) -> int:
     return common.MAV_TYPE_GENERIC if kind.types is None else min(kind.types)
 
 
-def beat(kind: Kind, base_mode: int = GUIDED, mode: int | None = None) -> Message:
+def beat(kind: HeartbeatIdentity, base_mode: int = GUIDED, mode: int | None = None) -> Message:
     mode = kind.guided_mode if mode is None else mode
     return common.MAVLink_heartbeat_message(type_of(kind), kind.autopilot, base_mode, mode, common.MAV_STATE_ACTIVE, 3)
 
@@ -112,7 +113,7 @@ def flying(
     adapter = ADAPTERS[name]()
     told(
         adapter,
-        beat(KIND_OF[name], mode=mode),
+        beat(IDENTITY_OF[name], mode=mode),
         where(1_000, speed_cm_s, course_rad, height_mm),
         common.MAVLink_local_position_ned_message(1_000, 100.0, -50.0, -18.0, 0.0, 0.0, 0.0),
         common.MAVLink_attitude_message(1_000, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -319,13 +320,13 @@ def test_a_px4_plane_is_never_asked_for_a_height_so_far_off_that_it_loiters(want
 
 def test_a_px4_plane_that_has_not_told_its_place_is_not_steered() -> None:
     adapter = ADAPTERS["px4-plane"]()
-    told(adapter, beat(KIND_OF["px4-plane"]), where())
+    told(adapter, beat(IDENTITY_OF["px4-plane"]), where())
     assert adapter.encode(NORTH_EAST, 0.0, 5.0) == []
 
 
 def test_a_px4_plane_that_does_not_know_its_local_place_says_what_it_lacks() -> None:
     adapter = ADAPTERS["px4-plane"]()
-    told(adapter, beat(KIND_OF["px4-plane"]), where())
+    told(adapter, beat(IDENTITY_OF["px4-plane"]), where())
     assert adapter.missing_telemetry == "no local position"
     assert {name: flying(name).missing_telemetry for name in ADAPTERS} == dict.fromkeys(ADAPTERS)
 
@@ -476,21 +477,21 @@ def test_a_command_that_is_denied_is_told() -> None:
     ],
 )
 def test_only_a_vehicle_armed_and_guided_is_steered(name: str, base_mode: int, guided: bool, steerable: bool) -> None:
-    adapter, kind = ADAPTERS[name](), KIND_OF[name]
+    adapter, kind = ADAPTERS[name](), IDENTITY_OF[name]
     assert not adapter.steerable
     told(adapter, beat(kind, base_mode, kind.guided_mode if guided else 5))
     assert adapter.steerable is steerable
 
 
 @pytest.mark.parametrize("name", ADAPTERS)
-@pytest.mark.parametrize("heard", KINDS, ids=lambda kind: kind.name)
-def test_another_kind_than_configured_is_refused_with_its_name(name: str, heard: Kind) -> None:
+@pytest.mark.parametrize("heard", IDENTITIES, ids=lambda identity: identity.kind.name)
+def test_another_kind_than_configured_is_refused_with_its_name(name: str, heard: HeartbeatIdentity) -> None:
     adapter = ADAPTERS[name]()
     assert adapter.refusal is None
     told(adapter, beat(heard))
-    assert (adapter.refusal is None) == (heard.name == name)
+    assert (adapter.refusal is None) == (heard.kind.name == name)
     if adapter.refusal is not None:
-        assert adapter.refusal.endswith(f"configured autopilot.kind {name}: set autopilot.kind to {heard.name}")
+        assert adapter.refusal.endswith(f"configured autopilot.kind {name}: set autopilot.kind to {heard.kind.name}")
 
 
 def test_a_vehicle_that_no_adapter_steers_is_refused() -> None:
@@ -502,7 +503,7 @@ def test_a_vehicle_that_no_adapter_steers_is_refused() -> None:
 
 def test_another_system_id_than_configured_is_refused_with_both() -> None:
     adapter = ADAPTERS["arducopter"](system_id=9)
-    told(adapter, beat(KIND_OF["arducopter"]))
+    told(adapter, beat(IDENTITY_OF["arducopter"]))
     assert adapter.refusal is not None
     assert "heard system 7, configured autopilot.system_id 9" in adapter.refusal
 
@@ -544,7 +545,7 @@ def asked(adapter: LinkedAdapter, start_s: float, seconds: float) -> list[tuple[
 def test_nothing_is_asked_before_a_heartbeat_or_of_a_wrong_kind(name: str) -> None:
     adapter = ADAPTERS[name]()
     assert asked(adapter, 0.0, 3.0) == []
-    told(adapter, beat(KIND_OF["arducopter" if name != "arducopter" else "arduplane"]))
+    told(adapter, beat(IDENTITY_OF["arducopter" if name != "arducopter" else "arduplane"]))
     assert asked(adapter, 3.0, 3.0) == []
 
 

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from companion.geo.kinematics import turn_towards
 from companion.guard import guard
-from companion.guard.guard import (
+from companion.guard.guard import Guard
+from companion.guard.types import (
     ALTITUDE,
     BACKUP,
     FENCE,
@@ -32,7 +33,6 @@ from companion.guard.guard import (
     TURN,
     WIND,
     Discs,
-    Guard,
     Limits,
     Motion,
     Piece,
@@ -82,14 +82,16 @@ def turn_of(verdict: Verdict, motion: Motion) -> float:
 
 
 def test_the_guard_imports_nothing_but_numpy_and_the_standard_library() -> None:
-    imported = set()
-    for node in ast.walk(ast.parse(Path(guard.__file__).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            imported |= {alias.name.split(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0 and node.module is not None
-            imported.add(node.module.split(".")[0])
-    assert imported - set(sys.stdlib_module_names) == {"numpy"}
+    for module in Path(guard.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [node.module or "companion"]
+            for name in names:
+                own = name.startswith("companion.guard.")
+                assert own or name.split(".")[0] in {"numpy", *sys.stdlib_module_names}, (module.name, name)
 
 
 # --- what leaves nothing to decide on
@@ -750,7 +752,7 @@ def test_a_path_from_where_the_next_command_acts_is_clear_for_the_horizon_from_t
 
 GATE = discs((100.0, 60.0, 50.0), (100.0, -60.0, 50.0), (20.0, 60.0, 50.0), (20.0, -60.0, 50.0))
 """A corridor 20 m wide, too narrow for a turning circle; the vehicle is in it and must get through it."""
-THROUGH = (((0.0, 0.0), 0.0, 0.0, 400.0),)
+THROUGH = (Piece(0.0, 0.0, 0.0, 0.0, 400.0),)
 
 
 def test_through_a_gap_too_narrow_for_a_circle_the_route_serves() -> None:
@@ -771,7 +773,7 @@ def test_a_curved_route_is_followed_from_where_the_vehicle_meets_it() -> None:
     ring_m = 200.0
     walls = [(ring_m + out, k) for out in (-60.0, 60.0) for k in range(12)]
     rows = [(r * math.sin(k * math.tau / 24.0), ring_m - r * math.cos(k * math.tau / 24.0), 48.0) for r, k in walls]
-    route = (((0.0, 0.0), 0.0, 1.0 / ring_m, ring_m * math.pi), ((0.0, 2.0 * ring_m), math.pi, 0.0, 300.0))
+    route = (Piece(0.0, 0.0, 0.0, 1.0 / ring_m, ring_m * math.pi), Piece(0.0, 2.0 * ring_m, math.pi, 0.0, 300.0))
     at = turn_towards(0.0, 0.0, 0.0, 20.0, 3.0, 0.1, 18.0)
     motion = Motion(at[0] + 1.0, at[1], at[2], 20.0)
     wanted = replace(AHEAD, heading_rad=motion.heading_rad)
@@ -782,7 +784,7 @@ def test_a_curved_route_is_followed_from_where_the_vehicle_meets_it() -> None:
 @pytest.mark.parametrize("value", BAD)
 def test_a_route_that_is_not_finite_is_no_route(value: float) -> None:
     motion = replace(NORTHWARD, north_m=60.0)
-    bad = (((value, 0.0), 0.0, 0.0, 400.0),)
+    bad = (Piece(value, 0.0, 0.0, 0.0, 400.0),)
     assert Guard(PLANE).check(AHEAD, motion, GATE, 0.0, DT_S, bad).changes[0] == KEEP_OUT
 
 
@@ -794,7 +796,7 @@ def test_a_route_into_a_disc_is_no_back_up() -> None:
 
 def test_a_route_that_ends_in_the_gap_is_a_back_up_only_if_straight_on_from_there_is_clear() -> None:
     motion = replace(NORTHWARD, north_m=60.0)
-    short = (((0.0, 0.0), 0.0, 0.0, 90.0),)
+    short = (Piece(0.0, 0.0, 0.0, 0.0, 90.0),)
     assert Guard(PLANE).check(AHEAD, motion, GATE, 0.0, DT_S, short).changes == ()
     closed = Discs(np.vstack([GATE.centres_ned_m, [150.0, 0.0]]), np.append(GATE.radii_m, 10.0), np.zeros(5))
     assert Guard(PLANE).check(AHEAD, motion, closed, 0.0, DT_S, short).changes[0] == KEEP_OUT
@@ -856,7 +858,7 @@ def test_with_short_steps_a_circle_is_looked_for_only_now_and_then_along_the_rou
 def test_along_the_route_a_circle_is_looked_for_over_three_circles_or_sixty_steps(
     dt_s: float, places: list[float]
 ) -> None:
-    route = (((0.0, 0.0), 0.0, 0.0, 1e4),)
+    route = (Piece(0.0, 0.0, 0.0, 0.0, 1e4),)
     guarded, looked = Guard(PLANE), []
 
     def nowhere(_self: Guard, pose: guard._Pose, *_: object) -> str:
@@ -872,7 +874,7 @@ def test_along_the_route_a_circle_is_looked_for_over_three_circles_or_sixty_step
 
 
 def test_along_the_route_no_more_than_what_is_left_of_it_is_looked_at() -> None:
-    route = (((-300.0, 0.0), 0.0, 0.0, 300.0),)
+    route = (Piece(-300.0, 0.0, 0.0, 0.0, 300.0),)
     guarded, looked = Guard(PLANE), []
 
     def nowhere(_self: Guard, pose: guard._Pose, *_: object) -> str:
@@ -892,7 +894,7 @@ def test_the_path_along_the_route_hangs_together_and_its_circle_begins_where_it_
     bend_1_m: float,
 ) -> None:
     """The vehicle is a little off the route and closes in on it."""
-    route = (((0.0, 0.0), 0.0, 0.0, 150.0), ((150.0, 0.0), 0.0, bend_1_m, 400.0))
+    route = (Piece(0.0, 0.0, 0.0, 0.0, 150.0), Piece(150.0, 0.0, 0.0, bend_1_m, 400.0))
     guarded, looked = Guard(PLANE), []
     flight = guarded._flight(guard._Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, DT_S, route)
     to_rest = Guard._to_rest
@@ -909,7 +911,7 @@ def test_the_path_along_the_route_hangs_together_and_its_circle_begins_where_it_
     assert_hangs_together(path)
     assert path.pieces[-1][:3] == looked[-1]
     assert sum(piece.length_m for piece in path.pieces[:-1]) == pytest.approx(300.0)
-    along_it = guard._Path(tuple(Piece(*start, *rest) for start, *rest in route), 0, 20.0, math.inf)
+    along_it = guard._Path(route, 0, 20.0, math.inf)
     meets = guard._at(along_it, guard._nearest_along_m(along_it, looked[-1]))
     assert math.dist(meets[:2], looked[-1][:2]) < 0.5
 
@@ -944,7 +946,7 @@ def test_what_a_change_of_speed_costs_is_kept_clear_along_the_route_too(spare_m:
 
 def test_a_corridor_without_an_end_in_sight_is_not_entered() -> None:
     walls = [(80.0 * k - 60.0, side * 60.0, 50.0) for k in range(30) for side in (1.0, -1.0)]
-    route = (((0.0, 0.0), 0.0, 0.0, 2_000.0),)
+    route = (Piece(0.0, 0.0, 0.0, 0.0, 2_000.0),)
     assert Guard(PLANE).check(AHEAD, NORTHWARD, discs(*walls), 0.0, DT_S, route).changes[0] == KEEP_OUT
 
 

@@ -11,14 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
-from companion.guard.guard import TRACKING_STEPS
+from companion.guard.types import TRACKING_STEPS, Motion
 from companion.guidance.laws import (
     LOOK_AHEAD_S,
     ROUTE_MARGIN_M,
     ROUTE_MARGIN_STEPS,
     WALL_SHARE,
     GradientLaw,
-    Pose,
     RoutedLaw,
     SteeringDemand,
     Task,
@@ -26,25 +25,35 @@ from companion.guidance.laws import (
     law_of,
 )
 from companion.guidance.route import Reach
+from companion.guidance.settings import LAWS, LawLimits, LawName, LawSettings
 from companion.guidance.steering import PairSurrogate, SteeringVector, attraction
 from companion.guidance.view import View
-from companion.mission.model import CostWeights
-from companion.onboard.config import LAWS, Config, LimitsSection
 from companion.surrogate.cost import Weights
 from companion.surrogate.profiles import AnalyticProfile, gradient_for_agent, load_pairwise, wall_gradient
 
 SPEED_M_S = 20.0
 PERIOD_S = 5.0
-CONFIG = Config(
+ARRIVAL_RADIUS_M = 100.0
+SETTINGS = LawSettings(
     agent_id=1,
-    limits=LimitsSection(speed_m_s=SPEED_M_S, n_max=1.0, range_m=1e6),
-    weights=CostWeights(k_d=1e6, k_a=1e6, k_c=1e5, k_l=1e5),
+    law="routed",
+    surrogate="pairwise",
+    weights=Weights(k_d=1e6, k_a=1e6, k_c=1e5, k_l=1e5),
     separation_m=50.0,
-    arrival_radius_m=100.0,
     guidance_step_s=0.5,
+    coasting_after_s=15.0,
+    limits=LawLimits(
+        speed_m_s=SPEED_M_S,
+        n_max=1.0,
+        range_m=1e6,
+        reaction_s=0.0,
+        rate_share=1.0,
+        wind_m_s=0.0,
+        position_error_m=0.0,
+    ),
 )
 TURN_RADIUS_M = SPEED_M_S / turn_rate_rad_s(SPEED_M_S, 1.0)
-NORTHWARDS = Pose(0.0, 0.0, 0.0, SPEED_M_S)
+NORTHWARDS = Motion(0.0, 0.0, 0.0, SPEED_M_S)
 
 angles_rad = st.floats(-math.pi, math.pi)
 Disc = tuple[float, float, float]
@@ -78,18 +87,18 @@ def view_of(
 
 
 def to(
-    place_ned_m: tuple[float, float], pose: Pose = NORTHWARDS, *, loitering: bool = False, crowded: bool = False
+    place_ned_m: tuple[float, float], pose: Motion = NORTHWARDS, *, loitering: bool = False, crowded: bool = False
 ) -> Task:
     """Return the task to go to a place."""
     pull = attraction(pose.position_ned_m, place_ned_m)
-    return Task(place_ned_m, pull, loitering, True, 0.0, 0.8 * CONFIG.arrival_radius_m, crowded)
+    return Task(place_ned_m, pull, loitering, True, 0.0, 0.8 * ARRIVAL_RADIUS_M, crowded)
 
 
 def steered(
-    place_ned_m: tuple[float, float], view: View, pose: Pose = NORTHWARDS, crowded: bool = False
+    place_ned_m: tuple[float, float], view: View, pose: Motion = NORTHWARDS, crowded: bool = False
 ) -> SteeringDemand:
     """Return the wish of a law that has never steered before."""
-    return RoutedLaw(CONFIG).steer(to(place_ned_m, pose, crowded=crowded), pose, view, 0.0)
+    return RoutedLaw(SETTINGS).steer(to(place_ned_m, pose, crowded=crowded), pose, view, 0.0)
 
 
 def along_m(pull: SteeringVector, heading_rad: float) -> float:
@@ -101,18 +110,16 @@ def along_m(pull: SteeringVector, heading_rad: float) -> float:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_configuration_names_its_law(law: str) -> None:
+def test_a_configuration_names_its_law(law: LawName) -> None:
     kind = RoutedLaw if law == "routed" else GradientLaw
-    assert isinstance(law_of(CONFIG.model_copy(update={"law": law})), kind)
+    assert isinstance(law_of(replace(SETTINGS, law=law)), kind)
 
 
 def test_the_law_seed_adds_the_gradient_of_the_surrogate_and_of_the_range() -> None:
-    limits = CONFIG.limits.model_copy(update={"range_m": 500.0})
-    config = CONFIG.model_copy(update={"law": "seed", "limits": limits})
+    settings = replace(SETTINGS, law="seed", limits=replace(SETTINGS.limits, range_m=500.0))
     view, task = view_of((0.0, 102.0, 100.0)), to((495.0, 0.0))
-    wish = law_of(config).steer(task, NORTHWARDS, view, 0.0)
-    weights = Weights(**config.weights.model_dump())
-    slope_m = PairSurrogate(load_pairwise(), config.separation_m, weights).gradient_m((0.0, 0.0), view)
+    wish = law_of(settings).steer(task, NORTHWARDS, view, 0.0)
+    slope_m = PairSurrogate(load_pairwise(), settings.separation_m, settings.weights).gradient_m((0.0, 0.0), view)
     assert wish.pull.east_m == pytest.approx(-float(slope_m[1]))
     assert abs(wish.pull.east_m) > 1.0
     # Near the end of its range it is pulled harder to the target than by the distance and the surrogate.
@@ -142,7 +149,7 @@ def test_around_a_disc_it_is_pulled_by_the_length_of_the_way_and_along_its_begin
 
 @pytest.mark.parametrize("step_s", [0.5, 5.0])
 def test_the_route_keeps_its_margin_outside_the_disc(step_s: float) -> None:
-    law = RoutedLaw(CONFIG.model_copy(update={"guidance_step_s": step_s}))
+    law = RoutedLaw(replace(SETTINGS, guidance_step_s=step_s))
     wish = law.steer(to((2_000.0, 0.0)), NORTHWARDS, view_of((1_000.0, 50.0, 400.0)), 0.0)
     assert wish.route is not None
     (arc,) = [piece for piece in wish.route.pieces if 0.0 < piece.curvature_1_m < 0.5 / TURN_RADIUS_M]
@@ -162,14 +169,14 @@ def test_the_route_keeps_its_margin_outside_the_disc(step_s: float) -> None:
 def test_the_route_begins_on_the_turning_circle_that_wind_and_the_achieved_rate_leave(
     limits: dict[str, float], radii: float
 ) -> None:
-    law = RoutedLaw(CONFIG.model_copy(update={"limits": CONFIG.limits.model_copy(update=limits)}))
+    law = RoutedLaw(replace(SETTINGS, limits=replace(SETTINGS.limits, **limits)))
     wish = law.steer(to((0.0, 2_000.0)), NORTHWARDS, view_of(), 0.0)
     assert wish.route is not None
     assert 1.0 / wish.route.pieces[0].curvature_1_m == pytest.approx(radii * TURN_RADIUS_M)
 
 
 def test_from_step_to_step_it_keeps_to_the_side_that_it_has_chosen() -> None:
-    law, sides = RoutedLaw(CONFIG), []
+    law, sides = RoutedLaw(SETTINGS), []
     for east_m in (-0.5, 0.5, 1.0):
         pose = replace(NORTHWARDS, east_m=east_m)
         for _ in range(12):
@@ -231,7 +238,7 @@ def test_a_goal_no_farther_than_its_turning_circle_is_wide_is_as_near_as_it_gets
     """However small the arrival radius: circling about the point brings it no nearer."""
     pose = replace(NORTHWARDS, north_m=598.0 - 1.9 * TURN_RADIUS_M)
     task = replace(to((900.0, 0.0), pose), arrival_m=1.0)
-    assert RoutedLaw(CONFIG).steer(task, pose, view_of((1_000.0, 0.0, 400.0)), 0.0).stay is not None
+    assert RoutedLaw(SETTINGS).steer(task, pose, view_of((1_000.0, 0.0, 400.0)), 0.0).stay is not None
 
 
 def test_with_no_way_at_all_it_wants_to_stay() -> None:
@@ -244,7 +251,7 @@ def test_with_no_way_at_all_it_wants_to_stay() -> None:
 
 
 def test_loitering_it_follows_its_circle_and_no_route() -> None:
-    law, circling = RoutedLaw(CONFIG), replace(to((2_000.0, 0.0), loitering=True), pull=SteeringVector(3.0, -4.0))
+    law, circling = RoutedLaw(SETTINGS), replace(to((2_000.0, 0.0), loitering=True), pull=SteeringVector(3.0, -4.0))
     wish = law.steer(circling, NORTHWARDS, view_of((1_000.0, 0.0, 400.0)), 0.0)
     assert (wish.pull, wish.route) == (SteeringVector(3.0, -4.0), None)
 
@@ -337,18 +344,18 @@ def test_one_that_flies_along_its_route_feels_no_wall() -> None:
 
 
 def test_a_component_straight_against_the_route_is_dropped_and_said() -> None:
-    peer = (CONFIG.separation_m, 0.0)
+    peer = (SETTINGS.separation_m, 0.0)
     wish = steered((2_000.0, 0.0), view_of(peers=(peer,)))
     assert wish.opposed
     assert (wish.pull.north_m, wish.pull.east_m) == pytest.approx((2_000.0, 0.0))
 
 
 def test_a_component_across_the_route_is_kept() -> None:
-    separation_m, bearing_rad = CONFIG.separation_m, math.radians(60.0)
+    separation_m, bearing_rad = SETTINGS.separation_m, math.radians(60.0)
     peer = (separation_m * math.cos(bearing_rad), separation_m * math.sin(bearing_rad))
     view = view_of(peers=(peer,))
     wish = steered((2_000.0, 0.0), view)
-    weights, half_width_m = Weights(**CONFIG.weights.model_dump()), ROUTE_MARGIN_M / WALL_SHARE
+    weights, half_width_m = SETTINGS.weights, ROUTE_MARGIN_M / WALL_SHARE
     nothing = np.zeros(0)
     gradient_m = wall_gradient(
         np.zeros(2), np.zeros((0, 2)), nothing, nothing, view.peers_ned_m, separation_m, weights, half_width_m
@@ -359,13 +366,13 @@ def test_a_component_across_the_route_is_kept() -> None:
 
 
 def test_a_component_along_the_route_is_kept() -> None:
-    wish = steered((2_000.0, 0.0), view_of(peers=((-CONFIG.separation_m, 0.0),)))
+    wish = steered((2_000.0, 0.0), view_of(peers=((-SETTINGS.separation_m, 0.0),)))
     assert not wish.opposed
     assert wish.pull.north_m > 2_100.0
 
 
 def test_a_component_against_the_route_that_is_hardly_felt_is_not_counted() -> None:
-    wish = steered((2_000.0, 0.0), view_of(peers=((CONFIG.separation_m + 0.7, 0.0),)))
+    wish = steered((2_000.0, 0.0), view_of(peers=((SETTINGS.separation_m + 0.7, 0.0),)))
     assert wish.pull.north_m == pytest.approx(2_000.0)
     assert not wish.opposed
 
@@ -379,7 +386,7 @@ def test_whatever_stands_about_it_is_never_pulled_back_along_its_route(
 ) -> None:
     peers = []
     for bearing_rad, off_m in about:
-        apart_m = CONFIG.separation_m + off_m
+        apart_m = SETTINGS.separation_m + off_m
         peers.append((apart_m * math.cos(bearing_rad), apart_m * math.sin(bearing_rad)))
     wish = steered((distance_m, 0.0), view_of(peers=tuple(peers)))
     assert along_m(wish.pull, 0.0) >= distance_m * (1.0 - 1e-9)
@@ -489,9 +496,9 @@ def test_it_passes_behind_a_threat_that_crosses_its_way() -> None:
 def test_near_its_target_among_standing_discs_it_knows_a_way_on() -> None:
     wish = steered((600.0, 0.0), view_of((600.0, 300.0, 150.0)))
     assert wish.route is not None and wish.onward
-    assert wish.onward[0].start_ned_m == pytest.approx(wish.route.goal_ned_m)
+    assert wish.onward[0][:2] == pytest.approx(wish.route.goal_ned_m)
     last = wish.onward[-1]
-    end = last.start_ned_m[0] + last.length_m * math.cos(last.heading_rad + 0.5 * last.curvature_1_m * last.length_m)
+    end = last.north_m + last.length_m * math.cos(last.heading_rad + 0.5 * last.curvature_1_m * last.length_m)
     assert end == pytest.approx(0.0, abs=1.0)
 
 
@@ -501,19 +508,18 @@ def test_far_from_its_target_or_among_discs_that_move_it_looks_for_no_way_on() -
 
 
 def test_a_way_on_is_kept_while_it_arrives_on_the_same_heading() -> None:
-    law, view = RoutedLaw(CONFIG), view_of((600.0, 300.0, 150.0))
+    law, view = RoutedLaw(SETTINGS), view_of((600.0, 300.0, 150.0))
     first = law.steer(to((600.0, 0.0)), NORTHWARDS, view, 0.0).onward
-    ahead = Pose(12.5, 0.0, 0.0, SPEED_M_S)
+    ahead = Motion(12.5, 0.0, 0.0, SPEED_M_S)
     assert law.steer(to((600.0, 0.0), ahead), ahead, view, 0.5).onward is first
-    aside = Pose(400.0, -200.0, 0.5, SPEED_M_S)
+    aside = Motion(400.0, -200.0, 0.5, SPEED_M_S)
     assert law.steer(to((600.0, 0.0), aside), aside, view, 1.0).onward is not first
 
 
 def test_in_wind_the_route_keeps_outside_what_the_guard_adds_to_every_disc() -> None:
-    limits = CONFIG.limits.model_copy(update={"wind_m_s": 5.0, "position_error_m": 1.0})
-    windy = CONFIG.model_copy(update={"limits": limits})
+    windy = replace(SETTINGS, limits=replace(SETTINGS.limits, wind_m_s=5.0, position_error_m=1.0))
     disc = view_of((1_000.0, 0.0, 300.0))
-    still = RoutedLaw(CONFIG).steer(to((3_000.0, 0.0)), NORTHWARDS, disc, 0.0)
+    still = RoutedLaw(SETTINGS).steer(to((3_000.0, 0.0)), NORTHWARDS, disc, 0.0)
     wish = RoutedLaw(windy).steer(to((3_000.0, 0.0)), NORTHWARDS, disc, 0.0)
     assert still.route is not None and wish.route is not None
     # The arc about the disc is the flattest: that of the first turn is as tight as can be.
@@ -522,4 +528,4 @@ def test_in_wind_the_route_keeps_outside_what_the_guard_adds_to_every_disc() -> 
         for route in (wish.route, still.route)
     )
     wider_m = radius_m - still_m
-    assert wider_m == pytest.approx(1.0 + 5.0 * TRACKING_STEPS * CONFIG.guidance_step_s)
+    assert wider_m == pytest.approx(1.0 + 5.0 * TRACKING_STEPS * SETTINGS.guidance_step_s)

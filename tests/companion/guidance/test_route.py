@@ -120,12 +120,10 @@ def flown(route: Route, per_piece: int = 200) -> np.ndarray:
     points, end = [], None
     for piece in route.pieces:
         if end is not None:
-            assert math.dist(end[:2], piece.start_ned_m) < 1e-4
+            assert math.dist(end[:2], piece[:2]) < 1e-4
             assert abs(math.remainder(end[2] - piece.heading_rad, math.tau)) < 1e-3
         for share in np.linspace(0.0, 1.0, per_piece + 1):
-            end = advance(
-                *piece.start_ned_m, piece.heading_rad, 1.0, piece.curvature_1_m, piece.length_m * float(share)
-            )
+            end = advance(*piece[:3], 1.0, piece.curvature_1_m, piece.length_m * float(share))
             points.append(end[:2])
     return np.array(points)
 

@@ -15,7 +15,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from companion.geo.kinematics import turn_rate_rad_s, turn_towards
-from companion.guard.guard import Motion
+from companion.guard.types import Motion
 from companion.guidance import separation as right_of_way
 from companion.guidance.separation import (
     CIRCLING,

@@ -8,14 +8,16 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities
 from companion.autopilot.arducopter import ArduCopterAdapter
-from companion.autopilot.linked import ARDUCOPTER, LinkedAdapter
+from companion.autopilot.heartbeat import ARDUCOPTER
+from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.px4_copter import Px4CopterAdapter
 from companion.autopilot.registry import ADAPTERS
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import CostWeights
 from companion.onboard.authority import State
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
 from companion.onboard.config import Config, LimitsSection, StalenessSection
+from companion.onboard.decision import Decision
 from companion.protocol.codec import (
     THREATS_PER_FRAME,
     AgentEntry,

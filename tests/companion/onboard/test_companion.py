@@ -13,14 +13,17 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S, NEIGHBOUR_MEMORY_S
 from companion.geo.kinematics import turn_towards
-from companion.guard.guard import KEEP_OUT, NEW_THREAT, Verdict
-from companion.guidance.laws import ROUTE_MARGIN_M, Pose, SteeringDemand, Task
+from companion.guard.types import KEEP_OUT, NEW_THREAT, Motion, Verdict
+from companion.guidance.laws import ROUTE_MARGIN_M, SteeringDemand, Task
 from companion.guidance.separation import PASSING, SLOWING, STOPPING
+from companion.guidance.settings import LAWS
 from companion.guidance.steering import SteeringVector
 from companion.guidance.view import View
-from companion.onboard.companion import ARRIVAL_SHARE, HOME_TOO_FAR, Companion, Decision, Purpose
-from companion.onboard.config import LAWS, Config
+from companion.onboard.companion import HOME_TOO_FAR, Companion
+from companion.onboard.config import Config
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
+from companion.onboard.goal import ARRIVAL_SHARE
 from companion.protocol.authenticator import Authenticator, Trust
 from companion.protocol.codec import (
     AgentEntry,
@@ -764,7 +767,7 @@ def test_what_keeps_the_law_from_its_goal_is_the_reason_of_the_decision() -> Non
     class Resigned:
         """Wants to go nowhere."""
 
-        def steer(self, task: Task, pose: Pose, view: View, now_s: float) -> SteeringDemand:
+        def steer(self, task: Task, pose: Motion, view: View, now_s: float) -> SteeringDemand:
             """Loiter as asked, else stay."""
             return (
                 SteeringDemand(task.pull) if task.loitering else SteeringDemand(SteeringVector(0.0, 0.0), stay="weary")
@@ -841,13 +844,13 @@ def test_the_papers_laws_know_of_no_right_of_way(law: str) -> None:
 
 def told_to_the_guard(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """Return a list that each call of the guard from now on adds its arguments to."""
-    told, check = [], flight.companion.guard.check
+    told, check = [], flight.companion.steering.guard.check
 
     def listening(*arguments: Any) -> Verdict:  # noqa: ANN401
         told.append(arguments)
         return check(*arguments)
 
-    monkeypatch.setattr(flight.companion.guard, "check", listening)
+    monkeypatch.setattr(flight.companion.steering.guard, "check", listening)
     return told
 
 

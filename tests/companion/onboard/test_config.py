@@ -10,18 +10,10 @@ from hypothesis import strategies as st
 
 from companion.errors import InputError
 from companion.files.yaml import dump_yaml, parse_yaml, validated
+from companion.guidance.settings import LAWS, LawName
 from companion.mission.model import load_mission, packaged_missions, parse_mission
 from companion.mission.resolve import resolve
-from companion.onboard.config import (
-    LAWS,
-    Config,
-    Law,
-    config_for_agent,
-    dump_config,
-    load_config,
-    packaged_configs,
-    parse_config,
-)
+from companion.onboard.config import Config, config_for_agent, dump_config, load_config, packaged_configs, parse_config
 
 GOOD = """
 agent_id: 3
@@ -273,7 +265,7 @@ def test_every_legal_mission_implies_a_legal_configuration(
     assert config.staleness.coasting_after_s > period_s
 
 
-def implied(lines: str, law: Law = "seed") -> Config:
+def implied(lines: str, law: LawName = "seed") -> Config:
     return config_for_agent(parse_mission(f"agents: [{{id: 1}}]\ntargets: [{{id: 1}}]\n{lines}\n", "x"), 1, law)
 
 
@@ -307,7 +299,7 @@ def test_the_strongest_wind_of_the_mission_is_implied_with_its_gusts() -> None:
 
 
 @pytest.mark.parametrize(("law", "keep_out"), [(law, "detection" if law == "routed" else "attack") for law in LAWS])
-def test_the_guard_makes_up_for_none_of_the_papers_laws_outside_the_attack_discs(law: Law, keep_out: str) -> None:
+def test_the_guard_makes_up_for_none_of_the_papers_laws_outside_the_attack_discs(law: LawName, keep_out: str) -> None:
     assert implied("", law).keep_out == keep_out
 
 

@@ -83,7 +83,7 @@ def test_the_page_lists_what_the_check_demands_of_each_autopilot() -> None:
     rows = []
     for kind, build in ADAPTERS.items():
         adapter = build()
-        for demand in adapter.demands:
+        for demand in adapter.parameter_checks:
             default = next(wanted.default for wanted in adapter.wanted if wanted.name == demand.name)
             fenced = " with `limits.fence`" if demand.when_fenced else ""
             rows.append(f"| `{kind}` | {demand.name} | {default:g} | {demand.words}{fenced} | {demand.why} |")

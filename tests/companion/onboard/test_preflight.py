@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import pytest
 from pymavlink.dialects.v20 import common
 
-from companion.autopilot.linked import KINDS, LinkedAdapter
+from companion.autopilot.heartbeat import IDENTITIES
+from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.registry import ADAPTERS
 from companion.onboard.config import Config, parse_config
 from companion.onboard.preflight import Finding, findings
@@ -68,7 +69,7 @@ def heard(
 ) -> LinkedAdapter:
     """Return an adapter that has heard a vehicle with nothing wrong, but for what is given."""
     adapter = ADAPTERS[kind]()
-    shown = next(one for one in KINDS if one.name == kind)
+    shown = next(one for one in IDENTITIES if one.kind.name == kind)
     messages = [
         common.MAVLink_heartbeat_message(min(shown.types or (0,)), shown.autopilot, 1, 0, 3, 3),
         common.MAVLink_gps_raw_int_message(0, fix, 0, 0, 0, 80, 0, 0, 0, 12, h_acc=h_acc_mm),
@@ -144,7 +145,7 @@ def test_a_parameter_that_a_dead_companion_would_not_survive_is_named_with_its_r
 
 @pytest.mark.parametrize("kind", REAL_KINDS)
 def test_a_parameter_that_is_not_told_fails(kind: str) -> None:
-    name = ADAPTERS[kind]().demands[0].name
+    name = ADAPTERS[kind]().parameter_checks[0].name
     failures = failed(found(heard(kind, {name: math.nan})))
     assert failures[0].text.startswith(f"{name}: not told")
 
@@ -181,7 +182,7 @@ def test_who_has_a_fence_needs_the_autopilots_own(kind: str, good: dict[str, flo
 def test_only_a_fence_action_that_takes_the_vehicle_from_guided_will_do(
     kind: str, holding: set[int], letting_go: set[int]
 ) -> None:
-    (demand,) = (one for one in ADAPTERS[kind]().demands if one.name == "FENCE_ACTION")
+    (demand,) = (one for one in ADAPTERS[kind]().parameter_checks if one.name == "FENCE_ACTION")
     assert {value for value in holding | letting_go if demand.met_by(value)} == holding
 
 
@@ -255,7 +256,7 @@ def test_a_command_that_the_autopilot_did_not_do_is_told() -> None:
 @pytest.mark.parametrize("kind", REAL_KINDS)
 def test_every_demand_is_of_a_parameter_that_is_read_and_names_itself_in_the_remedy(kind: str) -> None:
     adapter = ADAPTERS[kind]()
-    assert {demand.name for demand in adapter.demands} <= {wanted.name for wanted in adapter.wanted}
-    for demand in adapter.demands:
+    assert {demand.name for demand in adapter.parameter_checks} <= {wanted.name for wanted in adapter.wanted}
+    for demand in adapter.parameter_checks:
         assert demand.name in demand.remedy
         assert demand.words

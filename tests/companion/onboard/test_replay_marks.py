@@ -10,11 +10,12 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.offboard import MAVSDK_SILENT
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.onboard.authority import State
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection
+from companion.onboard.decision import Decision
 from companion.onboard.flight_log import Mark, clock_frame, clock_offset_s, decision_frame, mark_frame, mark_of
+from companion.onboard.recording import BEGINNINGS
 from companion.onboard.replay import replay
-from companion.onboard.service import BEGINNINGS
 from companion.protocol.codec import FrameWriter
 from companion.protocol.frame import raw_frame
 from tests.companion.onboard.companion_flight import CONFIG, GUIDED, SYSTEM, Flight

@@ -13,9 +13,9 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.linked import KINDS
 from companion.autopilot.registry import ADAPTERS
-from companion.geo.kinematics import turn_towards
+from companion.geo.kinematics import GRAVITY_M_S2, turn_towards
 from companion.geo.local_frame import LocalFrame
-from companion.guard.guard import STANDARD_GRAVITY_M_S2, Setpoint
+from companion.guard.types import Setpoint
 from sim.vehicles import CRAFTS, Home, StandIn
 
 HEIGHT_M = 100.0
@@ -114,7 +114,7 @@ def turned(flight: Flight, turns_rad: tuple[float, ...]) -> tuple[float, float]:
     """Fly north and then the turns, each at the greatest rate; return when they began, and the rate (rad/s)."""
     if not flight.adapter.steerable:
         raise RuntimeError(f"{flight.kind} was not handed over")
-    rate_rad_s = flight.adapter.abilities.n_max * STANDARD_GRAVITY_M_S2 / flight.speed_m_s
+    rate_rad_s = flight.adapter.abilities.n_max * GRAVITY_M_S2 / flight.speed_m_s
     step_rad = rate_rad_s * DECISION_STEPS * STEP_S
     while flight.now_s < SETTLING_S:
         flight.decide(0.0)

@@ -1,0 +1,30 @@
+"""The kinds of autopilot that can be steered, as data: what must be known of one before any is connected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class AutopilotKind:
+    """One kind of autopilot."""
+
+    name: str
+    """As configurations and command lines name it."""
+    can_stop: bool
+    """Whether the vehicle can stand still in the air."""
+    resumes_on_stream: bool = False
+    """Whether the autopilot obeys again by itself when a stream of setpoints comes back, whatever happened since."""
+
+
+ARDUCOPTER = AutopilotKind("arducopter", can_stop=True)
+ARDUPLANE = AutopilotKind("arduplane", can_stop=False)
+PX4_COPTER = AutopilotKind("px4-copter", can_stop=True, resumes_on_stream=True)
+PX4_PLANE = AutopilotKind("px4-plane", can_stop=False, resumes_on_stream=True)
+ARDUROVER = AutopilotKind("ardurover", can_stop=True)
+KINEMATIC = AutopilotKind("kinematic", can_stop=False)
+
+KINDS: dict[str, AutopilotKind] = {
+    kind.name: kind for kind in (ARDUCOPTER, ARDUPLANE, PX4_COPTER, PX4_PLANE, ARDUROVER, KINEMATIC)
+}
+"""Every kind, by its name."""
