@@ -43,7 +43,7 @@ from companion.protocol.frame import raw_frame, raw_frames
 CHILDREN = 2
 """One that steers and one that waits."""
 SILENCE_S = 0.3
-"""A child that steers and sends no setpoint for so long is hung. Chosen: six of MAVSDK's periods of 50 ms, and early
+"""A child that steers and sends no setpoint for this time is hung. Chosen: six of MAVSDK's periods of 50 ms, and early
 enough that the next child goes on within STREAM_GAP_S."""
 SEND_BUFFER_BYTES = 1_048_576
 """Asked for; the kernel gives what net.core.wmem_max allows. A message takes some hundred bytes more than it holds."""

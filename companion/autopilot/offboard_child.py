@@ -18,7 +18,7 @@ from contextlib import suppress
 from typing import Any
 
 TICK_TIMEOUT_S = 0.5
-"""Without a tick for so long nobody is at the controls."""
+"""Without a tick for this time nobody is at the controls."""
 MESSAGE_BYTES = 65_536
 
 # The first byte of each message between the two says what it is.

@@ -43,7 +43,7 @@ EXPECTED = (HEARTBEAT, REPEATED)
 BURST_CHECKS = 400
 """Ed25519 checks saved up in quiet times: a whole broadcast of the greatest length, 255 frames, may come at once."""
 WINDOW_S = 0.05
-"""In a flood frames wait so long, so that the front of a burst has no better chance than its end."""
+"""Time that frames wait in a flood, so that the front of a burst has no better chance than its end."""
 REMEMBERED_FRAMES = 1024
 """Newest frames remembered to tell repeats; a broadcast has at most 255 of each kind."""
 MAX_REASONS = 64

@@ -84,8 +84,9 @@ class RawFrame(NamedTuple):
     @property
     def signed_content(self) -> bytes:
         """System, component, message id and content of a broadcast message, with the content's zeros that were cut."""
-        whole = HEADER_V2_BYTES + self.content_length
-        return self.data[SYSTEM_AT : min(whole, self.crc_at)].ljust(whole - SYSTEM_AT, b"\0")
+        length = self.content_length
+        end = HEADER_V2_BYTES + min(length, self.payload_length)
+        return self.data[SYSTEM_AT:end].ljust(HEADER_V2_BYTES - SYSTEM_AT + length, b"\0")
 
     @property
     def stamp(self) -> FrameStamp:

@@ -20,9 +20,9 @@ from companion.transport.stream import FrameCutter
 
 REOPEN_FIRST_S = 0.25
 REOPEN_MAX_S = 4.0
-"""An unplugged device is looked for again after the first, then after twice as long each time up to the second."""
+"""An unplugged device is looked for again after REOPEN_FIRST_S, then after twice the time before, at most this."""
 TXBUF_VALID_S = 5.0
-"""A radio reports about once a second; what it said longer ago says nothing about now."""
+"""A radio reports about once a second: a report older than this says nothing about now."""
 
 _READ_BYTES = 4096
 
