@@ -34,6 +34,8 @@ from companion.protocol.v2_extension import wrap
 from companion.transport.endpoints import open_sender, parse_link
 from tests.ports import free_port
 
+pytestmark = pytest.mark.slow
+
 HERE = "127.0.0.1"
 GUIDED = 4
 WITHIN_S = 10.0
@@ -306,7 +308,7 @@ def test_a_configured_signal_is_logged_for_the_replay(tmp_path: Path) -> None:
 
 
 def is_companions(frame: bytes) -> bool:
-    return raw_frame(frame).component == COMPANION_COMPONENT
+    return bool(raw_frame(frame).component == COMPANION_COMPONENT)
 
 
 def test_systemd_hears_that_the_loop_lives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

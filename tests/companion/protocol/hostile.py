@@ -232,7 +232,7 @@ class Forger:
         payload = self._rng.randbytes(9)
         body = bytes((9, self._rng.randrange(256), GROUND_SYSTEM, GROUND_COMPONENT, 0)) + payload
         crc = oneway.x25crc(body + bytes((oneway.MAVLink_heartbeat_message.crc_extra,))).crc
-        return b"\xfe" + body + crc.to_bytes(2, "little")
+        return b"\xfe" + body + int(crc).to_bytes(2, "little")
 
     def _other_sender(self, now_s: float) -> bytes:
         raw = bytearray(self._unsigned(now_s))

@@ -476,7 +476,7 @@ def test_of_two_copies_that_wait_together_one_is_believed() -> None:
 def test_nobody_gains_by_the_place_of_a_frame_in_a_burst() -> None:
     drawn = [0, 0, 0]
     for seed in range(1500):
-        gate = CheckLimiter(200.0, random.Random(seed))
+        gate: CheckLimiter[bytes] = CheckLimiter(200.0, random.Random(seed))
         for _ in range(BURST_CHECKS):
             gate.offer(b"", 0.0)
         gate.due(WINDOW_S)
@@ -490,7 +490,7 @@ def test_nobody_gains_by_the_place_of_a_frame_in_a_burst() -> None:
 
 
 def test_frames_drawn_come_in_the_order_in_which_they_arrived() -> None:
-    gate = CheckLimiter(200.0, random.Random(1))
+    gate: CheckLimiter[bytes] = CheckLimiter(200.0, random.Random(1))
     for _ in range(BURST_CHECKS // 2 + 1):
         gate.offer(b"", 0.0)
     for index in range(1000):
@@ -502,7 +502,7 @@ def test_frames_drawn_come_in_the_order_in_which_they_arrived() -> None:
 
 def test_a_gate_keeps_to_its_rate_however_frames_come() -> None:
     rng = random.Random(2)
-    gate = CheckLimiter(100.0, rng)
+    gate: CheckLimiter[bytes] = CheckLimiter(100.0, rng)
     now_s, given_checks = 0.0, 0
     for _ in range(200_000):
         now_s += rng.choice((0.0, 0.0001, 0.001))
@@ -511,5 +511,5 @@ def test_a_gate_keeps_to_its_rate_however_frames_come() -> None:
 
 
 def test_in_quiet_times_nothing_waits() -> None:
-    gate = CheckLimiter(200.0, random.Random(1))
+    gate: CheckLimiter[bytes] = CheckLimiter(200.0, random.Random(1))
     assert all(gate.offer(b"", step / 100) for step in range(10_000))

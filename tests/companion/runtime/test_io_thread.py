@@ -29,7 +29,12 @@ def test_whoever_gives_a_job_does_not_wait_for_the_one_before(monkeypatch: pytes
     monkeypatch.setattr(background, "MOST_WAITING", 2)
     working, hung = IoThread("test"), threading.Event()
     began = threading.Event()
-    working.do(lambda: (began.set(), hung.wait())[0])
+
+    def hang() -> None:
+        began.set()
+        hung.wait()
+
+    working.do(hang)
     began.wait()
     assert [working.do(lambda: None) for _ in range(3)] == [True, True, False]
     hung.set()
@@ -80,7 +85,12 @@ def test_a_disk_that_hangs_ends_the_log(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(background, "MOST_WAITING", 1)
     working, hung, began = IoThread("test"), threading.Event(), threading.Event()
     file = IoThreadFile(tmp_path / "flight.tlog", working)
-    working.do(lambda: (began.set(), hung.wait())[0])
+
+    def hang() -> None:
+        began.set()
+        hung.wait()
+
+    working.do(hang)
     began.wait()
     file.write(b"a")
     file.flush()
