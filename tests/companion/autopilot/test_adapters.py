@@ -12,16 +12,17 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.registry import ADAPTERS
-from companion.autopilot.shared_id import SHARED_ID_MEMORY_S
 from companion.autopilot.telemetry import (
     COMPANION_COMPONENT,
     MAX_NEIGHBOURS,
     METRES_PER_HDOP,
     NEIGHBOUR_MEMORY_S,
+    SHARED_ID_MEMORY_S,
     Neighbour,
     TelemetryReader,
     _is_one_other_message,
 )
+from companion.files.mavlink_layout import SIGNATURE_BYTES
 
 SYSTEM = 7
 ARMED_GUIDED = common.MAV_MODE_FLAG_SAFETY_ARMED | common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -31,7 +32,6 @@ WANTED = (
     *("HEARTBEAT", "GLOBAL_POSITION_INT", "HOME_POSITION", "ADSB_VEHICLE", "EXTENDED_SYS_STATE", "LOCAL_POSITION_NED"),
     *("ATTITUDE", "VFR_HUD", "GPS_RAW_INT", "ESTIMATOR_STATUS", "SYS_STATUS", "PARAM_VALUE", "COMMAND_ACK"),
 )
-SIGNATURE_BYTES = 13
 
 
 def mav(system: int = SYSTEM, component: int = common.MAV_COMP_ID_AUTOPILOT1) -> common.MAVLink:
