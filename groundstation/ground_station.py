@@ -18,7 +18,6 @@ from companion.guidance.laws import SteeringOf
 from companion.guidance.settings import LawName
 from companion.mission.model import RANGE_RESERVE, AgentSpec, Mission, agent_height_m
 from companion.protocol.codec import (
-    SIGNATURE_BYTES,
     BandsFrame,
     DetectionsFrame,
     Directive,
@@ -37,6 +36,7 @@ from companion.protocol.codec import (
 )
 from companion.protocol.dialect import oneway
 from companion.protocol.fleet_codec import FLEET_HEAD_BYTES, MISSION_HEAD_BYTES, RADII_HEAD_BYTES
+from companion.protocol.frame import ED25519_BYTES
 from groundstation.agents import DeadReckoner
 from groundstation.assignment import SWITCHING_SHARE, assign, within_range
 from groundstation.broadcast import (
@@ -63,7 +63,7 @@ RADII_HOLD_S = 120.0
 """So long the radii in a carousel must hold, until they have been told again."""
 
 _STATE_BYTES, _MOTION_BYTES, _BANDS_BYTES = (
-    message.unpacker.size - SIGNATURE_BYTES
+    message.unpacker.size - ED25519_BYTES
     for message in (
         oneway.MAVLink_oneway_state_message,
         oneway.MAVLink_oneway_motion_message,

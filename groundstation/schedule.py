@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from companion.errors import InputError
+from companion.files.mavlink_layout import SIGNATURE_BYTES
 from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, WireError
 from companion.protocol.dialect import oneway
 from companion.protocol.ed25519 import FrameSigner
@@ -28,7 +29,7 @@ from companion.protocol.messages import (
 )
 from companion.protocol.v2_extension import wrap
 from groundstation.broadcast import Unsendable
-from groundstation.radio import MAVLINK_SIGNATURE_BYTES, Radio
+from groundstation.radio import Radio
 
 BroadcastFrame = StateFrame | MotionFrame | BandsFrame | FleetFrame | RadiiFrame | MissionFrame
 
@@ -174,10 +175,10 @@ class Broadcaster:
     def __init__(self, station: Station, radio: Radio | None, frame_signer: FrameSigner | None = None) -> None:
         self._station = station
         self._radio = radio
-        self._sealer = frame_signer or FrameSigner(None, None)
+        self._frame_signer = frame_signer or FrameSigner(None, None)
         self.unsendable = Unsendable()
         """What could not be sent, where there is a radio."""
-        self._schedule = None if radio is None else _Schedule(station, radio, self._sealer, self.unsendable)
+        self._schedule = None if radio is None else _Schedule(station, radio, self._frame_signer, self.unsendable)
 
     def begin(self, now_s: float) -> None:
         """Make the first broadcast of the state, so that what can never be sent is known before anything is.
@@ -202,7 +203,7 @@ class Broadcaster:
 
         """
         if self._schedule is None:
-            return [self._sealer.seal(datagram, now_s) for datagram in self._station.tick(now_s)]
+            return [self._frame_signer.sign(datagram, now_s) for datagram in self._station.tick(now_s)]
         return [sent.data for sent in self._schedule.step(now_s, txbuf_percent)]
 
     def step(self, now_s: float, txbuf_percent: int | None = None) -> list[Sent]:
@@ -235,7 +236,7 @@ class _Schedule:
         self._begin_again_s = float("-inf")
         """No refresh begins before, because the last one could not be made."""
         self._radio = radio
-        self._sealer = frame_signer
+        self._frame_signer = frame_signer
         self._payload_bytes = radio.max_frame_bytes - _MAVLINK_BYTES - frame_signer.overhead_bytes
         self.pacer = Pacer(radio.budget_bytes_per_s, burst_bytes(radio))
         self._writer = FrameWriter()
@@ -330,7 +331,7 @@ class _Schedule:
         if not frames:
             self._repeat_the_last(now_s)
             return
-        lengths = [len(self._sealer.seal(raw, now_s)) + self._radio.outer_bytes for _, raw in frames]
+        lengths = [len(self._frame_signer.sign(raw, now_s)) + self._radio.outer_bytes for _, raw in frames]
         if self._refresh is None:
             self._refuse_what_cannot_fit(sum(lengths))
         self._carousel_share = self._share_beside(sum(lengths))
@@ -400,7 +401,7 @@ class _Schedule:
             remedies = ["a faster radio"]
             if self._radio.share < 1.0:
                 remedies.append("a greater share")
-            if self._sealer.overhead_bytes > MAVLINK_SIGNATURE_BYTES:
+            if self._frame_signer.overhead_bytes > SIGNATURE_BYTES:
                 remedies.append("--auth mavlink instead of Ed25519")
             raise InputError(
                 f"radio {self._radio.name}: the state of this mission is {on_air_bytes} bytes, {takes_s:.0f} s at "
@@ -459,14 +460,14 @@ class _Schedule:
             self._heartbeats.seq = (self._heartbeats.seq + 1) % 256
             self._heartbeat_due_s = _after(self._heartbeat_due_s, HEARTBEAT_PERIOD_S, sent_at_s)
 
-        return Sent(self._sealer.seal(raw, now_s), None, 0), note
+        return Sent(self._frame_signer.sign(raw, now_s), None, 0), note
 
     def _on_air(self, raw: bytes, frame: BroadcastFrame, copy: int, now_s: float) -> Sent:
-        sealed = self._sealer.seal(raw, now_s)
+        signed = self._frame_signer.sign(raw, now_s)
         if not self._radio.wrapped:
-            return Sent(sealed, frame, copy)
+            return Sent(signed, frame, copy)
         self._wrapped += 1
-        return Sent(wrap(sealed, self._wrapped), frame, copy, self._radio.added_bytes)
+        return Sent(wrap(signed, self._wrapped), frame, copy, self._radio.added_bytes)
 
 
 def _after(due_s: float, period_s: float, now_s: float) -> float:
