@@ -304,10 +304,10 @@ def _agents_and_targets(
 ) -> tuple[list[AgentEntry], dict[int, TargetEntry]]:
     """Return the agents, and the targets that are open or that somebody is still sent to, by id."""
     if mission.case == "II":
-        assignment = {**picture.reached_by, **assignment}
+        assignment = {**picture.progress.reached_by, **assignment}
     targets = {
         identity: TargetEntry(identity, *picture.tracks[Kind.TARGET, identity].position_ned_m)
-        for identity in [*picture.open_targets, *sorted(picture.completed & set(assignment.values()))]
+        for identity in [*picture.open_targets, *sorted(picture.progress.completed & set(assignment.values()))]
     }
     agents = [
         AgentEntry(identity, *(place if mission.case == "I" else _UNTOLD), target_id=assignment.get(identity))

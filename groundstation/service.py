@@ -445,8 +445,8 @@ class _Status:
             pairs = f"{len(station.assignment)} of {len(picture.present_agents)} sent"
         directive = "" if station.directive is Directive.NORMAL else f"directive {station.directive.name.lower()}; "
         return (
-            f"{directive}agents to targets: {pairs or 'none'}; reached {sorted(picture.completed)}, "
-            f"arrived {sorted(picture.arrived)}, lost {sorted(picture.lost)}, uncovered {list(station.uncovered)}"
+            f"{directive}agents to targets: {pairs or 'none'}; reached {sorted(picture.progress.completed)}, "
+            f"arrived {sorted(picture.progress.arrived)}, lost {sorted(picture.progress.lost)}, uncovered {list(station.uncovered)}"
         )
 
 

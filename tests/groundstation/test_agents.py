@@ -423,26 +423,26 @@ def test_an_agent_is_lost_when_its_report_is_overdue_by_lost_after_s() -> None:
     run = Run("report_period_s: 60\nlost_after_s: 20\n").to(50.0)
     run.report(3_000.0, 0.0)
     run.report(3_000.0, 20_000.0, agent_id=2, at_s=40.0)
-    assert run.to(120.0).station.tracks.lost == set()
-    assert run.to(120.5).station.tracks.lost == {2}
-    assert run.to(130.0).station.tracks.lost == {2}
-    assert run.to(130.5).station.tracks.lost == {1, 2}
+    assert run.to(120.0).station.tracks.progress.lost == set()
+    assert run.to(120.5).station.tracks.progress.lost == {2}
+    assert run.to(130.0).station.tracks.progress.lost == {2}
+    assert run.to(130.5).station.tracks.progress.lost == {1, 2}
 
 
 def test_an_agent_that_never_reported_is_lost_as_one_that_reported_at_the_start() -> None:
     run = Run("report_period_s: 60\nlost_after_s: 20\n").to(80.0)
-    assert run.station.tracks.lost == set()
-    assert run.to(80.5).station.tracks.lost == {1, 2}
+    assert run.station.tracks.progress.lost == set()
+    assert run.to(80.5).station.tracks.progress.lost == {1, 2}
 
 
 @pytest.mark.parametrize("sensed", [True, False])
 def test_without_reports_nobody_is_ever_known_to_be_lost(sensed: bool) -> None:
     run = Run("lost_after_s: 20\n", sensed).to(200.0)
-    assert (run.station.tracks.lost, run.station.tracks.active_agents) == (set(), [1, 2])
+    assert (run.station.tracks.progress.lost, run.station.tracks.active_agents) == (set(), [1, 2])
 
 
 def test_in_case_ii_losses_do_not_hang_on_the_sensor() -> None:
-    assert Run("report_period_s: 60\nlost_after_s: 20\n", sensed=False).to(81.0).station.tracks.lost == {1, 2}
+    assert Run("report_period_s: 60\nlost_after_s: 20\n", sensed=False).to(81.0).station.tracks.progress.lost == {1, 2}
 
 
 def test_a_lost_agent_is_reckoned_no_further_and_has_no_target() -> None:
@@ -456,10 +456,10 @@ def test_a_lost_agent_is_reckoned_no_further_and_has_no_target() -> None:
 def test_an_agent_that_reports_again_is_back() -> None:
     run = Run("report_period_s: 60\nlost_after_s: 20\n").to(50.0)
     run.report(3_000.0, 20_000.0, agent_id=2)
-    assert run.to(90.0).station.tracks.lost == {1}
+    assert run.to(90.0).station.tracks.progress.lost == {1}
     run.report(2_000.0, -300.0)
     run.to(91.0)
-    assert run.station.tracks.lost == set()
+    assert run.station.tracks.progress.lost == set()
     assert run.place() == pytest.approx((2_000.0, -300.0), abs=1.0 * SPEED_M_S + 1.0)
     assert set(run.station.assignment) == {1, 2}
 
@@ -479,12 +479,12 @@ def test_the_target_of_a_lost_agent_goes_to_another() -> None:
 def test_an_uncertain_arrival_is_believed_as_much_later_as_the_doubt_takes_to_fly() -> None:
     run = Run("targets: [{id: 1, north_m: 6000, east_m: 0}]\nwind: {speed_m_s: 9}\narrival_radius_m: 300\n")
     near_s = None
-    while not run.station.tracks.completed and run.t_s < 300.0:
+    while not run.station.tracks.progress.completed and run.t_s < 300.0:
         run.to(run.t_s + TICK_S)
         if near_s is None and math.dist(run.place(), (6_000.0, 0.0)) <= 300.0:
             near_s = run.t_s
     assert near_s is not None
-    assert run.station.tracks.arrived == {1}
+    assert run.station.tracks.progress.arrived == {1}
     # The warning goes on growing while it waits.
     waited_s = run.t_s - near_s
     assert waited_s * SPEED_M_S == pytest.approx(9.6 * run.t_s, abs=2 * SPEED_M_S * TICK_S)
@@ -494,7 +494,7 @@ def test_a_report_near_the_target_is_believed_at_once() -> None:
     run = Run("targets: [{id: 1, north_m: 30000, east_m: 0}]\nwind: {speed_m_s: 9}\n").to(100.0)
     run.report(29_900.0, 0.0)
     run.to(101.0)
-    assert (run.station.tracks.arrived, run.station.tracks.completed) == ({1}, {1})
+    assert (run.station.tracks.progress.arrived, run.station.tracks.progress.completed) == ({1}, {1})
 
 
 def test_an_agent_that_has_arrived_by_reckoning_keeps_its_target_and_others_are_sent_elsewhere() -> None:
@@ -502,7 +502,7 @@ def test_an_agent_that_has_arrived_by_reckoning_keeps_its_target_and_others_are_
     run = Run(two).to(100.0)
     run.report(29_900.0, 0.0)
     run.to(112.0)
-    assert run.station.tracks.arrived == {1}
+    assert run.station.tracks.progress.arrived == {1}
     frames = [frame for datagram in run.datagrams for frame in FrameReader().read(datagram)]
     last = [frame for frame in frames if isinstance(frame, StateFrame)][-1]
     assert {agent.id: agent.target_id for agent in last.agents} == {1: 1, 2: 2}

@@ -458,8 +458,8 @@ def test_no_target_is_left_without_an_agent_while_there_are_as_many_agents_whoev
                 assert set(station.uncovered) == wanted - covered
                 assert len(covered) == min(len(station.tracks.active_agents), len(wanted))
         flying.move(alive, station.assignment)
-    overdue = {k for k, t_s in losses_s.items() if k not in station.tracks.arrived}
-    assert station.tracks.lost - station.tracks.arrived == overdue
+    overdue = {k for k, t_s in losses_s.items() if k not in station.tracks.progress.arrived}
+    assert station.tracks.progress.lost - station.tracks.progress.arrived == overdue
 
 
 class Toy:
