@@ -13,7 +13,6 @@ import zlib
 from enum import IntEnum
 from pathlib import Path
 
-import click
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import COMPANION_COMPONENT
@@ -23,6 +22,7 @@ from companion.onboard.failsafe import Stage
 from companion.protocol.deframer import header_of
 from companion.protocol.mavlink_signing import strip_signature
 from companion.protocol.messages import DecisionFlag, DecisionFrame
+from companion.runtime.console import program_logger
 
 SETUP_SIGNING_ID = 256
 """The MAVLink message that carries a secret key."""
@@ -62,7 +62,7 @@ class FlightLog:
         What comes faster than `most_bytes_per_s` is left out and counted: a flood of a link shall not fill the disk.
         """
         self._writer = writer
-        self._program = program
+        self._messages = program_logger(program)
         self._most_bytes_per_s = most_bytes_per_s
         self._allowance_bytes = most_bytes_per_s * LOG_BURST_S
         self._last_s: float | None = None
@@ -120,7 +120,7 @@ class FlightLog:
 
     def _give_up(self, error: OSError) -> None:
         self._writer = None
-        click.echo(f"{self._program}: warning: no longer logging: {error.strerror}", err=True)
+        self._messages.warning("no longer logging: %s", error.strerror)
 
 
 def unused(path: Path) -> Path:

@@ -20,7 +20,8 @@ from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.files.tlog import whole_frames
 from companion.onboard.config import ONE_RADIO, Config
 from companion.onboard.preflight import Finding, findings
-from companion.onboard.service import saved_authority, trust_of
+from companion.onboard.state_files import saved_authority
+from companion.onboard.trust import trust_of
 from companion.protocol.authenticator import Authenticator
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait
@@ -68,16 +69,16 @@ class _Checker:
         self._broadcast_link = None if one_radio else parse_link(config.broadcast.link)
         is_stream = self._broadcast_link is not None and self._broadcast_link.scheme == "serial"
         # Without a state: what a companion that ran before has heard is no less genuine for that.
-        self._admission = Authenticator(trust_of(config.broadcast), is_stream=is_stream)
+        self._authenticator = Authenticator(trust_of(config.broadcast), is_stream=is_stream)
         self._clock = SteadyClock()
         self._link_heard = self._broadcast_heard = False
-        self._doubt: str | None = None
+        self._authority_warning: str | None = None
         self._link: Duplex
 
     async def open(self) -> None:
         """Open what `companion run` would open; raises InputError."""
         _, warning = saved_authority(self._autopilot)
-        self._doubt = warning if self._adapter.resumes_on_stream else None
+        self._authority_warning = warning if self._adapter.resumes_on_stream else None
         if self._autopilot.kind == "px4-copter" and self._autopilot.offboard == "mavsdk":
             require_mavsdk()
         if self._broadcast_link is not None:
@@ -93,7 +94,7 @@ class _Checker:
         began_s, heartbeat_s = time.monotonic(), -math.inf
         while not stop.is_set() and time.monotonic() - began_s < wait_s:
             now_s = self._clock.now_s()
-            self._broadcast_heard |= bool(self._admission.due(now_s))
+            self._broadcast_heard |= bool(self._authenticator.due(now_s))
             if self._all_known and time.monotonic() - began_s >= SETTLING_S:
                 return
             if now_s - heartbeat_s >= HEARTBEAT_PERIOD_S:
@@ -112,8 +113,8 @@ class _Checker:
             broadcast_heard=self._broadcast_heard,
             now_s=self._clock.now_s(),
         )
-        if self._doubt is not None:
-            found.append(Finding(False, self._doubt, "remove it while the vehicle is disarmed"))
+        if self._authority_warning is not None:
+            found.append(Finding(False, self._authority_warning, "remove it while the vehicle is disarmed"))
         return found
 
     @property
@@ -123,7 +124,7 @@ class _Checker:
         return self._adapter.refusal is None and self._adapter.parameters_known and self._broadcast_heard and healthy
 
     def _from_broadcast(self, datagram: bytes) -> None:
-        self._broadcast_heard |= bool(self._admission.admit(datagram, self._clock.now_s()))
+        self._broadcast_heard |= bool(self._authenticator.admit(datagram, self._clock.now_s()))
 
     def _from_autopilot(self, datagram: bytes) -> None:
         self._link_heard = True

@@ -12,7 +12,8 @@ from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.onboard.authority import State
 from companion.onboard.config import Config, parse_config
 from companion.onboard.preflight_service import check_vehicle
-from companion.onboard.service import run_companion, saved_authority
+from companion.onboard.service import run_companion
+from companion.onboard.state_files import saved_authority
 from companion.protocol.codec import Directive, FrameWriter, Stamp, StateFrame
 from companion.protocol.keys import keygen
 from companion.transport.endpoints import open_sender, parse_link

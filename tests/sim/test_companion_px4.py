@@ -124,7 +124,8 @@ def test_after_its_stream_has_ended_mavsdk_streams_no_more_and_px4_does_not_go_b
         ]
         try:
             await until(lambda: says("loiter (no target)"), lambda: ground.hand_over(time.monotonic() - began_s))
-            assert (tmp_path / "engaged.json").exists()
+            # The disk is waited for on a thread of its own, which may come after the terminal's.
+            await until((tmp_path / "engaged.json").exists, lambda: None)
             if ending == "MAVSDK hangs":
                 await until(lambda: says("MAVSDK sent nothing; nothing is sent until it is disarmed"), stop_mavsdk)
                 await until(lambda: ground.modes[-1] != OFFBOARD, lambda: None)

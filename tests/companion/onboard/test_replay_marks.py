@@ -13,8 +13,8 @@ from companion.onboard.authority import State
 from companion.onboard.companion import Companion, Decision
 from companion.onboard.config import AutopilotSection
 from companion.onboard.flight_log import Mark, clock_frame, clock_offset_s, decision_frame, mark_frame, mark_of
+from companion.onboard.recording import BEGINNINGS
 from companion.onboard.replay import replay
-from companion.onboard.service import BEGINNINGS
 from companion.protocol.codec import FrameWriter
 from companion.protocol.deframer import header_of
 from tests.companion.onboard.companion_flight import CONFIG, GUIDED, SYSTEM, Flight

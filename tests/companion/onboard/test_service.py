@@ -9,9 +9,13 @@ from pathlib import Path
 import pytest
 
 from companion.errors import InputError
+from companion.onboard.broadcast_monitor import BroadcastMonitor
 from companion.onboard.companion import Companion
 from companion.onboard.config import BroadcastSection, Config
-from companion.onboard.service import _Listening, _logs, _StateKeeper, run_companion, trust_of
+from companion.onboard.log_folder import open_log_folder
+from companion.onboard.service import run_companion
+from companion.onboard.state_files import AuthenticatorStateFile
+from companion.onboard.trust import trust_of
 from companion.protocol.authenticator import Authenticator, AuthenticatorState, Trust
 from companion.protocol.codec import Directive, FrameWriter, Stamp, StateFrame
 from companion.protocol.keys import keygen
@@ -24,69 +28,69 @@ def state(epoch_s: int, sequence: int, after_s: int = 0) -> bytes:
     return FrameWriter().encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, (), (), ()))
 
 
-def listener() -> tuple[Companion, _Listening]:
+def monitored() -> tuple[Companion, BroadcastMonitor]:
     companion = Companion(Config(agent_id=1))
-    listening = _Listening(companion)
-    listening.news(1_000.0)
-    return companion, listening
+    monitor = BroadcastMonitor(companion)
+    monitor.news(1_000.0)
+    return companion, monitor
 
 
 def test_the_trust_word_is_said_with_the_first_status() -> None:
     companion = Companion(Config(agent_id=1))
-    (line,) = _Listening(companion).news(1_000.0)
+    (line,) = BroadcastMonitor(companion).news(1_000.0)
     assert line == "broadcast (unsigned): 0% of its frames heard, age of nothing; refused: none"
 
 
 def test_the_first_ground_station_is_no_news() -> None:
-    companion, listening = listener()
+    companion, monitor = monitored()
     companion.hear(state(1_000, 1), 1_000.0)
-    assert listening.news(1_000.0) == []
+    assert monitor.news(1_000.0) == []
 
 
 def test_a_restarted_ground_station_is_said_once() -> None:
-    companion, listening = listener()
+    companion, monitor = monitored()
     companion.hear(state(1_000, 1), 1_000.0)
-    listening.news(1_000.0)
+    monitor.news(1_000.0)
     companion.hear(state(1_002, 1), 1_002.0)
-    assert listening.news(1_002.0) == ["another run of a ground station took over (epoch 1002)"]
-    assert listening.news(1_002.0) == []
+    assert monitor.news(1_002.0) == ["another run of a ground station took over (epoch 1002)"]
+    assert monitor.news(1_002.0) == []
 
 
 def test_two_ground_stations_at_once_are_warned_of_once() -> None:
-    companion, listening = listener()
+    companion, monitor = monitored()
     companion.hear(state(1_010, 1), 1_010.0)
-    listening.news(1_010.0)
+    monitor.news(1_010.0)
     for sequence in (5, 6):
         companion.hear(state(1_000, sequence), 1_011.0)
-    assert "two ground stations" in listening.news(1_011.0)[0]
-    assert listening.news(1_011.0) == []
+    assert "two ground stations" in monitor.news(1_011.0)[0]
+    assert monitor.news(1_011.0) == []
 
 
 def test_the_first_refusal_is_told_with_its_reason_and_then_once_a_minute() -> None:
-    companion, listening = listener()
+    companion, monitor = monitored()
     companion.hear(state(900, 1), 1_000.0)
-    assert listening.news(1_000.0) == [
+    assert monitor.news(1_000.0) == [
         "broadcast (unsigned): 0% of its frames heard, age of nothing; refused: 1 stamped too long ago"
     ]
-    assert listening.news(1_059.0) == []
-    assert len(listening.news(1_060.0)) == 1
+    assert monitor.news(1_059.0) == []
+    assert len(monitor.news(1_060.0)) == 1
 
 
 def test_copies_that_are_sent_on_purpose_are_no_news() -> None:
-    companion, listening = listener()
+    companion, monitor = monitored()
     for _ in range(2):
         companion.hear(state(1_000, 1), 1_000.0)
     assert companion.authenticator.rejected == {"repeated": 1}
-    assert listening.news(1_000.0) == []
+    assert monitor.news(1_000.0) == []
 
 
 def test_bad_reception_is_warned_of_once_and_its_end_told() -> None:
-    companion, listening = listener()
+    companion, monitor = monitored()
     said = []
     for second in range(1_000, 1_400):
         if second % 10 == 0 or second > 1_200:
             companion.hear(state(1_000, second - 999, second - 1_000), float(second))
-        said += [line for line in listening.news(float(second)) if "reception" in line]
+        said += [line for line in monitor.news(float(second)) if "reception" in line]
     assert [line.split(":")[0] for line in said] == ["warning", "reception is good again"]
 
 
@@ -120,11 +124,11 @@ def test_a_state_is_kept_only_when_there_is_something_new(tmp_path: Path) -> Non
     path = tmp_path / "state" / "broadcast.json"
     authenticator = Authenticator(Trust())
     files = IoThread("files")
-    keeper = _StateKeeper(str(path), authenticator, files)
-    keeper.keep()
+    state_file = AuthenticatorStateFile(str(path), authenticator, files)
+    state_file.write()
     authenticator.admit(state(1_000, 4), 1_000.0)
     assert not path.exists()
-    keeper.keep()
+    state_file.write()
     files.close()
     assert AuthenticatorState.from_json(path.read_text()).sequence == 4
 
@@ -133,9 +137,9 @@ def test_a_restarted_companion_refuses_what_was_accepted_before_it(tmp_path: Pat
     path = tmp_path / "broadcast.json"
     before = Authenticator(Trust())
     files = IoThread("files")
-    keeper = _StateKeeper(str(path), before, files)
+    state_file = AuthenticatorStateFile(str(path), before, files)
     before.admit(state(1_000, 4), 1_000.0)
-    keeper.keep_now_and_then(1_000.0)
+    state_file.write_if_due(1_000.0)
     files.close()
     after = Authenticator(Trust(), AuthenticatorState.from_json(path.read_text()))
     assert after.admit(state(1_000, 3), 1_001.0) == []
@@ -159,7 +163,7 @@ def test_each_run_logs_into_a_folder_of_its_own(tmp_path: Path) -> None:
         with ExitStack() as stack:
             files = IoThread("files")
             stack.callback(files.close)
-            _logs(config, files, stack)
+            open_log_folder(config, files, stack)
     folders = sorted(tmp_path.iterdir())
     assert len(folders) == 2
     for folder in folders:

@@ -1,0 +1,68 @@
+"""What there is to say of the broadcast: how well it is heard, and who sends it."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+from companion.onboard.companion import Companion
+from companion.protocol.authenticator import EXPECTED, OLD_EPOCH
+from companion.protocol.link_quality import LinkQuality, Warnings
+
+STATUS_PERIOD_S = 60.0
+"""How often the state of the broadcast link is told while nothing else is."""
+
+
+class BroadcastMonitor:
+    """Notices how the broadcast is heard, and when it changes hands: a restarted ground station, or two at once."""
+
+    def __init__(self, companion: Companion) -> None:
+        self._companion = companion
+        self._warnings = Warnings()
+        self._epoch_s: int | None = None
+        self._any_older = self._any_refused = False
+        """Whether frames of an older run, and any that should not come, had been refused by the last call."""
+        self._status_at_s = -math.inf
+
+    def news(self, now_s: float) -> list[str]:
+        """Return what is to be said since the last call."""
+        refused = self._companion.authenticator.rejected
+        quality = self._companion.link_monitor.quality(now_s)
+        lines = [*self._takeover(), *self._older_run(refused)]
+        warning = self._warnings.update(quality)
+        if warning is not None:
+            lines.append(warning)
+        if self._status_is_due(refused, now_s):
+            lines.append(self._status(refused, quality))
+        return lines
+
+    def _takeover(self) -> list[str]:
+        before_s, self._epoch_s = self._epoch_s, self._companion.world_model.epoch_s
+        if before_s is None or before_s == self._epoch_s:
+            return []
+        return [f"another run of a ground station took over (epoch {self._epoch_s})"]
+
+    def _older_run(self, refused: Counter[str]) -> list[str]:
+        any_before, self._any_older = self._any_older, refused[OLD_EPOCH] > 0
+        if any_before or not self._any_older:
+            return []
+        return ["warning: frames of an older run are heard too: are two ground stations broadcasting?"]
+
+    def _status_is_due(self, refused: Counter[str], now_s: float) -> bool:
+        any_before = self._any_refused
+        self._any_refused = any(refused[reason] for reason in refused.keys() - set(EXPECTED))
+        is_first = self._any_refused and not any_before
+        if not is_first and now_s - self._status_at_s < STATUS_PERIOD_S:
+            return False
+        self._status_at_s = now_s
+        return True
+
+    def _status(self, refused: Counter[str], quality: LinkQuality) -> str:
+        trust = self._companion.authenticator.trust
+        unexpected = [(count, reason) for reason, count in refused.most_common() if reason not in EXPECTED]
+        reasons = ", ".join(f"{count} {reason}" for count, reason in unexpected)
+        ages = ", ".join(f"{kind} {age_s:.1f} s" for kind, age_s in quality.ages_s.items())
+        return (
+            f"broadcast ({trust.words}): {quality.share:.0%} of its frames heard, "
+            f"age of {ages or 'nothing'}; refused: {reasons or 'none'}"
+        )

@@ -1,0 +1,83 @@
+"""Who is told of a decision: the terminal, systemd, the logs, ground-control programs and the ground station."""
+
+from __future__ import annotations
+
+from companion.onboard.broadcast_monitor import BroadcastMonitor
+from companion.onboard.companion import Companion, Decision
+from companion.onboard.config import Config
+from companion.onboard.flight_log import summary_line
+from companion.onboard.log_folder import LogFolder
+from companion.onboard.output import AutopilotOutput
+from companion.onboard.statustext import StatusReporter
+from companion.runtime.console import program_logger
+from companion.runtime.systemd import Notifier
+from companion.transport.endpoints import Sender
+
+LOGGER = program_logger("companion")
+
+
+class DecisionReporter:
+    """Tells of each decision whoever is to know of it; what stays the same is said once."""
+
+    def __init__(
+        self,
+        companion: Companion,
+        output: AutopilotOutput,
+        logs: LogFolder,
+        notifier: Notifier,
+        uplink: Sender | None,
+    ) -> None:
+        """Tell of a companion's decisions as its configuration wants; `uplink` takes the reports, if there is one."""
+        self._companion = companion
+        self._output = output
+        self._logs = logs
+        self._notifier = notifier
+        self._uplink = uplink
+        self._monitor = BroadcastMonitor(companion)
+        self._statustext = _statustext(companion.config)
+        is_signed = companion.config.broadcast is None or companion.config.broadcast.trust != "unsigned"
+        self._trust = "" if is_signed else ", unsigned"
+        self._said: set[str] = set()
+        """What the last decision gave to say."""
+
+    def tell(self, decision: Decision, now_s: float) -> None:
+        """Report, log and say what was decided."""
+        if self._uplink is not None:
+            for report in self._companion.report(now_s):
+                self._uplink.send(report)
+        line = summary_line(decision) + self._trust
+        if self._output.waits_for_mavsdk:
+            line += ", MAVSDK is not ready yet"
+        self._say(line, now_s)
+        self._statustext.note(decision, line)
+        self._send_values(decision, now_s)
+        if self._logs.decisions is not None:
+            gap_s = self._output.decision_gaps.take_recent_max_s()
+            self._logs.decisions.add(decision, self._companion.adapter.telemetry, gap_s)
+
+    def send_text(self, now_s: float) -> None:
+        """Send the newest line to ground-control programs if it is new and its time has come."""
+        for frame in self._statustext.text(now_s, self._companion.adapter.telemetry.system_id):
+            self._output.send_status(frame)
+
+    def _say(self, line: str, now_s: float) -> None:
+        for news in [*self._monitor.news(now_s), line]:
+            if news not in self._said:
+                LOGGER.info("%s", news)
+                self._logs.vehicle.tell(now_s, news)
+        if self._said != {line}:
+            self._notifier.status(line)
+        self._said = {line}
+
+    def _send_values(self, decision: Decision, now_s: float) -> None:
+        if self._statustext.values_due(now_s):
+            gap_s = self._output.gaps.take_recent_max_s()
+            system_id = self._companion.adapter.telemetry.system_id
+            for frame in self._statustext.values(now_s, system_id, decision, gap_s):
+                self._output.send_status(frame)
+
+
+def _statustext(config: Config) -> StatusReporter:
+    """Return what speaks to ground-control programs: nothing does in Case II, unless the configuration says so."""
+    quiet = config.case == "II" if config.status.quiet is None else config.status.quiet
+    return StatusReporter(config.status.period_s, quiet)

@@ -1,0 +1,67 @@
+"""What leaves for the autopilot: through MAVSDK where it is in charge of the setpoints, straight on otherwise."""
+
+from __future__ import annotations
+
+import time
+
+from companion.autopilot.offboard import Offboard, Velocity, is_setpoint, velocity_of
+from companion.onboard.companion import Companion
+from companion.onboard.flight_log import FlightLog
+from companion.runtime.rate import SetpointGaps
+from companion.transport.endpoints import Duplex
+
+
+class AutopilotOutput:
+    """Logs and sends what the companion wants sent, and measures how evenly setpoints really leave."""
+
+    def __init__(self, companion: Companion, link: Duplex, log: FlightLog, offboard: Offboard | None) -> None:
+        self._companion = companion
+        self._link = link
+        self._log = log
+        self._offboard = offboard
+        self._wanted: Velocity | None = None
+        """What MAVSDK is to send."""
+        self.gaps = SetpointGaps()
+        """Over the whole flight, and since the last named values were sent."""
+        self.decision_gaps = SetpointGaps()
+        """For the table of decisions, which takes the longest since the last decision."""
+
+    @property
+    def waits_for_mavsdk(self) -> bool:
+        """Whether there is a setpoint that MAVSDK cannot send yet."""
+        return self._offboard is not None and self._wanted is not None and not self._offboard.ready
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether MAVSDK's stream of setpoints has a gap."""
+        return self._offboard is not None and self._offboard.silent
+
+    def send(self, frames: list[bytes], now_s: float) -> None:
+        """Log and send the frames of one slot."""
+        self._wanted = None
+        steers = False
+        for frame in frames:
+            self._log.record(now_s, frame)
+            steers = steers or is_setpoint(frame)
+            velocity = None if self._offboard is None else velocity_of(frame)
+            if velocity is None:
+                self.transmit(frame)
+            else:
+                self._wanted = velocity
+        if self._offboard is not None:
+            self._offboard.tick(self._companion.adapter.telemetry.system_id, self._wanted)
+        if not steers:
+            self.gaps.end()
+            self.decision_gaps.end()
+
+    def transmit(self, frame: bytes) -> None:
+        """Send a frame as it is."""
+        self._link.send(frame)
+        if is_setpoint(frame):
+            now_s = time.monotonic()
+            self.gaps.note(now_s)
+            self.decision_gaps.note(now_s)
+
+    def send_status(self, frame: bytes) -> None:
+        """Send a frame that tells of the companion; it is no part of a decision, and so not logged."""
+        self._link.send(frame)
