@@ -37,6 +37,7 @@ from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait
 from companion.transport.endpoints import Link, open_receiver, open_sender
 from groundstation.adsb_mirror import AdsbMirror
+from groundstation.agents import VehicleModel
 from groundstation.broadcast import Unsendable
 from groundstation.ground_station import GroundStation
 from groundstation.plan import Authentication
@@ -253,8 +254,7 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         mission,
         start_s,
         sensed=options.sensor is not None,
-        law=DEFAULT_LAW,
-        can_stop=options.can_stop,
+        model=VehicleModel(DEFAULT_LAW, options.can_stop),
         epoch_s=keeper.epoch_s,
         began_s=keeper.began_s,
     )
@@ -444,9 +444,10 @@ class _Status:
         if len(station.assignment) > _MOST_PAIRS:
             pairs = f"{len(station.assignment)} of {len(picture.present_agents)} sent"
         directive = "" if station.directive is Directive.NORMAL else f"directive {station.directive.name.lower()}; "
+        progress = picture.progress
         return (
-            f"{directive}agents to targets: {pairs or 'none'}; reached {sorted(picture.progress.completed)}, "
-            f"arrived {sorted(picture.progress.arrived)}, lost {sorted(picture.progress.lost)}, uncovered {list(station.uncovered)}"
+            f"{directive}agents to targets: {pairs or 'none'}; reached {sorted(progress.completed)}, "
+            f"arrived {sorted(progress.arrived)}, lost {sorted(progress.lost)}, uncovered {list(station.uncovered)}"
         )
 
 

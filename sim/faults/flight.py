@@ -30,6 +30,7 @@ from companion.protocol.authenticator import Authenticator, AuthenticatorState, 
 from companion.protocol.codec import Detection, Kind
 from companion.protocol.ed25519 import FrameSigner
 from companion.protocol.mavlink_signing import MavlinkSigner
+from groundstation.agents import VehicleModel
 from groundstation.ground_station import GroundStation
 from groundstation.schedule import Broadcaster
 from sim.detector import Detector, Fleet
@@ -232,7 +233,7 @@ class Flight:
         self._world = World(mission, SEED)
         self._sensor = mission_sensor(mission, int(START_S))
         can_stop = AUTOPILOTS[kind].can_stop
-        self._ground = GroundStation(mission, START_S, law="routed", can_stop=can_stop)
+        self._ground = GroundStation(mission, START_S, model=VehicleModel("routed", can_stop))
         self._broadcaster = Broadcaster(self._ground, None, _sealer(FLEET_KEY if setting.signed else None))
         self._impostor: Broadcaster | None = None
         self._replayed: list[tuple[float, bytes]] | None = None
@@ -310,7 +311,7 @@ class Flight:
             self._replayed = list(self._on_air)
         elif how is not None:
             lured = self.setting.mission.model_copy(update={"threats": (), "targets": self._elsewhere()})
-            station = GroundStation(lured, START_S + self._t_s, law="routed", can_stop=True)
+            station = GroundStation(lured, START_S + self._t_s, model=VehicleModel("routed", True))
             self._impostor = Broadcaster(station, None, _sealer(OTHER_KEY if how == "of another key" else None))
 
     def take_over(self, mode: int | None = None) -> None:
