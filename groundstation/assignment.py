@@ -18,9 +18,6 @@ import math
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 Objective = Literal["distance", "inverse-distance"]
 OBJECTIVES: tuple[Objective, ...] = ("distance", "inverse-distance")
@@ -237,7 +234,7 @@ def _solve(cost: np.ndarray, reachable: np.ndarray) -> np.ndarray:
         return chosen
     copies = _copies(number_of_agents, number_of_targets)
     if np.all(reachable):
-        rows, columns = linear_sum_assignment(cost[:, copies])
+        rows, columns = _cheapest_pairs(cost[:, copies])
     else:
         rows, columns = _solve_restricted(cost[:, copies], reachable[:, copies], number_of_targets)
     chosen[rows] = copies[columns]
@@ -275,13 +272,25 @@ def _solve_restricted(
     table[:agents, columns:] = 0.0
     table[agents : agents + targets - covered, :columns] = 0.0
     table[agents:, targets:columns] = 0.0
-    row, column = linear_sum_assignment(table)
+    row, column = _cheapest_pairs(table)
     pair = (row < agents) & (column < columns)
     return able[row[pair]], open_to_some[column[pair]]
 
 
+def _cheapest_pairs(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows and columns (P,) each of the pairs of a table (A, B) that cost least together."""
+    # scipy takes longer to import than all else of the ground station: whoever assigns nothing goes without.
+    from scipy.optimize import linear_sum_assignment
+
+    rows, columns = linear_sum_assignment(cost)
+    return rows, columns
+
+
 def _matching_size(allowed: np.ndarray) -> int:
     """Return how many disjoint pairs a table of allowed pairs (A, B) bool has at most."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import maximum_bipartite_matching
+
     partner = maximum_bipartite_matching(csr_array(allowed), perm_type="column")  # (A,), -1 for none
     return int(np.count_nonzero(partner >= 0))
 

@@ -11,7 +11,7 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -29,12 +29,10 @@ from companion.protocol.messages import (
     RadiiFrame,
     StateFrame,
 )
+from groundstation.choices import Authentication
 from groundstation.ground_station import GroundStation
 from groundstation.radio import Radio
 from groundstation.schedule import SHORTEST_REFRESH_S, TICK_S, Broadcaster, BroadcastFrame, Sent
-
-Authentication = Literal["unsigned", "mavlink", "ed25519", "both"]
-AUTHENTICATIONS: tuple[Authentication, ...] = ("unsigned", "mavlink", "ed25519", "both")
 
 LOSSES = (0.0, 0.1, 0.3, 0.5)
 CURRENT_SHARE = 0.999

@@ -11,23 +11,12 @@ from dataclasses import dataclass
 
 from companion.errors import InputError, nearest_hint
 from companion.protocol.v2_extension import WRAP_BYTES
+from groundstation.choices import RADIOS_BYTES_PER_S
 
 LONGEST_FRAME_BYTES = 252
 """The longest packet that SiK firmware sends in one piece; a LoRa modem's is 255."""
 MAVLINK_SIGNATURE_BYTES = 13
 
-RADIOS_BYTES_PER_S = {
-    "sik-57600": 5760.0,
-    "sik-64k-ecc": 3600.0,
-    "lora": 638.0,
-}
-"""What each carries of frames, one way:
-
-- `sik-57600`: its serial port at 57600 baud, ten bits a byte, which the air at 64 kbit/s keeps up with.
-- `sik-64k-ecc`: 64 kbit/s on the air, halved by the Golay code, less a tenth for preambles and the turns of its TDM.
-- `lora`: spreading factor 7, 125 kHz, coding rate 4/5: 252 bytes take 394.5 ms by the formula for the time on air in
-  the SX1276's data sheet (preamble of 8 symbols, explicit header, CRC). A law's duty cycle is the share to give.
-"""
 LEAST_BYTES_PER_S = 10.0
 MOST_BYTES_PER_S = 1.0e8
 

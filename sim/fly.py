@@ -17,7 +17,8 @@ from companion.guidance.settings import DEFAULT_LAW, LAWS, LawName
 from companion.mission.lint import lint
 from companion.mission.model import Mission, dump_mission
 from companion.mission.resolve import resolve
-from groundstation.radio import RADIOS_BYTES_PER_S, Radio, parse_radio
+from groundstation.choices import RADIOS_BYTES_PER_S
+from groundstation.radio import Radio, parse_radio
 from sim.flown import KINEMATIC, FlownMission
 from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, FlightOptions, check_flyable, fly
 from sim.scaling import scaled

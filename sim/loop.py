@@ -17,7 +17,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from companion.mission.model import AgentSpec, Mission
-from companion.onboard.companion import Decision
+from companion.onboard.decision import Decision
 from companion.protocol.codec import Detection
 from groundstation.ground_station import GroundStation
 from sim.sensor import LOOK_PERIOD_S, world_detections

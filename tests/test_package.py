@@ -27,7 +27,8 @@ for absent in ("torch", "scipy", "matplotlib", "rich", "jinja2", "groundstation"
     assert importlib.util.find_spec(absent) is None, absent
 from pymavlink.dialects.v20 import common
 from companion.onboard.config import Config
-from companion.onboard.companion import Companion, Purpose
+from companion.onboard.companion import Companion
+from companion.onboard.decision import Purpose
 from companion.protocol.codec import AgentEntry, Directive, FrameWriter, Stamp, StateFrame, TargetEntry, ThreatEntry
 import companion.cli
 vehicle = common.MAVLink(None, srcSystem=1, srcComponent=1)

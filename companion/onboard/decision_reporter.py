@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from companion.onboard.broadcast_monitor import BroadcastMonitor
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
 from companion.onboard.config import Config
+from companion.onboard.decision import Decision
 from companion.onboard.flight_log import summary_line
 from companion.onboard.log_folder import LogFolder
 from companion.onboard.output import AutopilotOutput

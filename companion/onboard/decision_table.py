@@ -11,7 +11,7 @@ import math
 
 from companion.autopilot.telemetry import Telemetry
 from companion.files.tlog import Sink
-from companion.onboard.companion import Decision
+from companion.onboard.decision import Decision
 
 COLUMNS = (
     "time_unix_s",

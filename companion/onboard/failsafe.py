@@ -10,8 +10,12 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
+from companion.onboard.config import Config
+
+CLOCK_DIGITS = 3
+"""Offsets of the clock are kept to the millisecond: a log, which is exact to the microsecond, then tells the same."""
 BATTERY_MARGIN_PERCENT = 5.0
-"""A battery that was low is good again so far above its limit: its voltage recovers when the load is taken off."""
+"""A battery that was low is good again this far above its limit: its voltage recovers when the load is taken off."""
 ABILITIES_CHANGED = "the autopilot's parameters were changed in flight"
 
 
@@ -100,16 +104,21 @@ class FailsafeStatus:
         """The reason for the stage; nothing when there is none."""
         return self.triggers[0].words if self.triggers else ""
 
+    @property
+    def all_words(self) -> tuple[str, ...]:
+        """The reasons for the stage and for milder ones, the most severe first."""
+        return tuple(trigger.words for trigger in self.triggers)
+
 
 @dataclass(frozen=True)
 class _Found:
-    """What one input says by itself: the stage, and why; `unknown` says nothing, so that what stood stands."""
+    """What one input says by itself: the stage, and why; `unknown` says nothing, so that what was before stays."""
 
     stage: Stage = Stage.FRESH
     words: str = ""
     unknown: bool = False
     sticky: bool = True
-    """Whether it stands for a while after its reason has gone."""
+    """Whether it stays for a while after its reason has gone."""
 
 
 _NOTHING = _Found()
@@ -117,30 +126,69 @@ _UNKNOWN = _Found(unknown=True)
 _FINE = FailsafeStatus()
 
 
+class Failsafe:
+    """How far picture and vehicle of one companion can be trusted. Times are given by the caller."""
+
+    def __init__(self, config: Config) -> None:
+        self.status = _FINE
+        """As of the last update."""
+        self.clock_offset_s = 0.0
+        """How far this computer's clock is from the one that times are told by."""
+        self._thresholds = thresholds_of(config)
+
+    def update(self, inputs: FailsafeInputs, now_s: float) -> FailsafeStatus:
+        """Take in what is known now; return the status."""
+        self.status = assess(inputs, self._thresholds, self.status, now_s)
+        return self.status
+
+    def note_clock(self, offset_s: float) -> bool:
+        """Note how far this computer's clock is from the one that times are told by; return whether that is news."""
+        offset_s = round(offset_s, CLOCK_DIGITS)
+        change_s = round(abs(offset_s - self.clock_offset_s), CLOCK_DIGITS)
+        news = change_s >= 0.5 * self._thresholds.clock_step_s
+        if news:
+            self.clock_offset_s = offset_s
+        return news
+
+
+def thresholds_of(config: Config) -> FailsafeThresholds:
+    """Return where a configuration has each stage begin."""
+    return FailsafeThresholds(
+        coasting_after_s=config.staleness.coasting_after_s,
+        loitering_after_s=config.staleness.loitering_after_s,
+        returning_after_s=config.staleness.blind_after_s,
+        recover_after_s=config.staleness.recover_after_s,
+        battery_return_percent=config.health.battery_return_percent,
+        position_accuracy_m=config.health.position_accuracy_m,
+        infeasible_after_s=config.health.infeasible_after_s,
+        clock_step_s=config.health.clock_step_s,
+    )
+
+
 def assess(
     inputs: FailsafeInputs, thresholds: FailsafeThresholds, before: FailsafeStatus, now_s: float
 ) -> FailsafeStatus:
-    """Return the standing by inputs and by what stood before: up at once, down after `recover_after_s`."""
-    stood = {trigger.cause: trigger for trigger in before.triggers}
-    standing = [
+    """Return the status by inputs and by the status before: up at once, down after `recover_after_s`."""
+    earlier = {trigger.cause: trigger for trigger in before.triggers}
+    triggers = [
         trigger
-        for cause, found in _found(inputs, thresholds, Cause.BATTERY in stood)
-        if (trigger := _held(cause, found, stood.get(cause), thresholds, now_s)) is not None
+        for cause, found in _found(inputs, thresholds, Cause.BATTERY in earlier)
+        if (trigger := _held(cause, found, earlier.get(cause), thresholds, now_s)) is not None
     ]
-    if not standing:
+    if not triggers:
         return _FINE
     # Sorting keeps the order of causes among equals.
-    standing.sort(key=lambda trigger: -SEVERITY[trigger.stage])
-    return FailsafeStatus(standing[0].stage, tuple(standing))
+    triggers.sort(key=lambda trigger: -SEVERITY[trigger.stage])
+    return FailsafeStatus(triggers[0].stage, tuple(triggers))
 
 
 def _held(
-    cause: Cause, found: _Found, stood: Trigger | None, thresholds: FailsafeThresholds, now_s: float
+    cause: Cause, found: _Found, earlier: Trigger | None, thresholds: FailsafeThresholds, now_s: float
 ) -> Trigger | None:
-    if stood is not None:
-        milder = SEVERITY[found.stage] < SEVERITY[stood.stage]
-        if found.unknown or (milder and now_s - stood.held_at_s < thresholds.recover_after_s):
-            return stood
+    if earlier is not None:
+        milder = SEVERITY[found.stage] < SEVERITY[earlier.stage]
+        if found.unknown or (milder and now_s - earlier.held_at_s < thresholds.recover_after_s):
+            return earlier
     if found.stage is Stage.FRESH:
         return None
     return Trigger(cause, found.stage, found.words, now_s if found.sticky else -math.inf)
@@ -148,13 +196,13 @@ def _held(
 
 def _found(inputs: FailsafeInputs, thresholds: FailsafeThresholds, was_low: bool) -> tuple[tuple[Cause, _Found], ...]:
     """Return what each input says, in the order in which equals are told; `was_low`: the battery."""
-    unsure = inputs.uncertified_s >= thresholds.infeasible_after_s
+    uncertified = inputs.uncertified_s >= thresholds.infeasible_after_s
     return (
         (Cause.BROADCAST, _by_age(inputs.picture_age_s, thresholds)),
         (Cause.FENCE, _if(inputs.outside_fence, Stage.RETURNING, "outside the fence")),
         (Cause.BATTERY, _by_battery(inputs.battery_percent, thresholds, was_low)),
         (Cause.RANGE, _if(inputs.out_of_range, Stage.RETURNING, "range")),
-        (Cause.GUARD, _if(unsure, Stage.LOITERING, "no certified back-up")),
+        (Cause.GUARD, _if(uncertified, Stage.LOITERING, "no certified back-up")),
         (Cause.ABILITIES, _if(inputs.abilities_changed, Stage.LOITERING, ABILITIES_CHANGED)),
         (Cause.POSITION, _by_accuracy(inputs.position_accuracy_m, thresholds)),
         (Cause.CLOCK, _by_clock(inputs.clock_offset_s, thresholds)),

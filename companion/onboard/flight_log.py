@@ -17,8 +17,8 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.files.tlog import TlogWriter, whole_frames
-from companion.onboard.companion import CLOCK_DIGITS, Decision, Purpose
-from companion.onboard.failsafe import Stage
+from companion.onboard.decision import Decision, Purpose
+from companion.onboard.failsafe import CLOCK_DIGITS, Stage
 from companion.protocol.deframer import header_of
 from companion.protocol.mavlink_signing import strip_signature
 from companion.protocol.messages import DecisionFlag, DecisionFrame

@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 from companion.autopilot.offboard import MAVSDK_SILENT
 from companion.onboard.authority import State
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
+from companion.onboard.decision import Decision
 from companion.onboard.flight_log import FlightLog, Mark, clock_frame, decision_frame, mark_frame
 from companion.protocol.codec import FrameWriter
 from companion.runtime.clock import SteadyClock

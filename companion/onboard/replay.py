@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from companion.autopilot.offboard import MAVSDK_SILENT
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.onboard.authority import State
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
 from companion.onboard.config import Config
+from companion.onboard.decision import Decision
 from companion.onboard.flight_log import STATUSTEXT_ID, Mark, clock_offset_s, decision_frame, mark_of
 from companion.protocol.authenticator import Authenticator, Trust
 from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 from companion.autopilot.offboard import Offboard
 from companion.errors import InputError
-from companion.onboard.companion import Companion, Decision, Purpose
+from companion.onboard.companion import Companion
 from companion.onboard.config import ONE_RADIO, AutopilotSection, BroadcastSection, Config
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.decision_reporter import DecisionReporter
 from companion.onboard.inputs import AutopilotInput, BroadcastInput
 from companion.onboard.log_folder import LogFolder, open_log_folder

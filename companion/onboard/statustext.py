@@ -11,7 +11,7 @@ import math
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import COMPANION_COMPONENT
-from companion.onboard.companion import Decision, Purpose
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
 
 TEXT_PERIOD_S = 2.0

@@ -282,7 +282,7 @@ class DecisionFrame:
 
     time_us: int
     purpose: int
-    """Place of the purpose in `companion.onboard.companion.Purpose`."""
+    """Place of the purpose in `companion.onboard.decision.Purpose`."""
     stage: int
     """Place of the stage in `companion.onboard.failsafe.Stage`."""
     target_id: int | None

@@ -23,8 +23,9 @@ from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission
 from companion.mission.resolve import resolve
 from companion.onboard.authority import State
-from companion.onboard.companion import Companion, Decision, Purpose
+from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection, Config, StalenessSection, config_for_agent
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
 from companion.protocol.authenticator import Authenticator, AuthenticatorState, Trust
 from companion.protocol.codec import Detection, Kind

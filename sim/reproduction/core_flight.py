@@ -27,7 +27,7 @@ from companion.guidance.steering import (
     loiter_spacing_m,
 )
 from companion.mission.model import LinkSpec, Mission, Wind
-from companion.onboard.companion import ARRIVAL_SHARE
+from companion.onboard.goal import ARRIVAL_SHARE
 from companion.surrogate.cost import Weights
 from companion.surrogate.profiles import PROFILE_NAMES, RadialProfile, StepProfile, profile_by_name, surrogate_gradient
 from groundstation.assignment import OBJECTIVES, Objective, assign

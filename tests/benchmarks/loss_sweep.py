@@ -16,7 +16,8 @@ import numpy as np
 
 from companion.mission.model import Burst, LinkSpec, load_mission
 from companion.mission.resolve import resolve
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
+from companion.onboard.decision import Decision
 from companion.onboard.failsafe import Stage
 from sim.lockstep import FlightOptions, fly
 from sim.loop import START_S

@@ -11,7 +11,7 @@ import pytest
 
 from companion.errors import EXIT_DONE, EXIT_UNUSABLE
 from groundstation import cli
-from groundstation.service import Options
+from groundstation.options import Options
 
 LINK = ("--link", "udpout:127.0.0.1:9")
 Program = Callable[..., tuple[int, str, str]]
@@ -92,8 +92,8 @@ def test_whatever_is_at_a_serial_port_gets_a_heartbeat_but_not_behind_an_autopil
     program: Program, radio: str, heartbeats: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given: list[Options] = []
-    monkeypatch.setattr(cli, "run_groundstation", lambda mission, options, stop: given.append(options))
-    monkeypatch.setattr(cli, "run_until_signal", lambda start: start(None))
+    monkeypatch.setattr("groundstation.service.run_groundstation", lambda mission, options, stop: given.append(options))
+    monkeypatch.setattr("companion.runtime.clock.run_until_signal", lambda start: start(None))
     program("run", "copter-demo", "--link", "serial:/dev/ttyUSB0:57600", "--unsigned", "--radio", radio)
     assert [options.radio and options.radio.heartbeats for options in given] == [heartbeats]
 

@@ -25,22 +25,21 @@ from companion.protocol.mavlink_signing import timestamp_of
 from companion.protocol.messages import Directive, MotionFrame, Stamp, StateFrame
 from companion.transport.endpoints import parse_link
 from groundstation import service
-from groundstation.plan import Authentication
+from groundstation.choices import Authentication
+from groundstation.directives import directive_from
+from groundstation.options import Options
 from groundstation.radio import parse_radio
-from groundstation.service import (
+from groundstation.saved_state import (
     MOST_AHEAD_S,
-    Options,
     SavedState,
     began_at_s,
-    directive_from,
     epoch_after,
-    load_frame_signer,
-    run_groundstation,
     saved_state_from,
     signing_after,
     text_of,
     threats_digest,
 )
+from groundstation.service import load_frame_signer, run_groundstation
 
 NOW_S = 1_790_000_000.0
 KEPT = SavedState(1, 0, "", 0.0, Directive.NORMAL)

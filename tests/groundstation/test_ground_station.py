@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from companion.errors import InputError
 from companion.files.yaml import dump_yaml
-from companion.mission.model import Mission, parse_mission
+from companion.mission.model import RANGE_RESERVE, Mission, parse_mission
 from companion.mission.resolve import resolve
-from companion.onboard.companion import RANGE_RESERVE
 from companion.protocol.codec import (
     BandsFrame,
     Detection,

@@ -25,7 +25,8 @@ from companion.protocol.messages import (
     TargetEntry,
     ThreatPlace,
 )
-from groundstation.plan import Air, Authentication, Bursts, Item, Part, Plan, outage_limit, plan
+from groundstation.choices import Authentication
+from groundstation.plan import Air, Bursts, Item, Part, Plan, outage_limit, plan
 from groundstation.radio import parse_radio
 from groundstation.schedule import Sent
 

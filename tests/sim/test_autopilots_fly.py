@@ -15,8 +15,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.files.tlog import read_tlog
 from companion.mission.model import Mission, parse_mission
 from companion.mission.resolve import resolve
-from companion.onboard.companion import Purpose
 from companion.onboard.config import parse_config
+from companion.onboard.decision import Purpose
 from companion.onboard.replay import replay
 from companion.protocol.v2_extension import V2_EXTENSION_ID
 from sim.cli import cli

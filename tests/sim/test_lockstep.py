@@ -13,7 +13,8 @@ import pytest
 from companion.errors import InputError
 from companion.mission.model import Mission, parse_mission
 from companion.mission.resolve import resolve
-from companion.onboard.companion import Companion, Decision, Purpose
+from companion.onboard.companion import Companion
+from companion.onboard.decision import Decision, Purpose
 from companion.protocol.codec import AgentEntry, Directive, FrameReader, FrameWriter, StateFrame
 from sim.lockstep import Flight, FlightOptions, fly
 from sim.score import Score, score

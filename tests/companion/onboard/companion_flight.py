@@ -15,8 +15,9 @@ from companion.autopilot.registry import ADAPTERS
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import CostWeights
 from companion.onboard.authority import State
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
 from companion.onboard.config import Config, LimitsSection, StalenessSection
+from companion.onboard.decision import Decision
 from companion.protocol.codec import (
     THREATS_PER_FRAME,
     AgentEntry,

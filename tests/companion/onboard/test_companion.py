@@ -19,9 +19,11 @@ from companion.guidance.separation import PASSING, SLOWING, STOPPING
 from companion.guidance.settings import LAWS
 from companion.guidance.steering import SteeringVector
 from companion.guidance.view import View
-from companion.onboard.companion import ARRIVAL_SHARE, HOME_TOO_FAR, Companion, Decision, Purpose
+from companion.onboard.companion import HOME_TOO_FAR, Companion
 from companion.onboard.config import Config
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
+from companion.onboard.goal import ARRIVAL_SHARE
 from companion.protocol.authenticator import Authenticator, Trust
 from companion.protocol.codec import (
     AgentEntry,
@@ -842,13 +844,13 @@ def test_the_papers_laws_know_of_no_right_of_way(law: str) -> None:
 
 def told_to_the_guard(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """Return a list that each call of the guard from now on adds its arguments to."""
-    told, check = [], flight.companion.guard.check
+    told, check = [], flight.companion.steering.guard.check
 
     def listening(*arguments: Any) -> Verdict:  # noqa: ANN401
         told.append(arguments)
         return check(*arguments)
 
-    monkeypatch.setattr(flight.companion.guard, "check", listening)
+    monkeypatch.setattr(flight.companion.steering.guard, "check", listening)
     return told
 
 

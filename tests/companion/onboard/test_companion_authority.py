@@ -13,8 +13,9 @@ from companion.autopilot.adapter import Abilities
 from companion.autopilot.arducopter import ArduCopterAdapter
 from companion.autopilot.stream import STREAM_GAP_S
 from companion.onboard.authority import State
-from companion.onboard.companion import Companion, Decision, Purpose
+from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection, Config
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import ABILITIES_CHANGED, Stage
 from companion.protocol.codec import Directive, ThreatEntry
 from tests.companion.onboard.companion_flight import CONFIG, GUIDED, KINDS, ME, Flight, ObedientCopter, guided
@@ -418,8 +419,8 @@ def test_it_is_reckoned_with_as_what_its_parameters_say() -> None:
     flight = real_copter()
     tell(flight, **DEFAULTS)
     flight.companion.tick(flight.now_s)
-    assert flight.companion.limits.n_max == pytest.approx(0.7 * 2.5 / 9.80665, abs=1e-3)
-    assert flight.companion.limits.speed_m_s < CONFIG.limits.speed_m_s
+    assert flight.companion.steering.config.limits.n_max == pytest.approx(0.7 * 2.5 / 9.80665, abs=1e-3)
+    assert flight.companion.steering.config.limits.speed_m_s < CONFIG.limits.speed_m_s
     assert flight.companion.config.limits == CONFIG.limits
 
 
@@ -427,15 +428,15 @@ def test_what_changes_while_it_is_engaged_makes_it_loiter_until_it_is_handed_ove
     flight = real_copter()
     tell(flight, **DEFAULTS)
     flight.companion.tick(flight.now_s)
-    before = flight.companion.limits
+    before = flight.companion.steering.config.limits
     tell(flight, WPNAV_ACCEL=100.0)
     decision, _ = flight.companion.tick(flight.now_s)
-    assert flight.companion.limits == before
+    assert flight.companion.steering.config.limits == before
     assert (decision.stage, decision.purpose, decision.reason) == (Stage.LOITERING, Purpose.LOITER, ABILITIES_CHANGED)
     flight.heartbeat(GUIDED, 5)
     flight.companion.tick(flight.now_s)
     flight.companion.tick(flight.now_s)
-    assert flight.companion.limits.n_max == pytest.approx(0.7 * 1.0 / 9.80665, abs=1e-3)
+    assert flight.companion.steering.config.limits.n_max == pytest.approx(0.7 * 1.0 / 9.80665, abs=1e-3)
     flight.now_s += 1.0
     flight.heartbeat()
     flight.position()

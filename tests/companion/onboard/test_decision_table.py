@@ -9,7 +9,7 @@ from pathlib import Path
 
 from companion.autopilot.telemetry import Telemetry
 from companion.guard.types import NO_BACKUP, Setpoint
-from companion.onboard.companion import Decision, Purpose
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.decision_table import COLUMNS, DecisionTable
 from companion.onboard.failsafe import Stage
 

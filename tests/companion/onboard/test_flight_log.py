@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common
 
 from companion.files.tlog import TlogWriter, read_tlog
 from companion.guard.types import NO_BACKUP, Setpoint
-from companion.onboard.companion import Decision, Purpose
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
 from companion.onboard.flight_log import LOG_BURST_S, FlightLog, decision_frame, summary_line, unused, without_secrets
 from companion.protocol.codec import Directive, FrameWriter, Stamp, StateFrame, decode_frame

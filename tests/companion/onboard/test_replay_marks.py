@@ -10,8 +10,9 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.offboard import MAVSDK_SILENT
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.onboard.authority import State
-from companion.onboard.companion import Companion, Decision
+from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection
+from companion.onboard.decision import Decision
 from companion.onboard.flight_log import Mark, clock_frame, clock_offset_s, decision_frame, mark_frame, mark_of
 from companion.onboard.recording import BEGINNINGS
 from companion.onboard.replay import replay

@@ -22,8 +22,8 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.offboard import SETPOINT_IDS
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.files.tlog import read_tlog, whole_frames
-from companion.onboard.companion import Decision, Purpose
 from companion.onboard.config import Config, parse_config
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
 from companion.onboard.flight_log import Mark, decision_frame, mark_frame, mark_of
 from companion.onboard.replay import replay

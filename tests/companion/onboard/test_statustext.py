@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.guard.types import NO_BACKUP
-from companion.onboard.companion import Decision, Purpose
+from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
 from companion.onboard.statustext import CHUNK_BYTES, MOST_CHUNKS, TEXT_PERIOD_S, StatusReporter
 

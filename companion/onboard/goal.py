@@ -1,0 +1,110 @@
+"""What to do now: make for the target, loiter, or return home."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from companion.guidance.view import View
+from companion.onboard.config import Config
+from companion.onboard.decision import Purpose
+from companion.onboard.engagement import Engagement
+from companion.onboard.failsafe import FailsafeStatus, Stage
+from companion.protocol.codec import Directive
+
+ARRIVAL_SHARE = 0.8
+"""A target may have moved since it was heard of: arriving means being within this share of the arrival radius of where
+it was, and stays true until outside the whole of it."""
+WAITING_SPACINGS = 2.0
+"""Who goes second waits this many loiter spacings outside the arrival radius."""
+WAITING_LEAVE = 1.5
+"""Who waits goes on waiting until it is this many times as far as that, so that a loiter circle does not leave it."""
+
+
+@dataclass(frozen=True)
+class LoiterGeometry:
+    """How wide a vehicle's loiter circle is and how far from another's loiter place it loiters."""
+
+    radius_m: float
+    spacing_m: float
+    """From a peer's loiter place; a peer that cannot stop is somewhere on its circle."""
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What the goal is chosen by."""
+
+    position_ned_m: tuple[float, float]
+    home_ned_m: tuple[float, float]
+    view: View
+    status: FailsafeStatus
+    directive: Directive
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What to do now and why; the rest is remembered until the next tick."""
+
+    purpose: Purpose
+    reason: str
+    place_ned_m: tuple[float, float] | None = None
+    """Where to go; None to loiter."""
+    at_home: bool = False
+    arrived: bool = False
+    giving_way: bool = False
+    """Whether another agent arrives first."""
+
+
+def choose_goal(situation: Situation, before: Engagement, config: Config, loiter: LoiterGeometry) -> Goal:
+    """Return what to do now, by what was latched `before`."""
+    arrived, giving_way = before.arrived, before.giving_way
+    homing = _why_home(situation)
+    if homing is not None:
+        # A loiter circle begun just inside reaches out by its width: that is still being home.
+        leaving_m = config.arrival_radius_m + 2.0 * loiter.radius_m
+        home_m = math.dist(situation.position_ned_m, situation.home_ned_m)
+        at_home = home_m <= (leaving_m if before.at_home else ARRIVAL_SHARE * config.arrival_radius_m)
+        if at_home:
+            return Goal(Purpose.LOITER, f"{homing}: home", None, at_home, arrived, giving_way)
+        return Goal(Purpose.RETURN, homing, situation.home_ned_m, at_home, arrived, giving_way)
+    reason = _why_wait(situation)
+    target_ned_m = situation.view.target_ned_m
+    if reason is not None or target_ned_m is None:
+        return Goal(Purpose.LOITER, "no target" if reason is None else reason, None, False, arrived, giving_way)
+    target_m = math.dist(situation.position_ned_m, target_ned_m)
+    arrived = target_m <= config.arrival_radius_m * (1.0 if before.arrived else ARRIVAL_SHARE)
+    if arrived:
+        return Goal(Purpose.LOITER, "arrived", None, False, arrived, giving_way)
+    # Two cannot both keep their separation within one arrival radius, and one arrival is enough.
+    waiting_m = config.arrival_radius_m + WAITING_SPACINGS * loiter.spacing_m
+    waiting_m *= 1.0 if not giving_way else WAITING_LEAVE
+    first = None
+    if target_m <= waiting_m:
+        first = _first_to_arrive(target_m, target_ned_m, situation.view, config.agent_id, loiter.spacing_m)
+    if first is not None:
+        return Goal(Purpose.LOITER, f"agent {first} arrives first", None, False, arrived, True)
+    return Goal(Purpose.TARGET, "assigned", target_ned_m, False, arrived, False)
+
+
+def _why_home(situation: Situation) -> str | None:
+    if situation.status.stage is Stage.RETURNING:
+        return situation.status.words
+    return "directive return" if situation.directive is Directive.RETURN else None
+
+
+def _why_wait(situation: Situation) -> str | None:
+    if situation.status.stage is Stage.LOITERING:
+        return situation.status.words
+    return "directive hold" if situation.directive is Directive.HOLD else None
+
+
+def _first_to_arrive(
+    to_target_m: float, target_ned_m: tuple[float, float], view: View, agent_id: int, spacing_m: float
+) -> int | None:
+    """Return whom we let go first: who is nearer to our target, or of two about as near the lower id."""
+    for identity, place in view.rivals:
+        behind_m = to_target_m - math.dist(place, target_ned_m)
+        abreast = abs(behind_m) <= spacing_m
+        if (abreast and identity < agent_id) or (not abreast and behind_m > 0.0):
+            return identity
+    return None

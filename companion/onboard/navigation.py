@@ -1,0 +1,146 @@
+"""Where the vehicle is on the plane of the picture, where it heads, where home is, and how far it has flown."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from companion.autopilot.telemetry import Telemetry
+from companion.geo.local_frame import LocalFrame
+from companion.geo.polygon import inside_polygon
+from companion.guard.types import Motion
+from companion.mission.model import RANGE_RESERVE
+from companion.onboard.config import Config, LimitsSection
+from companion.onboard.engagement import PositionFix
+
+COURSE_SPEED_M_S = 1.0
+"""Below this ground speed the course over ground says nothing and the yaw is used."""
+STEP_SHARE = 1.5
+"""No step between two positions is believed to be longer than this share of what speed limit and wind allow."""
+
+
+@dataclass(frozen=True)
+class Navigation:
+    """What is known of the flight so far, whoever had the vehicle."""
+
+    plane: LocalFrame | None = None
+    """That of the picture; None until the companion first steers."""
+    start_deg: tuple[float, float] | None = None
+    """Where the companion first steered: latitude and longitude."""
+    heading_rad: float = 0.0
+    """From true north: the course over ground, or the yaw of a vehicle that hardly moves."""
+    flown_m: float = 0.0
+    """Distance flown under guidance."""
+    out_of_range: bool = False
+    """Whether it is time to turn home so as to get there; stays true."""
+
+
+@dataclass(frozen=True)
+class Located:
+    """Where one tick finds the vehicle, on the plane of the picture."""
+
+    fix: PositionFix
+    """As its telemetry tells it, which is a little old."""
+    motion: Motion
+    """By now."""
+    convergence_rad: float
+    home_ned_m: tuple[float, float]
+    home_too_far: bool
+    """Whether the autopilot's home is out of the vehicle's range, so that where it began to steer counts."""
+
+
+def plane_of(origin_deg: tuple[float, float] | None, before: LocalFrame | None, telemetry: Telemetry) -> LocalFrame:
+    """Return the plane of a picture's origin; without a picture the plane of before, or one about the vehicle."""
+    if before is not None and (origin_deg is None or origin_deg == (before.lat_deg, before.lon_deg)):
+        return before
+    return LocalFrame(*(origin_deg or (telemetry.lat_deg, telemetry.lon_deg)))
+
+
+def navigate(
+    before: Navigation,
+    plane: LocalFrame,
+    last_fix: PositionFix | None,
+    telemetry: Telemetry,
+    config: Config,
+    now_s: float,
+) -> tuple[Navigation, Located]:
+    """Return what is known of the flight by now, and where the vehicle is.
+
+    Args:
+        before: What was known of the flight by the last tick.
+        plane: The plane of the picture.
+        last_fix: Where the last tick of this engagement found the vehicle on that plane.
+        telemetry: With a position.
+        config: With limits within what the vehicle can do.
+        now_s: This vehicle's clock.
+
+    """
+    north_m, east_m, convergence_rad = plane.to_local_with_convergence(telemetry.lat_deg, telemetry.lon_deg)
+    speed_m_s = math.hypot(telemetry.velocity_north_m_s, telemetry.velocity_east_m_s)
+    true_heading_rad = _true_heading_rad(telemetry, speed_m_s, before.heading_rad)
+    start_deg = before.start_deg or (telemetry.lat_deg, telemetry.lon_deg)
+    position_at_s = now_s if telemetry.position_at_s is None else telemetry.position_at_s
+    fix = PositionFix((north_m, east_m), position_at_s)
+    flown_m = before.flown_m
+    if last_fix is not None:
+        step_m = math.dist(last_fix.position_ned_m, fix.position_ned_m)
+        flown_m += min(step_m, _longest_step_m(position_at_s - last_fix.at_s, config.limits))
+    heading_rad = (true_heading_rad - convergence_rad) % math.tau
+    # Telemetry is a little old: the vehicle has gone on since.
+    since_m = speed_m_s * (now_s - position_at_s)
+    north_m += since_m * math.cos(heading_rad)
+    east_m += since_m * math.sin(heading_rad)
+    home_ned_m, home_too_far = _home(plane, telemetry.home_deg, start_deg, config.limits.range_m)
+    out_of_range = before.out_of_range or _is_out_of_range(math.dist((north_m, east_m), home_ned_m), flown_m, config)
+    motion = Motion(north_m, east_m, heading_rad, speed_m_s)
+    return (
+        Navigation(plane, start_deg, true_heading_rad, flown_m, out_of_range),
+        Located(fix, motion, convergence_rad, home_ned_m, home_too_far),
+    )
+
+
+def outside_fence(telemetry: Telemetry, origin_deg: tuple[float, float] | None, config: Config) -> bool:
+    """Return whether the vehicle is outside the fence; without a picture's origin nobody knows where that is."""
+    if config.limits.fence is None or origin_deg is None:
+        return False
+    north_m, east_m, _ = LocalFrame(*origin_deg).to_local_with_convergence(telemetry.lat_deg, telemetry.lon_deg)
+    return not inside_polygon((north_m, east_m), config.limits.fence)
+
+
+def _true_heading_rad(telemetry: Telemetry, speed_m_s: float, before_rad: float) -> float:
+    if speed_m_s >= COURSE_SPEED_M_S:
+        return math.atan2(telemetry.velocity_east_m_s, telemetry.velocity_north_m_s)
+    return before_rad if telemetry.yaw_rad is None else telemetry.yaw_rad
+
+
+def _longest_step_m(elapsed_s: float, limits: LimitsSection) -> float:
+    """Return how far the vehicle can have flown meanwhile: one wrong position is not to use up its range."""
+    return STEP_SHARE * (limits.speed_m_s + limits.wind_m_s) * max(0.0, elapsed_s) + limits.position_error_m
+
+
+def _home(
+    plane: LocalFrame, home_deg: tuple[float, float] | None, start_deg: tuple[float, float], range_m: float
+) -> tuple[tuple[float, float], bool]:
+    """Return the autopilot's home, or where the companion first steered if that is unknown or out of range.
+
+    The second value says whether it is out of range.
+    """
+    start_ned_m = plane.to_local(*start_deg)
+    if home_deg is None:
+        return start_ned_m, False
+    home_ned_m = plane.to_local(*home_deg)
+    if not math.dist(home_ned_m, start_ned_m) <= range_m:
+        return start_ned_m, True
+    return home_ned_m, False
+
+
+def _is_out_of_range(home_m: float, flown_m: float, config: Config) -> bool:
+    """Return whether it is time to turn home so as to get there."""
+    if config.range_policy != "return":
+        return False
+    # Beyond the budget there is no way home any more: then the target is as good as anywhere. A step of margin,
+    # so that the moment cannot fall between two decisions, however near home is.
+    range_m = config.limits.range_m
+    step_m = config.limits.speed_m_s * config.guidance_step_s
+    short = range_m < flown_m + RANGE_RESERVE * home_m + step_m
+    return short and flown_m + home_m <= range_m + step_m

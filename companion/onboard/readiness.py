@@ -1,0 +1,99 @@
+"""Why the vehicle is not steered now: is the autopilot heard, may it be steered, is it fit, is it ready to begin."""
+
+from __future__ import annotations
+
+from companion.autopilot.adapter import Adapter
+from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
+from companion.onboard.authority import FAILSAFE, FAILSAFE_STATES, Authority, State
+from companion.onboard.config import Config
+from companion.onboard.failsafe import SEVERITY, Cause, FailsafeStatus, Stage
+
+NOT_HANDED_OVER = "not armed and in the guided mode"
+
+
+def not_steerable(adapter: Adapter, authority: Authority, config: Config, now_s: float) -> str | None:
+    """Return why a vehicle is not steered, whether or not it was steered so far; None if it may be."""
+    reason = unheard(adapter, now_s)
+    if reason is not None:
+        return reason
+    if authority.locked:
+        signal_clears = config.autopilot is not None and config.autopilot.clear == "signal"
+        cleared = "disarmed or cleared by a signal" if signal_clears else "disarmed"
+        return f"{authority.reason}; nothing is sent until it is {cleared}"
+    if not adapter.steerable:
+        return NOT_HANDED_OVER
+    return unfit(adapter, config, now_s)
+
+
+def not_reachable(adapter: Adapter, config: Config, now_s: float) -> str | None:
+    """Return why nothing at all may be asked of the autopilot, whoever has the vehicle; None if it may be asked."""
+    return unheard(adapter, now_s) or unfit(adapter, config, now_s)
+
+
+def unheard(adapter: Adapter, now_s: float) -> str | None:
+    """Return why it is not known who has the vehicle, or which vehicle it is; None if it is known."""
+    if adapter.refusal is not None:
+        return adapter.refusal
+    telemetry = adapter.telemetry
+    if telemetry.system_id is None:
+        return "no autopilot heard"
+    if telemetry.heartbeat_at_s is None or now_s - telemetry.heartbeat_at_s > HEARTBEAT_TIMEOUT_S:
+        # What it said of arming and mode may no longer be so.
+        return "autopilot's heartbeat lost"
+    return None
+
+
+def unfit(adapter: Adapter, config: Config, now_s: float) -> str | None:
+    """Return why the vehicle cannot be steered even by who has it; None if it can be."""
+    telemetry = adapter.telemetry
+    if telemetry.system_status in FAILSAFE_STATES:
+        return FAILSAFE
+    if telemetry.position_at_s is None:
+        return "no position yet"
+    if now_s - telemetry.position_at_s > config.telemetry_timeout_s:
+        return "position too old"
+    if telemetry.gps_fix is not None and telemetry.gps_fix < config.health.gps_fix_min:
+        return "no GPS fix"
+    if adapter.missing_telemetry is not None:
+        return adapter.missing_telemetry
+    # A setpoint would end a take-off under way; the person who took off finishes it.
+    if telemetry.in_air is False:
+        return "not in the air yet, or landing"
+    return None
+
+
+def not_ready(
+    adapter: Adapter, unable: str | None, status: FailsafeStatus, outside_fence: bool, config: Config
+) -> str | None:
+    """Return what must come before the vehicle is steered for the first time since it was handed over; None if nothing.
+
+    Args:
+        adapter: The autopilot's, which knows where the vehicle is.
+        unable: Why what the vehicle can do is not enough to be steered.
+        status: How far picture and vehicle can be trusted.
+        outside_fence: Whether the vehicle is outside the fence.
+        config: With limits within what the vehicle can do.
+
+    """
+    if not adapter.parameters_known:
+        return "reading the autopilot's parameters"
+    if unable is not None:
+        return unable
+    picture = next((one for one in status.triggers if one.cause is Cause.BROADCAST), None)
+    if picture is not None and SEVERITY[picture.stage] >= SEVERITY[Stage.LOITERING]:
+        return picture.words
+    if outside_fence:
+        return "outside the fence"
+    if adapter.telemetry.height_m < config.limits.height_min_m:
+        return "below height_min_m"
+    return None
+
+
+def may_hold(adapter: Adapter, authority: Authority, config: Config, stream_ended: bool, now_s: float) -> bool:
+    """Return whether a stream of "stay as you are" may flow, where one must flow before a person hands over."""
+    if not adapter.resumes_on_stream or authority.locked or not adapter.telemetry.in_air:
+        # Not known to be in the air yet: on the ground nothing is streamed.
+        return False
+    # An engagement whose stream has ended is over, which the next tick says.
+    over = authority.state is State.ENGAGED and stream_ended
+    return not over and not_reachable(adapter, config, now_s) is None

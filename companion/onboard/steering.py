@@ -1,0 +1,315 @@
+"""From the goal to the setpoint: law, right of way, turn limit, guard."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.geo.kinematics import limit_turn
+from companion.guard.guard import Guard
+from companion.guard.types import Discs, Limits, Motion, Setpoint, Verdict
+from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
+from companion.guidance.separation import Rules, give_way, interaction_radius_m
+from companion.guidance.steering import (
+    APPROACH_GAIN_1_S,
+    attraction,
+    loiter_attraction,
+    loiter_place,
+    loiter_radius_m,
+    loiter_spacing_m,
+)
+from companion.guidance.view import View
+from companion.onboard.config import Config, LimitsSection
+from companion.onboard.decision import Purpose
+from companion.onboard.engagement import Engagement
+from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry
+from companion.onboard.law_settings import law_settings
+
+STANDING_WITHIN_M = 1.0
+"""A vehicle that can stop stands still within this distance of its loiter place."""
+
+
+@dataclass(frozen=True)
+class Steering:
+    """What steers a vehicle within its limits. Guard and law remember; all else is made anew when the limits change."""
+
+    config: Config
+    """With limits within what the vehicle can do."""
+    can_stop: bool
+    """Whether the vehicle can stand still in the air."""
+    guard: Guard
+    law: SteeringLaw
+    own_law: bool
+    """Whether the law is the caller's, which stays the same whatever the limits."""
+    rules: Rules | None
+    """Of the right of way; None for a law that flies without it."""
+    interaction_m: float
+    """Within this distance another vehicle matters to the right of way."""
+    loiter: LoiterGeometry
+    unable: str | None = None
+    """Why what the vehicle can do is not enough to be steered."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What the stages of one tick's steering share."""
+
+    motion: Motion
+    view: View
+    flown_m: float
+    now_s: float
+
+
+@dataclass(frozen=True)
+class Steered:
+    """What one tick's goal came to."""
+
+    purpose: Purpose
+    """The goal's, or to loiter where the law can do no better."""
+    reason: str
+    demand: SteeringDemand
+    stay: str | None
+    """Why the law could do no better than to loiter."""
+    note: str | None
+    """What else the law says of the goal."""
+    loiter_place_ned_m: tuple[float, float] | None
+    """None unless it loiters."""
+    wanted_heading_rad: float
+    """Before the right of way."""
+    gave_way: str | None
+    turn_limited: bool
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
+class _Intent:
+    """What the law wants for a goal, and the speed that goes with it."""
+
+    purpose: Purpose
+    reason: str
+    demand: SteeringDemand
+    speed_m_s: float
+    stay: str | None
+    note: str | None
+    loiter_place_ned_m: tuple[float, float] | None
+
+
+def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) -> Steering:
+    """Return what steers by a configuration's limits; without a law of the caller's the configured one.
+
+    Raises:
+        ValueError: nothing can hold these limits.
+
+    """
+    limits = config.limits
+    guard = Guard(_guard_limits(limits, can_stop))
+    rules = _rules(config, can_stop) if config.law == "routed" else None
+    radius_m = loiter_radius_m(limits.speed_m_s, limits.n_max, config.guidance_step_s)
+    circle_m = 0.0 if can_stop else radius_m
+    return Steering(
+        config=config,
+        can_stop=can_stop,
+        guard=guard,
+        law=law or law_of(law_settings(config)),
+        own_law=law is not None,
+        rules=rules,
+        interaction_m=0.0 if rules is None else interaction_radius_m(rules, config.guidance_step_s),
+        loiter=LoiterGeometry(radius_m, loiter_spacing_m(config.separation_m, circle_m) + circle_m),
+    )
+
+
+def within_limits(steering: Steering, limits: LimitsSection) -> Steering:
+    """Return what steers within these limits; where they cannot be flown by, what it was and why they cannot."""
+    unable = None
+    if limits.wind_m_s >= limits.speed_m_s:
+        unable = f"limits.wind_m_s {limits.wind_m_s:g} is not below the {limits.speed_m_s:.3g} m/s that it can fly"
+    elif limits != steering.config.limits:
+        config = steering.config.model_copy(update={"limits": limits})
+        try:
+            return steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
+        except ValueError:
+            unable = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
+    return steering if unable == steering.unable else replace(steering, unable=unable)
+
+
+def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) -> Steered:
+    """Return the setpoint that a goal comes to, and why; `before` holds what the last tick latched."""
+    motion, limits, dt_s = moment.motion, steering.config.limits, steering.config.guidance_step_s
+    crowded = _is_crowded(motion, moment.view, steering.interaction_m)
+    intent = _intent(steering, goal, moment, before.loiter_place_ned_m, crowded)
+    wanted_rad, speed_m_s = _wanted(steering, intent, motion)
+    last = None if before.setpoint is None or limits.reaction_s == 0.0 else before.setpoint.setpoint
+    at_effect_rad = None if last is None else last.heading_rad
+    steered_rad, speed_m_s, gave_way = _right_of_way(steering, wanted_rad, speed_m_s, moment, at_effect_rad)
+    # The turn is limited at the greater of the speeds during the step, as the guard does.
+    faster_m_s = max(motion.speed_m_s, speed_m_s)
+    from_rad = motion.heading_rad
+    if at_effect_rad is not None:
+        # By the time this decision begins to act, the last one has had its reaction time.
+        from_rad = limit_turn(from_rad, at_effect_rad, faster_m_s, limits.n_max, limits.reaction_s)[0]
+    heading_rad, limited = limit_turn(from_rad, steered_rad, faster_m_s, limits.n_max, dt_s)
+    setpoint = Setpoint(heading_rad, speed_m_s, steering.config.height_m)
+    return Steered(
+        purpose=intent.purpose,
+        reason=intent.reason,
+        demand=intent.demand,
+        stay=intent.stay,
+        note=intent.note,
+        loiter_place_ned_m=intent.loiter_place_ned_m,
+        wanted_heading_rad=wanted_rad,
+        gave_way=gave_way,
+        turn_limited=limited,
+        verdict=_guarded(steering, setpoint, moment, intent.demand, crowded),
+    )
+
+
+def _intent(
+    steering: Steering, goal: Goal, moment: Moment, place_ned_m: tuple[float, float] | None, crowded: bool
+) -> _Intent:
+    """Ask the law for the goal; where it can do no better than to loiter, to loiter at a place, old or new."""
+    purpose, reason = goal.purpose, goal.reason
+    if goal.place_ned_m is None:
+        place_ned_m = _place_to_loiter(steering, moment, place_ned_m)
+        demand, speed_m_s = _loiter(steering, place_ned_m, moment, crowded)
+    else:
+        demand, speed_m_s = _go(steering, goal.place_ned_m, purpose, moment, crowded)
+    stay, note = demand.stay, demand.note
+    if stay is not None:
+        purpose, reason = Purpose.LOITER, stay
+        place_ned_m = _place_to_loiter(steering, moment, place_ned_m)
+        demand, speed_m_s = _loiter(steering, place_ned_m, moment, crowded)
+    kept_ned_m = place_ned_m if purpose is Purpose.LOITER else None
+    return _Intent(purpose, reason, demand, speed_m_s, stay, note, kept_ned_m)
+
+
+def _place_to_loiter(
+    steering: Steering, moment: Moment, place_ned_m: tuple[float, float] | None
+) -> tuple[float, float]:
+    """Return where it loiters already, or else a place that keeps its distance from those that go before it."""
+    if place_ned_m is not None:
+        return place_ned_m
+    return loiter_place(moment.motion.position_ned_m, moment.view.loitering_ned_m, steering.loiter.spacing_m)
+
+
+def _go(
+    steering: Steering, place_ned_m: tuple[float, float], purpose: Purpose, moment: Moment, crowded: bool
+) -> tuple[SteeringDemand, float]:
+    """Return what the law wants of a vehicle that is to go to a place, and the speed it shall have, m/s."""
+    pull = attraction(moment.motion.position_ned_m, place_ned_m)
+    task = Task(
+        place_ned_m=place_ned_m,
+        pull=pull,
+        loitering=False,
+        to_target=purpose is Purpose.TARGET,
+        flown_m=moment.flown_m,
+        arrival_m=ARRIVAL_SHARE * steering.config.arrival_radius_m,
+        crowded=crowded,
+    )
+    return steering.law.steer(task, moment.motion, moment.view, moment.now_s), steering.config.limits.speed_m_s
+
+
+def _loiter(
+    steering: Steering, place_ned_m: tuple[float, float], moment: Moment, crowded: bool
+) -> tuple[SteeringDemand, float]:
+    """Return what the law wants of a vehicle that loiters at a place, and the speed it shall have, m/s."""
+    here_ned_m = moment.motion.position_ned_m
+    speed_m_s = steering.config.limits.speed_m_s
+    if steering.can_stop:
+        pull = attraction(here_ned_m, place_ned_m)
+        speed_m_s = 0.0 if pull.strength_m <= STANDING_WITHIN_M else speed_m_s
+    else:
+        pull = loiter_attraction(here_ned_m, place_ned_m, steering.loiter.radius_m)
+    task = Task(
+        place_ned_m=place_ned_m,
+        pull=pull,
+        loitering=True,
+        to_target=False,
+        flown_m=moment.flown_m,
+        arrival_m=ARRIVAL_SHARE * steering.config.arrival_radius_m,
+        crowded=crowded,
+    )
+    return steering.law.steer(task, moment.motion, moment.view, moment.now_s), speed_m_s
+
+
+def _wanted(steering: Steering, intent: _Intent, motion: Motion) -> tuple[float, float]:
+    """Return the heading and the speed, rad and m/s, that a law's demand amounts to."""
+    pull, speed_m_s = intent.demand.pull, intent.speed_m_s
+    strength_m = pull.strength_m
+    stands = steering.can_stop and speed_m_s == 0.0 and strength_m <= STANDING_WITHIN_M
+    if steering.can_stop and intent.purpose is not Purpose.TARGET and not stands:
+        speed_m_s = min(steering.config.limits.speed_m_s, APPROACH_GAIN_1_S * strength_m)
+    if stands or strength_m == 0.0:
+        return motion.heading_rad, speed_m_s
+    return pull.heading_rad, speed_m_s
+
+
+def _right_of_way(
+    steering: Steering, wanted_rad: float, speed_m_s: float, moment: Moment, at_effect_rad: float | None
+) -> tuple[float, float, str | None]:
+    """Return the heading, the speed and what the right of way changed, if it did."""
+    if steering.rules is None:
+        return wanted_rad, speed_m_s, None
+    given = give_way(
+        wanted_rad,
+        moment.motion,
+        moment.view.traffic_ned_m,
+        moment.view.traffic_velocity_m_s,
+        steering.rules,
+        steering.config.guidance_step_s,
+        heading_at_effect_rad=at_effect_rad,
+    )
+    if steering.can_stop and given.reason is not None:
+        speed_m_s = min(speed_m_s, given.speed_m_s)
+    return given.heading_rad, speed_m_s, given.reason
+
+
+def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool) -> Verdict:
+    view = moment.view
+    discs = Discs(
+        centres_ned_m=view.threats_ned_m,
+        radii_m=view.attack_radius_m if steering.config.keep_out == "attack" else view.detection_radius_m,
+        speeds_m_s=view.threat_speed_m_s,
+        attack_m=view.attack_radius_m,
+        ids=view.threat_ids,
+    )
+    route = () if demand.route is None else demand.route.pieces + demand.onward
+    dt_s = steering.config.guidance_step_s
+    return steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, route, crowded)
+
+
+def _is_crowded(motion: Motion, view: View, interaction_m: float) -> bool:
+    """Return whether another vehicle is within the interaction radius."""
+    if len(view.traffic_ned_m) == 0:
+        return False
+    apart_m = np.hypot(view.traffic_ned_m[:, 0] - motion.north_m, view.traffic_ned_m[:, 1] - motion.east_m)
+    return bool(np.any(apart_m <= interaction_m))
+
+
+def _rules(config: Config, can_stop: bool) -> Rules:
+    limits = config.limits
+    return Rules(
+        separation_m=config.separation_m,
+        n_max=limits.n_max,
+        speed_m_s=limits.speed_m_s,
+        reaction_s=limits.reaction_s,
+        can_stop=can_stop,
+        braking_m_s2=limits.braking_m_s2 if can_stop else None,
+        position_error_m=limits.position_error_m,
+    )
+
+
+def _guard_limits(limits: LimitsSection, can_stop: bool) -> Limits:
+    return Limits(
+        speed_min_m_s=0.0 if can_stop else limits.speed_m_s,
+        speed_max_m_s=limits.speed_m_s,
+        n_max=limits.n_max,
+        altitude_min_m=limits.height_min_m,
+        altitude_max_m=limits.height_max_m,
+        braking_m_s2=limits.braking_m_s2 if can_stop else None,
+        fence_ned_m=limits.fence,
+        reaction_s=limits.reaction_s,
+        rate_share=limits.rate_share,
+        wind_m_s=limits.wind_m_s,
+        position_error_m=limits.position_error_m,
+    )

@@ -1,0 +1,67 @@
+"""Who is near by the vehicle's own detector, and where by now on the plane of the picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from companion.autopilot.telemetry import NEIGHBOUR_MEMORY_S, Neighbour
+from companion.geo.local_frame import LocalFrame, to_grid
+from companion.guard.types import Motion
+from companion.guidance.view import Traffic
+from companion.onboard.config import Config
+
+OWN_TRANSPONDER_S = 3.0
+"""What calls itself as this vehicle does and is nearer than it flies in this time is its own transponder."""
+
+
+@dataclass(frozen=True)
+class Detected:
+    """What the detector sees at one tick."""
+
+    traffic: tuple[Traffic, ...] = ()
+    duplicate_agent_id: bool = False
+    """Whether another vehicle calls itself by this vehicle's agent id."""
+
+
+def detected(
+    neighbours: Collection[Neighbour],
+    plane: LocalFrame,
+    motion: Motion,
+    altitude_m: float,
+    config: Config,
+    now_s: float,
+) -> Detected:
+    """Return who is within the detector's range and not at another height.
+
+    Args:
+        neighbours: What the detector has seen, however long ago.
+        plane: The plane of the picture.
+        motion: The vehicle's own.
+        altitude_m: The vehicle's own, above sea level.
+        config: With limits within what the vehicle can do.
+        now_s: This vehicle's clock.
+
+    """
+    traffic: list[Traffic] = []
+    duplicate = False
+    own_transponder_m = max(config.separation_m, OWN_TRANSPONDER_S * config.limits.speed_m_s)
+    for neighbour in neighbours:
+        age_s = max(0.0, now_s - neighbour.seen_at_s)
+        if age_s > NEIGHBOUR_MEMORY_S:
+            continue
+        north_m, east_m, convergence_rad = plane.to_local_with_convergence(neighbour.lat_deg, neighbour.lon_deg)
+        north_m_s, east_m_s = to_grid(neighbour.velocity_north_m_s, neighbour.velocity_east_m_s, convergence_rad)
+        north_m, east_m = north_m + age_s * north_m_s, east_m + age_s * east_m_s
+        apart_m = math.dist((north_m, east_m), (motion.north_m, motion.east_m))
+        identity = neighbour.agent_id
+        if identity == config.agent_id:
+            if apart_m <= own_transponder_m:
+                continue
+            duplicate, identity = True, None
+        above_m = abs(neighbour.altitude_m - altitude_m)
+        elsewhere = 0.0 < config.vertical_separation_m <= above_m
+        if not elsewhere and apart_m <= config.detector_range_m:
+            traffic.append(Traffic(identity, (north_m, east_m), (north_m_s, east_m_s)))
+    return Detected(tuple(traffic), duplicate)

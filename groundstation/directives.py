@@ -1,0 +1,86 @@
+"""Lines on standard input that set the directive to every vehicle."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+
+from companion.errors import InputError, nearest_hint
+from companion.protocol.messages import Directive
+from companion.runtime.console import program_logger
+from groundstation.ground_station import GroundStation
+
+LOGGER = program_logger("groundstation")
+_LINE_BYTES = 4096
+
+
+def directive_from(line: str) -> Directive:
+    """Return the directive that a line names.
+
+    Raises:
+        InputError: it names none.
+
+    """
+    words = {directive.name.lower(): directive for directive in Directive}
+    word = line.strip().lower()
+    if word not in words:
+        raise InputError(f"directive: '{word[:40]}'{nearest_hint(word, words)}; allowed: {', '.join(words)}")
+    return words[word]
+
+
+class DirectiveInput:
+    """Lets lines on standard input set the directive of a ground station.
+
+    Where nothing can be waited for, as with no input at all or in the background of a terminal, nothing is read.
+    """
+
+    def __init__(self, station: GroundStation) -> None:
+        """Begin to read."""
+        self._station = station
+        self._loop = asyncio.get_running_loop()
+        self._descriptor: int | None = _standard_input()
+        self._begun_line = b""
+        try:
+            self._loop.add_reader(self._descriptor, self._read)
+        except (OSError, ValueError):
+            self._descriptor = None
+            return
+        # In the background a terminal would stop a program that reads from it; so reading fails instead.
+        signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+
+    def close(self) -> None:
+        """Read no more."""
+        if self._descriptor is not None:
+            self._loop.remove_reader(self._descriptor)
+            self._descriptor = None
+
+    def _read(self) -> None:
+        assert self._descriptor is not None
+        try:
+            chunk = os.read(self._descriptor, _LINE_BYTES)
+        except OSError:
+            chunk = b""
+        if not chunk:
+            self.close()
+            return
+        *lines, begun = (self._begun_line + chunk).split(b"\n")
+        self._begun_line = begun[-_LINE_BYTES:]
+        for line in lines:
+            self._obey(line.decode(errors="replace"))
+
+    def _obey(self, line: str) -> None:
+        if not line.strip():
+            return
+        try:
+            self._station.directive = directive_from(line)
+        except InputError as error:
+            LOGGER.error("%s", error)
+
+
+def _standard_input() -> int:
+    try:
+        return sys.stdin.fileno()
+    except (AttributeError, OSError, ValueError):
+        return -1

@@ -1,0 +1,146 @@
+"""The arguments of `groundstation run`: what may be given together, and what a run makes of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypedDict
+
+from companion.autopilot.kinds import KINDS
+from companion.autopilot.missions import load_mission_to_fly
+from companion.errors import InputError
+from companion.mission.model import Mission
+from companion.mission.resolve import resolve
+from companion.transport.endpoints import Link, parse_link
+from groundstation.choices import SIGNED, STATE_NAME, Authentication, one_of, without_null
+from groundstation.ground_station import check_runnable
+from groundstation.radio import Radio, parse_radio
+
+
+class RunArguments(TypedDict):
+    """What the command line gives: words as they were typed, None for what was left out."""
+
+    mission: str
+    link: str
+    keys: str | None
+    unsigned: bool
+    auth: str | None
+    radio: str | None
+    share: float | None
+    state: str | None
+    log: str | None
+    mirror: str | None
+    sensor: str | None
+    uplink: str | None
+    autopilot: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a mission is broadcast."""
+
+    link: Link
+    authentication: Authentication
+    keys: Path | None = None
+    radio: Radio | None = None
+    sensor: Link | None = None
+    uplink: Link | None = None
+    mirror: Link | None = None
+    log: Path | None = None
+    state: Path | None = None
+    can_stop: bool = False
+    """Case II: whether the agents that are reckoned can stand still."""
+
+
+def run_of(given: RunArguments) -> tuple[Mission, Options]:
+    """Return the resolved mission that is to be broadcast, and how.
+
+    Raises:
+        InputError: an argument, or the mission, is nothing to broadcast by.
+
+    """
+    one_of("--autopilot", given["autopilot"], tuple(KINDS))
+    without_null({"MISSION": given["mission"], "--link": given["link"], "--keys": given["keys"]})
+    without_null({"--state": given["state"], "--log": given["log"], "--mirror": given["mirror"]})
+    without_null({"--sensor": given["sensor"], "--uplink": given["uplink"]})
+    mission = _mission_to_broadcast(given["mission"], given["seed"], given["uplink"])
+    return mission, _options(given)
+
+
+def _mission_to_broadcast(name: str, seed: int, uplink: str | None) -> Mission:
+    resolved = resolve(load_mission_to_fly(name), seed, name)
+    check_runnable(resolved, name)
+    if resolved.case == "I" and uplink is not None:
+        raise InputError(f"{name}: case: 'I' with --uplink; allowed: II, Case I has no use for reports")
+    if resolved.case == "II" and resolved.report_period_s > 0.0 and uplink is None:
+        raise InputError(
+            f"{name}: report_period_s: {resolved.report_period_s:g} without --uplink, so that everybody would count "
+            "as lost; allowed: --uplink URL, or report_period_s 0"
+        )
+    if resolved.surrogate == "monolithic":
+        raise InputError(f"{name}: surrogate: 'monolithic' flies only in the simulator; allowed: pairwise, analytic")
+    return resolved
+
+
+def _options(given: RunArguments) -> Options:
+    link = parse_link(given["link"])
+    sensor, uplink, mirror = (_link(given["sensor"]), _link(given["uplink"]), _link(given["mirror"]))
+    if mirror is not None and mirror == link:
+        raise InputError(f"--mirror: '{given['mirror']}' is the broadcast's own link; allowed: another port")
+    log, keys, state = given["log"], given["keys"], given["state"]
+    if log is not None and not log.endswith(".tlog"):
+        raise InputError(f"--log: '{log}'; allowed: a name that ends in .tlog")
+    if state is None and keys is not None:
+        state = str(Path(keys) / STATE_NAME)
+    return Options(
+        link=link,
+        authentication=_authentication(keys, given["unsigned"], given["auth"]),
+        keys=_path(keys),
+        radio=_radio(link, given["radio"], given["share"]),
+        sensor=sensor,
+        uplink=uplink,
+        mirror=mirror,
+        log=_path(log),
+        state=_path(state),
+        can_stop=KINDS[given["autopilot"]].can_stop,
+    )
+
+
+def _link(url: str | None) -> Link | None:
+    return None if url is None else parse_link(url)
+
+
+def _path(name: str | None) -> Path | None:
+    return None if name is None else Path(name)
+
+
+def _authentication(keys: str | None, unsigned: bool, auth: str | None) -> Authentication:
+    if keys is not None and unsigned:
+        raise InputError("--unsigned: given together with --keys; allowed: one of them")
+    if keys is None and not unsigned:
+        raise InputError(
+            "neither --keys nor --unsigned given; allowed: --keys DIR to sign, or --unsigned to sign nothing"
+        )
+    if unsigned:
+        if auth is not None:
+            raise InputError(f"--auth: '{auth}' with --unsigned; allowed: only with --keys")
+        return "unsigned"
+    return one_of("--auth", auth or "both", SIGNED)
+
+
+def _radio(link: Link, name: str | None, share: float | None) -> Radio | None:
+    if name is None:
+        if share is not None:
+            raise InputError(f"--share: {share:g} without --radio; allowed: --radio NAME with it")
+        if link.scheme == "serial":
+            raise InputError(f"--link: '{link}' without --radio, so that nothing would pace it; allowed: --radio NAME")
+        return None
+    if link.others:
+        raise InputError(
+            f"--link: '{link}' sends every frame {1 + len(link.others)} times, which --radio {name} does not count; "
+            "allowed: one address behind a radio"
+        )
+    radio = parse_radio(name, 1.0 if share is None else share)
+    # Whatever it is, it may listen for a heartbeat before it reports its buffer.
+    return replace(radio, heartbeats=True) if link.scheme == "serial" and not radio.wrapped else radio

@@ -1,0 +1,203 @@
+"""What a run of the ground station leaves on disk for the next one.
+
+The last epoch and signing time, so that vehicles that demand ever newer frames hear the next run; when the threats were
+where the mission says, so that they are not told as if they had not moved since; and the directive.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from companion.errors import InputError
+from companion.files.state import read_state_file, write_state_file
+from companion.mission.model import Mission
+from companion.protocol.mavlink_signing import UNITS_PER_S, MavlinkSigner, timestamp_of
+from companion.protocol.messages import Directive
+from companion.runtime.console import program_logger
+from groundstation.directives import directive_from
+from groundstation.ground_station import GroundStation
+from groundstation.options import Options
+
+LOGGER = program_logger("groundstation")
+STATE_PERIOD_S = 1.0
+"""How often the signing time used last is written to disk: a crash loses less of it than receivers allow clocks to
+differ by."""
+MOST_AHEAD_S = 1.5
+"""Most that an epoch or a signing time may be ahead of the clock: receivers refuse what is more than 2 s ahead of
+theirs (companion/protocol/authenticator.py), and theirs may be behind. A restart within the second needs 1 s."""
+
+
+@dataclass(frozen=True)
+class SavedState:
+    """What of a run must be known to the next one."""
+
+    epoch_s: int
+    signing_timestamp: int
+    """MAVLink's, of a frame sent STATE_PERIOD_S before the last one or later; 0 without MAVLink signing."""
+    threats: str
+    """The digest of the threats as the mission places them."""
+    began_s: float
+    """When the first run with these threats began: they were there then."""
+    directive: Directive
+
+
+def saved_state_from(text: str, source: Path) -> SavedState:
+    """Return what a state file keeps.
+
+    Raises:
+        InputError: the text is nothing of ours; `source` names it.
+
+    """
+    try:
+        values = json.loads(text)
+        state = SavedState(
+            int(values["epoch_s"]),
+            int(values["signing_timestamp"]),
+            str(values["threats"]),
+            float(values["began_s"]),
+            directive_from(str(values["directive"])),
+        )
+        if not math.isfinite(state.began_s):
+            raise ValueError("no time")
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError, InputError) as error:
+        raise InputError(
+            f"{source}: no state of a ground station; allowed: the file that the last run wrote, or one that is not "
+            "there yet"
+        ) from error
+    return state
+
+
+def text_of(state: SavedState) -> str:
+    """Return what a state file holds."""
+    return json.dumps(
+        {
+            "epoch_s": state.epoch_s,
+            "signing_timestamp": state.signing_timestamp,
+            "threats": state.threats,
+            "began_s": state.began_s,
+            "directive": state.directive.name.lower(),
+        }
+    )
+
+
+def epoch_after(last: SavedState | None, now_s: float, source: Path | None) -> int:
+    """Return the epoch of a run that begins now: this second, but later than the last run's.
+
+    Raises:
+        InputError: that is farther ahead of the clock than receivers accept; `source` names the file.
+
+    """
+    epoch_s = int(now_s) if last is None else max(int(now_s), last.epoch_s + 1)
+    if epoch_s - now_s > MOST_AHEAD_S:
+        raise _behind(source, epoch_s - now_s)
+    return epoch_s
+
+
+def signing_after(last: SavedState | None, now_s: float, only_mavlink: bool, source: Path | None) -> int:
+    """Return the MAVLink signing time above which a run that begins now signs.
+
+    Raises:
+        InputError: `only_mavlink`, that is without Ed25519, and the time is farther ahead of the clock than receivers
+            accept. Under both they do not look at it.
+
+    """
+    if last is None:
+        return 0
+    ahead_s = (last.signing_timestamp - timestamp_of(now_s)) / UNITS_PER_S
+    if only_mavlink and ahead_s > MOST_AHEAD_S:
+        raise _behind(source, ahead_s)
+    return last.signing_timestamp
+
+
+def _behind(source: Path | None, by_s: float) -> InputError:
+    return InputError(
+        f"{source}: the clock is {by_s:.1f} s behind the last run, so that vehicles would refuse every frame; allowed: "
+        f"at most {MOST_AHEAD_S:g} s: wait, set the clock or, if the last run's clock was wrong, remove this file and "
+        "the vehicles' state files and make new keys"
+    )
+
+
+def began_at_s(last: SavedState | None, threats: str, now_s: float) -> float:
+    """Return when the threats of a run that begins now were where the mission says; `threats` is their digest."""
+    return now_s if last is None or last.threats != threats else min(last.began_s, now_s)
+
+
+def threats_digest(mission: Mission) -> str:
+    """Return what tells whether two resolved missions place the same threats.
+
+    Of nothing else in them: a restart with another target or period must not tell the threats as if they were new.
+    """
+    text = mission.model_dump_json(include={"origin", "threats"})
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class RunStateFile:
+    """What the last run left, and the file in which this one leaves it."""
+
+    def __init__(self, options: Options, mission: Mission, signer: MavlinkSigner | None, now_s: float) -> None:
+        """Read the file, if there is one to be read; raises InputError if this run cannot follow on it.
+
+        `signer` signs this run's frames by MAVLink, above the last run's times; None if nothing does.
+        """
+        self._path = self._read_from = options.state
+        self._signer = signer
+        text = None if self._path is None else read_state_file(self._path)
+        last = None if self._path is None or text is None else saved_state_from(text, self._path)
+        self._threats = threats_digest(mission)
+        self._can_move = any(threat.speed_bound_m_s > 0.0 for threat in mission.threats)
+        self.epoch_s = epoch_after(last, now_s, self._path)
+        self.began_s = began_at_s(last, self._threats, now_s)
+        self.directive = Directive.NORMAL if last is None else last.directive
+        """As the last run left it."""
+        self._written = last
+        self._written_at_s = -math.inf
+        self._signing_timestamp = 0 if last is None else last.signing_timestamp
+        if signer is not None:
+            signer.last_timestamp = signing_after(last, now_s, options.authentication == "mavlink", self._path)
+
+    def news(self, now_s: float) -> list[str]:
+        """Return what this run has taken over."""
+        lines = []
+        if self.directive is not Directive.NORMAL:
+            lines.append(f"directive: {self.directive.name.lower()}, kept from the last run")
+        if self._can_move and self.began_s < now_s:
+            lines.append(
+                f"threats: where the mission says {now_s - self.began_s:.0f} s ago, when its first run began; before a "
+                f"new flight remove {self._read_from}"
+            )
+        return lines
+
+    def warnings(self) -> list[str]:
+        """Return what a restart will not know."""
+        if self._path is not None or not self._can_move:
+            return []
+        return ["without --state a restart would tell the threats smaller than they may be by then, and no directive"]
+
+    def write(self, station: GroundStation, now_s: float) -> None:
+        """Write what the next run must know; raises InputError if that fails."""
+        if self._path is None:
+            return
+        if self._signer is not None:
+            self._signing_timestamp = self._signer.last_timestamp
+        state = SavedState(station.epoch_s, self._signing_timestamp, self._threats, self.began_s, station.directive)
+        write_state_file(self._path, text_of(state))
+        self._written, self._written_at_s = state, now_s
+
+    def write_if_due(self, station: GroundStation, now_s: float) -> None:
+        """Write it if the directive or the epoch is another, or a signing time was written long enough ago."""
+        last = self._written
+        changed = last is None or (last.directive, last.epoch_s) != (station.directive, station.epoch_s)
+        if changed or (self._signer is not None and now_s - self._written_at_s >= STATE_PERIOD_S):
+            self.write_if_possible(station, now_s)
+
+    def write_if_possible(self, station: GroundStation, now_s: float) -> None:
+        """Write it; a disk that fails is warned of once, and given up: the broadcast goes on."""
+        try:
+            self.write(station, now_s)
+        except InputError as error:
+            self._path = None
+            LOGGER.warning("%s; no longer keeping it", error)

@@ -1,0 +1,94 @@
+"""What `groundstation run` says of itself: who goes where, what was sent, what is wrong."""
+
+from __future__ import annotations
+
+from companion.protocol.messages import Directive
+from groundstation.broadcast import Unsendable
+from groundstation.choices import Authentication
+from groundstation.ground_station import GroundStation
+from groundstation.options import Options
+from groundstation.schedule import Broadcaster
+
+STATUS_PERIOD_S = 60.0
+"""How often what was sent is told."""
+MOST_PAIRS = 20
+"""Agents up to which the status names each with its target."""
+
+_WORDS: dict[Authentication, str] = {
+    "unsigned": "unsigned",
+    "mavlink": "MAVLink signed",
+    "ed25519": "Ed25519 signed",
+    "both": "Ed25519 and MAVLink signed",
+}
+
+
+class Status:
+    """What is said of a run."""
+
+    def __init__(self, station: GroundStation, broadcaster: Broadcaster, options: Options) -> None:
+        self._station = station
+        self._broadcaster = broadcaster
+        self._warned = False
+        self._options = options
+        self.sent_bytes = 0
+        self._said = ""
+        self._told_at_s: float | None = None
+        self._told_bytes = 0
+
+    def opening(self) -> str:
+        """Return the first line."""
+        options, mission = self._options, self._station.mission
+        radio = options.radio
+        over = f", radio {radio.name} at {radio.share:.0%}" if radio is not None else ""
+        mirror = f", mirror {options.mirror}" if options.mirror is not None else ""
+        return (
+            f"{mission.name} on {options.link} ({_WORDS[options.authentication]}){over}, case {mission.case}, "
+            f"sensor {options.sensor or 'none'}, uplink {options.uplink or 'none'}{mirror}"
+        )
+
+    def news(self, now_s: float, frames: int) -> list[str]:
+        """Return the lines that are due: of the mission when they change, of the link every minute."""
+        lines = []
+        line = f"{self._mission_line()} ({_WORDS[self._options.authentication]})"
+        if line != self._said:
+            lines.append(line)
+            self._said = line
+        if self._told_at_s is None:
+            self._told_at_s = now_s
+        elif now_s - self._told_at_s >= STATUS_PERIOD_S:
+            rate_bytes_per_s = (self.sent_bytes - self._told_bytes) / (now_s - self._told_at_s)
+            pace = self._broadcaster.pace
+            slowed = f", slowed to {pace:.0%} by the radio's buffer" if pace < 1.0 else ""
+            too_far, unsendable = self._station.tracks.too_far, sum(one.count for one in self._unsendable())
+            refused = f", {too_far} detections refused as too far" if too_far else ""
+            unsent = f", {unsendable} frames not sent" if unsendable else ""
+            lines.append(
+                f"{frames} frames sent, {rate_bytes_per_s:.0f} B/s{slowed}{refused}{unsent} "
+                f"({_WORDS[self._options.authentication]})"
+            )
+            self._told_at_s, self._told_bytes = now_s, self.sent_bytes
+        return lines
+
+    def warnings(self) -> list[str]:
+        """Return what is wrong, once."""
+        wrong = [one.first for one in self._unsendable() if one.count]
+        if self._warned or not wrong:
+            return []
+        self._warned = True
+        return [f"a frame could not be sent: {wrong[0]}; going on with the others"]
+
+    def _unsendable(self) -> tuple[Unsendable, Unsendable]:
+        return self._station.unsendable, self._broadcaster.unsendable
+
+    def _mission_line(self) -> str:
+        station = self._station
+        picture = station.tracks
+        pairs = ", ".join(f"{agent} to {target}" for agent, target in sorted(station.assignment.items()))
+        if len(station.assignment) > MOST_PAIRS:
+            pairs = f"{len(station.assignment)} of {len(picture.present_agents)} sent"
+        directive = "" if station.directive is Directive.NORMAL else f"directive {station.directive.name.lower()}; "
+        progress = picture.progress
+        return (
+            f"{directive}agents to targets: {pairs or 'none'}; reached {sorted(progress.completed)}, "
+            f"arrived {sorted(progress.arrived)}, lost {sorted(progress.lost)}, uncovered {list(station.uncovered)}"
+        )
