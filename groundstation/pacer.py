@@ -1,4 +1,4 @@
-"""How fast the broadcast may go out: a token bucket on a radio's budget, slowed down as the buffer of the radio fills."""
+"""How fast the broadcast may go out: a token bucket on a radio's budget, slowed down as that radio fills its buffer."""
 
 from __future__ import annotations
 

@@ -29,7 +29,14 @@ from companion.guidance.steering import (
 from companion.mission.model import LinkSpec, Mission, Wind
 from companion.onboard.goal import ARRIVAL_SHARE
 from companion.surrogate.cost import Weights
-from companion.surrogate.profiles import PROFILE_NAMES, RadialProfile, StepProfile, profile_by_name, surrogate_gradient
+from companion.surrogate.profiles import (
+    PROFILE_NAMES,
+    RadialProfile,
+    StepProfile,
+    ThreatDiscs,
+    profile_by_name,
+    surrogate_gradient,
+)
 from groundstation.assignment import OBJECTIVES, Objective, assign
 from sim.sensor import LOOK_PERIOD_S
 from sim.trajectory import POSITION_DECIMALS, Trajectory, TrajectoryBuilder
@@ -218,9 +225,7 @@ class _Flying:
         gradient_m = surrogate_gradient(
             self._profile,
             self._agents_ned_m,
-            heard.threats_ned_m,
-            self._detection_m + growth_m,
-            self._attack_m + growth_m,
+            ThreatDiscs(heard.threats_ned_m, self._detection_m + growth_m, self._attack_m + growth_m),
             mission.separation_m,
             self._weights,
         ).tolist()

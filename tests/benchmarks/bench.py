@@ -20,7 +20,7 @@ from companion.onboard.companion import Companion
 from companion.onboard.config import Config
 from companion.protocol.codec import FrameReader, FrameWriter, Stamp
 from companion.surrogate.cost import Weights
-from companion.surrogate.profiles import gradient_for_agent, profile_by_name
+from companion.surrogate.profiles import ThreatDiscs, gradient_for_agent, profile_by_name
 from groundstation.broadcast import state_frames
 from groundstation.ground_station import GroundStation
 from sim.lockstep import fly
@@ -59,7 +59,7 @@ def main() -> None:
     rows: dict[str, Callable[[], object]] = {
         "yardstick: pack and parse GLOBAL_POSITION_INT": yardstick,
         "gradient of F*, 4 threats, 9 peers": lambda: gradient_for_agent(
-            profile, peers[0], threats, detection_m, attack_m, peers[1:], 100.0, Weights()
+            profile, peers[0], ThreatDiscs(threats, detection_m, attack_m), peers[1:], 100.0, Weights()
         ),
         "guard beside a disc": lambda: check(wanted, motion, near, limits, 0.5),
         "one decision of a companion": lambda: companion.tick(START_S),
