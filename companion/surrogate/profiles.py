@@ -121,7 +121,7 @@ def surrogate_cost(
     separation_m: float,
     weights: Weights,
 ) -> float:
-    """Return F* in m^2 (docs/method.md section 2, point 2; the f2 and f3 of fun5, each pair of agents counted twice)."""
+    """Return F*, m^2 (docs/method.md section 2, point 2; the f2 and f3 of fun5, each pair of agents counted twice)."""
     _, to_threat_m = _offsets(agents_ned_m, threats.centres_ned_m)  # (N, M)
     _, to_peer_m = _offsets(agents_ned_m, agents_ned_m)  # (N, N)
     near = profile.value(to_peer_m / separation_m)
@@ -173,7 +173,7 @@ def gradient_for_agent(
     ratio = np.concatenate((distance_m[:count], distance_m)) / radius_m  # (M + M + P,)
     slope_per_m = profile.slope(ratio) / radius_m
     slope_m = 2.0 * weights.k_c * slope_per_m[count:]  # (M + P,), right for the peers, replaced for the threats
-    slope_m[:count] = weights.k_d * slope_per_m[:count] + weights.k_a * slope_per_m[threats : 2 * count]
+    slope_m[:count] = weights.k_d * slope_per_m[:count] + weights.k_a * slope_per_m[count : 2 * count]
     gradient_m: np.ndarray = (slope_m / _nonzero(distance_m)) @ offset_m
     return gradient_m
 
