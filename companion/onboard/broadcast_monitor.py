@@ -37,7 +37,7 @@ class BroadcastMonitor:
         return lines
 
     def _takeover(self) -> list[str]:
-        before_s, self._epoch_s = self._epoch_s, self._companion.world_model.epoch_s
+        before_s, self._epoch_s = self._epoch_s, self._companion.world_model.order.epoch_s
         if before_s is None or before_s == self._epoch_s:
             return []
         return [f"another run of a ground station took over (epoch {self._epoch_s})"]

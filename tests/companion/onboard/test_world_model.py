@@ -96,10 +96,9 @@ def test_a_newer_frame_replaces_what_was_believed() -> None:
     assert picture.view(time_of(2)).target_ned_m == (2.0, 0.0)
 
 
-def test_a_repeated_frame_is_refused_and_counted() -> None:
+def test_a_repeated_frame_is_refused() -> None:
     picture = picture_of(state(1))
     assert not picture.take_state(state(1), time_of(1))
-    assert picture.rejected == {"repeated": 1}
 
 
 def test_a_repeated_frame_does_not_make_the_picture_younger() -> None:
@@ -108,10 +107,9 @@ def test_a_repeated_frame_does_not_make_the_picture_younger() -> None:
     assert picture.age_s(time_of(3)) == pytest.approx(2 * PERIOD_S)
 
 
-def test_an_older_frame_is_refused_and_counted() -> None:
+def test_an_older_frame_is_refused() -> None:
     picture = picture_of(state(2, targets=target_at(2.0)))
     assert not picture.take_state(state(1, targets=target_at(1.0)), time_of(2))
-    assert picture.rejected == {"old": 1}
     assert picture.view(time_of(2)).target_ned_m == (2.0, 0.0)
 
 
@@ -140,13 +138,12 @@ def test_what_a_restarted_ground_station_does_not_know_is_forgotten() -> None:
 def test_a_lower_epoch_is_an_old_run_replayed_and_is_refused() -> None:
     picture = picture_of(state(1))
     assert not picture.take_state(state(900, epoch_s=EPOCH_S - 1), time_of(1) + RESTART_AFTER_S - 0.1)
-    assert picture.rejected == {"old epoch": 1}
 
 
 def test_a_lower_epoch_is_taken_after_silence() -> None:
     picture = picture_of(state(1))
     assert picture.take_state(state(1, targets=target_at(3.0), epoch_s=EPOCH_S - 1), time_of(1) + RESTART_AFTER_S + 0.1)
-    assert picture.epoch_s == EPOCH_S - 1
+    assert picture.order.epoch_s == EPOCH_S - 1
     assert picture.view(time_of(9)).target_ned_m == (3.0, 0.0)
 
 
@@ -326,7 +323,7 @@ def test_no_frame_that_arrives_makes_the_picture_older(history: list[StateFrame]
         age_s = picture.age_s(now_s)
         assert age_s is not None
         ages_s.append(age_s)
-        assert picture.sequence == newest
+        assert picture.order.sequence == newest
     assert ages_s == sorted(ages_s, reverse=True)
 
 
@@ -371,7 +368,7 @@ def test_the_vehicle_is_not_its_own_peer() -> None:
 
 def test_a_peer_is_extrapolated_along_its_heading() -> None:
     picture = picture_of(state(1, agents=WITH_PEER))
-    assert picture.take_motion(motion(1, AgentMotion(9, math.radians(90.0), 60.0, 0.0)), time_of(1) + 2.0)
+    assert picture.take_motion(motion(1, AgentMotion(9, math.radians(90.0), 60.0, 0.0)))
     assert picture.view(time_of(1) + 2.0).peers_ned_m[0] == pytest.approx((100.0, 320.0))
 
 
@@ -382,9 +379,9 @@ def test_a_peer_whose_motion_is_unknown_stands_where_it_was_heard() -> None:
 
 def test_a_peer_that_came_to_a_stand_is_extrapolated_no_more() -> None:
     picture = picture_of(state(1, agents=WITH_PEER))
-    picture.take_motion(motion(1, AgentMotion(9, math.radians(90.0), 60.0, 0.0)), time_of(1) + 2.0)
+    picture.take_motion(motion(1, AgentMotion(9, math.radians(90.0), 60.0, 0.0)))
     picture.take_state(state(2, agents=WITH_PEER), time_of(2))
-    picture.take_motion(motion(2, AgentMotion(9, None, 0.0, 0.0)), time_of(2) + 2.0)
+    picture.take_motion(motion(2, AgentMotion(9, None, 0.0, 0.0)))
     assert picture.view(time_of(2) + 10.0).peers_ned_m.tolist() == [[100.0, 200.0]]
 
 
@@ -412,26 +409,24 @@ def test_peers_that_loiter_or_have_a_lower_id_settle_first() -> None:
 
 def test_the_motion_of_another_epoch_is_refused() -> None:
     picture = picture_of(state(1))
-    assert not picture.take_motion(motion(1, epoch_s=EPOCH_S + 1), time_of(1))
-    assert picture.rejected == {"other epoch": 1}
+    assert not picture.take_motion(motion(1, epoch_s=EPOCH_S + 1))
 
 
 def test_a_motion_older_than_the_state_is_refused() -> None:
     picture = picture_of(state(2))
-    assert not picture.take_motion(motion(1), time_of(2))
-    assert picture.rejected == {"old": 1}
+    assert not picture.take_motion(motion(1))
 
 
 def test_a_motion_overtaken_by_a_newer_one_is_refused() -> None:
     picture = picture_of(state(1, agents=WITH_PEER))
-    picture.take_motion(motion(3, AgentMotion(9, 0.0, 10.0, 0.0)), time_of(3))
-    assert not picture.take_motion(motion(2, AgentMotion(9, 0.0, 60.0, 0.0)), time_of(3))
+    picture.take_motion(motion(3, AgentMotion(9, 0.0, 10.0, 0.0)))
+    assert not picture.take_motion(motion(2, AgentMotion(9, 0.0, 60.0, 0.0)))
     assert picture.view(time_of(1) + 10.0).peers_ned_m[0] == pytest.approx((200.0, 200.0))
 
 
 def test_a_threat_moves_as_its_motion_says_and_stands_until_one_does() -> None:
     picture = picture_of(state(1, threats=(THREAT, replace(THREAT, id=2))))
-    picture.take_motion(replace(motion(1), threats=(PointMotion(2, 3.0, -4.0, 0.0),)), time_of(1))
+    picture.take_motion(replace(motion(1), threats=(PointMotion(2, 3.0, -4.0, 0.0),)))
     view = picture.view(time_of(1) + 3.0)
     assert view.threat_velocity_m_s.tolist() == [[0.0, 0.0], [3.0, -4.0]]
     assert view.threat_age_s.tolist() == [3.0, 3.0]
@@ -439,7 +434,7 @@ def test_a_threat_moves_as_its_motion_says_and_stands_until_one_does() -> None:
 
 def test_a_motion_makes_the_picture_no_younger() -> None:
     picture = picture_of(state(1))
-    picture.take_motion(motion(1, time_ms=90_000), time_of(1) + 90.0)
+    picture.take_motion(motion(1, time_ms=90_000))
     assert picture.age_s(time_of(1) + 90.0) == pytest.approx(90.0)
 
 
@@ -515,21 +510,18 @@ def test_a_band_overtaken_by_a_newer_one_is_refused() -> None:
     picture = banded(*BANDS)
     picture.take_bands(bands(3, BandEntry(2, 100.0, 200.0)))
     assert not picture.take_bands(bands(2, BandEntry(2, 5_000.0, None)))
-    assert picture.rejected == {"old": 1}
     assert ids_at(picture, 150.0, 160.0) == [1, 2]
 
 
 def test_a_band_older_than_the_state_is_refused() -> None:
     picture = picture_of(state(2, threats=(LOW, HIGH)))
     assert not picture.take_bands(bands(1, *BANDS))
-    assert picture.rejected == {"old": 1}
 
 
 @pytest.mark.parametrize("epoch_s", [EPOCH_S - 1, EPOCH_S + 1])
 def test_the_bands_of_another_epoch_are_refused(epoch_s: int) -> None:
     picture = picture_of(state(1, threats=(LOW, HIGH)))
     assert not picture.take_bands(bands(9, *BANDS, epoch_s=epoch_s))
-    assert picture.rejected == {"other epoch": 1}
     assert ids_at(picture, 450.0, 550.0) == [1, 2]
 
 
@@ -916,11 +908,10 @@ def test_what_a_state_frame_told_in_this_epoch_outlives_the_first_word_of_anothe
     assert view.target_ned_m == (10.0, 20.0)
 
 
-def test_a_fleet_frame_repeated_or_overtaken_is_refused_and_counted() -> None:
+def test_a_fleet_frame_repeated_or_overtaken_is_refused() -> None:
     picture = heard(mission(2), fleet(2))
     assert not picture.take(fleet(2), time_of(2))
     assert not picture.take(fleet(1), time_of(2))
-    assert picture.rejected == {"repeated": 1, "old": 1}
 
 
 @pytest.mark.parametrize("frame", [fleet(9), radii(9, RADII), mission(9)])
@@ -928,7 +919,6 @@ def test_packed_frames_of_a_lower_epoch_are_refused(frame: Frame) -> None:
     picture = heard(mission(1), fleet(1))
     old = replace(frame, stamp=replace(frame.stamp, epoch_s=EPOCH_S - 1))
     assert not picture.take(old, time_of(1) + 1.0)
-    assert picture.rejected == {"old epoch": 1}
 
 
 def test_the_carousel_does_not_hinder_the_fleet_frames_it_overtakes() -> None:

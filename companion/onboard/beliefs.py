@@ -1,0 +1,103 @@
+"""What is believed of agents, targets and threats: the newest of each, and when it was true."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Container
+from dataclasses import dataclass
+
+from companion.protocol.codec import (
+    AgentEntry,
+    BandEntry,
+    BandsFrame,
+    FleetFrame,
+    MotionFrame,
+    StateFrame,
+    TargetEntry,
+    ThreatEntry,
+)
+
+
+@dataclass(frozen=True)
+class Heard:
+    """When the things of one broadcast were true, by this vehicle's clock, and which broadcast it was."""
+
+    true_at_s: float
+    broadcast: tuple[int, int]
+    """Epoch and sequence."""
+
+
+class Beliefs:
+    """Tables by id of what was heard."""
+
+    def __init__(self) -> None:
+        self.agents: dict[int, tuple[AgentEntry, Heard]] = {}
+        self.targets: dict[int, tuple[TargetEntry, Heard]] = {}
+        self.threats: dict[int, tuple[ThreatEntry, Heard]] = {}
+        self.agent_velocities_m_s: dict[int, tuple[float, float]] = {}
+        self.threat_velocities_m_s: dict[int, tuple[float, float]] = {}
+        self.bands: dict[int, BandEntry] = {}
+        """Heights that threats reach."""
+
+    def target_of(self, agent_id: int) -> int | None:
+        """Return the target that an agent was sent to; None if it was sent to none or is not known."""
+        known = self.agents.get(agent_id)
+        return None if known is None else known[0].target_id
+
+    def are_rivals(self, agent_id: int, peer_id: int) -> bool:
+        """Return whether two agents were sent to the same target."""
+        target_id = self.target_of(agent_id)
+        return target_id is not None and self.target_of(peer_id) == target_id
+
+    def loiters_first(self, peer_id: int | None, agent_id: int) -> bool:
+        """Return whether a peer's loiter place goes before an agent's.
+
+        Of two that arrive together the lower id stays where it is: both know this without a word. Strangers do not.
+        """
+        if peer_id is None or peer_id not in self.agents:
+            return True
+        return self.agents[peer_id][0].target_id is None or peer_id < agent_id
+
+    def take(self, frame: StateFrame | FleetFrame, heard: Heard) -> None:
+        """Take what state and fleet frames tell alike."""
+        for agent in frame.agents:
+            self.agents[agent.id] = (agent, heard)
+        for target in frame.targets:
+            self.targets[target.id] = (target, heard)
+
+    def take_motion(self, frame: MotionFrame) -> None:
+        """Take where agents and threats are going."""
+        for agent in frame.agents:
+            if agent.heading_rad is None:
+                # It stands still, or nobody knows where it is going: what it did before is no better guess.
+                self.agent_velocities_m_s.pop(agent.id, None)
+            else:
+                self.agent_velocities_m_s[agent.id] = (
+                    agent.speed_m_s * math.cos(agent.heading_rad),
+                    agent.speed_m_s * math.sin(agent.heading_rad),
+                )
+        for threat in frame.threats:
+            self.threat_velocities_m_s[threat.id] = (threat.velocity_north_m_s, threat.velocity_east_m_s)
+
+    def take_bands(self, frame: BandsFrame) -> None:
+        """Take the heights that some threats reach."""
+        self.bands.update((threat.id, threat) for threat in frame.threats)
+
+    def forget(self, is_gone: Callable[[Heard], bool], kept_threats: Container[int] = ()) -> None:
+        """Forget what was heard in broadcasts that are gone, and what was told of things that are not known any more.
+
+        `kept_threats` are ids of threats that are believed nevertheless.
+        """
+        for known in (self.agents, self.targets):
+            for identity in [key for key, (_, heard) in known.items() if is_gone(heard)]:
+                del known[identity]
+        for identity in [key for key, (_, heard) in self.threats.items() if is_gone(heard) and key not in kept_threats]:
+            del self.threats[identity]
+        for velocities, things in (
+            (self.agent_velocities_m_s, self.agents),
+            (self.threat_velocities_m_s, self.threats),
+        ):
+            for identity in velocities.keys() - things.keys():
+                del velocities[identity]
+        for identity in self.bands.keys() - self.threats.keys():
+            del self.bands[identity]

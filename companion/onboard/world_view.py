@@ -1,0 +1,155 @@
+"""From what is believed to what a guidance law sees: pure functions of tables and time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from companion.guidance.view import NOBODY, Traffic, View
+from companion.onboard.beliefs import Beliefs, Heard
+from companion.protocol.codec import BandEntry, TargetEntry
+
+
+@dataclass(frozen=True)
+class ThreatTable:
+    """The threats as last heard, by rising id."""
+
+    centres_ned_m: np.ndarray  # (M, 2) m
+    detection_m: np.ndarray  # (M,) m
+    attack_m: np.ndarray  # (M,) m
+    speed_m_s: np.ndarray  # (M,) m/s, bounds
+    velocity_m_s: np.ndarray  # (M, 2) m/s
+    true_at_s: np.ndarray  # (M,) s
+    ids: np.ndarray  # (M,) int
+    floor_m: np.ndarray  # (M,) m above sea level, -inf: none heard of
+    ceiling_m: np.ndarray  # (M,) m above sea level, inf: none heard of
+
+
+@dataclass(frozen=True)
+class PeerTable:
+    """The other agents as last heard, by rising id; those whose place was not broadcast are not in it."""
+
+    ids: np.ndarray  # (P,) int
+    traffic_ned_m: np.ndarray  # (P, 2) m
+    velocity_m_s: np.ndarray  # (P, 2) m/s
+    true_at_s: np.ndarray  # (P,) s
+    loiters_first: np.ndarray  # (P,) bool
+
+
+def threat_table(beliefs: Beliefs) -> ThreatTable:
+    """Return the threats that are believed in."""
+    entries = [beliefs.threats[identity] for identity in sorted(beliefs.threats)]
+    velocities = [beliefs.threat_velocities_m_s.get(threat.id, (0.0, 0.0)) for threat, _ in entries]
+    bands = [beliefs.bands.get(threat.id) for threat, _ in entries]
+    return ThreatTable(
+        centres_ned_m=np.array([(threat.north_m, threat.east_m) for threat, _ in entries]).reshape(-1, 2),
+        detection_m=np.array([threat.detection_radius_m for threat, _ in entries]),
+        attack_m=np.array([threat.attack_radius_m for threat, _ in entries]),
+        speed_m_s=np.array([threat.speed_bound_m_s for threat, _ in entries]),
+        velocity_m_s=np.array(velocities).reshape(-1, 2),
+        true_at_s=np.array([heard.true_at_s for _, heard in entries]),
+        ids=np.array([threat.id for threat, _ in entries], dtype=int),
+        floor_m=np.array([_floor_m(band) for band in bands]),
+        ceiling_m=np.array([_ceiling_m(band) for band in bands]),
+    )
+
+
+def peer_table(beliefs: Beliefs, agent_id: int) -> PeerTable:
+    """Return the agents that are known of besides one's own."""
+    others = sorted(beliefs.agents.keys() - {agent_id})
+    ids = [identity for identity in others if beliefs.agents[identity][0].position_ned_m is not None]
+    entries = [beliefs.agents[identity] for identity in ids]
+    velocities = [beliefs.agent_velocities_m_s.get(identity, (0.0, 0.0)) for identity in ids]
+    return PeerTable(
+        ids=np.array(ids, dtype=int),
+        traffic_ned_m=np.array([agent.position_ned_m for agent, _ in entries]).reshape(-1, 2),
+        velocity_m_s=np.array(velocities).reshape(-1, 2),
+        true_at_s=np.array([heard.true_at_s for _, heard in entries]),
+        loiters_first=np.array([beliefs.loiters_first(identity, agent_id) for identity in ids], dtype=bool),
+    )
+
+
+def view_of(
+    threats: ThreatTable,
+    peers: PeerTable,
+    assigned: tuple[TargetEntry, Heard] | None,
+    peer_memory_s: float,
+    now_s: float,
+) -> View:
+    """Return what must be believed at a time.
+
+    Args:
+        threats: Those that matter to the vehicle.
+        peers: The other agents.
+        assigned: The target that the vehicle is to go to, if it has one.
+        peer_memory_s: A peer heard of longer ago than this is left out.
+        now_s: This vehicle's clock.
+
+    """
+    threat_age_s = np.maximum(0.0, now_s - threats.true_at_s)
+    growth_m = threats.speed_m_s * threat_age_s
+    age_s = np.maximum(0.0, now_s - peers.true_at_s)
+    peers_ned_m = peers.traffic_ned_m + peers.velocity_m_s * age_s[:, None]
+    remembered = age_s <= peer_memory_s
+    return View(
+        target_ned_m=None if assigned is None else (assigned[0].north_m, assigned[0].east_m),
+        target_age_s=math.inf if assigned is None else max(0.0, now_s - assigned[1].true_at_s),
+        threats_ned_m=threats.centres_ned_m,
+        detection_radius_m=threats.detection_m + growth_m,
+        attack_radius_m=threats.attack_m + growth_m,
+        threat_speed_m_s=threats.speed_m_s,
+        threat_ids=threats.ids,
+        threat_velocity_m_s=threats.velocity_m_s,
+        threat_age_s=threat_age_s,
+        peers_ned_m=peers_ned_m[remembered],
+        peer_ids=peers.ids[remembered],
+        loitering_ned_m=peers_ned_m[remembered & peers.loiters_first],
+    )
+
+
+def with_traffic(view: View, seen: Sequence[Traffic], beliefs: Beliefs, agent_id: int) -> View:
+    """Return a view with what the vehicle's own detector sees as well.
+
+    A peer that is seen needs no word of the broadcast's about where it is.
+    """
+    if not seen:
+        return view
+    seen_ids = np.array([other.agent_id or NOBODY for other in seen], dtype=int)
+    traffic_ned_m = np.array([other.position_ned_m for other in seen])
+    first = np.array([beliefs.loiters_first(other.agent_id, agent_id) for other in seen], dtype=bool)
+    unseen = ~np.isin(view.peer_ids, seen_ids)
+    heard_first = [beliefs.loiters_first(int(identity), agent_id) for identity in view.peer_ids[unseen]]
+    return replace(
+        view,
+        peers_ned_m=np.concatenate((view.peers_ned_m[unseen], traffic_ned_m)),
+        peer_ids=np.concatenate((view.peer_ids[unseen], seen_ids)),
+        rivals=tuple(
+            (other.agent_id, other.position_ned_m)
+            for other in seen
+            if other.agent_id is not None and beliefs.are_rivals(agent_id, other.agent_id)
+        ),
+        traffic_ned_m=traffic_ned_m,
+        traffic_velocity_m_s=np.array([other.velocity_m_s for other in seen]),
+        loitering_ned_m=np.concatenate(
+            (view.peers_ned_m[unseen][np.array(heard_first, dtype=bool)], traffic_ned_m[first])
+        ),
+    )
+
+
+def reaching(threats: ThreatTable, low_m: float, high_m: float) -> ThreatTable:
+    """Return the threats that may reach a height between two above sea level: all that are not known not to."""
+    kept = ~((threats.ceiling_m < low_m) | (threats.floor_m > high_m))
+    if kept.all():
+        return threats
+    return ThreatTable(**{part.name: getattr(threats, part.name)[kept] for part in fields(threats)})
+
+
+def _floor_m(band: BandEntry | None) -> float:
+    return -math.inf if band is None or band.floor_m is None else band.floor_m
+
+
+def _ceiling_m(band: BandEntry | None) -> float:
+    return math.inf if band is None or band.ceiling_m is None else band.ceiling_m
