@@ -437,7 +437,7 @@ class _Search:
         self._far = _Far(task, motion, self._cell_m)
 
     def run(self, steps: int) -> list[PathPiece] | None:
-        """Return a way shorter than the limit, bettered as far as so many opened poses allow, or None."""
+        """Return a way shorter than the limit, bettered as far as `steps` opened poses allow, or None."""
         task, order = self._task, count()
         root = _Node(task.pose, 0, self._motion.start_m, None, None)
         queue = [(0.0, next(order), root)]
