@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.protocol.codec import (
-    SIGNATURE_BYTES,
     BandsFrame,
     DetectionsFrame,
     Directive,
@@ -30,6 +29,7 @@ from companion.protocol.codec import (
 )
 from companion.protocol.dialect import oneway
 from companion.protocol.fleet_codec import FLEET_HEAD_BYTES, MISSION_HEAD_BYTES, RADII_HEAD_BYTES
+from companion.protocol.frame import ED25519_BYTES
 from groundstation.agents import DeadReckoner, VehicleModel
 from groundstation.broadcast import (
     Unsendable,
@@ -53,7 +53,7 @@ RADII_HOLD_S = 120.0
 """The radii in a carousel must hold for this long, until they have been told again."""
 
 _STATE_BYTES, _MOTION_BYTES, _BANDS_BYTES = (
-    message.unpacker.size - SIGNATURE_BYTES
+    message.unpacker.size - ED25519_BYTES
     for message in (
         oneway.MAVLink_oneway_state_message,
         oneway.MAVLink_oneway_motion_message,

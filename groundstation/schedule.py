@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from companion.errors import InputError
+from companion.files.mavlink_layout import SIGNATURE_BYTES
 from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, WireError
 from companion.protocol.dialect import oneway
 from companion.protocol.ed25519 import FrameSigner
@@ -29,7 +30,7 @@ from companion.protocol.messages import (
 from companion.protocol.v2_extension import wrap
 from groundstation.broadcast import Unsendable
 from groundstation.pacer import Pacer, burst_bytes
-from groundstation.radio import MAVLINK_SIGNATURE_BYTES, Radio
+from groundstation.radio import Radio
 
 BroadcastFrame = StateFrame | MotionFrame | BandsFrame | FleetFrame | RadiiFrame | MissionFrame
 
@@ -132,7 +133,7 @@ class Broadcaster:
 
         """
         if self._schedule is None:
-            return [self._signer.seal(datagram, now_s) for datagram in self._station.tick(now_s)]
+            return [self._signer.sign(datagram, now_s) for datagram in self._station.tick(now_s)]
         return [sent.data for sent in self._schedule.step(now_s, txbuf_percent)]
 
     def step(self, now_s: float, txbuf_percent: int | None = None) -> list[Sent]:
@@ -155,7 +156,7 @@ class _Packer:
     def __init__(self, radio: Radio, frame_signer: FrameSigner) -> None:
         self.payload_bytes = radio.max_frame_bytes - _MAVLINK_BYTES - frame_signer.overhead_bytes
         """What the payload of an unsigned frame may hold."""
-        self.is_sealed = frame_signer.overhead_bytes > MAVLINK_SIGNATURE_BYTES
+        self.has_ed25519 = frame_signer.overhead_bytes > SIGNATURE_BYTES
         """Whether frames carry an Ed25519 signature."""
         self._radio = radio
         self._signer = frame_signer
@@ -168,15 +169,15 @@ class _Packer:
 
     def on_air_bytes(self, raw: bytes, now_s: float) -> int:
         """Return how long an unsigned frame will be on the air."""
-        return len(self._signer.seal(raw, now_s)) + self._radio.outer_bytes
+        return len(self._signer.sign(raw, now_s)) + self._radio.outer_bytes
 
     def pack(self, raw: bytes, frame: BroadcastFrame, copy: int, now_s: float) -> Sent:
         """Return an unsigned frame as it goes on the air."""
-        sealed = self._signer.seal(raw, now_s)
+        signed = self._signer.sign(raw, now_s)
         if not self._radio.wrapped:
-            return Sent(sealed, frame, copy)
+            return Sent(signed, frame, copy)
         self._wrapped += 1
-        return Sent(wrap(sealed, self._wrapped), frame, copy, self._radio.added_bytes)
+        return Sent(wrap(signed, self._wrapped), frame, copy, self._radio.added_bytes)
 
 
 class _Heartbeat:
@@ -194,7 +195,7 @@ class _Heartbeat:
         message = oneway.MAVLink_heartbeat_message(
             oneway.MAV_TYPE_GCS, oneway.MAV_AUTOPILOT_INVALID, 0, 0, oneway.MAV_STATE_ACTIVE, 3
         )
-        return _Offer(Sent(self._signer.seal(bytes(message.pack(self._mav)), now_s), None, 0), self._note)
+        return _Offer(Sent(self._signer.sign(bytes(message.pack(self._mav)), now_s), None, 0), self._note)
 
     def _note(self, sent_at_s: float) -> None:
         self._mav.seq = (self._mav.seq + 1) % 256
@@ -438,7 +439,7 @@ class _Schedule:
             remedies = ["a faster radio"]
             if self._radio.share < 1.0:
                 remedies.append("a greater share")
-            if self._packer.is_sealed:
+            if self._packer.has_ed25519:
                 remedies.append("--auth mavlink instead of Ed25519")
             raise InputError(
                 f"radio {self._radio.name}: the state of this mission is {on_air_bytes} bytes, {takes_s:.0f} s at "

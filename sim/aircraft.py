@@ -154,7 +154,7 @@ class Aircraft:
             heard_s = logged_s(START_S + arrival_s)
             for passed_on in self.autopilot.passed_on(datagram):
                 for frame in self.companion.hear(passed_on, heard_s):
-                    self.autopilot.write(frame, heard_s)
+                    self.autopilot.write(frame.data, heard_s)
 
     def _exchange_telemetry(self, now_s: float) -> None:
         for frame in self.vehicle.telemetry(now_s):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol, Self
 
 from companion.autopilot.telemetry import Neighbour, Telemetry
 from companion.guard.types import Setpoint
@@ -27,6 +27,27 @@ class Abilities:
     """How far it strays from the path of arcs and straight lines that guidance and guard reckon with."""
     assumed: tuple[str, ...] = ()
     """Parameters that the autopilot did not tell: their documented defaults are assumed."""
+
+
+class Velocity(NamedTuple):
+    """What a velocity setpoint asks for, from local true north."""
+
+    north_m_s: float
+    east_m_s: float
+    down_m_s: float
+    yaw_rad: float
+
+
+class SetpointFrame(bytes):
+    """A frame that asks for a velocity, and still knows which: who passes that on need not read it off the frame."""
+
+    velocity: Velocity
+
+    def __new__(cls, data: bytes, velocity: Velocity) -> Self:
+        """Return the bytes of a SET_POSITION_TARGET_LOCAL_NED and the velocity in it."""
+        frame = super().__new__(cls, data)
+        frame.velocity = velocity
+        return frame
 
 
 class Adapter(Protocol):

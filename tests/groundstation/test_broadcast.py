@@ -16,12 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import groundstation
+from companion.files.mavlink_layout import SIGNATURE_BYTES
 from companion.mission.model import AgentSpec, Mission, TargetSpec, ThreatSpec, load_mission
 from companion.mission.resolve import resolve
 from companion.onboard.world_model import WorldModel
 from companion.protocol.codec import (
     BANDS_PER_FRAME,
-    SIGNATURE_BYTES,
     THREATS_PER_FRAME,
     BandEntry,
     Directive,
@@ -43,6 +43,7 @@ from companion.protocol.fleet_codec import (
     RADII_HEAD_BYTES,
     data_bytes,
 )
+from companion.protocol.frame import ED25519_BYTES, raw_frame
 from groundstation.broadcast import (
     band_frames,
     fleet_frames,
@@ -130,7 +131,7 @@ def test_the_papers_mission_takes_one_frame() -> None:
     assignment = {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)}
     (frame,) = states(mission, assignment)
     assert (len(frame.agents), len(frame.targets), len(frame.threats)) == (10, 5, 4)
-    assert len(FrameWriter().encode(frame)) + SIGNATURE_BYTES <= 235
+    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 235
     assert len(motion_frames(ground(mission), mission, STAMP)) == 1
 
 
@@ -326,7 +327,7 @@ def test_in_case_ii_a_frame_is_as_fine_as_targets_and_threats_alone_allow() -> N
 def test_in_case_ii_the_papers_mission_takes_one_frame_of_the_same_size() -> None:
     mission = unseen(resolve(load_mission("paper-dynamic"), 1))
     (frame,) = states(mission, {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)})
-    assert len(FrameWriter().encode(frame)) + SIGNATURE_BYTES <= 235
+    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 235
 
 
 # Heights that threats reach
@@ -359,7 +360,6 @@ def test_every_band_goes_out_once_and_a_threat_without_one_is_not_named(
 # Packed
 
 ROOMS = st.integers(20, 233)
-MAVLINK_SIGNATURE_BYTES = 13
 PATH_BYTES = 252
 CAROUSEL_PERIOD_S = 5.0
 
@@ -387,7 +387,7 @@ def test_fleet_frames_hold_everything_once_and_no_more_than_there_is_room_for(
 ) -> None:
     mission, assignment = world
     frames = fleet_of(mission, assignment, room)
-    decoded = [decode_frame(FrameWriter().encode(frame)) for frame in frames]
+    decoded = [decode_frame(raw_frame(FrameWriter().encode(frame))) for frame in frames]
     assert [frame.stamp.frame_index for frame in frames] == list(range(len(frames)))
     assert {frame.stamp.frame_count for frame in frames} == {len(frames)}
     agents, targets, threats = Counter[int](), Counter[int](), Counter[int]()
@@ -425,7 +425,7 @@ def test_each_agent_knows_all_it_needs_after_a_packed_broadcast_in_any_order(
     for spec in mission.agents[:2]:
         picture = WorldModel(spec.id)
         for frame in frames:
-            assert picture.take(decode_frame(FrameWriter().encode(frame)), START_S)
+            assert picture.take(decode_frame(raw_frame(FrameWriter().encode(frame))), START_S)
         view = picture.view(START_S)
         wanted = next((t.position_ned_m for t in mission.targets if t.id == assignment.get(spec.id)), None)
         assert (view.target_ned_m is None) == (wanted is None)
@@ -456,7 +456,7 @@ def carousel(mission: Mission, overhead_bytes: int) -> list[Frame]:
     return [*radii_frames(mission, STAMP, radii_room), mission_frame(mission, bytes(8), STAMP, mission_room)]
 
 
-@pytest.mark.parametrize(("overhead_bytes", "limit"), [(MAVLINK_SIGNATURE_BYTES, 3_900), (SIGNATURE_BYTES, 5_300)])
+@pytest.mark.parametrize(("overhead_bytes", "limit"), [(SIGNATURE_BYTES, 3_900), (ED25519_BYTES, 5_300)])
 def test_five_hundred_agents_once_a_second_with_their_carousel_keep_the_budget(overhead_bytes: int, limit: int) -> None:
     mission, assignment = five_hundred()
     state_bytes = on_air(fleet_of(mission, assignment, rooms(overhead_bytes)[0]), overhead_bytes)
@@ -482,7 +482,7 @@ def test_the_bytes_per_second_of_the_wire_page_are_those_of_five_hundred_agents(
         len(frames),
         round(state_bytes + carousel_bytes / CAROUSEL_PERIOD_S),
         on_air(unseen, overhead_bytes),
-        on_air(states(mission, assignment), overhead_bytes, SIGNATURE_BYTES if overhead_bytes >= 64 else 0),
+        on_air(states(mission, assignment), overhead_bytes, ED25519_BYTES if overhead_bytes >= 64 else 0),
         600 * (12 + 38 + overhead_bytes),
     ]
 

@@ -22,6 +22,7 @@ from companion.autopilot.telemetry import (
     TelemetryReader,
     _is_one_other_message,
 )
+from companion.files.mavlink_layout import SIGNATURE_BYTES
 
 SYSTEM = 7
 ARMED_GUIDED = common.MAV_MODE_FLAG_SAFETY_ARMED | common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -31,7 +32,6 @@ WANTED = (
     *("HEARTBEAT", "GLOBAL_POSITION_INT", "HOME_POSITION", "ADSB_VEHICLE", "EXTENDED_SYS_STATE", "LOCAL_POSITION_NED"),
     *("ATTITUDE", "VFR_HUD", "GPS_RAW_INT", "ESTIMATOR_STATUS", "SYS_STATUS", "PARAM_VALUE", "COMMAND_ACK"),
 )
-SIGNATURE_BYTES = 13
 
 
 def mav(system: int = SYSTEM, component: int = common.MAV_COMP_ID_AUTOPILOT1) -> common.MAVLink:

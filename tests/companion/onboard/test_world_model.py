@@ -31,7 +31,7 @@ from companion.protocol.codec import (
     ThreatEntry,
     ThreatPlace,
 )
-from companion.protocol.messages import RESTART_AFTER_S
+from companion.protocol.freshness import RESTART_AFTER_S
 
 ME = 5
 EPOCH_S = 1_790_000_000
