@@ -64,12 +64,12 @@ def flown(seed: int, limit_s: float) -> Outcome:
         nonlocal known, checked, short
         picture = ground.tracks
         active, open_targets = picture.active_agents, picture.open_targets
-        known = max(known, len(picture.lost))
+        known = max(known, len(picture.progress.lost))
         uncovered = set(open_targets) - set(ground.assignment.values())
         checked += 1
         short += len(active) < len(open_targets)
         idle = set(active) - ground.assignment.keys()
-        if set(ground.assignment) & picture.lost:
+        if set(ground.assignment) & picture.progress.lost:
             broken.append(f"{t_s:g} s: a lost agent is assigned")
         if len(active) >= len(open_targets) and uncovered:
             broken.append(f"{t_s:g} s: {len(active)} agents, uncovered {sorted(uncovered)}")

@@ -54,7 +54,7 @@ from groundstation.broadcast import (
     state_frames,
     surrogate_digest,
 )
-from groundstation.tracks import Track, TrackTable
+from groundstation.tracks import MissionProgress, Track, TrackTable
 
 START_S = 1_790_000_000
 STAMP = Stamp(START_S, 0, 1)
@@ -239,7 +239,7 @@ def test_an_agent_seen_a_while_ago_is_broadcast_where_it_must_be_by_now() -> Non
 def test_lost_agents_and_completed_targets_are_left_out() -> None:
     mission = mission_of({1: (0.0, 0.0), 2: (5.0, 0.0)}, {1: (9.0, 9.0), 2: (8.0, 8.0)}, {})
     picture = ground(mission)
-    picture.lost, picture.completed = {1}, {2}
+    picture.progress = MissionProgress(lost=frozenset({1}), completed=frozenset({2}))
     (frame,) = state_frames(picture, mission, {2: 1}, Directive.NORMAL, STAMP)
     assert [agent.id for agent in frame.agents] == [2]
     assert [target.id for target in frame.targets] == [1]

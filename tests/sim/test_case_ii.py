@@ -72,7 +72,7 @@ class Watched:
         self.t_s.append(t_s)
         self.error_m.append([math.dist(place, row[:2]) for place, row in zip(places, agents, strict=True)])
         self.uncertainty_m.append([ground.tracks.uncertainty_m[identity] for identity in ids])
-        self.lost.append(set(ground.tracks.lost))
+        self.lost.append(set(ground.tracks.progress.lost))
 
 
 def watched(changes: str = "", autopilot: str = "kinematic") -> Watched:
