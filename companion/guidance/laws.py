@@ -24,6 +24,7 @@ from companion.surrogate.profiles import (
     PolygonProfile,
     RadialProfile,
     StepProfile,
+    ThreatDiscs,
     profile_by_name,
     range_gradient,
     wall_gradient,
@@ -205,9 +206,7 @@ class RoutedLaw:
     def _wall_gradient(self, motion: Motion, view: View) -> np.ndarray:  # (2,) m
         return wall_gradient(
             np.array(motion.position_ned_m),
-            view.threats_ned_m,
-            view.detection_radius_m,
-            view.attack_radius_m,
+            ThreatDiscs(view.threats_ned_m, view.detection_radius_m, view.attack_radius_m),
             view.peers_ned_m,
             self._settings.separation_m,
             self._settings.weights,

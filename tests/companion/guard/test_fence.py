@@ -167,6 +167,7 @@ def test_the_distance_from_a_piece_is_that_from_its_nearest_point(piece: Piece, 
     assert math.dist(on_it[:2], (north_m, east_m)) == pytest.approx(nearest_m, abs=0.02)
 
 
+@pytest.mark.slow
 @settings(max_examples=300, derandomize=True)
 @given(piece=PIECES, margin_m=st.floats(0.0, 10.0))
 def test_a_fence_holds_a_piece_exactly_when_all_of_it_keeps_the_margin(piece: Piece, margin_m: float) -> None:

@@ -244,6 +244,7 @@ def lattice_length_m(start: np.ndarray, heading_rad: float, scene: Scene, radius
     return math.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heading_rad", [0.0, 2.5])
 def test_no_way_over_a_lattice_of_arcs_is_shorter(heading_rad: float) -> None:
     start, goal = np.array([0.0, 0.0]), np.array([7.0, 0.5])
@@ -384,6 +385,7 @@ def test_radii_of_another_number_than_centres_are_refused() -> None:
 whole = st.integers(-6, 6).map(float)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(
     place=st.tuples(whole, whole),
