@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.autopilot.telemetry import Telemetry
 from companion.geo.local_frame import LocalFrame
@@ -35,8 +36,7 @@ class Navigation:
     """Whether it is time to turn home so as to get there; stays true."""
 
 
-@dataclass(frozen=True)
-class Located:
+class Located(NamedTuple):
     """Where one tick finds the vehicle, on the plane of the picture."""
 
     fix: PositionFix
