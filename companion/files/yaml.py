@@ -10,10 +10,10 @@ import re
 import reprlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Strict, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from companion.errors import InputError, nearest_hint, one_line
@@ -26,13 +26,27 @@ UNION_TAG = "kind:"
 _SHOWN_CHARACTERS = 60
 """Longer keys and values are cut in errors."""
 
+_MESSAGES = {
+    "missing": "missing; it has no default",
+    "too_short": "{actual_length} given; allowed: at least {min_length}",
+    "too_long": "too many given; allowed: at most {max_length}",
+}
+"""What is said of those of pydantic's errors that have no value to show."""
+
 SectionT = TypeVar("SectionT", bound="Section")
+ItemT = TypeVar("ItemT")
+AsList = Strict(False)
+"""Of a tuple: YAML writes it as a list. What is in it stays strict."""
+ListOf = Annotated[tuple[ItemT, ...], AsList]
 
 
 class Section(BaseModel):
-    """A part of a file: frozen, and an unknown key is an error that names the nearest known one."""
+    """A part of a file: frozen and strict, and an unknown key is an error that names the nearest known one.
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    A number is no text and no truth value, none is infinite, and the first fault of the outermost part is the one told.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod
@@ -169,14 +183,10 @@ def _fault(details: ErrorDetails) -> str:
             where += f"[{part}]"
         elif not part.startswith(UNION_TAG):
             where += f".{part}" if where else part
-    message = details["msg"].removeprefix("Value error, ")
-    if details["type"] == "value_error":
+    kind = details["type"]
+    if kind in _MESSAGES:
+        return one_line(f"{where}: {_MESSAGES[kind].format_map(details.get('ctx', {}))}")
+    message = details["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    if kind == "value_error":
         return one_line(f"{where}: {message}" if where else message)
-    if details["type"] == "missing":
-        return one_line(f"{where}: missing; it has no default")
-    limits = details.get("ctx", {})
-    if details["type"] == "too_short":
-        return f"{where}: {limits['actual_length']} given; allowed: at least {limits['min_length']}"
-    if details["type"] == "too_long":
-        return f"{where}: too many given; allowed: at most {limits['max_length']}"
-    return one_line(f"{where}: {_shown(details['input'])}; allowed: {message.removeprefix('Input should be ')}")
+    return one_line(f"{where}: {_shown(details['input'])}; allowed: {message}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,6 +12,8 @@ import numpy as np
 PIVOT_SPEED_M_S = 0.5
 """A vehicle slower than this turns on the spot, at the rate of this speed, and flies away from nothing. Only one that
 can stop may be."""
+ROUNDING_M = 1e-6
+"""A new path keeps this much clear, so that nothing is lost to rounding while it is flown."""
 TRACKING_STEPS = 1.5
 TRACKING_REACTIONS = 0.75
 """Steps and reaction times of the greatest wind that a vehicle may be blown off its path: docs/guard.md has what was
@@ -138,3 +141,17 @@ class Piece(NamedTuple):
     heading_rad: float
     curvature_1_m: float
     length_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Hints:
+    """What guidance knows beside the setpoint that it wants."""
+
+    route: Sequence[Piece] = ()
+    """A way that may serve as back-up where no turning circle does: its stretches in order."""
+    keep_right: bool = False
+    """The circle to the right is kept clear while it is, and nothing else takes the place of a wanted setpoint: the
+    right of way between vehicles rests on that circle."""
+
+
+NO_HINTS = Hints()

@@ -13,10 +13,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal, Self, TypeVar
 
-from pydantic import Discriminator, Field, Strict, Tag, ValidationError, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from companion.errors import InputError, nearest_hint
-from companion.files.yaml import Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
+from companion.files.yaml import AsList, ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 
 MAX_ID = 65_535
 """Agent, target and threat ids travel as 16 bits on the wire."""
@@ -37,21 +37,23 @@ RANGE_RESERVE = 1.1
 MIN_LEVEL_M, MAX_LEVEL_M = -1_000.0, 30_000.0
 """Floors and ceilings, above sea level, travel as 16 bits of metres."""
 
-Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)]
-Period = Annotated[float, Strict(), Field(ge=MIN_PERIOD_S, allow_inf_nan=False)]
-Step = Annotated[float, Strict(), Field(ge=MIN_PERIOD_S, le=MAX_STEP_S, allow_inf_nan=False)]
-Probability = Annotated[float, Strict(), Field(ge=0, le=1, allow_inf_nan=False)]
-Coordinate = Annotated[float, Strict(), Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M, allow_inf_nan=False)]
-Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)]
-Speed = Annotated[float, Strict(), Field(gt=0, le=MAX_SPEED_M_S, allow_inf_nan=False)]
-ThreatSpeedBound = Annotated[float, Strict(), Field(ge=0, le=MAX_THREAT_SPEED_M_S, allow_inf_nan=False)]
-SpeedBound = Annotated[float, Strict(), Field(ge=0, le=MAX_SPEED_M_S, allow_inf_nan=False)]
-Height = Annotated[float, Strict(), Field(ge=0, le=MAX_HEIGHT_M, allow_inf_nan=False)]
-Level = Annotated[float, Strict(), Field(ge=MIN_LEVEL_M, le=MAX_LEVEL_M, allow_inf_nan=False)]
-SwitchingShare = Annotated[float, Strict(), Field(ge=0, lt=1, allow_inf_nan=False)]
-Identity = Annotated[int, Strict(), Field(ge=1, le=MAX_ID)]
-Count = Annotated[int, Strict(), Field(ge=0, le=MAX_ITEMS)]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Period = Annotated[float, Field(ge=MIN_PERIOD_S)]
+Step = Annotated[float, Field(ge=MIN_PERIOD_S, le=MAX_STEP_S)]
+Probability = Annotated[float, Field(ge=0, le=1)]
+Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
+Vertex = Annotated[tuple[Coordinate, Coordinate], AsList]
+PathPoint = Annotated[tuple[NotNegative, Coordinate, Coordinate], AsList]
+Degrees = Annotated[float, Field(ge=-360, le=360)]
+Speed = Annotated[float, Field(gt=0, le=MAX_SPEED_M_S)]
+ThreatSpeedBound = Annotated[float, Field(ge=0, le=MAX_THREAT_SPEED_M_S)]
+SpeedBound = Annotated[float, Field(ge=0, le=MAX_SPEED_M_S)]
+Height = Annotated[float, Field(ge=0, le=MAX_HEIGHT_M)]
+Level = Annotated[float, Field(ge=MIN_LEVEL_M, le=MAX_LEVEL_M)]
+SwitchingShare = Annotated[float, Field(ge=0, lt=1)]
+Identity = Annotated[int, Field(ge=1, le=MAX_ID)]
+Count = Annotated[int, Field(ge=0, le=MAX_ITEMS)]
 
 
 SpecT = TypeVar("SpecT", "AgentSpec", "TargetSpec", "ThreatSpec")
@@ -60,16 +62,16 @@ SpecT = TypeVar("SpecT", "AgentSpec", "TargetSpec", "ThreatSpec")
 class Origin(Section):
     """WGS84 position of the plane's (0, 0)."""
 
-    lat_deg: Annotated[float, Strict(), Field(ge=-90, le=90, allow_inf_nan=False)] = 47.0
-    lon_deg: Annotated[float, Strict(), Field(ge=-180, le=180, allow_inf_nan=False)] = 8.0
-    alt_m: Annotated[float, Strict(), Field(ge=-1_000, le=20_000, allow_inf_nan=False)] = 500.0
+    lat_deg: Annotated[float, Field(ge=-90, le=90)] = 47.0
+    lon_deg: Annotated[float, Field(ge=-180, le=180)] = 8.0
+    alt_m: Annotated[float, Field(ge=-1_000, le=20_000)] = 500.0
 
 
 class Area(Section):
     """The box things are drawn in; the origin is its south-west corner."""
 
-    north: Annotated[float, Strict(), Field(gt=0, le=MAX_COORDINATE_M, allow_inf_nan=False)] = 200_000.0
-    east: Annotated[float, Strict(), Field(gt=0, le=MAX_COORDINATE_M, allow_inf_nan=False)] = 200_000.0
+    north: Annotated[float, Field(gt=0, le=MAX_COORDINATE_M)] = 200_000.0
+    east: Annotated[float, Field(gt=0, le=MAX_COORDINATE_M)] = 200_000.0
 
 
 class SteadyMotion(Section):
@@ -82,7 +84,7 @@ class SteadyMotion(Section):
 class PathMotion(Section):
     """Way points [t_s, north_m, east_m] in order of time, straight lines between them."""
 
-    path: Annotated[tuple[tuple[NotNegative, Coordinate, Coordinate], ...], Field(min_length=1, max_length=MAX_ITEMS)]
+    path: Annotated[ListOf[PathPoint], Field(min_length=1, max_length=MAX_ITEMS)]
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -122,7 +124,7 @@ class AgentSpec(Section):
     east_m: Coordinate | None = None
     heading_deg: Degrees | None = None
     speed_m_s: Speed = 60.0
-    n_max: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)] = 10.0
+    n_max: Annotated[float, Field(gt=0, le=100)] = 10.0
     range_m: Positive = 500_000.0
     height_m: Height = 30.0
     only_target: Identity | None = None
@@ -211,7 +213,7 @@ class AgentDefaults(Section):
 
     heading_deg: Degrees | None = None
     speed_m_s: Speed | None = None
-    n_max: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)] | None = None
+    n_max: Annotated[float, Field(gt=0, le=100)] | None = None
     range_m: Positive | None = None
     height_m: Height | None = None
 
@@ -255,7 +257,7 @@ class Burst(Section):
     """Gilbert-Elliott losses: chances per frame of going bad and good again, and the loss while bad."""
 
     enter: Probability
-    leave: Annotated[float, Strict(), Field(gt=0, le=1, allow_inf_nan=False)]
+    leave: Annotated[float, Field(gt=0, le=1)]
     loss: Probability = 1.0
 
 
@@ -288,21 +290,21 @@ class Loss(Section):
 class Scale(Section):
     """By what the lengths and speeds of a mission were multiplied so that an autopilot kind can fly it."""
 
-    autopilot: Annotated[str, Strict()]
+    autopilot: str
     """The kind; whether there is such a one is for the programs to say that fly the mission."""
-    factor: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)]
+    factor: Annotated[float, Field(gt=0, le=100)]
 
 
 class Mission(Section):
     """A whole mission, as in the file. Units are in the names; metres and seconds where a name has none."""
 
-    name: Annotated[str, Strict(), Field(min_length=1, max_length=80)] = "mission"
+    name: Annotated[str, Field(min_length=1, max_length=80)] = "mission"
     origin: Origin = Origin()
     area_m: Area = Area()
-    fence: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=MAX_ITEMS)] | None = None
-    agents: Annotated[tuple[AgentSpec, ...], Field(max_length=MAX_ITEMS)] = ()
-    targets: Annotated[tuple[TargetSpec, ...], Field(max_length=MAX_ITEMS)] = ()
-    threats: Annotated[tuple[ThreatSpec, ...], Field(max_length=MAX_ITEMS)] = ()
+    fence: Annotated[ListOf[Vertex], Field(min_length=3, max_length=MAX_ITEMS)] | None = None
+    agents: Annotated[ListOf[AgentSpec], Field(max_length=MAX_ITEMS)] = ()
+    targets: Annotated[ListOf[TargetSpec], Field(max_length=MAX_ITEMS)] = ()
+    threats: Annotated[ListOf[ThreatSpec], Field(max_length=MAX_ITEMS)] = ()
     draw: Draw = Draw()
     defaults: Defaults = Defaults()
     weights: CostWeights = CostWeights()
@@ -321,12 +323,12 @@ class Mission(Section):
     objective: Literal["distance", "inverse-distance", "route", "latest"] = "distance"
     switching_share: SwitchingShare | None = None
     """By how much a new assignment must be better; None: the ground station's own for the objective."""
-    layers: Annotated[int, Strict(), Field(ge=1, le=MAX_ITEMS)] = 1
-    layer_spacing_m: Annotated[float, Strict(), Field(ge=0, le=MAX_HEIGHT_M, allow_inf_nan=False)] = 0.0
+    layers: Annotated[int, Field(ge=1, le=MAX_ITEMS)] = 1
+    layer_spacing_m: Annotated[float, Field(ge=0, le=MAX_HEIGHT_M)] = 0.0
     surrogate: Literal["pairwise", "analytic", "monolithic"] = "pairwise"
     link: LinkSpec = LinkSpec()
     wind: Wind = Wind()
-    losses: Annotated[tuple[Loss, ...], Field(max_length=MAX_ITEMS)] = ()
+    losses: Annotated[ListOf[Loss], Field(max_length=MAX_ITEMS)] = ()
     max_time_s: Positive = 20_000.0
     scale: Scale | None = None
     """Of a mission that was scaled already; None: as it was written."""

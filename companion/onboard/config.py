@@ -6,27 +6,27 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, Strict, model_validator
+from pydantic import Field, model_validator
 
 from companion.autopilot.kinds import KINDS
 from companion.errors import InputError, nearest_hint
-from companion.files.yaml import Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
+from companion.files.yaml import ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 from companion.guidance.settings import DEFAULT_LAW, LawName, SurrogateName
 from companion.mission.model import (
-    Coordinate,
     CostWeights,
     Identity,
     Mission,
     NotNegative,
     Positive,
     Speed,
+    Vertex,
     agent_height_m,
 )
 from companion.transport.endpoints import FORMS, RECEIVING, SENDING, Link, parse_link
 
 TrustWord = Literal["unsigned", "mavlink", "ed25519", "both"]
 """MAVLink's own signature by a shared key, an Ed25519 signature of the ground station's, or both."""
-Height = Annotated[float, Strict(), Field(ge=0, le=20_000, allow_inf_nan=False)]
+Height = Annotated[float, Field(ge=0, le=20_000)]
 ONE_RADIO = "autopilot"
 """The broadcast link of a vehicle that hears the broadcast through its autopilot, inside V2_EXTENSION."""
 
@@ -34,13 +34,13 @@ ONE_RADIO = "autopilot"
 class AutopilotSection(Section):
     """The one autopilot this companion steers."""
 
-    kind: Annotated[str, Strict()]
-    link: Annotated[str, Strict()]
-    system_id: Annotated[int, Strict(), Field(ge=1, le=255)] | None = None
+    kind: str
+    link: str
+    system_id: Annotated[int, Field(ge=1, le=255)] | None = None
     """The autopilot's; none: whichever is heard first."""
     offboard: Literal["mavsdk", "direct"] = "mavsdk"
     """Who sends the setpoints of a PX4 copter: MAVSDK in a process of its own, or the companion itself."""
-    state_file: Annotated[str, Strict(), Field(min_length=1)] | None = None
+    state_file: Annotated[str, Field(min_length=1)] | None = None
     """Where it is kept over restarts whether the companion steers."""
     clear: Literal["disarm", "signal"] = "disarm"
     """What ends a take-over of a PX4: only disarming, or a signal to the program as well."""
@@ -64,20 +64,20 @@ class AutopilotSection(Section):
 class BroadcastSection(Section):
     """Where the broadcast is heard, and what of it is believed (docs/authenticity.md)."""
 
-    link: Annotated[str, Strict()]
+    link: str
     trust: TrustWord
     """What every frame must carry; `unsigned` believes anybody."""
-    mavlink_key: Annotated[str, Strict(), Field(min_length=1)] | None = None
+    mavlink_key: Annotated[str, Field(min_length=1)] | None = None
     """File with the key that the whole fleet shares."""
-    public_key: Annotated[str, Strict(), Field(min_length=1)] | None = None
+    public_key: Annotated[str, Field(min_length=1)] | None = None
     """File with the ground station's public key."""
-    state_file: Annotated[str, Strict(), Field(min_length=1)] | None = None
+    state_file: Annotated[str, Field(min_length=1)] | None = None
     """Where the last accepted frame is kept over restarts."""
     clock: Literal["checked", "unchecked"] = "checked"
     """`unchecked`: this computer's clock may be wrong, so that a frame's time is not compared with it."""
     max_age_s: Positive = 30.0
     ahead_s: Positive = 2.0
-    checks_per_s: Annotated[float, Strict(), Field(ge=1, le=100_000, allow_inf_nan=False)] = 1_000.0
+    checks_per_s: Annotated[float, Field(ge=1, le=100_000)] = 1_000.0
     """Ed25519 signatures checked at most: a flood by a holder of the shared key must not use up the computer."""
 
     @model_validator(mode="after")
@@ -106,7 +106,7 @@ class BroadcastSection(Section):
 class UplinkSection(Section):
     """Where reports go, on a link of their own."""
 
-    link: Annotated[str, Strict()]
+    link: str
 
     @model_validator(mode="after")
     def _sends(self) -> Self:
@@ -120,19 +120,19 @@ class LimitsSection(Section):
     """What the vehicle may do; heights are above home."""
 
     speed_m_s: Speed = 5.0
-    n_max: Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)] = 0.25
+    n_max: Annotated[float, Field(gt=0, le=100)] = 0.25
     range_m: Positive = 5_000.0
     height_min_m: Height = 5.0
     height_max_m: Height = 120.0
     braking_m_s2: Positive = 2.0
     reaction_s: NotNegative = 0.0
     """From sending a setpoint to the vehicle beginning to obey it."""
-    rate_share: Annotated[float, Strict(), Field(gt=0, le=1, allow_inf_nan=False)] = 1.0
+    rate_share: Annotated[float, Field(gt=0, le=1)] = 1.0
     """How much of the turn rate n_max g/v the vehicle achieves."""
     wind_m_s: NotNegative = 0.0
     """The strongest wind, gusts included, that keep-out shall still hold in."""
     position_error_m: NotNegative = 0.0
-    fence: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3)] | None = None
+    fence: Annotated[ListOf[Vertex], Field(min_length=3)] | None = None
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -152,7 +152,7 @@ class StalenessSection(Section):
     loitering_after_s: Positive = 60.0
     blind_after_s: Positive = 300.0
     recover_after_s: NotNegative = 1.0
-    """A stage is left for a milder one only after so long without its reason."""
+    """A stage is left for a milder one only after its reason has been gone for this time."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -164,14 +164,14 @@ class StalenessSection(Section):
 class HealthSection(Section):
     """From where on the vehicle's own state of health matters."""
 
-    battery_return_percent: Annotated[float, Strict(), Field(ge=0, le=90, allow_inf_nan=False)] = 25.0
+    battery_return_percent: Annotated[float, Field(ge=0, le=90)] = 25.0
     """Not above this it returns; 0: never for that."""
     position_accuracy_m: Positive = 10.0
     """A position known less well than this is good enough to loiter only."""
-    gps_fix_min: Annotated[int, Strict(), Field(ge=0, le=6)] = 3
+    gps_fix_min: Annotated[int, Field(ge=0, le=6)] = 3
     """GPS_FIX_TYPE: 3 is 3D; 0 for a vehicle that finds its way without."""
     infeasible_after_s: Positive = 5.0
-    """It loiters after so long without a certified back-up."""
+    """It loiters after this time without a certified back-up."""
     clock_step_s: Positive = 1.0
     """A step of the computer's clock against the steady one is told from here on."""
 
@@ -179,9 +179,9 @@ class HealthSection(Section):
 class StatusSection(Section):
     """What the companion says of itself on the autopilot link."""
 
-    quiet: Annotated[bool, Strict()] | None = None
+    quiet: bool | None = None
     """Say nothing; none: as the case wants, in Case II nothing."""
-    period_s: Annotated[float, Strict(), Field(ge=1, le=3600, allow_inf_nan=False)] = 5.0
+    period_s: Annotated[float, Field(ge=1, le=3600)] = 5.0
 
 
 class Config(Section):
@@ -201,8 +201,8 @@ class Config(Section):
     weights: CostWeights = CostWeights()
     separation_m: Positive = 100.0
     arrival_radius_m: Positive = 300.0
-    guidance_step_s: Annotated[float, Strict(), Field(gt=0, le=10, allow_inf_nan=False)] = 0.5
-    setpoint_rate_hz: Annotated[float, Strict(), Field(ge=2, le=50, allow_inf_nan=False)] = 10.0
+    guidance_step_s: Annotated[float, Field(gt=0, le=10)] = 0.5
+    setpoint_rate_hz: Annotated[float, Field(ge=2, le=50)] = 10.0
     telemetry_timeout_s: Positive = 2.0
     range_policy: Literal["return", "arrive"] = "return"
     staleness: StalenessSection = StalenessSection()
@@ -210,13 +210,13 @@ class Config(Section):
     status: StatusSection = StatusSection()
     peer_memory_s: NotNegative = 30.0
     vertical_separation_m: NotNegative = 0.0
-    """Neighbours that are at least so much higher or lower need not give way, nor be given way; 0: everybody does."""
+    """Neighbours higher or lower by at least this need not give way, nor be given way; 0: everybody does."""
     detector_range_m: NotNegative = 2_000.0
     """Neighbours that the autopilot passes on are minded within this distance."""
     report_period_s: NotNegative = 0.0
     """0: never."""
     uplink: UplinkSection | None = None
-    log_dir: Annotated[str, Strict(), Field(min_length=1)] | None = None
+    log_dir: Annotated[str, Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
     def _within_band(self) -> Self:

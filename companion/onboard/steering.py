@@ -10,7 +10,7 @@ import numpy as np
 from companion.autopilot.adapter import Abilities
 from companion.geo.kinematics import limit_turn
 from companion.guard.guard import Guard
-from companion.guard.types import Discs, Limits, Motion, Setpoint, Verdict
+from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
 from companion.guidance.separation import Rules, give_way, interaction_radius_m
 from companion.guidance.steering import (
@@ -285,7 +285,7 @@ def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: Steer
     )
     route = () if demand.route is None else demand.route.pieces + demand.onward
     dt_s = steering.config.guidance_step_s
-    return steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, route, crowded)
+    return steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, Hints(route, keep_right=crowded))
 
 
 def _is_crowded(motion: Motion, view: View, interaction_m: float) -> bool:

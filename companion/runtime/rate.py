@@ -10,7 +10,7 @@ import numpy as np
 LONG_GAP_S = 0.5
 """An autopilot that hears no setpoint for longer may begin to give the companion up (docs/autopilots.md)."""
 STEERING_ENDED_S = 3.0
-"""After so long without a setpoint the next one begins another stretch of steering."""
+"""After this time without a setpoint the next one begins another stretch of steering."""
 _BIN_S = 1e-3
 
 

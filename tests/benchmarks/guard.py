@@ -1,6 +1,6 @@
 """The guard's theorem at length, its tracking in wind and its speed: `python -m tests.benchmarks.guard` from the root.
 
-Not collected by pytest: the worlds of tests/companion/guard/test_guard.py, flown more often and a hundred times as
+Not collected by pytest: the worlds of tests/companion/guard/guard_flight.py, flown more often and a hundred times as
 long. Exit status 1 if any flight enters a disc, leaves the fence, lacks a path or sees an assumption called broken that
 holds.
 """
@@ -14,9 +14,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from companion.guard.guard import Guard, guard
-from companion.guard.types import KEEP_OUT, Discs, Limits, Motion, Setpoint
-from tests.companion.guard.test_guard import WORLDS, Vehicle, flown_against, gusts, sent
+from companion.guard.arcs import distance_m
+from companion.guard.guard import Guard
+from companion.guard.types import (
+    KEEP_OUT,
+    TRACKING_REACTIONS,
+    TRACKING_STEPS,
+    Discs,
+    Limits,
+    Motion,
+    Setpoint,
+)
+from tests.companion.guard.guard_flight import WORLDS, Vehicle, flown_against, gusts, sent
 
 STEPS = 10_000
 SEEDS = 10
@@ -76,9 +85,7 @@ def off_path_m(airspeed_m_s: float, n_max: float, dt_s: float, reaction_s: float
             raise AssertionError("the path in hand was lost")
         places = vehicle.fly(dt_s)
         if guarded._path is not None and step * dt_s >= free * dt_s + reaction_s:
-            off_m = [
-                min(guard._distance_m(piece, *place) for piece in guarded._path.pieces) for place in places.tolist()
-            ]
+            off_m = [min(distance_m(piece, *place) for piece in guarded._path.pieces) for place in places.tolist()]
             worst_m = max(worst_m, *off_m)
     assert accepted is Guard._accepted
     return worst_m
@@ -91,7 +98,7 @@ def tracking(seeds: int) -> int:
     more = 0
     for airspeed_m_s, n_max, dt_s, reaction_s in WIND_CASES:
         worst_m = max(off_path_m(airspeed_m_s, n_max, dt_s, reaction_s, seed) for seed in range(seeds))
-        allowance_m = airspeed_m_s / 3.0 * (guard.TRACKING_STEPS * dt_s + guard.TRACKING_REACTIONS * reaction_s)
+        allowance_m = airspeed_m_s / 3.0 * (TRACKING_STEPS * dt_s + TRACKING_REACTIONS * reaction_s)
         more += worst_m > allowance_m
         print(
             f"{airspeed_m_s:6.0f}{n_max:6.1f}{dt_s:6.1f}{reaction_s:12.2f}{worst_m:12.2f}{allowance_m:13.2f}",

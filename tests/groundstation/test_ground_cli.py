@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -216,3 +217,15 @@ def test_help_comes_with_an_example(program: Program, command: str) -> None:
     status, out, err = program(command, "--help")
     assert (status, err) == (EXIT_DONE, "")
     assert f"Example: groundstation {command} " in out
+
+
+def test_help_is_there_without_what_only_a_broadcast_needs() -> None:
+    heavy = ("numpy", "scipy", "pydantic", "pymavlink", "cryptography", "rich")
+    asked = (
+        "import sys\nfrom groundstation.cli import cli\n"
+        "cli.main(['run', '--help'], standalone_mode=False)\n"
+        f"print([name for name in {heavy} if name in sys.modules])"
+    )
+    said = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True).stdout
+    assert "sik-57600, sik-64k-ecc, lora, or bytes per second" in " ".join(said.split())
+    assert said.splitlines()[-1] == "[]"

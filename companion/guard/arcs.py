@@ -1,0 +1,265 @@
+"""Pieces of constant curvature and paths of them: where they lead, and whether discs come into their way.
+
+Everything here is a pure function of its arguments, exact in closed form wherever there is one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from companion.guard.types import Motion, Piece
+
+TURN_TOLERANCE_RAD = 1e-9
+"""A setpoint at the turn limit must not be called over it for its rounding."""
+FAN_STEPS = 32
+"""Headings tried to either side, evenly over a full turn, where no cheap one serves: 11.25 degrees apart."""
+FAN_STEP_RAD = math.tau / FAN_STEPS
+SUB_ARC_RAD = math.pi / 4.0
+"""On an arc a moving disc counts as large as at the end of each part of this size; in the fan, of each of its steps."""
+
+
+class Pose(NamedTuple):
+    """A place and a heading."""
+
+    north_m: float
+    east_m: float
+    heading_rad: float
+
+
+class Path(NamedTuple):
+    """What is flown from a tip on: pieces, of which the last `loops` are flown again and again."""
+
+    pieces: tuple[Piece, ...]
+    loops: int
+    speed_m_s: float
+    lasts_s: float
+
+
+Disc = tuple[float, float, float, float]
+"""(north_m, east_m, radius_m, speed_m_s), at the tip and inflated by what the vehicle may be off its path."""
+
+
+def pose_of(motion: Motion) -> Pose:
+    """Return where a motion is and where it heads."""
+    return Pose(motion.north_m, motion.east_m, motion.heading_rad)
+
+
+def straight(pose: Pose, length_m: float) -> Piece:
+    """Return the line of a length that begins at a pose."""
+    return Piece(pose.north_m, pose.east_m, pose.heading_rad, 0.0, length_m)
+
+
+def turned(pose: Pose, turn_rad: float, curvature_1_m: float, length_m: float) -> tuple[Piece, ...]:
+    """Return an arc, in parts over which a growing disc may count as large as at their ends, and a line."""
+    parts = math.ceil(abs(turn_rad) / SUB_ARC_RAD)
+    pieces = []
+    for _ in range(parts):
+        arc_m = abs(turn_rad) / parts / curvature_1_m
+        pieces.append(Piece(*pose, math.copysign(curvature_1_m, turn_rad), arc_m))
+        pose = end_of(pieces[-1])
+    pieces.append(straight(pose, length_m))
+    return tuple(pieces)
+
+
+def place_on(piece: Piece, along_m: float) -> Pose:
+    """Return the pose after a way along a piece: exact, and without loss of digits at small curvature."""
+    half_rad = 0.5 * piece.curvature_1_m * along_m
+    chord_m = along_m * (math.sin(half_rad) / half_rad) if half_rad else along_m
+    middle_rad = piece.heading_rad + half_rad
+    return Pose(
+        piece.north_m + chord_m * math.cos(middle_rad),
+        piece.east_m + chord_m * math.sin(middle_rad),
+        middle_rad + half_rad,
+    )
+
+
+def end_of(piece: Piece) -> Pose:
+    """Return the pose at the end of a piece."""
+    return place_on(piece, piece.length_m)
+
+
+def pose_at(path: Path, along_m: float) -> Pose:
+    """Return the pose a way along a path; beyond its end, its end."""
+    first = len(path.pieces) - path.loops
+    for piece in path.pieces[:first]:
+        if along_m <= piece.length_m:
+            return place_on(piece, along_m)
+        along_m -= piece.length_m
+    if path.loops == 0:
+        return end_of(path.pieces[-1])
+    loop = path.pieces[first:]
+    along_m %= sum(piece.length_m for piece in loop)
+    for piece in loop[:-1]:
+        if along_m <= piece.length_m:
+            return place_on(piece, along_m)
+        along_m -= piece.length_m
+    return place_on(loop[-1], along_m)
+
+
+def rest_of(path: Path, along_m: float) -> tuple[Piece, ...]:
+    """Return what is left of a path, its loop whole."""
+    first = len(path.pieces) - path.loops
+    rest: list[Piece] = []
+    for piece in path.pieces[:first]:
+        done_m = min(along_m, piece.length_m)
+        along_m -= done_m
+        if done_m < piece.length_m:
+            rest.append(Piece(*place_on(piece, done_m), piece.curvature_1_m, piece.length_m - done_m))
+    return (*rest, *path.pieces[first:])
+
+
+def seen_from(pose: Pose, place: Pose) -> tuple[float, float]:
+    """Return how far ahead and to the right of a pose a place is."""
+    north_m, east_m = place.north_m - pose.north_m, place.east_m - pose.east_m
+    cosine, sine = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
+    return north_m * cosine + east_m * sine, east_m * cosine - north_m * sine
+
+
+def nearest_along_m(path: Path, pose: Pose) -> float:
+    """Return how far along a path its nearest place is."""
+    best_m, best_along_m, before_m = math.inf, 0.0, 0.0
+    for piece in path.pieces:
+        along_m = nearest_on_m(piece, pose)
+        place = place_on(piece, along_m)
+        apart_m = math.hypot(place.north_m - pose.north_m, place.east_m - pose.east_m)
+        if apart_m < best_m:
+            best_m, best_along_m = apart_m, before_m + along_m
+        before_m += piece.length_m
+    return best_along_m
+
+
+def nearest_on_m(piece: Piece, pose: Pose) -> float:
+    """Return how far along a piece its place nearest to a pose is."""
+    if piece.curvature_1_m == 0.0:
+        return min(max(seen_from(Pose(*piece[:3]), pose)[0], 0.0), piece.length_m)
+    north_m, east_m, radius_m = circle_of(piece)
+    phase_rad = phase_of_rad(piece, pose.north_m - north_m, pose.east_m - east_m)
+    if phase_rad * radius_m <= piece.length_m:
+        return phase_rad * radius_m
+    end = end_of(piece)
+    to_start_m = math.hypot(pose.north_m - piece.north_m, pose.east_m - piece.east_m)
+    return 0.0 if to_start_m < math.hypot(pose.north_m - end.north_m, pose.east_m - end.east_m) else piece.length_m
+
+
+def circle_of(piece: Piece) -> tuple[float, float, float]:
+    """Return centre and radius of an arc."""
+    signed_m = 1.0 / piece.curvature_1_m
+    north_m = piece.north_m - signed_m * math.sin(piece.heading_rad)
+    return north_m, piece.east_m + signed_m * math.cos(piece.heading_rad), abs(signed_m)
+
+
+def phase_of_rad(piece: Piece, north_m: float, east_m: float) -> float:
+    """Return the turn, 0 to 2 pi, after which an arc passes the bearing of a place seen from its centre."""
+    side = math.copysign(1.0, piece.curvature_1_m)
+    return (side * (math.atan2(east_m, north_m) - piece.heading_rad) + math.pi / 2.0) % math.tau
+
+
+def distance_m(piece: Piece, north_m: float, east_m: float) -> float:
+    """Return the distance of a place from a piece, in closed form."""
+    dn_m, de_m = north_m - piece.north_m, east_m - piece.east_m
+    if piece.curvature_1_m == 0.0:
+        cosine, sine = math.cos(piece.heading_rad), math.sin(piece.heading_rad)
+        along_m = min(max(dn_m * cosine + de_m * sine, 0.0), piece.length_m)
+        return math.hypot(dn_m - along_m * cosine, de_m - along_m * sine)
+    centre_north_m, centre_east_m, radius_m = circle_of(piece)
+    from_north_m, from_east_m = north_m - centre_north_m, east_m - centre_east_m
+    turned_rad = piece.length_m / radius_m
+    if turned_rad >= math.tau or phase_of_rad(piece, from_north_m, from_east_m) <= turned_rad:
+        return abs(math.hypot(from_north_m, from_east_m) - radius_m)
+    end = end_of(piece)
+    return min(math.hypot(dn_m, de_m), math.hypot(north_m - end.north_m, east_m - end.east_m))
+
+
+def is_hit(piece: Piece, discs: Iterable[Disc], grown_s: float, spare_m: float) -> bool:
+    """Return whether a piece enters a disc that has grown for a while."""
+    start_north_m, start_east_m, _, _, length_m = piece
+    for north_m, east_m, radius_m, speed_m_s in discs:
+        kept_m = radius_m + speed_m_s * grown_s + spare_m
+        reach_m = kept_m + length_m
+        dn_m, de_m = north_m - start_north_m, east_m - start_east_m
+        # Most are too far to look at closely.
+        if dn_m * dn_m + de_m * de_m < reach_m * reach_m and distance_m(piece, north_m, east_m) < kept_m:
+            return True
+    return False
+
+
+def is_clear(pieces: Iterable[Piece], discs: Sequence[Disc], slow_m_s: float, at_s: float, spare_m: float) -> bool:
+    """Return whether pieces flown from a time on, at the least speed along them, keep clear of moving discs.
+
+    A line is decided exactly; on an arc a disc counts as large as at its end.
+    """
+    for piece in pieces:
+        ends_s = at_s + piece.length_m / slow_m_s
+        if piece.curvature_1_m == 0.0:
+            if is_met(piece, discs, slow_m_s, at_s, ends_s - at_s, spare_m):
+                return False
+        elif is_hit(piece, discs, ends_s, spare_m):
+            return False
+        at_s = ends_s
+    return True
+
+
+def is_met(line: Piece, discs: Iterable[Disc], slow_m_s: float, at_s: float, lasts_s: float, spare_m: float) -> bool:
+    """Return whether a growing disc reaches a vehicle on a line: where the quadratic of the guard's proof is negative.
+
+    A disc as fast as the vehicle needs a finite time: there the quadratic is least at one of the ends.
+    """
+    ahead_north_m_s, ahead_east_m_s = slow_m_s * math.cos(line.heading_rad), slow_m_s * math.sin(line.heading_rad)
+    for north_m, east_m, radius_m, speed_m_s in discs:
+        dn_m, de_m = line.north_m - north_m, line.east_m - east_m
+        kept_m = radius_m + speed_m_s * at_s + spare_m
+        now_m2 = dn_m * dn_m + de_m * de_m - kept_m * kept_m
+        if now_m2 < 0.0:
+            return True
+        half = dn_m * ahead_north_m_s + de_m * ahead_east_m_s - speed_m_s * kept_m
+        if half >= 0.0 and slow_m_s > speed_m_s:
+            continue
+        closing = slow_m_s * slow_m_s - speed_m_s * speed_m_s
+        nearest_s = min(-half / closing, lasts_s) if closing > 0.0 else lasts_s
+        if now_m2 + nearest_s * (2.0 * half + closing * nearest_s) < 0.0:
+            return True
+    return False
+
+
+def fan_rad(
+    pose: Pose,
+    curvature_1_m: float,
+    length_m: float,
+    slow_m_s: float,
+    discs: np.ndarray,  # (M, 4) m, m, m, m/s
+    most_rad: float,
+) -> list[float]:
+    """Return the turns to either side after which a line of a length is clear of moving discs, mildest first.
+
+    The same decisions as `is_clear` makes, for all of them at once.
+    """
+    count = math.floor(most_rad / FAN_STEP_RAD + TURN_TOLERANCE_RAD)
+    turns_rad = FAN_STEP_RAD * np.arange(count + 1)
+    disc_norths_m, disc_easts_m, radii_m, speeds_m_s = discs.T
+    grown_m = radii_m + speeds_m_s * (turns_rad[:, None] / (curvature_1_m * slow_m_s))
+    closing = slow_m_s * slow_m_s - speeds_m_s * speeds_m_s
+    found: list[tuple[float, float]] = []
+    for side in (1.0, -1.0):
+        north_m, east_m, radius_m = circle_of(Piece(*pose, side * curvature_1_m, 0.0))
+        headings_rad = (pose.heading_rad + side * turns_rad)[:, None]
+        dn_m = north_m + side * radius_m * np.sin(headings_rad) - disc_norths_m
+        de_m = east_m - side * radius_m * np.cos(headings_rad) - disc_easts_m
+        now_m2 = dn_m * dn_m + de_m * de_m - grown_m * grown_m
+        half = slow_m_s * (dn_m * np.cos(headings_rad) + de_m * np.sin(headings_rad)) - speeds_m_s * grown_m
+        nearest_s = np.clip(-half / np.where(closing > 0.0, closing, 1.0), 0.0, length_m / slow_m_s)
+        nearest_s = np.where(closing > 0.0, nearest_s, length_m / slow_m_s)
+        clear = (np.minimum(now_m2, now_m2 + nearest_s * (2.0 * half + closing * nearest_s)) >= 0.0).all(axis=1)
+        from_north_m, from_east_m = disc_norths_m - north_m, disc_easts_m - east_m
+        bearings_rad = np.arctan2(from_east_m, from_north_m)
+        phases_rad = np.mod(side * (bearings_rad - pose.heading_rad) + math.pi / 2.0, math.tau)
+        facing = (phases_rad >= turns_rad[:-1, None]) & (phases_rad <= turns_rad[1:, None])
+        ends_m = np.hypot(dn_m, de_m)
+        rim_m = np.abs(np.hypot(from_north_m, from_east_m) - radius_m)
+        swept = (np.where(facing, rim_m, np.minimum(ends_m[:-1], ends_m[1:])) >= grown_m[1:]).all(axis=1)
+        clear[1:] &= np.logical_and.accumulate(swept)
+        found += [(turn_rad, side * turn_rad) for turn_rad in turns_rad[clear].tolist()]
+    return [turn_rad for _, turn_rad in sorted(found, key=lambda pair: pair[0])]

@@ -1,0 +1,330 @@
+"""The search for what is clear: the step to take, and the path that will still be clear after it.
+
+A search is made for one decision: it knows the flight that this decision is about and the path in hand, and changes
+neither.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from companion.guard.arcs import (
+    TURN_TOLERANCE_RAD,
+    Disc,
+    Path,
+    Pose,
+    end_of,
+    fan_rad,
+    is_clear,
+    is_hit,
+    nearest_along_m,
+    pose_at,
+    straight,
+    turned,
+)
+from companion.guard.fence import Fence
+from companion.guard.types import FENCE, KEEP_OUT, PIVOT_SPEED_M_S, Piece
+from companion.guard.vehicle import GREATEST_TURN_RAD, Step, VehicleModel
+
+ROUTE_STEPS = 60
+"""Steps along the route within which a turning circle must be clear..."""
+ROUTE_CIRCLES = 3
+"""...or those of so many turning circles, if they are more."""
+CIRCLE_PARTS = 24
+"""Along the route, a turning circle is looked for so many times in the length of one."""
+FOLLOW_RAD = 0.01
+"""A wanted turn this near to the path in hand is flown as that path: nothing need be looked for anew."""
+SAMPLES = 8
+"""Points of a step at which choices are compared when none is certified."""
+
+
+class Flight(NamedTuple):
+    """What one call decides on: the tip and the airspeed before it, the ground speed reported, the discs at the tip."""
+
+    tip: Pose
+    before_m_s: float
+    ground_m_s: float
+    dt_s: float
+    near: list[Disc]
+    """Those that can matter to a step and a turning circle after it, or that move."""
+    discs: list[Disc]
+    moving: bool
+    route: Sequence[Piece]
+    attack_m: list[float] | None
+    sides: tuple[float, ...] = (1.0, -1.0)
+    """Of the turning circles that may be a back-up, the first preferred."""
+
+
+class BackupSearch:
+    """What is clear for one decision. Nothing here changes the guard."""
+
+    def __init__(
+        self,
+        vehicle: VehicleModel,
+        fence: Fence | None,
+        flight: Flight,
+        limited: bool,
+        path: Path | None,
+        along_m: float,
+    ) -> None:
+        """Search for this flight; `limited`: what is clear for the horizon will do.
+
+        `path` is the path in hand, `along_m` how far along it the vehicle is.
+        """
+        self._vehicle, self._fence, self._flight, self._limited = vehicle, fence, flight, limited
+        self._path, self._along_m = path, along_m
+
+    def choices(self, wanted: Step) -> Iterator[Step]:
+        """Yield the wanted step and milder ones, nearest first; then the same at the speed flown."""
+        flight = self._flight
+        yield wanted
+        flown_m_s = self._vehicle.allowed_m_s(flight.before_m_s)
+        for speed_m_s in dict.fromkeys((wanted.speed_m_s, flown_m_s)):
+            most_rad = self._vehicle.greatest_turn_rad(speed_m_s, flight.before_m_s, flight.dt_s)
+            turns_rad = (0.5 * wanted.turn_rad, 0.0, most_rad, -most_rad)
+            for turn_rad in sorted(turns_rad, key=lambda turn_rad: abs(turn_rad - wanted.turn_rad)):
+                yield Step(turn_rad, speed_m_s)
+        if self._vehicle.limits.braking_m_s2 is not None:
+            yield Step(0.0, 0.0)
+
+    def accepted(self, step: Step, thorough: bool) -> Path | str:
+        """Return the path that begins with a step, if step and what follows are clear, or why there is none."""
+        flight = self._flight
+        pieces, after_m_s = self._vehicle.step_pieces(
+            flight.tip, step, flight.before_m_s, flight.ground_m_s, flight.dt_s
+        )
+        spare_m = self.spare_m(step)
+        if not flight.moving or self._vehicle.limits.braking_m_s2 is not None:
+            blocked = self.blocked(pieces, flight.near, flight.dt_s, spare_m)
+        elif not is_clear(pieces, flight.near, step.speed_m_s - self._vehicle.limits.wind_m_s, 0.0, spare_m):
+            blocked = KEEP_OUT
+        else:
+            blocked = self.outside(pieces, spare_m)
+        if blocked is not None:
+            return blocked
+        found = self.backup(end_of(pieces[-1]), step, after_m_s, flight.dt_s, spare_m, thorough)
+        if isinstance(found, str) and self._path is not None and self.continues(step):
+            return self._path
+        if isinstance(found, str) and thorough and flight.route and not flight.moving:
+            found = self.along_route(end_of(pieces[-1]), step, spare_m) or found
+        if isinstance(found, str):
+            return found
+        return found._replace(pieces=pieces + found.pieces)
+
+    def follows(self, wanted: Step) -> bool:
+        """Return whether the path in hand leads nearly where the wanted step does, along discs that stand still."""
+        if self._path is None or self._flight.moving:
+            return False
+        held = self.continued()
+        return abs(held.turn_rad - wanted.turn_rad) <= FOLLOW_RAD and held.speed_m_s == wanted.speed_m_s
+
+    def continues(self, step: Step) -> bool:
+        """Return whether a step continues the path in hand."""
+        held = self.continued()
+        return abs(held.turn_rad - step.turn_rad) <= TURN_TOLERANCE_RAD and held.speed_m_s == step.speed_m_s
+
+    def continued(self) -> Step:
+        """Return the step that continues the path in hand."""
+        flight, path = self._flight, self._path
+        assert path is not None
+        if path.speed_m_s == 0.0:
+            turn_rad = math.remainder(path.pieces[-1].heading_rad - flight.tip.heading_rad, math.tau)
+            most_rad = self._vehicle.greatest_turn_rad(0.0, flight.before_m_s, flight.dt_s)
+            return Step(min(max(turn_rad, -most_rad), most_rad), 0.0)
+        ground_m_s = flight.ground_m_s if self._vehicle.limits.wind_m_s > 0.0 else path.speed_m_s
+        return Step(
+            self._vehicle.steered_rad(
+                path,
+                self._along_m,
+                flight.tip,
+                ground_m_s,
+                flight.dt_s,
+                0.0 if self._vehicle.limits.wind_m_s == 0.0 else flight.dt_s,
+            ),
+            path.speed_m_s,
+        )
+
+    def from_tip(self) -> Path | str:
+        """Return a certified path from the tip itself, or what is in the way of one."""
+        flight = self._flight
+        step = Step(0.0, self._vehicle.allowed_m_s(flight.before_m_s))
+        return self.backup(flight.tip, step, flight.before_m_s, 0.0, 0.0)
+
+    def spare_m(self, step: Step) -> float:
+        """Return how far off the path a change of speed may put the vehicle: none of it at one speed."""
+        flight = self._flight
+        change_m = abs(flight.before_m_s - step.speed_m_s) * flight.dt_s
+        return change_m if self._vehicle.limits.braking_m_s2 is None else change_m * abs(step.turn_rad)
+
+    def backup(
+        self,
+        pose: Pose,
+        step: Step,
+        speed_m_s: float,
+        after_s: float,
+        spare_m: float,
+        thorough: bool = True,
+    ) -> Path | str:
+        """Return a certified path from a pose that is reached in a while, or what is in the way of one."""
+        flight = self._flight
+        lasts_s = after_s + self._vehicle.limits.horizon_s if flight.moving else math.inf
+        reason = KEEP_OUT
+        if self._limited or not flight.moving:
+            grown_s = lasts_s if flight.moving else 0.0
+            found = self.to_rest(pose, step, speed_m_s, flight.near, grown_s, spare_m)
+            if isinstance(found, Path):
+                return found._replace(lasts_s=lasts_s)
+            reason = found
+        if flight.moving:
+            ray = self.ray(pose, step.speed_m_s, after_s, spare_m, thorough)
+            if ray is not None:
+                return Path(ray, 0, step.speed_m_s, lasts_s if self._limited else math.inf)
+        return reason
+
+    def to_rest(
+        self,
+        pose: Pose,
+        step: Step,
+        speed_m_s: float,
+        discs: list[Disc],
+        grown_s: float,
+        spare_m: float,
+    ) -> Path | str:
+        """Return braking to a stand or, for who cannot, turning for ever, right before left; or what is in the way."""
+        if self._vehicle.limits.braking_m_s2 is not None:
+            line = (straight(pose, speed_m_s * speed_m_s / (2.0 * self._vehicle.limits.braking_m_s2)),)
+            return self.blocked(line, discs, grown_s, spare_m) or Path(line, 0, 0.0, math.inf)
+        blocked: str | None = None
+        for side in self._flight.sides:
+            loop = self._vehicle.circle(pose, side, step.speed_m_s, self._flight.dt_s)
+            blocked = self.blocked(loop, discs, grown_s, spare_m)
+            if blocked is None:
+                return Path(loop, len(loop), step.speed_m_s, math.inf)
+        return str(blocked)
+
+    def along_route(self, pose: Pose, step: Step, spare_m: float) -> Path | None:
+        """Return a path along the route to where a turning circle is clear; None if it is too far or not clear."""
+        flight = self._flight
+        pieces_of_route = tuple(flight.route)
+        rate_1_m = self._vehicle.curvature_1_m(step.speed_m_s)
+        # Where the route ends nothing need be clear: straight on from there something may be.
+        pieces_of_route += (straight(end_of(pieces_of_route[-1]), math.tau / rate_1_m),)
+        finite = all(map(math.isfinite, itertools.chain(*pieces_of_route)))
+        if self._vehicle.limits.braking_m_s2 is not None or not finite:
+            return None
+        speed_m_s, dt_s = step.speed_m_s, flight.dt_s
+        route = Path(pieces_of_route, 0, speed_m_s, math.inf)
+        along_m = nearest_along_m(route, pose)
+        left_m = sum(stretch.length_m for stretch in route.pieces) - along_m
+        flown: list[Piece] = []
+        around = math.ceil(math.tau / (rate_1_m * speed_m_s * dt_s))
+        steps = min(max(ROUTE_STEPS, ROUTE_CIRCLES * around), math.ceil(left_m / (speed_m_s * dt_s)))
+        every = max(1, around // CIRCLE_PARTS)
+        for count in range(1, steps + 1):
+            turn_rad = self._vehicle.steered_rad(route, along_m, pose, speed_m_s, dt_s, dt_s)
+            arc_m = abs(turn_rad) / rate_1_m
+            arc = Piece(*pose, math.copysign(rate_1_m, turn_rad), arc_m)
+            end = end_of(arc)._replace(heading_rad=pose.heading_rad + turn_rad)
+            pieces = (arc, straight(end, speed_m_s * dt_s - arc_m))
+            if self.blocked(pieces, flight.discs, 0.0, spare_m) is not None:
+                return None
+            if turn_rad == 0.0 and flown and flown[-1].curvature_1_m == 0.0:
+                flown[-1] = flown[-1]._replace(length_m=flown[-1].length_m + speed_m_s * dt_s)
+            else:
+                flown += pieces
+            along_m, pose = along_m + speed_m_s * dt_s, end_of(pieces[-1])
+            if count % every and count < steps:
+                continue
+            circle = self.to_rest(pose, step, speed_m_s, flight.discs, 0.0, spare_m)
+            if isinstance(circle, Path):
+                return circle._replace(pieces=(*flown, *circle.pieces))
+        return None
+
+    def ray(
+        self,
+        pose: Pose,
+        speed_m_s: float,
+        after_s: float,
+        spare_m: float,
+        thorough: bool,
+    ) -> tuple[Piece, ...] | None:
+        """Return an arc to a heading and straight on that no moving disc reaches; None if there is none."""
+        flight = self._flight
+        slow_m_s = speed_m_s - self._vehicle.limits.wind_m_s
+        if slow_m_s < PIVOT_SPEED_M_S:
+            return None
+        curvature_1_m = self._vehicle.curvature_1_m(speed_m_s)
+        length_m = slow_m_s * self._vehicle.limits.horizon_s if self._limited else math.inf
+        coarse = speed_m_s * flight.dt_s * curvature_1_m > GREATEST_TURN_RAD
+        for heading_rad in self.likely_headings_rad(pose, flight.discs):
+            turn_rad = math.remainder(heading_rad - pose.heading_rad, math.tau)
+            if coarse and abs(turn_rad) > GREATEST_TURN_RAD:
+                continue
+            pieces = turned(pose, turn_rad, curvature_1_m, length_m)
+            # The line is what most often fails: first.
+            turned_s = after_s + abs(turn_rad) / (curvature_1_m * slow_m_s)
+            clear = is_clear(pieces[-1:], flight.discs, slow_m_s, turned_s, spare_m) and is_clear(
+                pieces[:-1], flight.discs, slow_m_s, after_s, spare_m
+            )
+            if clear and self.outside(pieces, spare_m) is None:
+                return pieces
+        if not thorough:
+            return None
+        most_rad = GREATEST_TURN_RAD if coarse else math.tau
+        table = np.array(flight.discs)
+        table[:, 2] += table[:, 3] * after_s + spare_m
+        for turn_rad in fan_rad(pose, curvature_1_m, length_m, slow_m_s, table, most_rad):
+            pieces = turned(pose, turn_rad, curvature_1_m, length_m)
+            if self.outside(pieces, spare_m) is None:
+                return pieces
+        return None
+
+    def likely_headings_rad(self, pose: Pose, discs: Iterable[Disc]) -> Iterator[float]:
+        """Yield straight on, the heading of the ray in hand, and away from the disc that is nearest."""
+        yield pose.heading_rad
+        if self._path is not None and self._path.loops == 0:
+            yield self._path.pieces[-1].heading_rad
+        north_m, east_m, _, _ = min(discs, key=lambda disc: math.dist(disc[:2], pose[:2]) - disc[2])
+        yield math.atan2(pose.east_m - east_m, pose.north_m - north_m)
+
+    def blocked(
+        self, pieces: Sequence[Piece], discs: Iterable[Disc], grown_s: float, spare_m: float = 0.0
+    ) -> str | None:
+        """Return what pieces would break, among discs grown for a while and the fence; None if nothing."""
+        if any(is_hit(piece, discs, grown_s, spare_m) for piece in pieces):
+            return KEEP_OUT
+        return self.outside(pieces, spare_m)
+
+    def outside(self, pieces: Iterable[Piece], spare_m: float) -> str | None:
+        """Return FENCE for pieces that come too near to the fence or leave it."""
+        if self._fence is None or self._fence.holds(pieces, self._vehicle.inflation_m(self._flight.dt_s) + spare_m):
+            return None
+        return FENCE
+
+    def violation(self, step: Step) -> tuple[float, ...]:
+        """Return what to make least when nothing is certified: depth in attack discs, beyond the fence, in discs.
+
+        First the greatest during the step and straight on for as long again, then at the end of this, which tells
+        apart the ways out.
+        """
+        flight = self._flight
+        pieces, _ = self._vehicle.step_pieces(flight.tip, step, flight.before_m_s, flight.ground_m_s, flight.dt_s)
+        path = Path((*pieces, straight(end_of(pieces[-1]), step.speed_m_s * flight.dt_s)), 0, step.speed_m_s, 0.0)
+        length_m = sum(piece.length_m for piece in path.pieces)
+        shares = np.linspace(0.0, 1.0, 2 * SAMPLES + 1)
+        places = np.array([pose_at(path, share * length_m)[:2] for share in shares.tolist()])
+        table = np.array(flight.discs).reshape(-1, 4)
+        apart_m = np.hypot(places[:, None, 0] - table[:, 0], places[:, None, 1] - table[:, 1])
+        apart_m -= table[:, 3] * (2.0 * flight.dt_s * shares[:, None])
+        depths_m = np.zeros((len(shares), 3))
+        if flight.attack_m is not None:
+            depths_m[:, 0] = np.max(np.array(flight.attack_m) - apart_m, axis=1, initial=0.0)
+        if self._fence is not None:
+            depths_m[:, 1] = [max(0.0, -self._fence.depth_m(*place)) for place in places.tolist()]
+        depths_m[:, 2] = np.max(table[:, 2] - apart_m, axis=1, initial=-math.inf)
+        return (*depths_m.max(axis=0).tolist(), *depths_m[-1].tolist())

@@ -1,0 +1,92 @@
+"""The polygon that a vehicle must stay inside."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from companion.guard.arcs import circle_of, distance_m, end_of
+from companion.guard.types import Piece
+
+
+class Fence:
+    """A simple polygon to stay inside."""
+
+    def __init__(self, corners_ned_m: Sequence[tuple[float, float]]) -> None:
+        self._ends_m = np.array(corners_ned_m, dtype=float)
+        self._starts_m = np.roll(self._ends_m, 1, axis=0)
+        self._along_m = self._ends_m - self._starts_m
+        squares = (self._along_m**2).sum(axis=1)
+        self._lengths_m2 = np.where(squares > 0.0, squares, 1.0)
+
+    def depth_m(self, north_m: float, east_m: float) -> float:
+        """Return the distance to the nearest edge, negative outside (even-odd)."""
+        norths_m, easts_m = north_m - self._starts_m[:, 0], east_m - self._starts_m[:, 1]
+        upward = self._along_m[:, 0] > 0.0
+        spans = (self._ends_m[:, 0] > north_m) != (self._starts_m[:, 0] > north_m)
+        to_the_east = self._along_m[:, 1] * norths_m > easts_m * self._along_m[:, 0]
+        inside = np.count_nonzero(spans & (to_the_east == upward)) % 2 == 1
+        near = self._nearest_m(np.array([north_m]), np.array([east_m]))
+        apart_m = float(np.hypot(near[0] - north_m, near[1] - east_m).min())
+        return apart_m if inside else -apart_m
+
+    def holds(self, pieces: Iterable[Piece], margin_m: float) -> bool:
+        """Return whether pieces that hang together stay inside, and no nearer to an edge than the margin."""
+        first = True
+        for piece in pieces:
+            reach_m = min(piece.length_m, 2.0 / abs(piece.curvature_1_m) if piece.curvature_1_m else math.inf)
+            if first:
+                depth_m = self.depth_m(piece.north_m, piece.east_m)
+                if depth_m < margin_m:
+                    return False
+                first = False
+                room_m = depth_m - margin_m
+            if reach_m <= room_m:
+                room_m -= reach_m
+                continue
+            room_m = 0.0
+            if any(distance_m(piece, *place) < margin_m for place in self._touching_m(piece)):
+                return False
+            if self.depth_m(*end_of(piece)[:2]) < margin_m:
+                return False
+        return True
+
+    def _nearest_m(self, norths_m: np.ndarray, easts_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the point of each edge (E,) nearest to a point."""
+        along = (norths_m - self._starts_m[:, 0]) * self._along_m[:, 0] + (
+            easts_m - self._starts_m[:, 1]
+        ) * self._along_m[:, 1]
+        return self._points(along / self._lengths_m2)
+
+    def _points(self, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        shares = np.clip(shares, 0.0, 1.0)
+        return self._starts_m[:, 0] + shares * self._along_m[:, 0], self._starts_m[:, 1] + shares * self._along_m[:, 1]
+
+    def _touching_m(self, piece: Piece) -> Iterator[tuple[float, float]]:
+        """Return the points of the edges among which is the one nearest to the inside of a piece.
+
+        They are the corners, where an edge crosses the piece's line or circle, and where it comes nearest to the
+        circle's centre. Ends of the piece may be nearer still.
+        """
+        starts, along = self._starts_m, self._along_m
+        if piece.curvature_1_m == 0.0:
+            ahead = (math.cos(piece.heading_rad), math.sin(piece.heading_rad))
+            away = (starts[:, 0] - piece.north_m) * ahead[1] - (starts[:, 1] - piece.east_m) * ahead[0]
+            slope = along[:, 1] * ahead[0] - along[:, 0] * ahead[1]
+            shares = away / np.where(slope == 0.0, 1.0, slope)
+            points = [self._points(shares)]
+        else:
+            centre_north_m, centre_east_m, radius_m = circle_of(piece)
+            foot = (
+                (centre_north_m - starts[:, 0]) * along[:, 0] + (centre_east_m - starts[:, 1]) * along[:, 1]
+            ) / self._lengths_m2
+            off_m2 = (starts[:, 0] + foot * along[:, 0] - centre_north_m) ** 2 + (
+                starts[:, 1] + foot * along[:, 1] - centre_east_m
+            ) ** 2
+            half = np.sqrt(np.maximum(radius_m**2 - off_m2, 0.0) / self._lengths_m2)
+            points = [self._points(foot), self._points(foot - half), self._points(foot + half)]
+        norths_m = np.concatenate([starts[:, 0], *(point[0] for point in points)])
+        easts_m = np.concatenate([starts[:, 1], *(point[1] for point in points)])
+        return zip(norths_m.tolist(), easts_m.tolist(), strict=True)

@@ -1,0 +1,202 @@
+"""How the guard assumes that the vehicle flies, by its limits alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from companion.guard.arcs import TURN_TOLERANCE_RAD, Path, Pose, end_of, pose_at, pose_of, seen_from, straight
+from companion.guard.types import (
+    ALTITUDE,
+    NOT_FINITE,
+    PIVOT_SPEED_M_S,
+    ROUNDING_M,
+    SPEED,
+    TRACKING_REACTIONS,
+    TRACKING_STEPS,
+    TURN,
+    Limits,
+    Motion,
+    Piece,
+    Setpoint,
+)
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+"""Standard gravity (3rd CGPM, 1901). companion/geo/kinematics.py has it too: the guard shares no code with what it
+guards against."""
+GREATEST_TURN_RAD = 3.0
+"""A step turns by no more, so that the vehicle takes the side that was checked."""
+LEAST_ARC_M = 1e-9
+"""A shorter arc is a turn on the spot."""
+POSITION_TOLERANCE_M = 0.1
+"""Where the vehicle is and where it should be may differ by this beyond their bounds: telemetry resolves 1 cm and
+1 cm/s. Chosen, not measured."""
+CLOSING_STEPS = 2.0
+"""In so many steps the vehicle closes in on the path that wind blew it off."""
+
+
+class Command(NamedTuple):
+    """A setpoint on its way to the vehicle, and in how long it begins to act (negative: it acts already)."""
+
+    starts_s: float
+    heading_rad: float
+    speed_m_s: float
+
+
+class Step(NamedTuple):
+    """One way of flying the next step: a turn, then straight, at a speed."""
+
+    turn_rad: float
+    speed_m_s: float
+
+
+class VehicleModel:
+    """One vehicle as its limits describe it; it keeps nothing of any flight."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.limits = limits
+        self._load_m_s2 = limits.rate_share * limits.n_max * STANDARD_GRAVITY_M_S2
+
+    def curvature_1_m(self, speed_m_s: float) -> float:
+        """Return that of the turning circle over the ground, at worst down wind."""
+        return self._load_m_s2 / (speed_m_s + self.limits.wind_m_s) ** 2
+
+    def allowed_m_s(self, speed_m_s: float) -> float:
+        """Return the speed nearest to one that is within the limits."""
+        return min(max(speed_m_s, self.limits.speed_min_m_s), self.limits.speed_max_m_s)
+
+    def rate_rad_s(self, speed_m_s: float) -> float:
+        """Return the turn rate at a speed."""
+        return self._load_m_s2 / max(speed_m_s, PIVOT_SPEED_M_S)
+
+    def greatest_turn_rad(self, speed_m_s: float, before_m_s: float, dt_s: float) -> float:
+        """Return the greatest turn of a step, at the greater of the speeds before and in it."""
+        return min(self.rate_rad_s(max(speed_m_s, before_m_s)) * dt_s, GREATEST_TURN_RAD)
+
+    def tolerance_m(self) -> float:
+        """Return how far apart two reports of one place may be."""
+        return 2.0 * self.limits.position_error_m + POSITION_TOLERANCE_M
+
+    def tracking_m(self, dt_s: float) -> float:
+        """Return how far wind may blow the vehicle off its path."""
+        return self.limits.wind_m_s * (TRACKING_STEPS * dt_s + TRACKING_REACTIONS * self.limits.reaction_s)
+
+    def inflation_m(self, dt_s: float) -> float:
+        """Return how far the vehicle may be off the path it is held to."""
+        limits = self.limits
+        return ROUNDING_M + limits.position_error_m + self.tracking_m(dt_s)
+
+    def reach_m(self, motion: Motion, before_m_s: float, step: Step, dt_s: float) -> float:
+        """Return beyond which distance no standing disc can matter to a step or to a path after it."""
+        faster_m_s = max(before_m_s, step.speed_m_s, motion.speed_m_s) + self.limits.wind_m_s
+        if self.limits.braking_m_s2 is None:
+            path_m = 2.0 / self.curvature_1_m(faster_m_s)
+        else:
+            path_m = faster_m_s * faster_m_s / (2.0 * self.limits.braking_m_s2)
+        # One step for the way, up to four for the sides of a rounded square, one more for margins.
+        return faster_m_s * (6.0 * dt_s + self.limits.reaction_s) + path_m + self.inflation_m(dt_s)
+
+    def within_limits(
+        self, wanted: Setpoint, tip: Pose, before_m_s: float, dt_s: float, changes: list[str]
+    ) -> tuple[Step, float]:
+        """Return the wanted step held to speed, turn and altitude, and the altitude."""
+        limits = self.limits
+        heading_rad, speed_m_s, altitude_m = wanted.heading_rad, wanted.speed_m_s, wanted.altitude_m
+        if not all(map(math.isfinite, (heading_rad, speed_m_s, altitude_m))):
+            changes.append(NOT_FINITE)
+            heading_rad, speed_m_s = tip.heading_rad, before_m_s
+            altitude_m = (limits.altitude_min_m + limits.altitude_max_m) / 2.0
+        allowed_m_s = self.allowed_m_s(speed_m_s)
+        if allowed_m_s != speed_m_s:
+            changes.append(SPEED)
+        allowed_m = min(max(altitude_m, limits.altitude_min_m), limits.altitude_max_m)
+        if allowed_m != altitude_m:
+            changes.append(ALTITUDE)
+        turn_rad = math.remainder(heading_rad - tip.heading_rad, math.tau)
+        greatest_rad = self.greatest_turn_rad(allowed_m_s, before_m_s, dt_s)
+        if abs(turn_rad) > greatest_rad + TURN_TOLERANCE_RAD:
+            changes.append(TURN)
+            turn_rad = math.copysign(greatest_rad, turn_rad)
+        return Step(turn_rad, allowed_m_s), allowed_m
+
+    def flown(self, motion: Motion, commands: Sequence[Command], duration_s: float) -> tuple[Pose, float]:
+        """Return where the commands take a motion in a while, and its airspeed then: straight on until the first."""
+        pose, speed_m_s = pose_of(motion), motion.speed_m_s
+        at_s = 0.0
+        for index, command in enumerate(commands):
+            if command.starts_s >= duration_s:
+                break
+            if command.starts_s > at_s:
+                pose = end_of(straight(pose, speed_m_s * (command.starts_s - at_s)))
+                at_s = command.starts_s
+            ends_s = min(commands[index + 1].starts_s, duration_s) if index + 1 < len(commands) else duration_s
+            if ends_s <= at_s:
+                continue
+            turn_rad = math.remainder(command.heading_rad - pose.heading_rad, math.tau)
+            pieces, speed_m_s = self.step_pieces(
+                pose, Step(turn_rad, command.speed_m_s), speed_m_s, motion.speed_m_s, ends_s - at_s
+            )
+            pose, at_s = end_of(pieces[-1]), ends_s
+        if at_s < duration_s:
+            pose = end_of(straight(pose, speed_m_s * (duration_s - at_s)))
+        return pose, speed_m_s
+
+    def step_pieces(
+        self, pose: Pose, step: Step, before_m_s: float, ground_m_s: float, duration_s: float
+    ) -> tuple[tuple[Piece, ...], float]:
+        """Return what is flown in a step, an arc and a straight line, and the speed after it.
+
+        Wind is taken to stay as it is: then the ground speed is the one reported.
+        """
+        faster_m_s, after_m_s = max(before_m_s, step.speed_m_s), step.speed_m_s
+        flown_m = faster_m_s * duration_s
+        rate_rad_s = self.rate_rad_s(faster_m_s)
+        if self.limits.braking_m_s2 is not None:
+            slowing_m_s = faster_m_s - step.speed_m_s
+            braking_s = min(duration_s, slowing_m_s / self.limits.braking_m_s2)
+            after_m_s = faster_m_s - self.limits.braking_m_s2 * braking_s
+            lost_m_s = self.limits.braking_m_s2 * braking_s / 2.0
+            flown_m = step.speed_m_s * duration_s + (slowing_m_s - lost_m_s) * braking_s
+        elif self.limits.wind_m_s > 0.0:
+            faster_m_s = ground_m_s
+            flown_m = ground_m_s * duration_s
+        turn_rad = math.copysign(min(abs(step.turn_rad), rate_rad_s * duration_s), step.turn_rad)
+        arc_m = min(faster_m_s * abs(turn_rad) / rate_rad_s, flown_m)
+        heading_rad = pose.heading_rad + turn_rad
+        if arc_m <= LEAST_ARC_M:
+            return (Piece(pose.north_m, pose.east_m, heading_rad, 0.0, flown_m),), after_m_s
+        arc = Piece(*pose, turn_rad / arc_m, arc_m)
+        end = end_of(arc)
+        rest_m = flown_m - arc_m
+        if rest_m <= 0.0:
+            return (arc,), after_m_s
+        return (arc, Piece(end.north_m, end.east_m, heading_rad, 0.0, rest_m)), after_m_s
+
+    def circle(self, pose: Pose, side: float, speed_m_s: float, dt_s: float) -> tuple[Piece, ...]:
+        """Return the turning circle: a rounded square where a step of it would turn too far for its side to be sure."""
+        curvature_1_m = self.curvature_1_m(speed_m_s)
+        if speed_m_s * dt_s * curvature_1_m <= GREATEST_TURN_RAD:
+            return (Piece(*pose, side * curvature_1_m, math.tau / curvature_1_m),)
+        arc_m = math.pi / 2.0 / curvature_1_m
+        pieces: list[Piece] = []
+        for _ in range(4):
+            pieces.append(Piece(*pose, side * curvature_1_m, arc_m))
+            pieces.append(straight(end_of(pieces[-1]), speed_m_s * dt_s - arc_m))
+            pose = end_of(pieces[-1])
+        return tuple(pieces)
+
+    def steered_rad(
+        self, path: Path, along_m: float, pose: Pose, ground_m_s: float, dt_s: float, gain_s: float
+    ) -> float:
+        """Return the turn that puts the heading of the path one step ahead on, and closes in on it where asked to."""
+        ahead = pose_at(path, along_m + ground_m_s * dt_s)
+        heading_rad = ahead.heading_rad
+        if gain_s > 0.0:
+            beside_m = seen_from(pose_at(path, along_m), pose)[1]
+            heading_rad -= math.atan(beside_m / (CLOSING_STEPS * ground_m_s * (dt_s + self.limits.reaction_s)))
+        turn_rad = math.remainder(heading_rad - pose.heading_rad, math.tau)
+        most_rad = min(ground_m_s * dt_s * self.curvature_1_m(path.speed_m_s), GREATEST_TURN_RAD)
+        if self.limits.wind_m_s > 0.0:
+            most_rad = self.greatest_turn_rad(path.speed_m_s, path.speed_m_s, dt_s)
+        return min(max(turn_rad, -most_rad), most_rad)
