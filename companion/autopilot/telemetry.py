@@ -177,7 +177,7 @@ class TelemetryReader:
         self._backward_s: deque[float] = deque(maxlen=SHARED_ID_STEPS)
         self._contradicted_s: deque[float] = deque(maxlen=SHARED_ID_CONTRADICTIONS)
         self._place_e7 = _NO_FIX
-        self._twins_s = -math.inf
+        self._shared_id_at_s = -math.inf
         self._local_at_s = -math.inf
         self._accuracies_m: dict[str, float] = {}
         self._readers: dict[str, Callable[[Message, float], None]] = {
@@ -195,7 +195,7 @@ class TelemetryReader:
     @property
     def shared_system_id(self) -> bool:
         """Whether two autopilots answer to one system id: their clocks alternated not long ago."""
-        return self._heard_s - self._twins_s <= SHARED_ID_MEMORY_S
+        return self._heard_s - self._shared_id_at_s <= SHARED_ID_MEMORY_S
 
     def receive(self, datagram: bytes, now_s: float) -> None:
         """Take in a datagram; never raises, whatever the bytes."""
@@ -289,7 +289,7 @@ class TelemetryReader:
         """Note what one autopilot seldom does; often enough within a while, there are two."""
         times_s.append(now_s)
         if len(times_s) == times_s.maxlen and now_s - times_s[0] <= SHARED_ID_WITHIN_S:
-            self._twins_s = now_s
+            self._shared_id_at_s = now_s
 
     def _home(self, message: Message, now_s: float) -> None:
         if (message.latitude, message.longitude) == _NO_FIX or not _is_on_earth(message.latitude, message.longitude):
