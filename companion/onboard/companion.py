@@ -228,12 +228,12 @@ class Companion:
         view = world_model.view(now_s, _band_m(telemetry, config.height_m))
         view = world_model.with_traffic(view, seen.traffic)
         status = self._assess(age_s, now_s)
-        situation = Situation(motion.position_ned_m, located.home_ned_m, view, status, world_model.directive)
+        situation = Situation(motion.position_ned_m, located.home.position_ned_m, view, status, world_model.directive)
         goal = choose_goal(situation, before, config, self.steering.loiter)
         steered = steer(self.steering, goal, Moment(motion, view, self.flown_m, now_s), before)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
-        notes = (steered.note, duplicate, HOME_TOO_FAR if located.home_too_far else None)
+        notes = (steered.note, duplicate, HOME_TOO_FAR if located.home.too_far else None)
         return Decision(
             t_s=now_s,
             purpose=steered.purpose,

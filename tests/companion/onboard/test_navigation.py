@@ -62,8 +62,8 @@ def test_old_telemetry_is_carried_on_to_now() -> None:
 def test_a_home_out_of_range_gives_way_to_where_the_vehicle_began() -> None:
     far = replace(telemetry_at(0.0), home_deg=PLANE.to_global(6_000.0, 0.0))
     _, located = navigate(Navigation(), PLANE, None, far, CONFIG, NOW_S)
-    assert located.home_too_far
-    assert located.home_ned_m == pytest.approx((0.0, 0.0), abs=0.01)
+    assert located.home.too_far
+    assert located.home.position_ned_m == pytest.approx((0.0, 0.0), abs=0.01)
 
 
 @pytest.mark.parametrize(("north_m", "outside"), [(50.0, False), (150.0, True)])
@@ -73,3 +73,17 @@ def test_a_vehicle_is_outside_the_fence_or_not(north_m: float, outside: bool) ->
 
 def test_nobody_is_outside_a_fence_whose_origin_is_not_known() -> None:
     assert not outside_fence(telemetry_at(150.0), None, CONFIG)
+
+
+def test_home_is_found_anew_when_the_autopilot_tells_another() -> None:
+    first, _ = navigate(Navigation(), PLANE, None, telemetry_at(0.0), CONFIG, NOW_S)
+    moved = replace(telemetry_at(0.0), home_deg=PLANE.to_global(700.0, 0.0))
+    _, located = navigate(first, PLANE, None, moved, CONFIG, NOW_S)
+    assert located.home.position_ned_m == pytest.approx((700.0, 0.0), abs=0.01)
+
+
+def test_home_is_found_anew_on_another_plane() -> None:
+    first, _ = navigate(Navigation(), PLANE, None, telemetry_at(0.0), CONFIG, NOW_S)
+    other = LocalFrame(*PLANE.to_global(-300.0, 0.0))
+    _, located = navigate(first, other, None, telemetry_at(0.0), CONFIG, NOW_S)
+    assert located.home.position_ned_m == pytest.approx((300.0, 0.0), abs=0.01)
