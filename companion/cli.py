@@ -140,16 +140,16 @@ def train(surrogate: str, out: Path | None, seed: int, samples: int, epochs: int
 
     Example: companion train --out pairwise.json
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
-    # The vehicle flies without torch.
+    # The vehicle flies without torch, and without rich.
     try:
         from companion.surrogate import training, training_monolithic, training_pairwise
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise
         raise InputError("training needs torch, which is not installed: pip install '.[train]'") from error
+
+    from rich.console import Console
+    from rich.progress import Progress
 
     out = Path(f"{surrogate}.json") if out is None else out
     training.check_writable(out)

@@ -16,6 +16,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.geo.local_frame import LocalFrame
+from sim.mavlink_sender import MavlinkSender
 from sim.vehicles import StandIn
 
 _FLAGS = (
@@ -59,7 +60,7 @@ class Detector:
         self._agent_id = agent_id
         self._frame = frame
         self._range_m = range_m
-        self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=mavlink.MAV_COMP_ID_ADSB)
+        self._sender = MavlinkSender(system_id, mavlink.MAV_COMP_ID_ADSB)
 
     def look(self, fleet: Fleet) -> list[bytes]:
         """Return a frame for each neighbour within the range; the fleet must hold the vehicle itself."""
@@ -77,7 +78,7 @@ class Detector:
         north_m_s, east_m_s = fleet.velocities_ned_m_s[index].tolist()
         # Who stands still has no course; the field then says grid north.
         course_deg = math.degrees(math.atan2(east_m_s, north_m_s) + convergence_rad)
-        message = self._mav.adsb_vehicle_encode(
+        message = self._sender.mav.adsb_vehicle_encode(
             identity,
             round(lat_deg * 1e7),
             round(lon_deg * 1e7),
@@ -93,6 +94,4 @@ class Detector:
             _FLAGS,
             _SQUAWK,
         )
-        frame: bytes = message.pack(self._mav)
-        self._mav.seq = (self._mav.seq + 1) % 256
-        return frame
+        return self._sender.pack(message)

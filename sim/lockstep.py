@@ -2,8 +2,8 @@
 
 Ground station, companions, sensor and vehicles are those of the real programs and exchange nothing but encoded frames.
 Kinematic: the vehicles are points that turn at a bounded rate, not aircraft, and obey their companion from the start.
-The stand-ins of real autopilots fly, are told setpoints and tell telemetry ten times a second, and a person hands them
-over (sim/safety_pilot.py). The same mission and seed give the same trajectory, bit for bit.
+The stand-ins of real autopilots fly, are told setpoints and tell telemetry ten times a second, and a safety pilot
+hands them over (sim/safety_pilot.py). The same mission and seed give the same trajectory, bit for bit.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from sim.scaling import CRUISE_M_S
 from sim.sensor import SensorChannel
 from sim.trajectory import Trajectory
 from sim.transmitter import RADIO_TICK_S, Transmitter
-from sim.vehicles import CRAFTS, LOCKSTEP_RATES_HZ, Craft, Home, StandIn, Start, kinematic_profile
+from sim.vehicles import CRAFTS, LOCKSTEP_RATES_HZ, Craft, Home, Setup, StandIn, Start, kinematic_profile
 from sim.vehicles.routing import Router
 from sim.wind import WindField
 from sim.world import World
@@ -49,9 +49,9 @@ from sim.world import World
 AUTOPILOTS = ("kinematic", *CRUISE_M_S)
 """Kinds that missions are flown with."""
 KINEMATIC_REPEAT_S = 1.0
-"""A point's setpoint is repeated so often between guidance steps; it obeys the last one for longer."""
+"""Between two sendings of a point's setpoint within a guidance step; a point obeys the last one for longer."""
 LOOP_PERIOD_S = 0.1
-"""Of the stand-ins of real autopilots: setpoints and telemetry at 10 Hz, as `companion run` does."""
+"""Between two turns of the companion's loop at a real autopilot's stand-in: 10 Hz, as in `companion run`."""
 WHY_NOT_MONOLITHIC = "trained as the paper says it explains one percent of the penalties, so its gradient is noise"
 _PROGRESS_TICKS = 100
 """Between two calls of a flight's `progress`."""
@@ -280,19 +280,21 @@ class _Hangar:
         north_m, east_m = spec.position_ned_m
         return StandIn(
             _build(autopilot, spec),
-            system_id,
-            self.frame,
-            north_m=north_m,
-            east_m=east_m,
-            altitude_m=mission.origin.alt_m + height_m,
-            heading_rad=float(np.radians(spec.heading_deg or 0.0)),
-            speed_m_s=0.0 if KINDS[autopilot].can_stop else spec.speed_m_s,
-            home=Home(north_m, east_m, mission.origin.alt_m),
-            in_air=True,
-            armed=True,
-            guided=autopilot == "kinematic",
-            start_s=START_S,
-            rates_hz={**LOCKSTEP_RATES_HZ, _POSITION: 1.0 / mission.guidance_step_s},
+            Setup(
+                system_id,
+                self.frame,
+                north_m=north_m,
+                east_m=east_m,
+                altitude_m=mission.origin.alt_m + height_m,
+                heading_rad=float(np.radians(spec.heading_deg or 0.0)),
+                speed_m_s=0.0 if KINDS[autopilot].can_stop else spec.speed_m_s,
+                home=Home(north_m, east_m, mission.origin.alt_m),
+                in_air=True,
+                armed=True,
+                guided=autopilot == "kinematic",
+                start_s=START_S,
+                rates_hz={**LOCKSTEP_RATES_HZ, _POSITION: 1.0 / mission.guidance_step_s},
+            ),
         )
 
 

@@ -1,13 +1,13 @@
-"""The person who has the vehicle: hands it to the companion by a mode change, as any ground-control program does."""
+"""The safety pilot, who has the vehicle: gives it to the companion by a mode change, as ground-control programs do."""
 
 from __future__ import annotations
 
-from typing import Any
-
 from pymavlink.dialects.v20 import common as mavlink
 
+from sim.mavlink_sender import MavlinkSender
+
 HAND_OVER_S = 2.0
-"""When the person acts, from the beginning of a flight: by then the companion has its autopilot's parameters."""
+"""When the safety pilot acts, from the beginning of a flight: by then the companion has its autopilot's parameters."""
 REPEAT_S = 1.0
 """A mode change that HEARTBEAT does not show is asked for again: PX4 wants a second of setpoints before it obeys."""
 _GROUND_CONTROL_SYSTEM = 255
@@ -25,9 +25,7 @@ class SafetyPilot:
         self.guided_mode = _GUIDED[kind]
         self._is_px4 = kind.startswith("px4")
         self._system_id = system_id
-        self._mav = mavlink.MAVLink(
-            None, srcSystem=_GROUND_CONTROL_SYSTEM, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER
-        )
+        self._sender = MavlinkSender(_GROUND_CONTROL_SYSTEM, mavlink.MAV_COMP_ID_MISSIONPLANNER)
         self._next_s = HAND_OVER_S
         self.done = False
 
@@ -39,8 +37,8 @@ class SafetyPilot:
         self._next_s = t_s + REPEAT_S
         number = _PX4_OFFBOARD if self._is_px4 else self.guided_mode
         return [
-            self._pack(
-                self._mav.command_long_encode(
+            self._sender.pack(
+                self._sender.mav.command_long_encode(
                     self._system_id,
                     mavlink.MAV_COMP_ID_AUTOPILOT1,
                     mavlink.MAV_CMD_DO_SET_MODE,
@@ -52,13 +50,8 @@ class SafetyPilot:
 
     def heartbeat(self) -> bytes:
         """Return the ground-control program's heartbeat."""
-        return self._pack(
-            self._mav.heartbeat_encode(
+        return self._sender.pack(
+            self._sender.mav.heartbeat_encode(
                 mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE
             )
         )
-
-    def _pack(self, message: Any) -> bytes:  # noqa: ANN401 - of the generated module, which carries no types
-        frame: bytes = message.pack(self._mav)
-        self._mav.seq = (self._mav.seq + 1) % 256
-        return frame

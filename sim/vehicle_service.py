@@ -9,9 +9,10 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import click
 import numpy as np
@@ -22,7 +23,7 @@ from companion.protocol.codec import Kind
 from companion.runtime.clock import run_until_signal, wait
 from companion.transport.endpoints import Duplex, Link, Sender, open_duplex, open_sender, parse_link
 from sim.sensor import Sensor, detection_of_row
-from sim.vehicles import CRAFTS, Craft, Home, StandIn, Start, Truth, kinematic_profile
+from sim.vehicles import CRAFTS, Craft, Home, Setup, StandIn, Start, Truth, kinematic_profile
 from sim.vehicles.ardupilot import ArduPilot
 from sim.vehicles.routing import Router
 from sim.vehicles.stand_in import parse
@@ -79,50 +80,74 @@ async def run_vehicle(
     autopilot or a link that cannot be opened.
     """
     stop = asyncio.Event() if stop is None else stop
-    vehicle = _build(options)
-    router = Router(options.system_id)
-    loop = asyncio.get_running_loop()
-    began_s = loop.time()
-    links: list[Duplex] = []
+    linked = _LinkedStandIn(_build(options))
     tellers: list[OnTruth] = [] if on_truth is None else [on_truth]
     sensor: Sender | None = None
-
-    def answer(index: int, datagram: bytes) -> None:
-        messages = parse(datagram)
-        for other, frame in router.route(index, messages):
-            links[other].send(frame)
-        for frame in vehicle.take(messages, loop.time() - began_s):
-            links[index].send(frame)
-
     try:
-        for index, link in enumerate(options.links):
-            links.append(await open_duplex(link, partial(answer, index)))
+        await linked.open(options.links)
         if options.sensor is not None:
             sensor = await open_sender(options.sensor)
             tellers.append(_sensing(options, sensor))
         names = ", ".join(str(link) for link in options.links)
         click.echo(f"sim vehicle: {options.autopilot}, system {options.system_id}, on {names}")
-        began_s = loop.time()
-        steps = 0
-        while not stop.is_set():
-            t_s = steps * _STEP_S
-            vehicle.step_to(t_s)
-            for frame in vehicle.telemetry(t_s):
-                for end_point in links:
-                    end_point.send(frame)
-            if steps % _TRUTH_PERIOD_STEPS == 0:
-                for tell in tellers:
-                    tell(time.time(), vehicle.truth)
-            steps += 1
-            wait_s = began_s + steps * _STEP_S - loop.time()
-            if wait_s < -_GIVE_UP_CATCHING_UP_S:
-                began_s -= wait_s
-            await wait(stop, wait_s)
+        await _fly(linked, tellers, stop)
     finally:
-        for end_point in links:
-            end_point.close()
+        linked.close()
         if sensor is not None:
             sensor.close()
+
+
+class _LinkedStandIn:
+    """A stand-in with its links, between which it passes messages on."""
+
+    def __init__(self, vehicle: StandIn) -> None:
+        self.vehicle = vehicle
+        self.began_s = asyncio.get_running_loop().time()
+        """Time of the event loop at which the stand-in's clock is 0."""
+        self._router = Router(vehicle.system_id)
+        self._links: list[Duplex] = []
+
+    async def open(self, links: Sequence[Link]) -> None:
+        """Open the links and answer on them; raises InputError for one that cannot be opened."""
+        for index, link in enumerate(links):
+            self._links.append(await open_duplex(link, partial(self._answer, index)))
+
+    def send(self, frames: Iterable[bytes]) -> None:
+        """Send the stand-in's own words to everybody."""
+        for frame in frames:
+            for end_point in self._links:
+                end_point.send(frame)
+
+    def close(self) -> None:
+        """Close the links that are open."""
+        for end_point in self._links:
+            end_point.close()
+
+    def _answer(self, index: int, datagram: bytes) -> None:
+        messages = parse(datagram)
+        for other, frame in self._router.route(index, messages):
+            self._links[other].send(frame)
+        for frame in self.vehicle.take(messages, asyncio.get_running_loop().time() - self.began_s):
+            self._links[index].send(frame)
+
+
+async def _fly(linked: _LinkedStandIn, tellers: Sequence[OnTruth], stop: asyncio.Event) -> None:
+    """Fly in real time from now on until `stop` is set."""
+    loop = asyncio.get_running_loop()
+    linked.began_s = loop.time()
+    steps = 0
+    while not stop.is_set():
+        t_s = steps * _STEP_S
+        linked.vehicle.step_to(t_s)
+        linked.send(linked.vehicle.telemetry(t_s))
+        if steps % _TRUTH_PERIOD_STEPS == 0:
+            for tell in tellers:
+                tell(time.time(), linked.vehicle.truth)
+        steps += 1
+        wait_s = linked.began_s + steps * _STEP_S - loop.time()
+        if wait_s < -_GIVE_UP_CATCHING_UP_S:
+            linked.began_s -= wait_s
+        await wait(stop, wait_s)
 
 
 def _sensing(options: VehicleOptions, sender: Sender) -> OnTruth:
@@ -151,23 +176,25 @@ def _build(options: VehicleOptions) -> StandIn:
         build = CRAFTS[options.autopilot]
     vehicle = StandIn(
         build,
-        options.system_id,
-        LocalFrame(options.lat_deg, options.lon_deg),
-        altitude_m=options.alt_m + (height_m or 0.0),
-        heading_rad=math.radians(options.heading_deg),
-        speed_m_s=speed_m_s,
-        home=Home(0.0, 0.0, options.alt_m),
-        in_air=height_m is not None,
-        armed=height_m is not None,
-        guided=guided,
+        Setup(
+            options.system_id,
+            LocalFrame(options.lat_deg, options.lon_deg),
+            altitude_m=options.alt_m + (height_m or 0.0),
+            heading_rad=math.radians(options.heading_deg),
+            speed_m_s=speed_m_s,
+            home=Home(0.0, 0.0, options.alt_m),
+            in_air=height_m is not None,
+            armed=height_m is not None,
+            guided=guided,
+        ),
     )
     from_rad = math.radians(options.wind_from_deg)
     vehicle.wind_m_s = -options.wind_speed_m_s * math.cos(from_rad), -options.wind_speed_m_s * math.sin(from_rad)
     vehicle.sensors.noise_m = options.gps_noise_m
     vehicle.sensors.delay_s = options.gps_delay_s
-    vehicle.battery_percent = options.battery_percent
+    vehicle.battery.percent = options.battery_percent
     if options.endurance_min is not None:
-        vehicle.battery_drain_percent_s = 100.0 / (60.0 * options.endurance_min)
+        vehicle.battery.drain_percent_s = 100.0 / (60.0 * options.endurance_min)
     _set_parameters(vehicle.craft, options)
     if height_m is None and isinstance(vehicle.craft, ArduPilot):
         vehicle.craft.boot(0.0)
@@ -357,47 +384,11 @@ def _finite_if_given(context: click.Context, parameter: click.Parameter, value: 
     help="A parameter of the autopilot's that shall be other than it comes; may be given several times.",
 )
 @click.option("--system-id", type=click.IntRange(1, 255), default=1, show_default=True, help="MAVLink system id.")
-def vehicle(
-    autopilot: str,
-    links: tuple[Link, ...],
-    lat_deg: float,
-    lon_deg: float,
-    alt_m: float,
-    heading_deg: float,
-    speed_m_s: float,
-    sensor: Link | None,
-    in_air_m: float | None,
-    wind_from_deg: float,
-    wind_speed_m_s: float,
-    gps_noise_m: float,
-    gps_delay_s: float,
-    battery_percent: float,
-    endurance_min: float | None,
-    parameters: tuple[tuple[str, float], ...],
-    system_id: int,
-) -> int:
+def vehicle(**options: Any) -> int:  # noqa: ANN401 click gives each option its type
     """Run one stand-in autopilot that speaks MAVLink, until it is interrupted.
 
     It waits on the ground unless told to begin in the air; a kinematic vehicle circles until it gets setpoints.
     """
-    options = VehicleOptions(
-        autopilot=autopilot,
-        links=links,
-        lat_deg=lat_deg,
-        lon_deg=lon_deg,
-        alt_m=alt_m,
-        heading_deg=heading_deg,
-        speed_m_s=speed_m_s,
-        system_id=system_id,
-        sensor=sensor,
-        in_air_m=in_air_m,
-        wind_from_deg=wind_from_deg,
-        wind_speed_m_s=wind_speed_m_s,
-        gps_noise_m=gps_noise_m,
-        gps_delay_s=gps_delay_s,
-        battery_percent=battery_percent,
-        endurance_min=endurance_min,
-        parameters=parameters,
-    )
-    run_until_signal(lambda stop: run_vehicle(options, stop=stop))
+    asked = VehicleOptions(**options)
+    run_until_signal(lambda stop: run_vehicle(asked, stop=stop))
     return EXIT_DONE

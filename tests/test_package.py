@@ -124,6 +124,7 @@ def test_the_project_itself_depends_on_what_the_vehicle_needs_and_nothing_else()
     assert {re.split(r"[<>=]", line)[0] for line in project["dependencies"]} == set(COMPANION_NEEDS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", ["companion", "groundstation", "sim"])
 def test_every_program_runs_as_a_module_and_helps_with_an_example(program: str) -> None:
     process = subprocess.run(

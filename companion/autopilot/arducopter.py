@@ -63,7 +63,7 @@ class ArduCopterAdapter(VelocityAdapter):
     """Velocity with the yaw along the track."""
 
     identity = ARDUCOPTER
-    wanted = WANTED
+    wanted: tuple[Wanted, ...] = WANTED
     parameter_checks = PARAMETER_CHECKS
     lead_s = LEAD_S
 

@@ -71,7 +71,7 @@ class ArduPlaneAdapter(LinkedAdapter):
     """Bank from the course error and the rate of the course; height and speed by commands that are acknowledged."""
 
     identity = ARDUPLANE
-    wanted = WANTED
+    wanted: tuple[Wanted, ...] = WANTED
     parameter_checks = PARAMETER_CHECKS
 
     def __init__(self, system_id: int | None = None) -> None:

@@ -38,7 +38,7 @@ class Px4CopterAdapter(VelocityAdapter):
     """Velocity, with the nose along the track."""
 
     identity = PX4_COPTER
-    wanted = WANTED
+    wanted: tuple[Wanted, ...] = WANTED
     parameter_checks = PARAMETER_CHECKS
     rates_hz = px4.RATES_HZ
     type_mask = VELOCITY_AND_YAW

@@ -34,7 +34,7 @@ from companion.onboard.state_files import (
 )
 from companion.onboard.trust import trust_of
 from companion.protocol.authenticator import Authenticator
-from companion.runtime.clock import SteadyClock, hear_what_piled_up, wait
+from companion.runtime.clock import SteadyClock, drain_sockets, wait
 from companion.runtime.console import messages_written_by, program_logger
 from companion.runtime.io_thread import IoThread
 from companion.runtime.rate import LoopRate, next_due_s
@@ -167,7 +167,7 @@ class SetpointLoop:
             while not stop.is_set():
                 if time.monotonic() - rate.due_s > period_s:
                     # A person may have taken over meanwhile.
-                    await hear_what_piled_up()
+                    await drain_sockets()
                 # A decision falls into the slot nearest to when it is due.
                 decides = self._handover_awaited or rate.due_s >= decide_s - 0.5 * period_s
                 if decides:
@@ -176,7 +176,7 @@ class SetpointLoop:
                 if decides:
                     collect()
                 await wait(stop, rate.next_after(time.monotonic()) - time.monotonic())
-        LOGGER.info("%s", self._output.gaps.words)
+        LOGGER.info("%s", self._output.gaps.summary)
 
     def _slot(self, decides: bool) -> None:
         """Do what one slot of the grid is for: decide, or repeat what was decided, and send it."""

@@ -11,7 +11,7 @@ from typing import TypeVar
 Result = TypeVar("Result")
 
 _MICROSECONDS = 1e6
-PILED_UP_DATAGRAMS = 256
+BACKLOG_DATAGRAMS = 256
 """Several seconds of an autopilot's telemetry: what a program that hung finds waiting."""
 
 
@@ -31,9 +31,9 @@ class SteadyClock:
         return logged_s(self._offset_s + time.monotonic())
 
 
-async def hear_what_piled_up() -> None:
+async def drain_sockets() -> None:
     """Let every socket hand over what came while the program hung, before anything is decided on what is older."""
-    for _ in range(PILED_UP_DATAGRAMS):
+    for _ in range(BACKLOG_DATAGRAMS):
         # A socket hands over one datagram in a round of the loop.
         await asyncio.sleep(0.0)
 

@@ -8,18 +8,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-MOST_WAITING = 1_000
+MAX_WAITING_JOBS = 1_000
 """Jobs that may wait; a disk that hangs for longer loses what comes then, not the loop."""
 FILE_CHUNK_BYTES = 65_536
 """A background file hands on what it was given in pieces of about this size, or when it is flushed."""
-END_PATIENCE_S = 5.0
+CLOSE_TIMEOUT_S = 5.0
 
 
 class IoThread:
     """One thread that does jobs one after the other. A job must not raise anything but OSError, which is dropped."""
 
     def __init__(self, name: str) -> None:
-        self._jobs: queue.Queue[Callable[[], None] | None] = queue.Queue(MOST_WAITING)
+        self._jobs: queue.Queue[Callable[[], None] | None] = queue.Queue(MAX_WAITING_JOBS)
         # Not waited for at exit: a disk or pipe that hangs for ever must not keep the program from ending.
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
@@ -35,8 +35,8 @@ class IoThread:
     def close(self) -> None:
         """Wait until everything is done, but not for ever."""
         with suppress(queue.Full):
-            self._jobs.put(None, timeout=END_PATIENCE_S)
-            self._thread.join(END_PATIENCE_S)
+            self._jobs.put(None, timeout=CLOSE_TIMEOUT_S)
+            self._thread.join(CLOSE_TIMEOUT_S)
 
     def _work(self) -> None:
         while (job := self._jobs.get()) is not None:

@@ -79,7 +79,7 @@ class SetpointGaps:
         return longest_s
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """All of it in a line."""
         if not self.count:
             return "no setpoints sent"

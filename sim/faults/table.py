@@ -6,22 +6,16 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from sim.faults.flight import (
-    DEMANDED,
-    KINDS,
-    LOOP_PERIOD_S,
-    Flight,
-    Log,
-    Moment,
-    Setting,
-    fault_mission,
-)
+from sim.faults.flight import Flight
+from sim.faults.log import Log, Moment
+from sim.faults.scene import DEMANDED, KINDS, LOOP_PERIOD_S, Setting, fault_mission
+from sim.loop import START_S
 from sim.scaling import CRUISE_M_S, PAPER_SPEED_M_S
 
 ON_S = 10.0
 """When a fault begins: the vehicle is under way for six seconds, a standing disc is five ahead."""
 WATCHDOG_S = 2.0
-"""WatchdogSec of companion/onboard/deploy: a loop that does not ping for so long is killed."""
+"""WatchdogSec of companion/onboard/deploy: a loop that does not ping within it is killed."""
 RESTART_S = 3.0
 """From the end of a process to the first decision of the next: what it may take at most."""
 STOPPED_M_S = 0.5
@@ -92,16 +86,16 @@ def _lasting(on: Action, off: Action, seconds: float) -> Plan:
 
 
 def _handed_back(after_s: float) -> Plan:
-    """Plan what a person does so long after a fault whose vehicle has left the mode that obeys the companion.
+    """Plan what the safety pilot does after a fault whose vehicle has left the mode that obeys the companion.
 
     He chooses the mode that holds it, which ends a PX4's failsafe, clears the companion, and hands over. A vehicle that
     is still in that mode he leaves alone.
     """
     at_s = ON_S + after_s
     return (
-        (at_s - 3.0, _if_left(lambda flight: flight.take_over())),
-        (at_s - 1.0, _if_left(lambda flight: flight.clear())),
-        (at_s, _if_left(lambda flight: flight.give_back())),
+        (at_s - 3.0, _if_left(lambda flight: flight.faulty.pilot.take_over())),
+        (at_s - 1.0, _if_left(lambda flight: flight.faulty.process.clear())),
+        (at_s, _if_left(lambda flight: flight.faulty.pilot.give_back())),
     )
 
 
@@ -114,41 +108,45 @@ def _if_left(action: Action) -> Action:
 
 
 def _kill(flight: Flight) -> None:
-    flight.kill_companion()
+    flight.faulty.process.kill()
 
 
 def _start(flight: Flight) -> None:
-    flight.start_companion()
+    flight.faulty.process.start()
 
 
 def _start_anew(flight: Flight) -> None:
-    flight.start_companion(with_state=False)
+    flight.faulty.process.start(with_state=False)
 
 
 def _hang(flight: Flight) -> None:
-    flight.hang_companion(True)
+    flight.faulty.process.hang(True)
 
 
 def _go_on(flight: Flight) -> None:
-    flight.hang_companion(False)
+    flight.faulty.process.hang(False)
 
 
 def _impostor(how: str) -> Fault:
     return Fault(
         f"ground station replaced by an impostor for 16 s, frames {how}",
-        _lasting(lambda flight: flight.impostor(how), lambda flight: flight.impostor(None), 16.0),
+        _lasting(
+            lambda flight: flight.broadcast.replace(how, flight.t_s),
+            lambda flight: flight.broadcast.replace(None, flight.t_s),
+            16.0,
+        ),
         32.0,
     )
 
 
 def _hour_ahead_and_restarted(flight: Flight) -> None:
-    flight.kill_companion()
-    flight.step_clock(3600.0)
-    flight.start_companion()
+    flight.faulty.process.kill()
+    flight.faulty.process.step_clock(3600.0)
+    flight.faulty.process.start()
 
 
 def _ahead(flight: Flight, seconds: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return a place so far ahead on the vehicle's course, and a velocity towards it at cruise speed."""
+    """Return the place some seconds ahead on the vehicle's course, and the velocity of who comes from there."""
     truth, (north_m_s, east_m_s) = flight.vehicle.truth, flight.vehicle.ground_velocity_m_s
     return (truth.north_m + seconds * north_m_s, truth.east_m + seconds * east_m_s), (-north_m_s, -east_m_s)
 
@@ -157,7 +155,7 @@ def _meet_namesake(flight: Flight) -> None:
     """Let somebody with our own id come towards us, from ten seconds ahead."""
     began_s = flight.t_s
     (north_m, east_m), (north_m_s, east_m_s) = _ahead(flight, 10.0)
-    flight.meet(
+    flight.faulty.encounter.meet(
         lambda t_s: (
             (north_m + (t_s - began_s) * north_m_s, east_m + (t_s - began_s) * east_m_s),
             (north_m_s, east_m_s),
@@ -173,7 +171,7 @@ def _meet_echo(flight: Flight) -> None:
         (north_m_s, east_m_s), truth = vehicle.ground_velocity_m_s, vehicle.truth
         return (truth.north_m - 0.5 * north_m_s, truth.east_m - 0.5 * east_m_s), (north_m_s, east_m_s)
 
-    flight.meet(echo)
+    flight.faulty.encounter.meet(echo)
 
 
 def _target_outside(kind: str) -> Setting:
@@ -213,7 +211,7 @@ def _blow(north: float, east: float) -> Action:
 
 def _charge(percent: float) -> Action:
     def charge(flight: Flight) -> None:
-        flight.vehicle.battery_percent = percent
+        flight.vehicle.battery.percent = percent
 
     return charge
 
@@ -238,7 +236,9 @@ FAULTS = (
     Fault("companion hung for 1.9 s", _lasting(_hang, _go_on, 1.9) + _handed_back(8.0), 24.0),
     Fault(
         "companion hung for 1.9 s, a person takes over meanwhile",
-        _lasting(_hang, _go_on, 1.9) + ((ON_S + 1.0, lambda flight: flight.take_over()),) + _handed_back(8.0),
+        _lasting(_hang, _go_on, 1.9)
+        + ((ON_S + 1.0, lambda flight: flight.faulty.pilot.take_over()),)
+        + _handed_back(8.0),
         24.0,
     ),
     Fault(
@@ -260,7 +260,7 @@ FAULTS = (
     ),
     Fault(
         "autopilot rebooted in flight",
-        ((ON_S, lambda flight: flight.reboot_autopilot()), *_handed_back(9.0)),
+        ((ON_S, lambda flight: flight.vehicle.reboot(START_S + flight.t_s)), *_handed_back(9.0)),
         26.0,
     ),
     Fault(
@@ -282,24 +282,28 @@ FAULTS = (
     Fault("position wrong by 8 m (1 sigma, north and east) for 8 s", _lasting(_noise(8.0), _noise(0.0), 8.0), 24.0),
     Fault(
         "clock stepped by an hour for 8 s",
-        _lasting(lambda flight: flight.step_clock(3600.0), lambda flight: flight.step_clock(-3600.0), 8.0),
+        _lasting(
+            lambda flight: flight.faulty.process.step_clock(3600.0),
+            lambda flight: flight.faulty.process.step_clock(-3600.0),
+            8.0,
+        ),
         24.0,
     ),
     Fault("clock stepped by an hour and the companion restarted", ((ON_S, _hour_ahead_and_restarted),), 40.0),
     Fault(
         "broadcast silent for 16 s",
-        _lasting(lambda flight: flight.silence(True), lambda flight: flight.silence(False), 16.0),
+        _lasting(lambda flight: flight.broadcast.silence(True), lambda flight: flight.broadcast.silence(False), 16.0),
         32.0,
     ),
-    Fault("no broadcast from the beginning", ((0.0, lambda flight: flight.silence(True)),), 40.0, on_s=0.0),
+    Fault("no broadcast from the beginning", ((0.0, lambda flight: flight.broadcast.silence(True)),), 40.0, on_s=0.0),
     _impostor("unsigned"),
     _impostor("of another key"),
     _impostor("replayed"),
     Fault(
         "pilot takes over, gives back at +6 s; clears and gives back at +12 s",
         (
-            (ON_S, lambda flight: flight.take_over()),
-            (ON_S + 6.0, lambda flight: flight.give_back()),
+            (ON_S, lambda flight: flight.faulty.pilot.take_over()),
+            (ON_S + 6.0, lambda flight: flight.faulty.pilot.give_back()),
             *_handed_back(12.0),
         ),
         28.0,
@@ -331,21 +335,25 @@ FAULTS = (
     ),
     Fault(
         "two autopilots with one system id for 4 s",
-        _lasting(lambda flight: flight.join_twin(True), lambda flight: flight.join_twin(False), 4.0)
+        _lasting(
+            lambda flight: flight.faulty.autopilots.join_twin(True, flight.t_s),
+            lambda flight: flight.faulty.autopilots.join_twin(False, flight.t_s),
+            4.0,
+        )
         + _handed_back(38.0),
         54.0,
     ),
     Fault(
         "another vehicle with our agent id comes towards us",
-        ((ON_S, _meet_namesake), (ON_S + 14.0, lambda flight: flight.meet(None))),
+        ((ON_S, _meet_namesake), (ON_S + 14.0, lambda flight: flight.faulty.encounter.meet(None))),
         30.0,
     ),
     Fault("our own transponder is heard back", ((ON_S, _meet_echo),), 20.0),
     Fault(
         "ground control's heartbeat lost for 8 s where the autopilot minds it",
         (
-            (ON_S, lambda flight: flight.silence_ground_control(True)),
-            (ON_S + 8.0, lambda flight: flight.silence_ground_control(False)),
+            (ON_S, lambda flight: flight.faulty.pilot.silence(True)),
+            (ON_S + 8.0, lambda flight: flight.faulty.pilot.silence(False)),
             *_handed_back(12.0),
         ),
         30.0,
@@ -394,7 +402,7 @@ def dies(
     else:
         flight.run(ON_S)
     died_s = flight.t_s
-    flight.at(died_s, lambda flight: flight.hang_companion(True) if hangs else flight.kill_companion())
+    flight.at(died_s, lambda flight: flight.faulty.process.hang(True) if hangs else flight.faulty.process.kill())
     if restarts:
         flight.at(died_s + RESTART_S, _kill).at(died_s + RESTART_S, _start)
     log = flight.run(died_s + AFTERMATH_S)

@@ -7,10 +7,12 @@ from collections.abc import Callable
 from sim.vehicles.arducopter import ArduCopter
 from sim.vehicles.arduplane import ArduPlane
 from sim.vehicles.craft import Craft, Home, Start
+from sim.vehicles.dynamics import Truth
 from sim.vehicles.kinematic import kinematic_profile
 from sim.vehicles.px4_copter import Px4Copter
 from sim.vehicles.px4_plane import Px4Plane
-from sim.vehicles.stand_in import DEFAULT_RATES_HZ, LOCKSTEP_RATES_HZ, StandIn, Truth
+from sim.vehicles.stand_in import Setup, StandIn
+from sim.vehicles.telemetry import DEFAULT_RATES_HZ, LOCKSTEP_RATES_HZ
 
 __all__ = [
     "CRAFTS",
@@ -20,6 +22,7 @@ __all__ = [
     "ArduPlane",
     "Craft",
     "Home",
+    "Setup",
     "StandIn",
     "Start",
     "Truth",

@@ -47,7 +47,7 @@ class ArduPilot:
     holding_mode: int
     """In which it stays where it is, without sticks."""
     stick_modes: frozenset[int]
-    """Which a person's sticks fly."""
+    """Modes that are flown by the pilot's sticks."""
     return_mode: int
     armable: frozenset[int]
     gcs_failsafe: str

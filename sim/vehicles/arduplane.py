@@ -49,7 +49,7 @@ AIRFRAME = Airframe(
     climb_lag_s=1.0,
 )
 _ATTITUDE_LIFE_S = 3.0
-"""A bank from SET_ATTITUDE_TARGET is held so long after the last one."""
+"""How long a bank from SET_ATTITUDE_TARGET is held after the last one."""
 _ALTITUDE_GAIN_1_S = 0.3
 _CLIMB_M_S, _SINK_M_S = 5.0, 5.0
 """TECS_CLMB_MAX and TECS_SINK_MAX (code, defaults)."""

@@ -139,6 +139,11 @@ class Craft(Protocol):
     """What it has to say by itself; the stand-in takes it and sends it to everybody as STATUSTEXT, informational."""
 
     @property
+    def ready(self) -> bool:
+        """Whether the autopilot has come up, and would arm."""
+        ...
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameter table."""
         ...

@@ -1,7 +1,7 @@
 """What the PX4 kinds share: modes, OFFBOARD and what follows when its stream is lost, arming, answers to commands.
 
 As measured on PX4 v1.16.1 (docs/autopilots.md). "(code)" is as its source says; "(chosen)" was neither measured nor
-read. What a person asked for (the intended mode) is kept apart from the mode that is flown, as PX4 does: a lost stream
+read. What the pilot asked for (the intended mode) is kept apart from the mode that is flown, as PX4 does: a lost stream
 changes only the latter, which is why OFFBOARD comes back by itself.
 
 Not modelled: radio control and its loss (there is none, as there was none when it was measured), geofence, battery
@@ -43,7 +43,7 @@ _COMING_MOST = 64
 """Setpoints under way at most; at 50 Hz there are five."""
 _TIME_TOLERANCE_S = 1e-6
 LANDED_AFTER_S = 1.0
-"""On the ground without climbing before it counts as landed (chosen; the land detector takes about so long)."""
+"""On the ground without climbing before it counts as landed (chosen; about what the land detector takes)."""
 
 # POSITION_TARGET_TYPEMASK: the bit says "ignore", by field.
 _FIELDS = (
@@ -172,6 +172,75 @@ class Reposition:
     """Of a plane's loiter, where one was asked for."""
 
 
+@dataclass(slots=True)
+class Hold:
+    """What HOLD and its like fly."""
+
+    place: Reposition
+    is_repositioned: bool = False
+    """Whether the place was asked for; else it is where the mode began."""
+    speed_m_s: float | None = None
+    """What was asked for; None: the cruise speed."""
+
+
+@dataclass(slots=True)
+class _GroundTime:
+    """How long an armed vehicle has stood on the ground, and whether it has flown since it was armed."""
+
+    has_flown: bool
+    since_s: float | None = None
+
+
+class OffboardStream:
+    """The setpoints that OFFBOARD lives on: since when they come, and which one is flown."""
+
+    def __init__(self, reaction_s: float, begins_streamed: bool) -> None:
+        """Take effect after `reaction_s`; with `begins_streamed` as if setpoints had come until the first step."""
+        self.asked: Offboard | None = None
+        """The newest that has taken effect."""
+        self._reaction_s = reaction_s
+        self._begins_streamed = begins_streamed
+        self._coming: deque[tuple[float, Offboard]] = deque(maxlen=_COMING_MOST)
+        self._began_s: float | None = None
+        self._heard_s: float | None = None
+
+    def take(self, asked: Offboard, now_s: float, loss_s: float) -> None:
+        """Take a setpoint, which begins a new stream if the last came longer than `loss_s` ago."""
+        if self._began_s is None or self.is_lost(now_s, loss_s):
+            self._began_s = now_s
+            # What the stream before asked for must not be flown while the new one is under way.
+            self._coming.clear()
+            self.asked = asked
+        self._heard_s = now_s
+        self._coming.append((now_s + self._reaction_s, asked))
+
+    def step(self, now_s: float) -> None:
+        """Let take effect what is due."""
+        while self._coming and self._coming[0][0] <= now_s + _TIME_TOLERANCE_S:
+            self.asked = self._coming.popleft()[1]
+        if self._begins_streamed:
+            self._begins_streamed = False
+            self._began_s = now_s - STREAM_NEEDED_S
+            self._heard_s = now_s
+
+    def is_lost(self, now_s: float, loss_s: float) -> bool:
+        """Return whether no setpoint came for longer than `loss_s`."""
+        return self._heard_s is None or now_s - self._heard_s > loss_s
+
+    def is_old_enough(self) -> bool:
+        """Return whether setpoints have come for long enough to enter OFFBOARD."""
+        if self._began_s is None or self._heard_s is None:
+            return False
+        return self._heard_s - self._began_s >= STREAM_NEEDED_S - _STREAM_TOLERANCE_S
+
+    def forget(self) -> None:
+        """Forget every setpoint."""
+        self.asked = None
+        self._coming.clear()
+        self._began_s = self._heard_s = None
+        self._begins_streamed = False
+
+
 OnCommand = Callable[[Command, Surroundings, float], Answer]
 
 
@@ -183,6 +252,8 @@ class Px4:
     mav_autopilot: int = mavlink.MAV_AUTOPILOT_PX4
     announces = False
     """HEARTBEAT comes once a second whatever happens: a changed mode shows up to a second late."""
+    ready = True
+    """Only the ArduPilot kinds take their time to come up."""
     longest_step_s: float
     reaction_s: float
     """From a setpoint to the first that comes of it."""
@@ -197,17 +268,10 @@ class Px4:
         self.mode = self._intended = OFFBOARD if start.guided else HOLD
         self.values = {parameter.name: parameter.default for parameter in self.parameters}
         self.texts: list[str] = []
-        self._asked: Offboard | None = None
-        self._coming: deque[tuple[float, Offboard]] = deque(maxlen=_COMING_MOST)
-        self._stream_began_s: float | None = None
-        self._stream_heard_s: float | None = None
-        self._begins_streamed = start.guided
         self._offboard_pending = False
-        self._grounded_since_s: float | None = None
-        self._has_flown = start.in_air
-        self._hold_at = self._here()
-        self._repositioned = False
-        self._hold_speed_m_s: float | None = None
+        self._stream = OffboardStream(self.reaction_s, begins_streamed=start.guided)
+        self._ground = _GroundTime(has_flown=start.in_air)
+        self._hold = Hold(self._here())
         self._commands: dict[int, OnCommand] = {
             mavlink.MAV_CMD_DO_SET_MODE: self._do_set_mode,
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_disarm,
@@ -250,25 +314,16 @@ class Px4:
         if message.get_type() == "SET_ATTITUDE_TARGET":
             return
         asked = understood(message, self.body, around)
-        if asked is None:
-            return
-        if self._stream_began_s is None or self._stream_lost(now_s):
-            self._stream_began_s = now_s
-            # What the stream before asked for must not be flown while the new one is under way.
-            self._coming.clear()
-            self._asked = asked
-        self._stream_heard_s = now_s
-        self._coming.append((now_s + self.reaction_s, asked))
+        if asked is not None:
+            self._stream.take(asked, now_s, self.values["COM_OF_LOSS_T"])
 
     def heartbeat_heard(self, system: int, component: int, mav_type: int, now_s: float) -> None:
         """Mind nobody's: the data link loss failsafe (NAV_DLL_ACT) is off by default and not modelled."""
 
     def reboot(self, now_s: float) -> None:
         """Begin anew in HOLD: what was asked is forgotten. A vehicle in the air stays armed (chosen)."""
-        self._asked = None
-        self._coming.clear()
-        self._stream_began_s = self._stream_heard_s = None
-        self._begins_streamed = self._offboard_pending = self.failsafe = False
+        self._stream.forget()
+        self._offboard_pending = self.failsafe = False
         self._intended = HOLD
         self._fly_mode(HOLD)
 
@@ -276,16 +331,11 @@ class Px4:
 
     def _mind_time(self, now_s: float) -> None:
         """Do what the time alone makes due: OFFBOARD and its failsafe, landing, disarming on the ground."""
-        while self._coming and self._coming[0][0] <= now_s + _TIME_TOLERANCE_S:
-            self._asked = self._coming.popleft()[1]
-        if self._begins_streamed:
-            self._begins_streamed = False
-            self._stream_began_s = now_s - STREAM_NEEDED_S
-            self._stream_heard_s = now_s
+        self._stream.step(now_s)
         if self._offboard_pending:
             if self._stream_lost(now_s):
                 self._offboard_pending = False
-            elif self._stream_old_enough():
+            elif self._stream.is_old_enough():
                 self._offboard_pending = False
                 self._intended = OFFBOARD
         self.failsafe = self.armed and self._intended == OFFBOARD and self._stream_lost(now_s)
@@ -298,24 +348,19 @@ class Px4:
 
     def _mind_ground(self, now_s: float) -> None:
         if self.in_air or not self.armed:
-            self._grounded_since_s = None
-            self._has_flown = self.in_air
+            self._ground.since_s = None
+            self._ground.has_flown = self.in_air
             return
-        if self._grounded_since_s is None:
-            self._grounded_since_s = now_s
+        if self._ground.since_s is None:
+            self._ground.since_s = now_s
         # As on the real one the mode still reads what it was, and a landing leaves it so.
-        name = "COM_DISARM_LAND" if self._has_flown else "COM_DISARM_PRFLT"
-        waited_s = now_s - self._grounded_since_s - (LANDED_AFTER_S if self._has_flown else 0.0)
+        name = "COM_DISARM_LAND" if self._ground.has_flown else "COM_DISARM_PRFLT"
+        waited_s = now_s - self._ground.since_s - (LANDED_AFTER_S if self._ground.has_flown else 0.0)
         if waited_s >= self.values[name] > 0.0 and self.mode != TAKE_OFF:
             self.armed = False
 
     def _stream_lost(self, now_s: float) -> bool:
-        return self._stream_heard_s is None or now_s - self._stream_heard_s > self.values["COM_OF_LOSS_T"]
-
-    def _stream_old_enough(self) -> bool:
-        if self._stream_began_s is None or self._stream_heard_s is None:
-            return False
-        return self._stream_heard_s - self._stream_began_s >= STREAM_NEEDED_S - _STREAM_TOLERANCE_S
+        return self._stream.is_lost(now_s, self.values["COM_OF_LOSS_T"])
 
     def _here(self) -> Reposition:
         return Reposition(self.body.north_m, self.body.east_m, self.body.altitude_m)
@@ -323,17 +368,15 @@ class Px4:
     def _fly_mode(self, mode: int) -> None:
         """Fly another mode from now on; HOLD and its like begin from here."""
         self.mode = mode
-        self._hold_at = self._here()
-        self._repositioned = False
-        self._hold_speed_m_s = None
+        self._hold = Hold(self._here())
 
     def _intend(self, mode: int, now_s: float) -> Answer:
-        """Change what a person wants flown."""
+        """Change the mode that the pilot wants flown."""
         self._offboard_pending = False
         if mode == OFFBOARD and (self.armed or self.in_air):
             if self._stream_lost(now_s):
                 return REJECTED
-            if not self._stream_old_enough():
+            if not self._stream.is_old_enough():
                 self._offboard_pending = True
                 return ACCEPTED
         if mode in STICK_MODES and self.armed:
@@ -391,7 +434,7 @@ class Px4:
             return REJECTED
         answer = self._intend(TAKE_OFF, now_s)
         here = self._here()
-        self._hold_at = Reposition(here.north_m, here.east_m, max(altitude_m, here.altitude_m))
+        self._hold.place = Reposition(here.north_m, here.east_m, max(altitude_m, here.altitude_m))
         return answer
 
     def _reposition(self, command: Command, around: Surroundings, now_s: float) -> Answer:
@@ -401,27 +444,27 @@ class Px4:
         scale = 1e-7 if command.int_frame else 1.0
         lat_deg, lon_deg = command.x * scale, command.y * scale
         altitude_m = command.z + (around.home.altitude_m if command.frame in _HOME_FRAMES else 0.0)
-        before = self._hold_at if self.mode == HOLD else self._here()
+        before = self._hold.place if self.mode == HOLD else self._here()
         self._intend(HOLD, now_s)
         north_m, east_m = before.north_m, before.east_m
         if abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0:
             north_m, east_m = around.to_plane(lat_deg, lon_deg)
         radius_m = abs(command.param3)
-        self._hold_at = Reposition(
+        self._hold.place = Reposition(
             north_m,
             east_m,
             altitude_m if abs(altitude_m) < SANE_POSITION_M else before.altitude_m,
             radius_m if 0.0 < radius_m < SANE_POSITION_M else None,
         )
-        self._repositioned = True
+        self._hold.is_repositioned = True
         if 0.0 < command.param1 < SANE_POSITION_M:
-            self._hold_speed_m_s = command.param1
+            self._hold.speed_m_s = command.param1
         return ACCEPTED
 
     def _change_speed(self, command: Command, around: Surroundings, now_s: float) -> Answer:
         """Acknowledge in every mode, and mind in HOLD alone."""
         if self.mode == HOLD:
-            self._hold_speed_m_s = command.param2 if 0.0 < command.param2 < SANE_POSITION_M else None
+            self._hold.speed_m_s = command.param2 if 0.0 < command.param2 < SANE_POSITION_M else None
         return ACCEPTED
 
     def _touch_down(self, home: Home) -> None:

@@ -103,7 +103,7 @@ class Px4Copter(Px4):
     def _wants_up(self, around: Surroundings) -> bool:
         if self.mode == px4.TAKE_OFF:
             return True
-        asked = self._asked
+        asked = self._stream.asked
         if self.mode != px4.OFFBOARD or asked is None:
             return False
         return (asked.climb_m_s or 0.0) > 0.0 or (asked.altitude_m or -math.inf) > around.home.altitude_m
@@ -151,22 +151,22 @@ class Px4Copter(Px4):
         if mode == px4.OFFBOARD:
             return self._asked_velocity()
         if mode == px4.TAKE_OFF:
-            if self._hold_at.altitude_m - body.altitude_m <= _TAKE_OFF_DONE_M:
-                altitude_m = self._hold_at.altitude_m
+            if self._hold.place.altitude_m - body.altitude_m <= _TAKE_OFF_DONE_M:
+                altitude_m = self._hold.place.altitude_m
                 self._intended = px4.HOLD
                 self._fly_mode(px4.HOLD)
-                self._hold_at = px4.Reposition(self._hold_at.north_m, self._hold_at.east_m, altitude_m)
-            climb_m_s = self._climb_towards_m_s(self._hold_at.altitude_m)
+                self._hold.place = px4.Reposition(self._hold.place.north_m, self._hold.place.east_m, altitude_m)
+            climb_m_s = self._climb_towards_m_s(self._hold.place.altitude_m)
             return self._halting(dt_s), min(climb_m_s, self.values["MPC_TKO_SPEED"])
         if mode == px4.LAND:
             return self._halting(dt_s), self._landing_climb_m_s(height_m)
         if mode == px4.RETURN:
             return self._returning(around, dt_s, height_m)
-        if not self._repositioned:
-            return self._halting(dt_s), self._climb_towards_m_s(self._hold_at.altitude_m)
-        speed_m_s = self._hold_speed_m_s or self.values["MPC_XY_CRUISE"]
-        velocity = self._towards(self._hold_at.north_m, self._hold_at.east_m, speed_m_s, dt_s)
-        return velocity, self._climb_towards_m_s(self._hold_at.altitude_m)
+        if not self._hold.is_repositioned:
+            return self._halting(dt_s), self._climb_towards_m_s(self._hold.place.altitude_m)
+        speed_m_s = self._hold.speed_m_s or self.values["MPC_XY_CRUISE"]
+        velocity = self._towards(self._hold.place.north_m, self._hold.place.east_m, speed_m_s, dt_s)
+        return velocity, self._climb_towards_m_s(self._hold.place.altitude_m)
 
     def _fly_mode(self, mode: int) -> None:
         super()._fly_mode(mode)
@@ -176,7 +176,7 @@ class Px4Copter(Px4):
 
     def _asked_velocity(self) -> tuple[tuple[float, float], float]:
         """Return what the newest setpoint wants; without a vertical or a horizontal part it is invalid and stops."""
-        asked = self._asked
+        asked = self._stream.asked
         if asked is None:
             return (0.0, 0.0), 0.0
         horizontal, climb_m_s = self._asked_horizontal(asked), asked.climb_m_s
@@ -232,7 +232,7 @@ class Px4Copter(Px4):
         home, body = around.home, self.body
         if math.hypot(home.north_m - body.north_m, home.east_m - body.east_m) <= _RETURN_ARRIVED_M:
             return self._towards(home.north_m, home.east_m, 1.0, dt_s), self._landing_climb_m_s(height_m)
-        return_m = max(self.values["RTL_RETURN_ALT"], self._hold_at.altitude_m - home.altitude_m)
+        return_m = max(self.values["RTL_RETURN_ALT"], self._hold.place.altitude_m - home.altitude_m)
         self._has_climbed |= height_m >= return_m - _RETURN_ARRIVED_M
         if not self._has_climbed:
             return self._halting(dt_s), self._climb_towards_m_s(home.altitude_m + return_m)
@@ -250,7 +250,7 @@ class Px4Copter(Px4):
 
     def _turn_nose(self, dt_s: float) -> None:
         """Turn to the yaw or at the rate that OFFBOARD asks for; else the nose stays."""
-        asked = self._asked if self.mode == px4.OFFBOARD else None
+        asked = self._stream.asked if self.mode == px4.OFFBOARD else None
         limit_rad = math.radians(self.values["MPC_YAWRAUTO_MAX"]) * dt_s
         turn_rad = 0.0
         if asked is not None and asked.yaw_rad is not None:

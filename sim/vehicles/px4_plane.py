@@ -96,8 +96,8 @@ class Px4Plane(Px4):
             self.body.airspeed_m_s = max(self.body.airspeed_m_s, _TAKE_OFF_SPEED_M_S)
         bank_rad, climb_m_s = self._wanted(around)
         speed_m_s = self.values["FW_AIRSPD_TRIM"]
-        if self._hold_speed_m_s is not None:
-            speed_m_s = clip(self._hold_speed_m_s, self.values["FW_AIRSPD_MIN"], self.values["FW_AIRSPD_MAX"])
+        if self._hold.speed_m_s is not None:
+            speed_m_s = clip(self._hold.speed_m_s, self.values["FW_AIRSPD_MIN"], self.values["FW_AIRSPD_MAX"])
         self._wing.fly(bank_rad, speed_m_s, climb_m_s, around.wind_m_s, dt_s)
         if self.body.altitude_m <= around.home.altitude_m and self.body.climb_m_s <= 0.0:
             self._touch_down(around.home)
@@ -107,22 +107,22 @@ class Px4Plane(Px4):
         home = around.home
         if not self.armed or self.mode in px4.STICK_MODES:
             # Without a stick it goes straight on at its height for ever.
-            return self._towards(self._straight_rad), self._climb_to(self._hold_at.altitude_m)
+            return self._towards(self._straight_rad), self._climb_to(self._hold.place.altitude_m)
         if self.mode == px4.OFFBOARD:
             return self._asked_bank_and_climb()
         if self.mode == px4.TAKE_OFF:
-            if self._hold_at.altitude_m - self.body.altitude_m <= _TAKE_OFF_DONE_M:
-                altitude_m = self._hold_at.altitude_m
+            if self._hold.place.altitude_m - self.body.altitude_m <= _TAKE_OFF_DONE_M:
+                altitude_m = self._hold.place.altitude_m
                 self._intended = px4.HOLD
                 self._fly_mode(px4.HOLD)
-                self._hold_at = Reposition(self._hold_at.north_m, self._hold_at.east_m, altitude_m)
-            return self._towards(self._straight_rad), self._climb_to(self._hold_at.altitude_m)
+                self._hold.place = Reposition(self._hold.place.north_m, self._hold.place.east_m, altitude_m)
+            return self._towards(self._straight_rad), self._climb_to(self._hold.place.altitude_m)
         if self.mode == px4.RETURN:
             altitude_m = home.altitude_m + self.values["RTL_RETURN_ALT"]
             return self._circling(Reposition(home.north_m, home.east_m, altitude_m))
         if self.mode == px4.LAND:
-            return self._circling(self._hold_at)[0], -_LAND_SINK_M_S
-        return self._circling(self._hold_at)
+            return self._circling(self._hold.place)[0], -_LAND_SINK_M_S
+        return self._circling(self._hold.place)
 
     def _fly_mode(self, mode: int) -> None:
         super()._fly_mode(mode)
@@ -141,7 +141,7 @@ class Px4Plane(Px4):
 
     def _asked_bank_and_climb(self) -> tuple[float, float]:
         """Return what the newest setpoint does: by a position with a velocity, by a bare position, or by neither."""
-        asked = self._asked
+        asked = self._stream.asked
         if asked is None or asked.north_m is None or asked.east_m is None:
             # Alive, and ignored: the attitude stays as it was.
             if self._frozen_climb_m_s is None:

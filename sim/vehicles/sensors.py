@@ -1,4 +1,4 @@
-"""What the autopilot believes: the truth, made worse by its satellite receiver as far as its owner asks for.
+"""What the autopilot estimates: the truth, made worse by its satellite receiver as far as its owner asks for.
 
 Attitude, airspeed and climb come from other sensors and stay true.
 """
@@ -27,7 +27,7 @@ _DRIFT_ACCURACY_M = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Belief:
+class Estimate:
     """What telemetry is made of at one moment."""
 
     body: Body
@@ -71,26 +71,26 @@ class Sensors:
         while len(self._past) > 2 and self._past[1][0] <= now_s - self.delay_s:
             self._past.popleft()
 
-    def believe(self, body: Body, now_s: float) -> Belief:
-        """Return what the autopilot takes for true."""
+    def estimate(self, body: Body, now_s: float) -> Estimate:
+        """Return the autopilot's estimate."""
         if self.perfect:
-            return Belief(body, _ACCURACY_M, True)
-        seen = replace(body)
+            return Estimate(body, _ACCURACY_M, True)
+        estimated = replace(body)
         if self.delay_s > 0.0 and self._past:
             old = self._at(now_s - self.delay_s)
-            seen.north_m, seen.east_m, seen.altitude_m = old.north_m, old.east_m, old.altitude_m
-            seen.velocity_north_m_s, seen.velocity_east_m_s = old.velocity_north_m_s, old.velocity_east_m_s
+            estimated.north_m, estimated.east_m, estimated.altitude_m = old.north_m, old.east_m, old.altitude_m
+            estimated.velocity_north_m_s, estimated.velocity_east_m_s = old.velocity_north_m_s, old.velocity_east_m_s
         accuracy_m = max(_ACCURACY_M, self.noise_m * math.sqrt(2.0))
         if self.noise_m > 0.0:
             north, east = self._noise(now_s)
-            seen.north_m += self.noise_m * north
-            seen.east_m += self.noise_m * east
+            estimated.north_m += self.noise_m * north
+            estimated.east_m += self.noise_m * east
         if self._lost_at_s is not None:
             away_m = _DRIFT_M_S * (now_s - self._lost_at_s)
-            seen.north_m += away_m * self._drift[0]
-            seen.east_m += away_m * self._drift[1]
+            estimated.north_m += away_m * self._drift[0]
+            estimated.east_m += away_m * self._drift[1]
             accuracy_m += _DRIFT_ACCURACY_M * (now_s - self._lost_at_s)
-        return Belief(seen, accuracy_m, self._lost_at_s is None)
+        return Estimate(estimated, accuracy_m, self._lost_at_s is None)
 
     def _at(self, t_s: float) -> Body:
         """Return the remembered body at a time, linear in between."""

@@ -1,4 +1,4 @@
-"""How long an assignment around threats takes: `python tests/benchmarks/assignment.py`.
+"""How long an assignment around threats takes: `python tests/benchmarks/assignment.py [--scenes 20]`.
 
 Random scenes of 25 discs with the agents on their way somewhere; the paper's speeds at n = 1. For each it prints the
 median and greatest time of one assignment, and how many paths it searched of how many pairs.
@@ -6,6 +6,7 @@ median and greatest time of one assignment, and how many paths it searched of ho
 
 from __future__ import annotations
 
+import argparse
 import math
 import time
 from functools import partial
@@ -18,7 +19,6 @@ from groundstation.route_cost import MAX_ROUTES, RouteCosts, Scene, WayObjective
 SIDE_M = 200_000.0
 SPEED_M_S, TURN_RADIUS_M = 60.0, 367.0
 RADII_M = (5_000.0, 20_000.0)
-SCENES = 20
 
 
 def scene(rng: np.random.Generator, agents: int, targets: int, discs: int) -> Scene:
@@ -47,16 +47,17 @@ def scene(rng: np.random.Generator, agents: int, targets: int, discs: int) -> Sc
 
 def everything(there_m: np.ndarray) -> np.ndarray:
     """Return that all is within range."""
-    return np.isfinite(there_m)
+    reachable: np.ndarray = np.isfinite(there_m)
+    return reachable
 
 
-def measure(agents: int, targets: int, discs: int, objective: WayObjective, again: bool) -> str:
+def measure(agents: int, targets: int, discs: int, objective: WayObjective, again: bool, scenes: int) -> str:
     """Return a line on assignments of one kind; `again`: of the second in a flight, with the first one present."""
     rng = np.random.default_rng(7)
     speeds_m_s = np.full(agents, SPEED_M_S)
     settle = partial(assign_by_route_cost, speeds_m_s=speeds_m_s, objective=objective, in_range=everything)
     took_ms, searched = [], []
-    for _ in range(SCENES):
+    for _ in range(scenes):
         drawn = scene(rng, agents, targets, discs)
         present, share = np.full(agents, -1), SWITCHING_SHARE
         if again:
@@ -73,8 +74,17 @@ def measure(agents: int, targets: int, discs: int, objective: WayObjective, agai
     )
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Print a line for every size, objective and stage of a flight."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", type=int, default=20, help="of each kind")
+    scenes = parser.parse_args().scenes
+    objectives: tuple[WayObjective, ...] = ("route", "latest")
     for agents, targets in ((10, 5), (50, 20)):
-        for objective in ("route", "latest"):
+        for objective in objectives:
             for again in (False, True):
-                print(measure(agents, targets, 25, objective, again), flush=True)
+                print(measure(agents, targets, 25, objective, again, scenes), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,23 +1,24 @@
 """What a decision, a frame and a flight cost beside a yardstick: `python tests/benchmarks/bench.py`.
 
-Machines differ and are noisy, so each figure is the median of interleaved rounds and comes with its ratio to a
-yardstick: packing and parsing one GLOBAL_POSITION_INT with pymavlink. Rounds that spread widely are marked.
+Machines differ and are noisy, so each figure is processor time, the median of interleaved rounds, and comes with its
+ratio to a yardstick: packing and parsing one GLOBAL_POSITION_INT with pymavlink. Rounds that spread widely are marked.
 """
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable
 
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from companion.guard.guard import check
+from companion.guard.guard import Guard
 from companion.guard.types import Discs, Limits, Motion, Setpoint
 from companion.mission.model import load_mission
 from companion.mission.resolve import resolve
 from companion.onboard.companion import Companion
-from companion.onboard.config import Config
+from companion.onboard.decision import Decision
 from companion.protocol.codec import FrameReader, FrameWriter, Stamp
 from companion.surrogate.cost import Weights
 from companion.surrogate.profiles import gradient_for_agent, profile_by_name
@@ -26,61 +27,98 @@ from groundstation.ground_station import GroundStation
 from sim.lockstep import fly
 from sim.loop import START_S
 
-ROUNDS = 15
-CALLS = 200
+YARDSTICK = "yardstick: pack and parse GLOBAL_POSITION_INT"
+DECISION = "one decision of a companion, in that flight"
 NOISY = 3.0
 """Greatest over least round; above it a row is marked."""
 
+Calls = dict[str, Callable[[], object]]
 
-def main() -> None:
-    """Print the table."""
+
+def yardstick() -> Calls:
+    """Return what everything is compared with."""
+    vehicle = common.MAVLink(None, srcSystem=1, srcComponent=1)
+    where = common.MAVLink_global_position_int_message(0, 470000000, 80000000, 530000, 30000, 6000, 0, 0, 0)
+    return {YARDSTICK: lambda: common.MAVLink(None).parse_buffer(where.pack(vehicle))}
+
+
+def frame_calls() -> Calls:
+    """Return the making and the reading of the paper's whole mission in one frame."""
     mission = resolve(load_mission("paper-dynamic"), 1)
     station = GroundStation(mission, START_S)
     (datagram,) = station.tick(START_S)
-    (frame,) = state_frames(station.picture, mission, station.assignment, station.directive, Stamp(int(START_S), 0, 1))
+    stamp = Stamp(int(START_S), 0, 1)
+    (frame,) = state_frames(station.tracks, mission, station.assignment, station.directive, stamp)
     writer, reader = FrameWriter(), FrameReader()
-    vehicle = common.MAVLink(None, srcSystem=1, srcComponent=1)
-    where = common.MAVLink_global_position_int_message(0, 470000000, 80000000, 530000, 30000, 6000, 0, 0, 0)
-    companion = Companion(Config(agent_id=1))
-    companion.hear(datagram, START_S)
-    companion.receive(vehicle.heartbeat_encode(1, 0, 1 | 128, 4, 4).pack(vehicle), START_S)
-    companion.receive(where.pack(vehicle), START_S)
+    return {
+        "encode the paper's state frame": lambda: writer.encode(frame),
+        "check and decode it": lambda: reader.read(datagram),
+    }
+
+
+def part_calls() -> Calls:
+    """Return two parts of a decision by themselves."""
     profile, rng = profile_by_name("pairwise"), np.random.default_rng(0)
     threats, peers = rng.uniform(0.0, 2e5, (4, 2)), rng.uniform(0.0, 2e5, (9, 2))
     detection_m, attack_m = np.full(4, 1e4), np.full(4, 5e3)
     near = Discs(np.array([[11_000.0, 0.0]]), np.array([1e4]), np.array([0.0]))
     limits = Limits(60.0, 60.0, 10.0, 0.0, 100.0)
     motion, wanted = Motion(0.0, 0.0, 0.0, 60.0), Setpoint(0.1, 60.0, 30.0)
-
-    def yardstick() -> None:
-        parser = common.MAVLink(None)
-        parser.parse_buffer(where.pack(vehicle))
-
-    rows: dict[str, Callable[[], object]] = {
-        "yardstick: pack and parse GLOBAL_POSITION_INT": yardstick,
+    return {
         "gradient of F*, 4 threats, 9 peers": lambda: gradient_for_agent(
             profile, peers[0], threats, detection_m, attack_m, peers[1:], 100.0, Weights()
         ),
-        "guard beside a disc": lambda: check(wanted, motion, near, limits, 0.5),
-        "one decision of a companion": lambda: companion.tick(START_S),
-        "encode the paper's state frame": lambda: writer.encode(frame),
-        "check and decode it": lambda: reader.read(datagram),
+        "guard beside a disc, from nothing": lambda: Guard(limits).check(wanted, motion, near, 0.0, 0.5),
     }
-    times_us: dict[str, list[float]] = {name: [] for name in rows}
-    for _ in range(ROUNDS):
-        for name, call in rows.items():
-            began_s = time.perf_counter()
-            for _ in range(CALLS):
+
+
+def flight_us(flight_s: float) -> dict[str, float]:
+    """Fly `paper-dynamic` for some seconds; return what it took in all, and the median of its decisions."""
+    mission = resolve(load_mission("paper-dynamic"), 1).model_copy(update={"max_time_s": flight_s})
+    decisions_us: list[float] = []
+    tick = Companion.tick
+
+    def timed(self: Companion, now_s: float) -> tuple[Decision, list[bytes]]:
+        began_s = time.thread_time()
+        found = tick(self, now_s)
+        decisions_us.append(1e6 * (time.thread_time() - began_s))
+        return found
+
+    Companion.tick = timed  # type: ignore[method-assign]
+    began_s = time.process_time()
+    try:
+        fly(mission, 1)
+    finally:
+        Companion.tick = tick  # type: ignore[method-assign]
+    spent_us = 1e6 * (time.process_time() - began_s)
+    return {f"{flight_s:g} s of paper-dynamic, ten agents": spent_us, DECISION: float(np.median(decisions_us))}
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=15, help="of which the median counts")
+    parser.add_argument("--calls", type=int, default=200, help="in a round, of each row but the flight")
+    parser.add_argument("--flights", type=int, default=3, help="one in each of the first rounds")
+    parser.add_argument("--flight-s", type=float, default=200.0, help="how long each lasts on the virtual clock")
+    options = parser.parse_args()
+    calls = yardstick() | frame_calls() | part_calls()
+    times_us: dict[str, list[float]] = {name: [] for name in calls}
+    for number in range(options.rounds):
+        for name, call in calls.items():
+            began_s = time.process_time()
+            for _ in range(options.calls):
                 call()
-            times_us[name].append((time.perf_counter() - began_s) / CALLS * 1e6)
-    base_us = np.array(times_us["yardstick: pack and parse GLOBAL_POSITION_INT"])
-    print(f"{'':48s} {'median us':>10s} {'x yardstick':>12s}")
+            times_us[name].append(1e6 * (time.process_time() - began_s) / options.calls)
+        if number < options.flights:
+            for name, spent_us in flight_us(options.flight_s).items():
+                times_us.setdefault(name, []).append(spent_us)
+    base_us = np.array(times_us[YARDSTICK])
+    print(f"{'':48s} {'median us':>12s} {'x yardstick':>12s}")
     for name, rounds_us in times_us.items():
-        ratio = float(np.median(np.array(rounds_us) / base_us))
+        ratio = float(np.median(np.array(rounds_us) / base_us[: len(rounds_us)]))
         mark = "  noisy" if max(rounds_us) > NOISY * min(rounds_us) else ""
-        print(f"{name:48s} {np.median(rounds_us):10.1f} {ratio:12.2f}{mark}")
-    flight = fly(mission.model_copy(update={"max_time_s": 200.0}), 1)
-    print(f"\n200 s of paper-dynamic in lockstep: {flight.speedup:.0f} x real time for all ten agents together")
+        print(f"{name:48s} {np.median(rounds_us):12.1f} {ratio:12.2f}{mark}")
 
 
 if __name__ == "__main__":

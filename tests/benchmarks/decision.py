@@ -18,7 +18,7 @@ import numpy as np
 from companion.guard.guard import Guard
 from companion.guidance.laws import SteeringLaw, law_of
 from companion.guidance.settings import LawName, LawSettings
-from companion.mission.model import AgentSpec, Defaults, Draw, Mission, TargetSpec, ThreatDefaults
+from companion.mission.model import AgentSpec, Area, Defaults, Draw, Mission, TargetSpec, ThreatDefaults
 from companion.mission.resolve import resolve
 from sim.arena.flight import fly_arena
 from sim.arena.peers import PEERS, SLOW
@@ -36,7 +36,7 @@ def scene(threats: int, speed_m_s: float, seed: int) -> Mission:
     radius_m = (COVER * SIDE_M**2 / (threats * np.pi)) ** 0.5
     mission = Mission(
         name=f"{threats} threats",
-        area_m={"north": SIDE_M, "east": SIDE_M},
+        area_m=Area(north=SIDE_M, east=SIDE_M),
         agents=(
             AgentSpec(id=1, north_m=-0.1 * SIDE_M, east_m=0.5 * SIDE_M, heading_deg=0.0, speed_m_s=25.0, n_max=1.0),
         ),

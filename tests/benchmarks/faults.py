@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from sim.faults.flight import DEMANDED, KINDS
+from sim.faults.scene import DEMANDED, KINDS
 from sim.faults.table import DEAD_PARAMETERS, FAULTS, RESTART_S, Dead, Row, dies, fly
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"

@@ -22,6 +22,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 
 from companion.protocol.authenticator import Authenticator, CheckLimiter, Trust
+from companion.protocol.codec import StateFrame
 from companion.protocol.ed25519 import ED25519_BYTES
 from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.transport.endpoints import open_receiver, parse_link
@@ -139,6 +140,8 @@ async def _listen(trust: Trust, pipe: Connection) -> None:
     def hear(datagram: bytes) -> None:
         counts["heard"] += 1
         for _, frame in authenticator.admit(datagram, time.time()):
+            if not isinstance(frame, StateFrame):
+                raise AssertionError(f"{type(frame).__name__} was neither sent nor forged")
             # A genuine one counts from 1; a forged one begins far above.
             is_forged = frame.stamp.sequence >= 1 << 31
             counts["forged" if is_forged else "genuine"] += 1

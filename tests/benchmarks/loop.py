@@ -71,13 +71,13 @@ def free_port() -> int:
 class Between:
     """Passes datagrams between companion and vehicle, and notes when setpoints pass."""
 
-    def __init__(self, companion_port: int, person_port: int) -> None:
+    def __init__(self, companion_port: int, safety_pilot_port: int) -> None:
         self.vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.vehicle.bind((HERE, 0))
         self.companion = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.companion.connect((HERE, companion_port))
-        self.person = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.person.connect((HERE, person_port))
+        self.safety_pilot = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.safety_pilot.connect((HERE, safety_pilot_port))
         self.vehicle_address: tuple[str, int] | None = None
         self.setpoints_s: list[float] = []
         self.custom_mode: int | None = None
@@ -108,11 +108,11 @@ class Between:
                 except (BlockingIOError, ConnectionRefusedError):
                     continue
 
-    def hand_over(self, person: SafetyPilot, t_s: float) -> None:
+    def hand_over(self, safety_pilot: SafetyPilot, t_s: float) -> None:
         """Let the person do what is due."""
-        for frame in [person.heartbeat(), *person.orders(t_s, self.custom_mode)]:
+        for frame in [safety_pilot.heartbeat(), *safety_pilot.orders(t_s, self.custom_mode)]:
             with suppress(ConnectionRefusedError):
-                self.person.send(frame)
+                self.safety_pilot.send(frame)
 
     def _note_setpoints(self, datagram: bytes) -> None:
         now_s = time.monotonic()
@@ -161,9 +161,9 @@ def main() -> None:
         # The vehicle and the one who looks on stand for other computers.
         os.nice(options.nice - 1)
     kind = options.autopilot
-    person = SafetyPilot(kind, 1)
-    companion_port, broadcast, person_port, sensor = (free_port() for _ in range(4))
-    between = Between(companion_port, person_port)
+    safety_pilot = SafetyPilot(kind, 1)
+    companion_port, broadcast, safety_pilot_port, sensor = (free_port() for _ in range(4))
+    between = Between(companion_port, safety_pilot_port)
     running: list[subprocess.Popen[bytes]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -174,7 +174,7 @@ def main() -> None:
         try:
             vehicle = start(
                 folder / "vehicle.txt", "-m", "sim", "vehicle", "--autopilot", kind, "--in-air", "30",
-                "--connect", f"udpout:{HERE}:{between.port}", "--connect", f"udpin:{HERE}:{person_port}",
+                "--connect", f"udpout:{HERE}:{between.port}", "--connect", f"udpin:{HERE}:{safety_pilot_port}",
                 "--sensor", f"udpout:{HERE}:{sensor}",
             )  # fmt: skip
             running.append(vehicle)
@@ -211,8 +211,8 @@ def main() -> None:
             )
             running.append(companion)
             began_s = time.monotonic()
-            while not (between.setpoints_s and person.done and "target 1" in said(folder)):
-                between.hand_over(person, time.monotonic() - began_s)
+            while not (between.setpoints_s and safety_pilot.done and "target 1" in said(folder)):
+                between.hand_over(safety_pilot, time.monotonic() - began_s)
                 between.pass_on(time.monotonic() + 1.0)
                 if time.monotonic() - began_s > 60.0:
                     raise SystemExit(f"never steered: {said(folder)}")

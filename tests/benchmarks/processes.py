@@ -108,7 +108,7 @@ class Vehicle:
     """What the judge knows of one vehicle, by what its autopilot says on the second link."""
 
     socket: socket.socket
-    person: SafetyPilot
+    safety_pilot: SafetyPilot
     detector: Detector
     frame: LocalFrame
     mode: int | None = None
@@ -213,7 +213,7 @@ def wait_until_heard(vehicles: list[Vehicle], programs: dict[str, Program]) -> N
             said = "; ".join(programs[name].output.read_text().strip() for name in ended[:2])
             raise SystemExit(f"not started: {ended or 'no telemetry'} {said}")
         for vehicle in vehicles:
-            vehicle.send([vehicle.person.heartbeat()])
+            vehicle.send([vehicle.safety_pilot.heartbeat()])
             vehicle.listen()
         time.sleep(0.2)
 
@@ -242,7 +242,7 @@ def fly(
     while (t_s := time.monotonic() - began_s) < limit_s:
         for vehicle in vehicles:
             vehicle.listen()
-            vehicle.send(vehicle.person.orders(t_s, vehicle.mode))
+            vehicle.send(vehicle.safety_pilot.orders(t_s, vehicle.mode))
         rows = np.array([vehicle.row for vehicle in vehicles])
         world.advance(t_s, rows[:, :2])
         targets, threats = world.rows()
@@ -252,7 +252,7 @@ def fly(
                 break
         if is_due("look", LOOK_PERIOD_S, t_s):
             detections = [
-                Detection(Kind.AGENT, int(identity), *map(float, row[:2]), *vehicle.velocity_m_s)
+                Detection(Kind.AGENT, int(identity), float(row[0]), float(row[1]), *vehicle.velocity_m_s)
                 for identity, row, vehicle in zip(ids, rows, vehicles, strict=True)
             ]
             detections += world_detections(mission, targets, threats)
@@ -269,7 +269,7 @@ def fly(
                 vehicle.send(vehicle.detector.look(fleet))
         if is_due("heartbeat", HEARTBEAT_PERIOD_S, t_s):
             for vehicle in vehicles:
-                vehicle.send([vehicle.person.heartbeat()])
+                vehicle.send([vehicle.safety_pilot.heartbeat()])
         time.sleep(TICK_S)
     to_ground.close()
     return builder

@@ -83,7 +83,7 @@ def _paper_frame() -> StateFrame:
     station = GroundStation(mission, START_S)
     station.tick(START_S)
     stamp = Stamp(int(START_S), 0, 1)
-    (frame,) = state_frames(station.picture, mission, station.assignment, station.directive, stamp)
+    (frame,) = state_frames(station.tracks, mission, station.assignment, station.directive, stamp)
     return frame
 
 

@@ -301,7 +301,7 @@ def streams(count: int, free: float, rules: Rules, rng: np.random.Generator) -> 
     """Return two opposing streams through one square, half of the crafts each, bound for the other side."""
     radius_m = reserved_radius_m(rules.speed_m_s, rules, DT_S)
     side_m = math.sqrt(count * free * math.pi) * radius_m
-    crafts = []
+    crafts: list[Craft] = []
     for way, number in ((1.0, count - count // 2), (-1.0, count // 2)):
         for north_m, east_m in scattered(number, side_m, max(2.0 * radius_m, target_spacing_m(rules)), rng):
             # Each stream starts in a square of its own, a square apart, and ends in the other's.
@@ -348,13 +348,21 @@ def measure(
     free: float,
     rules: Rules,
     seeds: Sequence[int],
-    time_limit_s: float = 3000.0,
-    **options: float,
+    time_limit_s: float,
+    detector_range_m: float,
+    arrival_radius_m: float,
 ) -> str:
     """Fly a scene once per seed and return a line of the table."""
     started_s = time.perf_counter()
     outcomes = [
-        fly(SCENES[name](count, free, rules, np.random.default_rng(seed)), rules, time_limit_s, 100.0, **options)
+        fly(
+            SCENES[name](count, free, rules, np.random.default_rng(seed)),
+            rules,
+            time_limit_s,
+            100.0,
+            detector_range_m,
+            arrival_radius_m,
+        )
         for seed in seeds
     ]
     ratios = [ratio for each in outcomes for ratio in each.path_ratios] or [math.nan]
@@ -376,19 +384,21 @@ def main() -> None:
     parser.add_argument("--n-max", type=float, nargs="+", default=[1.0])
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--range-m", type=float, default=DETECTOR_RANGE_M)
+    parser.add_argument("--time-limit", type=float, default=3000.0, help="s of virtual time")
     parser.add_argument("--reaction-s", type=float, default=0.0)
     parser.add_argument("--copters", action="store_true")
     asked = parser.parse_args()
     for name in asked.scenes:
         for n_max in asked.n_max:
             rules = Rules(100.0, n_max, 60.0, asked.reaction_s)
-            options: dict[str, float] = {"detector_range_m": asked.range_m}
+            arrival_radius_m = ARRIVAL_RADIUS_M
             if asked.copters:
                 rules = Rules(20.0, n_max, 15.0, asked.reaction_s, can_stop=True, braking_m_s2=3.0)
-                options["arrival_radius_m"] = 10.0
+                arrival_radius_m = 10.0
             for count in asked.count:
                 for free in asked.free:
-                    print(measure(name, count, free, rules, range(asked.seeds), **options), flush=True)
+                    seeds, limits = range(asked.seeds), (asked.time_limit, asked.range_m, arrival_radius_m)
+                    print(measure(name, count, free, rules, seeds, *limits), flush=True)
 
 
 if __name__ == "__main__":

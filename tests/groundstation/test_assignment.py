@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,7 +33,8 @@ def assigned(
     agents: Points, targets: Points, objective: Objective = "distance", reachable: Table | None = None
 ) -> list[int]:
     table = None if reachable is None else np.array(reachable, dtype=bool).reshape(len(agents), len(targets))
-    return assign(np.array(agents).reshape(-1, 2), np.array(targets).reshape(-1, 2), objective, table).tolist()
+    found = assign(np.array(agents).reshape(-1, 2), np.array(targets).reshape(-1, 2), objective, table)
+    return [int(target) for target in found]
 
 
 def worth(agents: Points, targets: Points, chosen: tuple[int, ...] | list[int], objective: Objective) -> float:
@@ -272,7 +274,7 @@ class Costs:
     def total(self, way: tuple[int, ...], share: float = 0.0) -> float:
         """Return the total cost, present pairs counted less by a share."""
         kept = {(agent, int(target)) for agent, target in enumerate(self.present)}
-        return sum(self.cost[pair] - share * (pair in kept) * abs(self.cost[pair]) for pair in self.pairs(way))
+        return float(sum(self.cost[pair] - share * (pair in kept) * abs(self.cost[pair]) for pair in self.pairs(way)))
 
     def latest(self, way: tuple[int, ...]) -> float:
         return max((float(self.cost[pair]) for pair in self.pairs(way) if not self.blocked[pair]), default=-math.inf)
@@ -398,7 +400,7 @@ def test_a_share_that_is_none_is_refused(share: float) -> None:
 
 @pytest.mark.parametrize("name", ["cost", "reachable", "blocked", "present"])
 def test_costs_whose_shapes_disagree_are_refused(name: str) -> None:
-    given = {
+    given: dict[str, Any] = {
         "cost": np.ones((2, 3)),
         "reachable": np.ones((2, 3)),
         "blocked": np.ones((2, 3)),

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -153,7 +154,10 @@ def test_a_broadcast_holds_everything_and_every_agent_once_beside_its_target(
 def test_every_frame_can_be_sent_and_is_accepted(world: tuple[Mission, dict[int, int]]) -> None:
     mission, assignment = world
     writer, reader = FrameWriter(), FrameReader()
-    frames = [*states(mission, assignment), *motion_frames(ground(mission), mission, STAMP)]
+    frames: list[StateFrame | MotionFrame] = [
+        *states(mission, assignment),
+        *motion_frames(ground(mission), mission, STAMP),
+    ]
     for frame in frames:
         assert len(reader.read(writer.encode(frame))) == 1
     assert reader.rejected.total() == 0
@@ -542,7 +546,7 @@ def test_a_mission_frame_tells_what_holds_for_all() -> None:
 def test_the_digest_of_a_mission_is_another_for_another_origin_target_or_threat_and_for_nothing_else() -> None:
     mission, _ = five_hundred()
     threat, target, agent = mission.threats[0], mission.targets[0], mission.agents[0]
-    others = [
+    others: list[dict[str, Any]] = [
         {"origin": mission.origin.model_copy(update={"alt_m": 501.0})},
         {"targets": (target.model_copy(update={"north_m": 1.0}), *mission.targets[1:])},
         *(

@@ -23,6 +23,7 @@ from companion.protocol.deframer import is_signed
 from companion.protocol.keys import keygen, load_mavlink_key, load_public
 from companion.protocol.mavlink_signing import timestamp_of
 from companion.protocol.messages import Directive, MotionFrame, Stamp, StateFrame
+from companion.runtime.clock import SteadyClock
 from companion.transport.endpoints import parse_link
 from groundstation import service
 from groundstation.choices import Authentication
@@ -190,7 +191,7 @@ def test_a_restart_begins_an_epoch_after_the_last(ear: Ear, tmp_path: Path) -> N
     assert epochs == sorted(set(epochs))
 
 
-class Stepped(service.SteadyClock):
+class Stepped(SteadyClock):
     """A clock that was set by so much before the program began."""
 
     by_s = 0.0
@@ -223,11 +224,11 @@ def test_after_a_small_step_back_of_the_clock_a_restart_is_heard_at_once(
 
 def test_stamps_follow_the_clock_though_the_last_run_was_ahead_of_it(ear: Ear, tmp_path: Path) -> None:
     state = tmp_path / "ground.state"
-    began_s = service.SteadyClock().now_s()
+    began_s = SteadyClock().now_s()
     state.write_text(text_of(replace(KEPT, epoch_s=int(began_s))))
     broadcast_until(Options(ear.link, "unsigned", state=state), lambda: len(ear.heard()) >= 3)
     assert int.from_bytes(ear.heard()[0][10:14], "little") == int(began_s) + 1
-    assert admission_time_s(ear.heard()) <= service.SteadyClock().now_s() + MOST_AHEAD_S
+    assert admission_time_s(ear.heard()) <= SteadyClock().now_s() + MOST_AHEAD_S
 
 
 def test_with_the_clock_far_behind_the_last_run_it_does_not_start(
@@ -249,7 +250,7 @@ def test_with_the_clock_far_behind_the_last_run_it_does_not_start(
 
 def test_no_mavlink_time_is_at_or_below_one_signed_before(ear: Ear, keys: Path) -> None:
     state = keys / "ground.state"
-    ahead = timestamp_of(service.SteadyClock().now_s() + 1.3)
+    ahead = timestamp_of(SteadyClock().now_s() + 1.3)
     state.write_text(text_of(replace(KEPT, signing_timestamp=ahead)))
     broadcast_until(Options(ear.link, "mavlink", keys, state=state), lambda: len(ear.heard()) >= 3)
     times = [int.from_bytes(raw[-12:-6], "little") for raw in ear.heard()]

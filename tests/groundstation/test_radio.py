@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from companion.errors import InputError
-from groundstation.radio import RADIOS_BYTES_PER_S, Radio, parse_radio
+from groundstation.choices import RADIOS_BYTES_PER_S
+from groundstation.radio import Radio, parse_radio
 
 
 @pytest.mark.parametrize("name", RADIOS_BYTES_PER_S)

@@ -52,7 +52,8 @@ def assigned(
     count = len(scene.agents_ned_m)
     speeds = np.broadcast_to(np.array(speeds_m_s), (count,))
     held = np.full(count, -1) if present is None else np.array(present)
-    return assign_by_route_cost(RouteCosts(scene), speeds, objective, unlimited, held, share).tolist()
+    found = assign_by_route_cost(RouteCosts(scene), speeds, objective, unlimited, held, share)
+    return [int(target) for target in found]
 
 
 def all_searched(scene: Scene) -> RouteCosts:
@@ -242,7 +243,7 @@ def test_the_present_latest_arrival_is_that_of_its_paths_and_not_of_what_they_ca
     assert assigned(scene, "latest", present, 0.3) == expected.tolist()
 
 
-WALL = [(north, 0.0, 1_500.0) for north in range(-8_000, 8_001, 2_000)]
+WALL = [(float(north), 0.0, 1_500.0) for north in range(-8_000, 8_001, 2_000)]
 BEHIND = scene_of([(0.0, -2_000.0), (12_000.0, 0.0)], [(0.0, 2_000.0), (7_000.0, -4_500.0)], WALL)
 
 
@@ -312,9 +313,8 @@ def test_the_range_is_that_of_the_way_and_not_of_the_line() -> None:
         def in_range(there_m: np.ndarray) -> np.ndarray:
             return within_range(scene.agents_ned_m, scene.targets_ned_m, np.array([left_m]), None, 1.1, there_m)
 
-        return assign_by_route_cost(
-            RouteCosts(scene), np.array([20.0]), "route", in_range, np.array([-1]), 0.0
-        ).tolist()
+        found = assign_by_route_cost(RouteCosts(scene), np.array([20.0]), "route", in_range, np.array([-1]), 0.0)
+        return [int(target) for target in found]
 
     length_m = 8_000.0 + 3_000.0 * (math.pi - 2.0 * math.acos(0.6))
     assert (sent(length_m - 1.0), sent(length_m + 1.0)) == ([-1], [0])

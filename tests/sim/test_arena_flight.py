@@ -40,6 +40,7 @@ def a_mission(**changes: object) -> Mission:
     return Mission(**{**given, **changes})  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 def test_a_flight_is_that_of_the_lockstep_runner_to_a_metre(law: str) -> None:
     mission = a_mission(link=LinkSpec(loss=0.2))
@@ -103,6 +104,7 @@ def test_a_job_flies_each_law_and_measures_it_against_the_planner() -> None:
     assert sum(ours.decision_counts) > 100
 
 
+@pytest.mark.slow
 def test_a_job_comes_out_the_same_twice_but_for_times() -> None:
     def timeless(job: Job) -> list[object]:
         return [

@@ -112,8 +112,13 @@ def view_of(threats: list[Threat], t_s: float = 0.0, age_s: float = 0.0) -> View
 
 def seeing(view: View, position_ned_m: tuple[float, float], velocity_m_s: tuple[float, float]) -> View:
     """Return the view with one other agent that the own detector sees."""
-    seen = {"traffic_ned_m": np.array([position_ned_m]), "traffic_velocity_m_s": np.array([velocity_m_s])}
-    return replace(view, peers_ned_m=np.array([position_ned_m]), peer_ids=np.array([2]), **seen)
+    return replace(
+        view,
+        peers_ned_m=np.array([position_ned_m]),
+        peer_ids=np.array([2]),
+        traffic_ned_m=np.array([position_ned_m]),
+        traffic_velocity_m_s=np.array([velocity_m_s]),
+    )
 
 
 def task_to(target: tuple[float, float], pose: Motion) -> Task:
@@ -250,9 +255,14 @@ def test_horizon_plans_no_more_often_while_it_loiters_for_want_of_a_plan(monkeyp
         Motion(0.0, 0.0, 0.0, SPEED_M_S),
         view_of([Threat(1500.0, 0.0, 300.0)]),
     )
+
+    def asked(at_s: float, *_: object) -> object:
+        asked_at_s.append(at_s)
+        return NOWHERE
+
     for step in range(8):
         now_s = STEP_S * step
-        monkeypatch.setattr(BatchPlanner, "plan", lambda *_, at_s=now_s: asked_at_s.append(at_s) or NOWHERE)
+        monkeypatch.setattr(BatchPlanner, "plan", partial(asked, now_s))
         assert law.steer(task_to(TARGET, pose), pose, view, now_s).stay is not None
         law.steer(replace(task_to(TARGET, pose), loitering=True), pose, view, now_s)
     assert asked_at_s == [0.0, 2.0]

@@ -49,7 +49,7 @@ def scene(
     **others: object,
 ) -> Mission:
     """Return one agent at the origin, a target north of it and discs (north, east, R_d) that all move alike."""
-    return Mission(
+    placed = dict(
         agents=(AgentSpec(id=1, north_m=0, east_m=0, heading_deg=heading_deg, speed_m_s=SPEED_M_S, n_max=n_max),),
         targets=(TargetSpec(id=1, north_m=TARGET[0], east_m=TARGET[1], speed_bound_m_s=0),),
         threats=tuple(
@@ -66,8 +66,8 @@ def scene(
         ),
         arrival_radius_m=ARRIVAL_M,
         max_time_s=UNTIL_S,
-        **others,
     )
+    return Mission.model_validate(placed | others)
 
 
 def planned(mission: Mission, until_s: float = UNTIL_S) -> Plan:
@@ -161,6 +161,7 @@ MOVING_SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STATIC_SCENES)
 def test_among_discs_that_stand_still_the_way_is_as_short_as_an_exhaustive_search_finds(name: str) -> None:
     mission = STATIC_SCENES[name]
@@ -170,6 +171,7 @@ def test_among_discs_that_stand_still_the_way_is_as_short_as_an_exhaustive_searc
     assert found.length_m >= 0.95 * lattice_m - RADIUS_M / PIECES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MOVING_SCENES)
 def test_among_discs_that_move_the_way_is_as_short_as_an_exhaustive_search_finds(name: str) -> None:
     mission = MOVING_SCENES[name]

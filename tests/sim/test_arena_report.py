@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -131,14 +132,14 @@ def test_every_failure_and_the_longest_ways_are_the_worst_runs() -> None:
     assert [run.index for run, _ in worst(runs)] == [9, 5, 4, 3]
 
 
-def test_the_worst_runs_are_missions_that_can_be_flown_again(tmp_path) -> None:  # noqa: ANN001
+def test_the_worst_runs_are_missions_that_can_be_flown_again(tmp_path: Path) -> None:
     ((_, _, call),) = write_worst(tmp_path, [a_run()], seed=1)
     path = tmp_path / call.split()[2]
     assert load_mission(path).resolved
     assert call.endswith("--seed 100000")
 
 
-def test_the_page_and_the_figures_are_written(tmp_path) -> None:  # noqa: ANN001
+def test_the_page_and_the_figures_are_written(tmp_path: Path) -> None:
     runs = [a_run(), a_run(law="seed", reached=0, entries=1, path_ratios=()), a_run(law="apf")]
     write_arena(tmp_path, ArenaOutcome(runs, 1, 60.0, []), ["plot.png"])
     content = json.loads((tmp_path / JSON_NAME).read_text(encoding="utf-8"))
@@ -169,7 +170,7 @@ def test_the_interval_of_a_rate_holds_the_rate(trials: int) -> None:
         assert found.low <= found.value <= found.high
 
 
-def test_the_plots_are_drawn_whatever_the_laws_reached(tmp_path) -> None:  # noqa: ANN001
+def test_the_plots_are_drawn_whatever_the_laws_reached(tmp_path: Path) -> None:
     runs = [a_run(index=k) for k in range(193)]
     runs += [a_run(index=k, law="seed", reached=0, entries=1, path_ratios=()) for k in range(193)]
     runs += [a_run(family="swarm", index=k, feasibility=Feasibility(False, "no way to target 1")) for k in range(3)]

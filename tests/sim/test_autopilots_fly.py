@@ -26,6 +26,8 @@ from sim.scaling import CRUISE_M_S, scaled
 from sim.score import score
 from sim.trajectory import Trajectory
 
+pytestmark = pytest.mark.slow
+
 KINDS = tuple(CRUISE_M_S)
 MISSION = """
 name: a crossing
@@ -164,11 +166,11 @@ def test_with_no_scale_the_mission_is_flown_as_it_is(tmp_path: Path) -> None:
 
 
 def test_a_person_asks_until_heartbeat_shows_the_mode_and_never_again() -> None:
-    person = SafetyPilot("px4-copter", 7)
+    pilot = SafetyPilot("px4-copter", 7)
     offboard = 6 << 16
-    asked_s = [t_s for t_s in np.arange(0.0, 10.0, 0.5) if person.orders(float(t_s), offboard if t_s > 4.2 else 0)]
+    asked_s = [t_s for t_s in np.arange(0.0, 10.0, 0.5) if pilot.orders(float(t_s), offboard if t_s > 4.2 else 0)]
     assert asked_s == [2.0, 3.0, 4.0]
-    assert person.orders(60.0, 0) == []
+    assert pilot.orders(60.0, 0) == []
 
 
 def test_the_vehicle_stays_where_it_is_held_until_it_is_handed_over() -> None:

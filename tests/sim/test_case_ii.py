@@ -85,6 +85,7 @@ def watched(changes: str = "", autopilot: str = "kinematic") -> Watched:
 # Where the agents are reckoned to be
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -233,6 +234,7 @@ SCENARIOS: list[tuple[str, str, list[Check]]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("title", "changes", "checks"), SCENARIOS, ids=[row[0] for row in SCENARIOS])
 def test_scenario(title: str, changes: str, checks: list[Check]) -> None:
     mission = mission_of(changes)

@@ -20,6 +20,8 @@ from companion.transport.endpoints import open_sender, parse_link
 from sim.vehicle_service import VehicleOptions, run_vehicle
 from tests.ports import free_ports
 
+pytestmark = pytest.mark.slow
+
 WAIT_S = 6.0
 CONFIG = """
 agent_id: 1

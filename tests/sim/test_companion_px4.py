@@ -24,6 +24,8 @@ from sim.safety_pilot import SafetyPilot
 from sim.vehicle_service import VehicleOptions, run_vehicle
 from tests.ports import free_ports
 
+pytestmark = pytest.mark.slow
+
 WITHIN_S = 25.0
 HOLD = (4, 3)
 """PX4's main and sub mode."""
@@ -46,7 +48,7 @@ class Ground:
         self._socket.connect(("127.0.0.1", port))
         self._socket.setblocking(False)
         self._mav = common.MAVLink(None, srcSystem=255, srcComponent=190)
-        self.person = SafetyPilot("px4-copter", 1)
+        self.safety_pilot = SafetyPilot("px4-copter", 1)
         self.modes: list[int] = []
 
     def send(self, *frames: bytes) -> None:
@@ -62,7 +64,7 @@ class Ground:
                         self.modes.append(message.custom_mode)
 
     def hand_over(self, t_s: float) -> None:
-        self.send(self.person.heartbeat(), *self.person.orders(t_s, self.modes[-1] if self.modes else None))
+        self.send(self.safety_pilot.heartbeat(), *self.safety_pilot.orders(t_s, self.modes[-1] if self.modes else None))
 
     def take_over(self) -> None:
         order = common.MAVLink_command_long_message(1, 1, common.MAV_CMD_DO_SET_MODE, 0, 1, *HOLD, 0, 0, 0, 0)

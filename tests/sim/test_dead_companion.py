@@ -12,6 +12,8 @@ import pytest
 from companion.geo.kinematics import GRAVITY_M_S2
 from tests.sim.vehicles.tracking import Flight
 
+pytestmark = pytest.mark.slow
+
 WATCHED_S = 60.0
 STANDING_M_S = 0.3
 

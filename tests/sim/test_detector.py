@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common
 
 from companion.geo.local_frame import LocalFrame
 from sim.detector import Detector, Fleet
-from sim.vehicles import Home, StandIn, kinematic_profile
+from sim.vehicles import Home, Setup, StandIn, kinematic_profile
 
 FRAME = LocalFrame(47.0, 8.0)
 OWN, SYSTEM = 1, 7
@@ -32,7 +32,7 @@ def own(north_m: float = 0.0, east_m: float = 0.0) -> tuple[float, ...]:
 def seen(them: Fleet, range_m: float = 2_000.0) -> list[Any]:
     messages = []
     for frame in Detector(OWN, SYSTEM, FRAME, range_m).look(them):
-        (message,) = common.MAVLink(None).parse_buffer(frame) or ()
+        (message,) = common.MAVLink(None).parse_buffer(frame) or []
         messages.append(message)
     return messages
 
@@ -113,14 +113,16 @@ def test_a_fleet_is_gathered_with_velocities_over_the_ground() -> None:
     def flying(north_m: float) -> StandIn:
         return StandIn(
             kinematic_profile(2.0, 60.0, 60.0),
-            1,
-            FRAME,
-            north_m=north_m,
-            east_m=5.0,
-            altitude_m=600.0 + north_m,
-            speed_m_s=60.0,
-            home=Home(0.0, 0.0, 500.0),
-            in_air=True,
+            Setup(
+                1,
+                FRAME,
+                north_m=north_m,
+                east_m=5.0,
+                altitude_m=600.0 + north_m,
+                speed_m_s=60.0,
+                home=Home(0.0, 0.0, 500.0),
+                in_air=True,
+            ),
         )
 
     first, second = flying(10.0), flying(20.0)

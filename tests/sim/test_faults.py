@@ -1,6 +1,6 @@
 """Every fault in flight, by kind: what the companion does, when, how near disc and fence it comes, what brings it back.
 
-Times are seconds from the fault on, lengths metres; the scene is sim/faults/flight.py's.
+Times are seconds from the fault on, lengths metres; the scene is sim/faults/scene.py's.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 import pytest
 
-from sim.faults.flight import DEMANDED, KINDS, LOOP_PERIOD_S, Moment
+from sim.faults.log import Moment
+from sim.faults.scene import DEMANDED, KINDS, LOOP_PERIOD_S
 from sim.faults.table import DEAD_PARAMETERS, FAULTS, WATCHDOG_S, Dead, Row, dies, fly
 from sim.scaling import CRUISE_M_S
 
@@ -310,6 +311,7 @@ CASES: tuple[tuple[str, tuple[str, ...], tuple[Check, ...]], ...] = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("title", "kind", "checks"),
     [pytest.param(title, kind, checks, id=f"{title}, {kind}") for title, kinds, checks in CASES for kind in kinds],
@@ -364,6 +366,7 @@ def test_a_longer_timeout_costs_its_flight() -> None:
     assert long.farthest_m - short.farthest_m == pytest.approx(2.0 * CRUISE_M_S["arducopter"], rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ARDUPILOT)
 def test_an_ardupilot_goes_on_when_its_companion_is_started_again(kind: str) -> None:
     dead = dies(kind, restarts=True)

@@ -134,6 +134,7 @@ def test_the_picture_of_the_paths_is_written_and_returned(tmp_path: Path) -> Non
     assert (tmp_path / "paths.png").read_bytes() == png
 
 
+@pytest.mark.slow
 def test_the_same_run_gives_the_same_picture_byte_for_byte(tmp_path: Path) -> None:
     trajectory, mission, found = run_of(2, 2, 2)
     first, second = (
@@ -171,6 +172,7 @@ def test_the_picture_keeps_circles_round(tmp_path: Path) -> None:
     assert np.ptp(columns) == pytest.approx(1.5 * np.ptp(rows), rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("agents", "targets", "threats"), [(1, 1, 0), (1, 0, 1), (25, 3, 2)])
 @pytest.mark.parametrize("steps", [1, 2, 60])
 def test_any_make_up_of_a_mission_can_be_drawn(

@@ -17,6 +17,8 @@ import yaml
 from companion.files.tlog import read_tlog
 from companion.protocol.codec import FrameReader, MotionFrame, StateFrame
 
+pytestmark = pytest.mark.slow
+
 SEED = 14
 """Two agents pass within 120 m in this flight, so that the separation is worth recomputing."""
 KEYS = [
@@ -41,7 +43,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.Comp
 
 
 def result_of(folder: Path) -> dict[str, Any]:
-    return json.loads((folder / "result.json").read_text())
+    result: dict[str, Any] = json.loads((folder / "result.json").read_text())
+    return result
 
 
 def tracks(folder: Path) -> dict[tuple[str, int], list[tuple[float, float, float]]]:

@@ -227,6 +227,7 @@ SCENARIOS: list[tuple[str, str, dict[str, Any], list[Check]]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("title", "changes", "options", "checks"), SCENARIOS, ids=[row[0] for row in SCENARIOS])
 def test_scenario(title: str, changes: str, options: dict[str, Any], checks: list[Check]) -> None:
     mission = mission_of(changes)
@@ -334,6 +335,7 @@ def test_a_broadcast_that_ends_leads_through_the_named_stages_and_home(monkeypat
     assert float(np.hypot(*(track[-1] - track[0]))) < 500.0
 
 
+@pytest.mark.slow
 def test_an_arrived_agent_loiters_where_it_arrived() -> None:
     mission = mission_of(
         "agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}, {id: 2, north_m: 0, east_m: 30000, heading_deg: 0}]\n"

@@ -261,6 +261,7 @@ def programs(network: Network, tmp_path: Path) -> Iterator[dict[str, Program]]:
             program.kill()
 
 
+@pytest.mark.slow
 def test_companions_are_current_again_within_two_refreshes_of_any_sides_sudden_death(
     programs: dict[str, Program],
 ) -> None:

@@ -16,6 +16,8 @@ import pytest
 from sim.safety_pilot import HAND_OVER_S, SafetyPilot
 from tests.ports import free_ports
 
+pytestmark = pytest.mark.slow
+
 PATIENCE_S = 60.0
 MISSION = """
 name: one-radio
@@ -88,13 +90,13 @@ def wait_for(path: Path, text: str, meanwhile: Callable[[], None]) -> None:
 
 def test_the_companion_steers_by_a_broadcast_that_only_its_autopilot_hears(programs: tuple[Path, int]) -> None:
     folder, port = programs
-    person, began_s = SafetyPilot("arducopter", 1), time.monotonic()
+    safety_pilot, began_s = SafetyPilot("arducopter", 1), time.monotonic()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as pilot:
         pilot.connect(("127.0.0.1", port))
 
         def hand_over() -> None:
             # Its HEARTBEAT is not looked at: a mode change that was obeyed is only asked for again.
-            for order in person.orders(HAND_OVER_S + time.monotonic() - began_s, None):
+            for order in safety_pilot.orders(HAND_OVER_S + time.monotonic() - began_s, None):
                 try:
                     pilot.send(order)
                 except OSError:

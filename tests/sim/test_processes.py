@@ -20,6 +20,8 @@ from companion.onboard.config import parse_config
 from companion.onboard.replay import replay
 from tests.ports import free_ports
 
+pytestmark = pytest.mark.slow
+
 PILOT = Path(__file__).parents[2] / "docs" / "examples" / "pilot.py"
 PATIENCE_S = 90.0
 MISSION = """

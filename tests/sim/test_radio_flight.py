@@ -15,6 +15,8 @@ from groundstation.radio import parse_radio
 from sim.lockstep import Flight, FlightOptions, fly
 from sim.score import Score, score
 
+pytestmark = pytest.mark.slow
+
 FLEET = """
 name: fleet
 area_m: {north: 12000, east: 12000}

@@ -20,6 +20,8 @@ from companion.protocol.deframer import header_of
 from companion.protocol.dialect import oneway
 from sim.lockstep import FlightOptions, fly
 
+pytestmark = pytest.mark.slow
+
 RADIO = LinkSpec(loss=0.2, burst=Burst(enter=0.05, leave=0.2), delay_s=0.3, jitter_s=0.4, duplicate=0.2, reorder=0.2)
 
 

@@ -103,7 +103,7 @@ range_policy: arrive
 link: {delay_s: 0.0}
 max_time_s: 300
 """
-TINY = {"wire_seeds": 1, "fine_seeds": 1, "time_limit_s": 60.0}
+TINY: dict[str, Any] = {"wire_seeds": 1, "fine_seeds": 1, "time_limit_s": 60.0}
 
 
 def small(seed: int, n_max: float = 10.0, guidance_s: float = 5.0, integration_s: float = 1.0) -> Mission:
@@ -120,6 +120,7 @@ def small(seed: int, n_max: float = 10.0, guidance_s: float = 5.0, integration_s
 # The pure core
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "n_max", "guidance_s", "integration_s"), [(2, 2.0, 5.0, 1.0), (3, 10.0, 5.0, 1.0), (3, 0.5, 0.5, 0.5)]
 )
@@ -447,6 +448,7 @@ def sim_reproduce(
     return ended.value.code, capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_the_command_writes_every_file_and_processes_change_nothing(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -293,7 +293,7 @@ def by_plain_loops(path: Path, mission: Any) -> dict[str, Any]:  # noqa: ANN401
     agents = [agent.id for agent in mission.agents]
 
     def alive(agent: int, sample: int) -> bool:
-        return samples[sample][0] < lost_s.get(agent, math.inf)
+        return bool(samples[sample][0] < lost_s.get(agent, math.inf))
 
     def at(kind: str, identity: int, sample: int) -> tuple[float, float]:
         return samples[sample][1][kind, identity]

@@ -73,7 +73,8 @@ def test_what_is_read_equals_what_was_in_memory_bit_for_bit(
 def test_rows_are_agents_then_targets_then_threats_at_every_step(tmp_path: Path) -> None:
     builder = TrajectoryBuilder([4, 2], [9], [1])
     for t_s in (0.0, 0.5):
-        builder.append(t_s, [[1, 2, 90, 60], [3, 4, 0.00004, 60]], [[-5.0004, 6, 0, 0]], [[7, 8.9996, 359.99999, 1.5]])
+        agents = [[1.0, 2.0, 90.0, 60.0], [3.0, 4.0, 0.00004, 60.0]]
+        builder.append(t_s, agents, [[-5.0004, 6.0, 0.0, 0.0]], [[7.0, 8.9996, 359.99999, 1.5]])
     lines = lines_of(builder.build(), tmp_path / "trajectory.csv")
     assert lines == [
         "t_s,kind,id,north_m,east_m,heading_deg,speed_m_s",

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import functools
 
+import pytest
+
 from companion.geo.kinematics import GRAVITY_M_S2
 from companion.mission.model import Mission, load_mission
 from companion.mission.resolve import resolve
 from sim.lockstep import Flight, FlightOptions, fly
 from sim.score import score
+
+pytestmark = pytest.mark.slow
 
 
 @functools.cache

@@ -29,6 +29,8 @@ from sim.vehicle_service import VehicleOptions, run_vehicle, vehicle
 from sim.vehicles import Truth
 from tests.ports import free_port
 
+pytestmark = pytest.mark.slow
+
 LOCALHOST = "127.0.0.1"
 RUN_VEHICLE = (
     "from companion.errors import run_program; from sim.vehicle_service import vehicle; run_program(vehicle, 's')"

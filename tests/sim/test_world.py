@@ -27,7 +27,8 @@ def world_of(motion: str, seed: int = 1) -> World:
 
 def target_at(world: World, t_s: float) -> np.ndarray:
     world.advance(t_s)
-    return world.rows()[0][0]
+    place: np.ndarray = world.rows()[0][0]
+    return place
 
 
 def test_what_is_static_stays() -> None:

@@ -52,7 +52,7 @@ def test_what_is_no_velocity_setpoint_is_left_alone() -> None:
 
 
 def test_a_missing_mavsdk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(offboard_module.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"not installed; allowed: after pip install 'mavsdk>=4.1', or direct"):
         offboard_module.require_mavsdk()
 
@@ -91,6 +91,7 @@ async def steering(sent: Sent, may_go_on: Callable[[], bool] = lambda: True) -> 
         offboard.close()
 
 
+@pytest.mark.slow
 def test_mavsdk_steers_only_while_it_is_told_to() -> None:
     async def body() -> None:
         sent = Sent()
@@ -112,6 +113,7 @@ def test_mavsdk_steers_only_while_it_is_told_to() -> None:
     asyncio.run(body())
 
 
+@pytest.mark.slow
 def test_when_the_child_that_steers_dies_the_next_goes_on() -> None:
     async def body() -> None:
         sent = Sent()
@@ -126,6 +128,7 @@ def test_when_the_child_that_steers_dies_the_next_goes_on() -> None:
     asyncio.run(body())
 
 
+@pytest.mark.slow
 def test_when_the_child_that_steers_hangs_the_next_goes_on_before_the_stream_has_ended() -> None:
     async def body() -> None:
         sent = Sent()
@@ -140,6 +143,7 @@ def test_when_the_child_that_steers_hangs_the_next_goes_on_before_the_stream_has
     asyncio.run(body())
 
 
+@pytest.mark.slow
 def test_after_a_gap_of_what_left_nothing_leaves_unless_the_caller_says_so() -> None:
     async def body() -> None:
         sent, asked = Sent(), list[float]()
@@ -231,6 +235,7 @@ def longest_gap_s(sent: Sent) -> float:
     return max(after_s - before_s for before_s, after_s in pairwise(times_s))
 
 
+@pytest.mark.slow
 def test_without_a_tick_nothing_more_is_let_through_and_the_children_end() -> None:
     async def body() -> None:
         sent = Sent()
@@ -246,6 +251,7 @@ def test_without_a_tick_nothing_more_is_let_through_and_the_children_end() -> No
     asyncio.run(body())
 
 
+@pytest.mark.slow
 def test_what_mavsdk_said_while_the_loop_hung_is_dropped() -> None:
     async def body() -> None:
         sent = Sent()
@@ -276,6 +282,7 @@ asyncio.run(main())
 """
 
 
+@pytest.mark.slow
 def test_children_end_within_their_time_when_the_parent_is_stopped(tmp_path: Path) -> None:
     output = tmp_path / "said.txt"
     root = Path(__file__).parents[3]

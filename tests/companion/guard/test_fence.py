@@ -116,7 +116,7 @@ def test_inside_a_fence_without_any_disc_call_follows_call() -> None:
         vehicle.fly(DT_S)
 
 
-@settings(deadline=None, max_examples=100, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 @given(north_m=st.floats(-60.0, 60.0), east_m=st.floats(-60.0, 60.0), turned=st.integers(0, 5), mirrored=st.booleans())
 def test_a_still_vehicle_is_inside_a_fence_of_any_shape_exactly_when_it_is(
     north_m: float, east_m: float, turned: int, mirrored: bool
@@ -158,7 +158,7 @@ def test_an_edge_of_half_a_metre_is_an_edge_like_any_other() -> None:
     assert Fence(spit[::-1]).depth_m(0.1, 0.0) == 2.0
 
 
-@settings(deadline=None, max_examples=300, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(piece=PIECES, north_m=st.floats(-90.0, 90.0), east_m=st.floats(-90.0, 90.0))
 def test_the_distance_from_a_piece_is_that_from_its_nearest_point(piece: Piece, north_m: float, east_m: float) -> None:
     nearest_m = float(np.hypot(*(along(piece) - (north_m, east_m)).T).min())
@@ -167,7 +167,7 @@ def test_the_distance_from_a_piece_is_that_from_its_nearest_point(piece: Piece, 
     assert math.dist(on_it[:2], (north_m, east_m)) == pytest.approx(nearest_m, abs=0.02)
 
 
-@settings(deadline=None, max_examples=300, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(piece=PIECES, margin_m=st.floats(0.0, 10.0))
 def test_a_fence_holds_a_piece_exactly_when_all_of_it_keeps_the_margin(piece: Piece, margin_m: float) -> None:
     corners = ((-60.0, -50.0), (-10.0, 0.0), (-50.0, 60.0), (0.0, 10.0), (55.0, 60.0), (45.0, 0.0), (60.0, -55.0))
@@ -182,7 +182,7 @@ def test_a_fence_holds_a_piece_exactly_when_all_of_it_keeps_the_margin(piece: Pi
     assert fence.holds([piece], margin_m) == (inside and apart >= margin_m)
 
 
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(
     share=st.floats(0.3, 0.7),
     curvature_1_m=st.just(0.0) | st.floats(1 / 300, 1 / 30) | st.floats(-1 / 30, -1 / 300),

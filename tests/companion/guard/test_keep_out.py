@@ -153,7 +153,7 @@ def _clear_in_step_m(case: _Case) -> float:
     return min(math.dist(_at(case, float(t_s))[:2], case.centre) for t_s in np.linspace(0.0, case.dt_s, 801))
 
 
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(case=_cases(can_stop=False))
 def test_a_vehicle_that_cannot_stop_keeps_exactly_clear_of_a_lone_disc(case: _Case) -> None:
     north_m, east_m, heading_rad = _at(case, case.dt_s)
@@ -175,7 +175,7 @@ def test_a_vehicle_that_cannot_stop_keeps_exactly_clear_of_a_lone_disc(case: _Ca
     )
 
 
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(case=_cases(can_stop=True))
 def test_a_vehicle_that_can_stop_keeps_exactly_clear_of_a_lone_disc(case: _Case) -> None:
     assume(case.wanted.speed_m_s >= case.motion.speed_m_s)
@@ -195,7 +195,7 @@ def test_a_vehicle_that_can_stop_keeps_exactly_clear_of_a_lone_disc(case: _Case)
     )
 
 
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(case=st.one_of(_cases(can_stop=False), _cases(can_stop=True)), beyond_m=st.floats(0.0, 1.0))
 def test_a_disc_called_far_changes_nothing_in_the_full_check(case: _Case, beyond_m: float) -> None:
     radius_m = max(0.0, math.dist(case.centre, (case.motion.north_m, case.motion.east_m)) - beyond_m)

@@ -69,7 +69,7 @@ def assert_refused_straight_on(edge_m: float, scene: Callable[[float], Verdict])
         assert_refused_from(edge_m, scene, hair_m=1e-6)
 
 
-@settings(deadline=None, max_examples=150, derandomize=True)
+@settings(max_examples=150, derandomize=True)
 @given(
     north_m=st.floats(-300.0, 300.0),
     east_m=st.floats(-300.0, 300.0),
@@ -118,7 +118,7 @@ def test_inside_a_disc_a_line_is_met_even_straight_away() -> None:
     assert arcs.is_met(Piece(0.0, 0.0, 0.0, 0.0, math.inf), [(-1.0, 0.0, 2.0, 1.0)], 10.0, 0.0, math.inf, 0.0)
 
 
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(seed=st.integers(0, 10_000), endless=st.booleans(), coarse=st.booleans())
 def test_the_fan_offers_exactly_the_turns_that_are_clear_one_by_one(seed: int, endless: bool, coarse: bool) -> None:
     rng = np.random.default_rng(seed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -116,7 +117,7 @@ def test_a_setpoint_that_is_not_finite_becomes_straight_on_at_the_middle_altitud
     ],
     ids=str,
 )
-def test_limits_that_nothing_can_hold_are_refused(nonsense: dict[str, object]) -> None:
+def test_limits_that_nothing_can_hold_are_refused(nonsense: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"^limits that nothing can hold: Limits\("):
         replace(PLANE, **nonsense)
 

@@ -30,7 +30,7 @@ from tests.companion.guard.guard_flight import (
 )
 
 
-@settings(deadline=None, max_examples=100, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 @given(pieces=st.lists(PIECES, min_size=1, max_size=4), share=st.floats(0.0, 1.2))
 def test_a_place_along_a_path_is_that_on_the_piece_it_falls_on(pieces: list[Piece], share: float) -> None:
     lengths_m = [piece.length_m for piece in pieces]
@@ -45,7 +45,7 @@ def test_a_place_along_a_path_is_that_on_the_piece_it_falls_on(pieces: list[Piec
     assert rest_m == pytest.approx(max(0.0, sum(lengths_m) - along_m), abs=1e-9)
 
 
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(pieces=st.lists(PIECES, min_size=1, max_size=3), north_m=st.floats(-90.0, 90.0), east_m=st.floats(-90.0, 90.0))
 def test_the_nearest_place_of_a_path_is_that_of_its_nearest_piece(
     pieces: list[Piece], north_m: float, east_m: float

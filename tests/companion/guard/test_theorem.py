@@ -11,6 +11,7 @@ from tests.companion.guard.guard_flight import (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS.keys())
 def test_a_certified_start_never_enters_whatever_the_adversary_wants(world: World) -> None:
     flights = [flown_against(world, seed, steps=100) for seed in range(3)]

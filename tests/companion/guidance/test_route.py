@@ -107,12 +107,12 @@ def polygon_length_m(scene: Scene, corners: int = 100) -> float:
     outside = (np.linalg.norm(points[:, None] - centres, axis=-1) >= radii - 1e-9).all(axis=1)
     points = points[outside]
     along = points[None, :] - points[:, None]
-    gap = np.linalg.norm(along, axis=-1)
+    gap: np.ndarray = np.linalg.norm(along, axis=-1)
     for centre, radius in zip(centres, radii, strict=True):
         fraction = np.clip(((centre - points)[:, None] * along).sum(-1) / np.maximum(gap**2, 1e-12), 0.0, 1.0)
         miss = np.linalg.norm(points[:, None] + fraction[..., None] * along - centre, axis=-1)
         gap[miss < radius - 1e-6] = 0.0  # no edge
-    return float(dijkstra(gap, indices=0)[1])
+    return float(dijkstra(gap, indices=[0])[0, 1])
 
 
 def flown(route: Route, per_piece: int = 200) -> np.ndarray:
@@ -169,6 +169,7 @@ def test_a_step_along_the_first_direction_shortens_the_way_by_its_length(family:
     assert max(map(misdirection, scenes(family, 25, seed=8))) < 0.02
 
 
+@pytest.mark.slow
 def test_no_way_over_densely_sampled_edges_is_shorter_and_the_best_is_hardly_longer() -> None:
     for scene in [*scenes("random", 3, seed=3), *scenes("grid", 2, seed=3)]:
         route = shortest_route(*scene)
@@ -513,6 +514,7 @@ def check_arrival(scene: Scene, heading_rad: float, turn_radius_m: float, step_m
 
 
 # Most scenes so dense have their start or goal inside a disc, or no way.
+@pytest.mark.slow
 @settings(max_examples=20, suppress_health_check=[HealthCheck.filter_too_much])
 @given(
     seed=st.integers(0, 10_000),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -508,7 +509,7 @@ def test_whatever_is_broadcast_the_velocity_asked_for_is_finite_and_within_the_l
 @given(st.lists(st.sampled_from(["beat", "manual", "place", "state", "hold", "wait", "long wait"]), max_size=12))
 def test_every_decision_carries_its_reason(events: list[str]) -> None:
     flight = Flight()
-    actions = {
+    actions: dict[str, Callable[[], object]] = {
         "beat": flight.heartbeat,
         "manual": lambda: flight.heartbeat(GUIDED, 5),
         "place": flight.position,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given, settings
@@ -262,7 +263,7 @@ def test_whatever_happens_nothing_is_sent_outside_offboard_after_an_engagement_u
     history: list[str], was: State
 ) -> None:
     flight = Flight(kind="px4-copter", was=was)
-    actions = {
+    actions: dict[str, Callable[[], object]] = {
         "offboard": flight.heartbeat,
         "hold": lambda: flight.heartbeat(GUIDED, HOLD_MODE),
         "disarm": lambda: flight.heartbeat(common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, HOLD_MODE),

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -98,7 +99,7 @@ def test_a_picture_never_gets_fresher_by_ageing() -> None:
         ({"clock_offset_s": -1.0}, Stage.COASTING, "clock stepped by -1.0 s"),
     ],
 )
-def test_each_trigger_leads_to_its_stage_and_says_why(change: dict[str, float], stage: Stage, words: str) -> None:
+def test_each_trigger_leads_to_its_stage_and_says_why(change: dict[str, Any], stage: Stage, words: str) -> None:
     found = standing(replace(GOOD, **change))
     assert (found.stage, found.words, len(found.triggers)) == (stage, words, 1)
 
@@ -114,7 +115,7 @@ def test_each_trigger_leads_to_its_stage_and_says_why(change: dict[str, float], 
         {"clock_offset_s": 0.99},
     ],
 )
-def test_short_of_its_limit_or_untold_nothing_triggers(change: dict[str, float]) -> None:
+def test_short_of_its_limit_or_untold_nothing_triggers(change: dict[str, Any]) -> None:
     assert standing(replace(GOOD, **change)) == FailsafeStatus()
 
 
@@ -175,7 +176,7 @@ def test_a_battery_that_was_low_must_recover_well_above_its_limit() -> None:
         ({"position_accuracy_m": 99.0}, {"position_accuracy_m": math.nan}),
     ],
 )
-def test_what_was_bad_and_is_no_longer_told_stays_bad(bad: dict[str, float], unknown: dict[str, float]) -> None:
+def test_what_was_bad_and_is_no_longer_told_stays_bad(bad: dict[str, Any], unknown: dict[str, Any]) -> None:
     before = standing(replace(GOOD, **bad), t_s=0.0)
     after = standing(replace(GOOD, **unknown), before=before, t_s=1e6)
     assert after == before
@@ -203,7 +204,7 @@ def test_whatever_happens_the_stage_is_never_milder_than_the_inputs_alone_ask_fo
         before = assess(now, LIMITS, before, now_s)
         assert SEVERITY[before.stage] >= SEVERITY[assess(now, LIMITS, FailsafeStatus(), now_s).stage]
         assert before.stage is max(
-            (trigger.stage for trigger in before.triggers), key=SEVERITY.get, default=Stage.FRESH
+            (trigger.stage for trigger in before.triggers), key=SEVERITY.__getitem__, default=Stage.FRESH
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common
@@ -196,7 +197,8 @@ def test_only_a_fence_action_that_takes_the_vehicle_from_guided_will_do(
     ],
 )
 def test_limits_beyond_what_the_vehicle_can_do_are_named(kind: str, key: str, value: float, text: str) -> None:
-    assert only_failure(found(heard(kind), config_of(kind, **{key: value}))).text == text
+    limits: dict[str, Any] = {key: value}
+    assert only_failure(found(heard(kind), config_of(kind, **limits))).text == text
 
 
 def test_the_simulators_point_can_do_anything() -> None:
@@ -214,7 +216,7 @@ def test_the_simulators_point_can_do_anything() -> None:
         ({"position": False}, "no position within 2 s"),
     ],
 )
-def test_what_ails_the_vehicle_is_named(wrong: dict[str, int], text: str) -> None:
+def test_what_ails_the_vehicle_is_named(wrong: dict[str, Any], text: str) -> None:
     assert only_failure(found(heard("arducopter", **wrong))).text == text
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -138,7 +140,7 @@ def test_whatever_happens_in_a_flight_its_log_is_decided_again_to_the_bit(
     kind: str, was: State, history: list[str]
 ) -> None:
     flight = Recorded(kind, was)
-    actions = {
+    actions: dict[str, Callable[[], object]] = {
         "offboard": flight.heartbeat,
         "hold": lambda: flight.heartbeat(GUIDED, HOLD_MODE),
         "disarm": lambda: flight.heartbeat(common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, HOLD_MODE),
@@ -192,4 +194,4 @@ def test_a_mode_that_is_left_and_chosen_again_between_two_decisions_is_decided_a
 
 
 def is_companions(frame: bytes) -> bool:
-    return header_of(frame).component == COMPANION_COMPONENT
+    return bool(header_of(frame).component == COMPANION_COMPONENT)

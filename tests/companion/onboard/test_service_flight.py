@@ -34,6 +34,8 @@ from companion.protocol.v2_extension import wrap
 from companion.transport.endpoints import open_sender, parse_link
 from tests.ports import free_port
 
+pytestmark = pytest.mark.slow
+
 HERE = "127.0.0.1"
 GUIDED = 4
 WITHIN_S = 10.0

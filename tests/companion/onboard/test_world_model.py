@@ -19,7 +19,6 @@ from companion.protocol.codec import (
     BandsFrame,
     Directive,
     FleetFrame,
-    Frame,
     MissionFrame,
     MotionFrame,
     PointMotion,
@@ -455,7 +454,7 @@ def banded(*threats: BandEntry) -> WorldModel:
 
 
 def ids_at(picture: WorldModel, low_m: float, high_m: float, now_s: float = time_of(1)) -> list[int]:
-    return picture.view(now_s, (low_m, high_m)).threat_ids.tolist()
+    return [int(one) for one in picture.view(now_s, (low_m, high_m)).threat_ids]
 
 
 @pytest.mark.parametrize(
@@ -698,7 +697,7 @@ def mission(
     return MissionFrame(its_stamp, *origin_deg, 500.0, 100.0, 300.0, bytes(8), 1, 1, threats, "one", digest)
 
 
-def heard(*frames: Frame) -> WorldModel:
+def heard(*frames: StateFrame | FleetFrame | RadiiFrame | MissionFrame) -> WorldModel:
     picture = WorldModel(ME)
     for frame in frames:
         assert picture.take(frame, frame.stamp.unix_s)
@@ -729,7 +728,7 @@ def test_a_directive_needs_no_origin() -> None:
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_a_threat_is_believed_once_place_and_radii_are_known(order: tuple[int, int]) -> None:
-    parts: list[Frame] = [fleet(1, threats=(PLACE,)), radii(1, RADII)]
+    parts: list[FleetFrame | RadiiFrame] = [fleet(1, threats=(PLACE,)), radii(1, RADII)]
     picture = heard(mission(1), parts[order[0]])
     assert len(picture.view(time_of(1)).threat_ids) == 0
     assert picture.take(parts[order[1]], time_of(1))
@@ -915,7 +914,7 @@ def test_a_fleet_frame_repeated_or_overtaken_is_refused() -> None:
 
 
 @pytest.mark.parametrize("frame", [fleet(9), radii(9, RADII), mission(9)])
-def test_packed_frames_of_a_lower_epoch_are_refused(frame: Frame) -> None:
+def test_packed_frames_of_a_lower_epoch_are_refused(frame: FleetFrame | RadiiFrame | MissionFrame) -> None:
     picture = heard(mission(1), fleet(1))
     old = replace(frame, stamp=replace(frame.stamp, epoch_s=EPOCH_S - 1))
     assert not picture.take(old, time_of(1) + 1.0)

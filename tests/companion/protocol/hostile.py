@@ -230,7 +230,7 @@ class Forger:
         payload = self._rng.randbytes(9)
         body = bytes((9, self._rng.randrange(256), GROUND_SYSTEM, GROUND_COMPONENT, 0)) + payload
         crc = oneway.x25crc(body + bytes((oneway.MAVLink_heartbeat_message.crc_extra,))).crc
-        return b"\xfe" + body + crc.to_bytes(2, "little")
+        return b"\xfe" + body + int(crc).to_bytes(2, "little")
 
     def _other_sender(self, now_s: float) -> bytes:
         raw = bytearray(self._unsigned(now_s))
@@ -313,7 +313,7 @@ def run(count: int, authentication: str, seed: int, *, is_stream: bool = False) 
 def forged_seal(raw: bytes, signature: bytes) -> bytes:
     """Return an unsigned broadcast frame with any bytes for its Ed25519 signature."""
     content = raw[HEADER_BYTES:-2][: content_bytes(raw)].ljust(content_bytes(raw), b"\0")
-    return _frame(header_of(raw).message_id, content + signature, raw[5], raw[6])
+    return _frame(header_of(bytes(raw)).message_id, content + signature, raw[5], raw[6])
 
 
 def _frame(number: int, payload: bytes, system: int = GROUND_SYSTEM, component: int = GROUND_COMPONENT) -> bytes:
@@ -324,7 +324,7 @@ def _frame(number: int, payload: bytes, system: int = GROUND_SYSTEM, component: 
 
 def _with_crc(raw: bytearray) -> bytes:
     """Return an unsigned frame whose last two bytes stand for its CRC, with length and CRC made right."""
-    return _frame(header_of(raw).message_id, bytes(raw[HEADER_BYTES:-2]), raw[5], raw[6])
+    return _frame(header_of(bytes(raw)).message_id, bytes(raw[HEADER_BYTES:-2]), raw[5], raw[6])
 
 
 _STATE_NONSENSE: tuple[dict[str, object], ...] = (

@@ -178,7 +178,7 @@ def report_through(frame: ReportFrame) -> ReportFrame:
 
 def resolution_m(datagram: bytes) -> float:
     (message,) = oneway.MAVLink(None).parse_buffer(bytearray(datagram))
-    return message.resolution / 100.0
+    return float(message.resolution) / 100.0
 
 
 def state_of(**parts: object) -> StateFrame:
@@ -294,8 +294,8 @@ def test_positions_return_within_half_a_unit_and_a_unit_is_at_most_ten_metres(
     (decoded,) = FrameReader().read(datagram)
     assert isinstance(decoded, StateFrame)
     for sent, got in zip(frame.agents, decoded.agents, strict=True):
-        assert abs(got.north_m - sent.north_m) <= unit_m / 2 + 1e-6
-        assert abs(got.east_m - sent.east_m) <= unit_m / 2 + 1e-6
+        assert got.north_m == pytest.approx(sent.north_m, rel=0.0, abs=unit_m / 2 + 1e-6)
+        assert got.east_m == pytest.approx(sent.east_m, rel=0.0, abs=unit_m / 2 + 1e-6)
 
 
 def test_a_small_mission_is_sent_by_the_centimetre() -> None:
@@ -705,7 +705,10 @@ maybe_places = st.none() | st.tuples(coordinates_m, coordinates_m)
 def test_an_agent_without_a_place_returns_without_one_beside_those_that_have_one(
     places: list[tuple[float, float] | None],
 ) -> None:
-    entries = [AgentEntry(k, *(place or (None, None)), None) for k, place in enumerate(places)]
+    entries = [
+        AgentEntry(k, None, None, None) if place is None else AgentEntry(k, place[0], place[1], None)
+        for k, place in enumerate(places)
+    ]
     decoded = state_through(state_of(agents=tuple(entries)))
     for sent, got in zip(places, decoded.agents, strict=True):
         if sent is None:

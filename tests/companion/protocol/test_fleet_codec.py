@@ -151,7 +151,7 @@ def fleet_of(**parts: object) -> FleetFrame:
 
 def fitted(frame: FleetFrame) -> FleetFrame:
     """Return the frame with the finest resolution that holds its places."""
-    entries = (*frame.agents, *frame.targets, *frame.threats)
+    entries: list[AgentEntry | TargetEntry | ThreatPlace] = [*frame.agents, *frame.targets, *frame.threats]
     points = [(e.north_m, e.east_m) for e in entries if e.north_m is not None and e.east_m is not None]
     return replace(frame, resolution_cm=finest_resolution_cm(points))
 
@@ -169,7 +169,7 @@ def fleets(draw: st.DrawFn, reach_m: float = SIDE_M) -> FleetFrame:
     goes_to = st.none() | ids_16
     return fitted(
         fleet_of(
-            agents=tuple(AgentEntry(k, *draw(placed), draw(goes_to)) for k in ids(8)),
+            agents=tuple(AgentEntry(k, place[0], place[1], draw(goes_to)) for k in ids(8) for place in [draw(placed)]),
             targets=tuple(targets),
             threats=tuple(ThreatPlace(k, draw(coordinate), draw(coordinate), draw(ages_s)) for k in ids(5)),
         )
@@ -406,7 +406,8 @@ def test_radii_that_make_no_sense_are_refused(entry: RadiiEntry) -> None:
 
 
 def agents_with(ids: list[int], target_id: int | None = 1, placed: bool = True) -> list[AgentEntry]:
-    return [AgentEntry(k, *((1.0, 2.0) if placed else (None, None)), target_id) for k in ids]
+    north_m, east_m = (1.0, 2.0) if placed else (None, None)
+    return [AgentEntry(k, north_m, east_m, target_id) for k in ids]
 
 
 def layout_of(entries: list[AgentEntry]) -> Layout[AgentEntry]:

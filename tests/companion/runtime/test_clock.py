@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 
-from companion.runtime.clock import hear_what_piled_up
+from companion.runtime.clock import drain_sockets
 from companion.transport.endpoints import open_duplex, parse_link
 from tests.ports import free_port
 
@@ -19,7 +19,7 @@ def test_all_that_came_while_the_program_hung_is_heard_before_it_goes_on() -> No
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
             for number in range(100):
                 autopilot.sendto(bytes([number]), ("127.0.0.1", port))
-        await hear_what_piled_up()
+        await drain_sockets()
         duplex.close()
 
     asyncio.run(run())

@@ -26,10 +26,15 @@ def test_jobs_are_done_in_order_and_all_before_the_end() -> None:
 
 
 def test_whoever_gives_a_job_does_not_wait_for_the_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(background, "MOST_WAITING", 2)
+    monkeypatch.setattr(background, "MAX_WAITING_JOBS", 2)
     working, hung = IoThread("test"), threading.Event()
     began = threading.Event()
-    working.do(lambda: (began.set(), hung.wait())[0])
+
+    def hang() -> None:
+        began.set()
+        hung.wait()
+
+    working.do(hang)
     began.wait()
     assert [working.do(lambda: None) for _ in range(3)] == [True, True, False]
     hung.set()
@@ -77,10 +82,15 @@ def test_a_full_disk_ends_the_log_and_is_told(tmp_path: Path, capsys: pytest.Cap
 
 
 def test_a_disk_that_hangs_ends_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(background, "MOST_WAITING", 1)
+    monkeypatch.setattr(background, "MAX_WAITING_JOBS", 1)
     working, hung, began = IoThread("test"), threading.Event(), threading.Event()
     file = IoThreadFile(tmp_path / "flight.tlog", working)
-    working.do(lambda: (began.set(), hung.wait())[0])
+
+    def hang() -> None:
+        began.set()
+        hung.wait()
+
+    working.do(hang)
     began.wait()
     file.write(b"a")
     file.flush()

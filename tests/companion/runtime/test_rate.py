@@ -72,7 +72,7 @@ def test_quantiles_and_the_longest_gap_are_told_to_the_millisecond() -> None:
 def test_a_gap_over_the_limit_is_counted() -> None:
     gaps = gaps_of(0.0, LONG_GAP_S, 2.0 * LONG_GAP_S + 0.1)
     assert gaps.long == 1
-    assert "1 over 0.5 s" in gaps.words
+    assert "1 over 0.5 s" in gaps.summary
 
 
 def test_a_pause_in_the_steering_is_no_gap() -> None:
@@ -91,4 +91,4 @@ def test_the_recent_longest_gap_is_taken_once() -> None:
 
 def test_without_setpoints_there_is_nothing_to_say_of_gaps() -> None:
     assert math.isnan(SetpointGaps().quantile_s(0.5))
-    assert SetpointGaps().words == "no setpoints sent"
+    assert SetpointGaps().summary == "no setpoints sent"

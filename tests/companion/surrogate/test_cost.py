@@ -1,6 +1,7 @@
 """The paper's cost, term by term, at and around its jumps."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -152,5 +153,6 @@ def test_a_scene_whose_shapes_disagree_is_refused() -> None:
 
 @pytest.mark.parametrize("name", ["detection_radius_m", "attack_radius_m", "range_m"])
 def test_a_scene_with_a_radius_or_range_of_zero_is_refused(name: str) -> None:
+    of_zero: dict[str, Any] = {name: np.zeros(1)}
     with pytest.raises(ValueError, match=f"{name} must be positive"):
-        replace(scene([[0.0, 0.0]], [[1.0, 0.0]]), **{name: np.zeros(1)})
+        replace(scene([[0.0, 0.0]], [[1.0, 0.0]]), **of_zero)

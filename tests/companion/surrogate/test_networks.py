@@ -75,6 +75,7 @@ def test_the_gradient_is_the_one_central_differences_find(case: Case) -> None:
     np.testing.assert_allclose(closed, numeric, atol=1e-6 * (span_m2 + 1e11) / case.network.area_m)
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(case=cases())
 def test_the_gradient_is_the_one_autograd_finds(case: Case) -> None:

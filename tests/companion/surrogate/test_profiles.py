@@ -1,5 +1,7 @@
 """The surrogate that flies: its profiles, its closed-form gradient, and the care it takes with its weights file."""
 
+from __future__ import annotations
+
 import json
 import random
 import subprocess
@@ -7,6 +9,7 @@ import sys
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -30,6 +33,9 @@ from companion.surrogate.profiles import (
     surrogate_cost,
     surrogate_gradient,
 )
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 WEIGHTS = Weights(k_d=1e11, k_a=3e11, k_c=1e10)
 SEPARATION_M = 4000.0
@@ -204,7 +210,7 @@ def torch_gradient(profile: RadialProfile, geometry: Geometry) -> np.ndarray:
     """Return dF*/dU by autograd through an independent statement of F*: a sum over pairs, each counted as in F."""
     torch = pytest.importorskip("torch")
 
-    def f(r: torch.Tensor) -> torch.Tensor:
+    def f(r: Tensor) -> Tensor:
         if isinstance(profile, PairwiseNetwork):
             vectors = (profile.input_weight, profile.input_bias, profile.output_weight)
             w, theta, lam = (torch.from_numpy(vector) for vector in vectors)
@@ -227,6 +233,7 @@ def torch_gradient(profile: RadialProfile, geometry: Geometry) -> np.ndarray:
     return np.stack([part.numpy() for part in torch.autograd.grad(cost, agents)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", SMOOTH, ids=lambda p: type(p).__name__)
 @settings(max_examples=60)
 @given(geometry=geometries())

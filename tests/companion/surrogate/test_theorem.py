@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from companion.surrogate.profiles import AnalyticProfile, PairwiseNetwork, PolygonProfile, load_pairwise
+from companion.surrogate.profiles import AnalyticProfile, PairwiseNetwork, PolygonProfile, RadialProfile, load_pairwise
 from companion.surrogate.theorem import (
     CONDITIONS,
     SQRT2,
@@ -34,7 +34,7 @@ V_M = 300.0
 """The paper's kappa: 60 m/s for 5 s."""
 MAX_FACTOR = 12.0
 """Starts this many arrival distances off: near the target the bounds are tested hardest, and a run stays short."""
-PROFILES = [load_pairwise(), AnalyticProfile(0.025), AnalyticProfile(0.3)]
+PROFILES: list[RadialProfile] = [load_pairwise(), AnalyticProfile(0.025), AnalyticProfile(0.3)]
 
 Vector = tuple[float, float]
 Adversary = Callable[[np.random.Generator, int, Vector, float, Pace], Vector]
@@ -123,6 +123,7 @@ ratios = st.floats(0.0, 0.95)
 """delta / v"""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(BY_NAME))
 @given(
     ratio=ratios,

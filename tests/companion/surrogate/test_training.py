@@ -62,6 +62,7 @@ def _torch() -> None:
     pytest.importorskip("torch")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 @pytest.mark.parametrize("surrogate", BOTH)
 def test_the_same_seed_writes_the_same_bytes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, surrogate: str) -> None:
@@ -332,6 +333,7 @@ def scaled_targets(agents_ned_m: np.ndarray, threats_ned_m: np.ndarray) -> np.nd
     return 2.0 * (target_m2 - network.target_low_m2) / span_m2 - 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_the_recorded_errors_of_the_papers_network_are_those_of_its_recorded_samples() -> None:
     from companion.surrogate.training import seeded

@@ -100,7 +100,12 @@ def test_a_senders_bytes_come_out_unchanged_at_the_far_end(cable: Cable) -> None
         every_byte = bytes(range(256))
         sender.send(every_byte)
         got = bytearray()
-        await until(lambda: (got.extend(cable.read()), len(got) >= 256)[1])
+
+        def all_read() -> bool:
+            got.extend(cable.read())
+            return len(got) >= 256
+
+        await until(all_read)
         assert bytes(got) == every_byte
         assert sender.counts.sent == 1
         sender.close()
@@ -131,7 +136,12 @@ def test_a_receivers_device_is_open_for_reading_only_and_echoes_nothing(
 ) -> None:
     opened: list[int] = []
     opening = os.open
-    monkeypatch.setattr(serial_module.os, "open", lambda *given: opened.append(opening(*given)) or opened[-1])
+
+    def remembered(path: str, flags: int) -> int:
+        opened.append(opening(path, flags))
+        return opened[-1]
+
+    monkeypatch.setattr(os, "open", remembered)
 
     async def body() -> None:
         heard: list[bytes] = []

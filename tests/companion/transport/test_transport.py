@@ -7,6 +7,7 @@ import itertools
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 
 import pytest
 from hypothesis import given
@@ -28,7 +29,7 @@ from companion.transport.endpoints import (
     open_sender,
     parse_link,
 )
-from companion.transport.udp import MAX_PER_WAKE
+from companion.transport.udp import MAX_PER_WAKE, UdpDuplex
 from tests.companion.transport.end_points import run, until
 from tests.ports import free_port
 
@@ -50,7 +51,7 @@ PATHS = st.from_regex(r"/[a-zA-Z0-9_:. /-]{1,30}", fullmatch=True)
 LINKS = st.one_of(
     st.builds(Link, st.sampled_from(["udpin", "udpbcast"]), HOSTS, PORTS),
     st.builds(
-        lambda addresses: Link("udpout", *addresses[0], tuple(addresses[1:])),
+        lambda addresses: Link("udpout", addresses[0][0], addresses[0][1], tuple(addresses[1:])),
         st.lists(st.tuples(HOSTS, PORTS), min_size=1, max_size=4, unique=True),
     ),
     st.builds(Link, st.just("mcast"), GROUPS, PORTS, interface=st.sampled_from(["", "127.0.0.1", "10.1.2.3"])),
@@ -318,17 +319,23 @@ def test_sending_after_closing_is_counted_as_failed() -> None:
     run(body)
 
 
+def answers(duplex: UdpDuplex, talker: socket.socket) -> bool:
+    """Whether the duplex sends to this socket."""
+    return bool(duplex.peer == talker.getsockname())
+
+
 def test_a_listening_duplex_answers_the_last_peer_that_sent() -> None:
     async def body() -> None:
         heard: list[bytes] = []
         port = free_port()
         duplex = await open_duplex(Link("udpin", LOCALHOST, port), heard.append)
+        assert isinstance(duplex, UdpDuplex)
         duplex.send(b"to nobody")
         assert duplex.counts.no_peer == 1
         async with plain_socket() as first, plain_socket() as second:
             for talker, reply in ((first, b"hello first"), (second, b"hello second")):
                 talker.sendto(b"x", (LOCALHOST, port))
-                await until(lambda talker=talker: duplex.peer == talker.getsockname())  # type: ignore[misc]
+                await until(partial(answers, duplex, talker))
                 duplex.send(reply)
                 assert talker.recv(100) == reply
             with pytest.raises(BlockingIOError):
@@ -343,6 +350,7 @@ def test_a_calling_duplex_hears_its_peer_and_nobody_else() -> None:
         heard: list[bytes] = []
         async with plain_socket() as peer, plain_socket() as stranger:
             duplex = await open_duplex(Link("udpout", LOCALHOST, peer.getsockname()[1]), heard.append)
+            assert isinstance(duplex, UdpDuplex)
             duplex.send(b"hello")
             data, address = peer.recvfrom(100)
             assert data == b"hello"

@@ -34,8 +34,9 @@ def test_all_receivers_on_one_computer_hear_everything(form: str) -> None:
             sender.send(datagram)
         await until(lambda: all(len(one) == 50 for one in heard))
         assert heard == [sent] * 3
-        for end_point in (*receivers, sender):
-            end_point.close()
+        sender.close()
+        for receiver in receivers:
+            receiver.close()
 
     run(body)
 
@@ -100,8 +101,9 @@ def test_whoever_listens_to_every_address_hears_the_broadcast() -> None:
         sender = await open_sender(parse_link(f"udpbcast:127.255.255.255:{port}"))
         sender.send(b"all")
         await until(lambda: heard == [b"all", b"all"])
-        for end_point in (*receivers, sender):
-            end_point.close()
+        sender.close()
+        for receiver in receivers:
+            receiver.close()
 
     run(body)
 

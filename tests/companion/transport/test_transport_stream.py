@@ -94,7 +94,8 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("at_once")
 def test_a_tcp_link_goes_both_ways_in_whole_frames() -> None:
     async def body() -> None:
-        server, heard = Server(), []
+        server = Server()
+        heard: list[bytes] = []
         duplex = await open_duplex(Link("tcp", LOCALHOST, await server.open()), heard.append)
         await until(lambda: server.writer is not None)
         assert server.writer is not None
@@ -112,7 +113,8 @@ def test_a_tcp_link_goes_both_ways_in_whole_frames() -> None:
 @pytest.mark.usefixtures("at_once")
 def test_a_tcp_link_comes_back_after_the_other_end_was_gone() -> None:
     async def body() -> None:
-        first, second, heard = Server(), Server(), []
+        first, second = Server(), Server()
+        heard: list[bytes] = []
         port = await first.open()
         duplex = await open_duplex(Link("tcp", LOCALHOST, port), heard.append)
         await until(lambda: first.writer is not None)

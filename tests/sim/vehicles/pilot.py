@@ -9,7 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from companion.geo.local_frame import LocalFrame
-from sim.vehicles import CRAFTS, Home, StandIn
+from sim.vehicles import CRAFTS, Home, Setup, StandIn
 
 Message = Any
 """A message of the generated module, which carries no types."""
@@ -29,15 +29,17 @@ class Pilot:
         """Begin at the plane's origin, heading north."""
         self.vehicle = StandIn(
             CRAFTS[kind],
-            1,
-            FRAME,
-            altitude_m=GROUND_M + (HEIGHT_M if flying else 0.0),
-            home=Home(0.0, 0.0, GROUND_M),
-            in_air=flying,
-            armed=flying,
-            guided=guided,
-            speed_m_s=speed_m_s,
-            seed=seed,
+            Setup(
+                1,
+                FRAME,
+                altitude_m=GROUND_M + (HEIGHT_M if flying else 0.0),
+                home=Home(0.0, 0.0, GROUND_M),
+                in_air=flying,
+                armed=flying,
+                guided=guided,
+                speed_m_s=speed_m_s,
+                seed=seed,
+            ),
         )
         self.t_s = 0.0
         self.told: list[Any] = []
@@ -153,5 +155,5 @@ class Pilot:
 
 
 def _parsed(frame: bytes) -> Message:
-    (message,) = common.MAVLink(None).parse_buffer(frame) or ()
+    (message,) = common.MAVLink(None).parse_buffer(frame) or []
     return message

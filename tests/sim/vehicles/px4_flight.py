@@ -9,7 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from companion.geo.local_frame import LocalFrame
-from sim.vehicles import Craft, Home, StandIn, Start
+from sim.vehicles import Craft, Home, Setup, StandIn, Start
 
 Message = Any
 """A message of the generated module, which carries no types."""
@@ -41,14 +41,16 @@ class Flight:
         flies = height_m > 0.0
         self.vehicle = StandIn(
             build,
-            1,
-            LocalFrame(47.0, 8.0),
-            altitude_m=_GROUND_M + height_m,
-            speed_m_s=speed_m_s,
-            home=Home(0.0, 0.0, _GROUND_M),
-            in_air=flies,
-            armed=flies,
-            rates_hz=_RATES_HZ,
+            Setup(
+                1,
+                LocalFrame(47.0, 8.0),
+                altitude_m=_GROUND_M + height_m,
+                speed_m_s=speed_m_s,
+                home=Home(0.0, 0.0, _GROUND_M),
+                in_air=flies,
+                armed=flies,
+                rates_hz=_RATES_HZ,
+            ),
         )
         self.now_s = 0.0
         self.heard: dict[str, Message] = {}
@@ -175,7 +177,7 @@ class Flight:
         return math.degrees(math.remainder(math.radians(self.course_deg - course_deg), math.tau))
 
 
-def local(mask: int, frame: int = common.MAV_FRAME_LOCAL_NED, **fields: float) -> Message:
+def local(mask: int, frame: int = common.MAV_FRAME_LOCAL_NED, /, **fields: float) -> Message:
     """Return a SET_POSITION_TARGET_LOCAL_NED; what is not named is 0."""
     names = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
     assert set(fields) <= set(names)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 from pymavlink.dialects.v20 import common
@@ -135,7 +136,7 @@ def accelerates_at_its_limit() -> bool:
     for acceleration_cm_s2 in (100.0, 200.0):
         pilot = copter()
         pilot.set("WPNAV_ACCEL", acceleration_cm_s2)
-        pilot.wait(4.0, lambda pilot=pilot: pilot.velocity(10.0, 0.0))
+        pilot.wait(4.0, partial(pilot.velocity, 10.0, 0.0))
         speeds_m_s.append(pilot.speed_m_s)
     return 1.8 < speeds_m_s[1] / speeds_m_s[0] < 2.2
 

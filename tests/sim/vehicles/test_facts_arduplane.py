@@ -376,8 +376,12 @@ def takes_off_in_takeoff() -> bool:
 def commands_fail_outside_guided() -> bool:
     pilot = plane(straight=False)
     pilot.command(common.MAV_CMD_DO_SET_MODE, 1, LOITER)
-    asked = [(SPEED, 0.0, 25.0), (ALTITUDE, 0.0, 0.0), (HEADING, 0.0, 90.0, 20.0)]
-    return all(pilot.command_int(*parameters) == FAILED for parameters in asked)
+    asked: list[tuple[int, tuple[float, ...]]] = [
+        (SPEED, (0.0, 25.0)),
+        (ALTITUDE, (0.0, 0.0)),
+        (HEADING, (0.0, 90.0, 20.0)),
+    ]
+    return all(pilot.command_int(command, *parameters) == FAILED for command, parameters in asked)
 
 
 def returns_and_circles_home() -> bool:

@@ -98,7 +98,7 @@ def mask_is_flown(make: Make) -> Callable[[Flight], bool]:
 def yaw_is_taken(flight: Flight) -> bool:
     flight.engage(velocity(3.0, mask=VELOCITY_YAW, yaw=1.5))
     flight.run(4.0, velocity(3.0, mask=VELOCITY_YAW, yaw=1.5))
-    return abs(flight.heard["ATTITUDE"].yaw - 1.5) < 0.01
+    return bool(abs(flight.heard["ATTITUDE"].yaw - 1.5) < 0.01)
 
 
 def yaw_stays_without_one(flight: Flight) -> bool:
@@ -112,7 +112,7 @@ def yaw_rate_is_taken(flight: Flight) -> bool:
     flight.engage(make)
     before_rad = flight.heard["ATTITUDE"].yaw
     flight.run(5.0, make)
-    return abs(flight.heard["ATTITUDE"].yaw - before_rad - 1.0) < 0.05
+    return bool(abs(flight.heard["ATTITUDE"].yaw - before_rad - 1.0) < 0.05)
 
 
 def height_is_taken(flight: Flight) -> bool:
@@ -160,7 +160,7 @@ def refused_without_stream(flight: Flight) -> bool:
 def refused_after_a_lapsed_stream(flight: Flight) -> bool:
     flight.run(2.0, velocity(0.0))
     flight.run(1.5)
-    return flight.set_mode(OFFBOARD)[-1] == REJECTED
+    return bool(flight.set_mode(OFFBOARD)[-1] == REJECTED)
 
 
 def entered_when_the_stream_is_a_second_old(flight: Flight) -> bool:
@@ -273,7 +273,7 @@ def stays_out_after_a_person_chose_another_mode(flight: Flight) -> bool:
 
 
 def sticks_are_refused_in_flight(flight: Flight) -> bool:
-    return flight.set_mode(POSITION)[-1] == REJECTED
+    return bool(flight.set_mode(POSITION)[-1] == REJECTED)
 
 
 def landed_in_offboard(flight: Flight) -> Flight:
@@ -361,8 +361,8 @@ def test_a_person_arms_takes_off_repositions_and_lands() -> None:
     assert flight.mode == TAKE_OFF
     flight.run(6.0)
     assert flight.mode == HOLD and abs(flight.height_m - 2.5) < 0.2
-    place = {"x": round(47.0002e7), "y": round(8.0e7), "z": 20.0}
-    assert flight.command_int(common.MAV_CMD_DO_REPOSITION, -1.0, 1.0, **place) == [ACCEPTED]
+    x, y = round(47.0002e7), round(8.0e7)
+    assert flight.command_int(common.MAV_CMD_DO_REPOSITION, -1.0, 1.0, x=x, y=y, z=20.0) == [ACCEPTED]
     flight.run(30.0)
     assert flight.mode == HOLD and abs(flight.height_m - 20.0) < 0.3 and math.dist(flight.place_m, (22.24, 0.0)) < 1.0
     assert flight.command(common.MAV_CMD_NAV_LAND) == [ACCEPTED]

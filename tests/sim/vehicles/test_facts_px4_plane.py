@@ -56,8 +56,8 @@ def course(
     def make(flight: Flight) -> Message:
         north_m, east_m = flight.place_m
         course_rad = math.radians(course_deg)
-        along = {"vx": speed_m_s * math.cos(course_rad), "vy": speed_m_s * math.sin(course_rad)}
-        return local(mask, x=north_m, y=east_m, z=-height_m, **along, **more)
+        vx, vy = speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)
+        return local(mask, x=north_m, y=east_m, z=-height_m, vx=vx, vy=vy, **more)
 
     return make
 
@@ -141,8 +141,8 @@ def change_speed_works_in_hold(flight: Flight) -> bool:
 
 
 def reposition_works_in_hold(flight: Flight) -> bool:
-    place = {"x": round(47.005e7), "y": round(8.0e7), "z": 120.0}
-    results = flight.command_int(common.MAV_CMD_DO_REPOSITION, 18.0, 1.0, 0.0, NAN, **place)
+    x, y = round(47.005e7), round(8.0e7)
+    results = flight.command_int(common.MAV_CMD_DO_REPOSITION, 18.0, 1.0, 0.0, NAN, x=x, y=y, z=120.0)
     flight.run(75.0)
     distances_m: list[float] = []
     flight.run(40.0, watch=lambda: distances_m.append(math.dist(flight.place_m, (555.9, 0.0))))

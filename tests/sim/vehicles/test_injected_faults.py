@@ -105,28 +105,28 @@ def test_a_reboot_is_silent_starts_the_clock_anew_and_forgets_all_but_parameters
 
 def test_the_battery_drains_while_armed_and_is_told() -> None:
     pilot = Pilot("arducopter")
-    pilot.vehicle.battery_percent = 60.0
-    pilot.vehicle.battery_drain_percent_s = 0.5
+    pilot.vehicle.battery.percent = 60.0
+    pilot.vehicle.battery.drain_percent_s = 0.5
     pilot.wait(20.0)
     assert said(pilot, STATUS)[-1].battery_remaining == 50
     assert said(pilot, STATUS)[-1].voltage_battery < said(pilot, STATUS)[0].voltage_battery
     assert said(pilot, BATTERY)[-1].battery_remaining == 50
-    pilot.vehicle.battery_drain_percent_s = 500.0
+    pilot.vehicle.battery.drain_percent_s = 500.0
     pilot.wait(2.0)
     assert said(pilot, STATUS)[-1].battery_remaining == 0
 
 
 def test_a_parked_vehicle_drains_nothing() -> None:
     pilot = Pilot("arducopter", flying=False)
-    pilot.vehicle.battery_drain_percent_s = 1.0
+    pilot.vehicle.battery.drain_percent_s = 1.0
     pilot.wait(5.0)
-    assert pilot.vehicle.battery_percent == 100.0
+    assert pilot.vehicle.battery.percent == 100.0
 
 
 def test_the_receivers_noise_has_the_deviation_asked_for_and_leaves_the_truth_alone() -> None:
     noisy, exact = Pilot("arducopter"), Pilot("arducopter")
     noisy.vehicle.sensors.noise_m = 3.0
-    errors_m = []
+    errors_m: list[float] = []
     for pilot in (noisy, exact):
         pilot.wait(600.0, period_s=0.5)
     assert noisy.vehicle.truth == exact.vehicle.truth

@@ -22,6 +22,8 @@ from companion.transport.endpoints import parse_link
 from sim.vehicle_service import VehicleOptions, run_vehicle
 from tests.ports import free_port
 
+pytestmark = pytest.mark.slow
+
 LOCALHOST = "127.0.0.1"
 ARDUPLANE_TAKEOFF = 13
 COPTER_STAGES = ["healthy", "armed", "up", "flying east", "holding"]
@@ -116,7 +118,8 @@ async def fly(kind: str, client: Client, done: list[str]) -> None:
 
 async def meet(kind: str) -> list[str]:
     """Start a vehicle and a client for it; return the stages reached, and the error that ended them if one did."""
-    port, done, stop = free_port(), [], asyncio.Event()
+    port, stop = free_port(), asyncio.Event()
+    done: list[str] = []
     options = VehicleOptions(kind, (parse_link(f"udpout:{LOCALHOST}:{port}"),))
     vehicle = asyncio.create_task(run_vehicle(options, stop=stop))
     configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)

@@ -39,6 +39,7 @@ def test_in_wind_the_course_over_the_ground_is_the_one_decided(kind: str, speed_
     assert max(course_rad) < math.radians(1.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "speed_m_s"), KINDS)
 def test_a_change_of_height_is_flown(kind: str, speed_m_s: float) -> None:
     flight = Flight(kind, speed_m_s)

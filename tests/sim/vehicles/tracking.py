@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common
 
-from companion.autopilot.linked import KINDS
 from companion.autopilot.registry import ADAPTERS
 from companion.geo.kinematics import GRAVITY_M_S2, turn_towards
 from companion.geo.local_frame import LocalFrame
 from companion.guard.types import Setpoint
-from sim.vehicles import CRAFTS, Home, StandIn
+from sim.vehicles import CRAFTS, Home, Setup, StandIn
 
 HEIGHT_M = 100.0
 STEP_S = 0.1
@@ -63,13 +62,15 @@ class Flight:
         self.adapter = ADAPTERS[self.kind]()
         self.vehicle = StandIn(
             CRAFTS[self.kind],
-            1,
-            LocalFrame(47.0, 8.0),
-            altitude_m=HEIGHT_M,
-            speed_m_s=self.speed_m_s,
-            home=Home(0.0, 0.0, 0.0),
-            in_air=True,
-            armed=True,
+            Setup(
+                1,
+                LocalFrame(47.0, 8.0),
+                altitude_m=HEIGHT_M,
+                speed_m_s=self.speed_m_s,
+                home=Home(0.0, 0.0, 0.0),
+                in_air=True,
+                armed=True,
+            ),
         )
         self.vehicle.wind_m_s = self.wind_m_s
         self.now_s = 0.0
@@ -100,14 +101,14 @@ class Flight:
             self.adapter.receive(datagram, self.now_s)
 
     def _hand_over(self) -> None:
-        mode = next(kind.guided_mode for kind in KINDS if kind.name == self.kind)
+        mode = self.adapter.identity.guided_mode
         # PX4 takes its main mode as a parameter of its own.
         modes = (mode >> 16, 0.0) if mode >= 1 << 16 else (mode, 0.0)
         command = common.MAVLink_command_long_message(
             1, 1, common.MAV_CMD_DO_SET_MODE, 0, common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *modes, 0.0, 0.0, 0.0, 0.0
         )
-        person = common.MAVLink(None, srcSystem=255, srcComponent=190)
-        self.vehicle.receive(bytes(command.pack(person)), self.now_s)
+        safety_pilot = common.MAVLink(None, srcSystem=255, srcComponent=190)
+        self.vehicle.receive(bytes(command.pack(safety_pilot)), self.now_s)
 
 
 def turned(flight: Flight, turns_rad: tuple[float, ...]) -> tuple[float, float]:

@@ -1,0 +1,96 @@
+"""A stand-in autopilot's side of MAVLink's command protocol."""
+
+from __future__ import annotations
+
+import math
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from sim.mavlink_sender import MavlinkSender
+from sim.vehicles.craft import Answer, Command, Message
+from sim.vehicles.dynamics import FlightDynamics
+from sim.vehicles.telemetry import Telemetry
+
+
+class CommandProtocol:
+    """Lets the craft answer commands, and answers itself what every autopilot answers."""
+
+    def __init__(self, dynamics: FlightDynamics, telemetry: Telemetry, sender: MavlinkSender) -> None:
+        """Take commands for a vehicle."""
+        self._dynamics = dynamics
+        self._craft = dynamics.craft
+        self._telemetry = telemetry
+        self._sender = sender
+
+    def on_command_long(self, message: Message, t_s: float) -> list[bytes]:
+        """Answer a COMMAND_LONG."""
+        command = Command(
+            message.command,
+            *(message.param1, message.param2, message.param3, message.param4),
+            *(message.param5, message.param6, message.param7),
+            int_frame=False,
+        )
+        return self._answer(command, message, t_s)
+
+    def on_command_int(self, message: Message, t_s: float) -> list[bytes]:
+        """Answer a COMMAND_INT."""
+        command = Command(
+            message.command,
+            *(message.param1, message.param2, message.param3, message.param4),
+            *(message.x, message.y, message.z),
+            int_frame=True,
+            frame=message.frame,
+        )
+        return self._answer(command, message, t_s)
+
+    def _answer(self, command: Command, message: Message, t_s: float) -> list[bytes]:
+        answer, told = self._obey(command, t_s)
+        frames: list[bytes] = []
+        if answer is None:
+            result, requested = self._serve(command, t_s)
+            answer, told = Answer((result,)), requested
+        for result in answer.results:
+            ack = self._sender.mav.command_ack_encode(
+                command.command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
+            )
+            frames.append(self._sender.pack(ack))
+        frames += [self._telemetry.text(text, mavlink.MAV_SEVERITY_CRITICAL) for text in answer.texts]
+        return frames + told
+
+    def _obey(self, command: Command, t_s: float) -> tuple[Answer | None, list[bytes]]:
+        """Let the craft answer; return that and what a change has to be told by at once."""
+        before = self._telemetry.heartbeat_state()
+        answer = self._craft.command(command, self._dynamics.surroundings(), t_s)
+        return answer, self._telemetry.announce_change(before, t_s)
+
+    def _serve(self, command: Command, t_s: float) -> tuple[int, list[bytes]]:
+        """Answer what every autopilot answers."""
+        if command.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
+            known = math.isfinite(command.param1) and self._telemetry.encoder.knows(int(command.param1))
+            if not known:
+                return mavlink.MAV_RESULT_UNSUPPORTED, []
+            return mavlink.MAV_RESULT_ACCEPTED, [self._telemetry.message(int(command.param1), t_s)]
+        if command.command == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
+            return mavlink.MAV_RESULT_ACCEPTED, [self._telemetry.message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, t_s)]
+        if command.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            return self._set_message_interval(command, t_s), []
+        return mavlink.MAV_RESULT_UNSUPPORTED, []
+
+    def _set_message_interval(self, command: Command, t_s: float) -> int:
+        message_id, interval_us = command.param1, command.param2
+        if not (math.isfinite(message_id) and math.isfinite(interval_us)):
+            return int(mavlink.MAV_RESULT_DENIED)
+        # An unknown message is accepted too: a ground station asks for much that it can do without.
+        if message_id.is_integer() and self._telemetry.encoder.knows(int(message_id)):
+            self._telemetry.streams.set_interval(int(message_id), interval_us, t_s)
+        return int(mavlink.MAV_RESULT_ACCEPTED)
+
+    def on_set_mode(self, message: Message, t_s: float) -> list[bytes]:
+        """Obey a SET_MODE, which is not acknowledged."""
+        if not message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            return []
+        mode, sub_mode = message.custom_mode, 0
+        if self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_PX4:
+            mode, sub_mode = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24
+        parameters = (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, mode, sub_mode, 0.0, 0.0, 0.0, 0.0)
+        return self._obey(Command(mavlink.MAV_CMD_DO_SET_MODE, *parameters, int_frame=False), t_s)[1]

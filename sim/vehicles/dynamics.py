@@ -1,0 +1,112 @@
+"""The true vehicle of a stand-in: its craft in its surroundings, its sensors and its battery, on one clock."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from companion.geo.local_frame import LocalFrame
+from sim.vehicles.craft import Craft, Home, Surroundings
+from sim.vehicles.sensors import Sensors
+from sim.vehicles.setpoint import clip
+
+CELLS = 3
+_FULL_CELL_MV, _EMPTY_CELL_MV = 4200, 3500
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Where the vehicle really is, in the mission's plane. The heading is the nose's, clockwise from grid north.
+
+    The speed is over the ground, where the wind makes the course another than the nose's.
+    """
+
+    north_m: float
+    east_m: float
+    altitude_m: float
+    heading_rad: float
+    speed_m_s: float
+
+
+@dataclass(slots=True)
+class Battery:
+    """A battery whose voltage is proportional to its charge."""
+
+    percent: float = 100.0
+    drain_percent_s: float = 0.0
+    """While the vehicle is armed."""
+
+    def discharge(self, duration_s: float) -> None:
+        """Drain for a while; an empty battery stays empty."""
+        self.percent = max(0.0, self.percent - self.drain_percent_s * duration_s)
+
+    def voltage_mv(self) -> int:
+        """Return the voltage of all cells."""
+        cell_mv = _EMPTY_CELL_MV + (_FULL_CELL_MV - _EMPTY_CELL_MV) * clip(self.percent, 0.0, 100.0) / 100.0
+        return round(CELLS * cell_mv)
+
+
+class FlightDynamics:
+    """Where the vehicle is and what moves it. Wind is what the owner sets; it stays constant within a step."""
+
+    def __init__(self, craft: Craft, home: Home, frame: LocalFrame, sensors: Sensors, start_s: float) -> None:
+        """Begin at `start_s` with the craft as it is, in still air; `frame` is the mission's plane."""
+        self.craft = craft
+        self.home = home
+        self.home_frame = LocalFrame(*frame.to_global(home.north_m, home.east_m))
+        """The autopilot's own local frame."""
+        self.sensors = sensors
+        self.battery = Battery()
+        self._frame = frame
+        self._wind_m_s = (0.0, 0.0)
+        self.now_s = start_s
+        self._geodetic: tuple[float, float, float] | None = None
+
+    @property
+    def truth(self) -> Truth:
+        """Where the vehicle really is after the last step."""
+        body = self.craft.body
+        speed_m_s = math.hypot(body.velocity_north_m_s, body.velocity_east_m_s)
+        return Truth(body.north_m, body.east_m, body.altitude_m, body.heading_rad, speed_m_s)
+
+    @property
+    def wind_m_s(self) -> tuple[float, float]:
+        """North and east along the grid: where the air moves to, not where it comes from."""
+        return self._wind_m_s
+
+    @wind_m_s.setter
+    def wind_m_s(self, wind_m_s: tuple[float, float]) -> None:
+        self._wind_m_s = wind_m_s
+        if self.craft.in_air:
+            self.craft.blow(wind_m_s)
+
+    def step_to(self, t_s: float) -> None:
+        """Advance the truth to the time `t_s`, which is later than the last."""
+        around = self.surroundings()
+        if self.craft.armed:
+            self.battery.discharge(t_s - self.now_s)
+        while self.now_s < t_s:
+            until_s = min(t_s, self.now_s + self.craft.longest_step_s)
+            self.craft.step(self.now_s, until_s - self.now_s, around)
+            self.now_s = until_s
+            self.sensors.remember(self.craft.body, until_s)
+        self._geodetic = None
+
+    def surroundings(self) -> Surroundings:
+        """Return what the craft must know of the world now."""
+        convergence_rad = self.geodetic()[2]
+        return Surroundings(self._wind_m_s, self.home, convergence_rad, self._frame.to_local, self._local_to_plane)
+
+    def geodetic(self) -> tuple[float, float, float]:
+        """Return latitude and longitude in degrees and the grid's convergence in radians where the vehicle is."""
+        if self._geodetic is None:
+            body = self.craft.body
+            self._geodetic = self.geodetic_of(body.north_m, body.east_m)
+        return self._geodetic
+
+    def geodetic_of(self, north_m: float, east_m: float) -> tuple[float, float, float]:
+        """Return the same of a place of the plane."""
+        return self._frame.to_global_with_convergence(north_m, east_m)
+
+    def _local_to_plane(self, north_m: float, east_m: float) -> tuple[float, float]:
+        return self._frame.to_local(*self.home_frame.to_global(north_m, east_m))

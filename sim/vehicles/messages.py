@@ -1,0 +1,248 @@
+"""What a stand-in autopilot says of itself, message by message, and what can go wrong with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from sim.mavlink_sender import MavlinkSender
+from sim.vehicles.craft import Body, Message
+from sim.vehicles.dynamics import CELLS, FlightDynamics
+from sim.vehicles.sensors import Estimate
+from sim.vehicles.setpoint import clip, rotated
+
+_SENSORS = (
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | mavlink.MAV_SYS_STATUS_SENSOR_GPS
+    | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+    | mavlink.MAV_SYS_STATUS_PREARM_CHECK
+)
+_CAPABILITIES = (
+    mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+)
+_VERSION = (4 << 24) | (7 << 16)
+"""Of ArduPilot's development tree of October 2025, which was measured."""
+_PX4_VERSION = (1 << 24) | (16 << 16) | (1 << 8) | 255
+_INT16_MAX, _INT32_MAX, _UINT16_MAX = 2**15 - 1, 2**31 - 1, 2**16 - 1
+_NO_DILUTION = _UINT16_MAX
+
+
+@dataclass(frozen=True, slots=True)
+class _Report:
+    """What positions and attitudes of one moment are made of: the estimate, where that is on the earth, the clock."""
+
+    estimate: Estimate
+    lat_deg: float
+    lon_deg: float
+    convergence_rad: float
+    boot_ms: int
+
+
+class MessageEncoder:
+    """Makes the messages that one autopilot streams or is asked for."""
+
+    def __init__(self, dynamics: FlightDynamics, sender: MavlinkSender, boot_s: float) -> None:
+        """Speak for a vehicle whose clock of `time_boot_ms` began at `boot_s`."""
+        self.boot_s = boot_s
+        self._dynamics = dynamics
+        self._craft = dynamics.craft
+        self._mav = sender.mav
+        self._system_id = sender.mav.srcSystem
+        self._frozen: _Report | None = None
+        self._floats_are_nan = False
+        self._encoders: dict[int, Callable[[float], Message]] = {
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            mavlink.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
+            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_sys_state,
+            mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: self._gps_raw_int,
+            mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._global_position_int,
+            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position_ned,
+            mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
+            mavlink.MAVLINK_MSG_ID_VFR_HUD: self._vfr_hud,
+            mavlink.MAVLINK_MSG_ID_HOME_POSITION: self._home_position,
+            mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery_status,
+            mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._autopilot_version,
+        }
+
+    def knows(self, message_id: int) -> bool:
+        """Return whether there is such a message."""
+        return message_id in self._encoders
+
+    def encode(self, message_id: int, t_s: float) -> Message:
+        """Return a message as of a time; KeyError for one that is not known."""
+        return self._encoders[message_id](t_s)
+
+    def freeze(self, frozen: bool) -> None:
+        """Let positions and attitude repeat what they are now, clock included; or end that."""
+        self._frozen = self._reported(self._dynamics.now_s) if frozen else None
+
+    def corrupt(self, corrupt: bool) -> None:
+        """Let the floats of ATTITUDE, LOCAL_POSITION_NED and VFR_HUD be NaN; or end that."""
+        self._floats_are_nan = corrupt
+
+    def _reported(self, t_s: float) -> _Report:
+        if self._frozen is not None:
+            return self._frozen
+        dynamics = self._dynamics
+        estimate = dynamics.sensors.estimate(self._craft.body, t_s)
+        if dynamics.sensors.perfect:
+            place = dynamics.geodetic()
+        else:
+            place = dynamics.geodetic_of(estimate.body.north_m, estimate.body.east_m)
+        return _Report(estimate, *place, round((t_s - self.boot_s) * 1000.0) % 2**32)
+
+    def _float(self, value: float) -> float:
+        return math.nan if self._floats_are_nan else value
+
+    def _heartbeat(self, t_s: float) -> Message:
+        state = mavlink.MAV_STATE_ACTIVE if self._craft.in_air else mavlink.MAV_STATE_STANDBY
+        if self._craft.failsafe:
+            state = mavlink.MAV_STATE_CRITICAL
+        return self._mav.heartbeat_encode(
+            self._craft.mav_type, self._craft.mav_autopilot, self._craft.base_mode(), self._craft.mode, state
+        )
+
+    def _sys_status(self, t_s: float) -> Message:
+        health = _SENSORS
+        if not self._craft.ready:
+            health &= ~(mavlink.MAV_SYS_STATUS_PREARM_CHECK | mavlink.MAV_SYS_STATUS_SENSOR_GPS)
+        if not self._reported(t_s).estimate.has_fix:
+            health &= ~mavlink.MAV_SYS_STATUS_SENSOR_GPS
+        no_current, no_errors = -1, 0
+        return self._mav.sys_status_encode(
+            *(
+                _SENSORS,
+                _SENSORS,
+                health,
+                0,
+                self._dynamics.battery.voltage_mv(),
+                no_current,
+                round(self._dynamics.battery.percent),
+            ),
+            *(no_errors, no_errors, no_errors, no_errors, no_errors, no_errors),
+        )
+
+    def _battery_status(self, t_s: float) -> Message:
+        cells_mv = [self._dynamics.battery.voltage_mv() // CELLS] * CELLS + [_UINT16_MAX] * (10 - CELLS)
+        unknown_temperature, unknown = _INT16_MAX, -1
+        return self._mav.battery_status_encode(
+            *(0, mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO, unknown_temperature, cells_mv),
+            *(unknown, unknown, unknown, round(self._dynamics.battery.percent)),
+        )
+
+    def _autopilot_version(self, t_s: float) -> Message:
+        is_px4 = self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_PX4
+        version = _PX4_VERSION if is_px4 else _VERSION
+        no_hash = (0,) * 8
+        return self._mav.autopilot_version_encode(
+            _CAPABILITIES, version, 0, 0, 0, no_hash, no_hash, no_hash, 0, 0, self._system_id
+        )
+
+    def _extended_sys_state(self, t_s: float) -> Message:
+        return self._mav.extended_sys_state_encode(mavlink.MAV_VTOL_STATE_UNDEFINED, self._craft.landed_state())
+
+    def _height_mm(self, body: Body) -> tuple[int, int]:
+        """Return (above sea level, above home) as the wire counts them."""
+        above_home_m = body.altitude_m - self._dynamics.home.altitude_m
+        return (
+            round(clip(body.altitude_m * 1000.0, -_INT32_MAX, _INT32_MAX)),
+            round(clip(above_home_m * 1000.0, -_INT32_MAX, _INT32_MAX)),
+        )
+
+    def _global_position_int(self, t_s: float) -> Message:
+        report = self._reported(t_s)
+        body = report.estimate.body
+        north_m_s, east_m_s = _true_velocity_m_s(report)
+        return self._mav.global_position_int_encode(
+            report.boot_ms,
+            round(report.lat_deg * 1e7),
+            round(report.lon_deg * 1e7),
+            *self._height_mm(body),
+            _centimetres_s(north_m_s),
+            _centimetres_s(east_m_s),
+            _centimetres_s(-body.climb_m_s),
+            round(math.degrees(body.heading_rad + report.convergence_rad) * 100.0) % 36000,
+        )
+
+    def _local_position_ned(self, t_s: float) -> Message:
+        report = self._reported(t_s)
+        body = report.estimate.body
+        x_m, y_m = self._dynamics.home_frame.to_local(report.lat_deg, report.lon_deg)
+        z_m = self._dynamics.home.altitude_m - body.altitude_m
+        values = (x_m, y_m, z_m, *_true_velocity_m_s(report), -body.climb_m_s)
+        return self._mav.local_position_ned_encode(report.boot_ms, *map(self._float, values))
+
+    def _attitude(self, t_s: float) -> Message:
+        report = self._reported(t_s)
+        body = report.estimate.body
+        yaw_rad = math.remainder(body.heading_rad + report.convergence_rad, math.tau)
+        values = (body.roll_rad, 0.0, yaw_rad, 0.0, 0.0, body.turn_rate_rad_s)
+        return self._mav.attitude_encode(report.boot_ms, *map(self._float, values))
+
+    def _vfr_hud(self, t_s: float) -> Message:
+        report = self._reported(t_s)
+        body = report.estimate.body
+        ground_m_s = math.hypot(body.velocity_north_m_s, body.velocity_east_m_s)
+        heading_deg = round(math.degrees(body.heading_rad + report.convergence_rad)) % 360
+        unknown_throttle = 0
+        return self._mav.vfr_hud_encode(
+            self._float(body.airspeed_m_s),
+            self._float(ground_m_s),
+            heading_deg,
+            unknown_throttle,
+            self._float(body.altitude_m),
+            self._float(body.climb_m_s),
+        )
+
+    def _gps_raw_int(self, t_s: float) -> Message:
+        report = self._reported(t_s)
+        north_m_s, east_m_s = _true_velocity_m_s(report)
+        has_fix = report.estimate.has_fix
+        accuracy_mm = round(clip(report.estimate.accuracy_m * 1000.0, 0.0, _INT32_MAX))
+        altitude_mm = self._height_mm(report.estimate.body)[0]
+        dilution = 80 if has_fix else _NO_DILUTION
+        return self._mav.gps_raw_int_encode(
+            report.boot_ms * 1000,
+            mavlink.GPS_FIX_TYPE_3D_FIX if has_fix else mavlink.GPS_FIX_TYPE_NO_FIX,
+            round(report.lat_deg * 1e7),
+            round(report.lon_deg * 1e7),
+            altitude_mm,
+            dilution,
+            dilution,
+            min(round(math.hypot(north_m_s, east_m_s) * 100.0), _UINT16_MAX),
+            round(math.degrees(math.atan2(east_m_s, north_m_s)) * 100.0) % 36000,
+            14 if has_fix else 0,
+            alt_ellipsoid=altitude_mm,
+            h_acc=accuracy_mm,
+            v_acc=accuracy_mm,
+        )
+
+    def _home_position(self, t_s: float) -> Message:
+        level = (1.0, 0.0, 0.0, 0.0)
+        return self._mav.home_position_encode(
+            round(self._dynamics.home_frame.lat_deg * 1e7),
+            round(self._dynamics.home_frame.lon_deg * 1e7),
+            round(clip(self._dynamics.home.altitude_m * 1000.0, -_INT32_MAX, _INT32_MAX)),
+            *(0.0, 0.0, 0.0),
+            level,
+            *(0.0, 0.0, 0.0),
+        )
+
+
+def _true_velocity_m_s(report: _Report) -> tuple[float, float]:
+    body = report.estimate.body
+    return rotated(body.velocity_north_m_s, body.velocity_east_m_s, report.convergence_rad)
+
+
+def _centimetres_s(speed_m_s: float) -> int:
+    return round(clip(speed_m_s * 100.0, -_INT16_MAX, _INT16_MAX))

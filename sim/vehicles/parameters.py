@@ -1,0 +1,56 @@
+"""A stand-in autopilot's side of MAVLink's parameter protocol."""
+
+from __future__ import annotations
+
+import struct
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from sim.mavlink_sender import MavlinkSender
+from sim.vehicles.craft import Craft, Message, Parameter
+
+
+class ParameterProtocol:
+    """Reads and sets a craft's parameters, and answers PARAM_VALUE."""
+
+    def __init__(self, craft: Craft, sender: MavlinkSender) -> None:
+        """Serve a craft's parameters."""
+        self._craft = craft
+        self._sender = sender
+        self._ranges = {parameter.name: parameter for parameter in craft.parameters}
+
+    def on_param_set(self, message: Message, t_s: float) -> list[bytes]:
+        """Set a parameter. A refusal shows, as on the real one, in the old value coming back."""
+        allowed = self._ranges.get(message.param_id)
+        if allowed is None:
+            return []
+        value = message.param_value
+        if self._is_bytewise(allowed):
+            value = float(struct.unpack("<i", struct.pack("<f", value))[0])
+        if allowed.least <= value <= allowed.greatest:
+            self._craft.values[allowed.name] = value
+        return [self._param_value(allowed.name)]
+
+    def on_param_request_read(self, message: Message, t_s: float) -> list[bytes]:
+        """Tell one parameter, by its index or its name."""
+        names = list(self._craft.values)
+        name = message.param_id
+        if 0 <= message.param_index < len(names):
+            name = names[message.param_index]
+        return [self._param_value(name)] if name in self._craft.values else []
+
+    def on_param_request_list(self, message: Message, t_s: float) -> list[bytes]:
+        """Tell all parameters."""
+        return [self._param_value(name) for name in self._craft.values]
+
+    def _is_bytewise(self, parameter: Parameter) -> bool:
+        """Whether the value's bytes travel as an integer's: PX4's way; ArduPilot sends every number as a float."""
+        return parameter.integer and self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_PX4
+
+    def _param_value(self, name: str) -> bytes:
+        names = list(self._craft.values)
+        value, kind = self._craft.values[name], mavlink.MAV_PARAM_TYPE_REAL32
+        if self._is_bytewise(self._ranges[name]):
+            value, kind = struct.unpack("<f", struct.pack("<i", round(value)))[0], mavlink.MAV_PARAM_TYPE_INT32
+        message = self._sender.mav.param_value_encode(name.encode(), value, kind, len(names), names.index(name))
+        return self._sender.pack(message)
