@@ -36,7 +36,7 @@ from groundstation.schedule import SHORTEST_REFRESH_S, TICK_S, Broadcaster, Broa
 
 LOSSES = (0.0, 0.1, 0.3, 0.5)
 CURRENT_SHARE = 0.999
-"""Of the agents: so many know all that they need."""
+"""Of the agents: the share that knows all that it needs."""
 RECEIVERS = 20_000
 """Drawn where frames are lost in bursts."""
 

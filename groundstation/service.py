@@ -25,6 +25,7 @@ from companion.runtime.clock import SteadyClock, wait
 from companion.runtime.console import program_logger
 from companion.transport.endpoints import Link, Sender, open_receiver, open_sender
 from groundstation.adsb_mirror import AdsbMirror
+from groundstation.agents import VehicleModel
 from groundstation.choices import Authentication
 from groundstation.directives import DirectiveInput
 from groundstation.ground_station import GroundStation
@@ -89,8 +90,7 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         mission,
         start_s,
         sensed=options.sensor is not None,
-        law=DEFAULT_LAW,
-        can_stop=options.can_stop,
+        model=VehicleModel(DEFAULT_LAW, options.can_stop),
         epoch_s=state_file.epoch_s,
         began_s=state_file.began_s,
     )

@@ -23,18 +23,16 @@ from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.protocol.messages import BandsFrame, Directive, Kind, MissionFrame, Stamp, StateFrame, TargetEntry
 from companion.protocol.v2_extension import unwrap
 from groundstation.ground_station import GroundStation
+from groundstation.pacer import LEAST_PACE, Pacer, burst_bytes
 from groundstation.radio import parse_radio
 from groundstation.schedule import (
     CAROUSEL_SHARE,
-    LEAST_PACE,
     LONGEST_REFRESH_S,
     MOST_SENDS,
     TICK_S,
     Broadcaster,
     BroadcastFrame,
-    Pacer,
     Sent,
-    burst_bytes,
 )
 
 START_S = 1_790_000_000.0

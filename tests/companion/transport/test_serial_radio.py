@@ -20,8 +20,9 @@ from companion.errors import InputError
 from companion.protocol.radio_status import RadioStatusReader, read_radio_status
 from companion.transport import serial as serial_module
 from companion.transport.endpoints import Link, Sender, open_receiver, open_sender
+from groundstation.pacer import Pacer, burst_bytes
 from groundstation.radio import parse_radio
-from groundstation.schedule import TICK_S, Pacer, burst_bytes
+from groundstation.schedule import TICK_S
 
 BAUD = 57600
 DRAIN_BYTES_PER_S = 5760.0
