@@ -8,10 +8,11 @@ mission frames beside them.
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from importlib import resources
 from typing import TypeVar
@@ -75,7 +76,7 @@ class Unsendable:
 def state_frames(
     picture: TrackTable,
     mission: Mission,
-    assignment: dict[int, int],  # agent id -> target id
+    assignment: Mapping[int, int],  # agent id -> target id
     directive: Directive,
     stamp: Stamp,
 ) -> list[StateFrame]:
@@ -88,39 +89,53 @@ def state_frames(
     here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
     agents, targets = _agents_and_targets(picture, mission, assignment, here)
     threats = [grown(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
-    contents = []
-    for group in _agent_groups(agents):
-        wanted = sorted({agent.target_id for agent in group if agent.target_id is not None})
-        contents.append(
-            (
-                group,
-                [targets[identity] for identity in wanted],
-                _nearest_threats([here[agent.id] for agent in group], threats),
-            )
-        )
-    sent_targets = {target.id for _, chosen, _ in contents for target in chosen}
-    sent_threats = {threat.id for _, _, chosen in contents for threat in chosen}
-    rest_targets = _chunks([t for t in targets.values() if t.id not in sent_targets], TARGETS_PER_FRAME)
-    rest_threats = _chunks([t for t in threats if t.id not in sent_threats], THREATS_PER_FRAME)
-    for content in contents:
-        # What is left over first fills frames that have room for all of a chunk.
-        if rest_targets and _fits(content[1], rest_targets[0], TARGETS_PER_FRAME):
-            content[1].extend(rest_targets.pop(0))
-    for index in range(max(len(rest_targets), len(rest_threats))):
-        contents.append(([], _at(rest_targets, index), _at(rest_threats, index)))
-    contents = contents or [([], [], [])]
+    contents = _state_contents(agents, targets, threats, here)
     return [
         StateFrame(
             stamp=replace(stamp, frame_index=index, frame_count=len(contents)),
             origin_lat_deg=mission.origin.lat_deg,
             origin_lon_deg=mission.origin.lon_deg,
             directive=directive,
-            agents=tuple(group),
-            targets=tuple(chosen_targets),
-            threats=tuple(chosen_threats),
+            agents=tuple(content.agents),
+            targets=tuple(content.targets),
+            threats=tuple(content.threats),
         )
-        for index, (group, chosen_targets, chosen_threats) in enumerate(contents)
+        for index, content in enumerate(contents)
     ]
+
+
+@dataclass
+class _StateContent:
+    """What one state frame tells."""
+
+    agents: list[AgentEntry] = field(default_factory=list)
+    targets: list[TargetEntry] = field(default_factory=list)
+    threats: list[ThreatEntry] = field(default_factory=list)
+
+
+def _state_contents(
+    agents: Sequence[AgentEntry],
+    targets: Mapping[int, TargetEntry],  # by id
+    threats: Sequence[ThreatEntry],
+    here: Mapping[int, tuple[float, float]],  # agent id -> m
+) -> list[_StateContent]:
+    """Return what each state frame tells so that together they tell everything; at least one."""
+    contents = []
+    for group in _agent_groups(agents):
+        wanted = sorted({agent.target_id for agent in group if agent.target_id is not None})
+        nearest = _nearest_threats([here[agent.id] for agent in group], threats)
+        contents.append(_StateContent(group, [targets[identity] for identity in wanted], nearest))
+    sent_targets = {target.id for content in contents for target in content.targets}
+    sent_threats = {threat.id for content in contents for threat in content.threats}
+    rest_targets = _chunks([t for t in targets.values() if t.id not in sent_targets], TARGETS_PER_FRAME)
+    rest_threats = _chunks([t for t in threats if t.id not in sent_threats], THREATS_PER_FRAME)
+    for content in contents:
+        # What is left over first fills frames that have room for all of a chunk.
+        if rest_targets and _fits(content.targets, rest_targets[0], TARGETS_PER_FRAME):
+            content.targets.extend(rest_targets.pop(0))
+    for index in range(max(len(rest_targets), len(rest_threats))):
+        contents.append(_StateContent([], _at(rest_targets, index), _at(rest_threats, index)))
+    return contents or [_StateContent()]
 
 
 def motion_frames(picture: TrackTable, mission: Mission, stamp: Stamp) -> list[MotionFrame]:
@@ -162,7 +177,7 @@ def band_frames(mission: Mission, stamp: Stamp) -> list[BandsFrame]:
 def fleet_frames(
     picture: TrackTable,
     mission: Mission,
-    assignment: dict[int, int],  # agent id -> target id
+    assignment: Mapping[int, int],  # agent id -> target id
     directive: Directive,
     stamp: Stamp,
     data_bytes: int,
@@ -182,7 +197,7 @@ def fleet_frames(
     entries += _by_id(
         _threat_place(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats
     )
-    contents = min(_filled(entries, data_bytes), _filled(_along_a_curve(entries), data_bytes), key=_burden)
+    contents = min(_filled(entries, data_bytes), _filled(_along_a_curve(entries), data_bytes), key=_load)
     return [
         FleetFrame(
             stamp=replace(stamp, frame_index=index, frame_count=len(contents)),
@@ -260,7 +275,12 @@ def surrogate_digest(mission: Mission) -> bytes:
     """Return the first 8 bytes of the SHA-256 of the packaged weights of a mission's surrogate; zeros: it has none."""
     if mission.surrogate == "analytic":
         return bytes(DIGEST_BYTES)
-    weights = resources.files("companion.surrogate").joinpath("weights", f"{mission.surrogate}.json")
+    return _weights_digest(mission.surrogate)
+
+
+@functools.cache
+def _weights_digest(surrogate: str) -> bytes:
+    weights = resources.files("companion.surrogate").joinpath("weights", f"{surrogate}.json")
     return bytes.fromhex(content_digest(json.loads(weights.read_text(encoding="utf-8"))))[:DIGEST_BYTES]
 
 
@@ -299,15 +319,15 @@ def untold_growth_m(picture: TrackTable, mission: Mission, until_s: float) -> di
 def _agents_and_targets(
     picture: TrackTable,
     mission: Mission,
-    assignment: dict[int, int],  # agent id -> target id
+    assignment: Mapping[int, int],  # agent id -> target id
     here: dict[int, tuple[float, float]],  # agent id -> m
 ) -> tuple[list[AgentEntry], dict[int, TargetEntry]]:
     """Return the agents, and the targets that are open or that somebody is still sent to, by id."""
     if mission.case == "II":
-        assignment = {**picture.reached_by, **assignment}
+        assignment = {**picture.progress.reached_by, **assignment}
     targets = {
         identity: TargetEntry(identity, *picture.tracks[Kind.TARGET, identity].position_ned_m)
-        for identity in [*picture.open_targets, *sorted(picture.completed & set(assignment.values()))]
+        for identity in [*picture.open_targets, *sorted(picture.progress.completed & set(assignment.values()))]
     }
     agents = [
         AgentEntry(identity, *(place if mission.case == "I" else _UNTOLD), target_id=assignment.get(identity))
@@ -368,7 +388,7 @@ def _resolution_cm(content: Sequence[FleetEntry]) -> int:
     return finest_resolution_cm([point for point in map(_place, content) if point is not None])
 
 
-def _burden(contents: Sequence[Sequence[FleetEntry]]) -> tuple[int, int, int]:
+def _load(contents: Sequence[Sequence[FleetEntry]]) -> tuple[int, int, int]:
     """Return what to keep low, first things first: frames, bytes, and the coarsest resolution of any."""
     size = sum(_layout(content).size for content in contents)
     return len(contents), size, max(map(_resolution_cm, contents))

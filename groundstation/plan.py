@@ -36,7 +36,7 @@ from groundstation.schedule import SHORTEST_REFRESH_S, TICK_S, Broadcaster, Broa
 
 LOSSES = (0.0, 0.1, 0.3, 0.5)
 CURRENT_SHARE = 0.999
-"""Of the agents: so many know all that they need."""
+"""Of the agents: the share that knows all that it needs."""
 RECEIVERS = 20_000
 """Drawn where frames are lost in bursts."""
 
@@ -137,7 +137,7 @@ def plan(
         InputError: the mission does not fit the radio, or cannot be broadcast.
 
     """
-    broadcaster = Broadcaster(_Standing(mission, _START_S), radio, _a_sealer(authentication))
+    broadcaster = Broadcaster(_Standing(mission, _START_S), radio, _frame_signer(authentication))
     sent: list[tuple[float, Sent]] = []
     ticks, horizon_s = 0, _FIRST_HORIZON_S
     while True:
@@ -407,8 +407,8 @@ def _left_out(items: Sequence[Item], state: Item, radio: Radio) -> tuple[str, ..
     return tuple(lines)
 
 
-def _a_sealer(authentication: Authentication) -> FrameSigner:
+def _frame_signer(authentication: Authentication) -> FrameSigner:
     """Return a frame signer with keys of its own: what they are changes no length but by chance."""
-    signed, sealed = authentication in ("mavlink", "both"), authentication in ("ed25519", "both")
-    private_key = Ed25519PrivateKey.from_private_bytes(bytes(32)) if sealed else None
-    return FrameSigner(private_key, MavlinkSigner(bytes(KEY_BYTES), 0) if signed else None)
+    has_mavlink, has_ed25519 = authentication in ("mavlink", "both"), authentication in ("ed25519", "both")
+    private_key = Ed25519PrivateKey.from_private_bytes(bytes(32)) if has_ed25519 else None
+    return FrameSigner(private_key, MavlinkSigner(bytes(KEY_BYTES), 0) if has_mavlink else None)

@@ -10,17 +10,17 @@ import re
 from dataclasses import dataclass
 
 from companion.errors import InputError, nearest_hint
+from companion.files.mavlink_layout import SIGNATURE_BYTES
 from companion.protocol.v2_extension import WRAP_BYTES
 from groundstation.choices import RADIOS_BYTES_PER_S
 
 LONGEST_FRAME_BYTES = 252
 """The longest packet that SiK firmware sends in one piece; a LoRa modem's is 255."""
-MAVLINK_SIGNATURE_BYTES = 13
 
 LEAST_BYTES_PER_S = 10.0
 MOST_BYTES_PER_S = 1.0e8
 
-_WRAPPED_BYTES = {"v2ext": WRAP_BYTES, "v2ext-signed": WRAP_BYTES + MAVLINK_SIGNATURE_BYTES}
+_WRAPPED_BYTES = {"v2ext": WRAP_BYTES, "v2ext-signed": WRAP_BYTES + SIGNATURE_BYTES}
 """What the outer frame adds; signed: by the autopilot's own key, after the ground station."""
 _NUMBER = re.compile(r"(\d+(?:\.\d+)?) ?(?:B/s)?")
 

@@ -1,12 +1,11 @@
-"""How far it really is: the way of each agent to each target around the threats, and who goes where by it.
+"""Route costs: how long each agent's path to each target around the threats is, and the assignment by them.
 
-An agent that is nearest to a target may have the longest way there, so the objectives `route` and `latest` count the
+An agent that is nearest to a target may have the longest path there, so the objectives `route` and `latest` count the
 turn-limited shortest paths around the discs (docs/method.md section 3) as the ground station has them now, grown by
-their
-age, as the vehicles are told. Such a path takes a millisecond or two, and there is one for every pair; so a pair is
-first given a length that it cannot be shorter than, that of the way around the worst single disc, and a path is only
-searched where an assignment would use the pair. Once all pairs that the best assignment uses are known, no other can be
-better.
+their age, as the vehicles are told. Such a path takes a millisecond or two, and there is one for every pair; so a pair
+is first given a length that it cannot be shorter than, that of the path around the worst single disc, and a path is
+only searched where an assignment would use the pair. Once all pairs that the best assignment uses are known, no other
+can be better.
 """
 
 from __future__ import annotations
@@ -18,24 +17,24 @@ from typing import Literal
 
 import numpy as np
 
-from companion.guidance.route import Reach, shortest_route
+from companion.guidance.route.router import Reach, shortest_route
 from groundstation.assignment import assign_least_latest, assign_least_total
 
-WayObjective = Literal["route", "latest"]
+RouteObjective = Literal["route", "latest"]
 UNREACHED_PENALTY = 10.0
-"""Of what remains to a target that no path leads to: a metre nearer to it is worth so many metres flown."""
+"""Of what remains to a target that no path leads to: a metre nearer to it is worth this many metres flown."""
 MAX_ROUTES = 150
-"""So many paths are searched for one assignment at most, which bounds how long a broadcast can be late for it; pairs
-beyond count as what they cannot be shorter than."""
+"""Paths searched for one assignment at most, which bounds how long a broadcast can be late for it; pairs beyond count
+as what they cannot be shorter than."""
 _TOUCH_SHARE = 1e-9
-"""A way that cuts so little of a radius off a disc only touches it."""
+"""Of a radius: a path that cuts no more than this off a disc only touches it."""
 _FULL_TURN_RAD = math.tau - 1e-9
 """An arc of more is none: the rounding of a zero."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Everybody who goes somewhere, everything in the way, at one moment."""
+    """Everybody who goes somewhere, everything that obstructs, at one moment."""
 
     agents_ned_m: np.ndarray  # (N, 2) m
     headings_rad: np.ndarray  # (N,) rad, nan: not known
@@ -43,11 +42,11 @@ class Scene:
     targets_ned_m: np.ndarray  # (K, 2) m
     centres_ned_m: np.ndarray  # (M, 2) m
     radii_m: np.ndarray  # (M,) m
-    in_the_way: np.ndarray  # (N, M) bool, which threats reach the height of which agent
+    obstructs: np.ndarray  # (N, M) bool, which threats reach the height of which agent
 
 
 class RouteCosts:
-    """The lengths of all ways of a scene, as far as they are known.
+    """The lengths of all paths of a scene, as far as they are known.
 
     `length_m` (N, K) m is the path to the target, or to the nearest safe point to it, and `rest_m` (N, K) m the
     straight line on from there; `blocked` (N, K) bool says where the path does not end at the target. Where not `known`
@@ -64,18 +63,18 @@ class RouteCosts:
         self.searched = 0
         """Paths searched so far."""
         for agent in range(shape[0]):
-            self.length_m[agent], self.known[agent] = _unhindered(scene, agent)
+            self.length_m[agent], self.known[agent] = _unobstructed(scene, agent)
             around_m = np.where(self.known[agent], 0.0, _around_the_worst(scene, agent))
             self.length_m[agent] = np.maximum(self.length_m[agent], around_m)
 
     @property
     def cost_m(self) -> np.ndarray:  # (N, K) m
-        """What a pair costs by its way."""
+        """What a pair costs by its path."""
         return self.length_m + UNREACHED_PENALTY * self.rest_m
 
     def search(self, agent: int, target: int) -> None:
         """Find the path of one pair."""
-        scene, there = self._scene, self._scene.in_the_way[agent]
+        scene, there = self._scene, self._scene.obstructs[agent]
         heading_rad = float(scene.headings_rad[agent])
         goal_ned_m = scene.targets_ned_m[target]
         route = shortest_route(
@@ -101,52 +100,61 @@ class RouteCosts:
             self.rest_m[pair] = math.dist(scene.agents_ned_m[agent], goal_ned_m)
 
 
+@dataclass(frozen=True)
+class AssignmentRule:
+    """What an assignment by route costs makes least, and when it changes."""
+
+    objective: RouteObjective
+    """`route`: the total length. `latest`: the latest arrival, and then the total time."""
+    switching_share: float
+    """Agents change only where that saves more than this share of what they cost together."""
+    max_routes: int = MAX_ROUTES
+    """Paths searched at most."""
+
+
 def assign_by_route_cost(
-    ways: RouteCosts,
+    costs: RouteCosts,
     speeds_m_s: np.ndarray,  # (N,) m/s
-    objective: WayObjective,
+    rule: AssignmentRule,
     in_range: Callable[[np.ndarray], np.ndarray],
     present: np.ndarray,  # (N,) index of each agent's present target, -1 for none
-    switching_share: float,
-    max_routes: int = MAX_ROUTES,
 ) -> np.ndarray:  # (N,) index of each agent's target, -1 for none
-    """Return each agent's target by the ways around the threats, as `assign` otherwise does by the straight distance.
+    """Return each agent's target by the paths around the threats, as `assign` otherwise does by the straight distance.
 
-    `route` makes the total length least, `latest` the latest arrival and then the total time. A target that no path
-    leads to has its agents all the same, but nobody is sent to one who could arrive elsewhere instead. `in_range` says
-    from the lengths of all ways (N, K) m which are within range (N, K) bool.
+    A target that no path leads to has its agents all the same, but nobody is sent to one who could arrive elsewhere
+    instead. `in_range` says from the lengths of all paths (N, K) m which are within range (N, K) bool.
 
     Raises ValueError as the assignments do.
     """
-    # How late the present assignment would be decides whether it stands, so its ways must be known from the beginning.
-    wanted = _pairs(present) if objective == "latest" else set()
+    # How late the present assignment would be decides whether it stands, so its paths must be known from the beginning.
+    wanted = _pairs(present) if rule.objective == "latest" else set()
     while True:
-        for pair in sorted(pair for pair in wanted if not ways.known[pair]):
-            if ways.searched >= max_routes:
+        for pair in sorted(pair for pair in wanted if not costs.known[pair]):
+            if costs.searched >= rule.max_routes:
                 break
-            ways.search(*pair)
-        reachable = in_range(ways.length_m + ways.rest_m)
-        if objective == "route":
-            chosen = assign_least_total(ways.cost_m, reachable, ways.blocked, present, switching_share)
+            costs.search(*pair)
+        reachable = in_range(costs.length_m + costs.rest_m)
+        if rule.objective == "route":
+            chosen = assign_least_total(costs.cost_m, reachable, costs.blocked, present, rule.switching_share)
         else:
-            arrival_s = ways.cost_m / speeds_m_s[:, np.newaxis]
-            chosen = assign_least_latest(arrival_s, reachable, ways.blocked, present, switching_share)
+            arrival_s = costs.cost_m / speeds_m_s[:, np.newaxis]
+            chosen = assign_least_latest(arrival_s, reachable, costs.blocked, present, rule.switching_share)
         wanted = _pairs(chosen)
-        if ways.searched >= max_routes or all(ways.known[pair] for pair in wanted):
+        if costs.searched >= rule.max_routes or all(costs.known[pair] for pair in wanted):
             return chosen
 
 
-def _unhindered(scene: Scene, agent: int) -> tuple[np.ndarray, np.ndarray]:
+def _unobstructed(scene: Scene, agent: int) -> tuple[np.ndarray, np.ndarray]:
     """Return how far an agent has to each target where nothing is in the way (K,) m, and where nothing is (K,) bool.
 
-    A vehicle that cannot turn on the spot flies an arc of its turning circle and then straight, the shortest way to a
+    A vehicle that cannot turn on the spot flies an arc of its turning circle and then straight, the shortest path to a
     point outside both circles whatever the heading there. Elsewhere the length is that of the straight line.
     """
     start_ned_m, heading_rad = scene.agents_ned_m[agent], scene.headings_rad[agent]
     offset_m = scene.targets_ned_m - start_ned_m  # (K, 2)
     direct_m = np.hypot(offset_m[:, 0], offset_m[:, 1])  # (K,)
     radius_m = scene.turn_radii_m[agent]
-    there = scene.in_the_way[agent]
+    there = scene.obstructs[agent]
     discs_ned_m, discs_m = scene.centres_ned_m[there], scene.radii_m[there] * (1.0 - _TOUCH_SHARE)
     if radius_m == 0.0 or math.isnan(heading_rad):
         return direct_m, _segments_free(
@@ -165,11 +173,11 @@ def _unhindered(scene: Scene, agent: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _around_the_worst(scene: Scene, agent: int) -> np.ndarray:  # (K,) m
-    """Return the longest of the shortest ways around each disc alone to each target, 0 where none is in between.
+    """Return the longest of the shortest paths around each disc alone to each target, 0 where none is in between.
 
     Around one disc that is two tangents and the arc between where they touch it.
     """
-    there = scene.in_the_way[agent]
+    there = scene.obstructs[agent]
     from_m = scene.agents_ned_m[agent] - scene.centres_ned_m[there]  # (M, 2), from the centres
     to_m = scene.targets_ned_m[:, np.newaxis, :] - scene.centres_ned_m[there]  # (K, M, 2)
     radii_m, start_m, goal_m = scene.radii_m[there], np.hypot(*from_m.T), np.hypot(to_m[..., 0], to_m[..., 1])
@@ -187,7 +195,7 @@ def _around_the_worst(scene: Scene, agent: int) -> np.ndarray:  # (K,) m
 
 @dataclass(frozen=True)
 class _ArcAndLine:
-    """Ways that begin on one turning circle and leave it straight for K points; infinite to those inside it."""
+    """Paths that begin on one turning circle and leave it straight for K points; infinite to those inside it."""
 
     length_m: np.ndarray  # (K,) m
     arc_m: np.ndarray  # (K,) m, how much of it is on the circle

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from companion.errors import InputError
+from companion.files.mavlink_layout import SIGNATURE_BYTES
 from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, WireError
 from companion.protocol.dialect import oneway
 from companion.protocol.ed25519 import FrameSigner
@@ -28,21 +29,22 @@ from companion.protocol.messages import (
 )
 from companion.protocol.v2_extension import wrap
 from groundstation.broadcast import Unsendable
-from groundstation.radio import MAVLINK_SIGNATURE_BYTES, Radio
+from groundstation.pacer import Pacer, burst_bytes
+from groundstation.radio import Radio
 
 BroadcastFrame = StateFrame | MotionFrame | BandsFrame | FleetFrame | RadiiFrame | MissionFrame
 
 SHORTEST_REFRESH_S = 1.0
 """Nothing that the broadcast tells of is known or acted on faster."""
 LONGEST_REFRESH_S = 20.0
-"""Its last frame is so old when it leaves; receivers refuse what is older than 30 s (authenticator.py)."""
+"""How old its last frame may be when it leaves; receivers refuse what is older than 30 s (authenticator.py)."""
 MOST_SENDS = 4
 """Of one state frame in a refresh: two seconds of them are enough for 99.6 % at a loss of one half."""
 CAROUSEL_SHARE = 0.1
 """Of the budget. At a loss of one half whoever joins then waits about as long for the radii of 50 threats as for the
 state of 500 agents."""
 LEAST_CAROUSEL_SHARE = 0.02
-"""So little where a greater share would keep the state from being refreshed every second."""
+"""Of the budget, where a greater share would keep the state from being refreshed every second."""
 SHORTEST_TURN_S = 1.0
 """The carousel begins a turn no sooner after the one before."""
 ADVANCE_PERIOD_S = 1.0
@@ -52,81 +54,11 @@ _HEARTBEAT_BYTES = 21 + 13
 """With a MAVLink signature."""
 TICK_S = 0.01
 """How often the shell asks where there is a radio."""
-BURST_BYTES, BURST_S = 170.0, 0.03
-"""What a pacer lets through at once, beside one frame, whichever is more: so late may the shell be and lose nothing. At
-57600 baud more than half of a buffer of 1 KiB stays free, so that no radio has cause to slow the broadcast down."""
-
-TXBUF_VERY_LOW, TXBUF_LOW, TXBUF_HIGH, TXBUF_VERY_HIGH = 20, 50, 90, 95
-"""Free percent of the radio's buffer, below or above which the rate changes: those of ArduPilot's own flow control."""
-TXBUF_PERIOD_S = 1.0
-"""The rate changes once in so long at most: radios report about once a second."""
-_SLOWED_A_LOT, _SLOWED, _FASTER, _FASTER_A_LOT = 0.6, 0.85, 1.05, 1.25
-LEAST_PACE = 0.05
-"""Of the budget: a radio that says for ever that it is full is still sent something."""
-
 _MAVLINK_BYTES = 12
 _DUE_TOLERANCE_S = 1e-6
 _ON_THE_GRID_S = 0.1
-"""What is later than this begins a new grid of due times: what was missed is not made good. For what is sent beside it
-a refresh may be so late."""
-
-
-class Pacer:
-    """A token bucket: over any time, no more bytes than rate times time plus one burst."""
-
-    def __init__(self, bytes_per_s: float, burst_bytes: float) -> None:
-        """Begin full; nothing longer than `burst_bytes` can ever pass."""
-        self._budget_bytes_per_s = bytes_per_s
-        self._burst_bytes = burst_bytes
-        self._tokens_bytes = burst_bytes
-        self._filled_at_s: float | None = None
-        self._heard_at_s: float | None = None
-        self.pace = 1.0
-        """Which part of the budget is used, in [LEAST_PACE, 1], as the radio's buffer allows."""
-
-    def take(self, count: int, now_s: float) -> bool:
-        """Return whether so many bytes may go out now; if so, they count as gone."""
-        self._fill(now_s)
-        if count > self._tokens_bytes + _DUE_TOLERANCE_S:
-            return False
-        self._tokens_bytes -= count
-        return True
-
-    def wait_s(self, count: int, now_s: float) -> float:
-        """Return after how long, from now, so many bytes will have been let through at the present pace."""
-        self._fill(now_s)
-        return max(0.0, count - self._tokens_bytes) / (self._budget_bytes_per_s * self.pace)
-
-    def _fill(self, now_s: float) -> None:
-        if self._filled_at_s is not None:
-            gained = max(0.0, now_s - self._filled_at_s) * self._budget_bytes_per_s * self.pace
-            self._tokens_bytes = min(self._burst_bytes, self._tokens_bytes + gained)
-        self._filled_at_s = now_s
-
-    def hear_txbuf(self, percent: int | None, now_s: float) -> None:
-        """Take in how much of the radio's buffer is free; None, nothing reported, lets the rate recover slowly."""
-        if self._heard_at_s is not None and now_s - self._heard_at_s < TXBUF_PERIOD_S - _DUE_TOLERANCE_S:
-            return
-        self._heard_at_s = now_s
-        if percent is None:
-            factor = _FASTER
-        elif percent < TXBUF_VERY_LOW:
-            factor = _SLOWED_A_LOT
-        elif percent < TXBUF_LOW:
-            factor = _SLOWED
-        elif percent > TXBUF_VERY_HIGH:
-            factor = _FASTER_A_LOT
-        elif percent > TXBUF_HIGH:
-            factor = _FASTER
-        else:
-            factor = 1.0
-        self.pace = min(1.0, max(LEAST_PACE, self.pace * factor))
-
-
-def burst_bytes(radio: Radio) -> float:
-    """Return how many bytes more than rate times time a broadcast may send over any time."""
-    lateness_bytes = max(BURST_BYTES, BURST_S * radio.budget_bytes_per_s)
-    return radio.max_frame_bytes + radio.outer_bytes + lateness_bytes
+"""What is later than this begins a new grid of due times: what was missed is not made good. A refresh may be this late
+for what is sent beside it."""
 
 
 class Station(Protocol):
@@ -173,11 +105,10 @@ class Broadcaster:
 
     def __init__(self, station: Station, radio: Radio | None, frame_signer: FrameSigner | None = None) -> None:
         self._station = station
-        self._radio = radio
-        self._sealer = frame_signer or FrameSigner(None, None)
+        self._signer = frame_signer or FrameSigner(None, None)
         self.unsendable = Unsendable()
         """What could not be sent, where there is a radio."""
-        self._schedule = None if radio is None else _Schedule(station, radio, self._sealer, self.unsendable)
+        self._schedule = None if radio is None else _Schedule(station, radio, self._signer, self.unsendable)
 
     def begin(self, now_s: float) -> None:
         """Make the first broadcast of the state, so that what can never be sent is known before anything is.
@@ -202,13 +133,73 @@ class Broadcaster:
 
         """
         if self._schedule is None:
-            return [self._sealer.seal(datagram, now_s) for datagram in self._station.tick(now_s)]
+            return [self._signer.sign(datagram, now_s) for datagram in self._station.tick(now_s)]
         return [sent.data for sent in self._schedule.step(now_s, txbuf_percent)]
 
     def step(self, now_s: float, txbuf_percent: int | None = None) -> list[Sent]:
         """Return what `tick` returns, and what it is; for planning. Needs a radio."""
         assert self._schedule is not None
         return self._schedule.step(now_s, txbuf_percent)
+
+
+@dataclass(frozen=True)
+class _Offer:
+    """A frame that goes out as soon as the budget lets it, and what is to be noted then, with the time."""
+
+    sent: Sent
+    note: Callable[[float], None]
+
+
+class _Packer:
+    """Makes frames as they go on the air of one radio: encoded, signed, wrapped where an autopilot stands before it."""
+
+    def __init__(self, radio: Radio, frame_signer: FrameSigner) -> None:
+        self.payload_bytes = radio.max_frame_bytes - _MAVLINK_BYTES - frame_signer.overhead_bytes
+        """What the payload of an unsigned frame may hold."""
+        self.has_ed25519 = frame_signer.overhead_bytes > SIGNATURE_BYTES
+        """Whether frames carry an Ed25519 signature."""
+        self._radio = radio
+        self._signer = frame_signer
+        self._writer = FrameWriter()
+        self._wrapped = 0
+
+    def encode(self, frame: BroadcastFrame) -> bytes:
+        """Return an unsigned frame; raises WireError if it cannot be made."""
+        return self._writer.encode(frame)
+
+    def on_air_bytes(self, raw: bytes, now_s: float) -> int:
+        """Return how long an unsigned frame will be on the air."""
+        return len(self._signer.sign(raw, now_s)) + self._radio.outer_bytes
+
+    def pack(self, raw: bytes, frame: BroadcastFrame, copy: int, now_s: float) -> Sent:
+        """Return an unsigned frame as it goes on the air."""
+        signed = self._signer.sign(raw, now_s)
+        if not self._radio.wrapped:
+            return Sent(signed, frame, copy)
+        self._wrapped += 1
+        return Sent(wrap(signed, self._wrapped), frame, copy, self._radio.added_bytes)
+
+
+class _Heartbeat:
+    """MAVLink's heartbeat of a ground station, once a second where the radio wants one."""
+
+    def __init__(self, wanted: bool, frame_signer: FrameSigner) -> None:
+        self._due_s = float("-inf") if wanted else float("inf")
+        self._signer = frame_signer
+        self._mav = oneway.MAVLink(None, srcSystem=GROUND_SYSTEM, srcComponent=GROUND_COMPONENT)
+
+    def is_due(self, now_s: float) -> bool:
+        return now_s >= self._due_s - _DUE_TOLERANCE_S
+
+    def offer(self, now_s: float) -> _Offer:
+        message = oneway.MAVLink_heartbeat_message(
+            oneway.MAV_TYPE_GCS, oneway.MAV_AUTOPILOT_INVALID, 0, 0, oneway.MAV_STATE_ACTIVE, 3
+        )
+        return _Offer(Sent(self._signer.sign(bytes(message.pack(self._mav)), now_s), None, 0), self._note)
+
+    def _note(self, sent_at_s: float) -> None:
+        self._mav.seq = (self._mav.seq + 1) % 256
+        self._due_s = _after(self._due_s, HEARTBEAT_PERIOD_S, sent_at_s)
 
 
 @dataclass
@@ -227,37 +218,86 @@ class _Refresh:
         """Whether every frame has gone out once."""
         return self.sends >= len(self.frames)
 
+    @property
+    def rounds(self) -> int:
+        """How often every frame has gone out."""
+        return self.sends // len(self.frames)
+
+
+@dataclass
+class _RefreshPlace:
+    """Where one refresh leaves off and the next begins."""
+
+    due_s: float = float("-inf")
+    not_before_s: float = float("-inf")
+    """No refresh begins before, because the last one could not be made."""
+    first_frame: int = 0
+    """Of the state, with which the refresh begins."""
+    next_copy: int = 0
+
+
+@dataclass
+class _Carousel:
+    """Where the carousel is in its turn, and what it may spend."""
+
+    place: int = 0
+    due_s: float = float("-inf")
+    """When a turn may begin."""
+    credit_bytes: float = 0.0
+    share: float = CAROUSEL_SHARE
+    """Of what goes out, that it earns."""
+    is_needed: bool = False
+    """Nothing can be read without what the carousel says."""
+    is_urgent: bool = False
+    """And nobody can have heard it yet: it goes first."""
+
+    def rewind(self) -> None:
+        """Begin a turn, now."""
+        self.place, self.due_s = 0, float("-inf")
+
+    def earn(self, on_air_bytes: int, most_bytes: float) -> None:
+        """Take its share of what went out; no more than `most_bytes` is kept."""
+        self.credit_bytes = min(self.credit_bytes + self.share * on_air_bytes, most_bytes)
+
+    def is_due(self, now_s: float) -> bool:
+        """Return whether it is under way or may begin a turn."""
+        return self.place != 0 or now_s >= self.due_s - _DUE_TOLERANCE_S
+
+    def pause(self, now_s: float) -> None:
+        """Begin the next turn later: there was nothing to say."""
+        self.due_s = now_s + SHORTEST_TURN_S
+
+    def pass_over(self, place: int, frames: int, now_s: float) -> None:
+        """Go on behind a frame that could not be made."""
+        self.place, self.due_s = (place + 1) % frames, now_s + SHORTEST_TURN_S
+        self.is_urgent = self.is_urgent and self.place > 0
+
+    def told(self, place: int, frames: int, on_air_bytes: int, sent_at_s: float) -> None:
+        """Take note that the frame at a place of the turn went out."""
+        self.credit_bytes -= on_air_bytes
+        if self.place == 0:
+            self.due_s = _after(self.due_s, SHORTEST_TURN_S, sent_at_s)
+        self.place = place + 1
+        if self.place >= frames:
+            self.place, self.is_urgent = 0, False
+
 
 class _Schedule:
+    """What goes out over one radio, and when."""
+
     def __init__(self, station: Station, radio: Radio, frame_signer: FrameSigner, unsendable: Unsendable) -> None:
         self._station = station
         self._unsendable = unsendable
-        self._begin_again_s = float("-inf")
-        """No refresh begins before, because the last one could not be made."""
         self._radio = radio
-        self._sealer = frame_signer
-        self._payload_bytes = radio.max_frame_bytes - _MAVLINK_BYTES - frame_signer.overhead_bytes
+        self._packer = _Packer(radio, frame_signer)
         self.pacer = Pacer(radio.budget_bytes_per_s, burst_bytes(radio))
-        self._writer = FrameWriter()
-        self._waiting: tuple[Sent, Callable[[float], None]] | None = None
-        """What goes out as soon as the budget lets it, and what is to be noted then."""
-        self._refresh: _Refresh | None = None
-        self._refresh_due_s = float("-inf")
+        self._waiting: _Offer | None = None
         self._advance_due_s = float("-inf")
-        self._first_frame = 0
-        self._copies = 0
-        self._turn_place = 0
-        self._turn_due_s = float("-inf")
-        self._credit_bytes = 0.0
-        self._carousel_share = CAROUSEL_SHARE
+        self._refresh: _Refresh | None = None
+        self._refreshes = _RefreshPlace()
+        self._carousel = _Carousel()
+        self._heartbeat = _Heartbeat(radio.heartbeats, frame_signer)
         self._epoch_s: int | None = None
-        self._is_needed = False
-        """Nothing can be read without what the carousel says."""
-        self._urgent = False
-        """And nobody can have heard it yet: it goes first."""
-        self._heartbeat_due_s = float("-inf") if radio.heartbeats else float("inf")
-        self._heartbeats = oneway.MAVLink(None, srcSystem=GROUND_SYSTEM, srcComponent=GROUND_COMPONENT)
-        self._wrapped = 0
 
     def step(self, now_s: float, txbuf_percent: int | None) -> list[Sent]:
         self.pacer.hear_txbuf(txbuf_percent, now_s)
@@ -270,13 +310,11 @@ class _Schedule:
                 self._waiting = self._next(now_s)
             if self._waiting is None:
                 return out
-            sent, note = self._waiting
+            sent = self._waiting.sent
             if not self.pacer.take(sent.on_air_bytes, now_s):
                 return out
-            note(now_s)
-            self._credit_bytes = min(
-                self._credit_bytes + self._carousel_share * sent.on_air_bytes, float(self._radio.max_frame_bytes)
-            )
+            self._waiting.note(now_s)
+            self._carousel.earn(sent.on_air_bytes, float(self._radio.max_frame_bytes))
             self._waiting = None
             out.append(sent)
 
@@ -286,7 +324,7 @@ class _Schedule:
             self._station.advance(now_s)
             self._advance_due_s = max(self._advance_due_s, now_s - ADVANCE_PERIOD_S / 2.0) + ADVANCE_PERIOD_S
             return True
-        if now_s < self._begin_again_s:
+        if now_s < self._refreshes.not_before_s:
             return False
         if self._refresh is None or self._must_restart(self._refresh, now_s) or self._is_due(self._refresh, now_s):
             self.begin_refresh(now_s)
@@ -299,29 +337,29 @@ class _Schedule:
 
     def _is_due(self, refresh: _Refresh, now_s: float) -> bool:
         """Return whether it is time for the refresh that follows."""
-        return refresh.told and now_s >= self._refresh_due_s - _DUE_TOLERANCE_S
+        return refresh.told and now_s >= self._refreshes.due_s - _DUE_TOLERANCE_S
 
-    def _next(self, now_s: float) -> tuple[Sent, Callable[[float], None]] | None:
+    def _next(self, now_s: float) -> _Offer | None:
         """Return what is most wanted now, None if nothing is."""
         refresh = self._refresh
         assert refresh is not None
-        if now_s >= self._heartbeat_due_s - _DUE_TOLERANCE_S:
-            return self._heartbeat(now_s)
+        if self._heartbeat.is_due(now_s):
+            return self._heartbeat.offer(now_s)
         if self._is_due(refresh, now_s):
             return None
-        if (self._urgent or self._credit_bytes > 0.0) and (slow := self._carousel(now_s)) is not None:
+        carousel = self._carousel
+        if (carousel.is_urgent or carousel.credit_bytes > 0.0) and (slow := self._slow_offer(now_s)) is not None:
             return slow
         if not refresh.told:
-            return self._state(refresh, refresh.sends, now_s)
-        if self.pacer.wait_s(2 * refresh.longest_bytes, now_s) > self._refresh_due_s + _ON_THE_GRID_S - now_s:
+            return self._state_offer(refresh, refresh.sends, now_s)
+        if self.pacer.wait_s(2 * refresh.longest_bytes, now_s) > self._refreshes.due_s + _ON_THE_GRID_S - now_s:
             return None  # the next refresh would have to wait for what else went out
-        round_of_copies = refresh.sends // len(refresh.frames)
-        if (self._is_needed or round_of_copies > 1) and (slow := self._carousel(now_s)) is not None:
+        if (carousel.is_needed or refresh.rounds > 1) and (slow := self._slow_offer(now_s)) is not None:
             return slow
         spread_s = SHORTEST_REFRESH_S / MOST_SENDS
-        if round_of_copies < MOST_SENDS and now_s >= refresh.begun_at_s + round_of_copies * spread_s - _DUE_TOLERANCE_S:
+        if refresh.rounds < MOST_SENDS and now_s >= refresh.begun_at_s + refresh.rounds * spread_s - _DUE_TOLERANCE_S:
             # Copies go on where those of the last refresh ended, so that none is always left out.
-            return self._state(refresh, self._copies, now_s)
+            return self._state_offer(refresh, self._refreshes.next_copy, now_s)
         return None
 
     def begin_refresh(self, now_s: float) -> None:
@@ -330,25 +368,26 @@ class _Schedule:
         if not frames:
             self._repeat_the_last(now_s)
             return
-        lengths = [len(self._sealer.seal(raw, now_s)) + self._radio.outer_bytes for _, raw in frames]
+        lengths = [self._packer.on_air_bytes(raw, now_s) for _, raw in frames]
         if self._refresh is None:
             self._refuse_what_cannot_fit(sum(lengths))
-        self._carousel_share = self._share_beside(sum(lengths))
+        self._carousel.share = self._share_beside(sum(lengths))
+        place = self._refreshes
         if aborted:
             # Go on with what was not told: directives that change fast must not keep the last frames from the air.
             assert self._refresh is not None
-            self._first_frame += self._refresh.sends
-        self._first_frame %= len(frames)
-        frames = frames[self._first_frame :] + frames[: self._first_frame]
+            place.first_frame += self._refresh.sends
+        place.first_frame %= len(frames)
+        frames = frames[place.first_frame :] + frames[: place.first_frame]
         self._refresh = _Refresh(now_s, self._station.directive, frames, max(lengths))
-        self._refresh_due_s = _after(self._refresh_due_s, SHORTEST_REFRESH_S, now_s)
+        place.due_s = _after(place.due_s, SHORTEST_REFRESH_S, now_s)
         self._waiting = None
         epoch_s = frames[0][0].stamp.epoch_s
         if epoch_s != self._epoch_s:
             self._epoch_s = epoch_s
-            self._turn_place, self._turn_due_s = 0, float("-inf")
-            slow = self._slow(now_s)
-            self._is_needed = self._urgent = len(slow) > 0 and isinstance(slow[0], MissionFrame)
+            self._carousel.rewind()
+            slow = self._slow_frames(now_s)
+            self._carousel.is_needed = self._carousel.is_urgent = len(slow) > 0 and isinstance(slow[0], MissionFrame)
 
     def _made(self, now_s: float) -> list[tuple[BroadcastFrame, bytes]]:
         """Return the frames of a new broadcast of the state; those that cannot be made are counted and left out.
@@ -359,9 +398,9 @@ class _Schedule:
         """
         made = []
         try:
-            for frame in self._station.refresh(now_s, self._payload_bytes):
+            for frame in self._station.refresh(now_s, self._packer.payload_bytes):
                 try:
-                    made.append((frame, self._writer.encode(frame)))
+                    made.append((frame, self._packer.encode(frame)))
                 except WireError as error:
                     self._cannot_send(error)
         except WireError as error:
@@ -377,18 +416,18 @@ class _Schedule:
         """Tell the last state again: receivers know from its stamp how old it is."""
         assert self._refresh is not None
         self._refresh.sends, self._refresh.begun_at_s = 0, now_s
-        self._refresh_due_s = self._begin_again_s = now_s + SHORTEST_REFRESH_S
+        self._refreshes.due_s = self._refreshes.not_before_s = now_s + SHORTEST_REFRESH_S
         self._waiting = None
 
-    def _slow(self, now_s: float) -> Sequence[BroadcastFrame]:
+    def _slow_frames(self, now_s: float) -> Sequence[BroadcastFrame]:
         try:
-            return self._station.carousel(now_s, self._payload_bytes)
+            return self._station.carousel(now_s, self._packer.payload_bytes)
         except WireError as error:
             self._cannot_send(error)
             return ()
 
     def _share_beside(self, state_bytes: int) -> float:
-        """Return the carousel's share of the budget beside a state of so many bytes."""
+        """Return the carousel's share of the budget beside a state of `state_bytes` on the air."""
         heartbeat_bytes = _HEARTBEAT_BYTES / HEARTBEAT_PERIOD_S if self._radio.heartbeats else 0.0
         bytes_per_s = self._radio.budget_bytes_per_s * self.pacer.pace
         left = 1.0 - (state_bytes / SHORTEST_REFRESH_S + heartbeat_bytes) / bytes_per_s
@@ -400,7 +439,7 @@ class _Schedule:
             remedies = ["a faster radio"]
             if self._radio.share < 1.0:
                 remedies.append("a greater share")
-            if self._sealer.overhead_bytes > MAVLINK_SIGNATURE_BYTES:
+            if self._packer.has_ed25519:
                 remedies.append("--auth mavlink instead of Ed25519")
             raise InputError(
                 f"radio {self._radio.name}: the state of this mission is {on_air_bytes} bytes, {takes_s:.0f} s at "
@@ -408,65 +447,43 @@ class _Schedule:
                 f"{', '.join(remedies)} or fewer agents"
             )
 
-    def _state(self, refresh: _Refresh, place: int, now_s: float) -> tuple[Sent, Callable[[float], None]]:
+    def _state_offer(self, refresh: _Refresh, place: int, now_s: float) -> _Offer:
         frame, raw = refresh.frames[place % len(refresh.frames)]
         is_copy = refresh.told
 
         def note(sent_at_s: float) -> None:
             refresh.sends += 1
             if is_copy:
-                self._copies = (place + 1) % len(refresh.frames)
+                self._refreshes.next_copy = (place + 1) % len(refresh.frames)
             else:
                 self._station.overhear(raw, sent_at_s)
 
-        return self._on_air(raw, frame, refresh.sends // len(refresh.frames), now_s), note
+        return _Offer(self._packer.pack(raw, frame, refresh.rounds, now_s), note)
 
-    def _carousel(self, now_s: float) -> tuple[Sent, Callable[[float], None]] | None:
-        if self._turn_place == 0 and now_s < self._turn_due_s - _DUE_TOLERANCE_S:
+    def _slow_offer(self, now_s: float) -> _Offer | None:
+        """Return the next frame of the carousel, None if there is none now."""
+        carousel = self._carousel
+        if not carousel.is_due(now_s):
             return None
-        frames = self._slow(now_s)
+        frames = self._slow_frames(now_s)
         if not frames:
-            self._turn_due_s = now_s + SHORTEST_TURN_S
+            carousel.pause(now_s)
             return None
-        place = min(self._turn_place, len(frames) - 1)
+        place = min(carousel.place, len(frames) - 1)
         try:
-            raw = self._writer.encode(frames[place])
+            raw = self._packer.encode(frames[place])
         except WireError as error:
             self._cannot_send(error)
-            self._turn_place, self._turn_due_s = (place + 1) % len(frames), now_s + SHORTEST_TURN_S
-            self._urgent = self._urgent and self._turn_place > 0
+            carousel.pass_over(place, len(frames), now_s)
             return None
-        sent = self._on_air(raw, frames[place], 0, now_s)
+        sent = self._packer.pack(raw, frames[place], 0, now_s)
 
         def note(sent_at_s: float) -> None:
             self._station.overhear(raw, sent_at_s)
-            self._credit_bytes = max(self._credit_bytes - sent.on_air_bytes, -float(self._radio.max_frame_bytes))
-            if self._turn_place == 0:
-                self._turn_due_s = _after(self._turn_due_s, SHORTEST_TURN_S, sent_at_s)
-            self._turn_place = place + 1
-            if self._turn_place >= len(frames):
-                self._turn_place, self._urgent = 0, False
+            carousel.told(place, len(frames), sent.on_air_bytes, sent_at_s)
+            carousel.credit_bytes = max(carousel.credit_bytes, -float(self._radio.max_frame_bytes))
 
-        return sent, note
-
-    def _heartbeat(self, now_s: float) -> tuple[Sent, Callable[[float], None]]:
-        message = oneway.MAVLink_heartbeat_message(
-            oneway.MAV_TYPE_GCS, oneway.MAV_AUTOPILOT_INVALID, 0, 0, oneway.MAV_STATE_ACTIVE, 3
-        )
-        raw = bytes(message.pack(self._heartbeats))
-
-        def note(sent_at_s: float) -> None:
-            self._heartbeats.seq = (self._heartbeats.seq + 1) % 256
-            self._heartbeat_due_s = _after(self._heartbeat_due_s, HEARTBEAT_PERIOD_S, sent_at_s)
-
-        return Sent(self._sealer.seal(raw, now_s), None, 0), note
-
-    def _on_air(self, raw: bytes, frame: BroadcastFrame, copy: int, now_s: float) -> Sent:
-        sealed = self._sealer.seal(raw, now_s)
-        if not self._radio.wrapped:
-            return Sent(sealed, frame, copy)
-        self._wrapped += 1
-        return Sent(wrap(sealed, self._wrapped), frame, copy, self._radio.added_bytes)
+        return _Offer(sent, note)
 
 
 def _after(due_s: float, period_s: float, now_s: float) -> float:

@@ -16,13 +16,16 @@ from companion.mission.model import Mission
 from companion.onboard.flight_log import FlightLog, unused
 from companion.protocol.deframer import StreamFramer
 from companion.protocol.ed25519 import FrameSigner
+from companion.protocol.frame import raw_frame
 from companion.protocol.keys import MAVLINK_NAME, PRIVATE_NAME, load_mavlink_key, load_private
 from companion.protocol.mavlink_signing import MavlinkSigner
+from companion.protocol.radio_status import read_radio_status
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait
 from companion.runtime.console import program_logger
 from companion.transport.endpoints import Link, Sender, open_receiver, open_sender
 from groundstation.adsb_mirror import AdsbMirror
+from groundstation.agents import VehicleModel
 from groundstation.choices import Authentication
 from groundstation.directives import DirectiveInput
 from groundstation.ground_station import GroundStation
@@ -87,8 +90,7 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         mission,
         start_s,
         sensed=options.sensor is not None,
-        law=DEFAULT_LAW,
-        can_stop=options.can_stop,
+        model=VehicleModel(DEFAULT_LAW, options.can_stop),
         epoch_s=state_file.epoch_s,
         began_s=state_file.began_s,
     )
@@ -147,9 +149,13 @@ class _Hearing:
 
         def on_datagram(datagram: bytes) -> None:
             now_s = self.clock.now_s()
-            for frames in [datagram] if framer is None else framer.feed(datagram):
-                take(frames, now_s)
-                self.log.record(now_s, frames)
+            if framer is None:
+                take(datagram, now_s)
+                self.log.record(now_s, datagram)
+                return
+            for frame in framer.feed(datagram):
+                take(frame.data, now_s)
+                self.log.record_frame(now_s, frame)
 
         receiver = await open_receiver(link, on_datagram)
         self.stack.callback(receiver.close)
@@ -157,7 +163,7 @@ class _Hearing:
 
 async def _open_links(options: Options, station: GroundStation, hearing: _Hearing, stack: ExitStack) -> _Links:
     """Open all links, which `stack` closes; raises InputError."""
-    broadcast = await open_sender(options.link)
+    broadcast = await open_sender(options.link, read_radio_status)
     stack.callback(broadcast.close)
     if options.sensor is not None:
         await hearing.open(options.sensor, station.sense)
@@ -196,7 +202,7 @@ class BroadcastLoop:
         for data in self._run.broadcaster.tick(now_s, sender.txbuf_percent):
             sender.send(data)
             self._run.status.sent_bytes += len(data) + self._added_bytes
-            self._log.record(now_s, unwrap(data) or data)
+            self._log.record(now_s, unwrap(raw_frame(data)) or data)
         if display is not None:
             for data in self._run.mirror.tick(self._run.station.tracks, now_s):
                 display.send(data)

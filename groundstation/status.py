@@ -87,7 +87,8 @@ class Status:
         if len(station.assignment) > MOST_PAIRS:
             pairs = f"{len(station.assignment)} of {len(picture.present_agents)} sent"
         directive = "" if station.directive is Directive.NORMAL else f"directive {station.directive.name.lower()}; "
+        progress = picture.progress
         return (
-            f"{directive}agents to targets: {pairs or 'none'}; reached {sorted(picture.completed)}, "
-            f"arrived {sorted(picture.arrived)}, lost {sorted(picture.lost)}, uncovered {list(station.uncovered)}"
+            f"{directive}agents to targets: {pairs or 'none'}; reached {sorted(progress.completed)}, "
+            f"arrived {sorted(progress.arrived)}, lost {sorted(progress.lost)}, uncovered {list(station.uncovered)}"
         )

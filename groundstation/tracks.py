@@ -2,23 +2,23 @@
 
 It begins with what the mission says and lives on the detections of a sensor; in Case II agents are not detected but
 placed where they are reckoned to be. An agent not heard of for too long is lost (docs/method.md section 1, point 7);
-one that
-comes within the arrival radius of a target completes it, and both leave the problem. Where an agent is only known to so
-many metres, its arrival is believed as much later as it takes to fly them. Times are Unix seconds given by the caller.
+one that comes within the arrival radius of a target completes it, and both leave the problem. Where an agent's place is
+uncertain, its arrival is believed later, by the time that it takes to fly the uncertainty. Times are Unix seconds given
+by the caller.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from companion.geo.local_frame import LocalFrame
+from companion.geo.local_frame import LocalFrame, to_grid
 from companion.mission.model import Mission
-from companion.protocol.codec import DetectionsFrame, Kind
-from groundstation.agents import Estimate
+from companion.protocol.codec import DetectionsFrame, Kind, ReportFrame
+from groundstation.agents import Estimate, Fix
 
 FARTHEST_M = 2.0e7
 """No detection is believed farther from the origin, along the ground: half the way round the Earth, and less than any
@@ -45,6 +45,20 @@ class Track:
         return max(0.0, now_s - self.seen_at_s)
 
 
+@dataclass(frozen=True)
+class MissionProgress:
+    """What has become of agents and targets, by id."""
+
+    arrived: frozenset[int] = frozenset()
+    lost: frozenset[int] = frozenset()
+    completed: frozenset[int] = frozenset()
+    """Targets."""
+    reached_by: Mapping[int, int] = field(default_factory=dict)
+    """Agent that has arrived to the target that it completed."""
+    near_since: Mapping[int, tuple[int, float]] = field(default_factory=dict)
+    """Agent to the target that it is believed to be near, and since when."""
+
+
 class TrackTable:
     """Tracks by kind and id, and what has become of agents and targets."""
 
@@ -59,10 +73,7 @@ class TrackTable:
         self._mission = mission
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self._silent_after_s = silent_after_s
-        self._speed_m_s = {agent.id: agent.speed_m_s for agent in mission.agents}
-        self._only_target = {agent.id: agent.only_target for agent in mission.agents}
-        self._near: dict[int, tuple[int, float]] = {}
-        """Agent to the target that it is believed to be near, and since when."""
+        self._agents = {agent.id: agent for agent in mission.agents}
         placed_at_s = now_s if began_s is None else min(began_s, now_s)
         self.too_far = 0
         """Detections refused because no frame could carry them."""
@@ -78,26 +89,23 @@ class TrackTable:
         """When each agent was last detected (Case I) or reported (Case II)."""
         self.flown_m = {agent.id: 0.0 for agent in mission.agents}
         self.uncertainty_m = {agent.id: 0.0 for agent in mission.agents}
-        self.arrived: set[int] = set()
-        self.reached_by: dict[int, int] = {}
-        """Agent that has arrived to the target that it completed."""
-        self.lost: set[int] = set()
-        self.completed: set[int] = set()
+        self.progress = MissionProgress()
 
     @property
     def active_agents(self) -> list[int]:
         """Agents still on their way, in file order."""
-        return [agent.id for agent in self._mission.agents if agent.id not in self.arrived | self.lost]
+        gone = self.progress.arrived | self.progress.lost
+        return [agent.id for agent in self._mission.agents if agent.id not in gone]
 
     @property
     def present_agents(self) -> list[int]:
         """Agents in the air as far as is known: on their way or arrived."""
-        return [agent.id for agent in self._mission.agents if agent.id not in self.lost]
+        return [agent.id for agent in self._mission.agents if agent.id not in self.progress.lost]
 
     @property
     def open_targets(self) -> list[int]:
         """Targets not reached yet, in file order."""
-        return [target.id for target in self._mission.targets if target.id not in self.completed]
+        return [target.id for target in self._mission.targets if target.id not in self.progress.completed]
 
     def take(self, frame: DetectionsFrame, now_s: float) -> None:
         """Merge one look of a sensor; detections of unknown things, and older ones than the track, are ignored.
@@ -142,27 +150,55 @@ class TrackTable:
         self.flown_m[agent_id] = estimate.flown_m
         self.uncertainty_m[agent_id] = estimate.uncertainty_m
 
+    def take_report(self, report: ReportFrame, now_s: float) -> Fix | None:
+        """Take note that an agent was heard; return where it was, None for a stranger's report and for an old one."""
+        heard_at_s = self.heard_at_s.get(report.agent_id)
+        fixed_at_s = min(now_s, report.unix_s)
+        if heard_at_s is None or fixed_at_s < heard_at_s:
+            return None
+        self.heard_at_s[report.agent_id] = fixed_at_s
+        north_m, east_m, convergence_rad = self._frame.to_local_with_convergence(report.lat_deg, report.lon_deg)
+        velocity_m_s = to_grid(report.velocity_north_m_s, report.velocity_east_m_s, convergence_rad)
+        return Fix((north_m, east_m), velocity_m_s, fixed_at_s, report.flown_m)
+
     def update(self, now_s: float, assignment: Mapping[int, int]) -> bool:
         """Find who is lost and who has arrived by `now_s`; return whether anything changed.
 
         `assignment` is of agent id to target id: an agent whose place is uncertain arrives only where it was sent.
         """
-        before = (set(self.arrived), set(self.lost), set(self.completed))
+        before = self.progress
         if self._silent_after_s is not None:
-            self.lost = {
-                key for key, heard_at_s in self.heard_at_s.items() if now_s - heard_at_s > self._silent_after_s
-            }
-        self._near = {key: near for key, near in self._near.items() if assignment.get(key) == near[0]}
+            silent = (key for key, at_s in self.heard_at_s.items() if now_s - at_s > self._silent_after_s)
+            self.progress = replace(before, lost=frozenset(silent))
+        self.progress = self._after_arrivals(now_s, assignment)
+        after = self.progress
+        return (before.arrived, before.lost, before.completed) != (after.arrived, after.lost, after.completed)
+
+    def _after_arrivals(self, now_s: float, assignment: Mapping[int, int]) -> MissionProgress:
+        """Return the progress once those have arrived who are near enough, for long enough."""
+        progress = self.progress
+        arrived, completed = set(progress.arrived), set(progress.completed)
+        reached_by = dict(progress.reached_by)
+        near_since = {key: near for key, near in progress.near_since.items() if assignment.get(key) == near[0]}
         for target_id, agent_id in self._candidates(assignment):
+            if agent_id in arrived or self._agents[agent_id].only_target not in (None, target_id):
+                continue
             target, agent = self.tracks[Kind.TARGET, target_id], self.tracks[Kind.AGENT, agent_id]
-            if agent_id not in self.arrived and self._only_target[agent_id] in (None, target_id):
-                near = math.dist(agent.position_ned_m, target.position_ned_m) <= self._mission.arrival_radius_m
-                if self._has_arrived(agent_id, target_id, near, assignment.get(agent_id) == target_id, now_s):
-                    self.arrived.add(agent_id)
-                    self.completed.add(target_id)
-                    if target_id not in self.reached_by.values():
-                        self.reached_by[agent_id] = target_id
-        return before != (self.arrived, self.lost, self.completed)
+            is_near = math.dist(agent.position_ned_m, target.position_ned_m) <= self._mission.arrival_radius_m
+            wait_s = self.uncertainty_m[agent_id] / self._agents[agent_id].speed_m_s
+            if wait_s != 0.0:
+                if assignment.get(agent_id) != target_id:
+                    continue
+                # Once near it loiters there, by its own lights; it need not stay near by ours.
+                if is_near:
+                    near_since.setdefault(agent_id, (target_id, now_s))
+                is_near = agent_id in near_since and now_s - near_since[agent_id][1] >= wait_s
+            if is_near:
+                arrived.add(agent_id)
+                completed.add(target_id)
+                if target_id not in reached_by.values():
+                    reached_by[agent_id] = target_id
+        return MissionProgress(frozenset(arrived), progress.lost, frozenset(completed), reached_by, near_since)
 
     def _candidates(self, assignment: Mapping[int, int]) -> list[tuple[int, int]]:
         """Return (target id, agent id) of all that can have arrived: who is near, or was sent there."""
@@ -174,14 +210,3 @@ class TrackTable:
         close = np.hypot(apart_m[..., 0], apart_m[..., 1]) <= self._mission.arrival_radius_m * (1.0 + 1e-9)
         sent = np.array(targets, dtype=int)[:, np.newaxis] == np.array([assignment.get(one, 0) for one in agents])
         return [(targets[row], agents[column]) for row, column in np.argwhere(close | sent)]
-
-    def _has_arrived(self, agent_id: int, target_id: int, near: bool, sent: bool, now_s: float) -> bool:
-        doubt_s = self.uncertainty_m[agent_id] / self._speed_m_s[agent_id]
-        if doubt_s == 0.0:
-            return near
-        if not sent:
-            return False
-        # Once near it loiters there, by its own lights; it need not stay near by ours.
-        if near:
-            self._near.setdefault(agent_id, (target_id, now_s))
-        return agent_id in self._near and now_s - self._near[agent_id][1] >= doubt_s

@@ -107,12 +107,13 @@ class Aircraft:
         """Fly on to a time of the flight, with the companion's loop on the way where there is an autopilot."""
         from_s, self._t_s = self._t_s, t_s
         *within_s, whole_s = self.loop_s
+        vehicle = self.autopilot.vehicle
         for loop_s in within_s:
             at_s = from_s + loop_s
-            self.vehicle.step_to(START_S + at_s)
+            vehicle.step_to(START_S + at_s)
             self._hand_over(at_s)
             self.repeat(at_s)
-        self.vehicle.step_to(START_S + from_s + whole_s)
+        vehicle.step_to(START_S + from_s + whole_s)
         self._hand_over(from_s + whole_s)
 
     def transmitted(self, datagram: bytes, t_s: float) -> None:
@@ -126,8 +127,9 @@ class Aircraft:
         self._exchange_telemetry(now_s)
         for frame in [] if self.detector is None else self.detector.look(snapshot):
             self.autopilot.deliver(frame, now_s)
+        companion = self.autopilot.companion
         began_ns = time.perf_counter_ns()
-        decision, frames = self.companion.tick(now_s)
+        decision, frames = companion.tick(now_s)
         decision_us = (time.perf_counter_ns() - began_ns) / 1000.0
         if self.autopilot.log is not None:
             self.autopilot.write(self._marks.encode(decision_frame(decision)), now_s)
@@ -136,11 +138,11 @@ class Aircraft:
 
     def repeat(self, t_s: float) -> None:
         """Let the companion hear its autopilot and keep its last decision standing."""
-        now_s = START_S + t_s
+        now_s, companion = START_S + t_s, self.autopilot.companion
         self._exchange_telemetry(now_s)
-        steered = self.companion.steers
-        frames = self.companion.repeat(now_s)
-        if steered and not self.companion.steers:
+        steered = companion.steers
+        frames = companion.repeat(now_s)
+        if steered and not companion.steers:
             self.autopilot.write(mark_frame(Mark.WITHDRAWN, self.spec.id), now_s)
         self.autopilot.send(frames, now_s)
 
@@ -154,11 +156,12 @@ class Aircraft:
             heard_s = logged_s(START_S + arrival_s)
             for passed_on in self.autopilot.passed_on(datagram):
                 for frame in self.companion.hear(passed_on, heard_s):
-                    self.autopilot.write(frame, heard_s)
+                    self.autopilot.write(frame.data, heard_s)
 
     def _exchange_telemetry(self, now_s: float) -> None:
-        for frame in self.vehicle.telemetry(now_s):
-            self.autopilot.deliver(frame, now_s)
+        deliver = self.autopilot.deliver
+        for frame in self.autopilot.vehicle.telemetry(now_s):
+            deliver(frame, now_s)
 
     def _hand_over(self, t_s: float) -> None:
         """Let the safety pilot do to the vehicle what there is to do."""

@@ -28,6 +28,7 @@ from companion.mission.random_streams import random_stream
 from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection, config_for_agent, dump_config
 from companion.surrogate.networks import load_monolithic
+from groundstation.agents import VehicleModel
 from groundstation.ground_station import GroundStation, check_runnable
 from groundstation.radio import Radio
 from groundstation.schedule import Broadcaster
@@ -166,7 +167,7 @@ def _fly(hangar: _Hangar, fleet: Sequence[Aircraft], broadcast_log: TlogWriter |
     """Fly to the end."""
     mission, options = hangar.mission, hangar.options
     is_point = options.autopilot == "kinematic"
-    ground = GroundStation(mission, START_S, law=options.law, can_stop=KINDS[options.autopilot].can_stop)
+    ground = GroundStation(mission, START_S, model=VehicleModel(options.law, KINDS[options.autopilot].can_stop))
     transmitter = Transmitter(
         Broadcaster(ground, options.radio),
         mission.integration_step_s if options.radio else RADIO_TICK_S,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.mission.model import Mission, agent_height_m, in_the_way
+from companion.mission.model import Mission, agent_height_m, is_obstacle
 from sim.shortest_path import shortest_path_length
 from sim.trajectory import Trajectory
 
@@ -238,7 +238,7 @@ def _threats(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> _Th
     samples, agents = alive.shape
     detection_m = np.array([threat.detection_radius_m for threat in mission.threats], dtype=float)
     attack_m = np.array([threat.attack_radius_m for threat in mission.threats], dtype=float)
-    reaches = np.array([[in_the_way(mission, a.id, threat) for threat in mission.threats] for a in mission.agents])
+    reaches = np.array([[is_obstacle(mission, a.id, threat) for threat in mission.threats] for a in mission.agents])
     entries_detection = np.zeros(agents, dtype=int)
     entries_attack = np.zeros(agents, dtype=int)
     clearance_m = np.full(samples, np.nan)
@@ -310,7 +310,7 @@ def _agents(
     radii_m = np.array([threat.detection_radius_m for threat in mission.threats], dtype=float)
     scores = []
     for agent, identity in enumerate(trajectory.agent_ids):
-        fixed = [threat.motion == "static" and in_the_way(mission, identity, threat) for threat in mission.threats]
+        fixed = [threat.motion == "static" and is_obstacle(mission, identity, threat) for threat in mission.threats]
         around = np.array(fixed, dtype=bool)
         samples_alive = int(alive[:, agent].sum())
         arrived = int(arrivals.sample[agent])

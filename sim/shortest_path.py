@@ -26,11 +26,30 @@ _GOAL = 1
 
 
 @dataclass(frozen=True)
-class Piece:
-    """A piece of a way at constant curvature; a positive turn is to the right."""
+class PathPiece:
+    """A piece of a path at constant curvature; a positive turn is to the right."""
 
     length_m: float
     turn_rad: float
+
+
+@dataclass(frozen=True)
+class Departure:
+    """Where a vehicle that cannot turn on the spot begins."""
+
+    start_m: np.ndarray  # (2,) m
+    heading_rad: float
+    """Clockwise from the first axis."""
+    turn_radius_m: float
+
+
+@dataclass(frozen=True)
+class _Discs:
+    """Discs that no path may enter by more than a tolerance."""
+
+    centre_m: np.ndarray  # (M, 2) m
+    radius_m: np.ndarray  # (M,) m
+    tolerance_m: float
 
 
 @dataclass(frozen=True)
@@ -67,25 +86,23 @@ def shortest_path_length(start_m: np.ndarray, goal_m: np.ndarray, centres_m: np.
     if (np.linalg.norm(ends_m[:, None] - centres_m, axis=-1) < radii_m - tolerance_m).any():
         return math.inf
     direct_m = float(np.linalg.norm(goal_m - start_m))
-    if _free(ends_m[None], centres_m, radii_m, tolerance_m)[0]:
+    if _free(ends_m[None], _Discs(centres_m, radii_m, tolerance_m))[0]:
         return direct_m
 
     kept = _not_inside_another(centres_m, radii_m)
     # About the start, so that large coordinates cost no digits.
     centres_m = np.vstack((np.zeros(2), goal_m - start_m, centres_m[kept] - start_m))
-    radii_m = np.concatenate((np.zeros(2), radii_m[kept]))
-    tangents = _free_tangents(centres_m, radii_m, tolerance_m)
+    discs = _Discs(centres_m, np.concatenate((np.zeros(2), radii_m[kept])), tolerance_m)
+    tangents = _free_tangents(discs)
 
     # Every end of a tangent is a node, but all ends at the start are one node, and so are all at the goal.
     disc = tangents.disc.ravel()
     node = np.where(disc < 2, disc, np.arange(disc.size) + 2)
     length_m = np.linalg.norm(tangents.point_m[:, 1] - tangents.point_m[:, 0], axis=-1)
     edges = [(node[0::2], node[1::2], length_m)]
-    for index in range(2, len(radii_m)):
+    for index in range(2, len(discs.radius_m)):
         on_disc = np.flatnonzero(disc == index)
-        edges.append(
-            _free_arcs(index, node[on_disc], tangents.angle_rad.ravel()[on_disc], centres_m, radii_m, tolerance_m)
-        )
+        edges.append(_free_arcs(index, node[on_disc], tangents.angle_rad.ravel()[on_disc], discs))
     begin, end, weight_m = (np.concatenate(column) for column in zip(*edges, strict=True))
     distance_m = _distance(disc.size + 2, begin, end, weight_m)
     return max(distance_m, direct_m)
@@ -103,20 +120,21 @@ def _not_inside_another(centres_m: np.ndarray, radii_m: np.ndarray) -> np.ndarra
     return kept
 
 
-def _free(segments_m: np.ndarray, centres_m: np.ndarray, radii_m: np.ndarray, tolerance_m: float) -> np.ndarray:
+def _free(segments_m: np.ndarray, discs: _Discs) -> np.ndarray:
     """Return (T,) bool: segments (T, 2, 2) that enter no disc by more than the tolerance."""
     begin = segments_m[:, None, 0]
     along = segments_m[:, None, 1] - begin  # (T, 1, 2)
-    to_centre = centres_m - begin  # (T, M, 2)
+    to_centre = discs.centre_m - begin  # (T, M, 2)
     squared = np.maximum((along**2).sum(axis=-1), np.finfo(float).tiny)
     fraction = np.clip((to_centre * along).sum(axis=-1) / squared, 0.0, 1.0)
     miss_m = np.linalg.norm(to_centre - fraction[..., None] * along, axis=-1)
-    free: np.ndarray = (miss_m >= radii_m - tolerance_m).all(axis=-1)
+    free: np.ndarray = (miss_m >= discs.radius_m - discs.tolerance_m).all(axis=-1)
     return free
 
 
-def _free_tangents(centres_m: np.ndarray, radii_m: np.ndarray, tolerance_m: float) -> _Tangents:
+def _free_tangents(discs: _Discs) -> _Tangents:
     """Return the segments between every two discs that touch both and enter no disc."""
+    centres_m, radii_m = discs.centre_m, discs.radius_m
     first, second = np.triu_indices(len(radii_m), k=1)
     offset = centres_m[second] - centres_m[first]
     gap_m = np.linalg.norm(offset, axis=-1)
@@ -139,19 +157,15 @@ def _free_tangents(centres_m: np.ndarray, radii_m: np.ndarray, tolerance_m: floa
     angle = np.stack((normal, normal + crosses), axis=-1)
     unit = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
     point_m = centres_m[disc] + radii_m[disc][..., None] * unit
-    free = _free(point_m, centres_m, radii_m, tolerance_m)
+    free = _free(point_m, discs)
     return _Tangents(disc[free], angle[free], point_m[free])
 
 
 def _free_arcs(
-    index: int,
-    node: np.ndarray,
-    angle_rad: np.ndarray,
-    centres_m: np.ndarray,
-    radii_m: np.ndarray,
-    tolerance_m: float,
+    index: int, node: np.ndarray, angle_rad: np.ndarray, discs: _Discs
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the arcs between neighbouring nodes of one disc that no other disc covers: begin, end, length (m)."""
+    centres_m, radii_m = discs.centre_m, discs.radius_m
     order = np.argsort(angle_rad % math.tau, kind="stable")
     node, begin_rad = node[order], (angle_rad % math.tau)[order]
     sweep_rad = np.diff(begin_rad, append=begin_rad[:1] + math.tau)
@@ -168,7 +182,7 @@ def _free_arcs(
     arc_mid_rad = begin_rad + sweep_rad / 2  # (A,)
     between = np.abs((covered_mid_rad - arc_mid_rad[:, None] + math.pi) % math.tau - math.pi)  # (A, crossing)
     overlap_rad = covered_half_rad + sweep_rad[:, None] / 2 - between
-    free = (overlap_rad <= tolerance_m / radius_m).all(axis=-1)
+    free = (overlap_rad <= discs.tolerance_m / radius_m).all(axis=-1)
     return node[free], np.roll(node, -1)[free], radius_m * sweep_rad[free]
 
 
@@ -186,23 +200,21 @@ def _distance(nodes: int, begin: np.ndarray, end: np.ndarray, weight_m: np.ndarr
 
 
 def turning_path(
-    start_m: np.ndarray,
-    heading_rad: float,
-    turn_radius_m: float,
-    goal_m: np.ndarray,
+    departure: Departure,
+    goal_m: np.ndarray,  # (2,) m
     goal_radius_m: float,
-    centres_m: np.ndarray,
-    radii_m: np.ndarray,
-) -> list[Piece] | None:
-    """Return a short way from a pose to within `goal_radius_m` of a goal (2,), turning no tighter than given.
+    centres_m: np.ndarray,  # (M, 2) m
+    radii_m: np.ndarray,  # (M,) m
+) -> list[PathPiece] | None:
+    """Return a short path to within `goal_radius_m` of a goal, turning no tighter than the vehicle can.
 
-    Start (2,) and goal are in m, the heading in radians clockwise from the first axis; the way enters none of M discs,
-    centres (M, 2) and radii (M,) in m. It is the shortest of the ways that leave along a turning circle, then follow
+    It enters none of the M discs, and is the shortest of the paths that leave along a turning circle, then follow
     straight lines and circles about discs, each of the disc's radius or the turn radius, whichever is greater, and end
-    on a straight line towards the goal. None where there is no such way; another kind of way may then exist, as it may
-    be shorter where discs are smaller than the turn radius.
+    on a straight line towards the goal. None where there is no such path; another kind of path may then exist, as it
+    may be shorter where discs are smaller than the turn radius.
     """
-    start_m, goal_m = np.asarray(start_m, dtype=float), np.asarray(goal_m, dtype=float)
+    heading_rad, turn_radius_m = departure.heading_rad, departure.turn_radius_m
+    start_m, goal_m = np.asarray(departure.start_m, dtype=float), np.asarray(goal_m, dtype=float)
     centres_m = np.asarray(centres_m, dtype=float).reshape(-1, 2)
     radii_m = np.asarray(radii_m, dtype=float)
     if np.linalg.norm(goal_m - start_m) <= goal_radius_m:
@@ -211,11 +223,9 @@ def turning_path(
     tolerance_m = TOLERANCE * (size_m + turn_radius_m)
     kept = _not_inside_another(centres_m, radii_m)
     # About the start, so that large coordinates cost no digits.
-    centres_m, radii_m, goal_m = centres_m[kept] - start_m, radii_m[kept], goal_m - start_m
-    circles = _directed_circles(heading_rad, turn_radius_m, goal_m, centres_m, radii_m)
-    begin, end, course_rad, length_m = _directed_tangents(
-        circles, goal_m, goal_radius_m, centres_m, radii_m, tolerance_m
-    )
+    discs, goal_m = _Discs(centres_m[kept] - start_m, radii_m[kept], tolerance_m), goal_m - start_m
+    circles = _directed_circles(heading_rad, turn_radius_m, goal_m, discs)
+    begin, end, course_rad, length_m = _directed_tangents(circles, goal_m, goal_radius_m, discs)
 
     # A node is an end of a tangent on a circle; the goal and the two ways to leave the start come first.
     tangents = len(begin)
@@ -229,19 +239,16 @@ def turning_path(
     for index in range(len(circles.side)):
         on_circle = np.flatnonzero(circle == index)
         if len(on_circle) > 1:
-            edges.append(
-                _directed_arcs(index, on_circle, angle_rad[on_circle], circles, centres_m, radii_m, tolerance_m)
-            )
+            edges.append(_directed_arcs(index, on_circle, angle_rad[on_circle], circles, discs))
     return _pieces(3 + 2 * tangents, *(np.concatenate(column) for column in zip(*edges, strict=True)))
 
 
-def _directed_circles(
-    heading_rad: float, turn_radius_m: float, goal_m: np.ndarray, centres_m: np.ndarray, radii_m: np.ndarray
-) -> _Circles:
+def _directed_circles(heading_rad: float, turn_radius_m: float, goal_m: np.ndarray, discs: _Discs) -> _Circles:
     """Return the two turning circles of a start at (0, 0), then every disc's circle in both directions.
 
     A disc smaller than the turn radius has a circle of that radius, unless that would hold the start or the goal.
     """
+    centres_m, radii_m = discs.centre_m, discs.radius_m
     to_right = np.array([-math.sin(heading_rad), math.cos(heading_rad)])
     routed_m = np.maximum(radii_m, turn_radius_m)
     nearest_m = np.minimum(np.linalg.norm(centres_m, axis=-1), np.linalg.norm(centres_m - goal_m, axis=-1))
@@ -255,12 +262,7 @@ def _directed_circles(
 
 
 def _directed_tangents(
-    circles: _Circles,
-    goal_m: np.ndarray,
-    goal_radius_m: float,
-    centres_m: np.ndarray,
-    radii_m: np.ndarray,
-    tolerance_m: float,
+    circles: _Circles, goal_m: np.ndarray, goal_radius_m: float, discs: _Discs
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the free lines from circle to circle and to the goal: begin, end (-1 the goal), course rad, length m."""
     count = len(circles.side)
@@ -273,7 +275,7 @@ def _directed_tangents(
     gap_m = np.linalg.norm(offset_m, axis=-1)
     difference_m = signed_m[first] - signed_m[second]
     # Nothing leads back to a circle of the start.
-    apart = (gap_m > np.abs(difference_m)) & (gap_m > tolerance_m) & (second >= 2)
+    apart = (gap_m > np.abs(difference_m)) & (gap_m > discs.tolerance_m) & (second >= 2)
     first, second, offset_m, gap_m, difference_m = (
         column[apart] for column in (first, second, offset_m, gap_m, difference_m)
     )
@@ -283,20 +285,15 @@ def _directed_tangents(
     begin_m = centre_m[first] + signed_m[first, None] * np.column_stack((along[:, 1], -along[:, 0]))
     length_m = np.where(second == count, np.maximum(length_m - goal_radius_m, 0.0), length_m)
     segments_m = np.stack((begin_m, begin_m + length_m[:, None] * along), axis=1)
-    free = _free(segments_m, centres_m, radii_m, tolerance_m)
+    free = _free(segments_m, discs)
     return first[free], np.where(second == count, -1, second)[free], course_rad[free], length_m[free]
 
 
 def _directed_arcs(
-    index: int,
-    node: np.ndarray,
-    angle_rad: np.ndarray,
-    circles: _Circles,
-    centres_m: np.ndarray,
-    radii_m: np.ndarray,
-    tolerance_m: float,
+    index: int, node: np.ndarray, angle_rad: np.ndarray, circles: _Circles, discs: _Discs
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the free arcs from each node of a circle to the next one on the way: begin, end, length m, turn rad."""
+    """Return the free arcs from each node of a circle to the next one on it: begin, end, length m, turn rad."""
+    centres_m, radii_m, tolerance_m = discs.centre_m, discs.radius_m, discs.tolerance_m
     side, radius_m = circles.side[index], circles.radius_m[index]
     onward_rad = (side * angle_rad) % math.tau
     order = np.argsort(onward_rad, kind="stable")
@@ -318,7 +315,7 @@ def _directed_arcs(
 
 def _pieces(
     nodes: int, begin: np.ndarray, end: np.ndarray, length_m: np.ndarray, turn_rad: np.ndarray
-) -> list[Piece] | None:
+) -> list[PathPiece] | None:
     """Return the shortest way from node 1 or 2 to node 0 over directed edges, or None; arcs in a row are one piece."""
     # Edges of length zero are stored and count; no two edges join the same nodes in the same direction.
     edges = coo_array((length_m, (begin, end)), shape=(nodes, nodes)).tocsr()
@@ -326,13 +323,13 @@ def _pieces(
     distance_m, before, _ = dijkstra(edges, indices=[1, 2], min_only=True, return_predecessors=True)
     if math.isinf(distance_m[0]):
         return None
-    found: list[Piece] = []
+    found: list[PathPiece] = []
     node = 0
     while before[node] >= 0:
         length, turn = turns[int(before[node]), node]
         node = int(before[node])
         if found and turn and found[-1].turn_rad:
-            found[-1] = Piece(length + found[-1].length_m, turn + found[-1].turn_rad)
+            found[-1] = PathPiece(length + found[-1].length_m, turn + found[-1].turn_rad)
         else:
-            found.append(Piece(length, turn))
+            found.append(PathPiece(length, turn))
     return found[::-1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol, Self
 
 from companion.autopilot.telemetry import Neighbour, Telemetry
 from companion.guard.types import Setpoint
@@ -27,6 +27,27 @@ class Abilities:
     """How far it strays from the path of arcs and straight lines that guidance and guard reckon with."""
     assumed: tuple[str, ...] = ()
     """Parameters that the autopilot did not tell: their documented defaults are assumed."""
+
+
+class Velocity(NamedTuple):
+    """What a velocity setpoint asks for, from local true north."""
+
+    north_m_s: float
+    east_m_s: float
+    down_m_s: float
+    yaw_rad: float
+
+
+class SetpointFrame(bytes):
+    """A frame that asks for a velocity, and still knows which: who passes that on need not read it off the frame."""
+
+    velocity: Velocity
+
+    def __new__(cls, data: bytes, velocity: Velocity) -> Self:
+        """Return the bytes of a SET_POSITION_TARGET_LOCAL_NED and the velocity in it."""
+        frame = super().__new__(cls, data)
+        frame.velocity = velocity
+        return frame
 
 
 class Adapter(Protocol):
@@ -57,12 +78,12 @@ class Adapter(Protocol):
 
     @property
     def steerable(self) -> bool:
-        """Whether a person has armed the vehicle and put it into the mode that obeys setpoints."""
+        """Whether a safety pilot has armed the vehicle and put it into the mode that obeys setpoints."""
         ...
 
     @property
     def refusal(self) -> str | None:
-        """Why this autopilot is not steered at all, and what to do about it: another kind than configured, ..."""
+        """Why this autopilot is not steered at all, and what to do about it: for one, that it is another kind."""
         ...
 
     @property
@@ -93,7 +114,7 @@ class Adapter(Protocol):
         ...
 
     def hold(self, now_s: float) -> list[bytes]:
-        """Return the frames that ask to stay as it is, where a stream must flow before a person can hand over."""
+        """Return the frames that ask to stay as it is, where a stream must flow before a safety pilot can hand over."""
         ...
 
     def release(self) -> None:

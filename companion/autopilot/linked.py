@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 
 from pymavlink.dialects.v20 import common
 
-from companion.autopilot.adapter import Abilities
+from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
 from companion.autopilot.commands import Command, Commands
 from companion.autopilot.heartbeat import HeartbeatIdentity, identified
 from companion.autopilot.parameter_checks import ParameterCheck
@@ -87,7 +87,7 @@ class LinkedAdapter(ABC):
 
     @property
     def steerable(self) -> bool:
-        """Armed and in the mode that obeys setpoints: both are a person's doing."""
+        """Armed and in the mode that obeys setpoints: both are the safety pilot's doing."""
         return self.telemetry.armed and self.telemetry.custom_mode == self.identity.guided_mode
 
     @property
@@ -222,24 +222,21 @@ class LinkedAdapter(ABC):
         """Return SET_POSITION_TARGET_LOCAL_NED of north, east, down; nothing if any of it is not finite."""
         if not all(map(math.isfinite, (*velocity_m_s, *place_m, yaw_rad))):
             return []
-        return [
-            self._pack(
-                common.MAVLink_set_position_target_local_ned_message(
-                    milliseconds(now_s),
-                    self._system_id,
-                    common.MAV_COMP_ID_AUTOPILOT1,
-                    common.MAV_FRAME_LOCAL_NED,
-                    type_mask,
-                    *place_m,
-                    *velocity_m_s,
-                    0.0,
-                    0.0,
-                    0.0,
-                    yaw_rad,
-                    0.0,
-                )
-            )
-        ]
+        message = common.MAVLink_set_position_target_local_ned_message(
+            milliseconds(now_s),
+            self._system_id,
+            common.MAV_COMP_ID_AUTOPILOT1,
+            common.MAV_FRAME_LOCAL_NED,
+            type_mask,
+            *place_m,
+            *velocity_m_s,
+            0.0,
+            0.0,
+            0.0,
+            yaw_rad,
+            0.0,
+        )
+        return [SetpointFrame(self._pack(message), Velocity(*velocity_m_s, yaw_rad))]
 
 
 def is_usable(setpoint: Setpoint, convergence_rad: float) -> bool:

@@ -1,10 +1,10 @@
 """The parent's side of MAVSDK for PX4: the companion's velocities in, what MAVSDK makes of them out.
 
 The parent keeps the one link to the autopilot. It gives the child what the autopilot says, and lets through from it
-nothing but setpoints, and those only while its own loop ticks. A second child waits ready: when a person takes over the
-one that steered is ended at once, because MAVSDK would repeat its last setpoint; when one dies or falls silent the next
-goes on. PX4 obeys again by itself when a stream that ended comes back: so after a gap of what really left no setpoint
-leaves before the caller was asked.
+nothing but setpoints, and those only while its own loop ticks. A second child waits ready: when the safety pilot takes
+over, the one that steered is ended at once, because MAVSDK would repeat its last setpoint; when one dies or falls
+silent the next goes on. PX4 obeys again by itself when a stream that ended comes back: so after a gap of what really
+left no setpoint leaves before the caller was asked.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import importlib.util
 import math
 import signal
 import socket
-import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -22,6 +21,7 @@ from contextlib import contextmanager, suppress
 
 from pymavlink.dialects.v20 import common
 
+from companion.autopilot.adapter import Velocity
 from companion.autopilot.offboard_child import (
     FRAME,
     IDENTITY,
@@ -38,13 +38,12 @@ from companion.autopilot.offboard_child import (
 from companion.autopilot.stream import STREAM_GAP_S
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.errors import InputError
-from companion.files.tlog import whole_frames
-from companion.protocol.deframer import header_of, payload_of
+from companion.protocol.frame import raw_frame, raw_frames
 
 CHILDREN = 2
 """One that steers and one that waits."""
 SILENCE_S = 0.3
-"""A child that steers and sends no setpoint for so long is hung. Chosen: six of MAVSDK's periods of 50 ms, and early
+"""A child that steers and sends no setpoint for this time is hung. Chosen: six of MAVSDK's periods of 50 ms, and early
 enough that the next child goes on within STREAM_GAP_S."""
 SEND_BUFFER_BYTES = 1_048_576
 """Asked for; the kernel gives what net.core.wmem_max allows. A message takes some hundred bytes more than it holds."""
@@ -57,14 +56,6 @@ SETPOINT_IDS = (
     common.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
     common.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
 )
-_MARKER_V2 = 0xFD
-_PAYLOAD_BYTES = 53
-_VELOCITY = struct.Struct("<3f")
-_VELOCITY_AT, _YAW_AT = 16, 40
-"""Where SET_POSITION_TARGET_LOCAL_NED has them on the wire, in m/s and rad."""
-
-Velocity = tuple[float, float, float, float]
-"""North, east and down in m/s, and yaw in degrees."""
 
 
 def require_mavsdk() -> None:
@@ -75,19 +66,10 @@ def require_mavsdk() -> None:
         )
 
 
-def velocity_of(frame: bytes) -> Velocity | None:
-    """Return what a whole SET_POSITION_TARGET_LOCAL_NED frame asks for, None for any other frame."""
-    if frame[0] != _MARKER_V2 or header_of(frame).message_id != SETPOINT_ID:
-        return None
-    payload = payload_of(frame).ljust(_PAYLOAD_BYTES, b"\0")
-    north_m_s, east_m_s, down_m_s = _VELOCITY.unpack_from(payload, _VELOCITY_AT)
-    (yaw_rad,) = struct.unpack_from("<f", payload, _YAW_AT)
-    return north_m_s, east_m_s, down_m_s, math.degrees(yaw_rad)
-
-
 def is_setpoint(frame: bytes) -> bool:
     """Return whether a whole frame is one that steers."""
-    return frame[0] == _MARKER_V2 and header_of(frame).message_id in SETPOINT_IDS
+    raw = raw_frame(frame)
+    return raw.version == 2 and raw.message_id in SETPOINT_IDS
 
 
 class Offboard:
@@ -178,12 +160,12 @@ class Offboard:
         if not child.steers or self._loop.time() - self._ticked_s > TICK_TIMEOUT_S:
             # What a child said while this process was stopped is older than it looks.
             return
-        for frame in whole_frames(sent):
-            if velocity_of(frame) is not None:
+        for frame in raw_frames(sent):
+            if frame.version == 2 and frame.message_id == SETPOINT_ID:
                 child.steered_s = self._loop.time()
                 if not self.silent or self._may_go_on():
                     self._left_s = child.steered_s
-                    self._send(frame)
+                    self._send(frame.data)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ parent's side; this file imports nothing else of the companion, so that it is re
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import socket
@@ -17,7 +18,7 @@ from contextlib import suppress
 from typing import Any
 
 TICK_TIMEOUT_S = 0.5
-"""Without a tick for so long nobody is at the controls."""
+"""Without a tick for this time nobody is at the controls."""
 MESSAGE_BYTES = 65_536
 
 # The first byte of each message between the two says what it is.
@@ -28,7 +29,7 @@ RECEIVED = b"B"
 TICK = b"T"
 """To the child: the parent is alive."""
 SETPOINT = b"S"
-"""To the child: velocity north, east, down in m/s, and yaw in degrees."""
+"""To the child: velocity north, east, down in m/s, and yaw in rad."""
 UP = b"U"
 """To the parent: MAVSDK is imported, what comes now is read."""
 READY = b"R"
@@ -54,7 +55,9 @@ class _Child:
             self._mavsdk.pass_received_raw_bytes(content)
             self._look_for_autopilot()
         elif kind == SETPOINT and self._offboard is not None:
-            self._offboard.set_velocity_ned(offboard.VelocityNedYaw(*SETPOINT_FIELDS.unpack(content)))
+            north_m_s, east_m_s, down_m_s, yaw_rad = SETPOINT_FIELDS.unpack(content)
+            velocity = offboard.VelocityNedYaw(north_m_s, east_m_s, down_m_s, math.degrees(yaw_rad))
+            self._offboard.set_velocity_ned(velocity)
 
     def _begin(self, system_id: int, component_id: int) -> None:
         self._mavsdk = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(system_id, component_id, False))

@@ -14,15 +14,14 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import Message
+from companion.files.mavlink_layout import frame_parts
 
 TRIES = 5
 RETRY_S = 1.0
 REQUESTS_AT_ONCE = 2
 REQUESTS_PERIOD_S = 0.2
-"""So many requests in so long at most: a telemetry radio has other things to carry."""
+"""At most REQUESTS_AT_ONCE requests in this time: a telemetry radio has other things to carry."""
 _NAME_BYTES = 16
-_MARKER_V2 = 0xFD
-_HEADER_BYTES_V1, _HEADER_BYTES_V2 = 6, 10
 _INTEGERS = {
     common.MAV_PARAM_TYPE_UINT8: "<B3x",
     common.MAV_PARAM_TYPE_INT8: "<b3x",
@@ -136,5 +135,4 @@ def _value(message: Message, bytewise: bool) -> float:
         return float(message.param_value)
     # From the bytes as they came: as a float, some integers would be numbers that are none.
     frame = bytes(message.get_msgbuf())
-    header_bytes = _HEADER_BYTES_V2 if frame[0] == _MARKER_V2 else _HEADER_BYTES_V1
-    return float(struct.unpack_from(form, frame, header_bytes)[0])
+    return float(struct.unpack_from(form, frame, frame_parts(frame)[1])[0])

@@ -11,16 +11,15 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
+from companion.files.mavlink_layout import HEADER_V2_BYTES, MARKER_V2, frame_parts
+
 Message = Any
 """A message of the generated module, which carries no types."""
-
 
 COMPANION_COMPONENT = common.MAV_COMP_ID_ONBOARD_COMPUTER
 HEARTBEAT_PERIOD_S = 1.0
 HEARTBEAT_TIMEOUT_S = 3.5
 """An autopilot's heartbeat comes once a second; three may be lost."""
-
-
 _MESSAGE_IDS = frozenset(
     {
         common.MAVLINK_MSG_ID_HEARTBEAT,
@@ -38,69 +37,31 @@ _MESSAGE_IDS = frozenset(
         common.MAVLINK_MSG_ID_COMMAND_ACK,
     }
 )
-
-
 CALLSIGN_PATTERN = r"OW(\d{5})"
 """How the fleet's aircraft call themselves to each other's detectors; anybody else is a stranger."""
-
-
 NEIGHBOUR_MEMORY_S = 5.0
 """A neighbour not seen for this long is elsewhere by now."""
-
-
 MAX_NEIGHBOURS = 100
-
-
 RESTART_MS = 1_000
 """An autopilot's clock that goes back by more was set to zero; less is a datagram that came late."""
-
-
 SHARED_ID_STEPS = 2
-
-
+"""Two autopilots share a system id if the clock went back this often within SHARED_ID_WITHIN_S."""
 SHARED_ID_WITHIN_S = 10.0
-"""An autopilot takes longer than this to start twice, so a clock that goes back so often is two autopilots' clocks."""
-
-
+"""An autopilot takes longer than this to start twice."""
 SHARED_ID_CONTRADICTIONS = 20
-"""Where the clocks are alike: so many positions within that time that come late, or are elsewhere at the same moment. A
-link that puts a fifth of its datagrams out of order is none."""
-
-
+"""Two autopilots with like clocks share a system id if within SHARED_ID_WITHIN_S this many positions come late, or are
+elsewhere at the same moment. A link that puts a fifth of its datagrams out of order would look so too, and is unfit."""
 SHARED_ID_MEMORY_S = 30.0
-
-
+"""Two autopilots are taken to share an id for this time after the last sign of it."""
 LOCAL_POSITION_MAX_AGE_S = 2.0
-"""A local position that has not come for so long is none."""
-
-
+"""A local position older than this is none."""
 METRES_PER_HDOP = 2.5
 """Accuracy where a receiver tells only its dilution of precision. Chosen: typical of one without corrections."""
-
-
 _EPH_UNKNOWN = 65_535
-
-
 _LAT_MAX_E7 = 900_000_000
-
-
 _LON_MAX_E7 = 1_800_000_000
-
-
-_HEADER_BYTES = 10
-
-
 _NO_FIX = (0, 0)
 """What autopilots send as latitude and longitude before they know them."""
-
-
-_FLAG_SIGNED = 0x01
-
-
-_SIGNATURE_BYTES = 13
-
-
-_MARKER = 0xFD
 
 
 @dataclass(frozen=True)
@@ -161,6 +122,29 @@ class Neighbour:
     """Above sea level; NaN if it did not say."""
 
 
+class _SharedIdWatch:
+    """Notices two autopilots that answer to one system id, by what one alone seldom does."""
+
+    def __init__(self) -> None:
+        self.noticed_s = -math.inf
+        self._clock_steps_s: deque[float] = deque(maxlen=SHARED_ID_STEPS)
+        self._contradictions_s: deque[float] = deque(maxlen=SHARED_ID_CONTRADICTIONS)
+
+    def note_clock_step(self, now_s: float) -> None:
+        """Note that the clock went back far."""
+        self._note(self._clock_steps_s, now_s)
+
+    def note_contradiction(self, now_s: float) -> None:
+        """Note a position that came late, or one elsewhere at the same moment."""
+        self._note(self._contradictions_s, now_s)
+
+    def _note(self, times_s: deque[float], now_s: float) -> None:
+        """Note one more; often enough within a while, there are two autopilots."""
+        times_s.append(now_s)
+        if len(times_s) == times_s.maxlen and now_s - times_s[0] <= SHARED_ID_WITHIN_S:
+            self.noticed_s = now_s
+
+
 class TelemetryReader:
     """Reads the telemetry of one MAVLink autopilot; whatever is damaged, not finite or out of range is dropped."""
 
@@ -174,10 +158,8 @@ class TelemetryReader:
         self.foreign_ids: set[int] = set()
         """System ids of other autopilots on the same link."""
         self._heard_s = -math.inf
-        self._backward_s: deque[float] = deque(maxlen=SHARED_ID_STEPS)
-        self._contradicted_s: deque[float] = deque(maxlen=SHARED_ID_CONTRADICTIONS)
         self._place_e7 = _NO_FIX
-        self._shared_id_at_s = -math.inf
+        self._shared_id = _SharedIdWatch()
         self._local_at_s = -math.inf
         self._accuracies_m: dict[str, float] = {}
         self._readers: dict[str, Callable[[Message, float], None]] = {
@@ -195,7 +177,7 @@ class TelemetryReader:
     @property
     def shared_system_id(self) -> bool:
         """Whether two autopilots answer to one system id: their clocks alternated not long ago."""
-        return self._heard_s - self._shared_id_at_s <= SHARED_ID_MEMORY_S
+        return self._heard_s - self._shared_id.noticed_s <= SHARED_ID_MEMORY_S
 
     def receive(self, datagram: bytes, now_s: float) -> None:
         """Take in a datagram; never raises, whatever the bytes."""
@@ -278,18 +260,12 @@ class TelemetryReader:
         restarted = before_ms is not None and boot_ms < before_ms - RESTART_MS
         if before_ms is not None and boot_ms <= before_ms and not restarted:
             if boot_ms < before_ms or place_e7 != self._place_e7:
-                self._suspect(self._contradicted_s, now_s)
+                self._shared_id.note_contradiction(now_s)
             return False
         self._update(boot_ms=boot_ms, restarts=self.telemetry.restarts + restarted)
         if restarted:
-            self._suspect(self._backward_s, now_s)
+            self._shared_id.note_clock_step(now_s)
         return True
-
-    def _suspect(self, times_s: deque[float], now_s: float) -> None:
-        """Note what one autopilot seldom does; often enough within a while, there are two."""
-        times_s.append(now_s)
-        if len(times_s) == times_s.maxlen and now_s - times_s[0] <= SHARED_ID_WITHIN_S:
-            self._shared_id_at_s = now_s
 
     def _home(self, message: Message, now_s: float) -> None:
         if (message.latitude, message.longitude) == _NO_FIX or not _is_on_earth(message.latitude, message.longitude):
@@ -395,7 +371,7 @@ def _is_on_earth(lat_e7: int, lon_e7: int) -> bool:
 
 def _is_one_other_message(datagram: bytes) -> bool:
     """Return whether a datagram is a single MAVLink 2 message that nobody here reads: a cheap check before parsing."""
-    if len(datagram) < _HEADER_BYTES or datagram[0] != _MARKER:
+    if len(datagram) < HEADER_V2_BYTES or datagram[0] != MARKER_V2:
         return False
-    length = datagram[1] + 12 + (_SIGNATURE_BYTES if datagram[2] & _FLAG_SIGNED else 0)
-    return len(datagram) == length and int.from_bytes(datagram[7:10], "little") not in _MESSAGE_IDS
+    message_id, _, _, end = frame_parts(datagram)
+    return end == len(datagram) and message_id not in _MESSAGE_IDS

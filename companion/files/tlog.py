@@ -13,21 +13,12 @@ from types import TracebackType
 from typing import BinaryIO, Protocol, Self
 
 from companion.errors import InputError
+from companion.files.mavlink_layout import HEAD_BYTES, frame_length
 
 # The format, as MAVProxy and pymavlink write it: microseconds since 1970, big endian, then the frame.
 _STAMP = struct.Struct(">Q")
 _MICROSECONDS = 1e6
 _READ_BLOCK_BYTES = 1 << 20
-
-# The framing of MAVLink 1 and 2 (mavlink.io, "Packet Serialization").
-_MARKER_V1 = 0xFE
-_MARKER_V2 = 0xFD
-_HEAD_BYTES = 3
-"""Marker, payload length and, in version 2, the flags that say whether a signature follows."""
-_OVERHEAD_V1_BYTES = 8
-_OVERHEAD_V2_BYTES = 12
-_SIGNATURE_BYTES = 13
-_FLAG_SIGNED = 0x01
 
 
 class Sink(Protocol):
@@ -65,7 +56,7 @@ class TlogWriter:
 
         Raises ValueError if the bytes are not one whole frame: a reader finds the next record by the frame's length.
         """
-        if _frame_length(frame) != len(frame):
+        if frame_length(frame) != len(frame):
             raise ValueError("a tlog record holds exactly one whole MAVLink frame")
         self._file.write(_STAMP.pack(round(t_unix_s * _MICROSECONDS)) + frame)
 
@@ -93,7 +84,7 @@ def whole_frames(datagram: bytes) -> Iterator[bytes]:
     """Yield the whole frames that a datagram is made of, up to the first bytes that begin none."""
     at = 0
     while True:
-        length = _frame_length(datagram[at : at + _HEAD_BYTES])
+        length = frame_length(datagram, at)
         if length is None or at + length > len(datagram):
             return
         yield datagram[at : at + length]
@@ -120,9 +111,9 @@ def _records(file: BinaryIO, name: str) -> Iterator[tuple[float, bytes]]:
         while block := file.read(_READ_BLOCK_BYTES):
             pending += block
             at = 0
-            while at + _STAMP.size + _HEAD_BYTES <= len(pending):
+            while at + _STAMP.size + HEAD_BYTES <= len(pending):
                 start = at + _STAMP.size
-                length = _frame_length(pending[start : start + _HEAD_BYTES])
+                length = frame_length(pending, start)
                 if length is None:
                     raise InputError(f"{name}: byte {passed_bytes + start}: not a MAVLink frame; is it a .tlog?")
                 if start + length > len(pending):
@@ -131,15 +122,3 @@ def _records(file: BinaryIO, name: str) -> Iterator[tuple[float, bytes]]:
                 at = start + length
             passed_bytes += at
             pending = pending[at:]
-
-
-def _frame_length(head: bytes) -> int | None:
-    """Return the length in bytes that a frame's first three bytes announce, or None if no frame begins so."""
-    if len(head) < _HEAD_BYTES:
-        return None
-    marker, payload_bytes, flags = head[0], head[1], head[2]
-    if marker == _MARKER_V1:
-        return payload_bytes + _OVERHEAD_V1_BYTES
-    if marker == _MARKER_V2:
-        return payload_bytes + _OVERHEAD_V2_BYTES + (_SIGNATURE_BYTES if flags & _FLAG_SIGNED else 0)
-    return None

@@ -12,7 +12,7 @@ from companion.geo.kinematics import turn_rate_rad_s
 from companion.guidance.view import NOBODY, View
 from companion.surrogate.cost import Weights
 from companion.surrogate.networks import MonolithicNetwork, slots
-from companion.surrogate.profiles import RadialProfile, gradient_for_agent
+from companion.surrogate.profiles import RadialProfile, ThreatDiscs, gradient_for_agent
 
 LOITER_RADII = 1.5
 """A loiter circle is this many least turn radii wide, so that the turn limit leaves something to correct with."""
@@ -63,9 +63,7 @@ class PairSurrogate:
         return gradient_for_agent(
             self.profile,
             np.array(position_ned_m),
-            view.threats_ned_m,
-            view.detection_radius_m,
-            view.attack_radius_m,
+            ThreatDiscs(view.threats_ned_m, view.detection_radius_m, view.attack_radius_m),
             view.peers_ned_m,
             self.separation_m,
             self.weights,

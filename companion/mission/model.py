@@ -473,7 +473,7 @@ def load_mission(name_or_path: str | Path) -> Mission:
     return parse_mission(read_text_file(path), text)
 
 
-def in_the_way(mission: Mission, agent_id: int, threat: ThreatSpec) -> bool:
+def is_obstacle(mission: Mission, agent_id: int, threat: ThreatSpec) -> bool:
     """Return whether a threat reaches the height at which an agent flies.
 
     Raises:

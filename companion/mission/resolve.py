@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
 from companion.errors import InputError
 from companion.geo.polygon import inside_polygon
-from companion.mission.model import AgentSpec, Defaults, Draw, Mission, PathMotion, TargetSpec, ThreatSpec, in_the_way
+from companion.mission.model import AgentSpec, Defaults, Draw, Mission, PathMotion, TargetSpec, ThreatSpec, is_obstacle
 from companion.mission.random_streams import random_stream
 
 DRAW_CLEARANCE = 0.5
@@ -43,60 +44,15 @@ def resolve(mission: Mission, seed: int, source: str | None = None) -> Mission:
 
     """
     name = source or mission.name
-    generator = random_stream(seed, DRAW_STREAM)
-    threats = [*mission.threats]
-    given = mission.defaults.threat.model_dump(exclude_none=True)
-    threats += [ThreatSpec(id=identity, **given) for identity in _free_ids(mission.threats, mission.draw.threats)]
-    listed: list[AgentSpec | TargetSpec] = [*mission.agents, *mission.targets]
-    listed_ned_m = np.array([item.position_ned_m for item in listed if _is_placed(item)]).reshape(-1, 2)
-    placed_threats = [
-        threat
-        if _is_placed(threat)
-        else _placed_at(threat, _path_start(threat) or _threat_point(mission, generator, threat, listed_ned_m, name))
-        for threat in threats
-    ]
-    discs = np.array([(*t.position_ned_m, t.detection_radius_m * (1 + DRAW_CLEARANCE)) for t in placed_threats])
+    # One stream for all: what is drawn first decides what is drawn after it.
+    drawing = _Drawing(mission, random_stream(seed, DRAW_STREAM), name)
+    threats = _placed_threats(drawing)
+    discs = np.array([(*t.position_ned_m, t.detection_radius_m * (1 + DRAW_CLEARANCE)) for t in threats])
     discs = discs.reshape(-1, 3)
-
-    given = mission.defaults.target.model_dump(exclude_none=True)
-    targets = [*mission.targets]
-    targets += [TargetSpec(id=identity, **given) for identity in _free_ids(mission.targets, mission.draw.targets)]
-    nobody = np.empty((0, 2))
-    placed_targets = [
-        target
-        if _is_placed(target)
-        else _placed_at(
-            target,
-            _path_start(target) or _legal_point(mission, generator, discs, nobody, f"{name}: target {target.id}"),
-        )
-        for target in targets
-    ]
-
-    given = mission.defaults.agent.model_dump(exclude_none=True)
-    agents = [*mission.agents]
-    agents += [AgentSpec(id=identity, **given) for identity in _free_ids(mission.agents, mission.draw.agents)]
-    taken = [agent.position_ned_m for agent in agents if _is_placed(agent)]
-    placed_agents = []
-    for agent in agents:
-        placed = agent
-        if not _is_placed(agent):
-            others = np.array(taken).reshape(-1, 2)
-            point = _legal_point(mission, generator, discs, others, f"{name}: agent {agent.id}")
-            placed = _placed_at(agent, point)
-            taken.append(point)
-        if placed.heading_deg is None:
-            heading_deg = round(float(generator.uniform(0.0, 360.0)), DRAW_DECIMALS)
-            placed = placed.model_copy(update={"heading_deg": heading_deg})
-        placed_agents.append(placed)
-
+    targets = _placed_targets(drawing, discs)
+    agents = _placed_agents(drawing, discs)
     resolved = mission.model_copy(
-        update={
-            "agents": tuple(placed_agents),
-            "targets": tuple(placed_targets),
-            "threats": tuple(placed_threats),
-            "draw": Draw(),
-            "defaults": Defaults(),
-        }
+        update={"agents": agents, "targets": targets, "threats": threats, "draw": Draw(), "defaults": Defaults()}
     )
     check_start(resolved, name)
     return resolved
@@ -112,19 +68,33 @@ def check_start(mission: Mission, source: str) -> None:
     starts += [(f"agents[{index}]", agent) for index, agent in enumerate(mission.agents)]
     starts += [(f"targets[{index}]", target) for index, target in enumerate(mission.targets)]
     for key, item in starts:
-        for threat in mission.threats:
-            distance_m = math.dist(item.position_ned_m, threat.position_ned_m)
-            if isinstance(item, AgentSpec) and not in_the_way(mission, item.id, threat):
-                continue
-            if distance_m <= threat.attack_radius_m:
-                raise InputError(
-                    f"{source}: {key}: id {item.id} starts {distance_m:.1f} m from threat {threat.id}; "
-                    f"allowed: outside its attack_radius_m {threat.attack_radius_m:g}"
-                )
-        if mission.fence is not None and not inside_polygon(item.position_ned_m, mission.fence):
+        _check_place(mission, f"{source}: {key}", item)
+    _check_separation(mission, source)
+    known = [agent.id for agent in mission.agents]
+    for index, loss in enumerate(mission.losses):
+        if loss.agent not in known:
             raise InputError(
-                f"{source}: {key}: id {item.id} starts at {item.position_ned_m}; allowed: inside the fence"
+                f"{source}: losses[{index}].agent: {loss.agent}; allowed: one of {', '.join(map(str, known))}"
             )
+
+
+def _check_place(mission: Mission, where: str, item: AgentSpec | TargetSpec) -> None:
+    """Raise InputError if an agent or target starts inside an attack radius that concerns it, or outside the fence."""
+    for threat in mission.threats:
+        distance_m = math.dist(item.position_ned_m, threat.position_ned_m)
+        if isinstance(item, AgentSpec) and not is_obstacle(mission, item.id, threat):
+            continue
+        if distance_m <= threat.attack_radius_m:
+            raise InputError(
+                f"{where}: id {item.id} starts {distance_m:.1f} m from threat {threat.id}; "
+                f"allowed: outside its attack_radius_m {threat.attack_radius_m:g}"
+            )
+    if mission.fence is not None and not inside_polygon(item.position_ned_m, mission.fence):
+        raise InputError(f"{where}: id {item.id} starts at {item.position_ned_m}; allowed: inside the fence")
+
+
+def _check_separation(mission: Mission, source: str) -> None:
+    """Raise InputError if two agents start closer than the separation."""
     positions_ned_m = [agent.position_ned_m for agent in mission.agents]
     for index, position in enumerate(positions_ned_m):
         for other in range(index):
@@ -134,12 +104,79 @@ def check_start(mission: Mission, source: str) -> None:
                     f"{source}: agents[{index}]: id {mission.agents[index].id} starts {distance_m:.1f} m from agent "
                     f"{mission.agents[other].id}; allowed: at least separation_m {mission.separation_m:g}"
                 )
-    known = [agent.id for agent in mission.agents]
-    for index, loss in enumerate(mission.losses):
-        if loss.agent not in known:
-            raise InputError(
-                f"{source}: losses[{index}].agent: {loss.agent}; allowed: one of {', '.join(map(str, known))}"
-            )
+
+
+@dataclass(frozen=True)
+class _Drawing:
+    """What everything of one mission is drawn with."""
+
+    mission: Mission
+    generator: np.random.Generator
+    name: str
+    """Of the mission, in errors."""
+
+    def point(self) -> tuple[float, float]:
+        """Return a place in the area."""
+        area_m = self.mission.area_m
+        north_m, east_m = self.generator.uniform((0.0, 0.0), (area_m.north, area_m.east))
+        return round(float(north_m), DRAW_DECIMALS), round(float(east_m), DRAW_DECIMALS)
+
+    def heading_deg(self) -> float:
+        """Return a heading."""
+        return round(float(self.generator.uniform(0.0, 360.0)), DRAW_DECIMALS)
+
+
+def _placed_threats(drawing: _Drawing) -> tuple[ThreatSpec, ...]:
+    """Return all threats, those without a place drawn clear of the listed agents and targets."""
+    mission = drawing.mission
+    given = mission.defaults.threat.model_dump(exclude_none=True)
+    threats = [*mission.threats]
+    threats += [ThreatSpec(id=identity, **given) for identity in _free_ids(mission.threats, mission.draw.threats)]
+    listed: list[AgentSpec | TargetSpec] = [*mission.agents, *mission.targets]
+    listed_ned_m = np.array([item.position_ned_m for item in listed if _is_placed(item)]).reshape(-1, 2)
+    return tuple(
+        threat
+        if _is_placed(threat)
+        else _placed_at(threat, _path_start(threat) or _threat_point(drawing, threat, listed_ned_m))
+        for threat in threats
+    )
+
+
+def _placed_targets(drawing: _Drawing, discs: np.ndarray) -> tuple[TargetSpec, ...]:
+    """Return all targets, those without a place drawn clear of the discs (M, 3) north, east, radius."""
+    mission = drawing.mission
+    given = mission.defaults.target.model_dump(exclude_none=True)
+    targets = [*mission.targets]
+    targets += [TargetSpec(id=identity, **given) for identity in _free_ids(mission.targets, mission.draw.targets)]
+    nobody_ned_m = np.empty((0, 2))
+    return tuple(
+        target
+        if _is_placed(target)
+        else _placed_at(
+            target, _path_start(target) or _legal_point(drawing, discs, nobody_ned_m, f"target {target.id}")
+        )
+        for target in targets
+    )
+
+
+def _placed_agents(drawing: _Drawing, discs: np.ndarray) -> tuple[AgentSpec, ...]:
+    """Return all agents, places and headings that are not given drawn; discs (M, 3) as for targets."""
+    mission = drawing.mission
+    given = mission.defaults.agent.model_dump(exclude_none=True)
+    agents = [*mission.agents]
+    agents += [AgentSpec(id=identity, **given) for identity in _free_ids(mission.agents, mission.draw.agents)]
+    taken = [agent.position_ned_m for agent in agents if _is_placed(agent)]
+    placed_agents = []
+    for agent in agents:
+        placed = agent
+        if not _is_placed(agent):
+            point = _legal_point(drawing, discs, np.array(taken).reshape(-1, 2), f"agent {agent.id}")
+            placed = _placed_at(agent, point)
+            taken.append(point)
+        if placed.heading_deg is None:
+            placed = placed.model_copy(update={"heading_deg": drawing.heading_deg()})
+        placed_agents.append(placed)
+    return tuple(placed_agents)
 
 
 def _free_ids(listed: Sequence[AgentSpec | TargetSpec | ThreatSpec], count: int) -> list[int]:
@@ -159,38 +196,31 @@ def _path_start(item: TargetSpec | ThreatSpec) -> tuple[float, float] | None:
     return item.motion.path[0][1:] if isinstance(item.motion, PathMotion) else None
 
 
-def _random_point(mission: Mission, generator: np.random.Generator) -> tuple[float, float]:
-    north_m, east_m = generator.uniform((0.0, 0.0), (mission.area_m.north, mission.area_m.east))
-    return round(float(north_m), DRAW_DECIMALS), round(float(east_m), DRAW_DECIMALS)
-
-
 def _threat_point(
-    mission: Mission,
-    generator: np.random.Generator,
+    drawing: _Drawing,
     threat: ThreatSpec,
     listed_ned_m: np.ndarray,  # (L, 2) m, agents and targets whose places are given
-    name: str,
 ) -> tuple[float, float]:
     for _ in range(DRAW_TRIES):
-        point = _random_point(mission, generator)
+        point = drawing.point()
         apart_m = np.hypot(listed_ned_m[:, 0] - point[0], listed_ned_m[:, 1] - point[1])
         if np.all(apart_m > threat.detection_radius_m * (1 + DRAW_CLEARANCE)):
             return point
     raise InputError(
-        f"{name}: threat {threat.id}: no legal start in {DRAW_TRIES} draws; allowed: an area_m with room clear of the "
-        "listed agents and targets"
+        f"{drawing.name}: threat {threat.id}: no legal start in {DRAW_TRIES} draws; allowed: an area_m with room clear "
+        "of the listed agents and targets"
     )
 
 
 def _legal_point(
-    mission: Mission,
-    generator: np.random.Generator,
+    drawing: _Drawing,
     discs: np.ndarray,  # (M, 3) north, east, radius to keep clear of
     others_ned_m: np.ndarray,  # (P, 2) agents already placed
     subject: str,
 ) -> tuple[float, float]:
+    mission = drawing.mission
     for _ in range(DRAW_TRIES):
-        point = _random_point(mission, generator)
+        point = drawing.point()
         if mission.fence is not None and not inside_polygon(point, mission.fence):
             continue
         if np.any(np.hypot(discs[:, 0] - point[0], discs[:, 1] - point[1]) <= discs[:, 2]):
@@ -199,6 +229,6 @@ def _legal_point(
         if np.all(apart_m >= 2 * mission.separation_m):
             return point
     raise InputError(
-        f"{subject}: no legal start in {DRAW_TRIES} draws; allowed: an area_m with room inside the fence, clear of the "
-        "detection discs and apart from the other agents"
+        f"{drawing.name}: {subject}: no legal start in {DRAW_TRIES} draws; allowed: an area_m with room inside the "
+        "fence, clear of the detection discs and apart from the other agents"
     )

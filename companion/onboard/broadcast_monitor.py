@@ -6,7 +6,8 @@ import math
 from collections import Counter
 
 from companion.onboard.companion import Companion
-from companion.protocol.authenticator import EXPECTED, OLD_EPOCH
+from companion.protocol.authenticator import EXPECTED
+from companion.protocol.freshness import OLD_EPOCH
 from companion.protocol.link_quality import LinkQuality, Warnings
 
 STATUS_PERIOD_S = 60.0

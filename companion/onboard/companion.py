@@ -8,6 +8,7 @@ adapter (setpoint_stream).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 from companion.autopilot.adapter import Adapter
@@ -30,6 +31,7 @@ from companion.onboard.steering import Moment, Steered, adapted, outgrown, steer
 from companion.onboard.traffic import detected
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator, Trust
+from companion.protocol.frame import RawFrame
 from companion.protocol.link_quality import LinkMonitor
 
 BAND_MARGIN_M = 5.0
@@ -79,14 +81,18 @@ class Companion:
         """Distance flown under guidance."""
         return self.navigation.flown_m
 
-    def hear(self, datagram: bytes, now_s: float) -> list[bytes]:
+    def hear(self, datagram: bytes, now_s: float) -> list[RawFrame]:
         """Take in bytes from the broadcast link; return the frames that are believed. Never raises, whatever the bytes.
 
         In a flood a frame may be believed only at a later call.
         """
         return self._believe(self.authenticator.admit(datagram, now_s), now_s)
 
-    def hear_waiting(self, now_s: float) -> list[bytes]:
+    def hear_frames(self, frames: Iterable[RawFrame], now_s: float) -> list[RawFrame]:
+        """Take in what the authenticator has deframed; return the frames that are believed; see `hear`."""
+        return self._believe(self.authenticator.admit_frames(frames, now_s), now_s)
+
+    def hear_waiting(self, now_s: float) -> list[RawFrame]:
         """Take in what waited for its check; return the frames that are believed."""
         return self._believe(self.authenticator.due(now_s), now_s)
 
@@ -139,7 +145,7 @@ class Companion:
         if self.engagement is not None:
             self.engagement = replace(self.engagement, last_fix=None)
 
-    def _believe(self, admitted: list[Authenticated], now_s: float) -> list[bytes]:
+    def _believe(self, admitted: list[Authenticated], now_s: float) -> list[RawFrame]:
         for _, frame in admitted:
             self.link_monitor.note(frame, now_s)
             self.world_model.take(frame, now_s)

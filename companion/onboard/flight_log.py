@@ -16,10 +16,10 @@ from pathlib import Path
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import COMPANION_COMPONENT
-from companion.files.tlog import TlogWriter, whole_frames
+from companion.files.tlog import TlogWriter
 from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import CLOCK_DIGITS, Stage
-from companion.protocol.deframer import header_of
+from companion.protocol.frame import RawFrame, raw_frames
 from companion.protocol.mavlink_signing import strip_signature
 from companion.protocol.messages import DecisionFlag, DecisionFrame
 from companion.runtime.console import program_logger
@@ -32,7 +32,6 @@ FLUSH_PERIOD_S = 1.0
 """A machine that dies loses no more of a log than this."""
 LOG_BURST_S = 10.0
 """A bounded log may hold so much more for a moment."""
-_MARKER_V2 = 0xFD
 _MICROSECONDS = 1e6
 
 
@@ -72,10 +71,14 @@ class FlightLog:
 
     def record(self, t_unix_s: float, datagram: bytes) -> None:
         """Log the frames of a datagram; what is not a frame has no place in a tlog."""
-        for frame in () if self._writer is None else whole_frames(datagram):
-            harmless = without_secrets(frame)
-            if harmless is not None:
-                self._write(t_unix_s, harmless)
+        for frame in () if self._writer is None else raw_frames(datagram):
+            self.record_frame(t_unix_s, frame)
+
+    def record_frame(self, t_unix_s: float, frame: RawFrame) -> None:
+        """Log a frame that was found before."""
+        harmless = None if self._writer is None else without_secrets(frame)
+        if harmless is not None:
+            self._write(t_unix_s, harmless)
 
     def close(self) -> None:
         """Write out what is buffered."""
@@ -131,11 +134,9 @@ def unused(path: Path) -> Path:
     return next(one for one in numbered if not one.exists())
 
 
-def without_secrets(frame: bytes) -> bytes | None:
-    """Return a whole frame as it may be kept: without MAVLink's signature; None for one that carries a key."""
-    if frame[0] != _MARKER_V2:
-        return frame
-    return None if header_of(frame).message_id == SETUP_SIGNING_ID else strip_signature(frame)
+def without_secrets(frame: RawFrame) -> bytes | None:
+    """Return a frame as it may be kept: without MAVLink's signature; None for one that carries a key."""
+    return None if frame.message_id == SETUP_SIGNING_ID else strip_signature(frame)
 
 
 def decision_frame(decision: Decision) -> DecisionFrame:
@@ -174,11 +175,11 @@ def mark_frame(mark: Mark, system_id: int) -> bytes:
     return bytes(common.MAVLink_command_long_message(*order).pack(teller))
 
 
-def mark_of(frame: bytes) -> Mark | None:
-    """Return the mark that a whole MAVLink 2 frame of the companion's is, if it is one."""
-    if header_of(frame).message_id != common.MAVLINK_MSG_ID_COMMAND_LONG:
+def mark_of(frame: RawFrame) -> Mark | None:
+    """Return the mark that a MAVLink 2 frame of the companion's is, if it is one."""
+    if frame.message_id != common.MAVLINK_MSG_ID_COMMAND_LONG:
         return None
-    (message,) = common.MAVLink(None).parse_buffer(bytearray(frame)) or (None,)
+    (message,) = common.MAVLink(None).parse_buffer(bytearray(frame.data)) or (None,)
     if message is None or message.target_component != COMPANION_COMPONENT or message.command not in list(Mark):
         return None
     return Mark(message.command)
@@ -191,11 +192,11 @@ def clock_frame(system_id: int, t_unix_s: float, offset_s: float) -> bytes:
     return bytes(common.MAVLink_system_time_message(max(0, wall_us), 0).pack(teller))
 
 
-def clock_offset_s(frame: bytes, t_unix_s: float) -> float | None:
-    """Return the offset that a whole MAVLink 2 frame of the companion's tells of, if it is a `clock_frame`."""
-    if header_of(frame).message_id != common.MAVLINK_MSG_ID_SYSTEM_TIME:
+def clock_offset_s(frame: RawFrame, t_unix_s: float) -> float | None:
+    """Return the offset that a MAVLink 2 frame of the companion's tells of, if it is a `clock_frame`."""
+    if frame.message_id != common.MAVLINK_MSG_ID_SYSTEM_TIME:
         return None
-    (message,) = common.MAVLink(None).parse_buffer(bytearray(frame)) or (None,)
+    (message,) = common.MAVLink(None).parse_buffer(bytearray(frame.data)) or (None,)
     return None if message is None else (message.time_unix_usec - round(t_unix_s * _MICROSECONDS)) / _MICROSECONDS
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from enum import Enum
 
-from companion.protocol.messages import RESTART_AFTER_S, Stamp
+from companion.protocol.freshness import overtaken
+from companion.protocol.messages import Stamp
 
 
 class Acceptance(Enum):
@@ -56,14 +57,14 @@ class FrameOrder:
 
     def take_motion(self, stamp: Stamp) -> bool:
         """Return whether a motion frame is of this epoch and not overtaken."""
-        if self._overtaken(stamp, self._motion_order):
+        if self._is_behind(stamp, self._motion_order):
             return False
         self._motion_order = (stamp.sequence, stamp.time_ms)
         return True
 
     def take_bands(self, stamp: Stamp) -> bool:
         """Return whether a bands frame is of this epoch and not overtaken."""
-        if self._overtaken(stamp, self._bands_order):
+        if self._is_behind(stamp, self._bands_order):
             return False
         self._bands_order = (stamp.sequence, stamp.time_ms)
         return True
@@ -72,16 +73,15 @@ class FrameOrder:
         """Return whether every part of the newest broadcast was heard; `stamp` is of one of them."""
         return len(self._parts) == stamp.frame_count
 
-    def _overtaken(self, stamp: Stamp, newest: tuple[int, int]) -> bool:
+    def _is_behind(self, stamp: Stamp, newest: tuple[int, int]) -> bool:
         if stamp.epoch_s != self.epoch_s or stamp.sequence < self.sequence:
             return True
         return (stamp.sequence, stamp.time_ms) < newest
 
     def _accept(self, stamp: Stamp, now_s: float) -> Acceptance:
-        if self.epoch_s is not None and now_s - self._received_s < RESTART_AFTER_S:
-            overtaken = (stamp.epoch_s, stamp.sequence) < (self.epoch_s, self.sequence)
-            if overtaken:
-                return Acceptance.REFUSED
+        silent_s = now_s - self._received_s
+        if self.epoch_s is not None and overtaken(stamp, (self.epoch_s, self.sequence), silent_s) is not None:
+            return Acceptance.REFUSED
         if stamp.epoch_s == self.epoch_s and stamp.sequence >= self.sequence:
             return Acceptance.NEXT
         self.epoch_s = stamp.epoch_s

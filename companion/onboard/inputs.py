@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from companion.autopilot.offboard import Offboard
 from companion.autopilot.telemetry import COMPANION_COMPONENT
-from companion.files.tlog import whole_frames
 from companion.onboard.flight_log import FlightLog
 from companion.onboard.recording import RecordedCompanion
 from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM
-from companion.protocol.deframer import MARKER, StreamFramer, header_of
 from companion.protocol.dialect import oneway
+from companion.protocol.frame import RawFrame, raw_frames
 from companion.protocol.v2_extension import unwrap
 
 ONEWAY_IDS = frozenset(oneway.mavlink_map) - {oneway.MAVLINK_MSG_ID_HEARTBEAT}
@@ -23,13 +22,18 @@ class BroadcastInput:
         """Hear for a flight; `is_stream` of a link that hands over bytes, such as a serial port's, not datagrams."""
         self._flight = flight
         self._log = log
-        self._framer = StreamFramer() if is_stream else None
+        self._is_stream = is_stream
 
     def receive(self, datagram: bytes) -> None:
         """Take in what the link hands over."""
-        for frames in [datagram] if self._framer is None else self._framer.feed(datagram):
-            self._log.record(self._flight.clock.now_s(), frames)
-        self._flight.hear(datagram)
+        if not self._is_stream:
+            self._log.record(self._flight.clock.now_s(), datagram)
+            self._flight.hear(datagram)
+            return
+        frames = list(self._flight.companion.authenticator.deframed(datagram))
+        for frame in frames:
+            self._log.record_frame(self._flight.clock.now_s(), frame)
+        self._flight.hear_frames(frames)
 
 
 class AutopilotInput:
@@ -47,21 +51,19 @@ class AutopilotInput:
 
     def receive(self, datagram: bytes) -> None:
         """Take in what the link hands over."""
-        frames = b"".join(frame for frame in whole_frames(datagram) if not self._is_others(frame))
+        frames = [frame for frame in raw_frames(datagram) if not self._is_others(frame)]
         if not frames:
             return
         self._flight.receive(frames)
         if self._offboard is not None:
-            self._offboard.receive(frames)
+            self._offboard.receive(b"".join(frame.data for frame in frames))
 
-    def _is_others(self, frame: bytes) -> bool:
+    def _is_others(self, frame: RawFrame) -> bool:
         """Return whether a frame is none of the autopilot's; hear it if it is the broadcast's."""
         if self._broadcast is not None and (inner := unwrap(frame)) is not None:
             self._broadcast.receive(inner)
             return True
-        if frame[0] != MARKER:
+        if frame.version == 1:
             return False
-        header = header_of(frame)
-        sender = (header.system, header.component)
-        ours = header.component == COMPANION_COMPONENT or header.message_id in ONEWAY_IDS
-        return ours or sender == (GROUND_SYSTEM, GROUND_COMPONENT)
+        ours = frame.component == COMPANION_COMPONENT or frame.message_id in ONEWAY_IDS
+        return ours or frame.sender == (GROUND_SYSTEM, GROUND_COMPONENT)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 
-from companion.autopilot.offboard import Offboard, Velocity, is_setpoint, velocity_of
+from companion.autopilot.adapter import SetpointFrame, Velocity
+from companion.autopilot.offboard import Offboard, is_setpoint
 from companion.onboard.companion import Companion
 from companion.onboard.flight_log import FlightLog
 from companion.runtime.rate import SetpointGaps
@@ -43,11 +44,10 @@ class AutopilotOutput:
         for frame in frames:
             self._log.record(now_s, frame)
             steers = steers or is_setpoint(frame)
-            velocity = None if self._offboard is None else velocity_of(frame)
-            if velocity is None:
-                self.transmit(frame)
+            if self._offboard is not None and isinstance(frame, SetpointFrame):
+                self._wanted = frame.velocity
             else:
-                self._wanted = velocity
+                self.transmit(frame)
         if self._offboard is not None:
             self._offboard.tick(self._companion.adapter.telemetry.system_id, self._wanted)
         if not steers:

@@ -17,12 +17,12 @@ from companion.autopilot.offboard import require_mavsdk
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import HEARTBEAT_PERIOD_S
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
-from companion.files.tlog import whole_frames
 from companion.onboard.config import ONE_RADIO, Config
 from companion.onboard.preflight import Finding, findings
 from companion.onboard.state_files import saved_authority
 from companion.onboard.trust import trust_of
 from companion.protocol.authenticator import Authenticator
+from companion.protocol.frame import raw_frames
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait
 from companion.transport.endpoints import Duplex, open_duplex, open_receiver, open_sender, parse_link
@@ -130,7 +130,7 @@ class _Checker:
         self._link_heard = True
         self._adapter.receive(datagram, self._clock.now_s())
         if self._broadcast_link is None:
-            for frame in whole_frames(datagram):
+            for frame in raw_frames(datagram):
                 inner = unwrap(frame)
                 if inner is not None:
                     self._from_broadcast(inner)

@@ -6,7 +6,7 @@ So `companion replay` can tell another companion the same. The shell tells the c
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from companion.autopilot.offboard import MAVSDK_SILENT
 from companion.onboard.authority import State
@@ -14,6 +14,7 @@ from companion.onboard.companion import Companion
 from companion.onboard.decision import Decision
 from companion.onboard.flight_log import FlightLog, Mark, clock_frame, decision_frame, mark_frame
 from companion.protocol.codec import FrameWriter
+from companion.protocol.frame import RawFrame
 from companion.runtime.clock import SteadyClock
 
 BEGINNINGS = {State.ENGAGED: Mark.RESUMED, State.LOCKED: Mark.LOCKED}
@@ -38,15 +39,21 @@ class RecordedCompanion:
         """Take in bytes from the broadcast link; what of them is believed is logged."""
         self._believe(lambda now_s: self.companion.hear(datagram, now_s))
 
+    def hear_frames(self, frames: Sequence[RawFrame]) -> None:
+        """Take in frames of the broadcast link that the authenticator has deframed; what is believed is logged."""
+        self._believe(lambda now_s: self.companion.hear_frames(frames, now_s))
+
     def hear_waiting(self) -> None:
         """Take in what waited for the check of its signature in a flood."""
         self._believe(self.companion.hear_waiting)
 
-    def receive(self, frames: bytes) -> None:
-        """Take in whole frames of the autopilot's."""
+    def receive(self, frames: Sequence[RawFrame]) -> None:
+        """Take in frames of the autopilot's."""
         now_s = self.clock.now_s()
-        self.companion.receive(frames, now_s)
-        self._log.record(now_s, frames)
+        for frame in frames:
+            self.companion.receive(frame.data, now_s)
+        for frame in frames:
+            self._log.record_frame(now_s, frame)
 
     def note_clock(self, now_s: float) -> None:
         """Tell how far the computer's clock is from the one that times are told by."""
@@ -83,10 +90,10 @@ class RecordedCompanion:
             self._mark(Mark.WITHDRAWN, now_s)
         return frames
 
-    def _believe(self, take: Callable[[float], list[bytes]]) -> None:
+    def _believe(self, take: Callable[[float], list[RawFrame]]) -> None:
         now_s = self.clock.now_s()
-        for raw in take(now_s):
-            self._log.record(now_s, raw)
+        for frame in take(now_s):
+            self._log.record_frame(now_s, frame)
 
     def _mark(self, mark: Mark, now_s: float) -> None:
         self._log.record(now_s, mark_frame(mark, self._system_id))

@@ -19,10 +19,9 @@ from companion.onboard.decision import Decision
 from companion.onboard.flight_log import STATUSTEXT_ID, Mark, clock_offset_s, decision_frame, mark_of
 from companion.protocol.authenticator import Authenticator, Trust
 from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter
-from companion.protocol.deframer import header_of, payload_of
 from companion.protocol.dialect import oneway
+from companion.protocol.frame import raw_frame
 
-_MARKER_V2 = 0xFD
 _GROUND = (GROUND_SYSTEM, GROUND_COMPONENT)
 
 
@@ -42,19 +41,20 @@ def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[R
     companion = _told(config)
     writer = FrameWriter()
     decided_s: float | None = None
-    for t_s, raw in records:
-        header = header_of(raw) if raw[0] == _MARKER_V2 else None
-        if header is None:
-            companion.receive(raw, t_s)
-        elif header.message_id == oneway.MAVLINK_MSG_ID_ONEWAY_DECISION:
+    for t_s, data in records:
+        frame = raw_frame(data)
+        if frame.version == 1:
+            companion.receive(data, t_s)
+        elif frame.message_id == oneway.MAVLINK_MSG_ID_ONEWAY_DECISION:
             decision, _ = companion.tick(t_s)
             decided_s = t_s
-            yield Replayed(decision, payload_of(writer.encode(decision_frame(decision))) == payload_of(raw))
-        elif (header.system, header.component) == _GROUND:
-            companion.hear(raw, t_s)
-        elif header.component != COMPANION_COMPONENT:
-            companion.receive(raw, t_s)
-        elif (mark := mark_of(raw)) is not None:
+            again = raw_frame(writer.encode(decision_frame(decision)))
+            yield Replayed(decision, again.payload == frame.payload)
+        elif frame.sender == _GROUND:
+            companion.hear(data, t_s)
+        elif frame.component != COMPANION_COMPONENT:
+            companion.receive(data, t_s)
+        elif (mark := mark_of(frame)) is not None:
             if mark is Mark.RESUMED:
                 companion = _told(config, State.ENGAGED)
             elif mark is Mark.LOCKED:
@@ -66,9 +66,9 @@ def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[R
                 companion.authority.note_gap(MAVSDK_SILENT)
             else:
                 companion.clear(t_s)
-        elif (offset_s := clock_offset_s(raw, t_s)) is not None:
+        elif (offset_s := clock_offset_s(frame, t_s)) is not None:
             companion.note_clock(offset_s)
-        elif t_s != decided_s and header.message_id != STATUSTEXT_ID:
+        elif t_s != decided_s and frame.message_id != STATUSTEXT_ID:
             # Sent between two decisions: the last one was repeated, or withdrawn.
             companion.repeat(t_s)
             decided_s = t_s

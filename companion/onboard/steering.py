@@ -12,7 +12,7 @@ from companion.geo.kinematics import limit_turn
 from companion.guard.guard import Guard
 from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
-from companion.guidance.separation import Rules, give_way, interaction_radius_m
+from companion.guidance.separation import Peers, Rules, give_way, interaction_radius_m
 from companion.guidance.steering import (
     APPROACH_GAIN_1_S,
     attraction,
@@ -263,8 +263,7 @@ def _right_of_way(
     given = give_way(
         wanted_rad,
         moment.motion,
-        moment.view.traffic_ned_m,
-        moment.view.traffic_velocity_m_s,
+        Peers(moment.view.traffic_ned_m, moment.view.traffic_velocity_m_s),
         steering.rules,
         steering.config.guidance_step_s,
         heading_at_effect_rad=at_effect_rad,

@@ -33,7 +33,7 @@ from companion.protocol.codec import (
     StateFrame,
     TargetEntry,
 )
-from companion.protocol.link_quality import SenderClock
+from companion.protocol.freshness import SenderClock
 
 
 @dataclass(frozen=True)

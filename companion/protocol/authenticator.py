@@ -12,40 +12,29 @@ from __future__ import annotations
 import json
 import math
 import random
-import struct
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from companion.errors import InputError
 from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, Frame, WireError, decode_frame
-from companion.protocol.deframer import (
-    HEADER_BYTES,
-    MAX_DATAGRAM_BYTES,
-    StreamFramer,
-    frames_in,
-    header_of,
-    is_signed,
-    payload_of,
-)
+from companion.protocol.deframer import MAX_DATAGRAM_BYTES, StreamFramer, frames_in
 from companion.protocol.dialect import oneway
-from companion.protocol.ed25519 import BROADCAST_IDS, ED25519_BYTES, content_bytes, signed_part, verify
+from companion.protocol.ed25519 import signed_part, verify
+from companion.protocol.frame import BROADCAST_IDS, ED25519_BYTES, RawFrame
+from companion.protocol.freshness import off_the_clock, overtaken
 from companion.protocol.mavlink_signing import UNSIGNED, WRONG_HASH, MavlinkVerifier, StreamKey
-from companion.protocol.messages import RESTART_AFTER_S
 
 TOO_LARGE = "datagram too large"
 OTHER_SENDER = "other sender"
 OTHER_MESSAGE = "not a broadcast"
 HEARTBEAT = "heartbeat"
 TRAILING_BYTES = "bytes behind the content"
-NOT_SEALED = "no Ed25519 signature"
-WRONG_SEAL = "wrong Ed25519 signature"
-FUTURE_STAMP = "stamped in the future"
-PAST_STAMP = "stamped too long ago"
-OLD_EPOCH = "old epoch"
-OLD_SEQUENCE = "old sequence"
+NO_ED25519 = "no Ed25519 signature"
+WRONG_ED25519 = "wrong Ed25519 signature"
 REPEATED = "repeated"
 UNCHECKED = "unchecked in a flood"
 EXPECTED = (HEARTBEAT, REPEATED)
@@ -54,19 +43,16 @@ EXPECTED = (HEARTBEAT, REPEATED)
 BURST_CHECKS = 400
 """Ed25519 checks saved up in quiet times: a whole broadcast of the greatest length, 255 frames, may come at once."""
 WINDOW_S = 0.05
-"""In a flood frames wait so long, so that the front of a burst has no better chance than its end."""
+"""Time that frames wait in a flood, so that the front of a burst has no better chance than its end."""
 REMEMBERED_FRAMES = 1024
 """Newest frames remembered to tell repeats; a broadcast has at most 255 of each kind."""
 MAX_REASONS = 64
 """Kinds of reasons counted apart at most."""
 OTHER_REASONS = "other reasons"
 
-_GROUND = (GROUND_SYSTEM, GROUND_COMPONENT)
-_SENDER_AND_ID = slice(5, HEADER_BYTES)
-_BROADCASTS = frozenset(bytes(_GROUND) + number.to_bytes(3, "little") for number in BROADCAST_IDS)
-"""System, component and message id of a broadcast as they stand in the header."""
-_STAMP = struct.Struct("<III")
 _UINT32_MAX = 0xFFFF_FFFF
+
+OfferedT = TypeVar("OfferedT")
 
 
 @dataclass(frozen=True)
@@ -129,7 +115,7 @@ class AuthenticatorState:
 class Authenticated(NamedTuple):
     """A frame that held in every respect, as it came and decoded."""
 
-    raw: bytes
+    raw: RawFrame
     frame: Frame
 
 
@@ -150,7 +136,6 @@ class Authenticator:
         """
         state = state or AuthenticatorState()
         self.trust = trust
-        self.accepted = 0
         self._rejected: Counter[str] = Counter()
         self._framer = StreamFramer() if is_stream else None
         self._epoch_s = state.epoch_s
@@ -164,7 +149,9 @@ class Authenticator:
             if trust.mavlink_key is None
             else MavlinkVerifier(trust.mavlink_key, dict(state.streams), ahead_s, behind_s)
         )
-        self._gate = None if trust.public_key is None else CheckLimiter(trust.checks_per_s, rng or random.Random())
+        self._gate = (
+            None if trust.public_key is None else CheckLimiter[RawFrame](trust.checks_per_s, rng or random.Random())
+        )
 
     @property
     def rejected(self) -> Counter[str]:
@@ -187,16 +174,22 @@ class Authenticator:
 
         In a flood under Ed25519 a frame may come out of a later call, WINDOW_S or a little more after it arrived.
         """
+        return self.admit_frames(self.deframed(datagram), now_s)
+
+    def deframed(self, datagram: bytes) -> Iterator[RawFrame]:
+        """Return the whole frames in a datagram, or completed by a chunk of a stream; what is none is counted."""
+        if self._framer is not None:
+            return iter(self._framer.feed(datagram))
+        if len(datagram) > MAX_DATAGRAM_BYTES:
+            self._rejected[TOO_LARGE] += 1
+            return iter(())
+        return frames_in(datagram, self._rejected)
+
+    def admit_frames(self, frames: Iterable[RawFrame], now_s: float) -> list[Authenticated]:
+        """Return the frames to be believed by now, mostly of these, which `deframed` gave; see `admit`."""
         if self._quiet_since_s is None:
             self._quiet_since_s = now_s
         admitted = self.due(now_s)
-        if self._framer is not None:
-            frames = iter(self._framer.feed(datagram))
-        elif len(datagram) > MAX_DATAGRAM_BYTES:
-            self._rejected[TOO_LARGE] += 1
-            return admitted
-        else:
-            frames = frames_in(datagram, self._rejected)
         for raw in frames:
             reason = self._refused(raw, now_s)
             if reason is not None:
@@ -215,68 +208,60 @@ class Authenticator:
                 self._check(raw, now_s, admitted)
         return admitted
 
-    def _refused(self, raw: bytes, now_s: float) -> str | None:
+    def _refused(self, raw: RawFrame, now_s: float) -> str | None:
         """Return why a whole frame is refused before any costly check, None if it is not."""
-        if raw[_SENDER_AND_ID] not in _BROADCASTS:
-            header = header_of(raw)
-            if (header.system, header.component) != _GROUND:
-                return OTHER_SENDER
-            return HEARTBEAT if header.message_id == oneway.MAVLINK_MSG_ID_HEARTBEAT else OTHER_MESSAGE
+        if raw.system != GROUND_SYSTEM or raw.component != GROUND_COMPONENT:
+            return OTHER_SENDER
+        if raw.message_id not in BROADCAST_IDS:
+            return HEARTBEAT if raw.message_id == oneway.MAVLINK_MSG_ID_HEARTBEAT else OTHER_MESSAGE
         if self._verifier is not None:
             reason = self._unsigned(raw, now_s, self._verifier)
             if reason is not None:
                 return reason
-        behind_bytes = header_of(raw).length - content_bytes(raw)
+        behind_bytes = raw.payload_length - raw.content_length
         if behind_bytes > ED25519_BYTES:
             return TRAILING_BYTES
         if behind_bytes <= 0 and self.trust.public_key is not None:
-            return NOT_SEALED
+            return NO_ED25519
         return self._stale(raw, now_s)
 
-    def _unsigned(self, raw: bytes, now_s: float, verifier: MavlinkVerifier) -> str | None:
+    def _unsigned(self, raw: RawFrame, now_s: float, verifier: MavlinkVerifier) -> str | None:
         """Return why a frame's MAVLink signature is refused, None if it is not."""
         if self.trust.public_key is None:
             return verifier.check(raw, now_s)
         if verifier.holds(raw):
             return None
-        return WRONG_HASH if is_signed(raw) else UNSIGNED
+        return WRONG_HASH if raw.is_signed else UNSIGNED
 
-    def _stale(self, raw: bytes, now_s: float) -> str | None:
+    def _stale(self, raw: RawFrame, now_s: float) -> str | None:
         """Return why a frame's stamp is refused, None if it is not."""
-        epoch_s, time_ms, sequence = _stamp_of(raw)
+        stamp = raw.stamp
         if self.trust.clock_checked:
-            age_s = now_s - epoch_s - time_ms / 1000.0
-            if age_s < -self.trust.ahead_s:
-                return FUTURE_STAMP
-            if age_s > self.trust.max_age_s:
-                return PAST_STAMP
-        if self._epoch_s is None or epoch_s > self._epoch_s:
+            reason = off_the_clock(stamp, now_s, self.trust.ahead_s, self.trust.max_age_s)
+            if reason is not None:
+                return reason
+        if self._epoch_s is None or stamp.epoch_s > self._epoch_s:
             return None
-        if (epoch_s, sequence) < (self._epoch_s, self._sequence) and not self._may_begin_anew(now_s):
-            return OLD_EPOCH if epoch_s < self._epoch_s else OLD_SEQUENCE
+        silent_s = 0.0
+        if self.trust.public_key is None and self._quiet_since_s is not None:
+            # Others can make a frame too: one of theirs, stamped ahead, must not shut the centre out for good.
+            silent_s = now_s - self._quiet_since_s
+        reason = overtaken(stamp, (self._epoch_s, self._sequence), silent_s)
+        if reason is not None:
+            return reason
         return REPEATED if signed_part(raw) in self._heard else None
 
-    def _may_begin_anew(self, now_s: float) -> bool:
-        """Return whether an older stamp than the last is to be believed.
-
-        Where others than the centre can make a frame, one of theirs that is stamped ahead would shut the centre out for
-        good. Under Ed25519 nobody else can.
-        """
-        if self.trust.public_key is not None or self._quiet_since_s is None:
-            return False
-        return now_s - self._quiet_since_s >= RESTART_AFTER_S
-
-    def _check(self, raw: bytes, now_s: float, admitted: list[Authenticated]) -> None:
+    def _check(self, raw: RawFrame, now_s: float, admitted: list[Authenticated]) -> None:
         # Between a frame's arrival and its turn a newer one may have been accepted.
         reason = self._stale(raw, now_s)
         if reason is None and self.trust.public_key is not None and not verify(raw, self.trust.public_key):
-            reason = WRONG_SEAL
+            reason = WRONG_ED25519
         if reason is None:
             self._take(raw, now_s, admitted)
         else:
             self._rejected[reason] += 1
 
-    def _take(self, raw: bytes, now_s: float, admitted: list[Authenticated]) -> None:
+    def _take(self, raw: RawFrame, now_s: float, admitted: list[Authenticated]) -> None:
         """Decode an authentic frame; remember it if it makes sense."""
         try:
             frame = decode_frame(raw)
@@ -286,17 +271,16 @@ class Authenticator:
             self._rejected[reason if known else OTHER_REASONS] += 1
             return
         self._quiet_since_s = now_s
-        self._epoch_s, _, self._sequence = _stamp_of(raw)
+        self._epoch_s, _, self._sequence = raw.stamp
         self._heard[signed_part(raw)] = None
         if len(self._heard) > REMEMBERED_FRAMES:
             del self._heard[next(iter(self._heard))]
         if self._verifier is not None and self.trust.public_key is None:
             self._verifier.commit(raw)
-        self.accepted += 1
         admitted.append(Authenticated(raw, frame))
 
 
-class CheckLimiter:
+class CheckLimiter(Generic[OfferedT]):
     """Bounds costly checks, and lets chance decide which frames get one when there are too many.
 
     In quiet times a frame is checked at once. Once half of the saved checks are used up, frames are gathered for
@@ -316,9 +300,9 @@ class CheckLimiter:
         self._closes_s: float | None = None
         self._places = 0
         self._offered = 0
-        self._waiting: list[tuple[int, bytes]] = []
+        self._waiting: list[tuple[int, OfferedT]] = []
 
-    def offer(self, raw: bytes, now_s: float) -> bool:
+    def offer(self, raw: OfferedT, now_s: float) -> bool:
         """Return whether to check a frame at once; if not, it may be given by `due`, or never."""
         self._save(now_s)
         if self._closes_s is None:
@@ -338,7 +322,7 @@ class CheckLimiter:
             self._waiting[place] = (self._offered, raw)
         return False
 
-    def due(self, now_s: float) -> list[bytes]:
+    def due(self, now_s: float) -> list[OfferedT]:
         """Return the frames drawn from a window that is over, in the order in which they came."""
         if self._closes_s is None or now_s < self._closes_s:
             return []
@@ -354,9 +338,3 @@ class CheckLimiter:
             passed_s = max(0.0, now_s - self._saved_at_s)
             self._saved = min(float(BURST_CHECKS), self._saved + passed_s * self._rate_per_s)
         self._saved_at_s = now_s
-
-
-def _stamp_of(raw: bytes) -> tuple[int, int, int]:
-    """Return epoch, milliseconds and sequence of a broadcast message."""
-    epoch_s, time_ms, sequence = _STAMP.unpack(payload_of(raw)[: _STAMP.size].ljust(_STAMP.size, b"\0"))
-    return epoch_s, time_ms, sequence

@@ -43,6 +43,7 @@ from companion.protocol.fleet_codec import (
     write_fleet,
     write_radii,
 )
+from companion.protocol.frame import ED25519_BYTES, RawFrame, raw_frame
 from companion.protocol.messages import (
     AgentEntry,
     AgentMotion,
@@ -78,7 +79,6 @@ __all__ = [
     "GROUND_SYSTEM",
     "ID_SPAN",
     "SENSOR_COMPONENT",
-    "SIGNATURE_BYTES",
     "TARGETS_PER_FRAME",
     "THREATS_PER_FRAME",
     "AgentEntry",
@@ -118,7 +118,6 @@ DETECTIONS_PER_FRAME = 14
 BANDS_PER_FRAME = 20
 ID_SPAN = 256
 """Ids in one state frame lie within this of the least one: they travel as 8 bits above a 16-bit base."""
-SIGNATURE_BYTES = 64
 GROUND_SYSTEM = 254
 """MAVLink system id of the ground station; 255/190 would be dropped by a receiver that is a ground station itself."""
 GROUND_COMPONENT = 190
@@ -130,12 +129,7 @@ _UNKNOWN_HEADING = UINT16_MAX
 _MIN_RESOLUTION_CM = 1
 _DIGEST_BYTES = 8
 _MISSION_NAME_BYTES = PAYLOAD_BYTES - MISSION_HEAD_BYTES
-_HEADER_BYTES = 10
-"""Of a MAVLink 2 frame, before its payload."""
-_MARKER = 0xFD
-_LENGTH_AT = 1
-_ID_AT = 7
-_NO_SIGNATURE = [0] * SIGNATURE_BYTES
+_NO_SIGNATURE = [0] * ED25519_BYTES
 
 
 class FrameWriter:
@@ -164,7 +158,6 @@ class FrameReader:
 
     def __init__(self) -> None:
         self.rejected: Counter[str] = Counter()
-        self.accepted = 0
 
     def read(self, datagram: bytes) -> list[Frame]:
         """Return the genuine frames in a datagram, in order. Never raises, whatever the bytes."""
@@ -179,15 +172,14 @@ class FrameReader:
                 self.rejected["damaged"] += 1
                 continue
             try:
-                frames.append(decode_frame(bytes(message.get_msgbuf())))
+                frames.append(decode_frame(raw_frame(bytes(message.get_msgbuf()))))
             except WireError as error:
                 self.rejected[str(error)] += 1
-        self.accepted += len(frames)
         return frames
 
 
-def decode_frame(raw: bytes) -> Frame:
-    """Return what one whole MAVLink 2 frame says, whose checksum the caller has found right.
+def decode_frame(raw: RawFrame) -> Frame:
+    """Return what a MAVLink 2 frame says, whose checksum the caller has found right.
 
     A MAVLink signature may follow; neither it nor an Ed25519 signature is looked at.
 
@@ -195,10 +187,9 @@ def decode_frame(raw: bytes) -> Frame:
         WireError: the frame is not of the dialect's own messages, or its fields make no sense; the text is a fixed one.
 
     """
-    number = int.from_bytes(raw[_ID_AT:_HEADER_BYTES], "little")
-    if len(raw) < _HEADER_BYTES or raw[0] != _MARKER or number not in _DECODERS:
+    if raw.version != 2 or raw.message_id not in _DECODERS:
         raise WireError("foreign")
-    return _DECODERS[number](_fields(number, raw[_HEADER_BYTES : _HEADER_BYTES + raw[_LENGTH_AT]]))
+    return _DECODERS[raw.message_id](_fields(raw.message_id, raw.payload))
 
 
 def _fields(number: int, payload: bytes) -> Fields:
@@ -214,44 +205,25 @@ def _fields(number: int, payload: bytes) -> Fields:
 
 
 def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
-    located = [agent.position_ned_m for agent in frame.agents]
-    points = [point for point in located if point is not None]
-    points += [(target.north_m, target.east_m) for target in frame.targets]
-    points += [(threat.north_m, threat.east_m) for threat in frame.threats]
     radii_m = [threat.detection_radius_m for threat in frame.threats]
     if any(not 0 < threat.attack_radius_m <= threat.detection_radius_m for threat in frame.threats):
         raise WireError("a threat's radii are not in order; allowed: 0 < attack radius <= detection radius")
-    resolution_cm = frame_resolution_cm(points, radii_m)
+    agents = [agent.position_ned_m for agent in frame.agents]
+    targets = [(target.north_m, target.east_m) for target in frame.targets]
+    threats = [(threat.north_m, threat.east_m) for threat in frame.threats]
+    resolution_cm = frame_resolution_cm([point for point in agents if point is not None] + targets + threats, radii_m)
     unit_m = resolution_cm / 100.0
     origin_lat, origin_lon = on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
     frame_index, frame_count = _part(frame.stamp)
     agent_base, agent_ids = _based_ids([agent.id for agent in frame.agents], AGENTS_PER_FRAME, "agents")
     target_base, target_ids = _based_ids([target.id for target in frame.targets], TARGETS_PER_FRAME, "targets")
     threat_base, threat_ids = _based_ids([threat.id for threat in frame.threats], THREATS_PER_FRAME, "threats")
-    place = {target.id: index + 1 for index, target in enumerate(frame.targets)}
-    assigned = []
-    for agent in frame.agents:
-        if agent.target_id is not None and agent.target_id not in place:
-            raise WireError(f"agent {agent.id} is assigned to target {agent.target_id}, which the frame lacks")
-        assigned.append(0 if agent.target_id is None else place[agent.target_id])
-
-    def coordinates(points: Sequence[tuple[float, float] | None], length: int) -> tuple[list[int], ...]:
-        north = [_UNKNOWN_POSITION if point is None else round(point[0] / unit_m) for point in points]
-        east = [_UNKNOWN_POSITION if point is None else round(point[1] / unit_m) for point in points]
-        return _padded(north, length), _padded(east, length)
-
-    agent_north, agent_east = coordinates(located, AGENTS_PER_FRAME)
-    target_north, target_east = coordinates([(t.north_m, t.east_m) for t in frame.targets], TARGETS_PER_FRAME)
-    threat_north, threat_east = coordinates([(t.north_m, t.east_m) for t in frame.threats], THREATS_PER_FRAME)
-    rounding_m = unit_m * math.sqrt(0.5)
-
-    def radius_units(radius_m: float) -> int:
-        return math.ceil((radius_m + rounding_m) / unit_m)
-
+    agent_target = _padded(_assigned(frame), AGENTS_PER_FRAME)
+    agent_north, agent_east = _coordinates(agents, unit_m, AGENTS_PER_FRAME)
+    target_north, target_east = _coordinates(targets, unit_m, TARGETS_PER_FRAME)
+    threat_north, threat_east = _coordinates(threats, unit_m, THREATS_PER_FRAME)
     return oneway.MAVLink_oneway_state_message(
-        epoch=whole(frame.stamp.epoch_s, UINT32_MAX, "epoch"),
-        time_ms=whole(frame.stamp.time_ms, UINT32_MAX, "time_ms"),
-        sequence=whole(frame.stamp.sequence, UINT32_MAX, "sequence"),
+        **_times(frame.stamp),
         origin_lat=origin_lat,
         origin_lon=origin_lon,
         agent_north=agent_north,
@@ -260,8 +232,8 @@ def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
         target_east=target_east,
         threat_north=threat_north,
         threat_east=threat_east,
-        threat_detection=_padded([radius_units(t.detection_radius_m) for t in frame.threats], THREATS_PER_FRAME),
-        threat_attack=_padded([radius_units(t.attack_radius_m) for t in frame.threats], THREATS_PER_FRAME),
+        threat_detection=_radii([threat.detection_radius_m for threat in frame.threats], unit_m),
+        threat_attack=_radii([threat.attack_radius_m for threat in frame.threats], unit_m),
         resolution=resolution_cm,
         agent_id_base=agent_base,
         target_id_base=target_base,
@@ -279,9 +251,35 @@ def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
         threat_id=threat_ids,
         target_id=target_ids,
         agent_id=agent_ids,
-        agent_target=_padded(assigned, AGENTS_PER_FRAME),
+        agent_target=agent_target,
         ed25519_signature=_NO_SIGNATURE,
     )
+
+
+def _assigned(frame: StateFrame) -> list[int]:
+    """Return the place of each agent's target among the frame's targets, from 1 on; 0 for none."""
+    place = {target.id: index + 1 for index, target in enumerate(frame.targets)}
+    assigned = []
+    for agent in frame.agents:
+        if agent.target_id is not None and agent.target_id not in place:
+            raise WireError(f"agent {agent.id} is assigned to target {agent.target_id}, which the frame lacks")
+        assigned.append(0 if agent.target_id is None else place[agent.target_id])
+    return assigned
+
+
+def _coordinates(
+    points: Sequence[tuple[float, float] | None], unit_m: float, length: int
+) -> tuple[list[int], list[int]]:
+    """Return north and east in units, each padded to the length of its field."""
+    north = [_UNKNOWN_POSITION if point is None else round(point[0] / unit_m) for point in points]
+    east = [_UNKNOWN_POSITION if point is None else round(point[1] / unit_m) for point in points]
+    return _padded(north, length), _padded(east, length)
+
+
+def _radii(radii_m: Sequence[float], unit_m: float) -> list[int]:
+    """Return threats' radii in units, rounded up by what rounding may have moved their centres."""
+    rounding_m = unit_m * math.sqrt(0.5)
+    return _padded([math.ceil((radius_m + rounding_m) / unit_m) for radius_m in radii_m], THREATS_PER_FRAME)
 
 
 def _motion_message(frame: MotionFrame) -> oneway.MAVLink_oneway_motion_message:
@@ -300,9 +298,7 @@ def _motion_message(frame: MotionFrame) -> oneway.MAVLink_oneway_motion_message:
     threat_north, threat_east, threat_age = velocities(frame.threats, THREATS_PER_FRAME)
     frame_index, frame_count = _part(frame.stamp)
     return oneway.MAVLink_oneway_motion_message(
-        epoch=whole(frame.stamp.epoch_s, UINT32_MAX, "epoch"),
-        time_ms=whole(frame.stamp.time_ms, UINT32_MAX, "time_ms"),
-        sequence=whole(frame.stamp.sequence, UINT32_MAX, "sequence"),
+        **_times(frame.stamp),
         agent_heading=_padded([_heading_cdeg(agent.heading_rad) for agent in frame.agents], AGENTS_PER_FRAME),
         agent_speed=_padded(
             [whole(rounded(agent.speed_m_s * 100), UINT16_MAX, "agent_speed") for agent in frame.agents],
@@ -335,9 +331,7 @@ def _bands_message(frame: BandsFrame) -> oneway.MAVLink_oneway_bands_message:
     limits = [band_limits(threat.floor_m, threat.ceiling_m, threat.id) for threat in frame.threats]
     frame_index, frame_count = _part(frame.stamp)
     return oneway.MAVLink_oneway_bands_message(
-        epoch=whole(frame.stamp.epoch_s, UINT32_MAX, "epoch"),
-        time_ms=whole(frame.stamp.time_ms, UINT32_MAX, "time_ms"),
-        sequence=whole(frame.stamp.sequence, UINT32_MAX, "sequence"),
+        **_times(frame.stamp),
         threat_floor=_padded([floor for floor, _ in limits], BANDS_PER_FRAME),
         threat_ceiling=_padded([ceiling for _, ceiling in limits], BANDS_PER_FRAME),
         threat_id_base=base,

@@ -10,25 +10,25 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from enum import Enum
-from typing import NamedTuple
 
+from companion.files.mavlink_layout import (
+    FLAGS_AT,
+    HEADER_V2_BYTES,
+    MARKER_V1,
+    MARKER_V2,
+    SIGNATURE_BYTES,
+    SIGNED_FLAG,
+    frame_parts,
+    may_begin_frame,
+)
 from companion.protocol.dialect import oneway
+from companion.protocol.frame import RawFrame, crc_bytes, crc_holds, raw_frame
 from companion.protocol.v2_extension import INNER_AT, V2_EXTENSION_CRC_EXTRA, V2_EXTENSION_ID, inner_of
 
 MAX_DATAGRAM_BYTES = 2048
 """More than any link of ours hands over at once: it holds seven of the longest frames."""
 MAX_FALSE_STARTS = 16
 """After as many marker bytes that begin no frame the rest of a datagram is left: a bound on the work per datagram."""
-
-# The framing of MAVLink 2 (mavlink.io, "Packet Serialization").
-MARKER = 0xFD
-_MARKER_V1 = 0xFE
-HEADER_BYTES = 10
-CRC_BYTES = 2
-SIGNATURE_BYTES = 13
-"""Link id, 48-bit time and 48 bits of hash, behind the CRC of a signed frame."""
-SIGNED_FLAG = 0x01
-MAX_FRAME_BYTES = HEADER_BYTES + 255 + CRC_BYTES + SIGNATURE_BYTES
 
 DAMAGED = "damaged"
 """Begins as a frame of ours, but its CRC is wrong or it has an unknown flag."""
@@ -38,21 +38,11 @@ FOREIGN = "foreign"
 MAVLINK_1 = "MAVLink 1"
 JUNK = "junk"
 
-_CRC_EXTRA = {number: bytes((kind.crc_extra,)) for number, kind in oneway.mavlink_map.items()}
-"""What is added to each message's bytes before its CRC is made, by message id."""
-_WRAPPED_ID = V2_EXTENSION_ID.to_bytes(3, "little")
-_WRAPPED_CRC_EXTRA = bytes((V2_EXTENSION_CRC_EXTRA,))
-_ID = slice(7, HEADER_BYTES)
-
-
-class Header(NamedTuple):
-    """What of a frame's header anybody acts on; `length` is that of the payload in bytes."""
-
-    length: int
-    incompat: int
-    system: int
-    component: int
-    message_id: int
+_CRC_EXTRA = {number: bytes((kind.crc_extra,)) for number, kind in oneway.mavlink_map.items()} | {
+    V2_EXTENSION_ID: bytes((V2_EXTENSION_CRC_EXTRA,))
+}
+"""What is added to each message's bytes before its CRC is made, by message id: of our dialect, and of what carries its
+frames."""
 
 
 class _Found(Enum):
@@ -64,28 +54,12 @@ class _Found(Enum):
     JUNK = JUNK
 
 
-def header_of(raw: bytes) -> Header:
-    """Return the header of a frame that `frames_in` gave."""
-    return Header(raw[1], raw[2], raw[5], raw[6], raw[7] | raw[8] << 8 | raw[9] << 16)
+def crc_of(head_and_payload: bytes, number: int) -> bytes:
+    """Return the two CRC bytes of a frame of our dialect, given all its bytes before them and its message id."""
+    return crc_bytes(head_and_payload, _CRC_EXTRA[number])
 
 
-def payload_of(raw: bytes) -> bytes:
-    """Return the payload of a whole frame, without the trailing zeros that were cut."""
-    return raw[HEADER_BYTES : HEADER_BYTES + raw[1]]
-
-
-def is_signed(raw: bytes) -> bool:
-    """Return whether a whole frame carries a MAVLink signature."""
-    return bool(raw[2] & SIGNED_FLAG)
-
-
-def crc_of(head_and_payload: bytes, message_id: int) -> bytes:
-    """Return the two CRC bytes of a frame of our dialect, given all its bytes before them, the marker among them."""
-    crc = oneway.x25crc(head_and_payload[1:] + _CRC_EXTRA[message_id]).crc
-    return bytes((crc & 0xFF, crc >> 8))
-
-
-def frames_in(datagram: bytes, skipped: Counter[str]) -> Iterator[bytes]:
+def frames_in(datagram: bytes, skipped: Counter[str]) -> Iterator[RawFrame]:
     """Yield the whole frames in a datagram; each run of bytes that is skipped counts once, by what it begins with."""
     if datagram and _look(datagram, 0) == (_Found.WHOLE, len(datagram)):
         # Nearly always; in a flood it is what counts.
@@ -100,7 +74,7 @@ def frames_in(datagram: bytes, skipped: Counter[str]) -> Iterator[bytes]:
         if not skipping:
             skipped[found.value] += 1
         skipping = True
-        false_starts += datagram[at] == MARKER
+        false_starts += datagram[at] == MARKER_V2
         if false_starts == MAX_FALSE_STARTS:
             return
 
@@ -113,7 +87,7 @@ class StreamFramer:
         self._kept = b""
         self._skipping = False
 
-    def feed(self, chunk: bytes) -> list[bytes]:
+    def feed(self, chunk: bytes) -> list[RawFrame]:
         """Return the frames completed by a chunk.
 
         A frame is given as soon as its last byte is there, even when what looks like the start of a longer one
@@ -152,7 +126,7 @@ def _scan(data: bytes) -> Iterator[tuple[_Found, int, int]]:
         if found is _Found.WHOLE:
             yield found, at, end
             passed = end
-            start = end - SIGNATURE_BYTES if data[at + 2] & SIGNED_FLAG else end
+            start = end - SIGNATURE_BYTES if data[at + FLAGS_AT] & SIGNED_FLAG else end
         else:
             if at >= passed or found is _Found.PARTIAL:
                 yield found, at, at
@@ -165,36 +139,30 @@ def _scan(data: bytes) -> Iterator[tuple[_Found, int, int]]:
 
 def _look(data: bytes, at: int) -> tuple[_Found, int]:
     """Return what begins at a byte, and where a whole frame that begins there ends."""
-    marker = data[at]
-    if marker != MARKER:
-        return (_Found.MAVLINK_1 if marker == _MARKER_V1 else _Found.JUNK), at
-    if len(data) - at < HEADER_BYTES:
+    if data[at] != MARKER_V2:
+        return (_Found.MAVLINK_1 if data[at] == MARKER_V1 else _Found.JUNK), at
+    if len(data) - at < HEADER_V2_BYTES:
         # As much of the header as is there must look like ours: only then is more worth waiting for.
-        known = data[at + 2 : at + 3]
-        return (_Found.DAMAGED if known and known[0] & ~SIGNED_FLAG else _Found.PARTIAL), at
-    if data[at + 2] & ~SIGNED_FLAG:
+        return (_Found.PARTIAL if may_begin_frame(data, at) else _Found.DAMAGED), at
+    if data[at + FLAGS_AT] & ~SIGNED_FLAG:
         return _Found.DAMAGED, at
-    is_wrapped = data[at + _ID.start : at + _ID.stop] == _WRAPPED_ID
-    number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
-    crc_extra = _WRAPPED_CRC_EXTRA if is_wrapped else _CRC_EXTRA.get(number)
+    number, payload_at, crc_at, end = frame_parts(data, at)
+    crc_extra = _CRC_EXTRA.get(number)
     if crc_extra is None:
         return _Found.FOREIGN, at
-    crc_at = at + HEADER_BYTES + data[at + 1]
-    end = crc_at + CRC_BYTES + (SIGNATURE_BYTES if data[at + 2] else 0)
     if end > len(data):
         return _Found.PARTIAL, at
-    crc = oneway.x25crc(data[at + 1 : crc_at] + crc_extra).crc
-    if data[crc_at] | data[crc_at + 1] << 8 != crc:
+    if not crc_holds(data, at, crc_at, crc_extra):
         return _Found.DAMAGED, at
-    if is_wrapped:
-        return _look_inside(data[at + HEADER_BYTES : crc_at], at, end)
+    if number == V2_EXTENSION_ID:
+        return _look_inside(data[payload_at:crc_at], at, end)
     return _Found.WHOLE, end
 
 
 def _look_inside(payload: bytes, at: int, end: int) -> tuple[_Found, int]:
     """Return what a V2_EXTENSION is that begins and ends there: whole if just one whole frame of ours is inside."""
     inner = inner_of(payload)
-    if inner is None or inner[_ID] == _WRAPPED_ID:
+    if inner is None or frame_parts(inner)[0] == V2_EXTENSION_ID:
         # Of others; its bytes may hold whole frames all the same.
         return _Found.FOREIGN, at
     found, _ = _look(inner, 0)
@@ -203,15 +171,16 @@ def _look_inside(payload: bytes, at: int, end: int) -> tuple[_Found, int]:
 
 def _is_inner(data: bytes, outer_at: int, at: int) -> bool:
     """Return whether what begins at `at` stands where the frame inside a V2_EXTENSION would."""
-    return data[outer_at + _ID.start : outer_at + _ID.stop] == _WRAPPED_ID and at == outer_at + INNER_AT
+    return at == outer_at + INNER_AT and frame_parts(data, outer_at)[0] == V2_EXTENSION_ID
 
 
-def _unwrapped(raw: bytes) -> bytes:
+def _unwrapped(data: bytes) -> RawFrame:
     """Return the frame inside a whole V2_EXTENSION, any other frame as it is."""
-    inner = inner_of(payload_of(raw)) if raw[_ID] == _WRAPPED_ID else None
-    return raw if inner is None else inner
+    frame = raw_frame(data)
+    inner = inner_of(frame.payload) if frame.message_id == V2_EXTENSION_ID else None
+    return frame if inner is None else raw_frame(inner)
 
 
 def _next_marker(data: bytes, start: int) -> int:
-    at = data.find(MARKER, start)
+    at = data.find(MARKER_V2, start)
     return at if at >= 0 else len(data)

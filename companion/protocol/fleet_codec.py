@@ -34,11 +34,11 @@ RADII_HEAD_BYTES = 17
 MISSION_HEAD_BYTES = 51
 """Bytes of a message before its data."""
 BASE_STEP_UNITS = 256
-"""A frame's positions count from a multiple of so many units, so that 16 bits of it reach far."""
+"""A frame's positions count from a multiple of this number of units, which 16 bits of the frame hold."""
 FINE_AGES = 10
-"""Codes up to this one are tenths of a second..."""
+"""Age codes up to this one count tenths of a second."""
 AGE_RATIO = 1.065
-"""...and each further one means so many times the age of the one before: 58 days at the last."""
+"""Each age code above FINE_AGES means this many times the age of the code before: 58 days at the last."""
 GREATEST_AGE_S = AGE_RATIO ** (UINT8_MAX - FINE_AGES)
 
 _MAVLINK_BYTES = 12

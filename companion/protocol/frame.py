@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from companion.files.mavlink_layout import (
@@ -19,6 +21,20 @@ from companion.files.mavlink_layout import (
     SYSTEM_AT,
     SYSTEM_V1_AT,
 )
+from companion.files.tlog import whole_frames
+from companion.protocol.dialect import oneway
+
+ED25519_BYTES = 64
+"""The signature inside a broadcast message, behind its content (`ed25519.py`)."""
+_STAMP = struct.Struct("<III")
+
+
+class FrameStamp(NamedTuple):
+    """Which broadcast a frame belongs to, and when it was made: epoch_s + time_ms / 1000 in Unix seconds."""
+
+    epoch_s: int
+    time_ms: int
+    sequence: int
 
 
 class RawFrame(NamedTuple):
@@ -48,17 +64,94 @@ class RawFrame(NamedTuple):
         return self.data[self.header_bytes : self.header_bytes + self.payload_length]
 
     @property
+    def crc_at(self) -> int:
+        """Where the CRC begins: it covers all bytes before it but the first."""
+        return self.header_bytes + self.payload_length
+
+    @property
     def signature(self) -> bytes:
         """The 13 bytes of MAVLink signature behind the CRC; empty without one."""
-        return self.data[self.header_bytes + self.payload_length + CRC_BYTES :]
+        return self.data[self.crc_at + CRC_BYTES :]
+
+    @property
+    def content_length(self) -> int:
+        """How many payload bytes of a broadcast message are content, cut zeros counted; KeyError for any other."""
+        head_bytes, is_packed = _LAYOUTS[self.message_id]
+        if not is_packed or self.payload_length < head_bytes:
+            return head_bytes
+        return head_bytes + self.data[self.header_bytes + head_bytes - 1]
+
+    @property
+    def signed_content(self) -> bytes:
+        """System, component, message id and content of a broadcast message, with the content's zeros that were cut."""
+        length = self.content_length
+        end = HEADER_V2_BYTES + min(length, self.payload_length)
+        return self.data[SYSTEM_AT:end].ljust(HEADER_V2_BYTES - SYSTEM_AT + length, b"\0")
+
+    @property
+    def stamp(self) -> FrameStamp:
+        """Epoch, time and sequence of a broadcast message."""
+        if self.payload_length < _STAMP.size:
+            return FrameStamp(*_STAMP.unpack(self.payload.ljust(_STAMP.size, b"\0")))
+        return FrameStamp(*_STAMP.unpack_from(self.data, self.header_bytes))
+
+    def head_for(self, payload_length: int) -> bytes:
+        """Return the header of this MAVLink 2 frame for a payload of another length."""
+        return bytes((MARKER_V2, payload_length)) + self.data[FLAGS_AT:HEADER_V2_BYTES]
 
 
 def raw_frame(data: bytes) -> RawFrame:
     """Return the value of a whole frame's bytes; what they are must be known to be one frame (`frame_length`)."""
     if data[0] == MARKER_V2:
         message_id = data[MESSAGE_ID_AT] | data[MESSAGE_ID_AT + 1] << 8 | data[MESSAGE_ID_AT + 2] << 16
-        signed = bool(data[FLAGS_AT] & SIGNED_FLAG)
+        signed = data[FLAGS_AT] & SIGNED_FLAG != 0
         system, component = data[SYSTEM_AT], data[COMPONENT_AT]
         return RawFrame(data, 2, system, component, message_id, HEADER_V2_BYTES, data[LENGTH_AT], signed)
     system, component = data[SYSTEM_V1_AT], data[COMPONENT_V1_AT]
     return RawFrame(data, 1, system, component, data[MESSAGE_ID_V1_AT], HEADER_V1_BYTES, data[LENGTH_AT], False)
+
+
+def raw_frames(datagram: bytes) -> Iterator[RawFrame]:
+    """Yield the whole frames that a datagram is made of, up to the first bytes that begin none."""
+    return map(raw_frame, whole_frames(datagram))
+
+
+def head_v2(payload_length: int, sequence: int, sender: tuple[int, int], message_id: int) -> bytes:
+    """Return the header of a MAVLink 2 frame without a signature; `sender` is system and component."""
+    return bytes((MARKER_V2, payload_length, 0, 0, sequence, *sender)) + message_id.to_bytes(3, "little")
+
+
+def crc_bytes(head_and_payload: bytes, crc_extra: bytes) -> bytes:
+    """Return the two CRC bytes that follow a frame's bytes up to its payload's end; `crc_extra` is its message's."""
+    crc: int = oneway.x25crc(head_and_payload[1:] + crc_extra).crc
+    return crc.to_bytes(CRC_BYTES, "little")
+
+
+def crc_holds(data: bytes, at: int, crc_at: int, crc_extra: bytes) -> bool:
+    """Return whether the CRC of a frame that begins at a byte, and is there to its CRC's end, is that of its bytes."""
+    return bool(data[crc_at] | data[crc_at + 1] << 8 == oneway.x25crc(data[at + 1 : crc_at] + crc_extra).crc)
+
+
+class _Layout(NamedTuple):
+    """Where the content of a message ends: at `head_bytes`, or at as many bytes behind it as its last byte says."""
+
+    head_bytes: int
+    is_packed: bool
+
+
+def _layout(kind: type[oneway.MAVLink_message]) -> _Layout | None:
+    """Return the layout of a broadcast message, None for any other."""
+    fields = kind.ordered_fieldnames
+    if fields[-1] == "ed25519_signature":
+        return _Layout(kind.unpacker.size - ED25519_BYTES, False)
+    if fields[-2:] == ["size", "data"]:
+        return _Layout(kind.unpacker.size - kind.array_lengths[-1], True)
+    return None
+
+
+_LAYOUTS: dict[int, _Layout] = {
+    number: layout for number, kind in oneway.mavlink_map.items() if (layout := _layout(kind)) is not None
+}
+BROADCAST_IDS = frozenset(_LAYOUTS)
+"""The messages that the ground station broadcasts; each begins with epoch, time and sequence and has room for an
+Ed25519 signature."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import NamedTuple
 
+from companion.protocol.freshness import SenderClock
 from companion.protocol.messages import (
     BandsFrame,
     FleetFrame,
@@ -20,7 +21,6 @@ from companion.protocol.messages import (
     MissionFrame,
     MotionFrame,
     RadiiFrame,
-    Stamp,
     StateFrame,
 )
 
@@ -61,30 +61,6 @@ class LinkQuality:
     """When the last frame was accepted, by the clock of the vehicle."""
     ages_s: Mapping[str, float]
     """Age of the newest news of each kind that was ever heard."""
-
-
-class SenderClock:
-    """Says when what a frame tells was true, by the vehicle's clock."""
-
-    def __init__(self, *, agrees: bool = True) -> None:
-        """`agrees`: the two clocks show the same time; if not, only differences on the sender's are believed."""
-        self._agrees = agrees
-        self._epoch_s: int | None = None
-        self._least_s = math.inf
-        """Least time of arrival less stamp in this epoch: of the frame that was on its way for the shortest time."""
-
-    def true_at_s(self, stamp: Stamp, received_s: float) -> float:
-        """Return when a frame that came at `received_s` was true, at most that.
-
-        Where clocks do not agree, what the quickest frame of the epoch took on its way is not known and taken as none.
-        """
-        if self._agrees:
-            # A sender's clock behind ours means an old frame; ahead of ours, only the arrival can be believed.
-            return min(received_s, stamp.unix_s)
-        if stamp.epoch_s != self._epoch_s:
-            self._epoch_s, self._least_s = stamp.epoch_s, math.inf
-        self._least_s = min(self._least_s, received_s - stamp.unix_s)
-        return stamp.unix_s + self._least_s
 
 
 class Warnings:

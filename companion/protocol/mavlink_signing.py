@@ -13,15 +13,10 @@ import hashlib
 import hmac
 from collections.abc import Mapping
 
-from companion.protocol.deframer import (
-    CRC_BYTES,
-    SIGNATURE_BYTES,
-    SIGNED_FLAG,
-    crc_of,
-    header_of,
-    is_signed,
-)
+from companion.files.mavlink_layout import CRC_BYTES, FLAGS_AT, SIGNED_FLAG
+from companion.protocol.deframer import crc_of
 from companion.protocol.dialect import oneway
+from companion.protocol.frame import RawFrame, raw_frame
 
 KEY_BYTES = 32
 EPOCH_UNIX_S = 1_420_070_400
@@ -41,11 +36,11 @@ TOO_MANY_STREAMS = "too many MAVLink streams"
 StreamKey = tuple[int, int, int]
 """Link id, system, component."""
 
+_TIME_AT = 1
+"""In the signature, behind the link id."""
 _TIME_BYTES = 6
 _HASH_BYTES = 6
 _TIME_MAX = (1 << 8 * _TIME_BYTES) - 1
-_INCOMPAT_AT = 2
-"""Where the incompatibility flags of a frame stand."""
 
 
 def timestamp_of(unix_s: float) -> int:
@@ -53,19 +48,19 @@ def timestamp_of(unix_s: float) -> int:
     return max(0, round((unix_s - EPOCH_UNIX_S) * UNITS_PER_S))
 
 
-def strip_signature(raw: bytes) -> bytes:
+def strip_signature(frame: RawFrame) -> bytes:
     """Return a frame of any dialect without its MAVLink signature, the flag cleared and the CRC mended; for logs.
 
     A CRC is linear: what clearing the flag changes in it does not depend on the message's CRC_EXTRA, which only its
     dialect knows.
     """
-    if not is_signed(raw):
-        return raw
-    body, crc = raw[: -SIGNATURE_BYTES - CRC_BYTES], raw[-SIGNATURE_BYTES - CRC_BYTES : -SIGNATURE_BYTES]
+    if not frame.is_signed:
+        return frame.data
+    body, crc = frame.data[: frame.crc_at], frame.data[frame.crc_at : frame.crc_at + CRC_BYTES]
     # The CRC covers all but the marker, and CRC_EXTRA: as many bytes as the body has.
     flag = bytes((0, SIGNED_FLAG)).ljust(len(body), b"\0")
     changed: int = oneway.x25crc(flag).crc ^ oneway.x25crc(bytes(len(body))).crc
-    cleared = body[:_INCOMPAT_AT] + bytes((body[_INCOMPAT_AT] & ~SIGNED_FLAG,)) + body[_INCOMPAT_AT + 1 :]
+    cleared = body[:FLAGS_AT] + bytes((body[FLAGS_AT] & ~SIGNED_FLAG,)) + body[FLAGS_AT + 1 :]
     return cleared + (int.from_bytes(crc, "little") ^ changed).to_bytes(CRC_BYTES, "little")
 
 
@@ -83,12 +78,13 @@ class MavlinkSigner:
 
         The time signed is that of the clock, or 10 us above the last one where the clock is not ahead of it.
         """
-        body = bytearray(strip_signature(raw)[:-CRC_BYTES])
-        body[_INCOMPAT_AT] |= SIGNED_FLAG
+        frame = raw_frame(raw)
+        body = bytearray(raw[: frame.crc_at])
+        body[FLAGS_AT] |= SIGNED_FLAG
         self.last_timestamp = min(max(self.last_timestamp + 1, timestamp_of(now_s)), _TIME_MAX)
         signed = (
             bytes(body)
-            + crc_of(bytes(body), header_of(raw).message_id)
+            + crc_of(bytes(body), frame.message_id)
             + bytes((self.link_id,))
             + self.last_timestamp.to_bytes(_TIME_BYTES, "little")
         )
@@ -119,17 +115,18 @@ class MavlinkVerifier:
         """The newest signing time of each stream; to be kept over restarts."""
         return dict(self._streams)
 
-    def holds(self, raw: bytes) -> bool:
+    def holds(self, frame: RawFrame) -> bool:
         """Return whether a frame is signed with the key, whenever that was."""
-        return is_signed(raw) and hmac.compare_digest(_hash(self._keyed, raw[:-_HASH_BYTES]), raw[-_HASH_BYTES:])
+        covered, carried = frame.data[:-_HASH_BYTES], frame.data[-_HASH_BYTES:]
+        return frame.is_signed and hmac.compare_digest(_hash(self._keyed, covered), carried)
 
-    def check(self, raw: bytes, now_s: float) -> str | None:
+    def check(self, frame: RawFrame, now_s: float) -> str | None:
         """Return why a frame is refused, None if it is not. Remembers nothing."""
-        if not is_signed(raw):
+        if not frame.is_signed:
             return UNSIGNED
-        if not self.holds(raw):
+        if not self.holds(frame):
             return WRONG_HASH
-        stream, timestamp = _stream_of(raw)
+        stream, timestamp = _stream_of(frame)
         since_s = (timestamp - timestamp_of(now_s)) / UNITS_PER_S
         if since_s > self._ahead_s:
             return FUTURE_TIME
@@ -140,9 +137,9 @@ class MavlinkVerifier:
             return PAST_TIME
         return None if self._has_room(now_s) else TOO_MANY_STREAMS
 
-    def commit(self, raw: bytes) -> None:
+    def commit(self, frame: RawFrame) -> None:
         """Remember the time of a frame that `check` let pass; only once everything else about it held too."""
-        stream, timestamp = _stream_of(raw)
+        stream, timestamp = _stream_of(frame)
         if stream not in self._streams and len(self._streams) >= MAX_STREAMS:
             del self._streams[self._oldest()]
         self._streams[stream] = timestamp
@@ -173,9 +170,8 @@ def _hash(keyed: hashlib._Hash, signed: bytes) -> bytes:
     return digest.digest()[:_HASH_BYTES]
 
 
-def _stream_of(raw: bytes) -> tuple[StreamKey, int]:
+def _stream_of(frame: RawFrame) -> tuple[StreamKey, int]:
     """Return which stream a signed frame is of, and its time."""
-    link_at = len(raw) - SIGNATURE_BYTES
-    header = header_of(raw)
-    timestamp = int.from_bytes(raw[link_at + 1 : link_at + 1 + _TIME_BYTES], "little")
-    return (raw[link_at], header.system, header.component), timestamp
+    signature = frame.signature
+    timestamp = int.from_bytes(signature[_TIME_AT : _TIME_AT + _TIME_BYTES], "little")
+    return (signature[0], frame.system, frame.component), timestamp

@@ -8,10 +8,6 @@ from enum import IntEnum, IntFlag
 
 from companion.protocol.dialect import oneway
 
-RESTART_AFTER_S = 30.0
-"""After so long a silence an older stamp may begin anew: a sender whose clock was set back, or one whom a single frame
-of somebody else's, stamped ahead, had shut out."""
-
 
 class Directive(IntEnum):
     """What the ground station wants of every agent at once (ONEWAY_DIRECTIVE)."""

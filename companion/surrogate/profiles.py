@@ -23,7 +23,7 @@ HALF_WIDTH = 0.025
 """Half-width of the polygon, as a fraction of the radius: law `seed` (docs/method.md section 2, point 2)."""
 PROFILE_NAMES = ("pairwise", "analytic")
 _FLAT = 50.0
-"""So many half-widths outside its edge a logistic's slope is exp(-100) of its greatest: no weight can make it felt."""
+"""Half-widths outside its edge where a logistic's slope is exp(-100) of its greatest: no weight can make it felt."""
 _PACKAGED = "pairwise.json"
 
 
@@ -105,42 +105,45 @@ class StepProfile:
         return np.zeros_like(r, dtype=float)
 
 
+@dataclass(frozen=True, slots=True)
+class ThreatDiscs:
+    """The discs of M threats; M may be 0."""
+
+    centres_ned_m: np.ndarray  # (M, 2) m
+    detection_radius_m: np.ndarray  # (M,) m
+    attack_radius_m: np.ndarray  # (M,) m
+
+
 def surrogate_cost(
     profile: RadialProfile,
-    agents_ned_m: np.ndarray,
-    threats_ned_m: np.ndarray,
-    detection_radius_m: np.ndarray,
-    attack_radius_m: np.ndarray,
+    agents_ned_m: np.ndarray,  # (N, 2) m
+    threats: ThreatDiscs,
     separation_m: float,
     weights: Weights,
 ) -> float:
-    """Return F* in m^2 (docs/method.md section 2, point 2; the f2 and f3 of fun5, each pair of agents counted twice).
-
-    Shapes: agents (N, 2), threats (M, 2), both radii (M,); M may be 0 and N may be 1.
-    """
-    _, to_threat_m = _offsets(agents_ned_m, threats_ned_m)  # (N, M)
+    """Return F*, m^2 (docs/method.md section 2, point 2; the f2 and f3 of fun5, each pair of agents counted twice)."""
+    _, to_threat_m = _offsets(agents_ned_m, threats.centres_ned_m)  # (N, M)
     _, to_peer_m = _offsets(agents_ned_m, agents_ned_m)  # (N, N)
     near = profile.value(to_peer_m / separation_m)
     np.fill_diagonal(near, 0.0)
-    detected = np.sum(profile.value(to_threat_m / detection_radius_m))
-    attacked = np.sum(profile.value(to_threat_m / attack_radius_m))
+    detected = np.sum(profile.value(to_threat_m / threats.detection_radius_m))
+    attacked = np.sum(profile.value(to_threat_m / threats.attack_radius_m))
     return float(weights.k_d * detected + weights.k_a * attacked + weights.k_c * np.sum(near))
 
 
 def surrogate_gradient(
     profile: RadialProfile,
-    agents_ned_m: np.ndarray,
-    threats_ned_m: np.ndarray,
-    detection_radius_m: np.ndarray,
-    attack_radius_m: np.ndarray,
+    agents_ned_m: np.ndarray,  # (N, 2) m
+    threats: ThreatDiscs,
     separation_m: float,
     weights: Weights,
 ) -> np.ndarray:
-    """Return dF*/dU of all agents, (N, 2), m (paper: direct1, without the attraction); shapes as `surrogate_cost`.
+    """Return dF*/dU of all agents, (N, 2), m (paper: direct1, without the attraction).
 
     Coincident positions have no direction and contribute zero.
     """
-    threat_offset_m, to_threat_m = _offsets(agents_ned_m, threats_ned_m)
+    detection_radius_m, attack_radius_m = threats.detection_radius_m, threats.attack_radius_m
+    threat_offset_m, to_threat_m = _offsets(agents_ned_m, threats.centres_ned_m)
     peer_offset_m, to_peer_m = _offsets(agents_ned_m, agents_ned_m)
     threat_slope_m = profile.slope(to_threat_m / detection_radius_m) * (
         weights.k_d / detection_radius_m
@@ -154,51 +157,44 @@ def surrogate_gradient(
 
 def gradient_for_agent(
     profile: RadialProfile,
-    position_ned_m: np.ndarray,
-    threats_ned_m: np.ndarray,
-    detection_radius_m: np.ndarray,
-    attack_radius_m: np.ndarray,
-    peers_ned_m: np.ndarray,
+    position_ned_m: np.ndarray,  # (2,) m
+    threats: ThreatDiscs,
+    peers_ned_m: np.ndarray,  # (P, 2) m, P may be 0
     separation_m: float,
     weights: Weights,
 ) -> np.ndarray:
-    """Return dF*/dU_i of one agent, (2,), m: its row of `surrogate_gradient`, as the vehicle computes it.
-
-    Shapes: position (2,), threats (M, 2), both radii (M,), peers (P, 2); M and P may be 0.
-    """
-    threats = len(detection_radius_m)
-    offset_m = position_ned_m - np.concatenate((threats_ned_m, peers_ned_m))  # (M + P, 2)
+    """Return dF*/dU_i of one agent, (2,), m: its row of `surrogate_gradient`, as the vehicle computes it."""
+    detection_radius_m, attack_radius_m = threats.detection_radius_m, threats.attack_radius_m
+    count = len(detection_radius_m)
+    offset_m = position_ned_m - np.concatenate((threats.centres_ned_m, peers_ned_m))  # (M + P, 2)
     distance_m = np.sqrt(np.einsum("ij,ij->i", offset_m, offset_m))
     # One evaluation of the profile on every ratio: the call, not the arithmetic, is what costs on the vehicle.
     radius_m = np.concatenate((detection_radius_m, attack_radius_m, np.full(len(peers_ned_m), separation_m)))
-    ratio = np.concatenate((distance_m[:threats], distance_m)) / radius_m  # (M + M + P,)
+    ratio = np.concatenate((distance_m[:count], distance_m)) / radius_m  # (M + M + P,)
     slope_per_m = profile.slope(ratio) / radius_m
-    slope_m = 2.0 * weights.k_c * slope_per_m[threats:]  # (M + P,), right for the peers, replaced for the threats
-    slope_m[:threats] = weights.k_d * slope_per_m[:threats] + weights.k_a * slope_per_m[threats : 2 * threats]
+    slope_m = 2.0 * weights.k_c * slope_per_m[count:]  # (M + P,), right for the peers, replaced for the threats
+    slope_m[:count] = weights.k_d * slope_per_m[:count] + weights.k_a * slope_per_m[count : 2 * count]
     gradient_m: np.ndarray = (slope_m / _nonzero(distance_m)) @ offset_m
     return gradient_m
 
 
 def wall_gradient(
-    position_ned_m: np.ndarray,
-    threats_ned_m: np.ndarray,
-    detection_radius_m: np.ndarray,
-    attack_radius_m: np.ndarray,
-    peers_ned_m: np.ndarray,
+    position_ned_m: np.ndarray,  # (2,) m
+    threats: ThreatDiscs,
+    peers_ned_m: np.ndarray,  # (P, 2) m, P may be 0
     separation_m: float,
     weights: Weights,
     half_width_m: float,
 ) -> np.ndarray:
     """Return dF*/dU_i of one agent, (2,), m, whose edges are logistics of one half-width in metres whatever the radius.
 
-    What the route needs: so sharp that it does not reach where the route runs (docs/method.md section 3). Shapes as
-    `gradient_for_agent`.
+    What the route needs: so sharp that it does not reach where the route runs (docs/method.md section 3).
     """
-    threats = len(detection_radius_m)
-    others_ned_m, outer_m = threats_ned_m, detection_radius_m
+    count = len(threats.detection_radius_m)
+    others_ned_m, outer_m = threats.centres_ned_m, threats.detection_radius_m
     if len(peers_ned_m):
-        others_ned_m = np.concatenate((threats_ned_m, peers_ned_m))  # (M + P, 2)
-        outer_m = np.concatenate((detection_radius_m, np.full(len(peers_ned_m), separation_m)))
+        others_ned_m = np.concatenate((threats.centres_ned_m, peers_ned_m))  # (M + P, 2)
+        outer_m = np.concatenate((threats.detection_radius_m, np.full(len(peers_ned_m), separation_m)))
     offset_m = position_ned_m - others_ned_m
     square_m2 = offset_m * offset_m
     distance_m = np.sqrt(square_m2[:, 0] + square_m2[:, 1])
@@ -206,9 +202,9 @@ def wall_gradient(
         return np.zeros(2)
     steepness_1_m = 2.0 / half_width_m
     slope_m = np.full(len(distance_m), 2.0 * weights.k_c)
-    slope_m[:threats] = weights.k_d
+    slope_m[:count] = weights.k_d
     slope_m *= sigmoid_slope((outer_m - distance_m) * steepness_1_m)
-    slope_m[:threats] += weights.k_a * sigmoid_slope((attack_radius_m - distance_m[:threats]) * steepness_1_m)
+    slope_m[:count] += weights.k_a * sigmoid_slope((threats.attack_radius_m - distance_m[:count]) * steepness_1_m)
     gradient_m: np.ndarray = (-steepness_1_m * slope_m / _nonzero(distance_m)) @ offset_m
     return gradient_m
 

@@ -18,7 +18,7 @@ import torch
 from companion.errors import InputError
 from companion.files.weights import DIGEST_KEY, content_digest
 from companion.surrogate.networks import MonolithicNetwork
-from companion.surrogate.profiles import PairwiseNetwork
+from companion.surrogate.profiles import HALF_WIDTH, PairwiseNetwork
 
 TRAIN_SHARE, VALIDATION_SHARE = 0.70, 0.15
 """The paper's 70/15/15 split."""
@@ -49,6 +49,17 @@ class Recipe:
         """Return what the record calls the optimiser."""
         batch = "full batch" if self.batch is None else f"batches of {self.batch}"
         return f"Adam, {batch}, learning rate {self.learning_rate}"
+
+
+@dataclass(frozen=True)
+class Course:
+    """How long a fit may last, what its chance is drawn from and who hears of it."""
+
+    epochs: int
+    """At most."""
+    generator: torch.Generator
+    """Shuffles the batches."""
+    on_epoch: OnEpoch
 
 
 @dataclass(frozen=True)
@@ -110,14 +121,12 @@ def fit(
     parameters: Parameters,
     parts: Sequence[Part],
     recipe: Recipe,
-    epochs: int,
-    generator: torch.Generator,
-    on_epoch: OnEpoch,
+    course: Course,
 ) -> Fit:
     """Fit the parameters to the first of the `parts`, in place, and return those that suit the second best.
 
-    `forward` maps parameters and inputs to outputs. `generator` shuffles the batches. The training error of the curve
-    is that before each step, as no pass is spent on it.
+    `forward` maps parameters and inputs to outputs. The training error of the curve is that before each step, as no
+    pass is spent on it.
     """
     (inputs, targets), (validation_inputs, validation_targets) = (
         (torch.from_numpy(x), torch.from_numpy(y)) for x, y in parts[:2]
@@ -125,9 +134,9 @@ def fit(
     optimiser = torch.optim.Adam(parameters, lr=recipe.learning_rate)
     best_mse, best_epoch, best = np.inf, 0, [parameter.detach().clone() for parameter in parameters]
     curve: list[tuple[int, float, float]] = []
-    for epoch in range(1, epochs + 1):
+    for epoch in range(1, course.epochs + 1):
         train_mse = 0.0
-        for batch_inputs, batch_targets in _batches(inputs, targets, recipe.batch, generator):
+        for batch_inputs, batch_targets in _batches(inputs, targets, recipe.batch, course.generator):
             optimiser.zero_grad()
             error = torch.mean((forward(parameters, batch_inputs) - batch_targets) ** 2)
             error.backward()
@@ -136,7 +145,7 @@ def fit(
         with torch.no_grad():
             validation_mse = float(torch.mean((forward(parameters, validation_inputs) - validation_targets) ** 2))
         curve.append((epoch, train_mse, validation_mse))
-        on_epoch(epoch, validation_mse)
+        course.on_epoch(epoch, validation_mse)
         if validation_mse < best_mse:
             best_mse, best_epoch = validation_mse, epoch
             best = [parameter.detach().clone() for parameter in parameters]
@@ -148,7 +157,6 @@ def fit(
 def record_of(
     seed: int,
     epochs: int,
-    half_width: float,
     recipe: Recipe,
     fitted: Fit,
     parts: Sequence[Part],
@@ -160,7 +168,7 @@ def record_of(
         seed=seed,
         samples=sum(len(targets) for _, targets in parts),
         neurons=recipe.neurons,
-        half_width=half_width,
+        half_width=HALF_WIDTH,
         epochs_allowed=epochs,
         epochs_run=len(fitted.curve),
         best_epoch=fitted.best_epoch,

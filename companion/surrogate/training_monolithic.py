@@ -18,7 +18,17 @@ import torch
 from companion.surrogate.cost import Weights, unit_disc_indicator
 from companion.surrogate.networks import MonolithicNetwork, scaled_inputs
 from companion.surrogate.profiles import HALF_WIDTH
-from companion.surrogate.training import OnEpoch, Parameters, Recipe, TrainingRecord, fit, record_of, seeded, split
+from companion.surrogate.training import (
+    Course,
+    OnEpoch,
+    Parameters,
+    Recipe,
+    TrainingRecord,
+    fit,
+    record_of,
+    seeded,
+    split,
+)
 
 AGENTS, THREATS = 10, 4
 """N and M (paper: section Simulation Results, like everything here that is in metres)."""
@@ -110,13 +120,13 @@ def train_monolithic(
     parts = list(zip(split(scaled_inputs(agents_ned_m, threats_ned_m, AREA_M)), split(target), strict=True))
     recipe = Recipe(NEURONS, LEARNING_RATE, BATCH)
     start = _initial_parameters(generator, float(np.mean(parts[0][1])))
-    fitted = fit(_forward, start, parts, recipe, epochs, generator, on_epoch)
+    fitted = fit(_forward, start, parts, recipe, Course(epochs, generator, on_epoch))
     input_weight, input_bias, output_weight, output_bias = (part.numpy() for part in fitted.parameters)
     network = MonolithicNetwork(
         AGENTS, THREATS, AREA_M, low_m2, high_m2, input_weight, input_bias, output_weight, float(output_bias)
     )
     record = MonolithicRecord(
-        **vars(record_of(seed, epochs, HALF_WIDTH, recipe, fitted, parts, network.scaled_value)),
+        **vars(record_of(seed, epochs, recipe, fitted, parts, network.scaled_value)),
         agents=AGENTS,
         threats=THREATS,
         area_m=AREA_M,

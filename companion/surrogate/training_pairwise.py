@@ -17,7 +17,17 @@ import torch
 
 from companion.surrogate.cost import unit_disc_indicator
 from companion.surrogate.profiles import HALF_WIDTH, PairwiseNetwork
-from companion.surrogate.training import OnEpoch, Parameters, Recipe, TrainingRecord, fit, record_of, seeded, split
+from companion.surrogate.training import (
+    Course,
+    OnEpoch,
+    Parameters,
+    Recipe,
+    TrainingRecord,
+    fit,
+    record_of,
+    seeded,
+    split,
+)
 
 NEURONS = 8
 """J. The bound on the steepness, not J, limits the fit: the test MSE is 4.1e-5 with 3 neurons, 4.0e-5 with 4, 3.93e-5
@@ -84,12 +94,12 @@ def train_pairwise(
     r = draw_samples(samples, generator)
     parts = list(zip(split(r), split(unit_disc_indicator(r, HALF_WIDTH)), strict=True))
     recipe = Recipe(NEURONS, LEARNING_RATE, batch=None)
-    fitted = fit(_forward, _initial_parameters(generator), parts, recipe, epochs, generator, on_epoch)
+    fitted = fit(_forward, _initial_parameters(generator), parts, recipe, Course(epochs, generator, on_epoch))
     network = _network(fitted.parameters)
     grid = np.linspace(0.0, SAMPLED_RANGE, CHECK_POINTS)
     slope = network.slope(grid)
     record = PairwiseRecord(
-        **vars(record_of(seed, epochs, HALF_WIDTH, recipe, fitted, parts, network.value)),
+        **vars(record_of(seed, epochs, recipe, fitted, parts, network.value)),
         worst_error=float(np.max(np.abs(network.value(grid) - unit_disc_indicator(grid, HALF_WIDTH)))),
         far_slope_max=float(np.max(np.abs(slope[grid > FAR_FIELD]))),
         wrong_sign_slope_max=float(max(np.max(slope), 0.0)),

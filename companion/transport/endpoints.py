@@ -18,6 +18,7 @@ from companion.transport.link import (
     Address,
     Link,
     OnDatagram,
+    RadioReading,
     ReceiveCounts,
     Receiver,
     SendCounts,
@@ -78,12 +79,15 @@ async def open_receiver(
     return await open_udp_receiver(link, on_datagram, receive_buffer_bytes)
 
 
-async def open_sender(link: Link) -> Sender:
-    """Open a link to send on; raises InputError if it only listens or cannot be opened."""
+async def open_sender(link: Link, radio: RadioReading | None = None) -> Sender:
+    """Open a link to send on; raises InputError if it only listens or cannot be opened.
+
+    `radio` reads what a serial radio reports of itself, for `Sender.txbuf_percent`.
+    """
     if link.scheme not in SENDING:
         raise InputError(f"link '{link}': this end only sends; allowed: {_forms(SENDING)}")
     if link.scheme == "serial":
-        return await open_serial_sender(link)
+        return await open_serial_sender(link, radio)
     if link.scheme == "file":
         return await open_file_sender(link)
     return await open_udp_sender(link)

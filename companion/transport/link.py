@@ -15,6 +15,9 @@ from dataclasses import dataclass
 from companion.errors import InputError, nearest_hint
 
 OnDatagram = Callable[[bytes], None]
+RadioReading = Callable[[], Callable[[bytes], int | None]]
+"""Begins to read what a radio reports of itself: each piece of what comes in from it is answered by the free share of
+its transmit buffer in percent, None while nothing new is told."""
 Address = tuple[str, int]
 
 FORMS = {

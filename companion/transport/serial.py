@@ -15,27 +15,16 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from companion.errors import InputError
-from companion.protocol.dialect.oneway import x25crc
-from companion.transport.link import Link, OnDatagram, ReceiveCounts, Receiver, SendCounts, Sender
+from companion.transport.link import Link, OnDatagram, RadioReading, ReceiveCounts, Receiver, SendCounts, Sender
 from companion.transport.stream import FrameCutter
 
 REOPEN_FIRST_S = 0.25
 REOPEN_MAX_S = 4.0
-"""An unplugged device is looked for again after the first, then after twice as long each time up to the second."""
+"""An unplugged device is looked for again after REOPEN_FIRST_S, then after twice the time before, at most this."""
 TXBUF_VALID_S = 5.0
-"""A radio reports about once a second; what it said longer ago says nothing about now."""
+"""A radio reports about once a second: a report older than this says nothing about now."""
 
 _READ_BYTES = 4096
-
-# RADIO_STATUS of MAVLink's common set, and RADIO of ardupilotmega, which older radios send: same fields, other check.
-_CRC_EXTRA = {109: 185, 166: 21}
-_STATUS_BYTES = 9
-_TXBUF_AT = 6
-"""Behind rxerrors and fixed (uint16), rssi and remrssi (uint8)."""
-_MARKER_V1, _MARKER_V2 = 0xFE, 0xFD
-_HEADER_V1_BYTES, _HEADER_V2_BYTES = 6, 10
-_CRC_BYTES = 2
-_LONGEST_BYTES = _HEADER_V2_BYTES + _STATUS_BYTES + _CRC_BYTES
 
 
 async def open_serial_receiver(link: Link, on_chunk: OnDatagram) -> Receiver:
@@ -51,9 +40,12 @@ async def open_serial_receiver(link: Link, on_chunk: OnDatagram) -> Receiver:
     return Receiver(device.close, counts, is_stream=True)
 
 
-async def open_serial_sender(link: Link) -> SerialSender:
-    """Open a serial device to send; raises InputError if it cannot be opened."""
-    sender = SerialSender(link)
+async def open_serial_sender(link: Link, radio: RadioReading | None = None) -> SerialSender:
+    """Open a serial device to send; raises InputError if it cannot be opened.
+
+    `radio` begins to read what the radio reports of itself; without it nothing that comes in is read.
+    """
+    sender = SerialSender(link, radio)
     sender.open_first()
     return sender
 
@@ -68,11 +60,12 @@ async def open_serial_duplex(link: Link, on_datagram: OnDatagram) -> SerialDuple
 class SerialSender(Sender):
     """Writes whole frames to a serial radio, and hears from the radio itself how full its buffer is, nothing else."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: Link, radio: RadioReading | None = None) -> None:
         super().__init__()
         self._device = _Device(link, os.O_RDWR, self._hear, self.counts)
         self._device.on_lost = self._forget
-        self._status = RadioStatusReader()
+        self._radio = radio
+        self._read_txbuf = None if radio is None else radio()
         self._rest = b""
         self._txbuf: tuple[float, int] | None = None
 
@@ -129,13 +122,14 @@ class SerialSender(Sender):
             self._device.loop.remove_writer(fd)
 
     def _hear(self, chunk: bytes) -> None:
-        txbuf_percent = self._status.feed(chunk)
+        txbuf_percent = None if self._read_txbuf is None else self._read_txbuf(chunk)
         if txbuf_percent is not None:
             self._txbuf = (self._device.loop.time(), txbuf_percent)
 
     def _forget(self) -> None:
         """Drop what belonged to the device that is gone."""
-        self._rest, self._txbuf, self._status = b"", None, RadioStatusReader()
+        self._rest, self._txbuf = b"", None
+        self._read_txbuf = None if self._radio is None else self._radio()
 
 
 class SerialDuplex(SerialSender):
@@ -154,58 +148,6 @@ class SerialDuplex(SerialSender):
     def _forget(self) -> None:
         super()._forget()
         self._cutter = FrameCutter()
-
-
-class RadioStatusReader:
-    """Finds a radio's reports in what comes in from it, whatever else comes in."""
-
-    def __init__(self) -> None:
-        self._pending = b""
-
-    def feed(self, chunk: bytes) -> int | None:
-        """Return the newest report's free share of the transmit buffer in percent, or None if there is no report."""
-        self._pending += chunk
-        newest = None
-        at = 0
-        while at < len(self._pending):
-            length = _status_length(self._pending[at : at + _HEADER_V2_BYTES])
-            if length is None:
-                at += 1
-                continue
-            if at + length > len(self._pending):
-                break
-            txbuf_percent = _txbuf_percent(self._pending[at : at + length])
-            if txbuf_percent is None:
-                at += 1
-            else:
-                newest = txbuf_percent
-                at += length
-        self._pending = self._pending[at:]
-        return newest
-
-
-def _status_length(head: bytes) -> int | None:
-    """Return how long a report is that begins with these bytes, as far as they are known; None if none does."""
-    if head[0] == _MARKER_V1:
-        is_status = head[1:2] in (b"", bytes([_STATUS_BYTES])) and (len(head) < 6 or head[5] in _CRC_EXTRA)
-        return _HEADER_V1_BYTES + _STATUS_BYTES + _CRC_BYTES if is_status else None
-    if head[0] == _MARKER_V2:
-        # Trailing zeros of a payload are not sent. A signature, if any, is skipped as noise: radios sign nothing.
-        if len(head) < _HEADER_V2_BYTES:
-            return _LONGEST_BYTES if len(head) < 2 or 1 <= head[1] <= _STATUS_BYTES else None
-        is_status = 1 <= head[1] <= _STATUS_BYTES and int.from_bytes(head[7:10], "little") in _CRC_EXTRA
-        return _HEADER_V2_BYTES + head[1] + _CRC_BYTES if is_status else None
-    return None
-
-
-def _txbuf_percent(report: bytes) -> int | None:
-    """Return what a report says, or None if its check fails."""
-    header_bytes, id_at = (_HEADER_V1_BYTES, 5) if report[0] == _MARKER_V1 else (_HEADER_V2_BYTES, 7)
-    extra = _CRC_EXTRA[report[id_at]]
-    if x25crc(report[1:-_CRC_BYTES] + bytes([extra])).crc != int.from_bytes(report[-_CRC_BYTES:], "little"):
-        return None
-    payload = report[header_bytes:-_CRC_BYTES].ljust(_STATUS_BYTES, b"\0")
-    return min(payload[_TXBUF_AT], 100)
 
 
 class _Device:

@@ -14,10 +14,10 @@ from companion.transport.stream import FrameCutter
 
 RECONNECT_FIRST_S = 0.25
 RECONNECT_MAX_S = 4.0
-"""Tried again after the first, then after twice as long each time up to the second."""
+"""Tried again after RECONNECT_FIRST_S, then after twice the time before, at most RECONNECT_MAX_S."""
 CONNECT_TIMEOUT_S = 5.0
 UNANSWERED_MS = 4_000
-"""What was sent and is not acknowledged for so long ends the connection: the other machine has died."""
+"""A connection on which nothing sent was acknowledged for this time ends: the other machine has died."""
 _READ_BYTES = 65_536
 
 

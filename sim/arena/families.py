@@ -634,7 +634,7 @@ def _mission(
 
 
 def _covers(disc: _Disc, points_m: np.ndarray, clear_m: float) -> bool:
-    """Return whether a point (P, 2) is nearer to a disc than CLEARANCE_SHARE of its radius and so many m."""
+    """Return whether a point (P, 2) is nearer to a disc than CLEARANCE_SHARE of its radius and `clear_m`."""
     gap_m = np.hypot(points_m[:, 0] - disc.north_m, points_m[:, 1] - disc.east_m)
     return bool((gap_m < (1.0 + CLEARANCE_SHARE) * disc.radius_m + clear_m).any())
 

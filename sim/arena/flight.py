@@ -27,6 +27,7 @@ from companion.onboard.companion import Companion
 from companion.onboard.config import Config, config_for_agent
 from companion.onboard.law_settings import law_settings
 from companion.protocol.codec import Detection, DetectionsFrame, Kind
+from groundstation.agents import VehicleModel
 from groundstation.ground_station import GroundStation
 from groundstation.schedule import Broadcaster
 from sim.air_link import LINK_STREAM, LossyLink
@@ -207,7 +208,7 @@ def fly_arena(mission: Mission, seed: int, law: LawName = "routed", steering: St
     """
     frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
     fleet = [_point(mission, index, seed, frame, law, steering) for index in range(len(mission.agents))]
-    ground = GroundStation(mission, START_S, law=law, steering=steering)
+    ground = GroundStation(mission, START_S, model=VehicleModel(law, steering=steering))
     record = _Record(mission)
 
     def snapshot(now_s: float) -> _Snapshot:

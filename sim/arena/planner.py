@@ -32,7 +32,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from companion.geo.kinematics import GRAVITY_M_S2, advance
 from companion.mission.model import Mission, SteadyMotion, ThreatSpec
-from sim.shortest_path import Piece, shortest_path_length, turning_path
+from sim.shortest_path import Departure, PathPiece, shortest_path_length, turning_path
 from sim.world import World
 
 MARGIN_M = 2.0
@@ -117,7 +117,7 @@ def plan(
     task = _task(mission, agent_id, target_ned_m, until_s)
     motion = _Motion(mission, seed, until_s)
     bound_m = _lower_bound_m(task, motion.places_m[0])
-    best: list[Piece] | None = None
+    best: list[PathPiece] | None = None
     method: Method = "impossible"
     if bound_m <= task.speed_m_s * until_s:
         planned = _planned_statically if motion.still else _repaired
@@ -257,7 +257,7 @@ def _lower_bound_m(task: _Task, places_m: np.ndarray) -> float:  # (M, 2) m at t
     return max(bound_m, 0.0)
 
 
-def _turn_and_line(task: _Task, pose: tuple[float, float, float], side: float) -> list[Piece] | None:
+def _turn_and_line(task: _Task, pose: tuple[float, float, float], side: float) -> list[PathPiece] | None:
     """Return the turn to one side and the line to the arrival circle, or None if the target is within that turn.
 
     The shortest way of a vehicle of limited turn to a circle that meets neither turning circle is one of the two
@@ -275,18 +275,16 @@ def _turn_and_line(task: _Task, pose: tuple[float, float, float], side: float) -
     line_m = math.sqrt(gap_m**2 - radius_m**2) - task.arrival_m
     if math.tau - abs(turn_rad) < 1e-9:
         turn_rad = 0.0
-    return [Piece(radius_m * abs(turn_rad), turn_rad), Piece(max(line_m, 0.0), 0.0)]
+    return [PathPiece(radius_m * abs(turn_rad), turn_rad), PathPiece(max(line_m, 0.0), 0.0)]
 
 
-def _planned_statically(task: _Task, motion: _Motion) -> list[Piece] | None:
+def _planned_statically(task: _Task, motion: _Motion) -> list[PathPiece] | None:
     return _around(task, motion.places_m[0], task.radii_m)
 
 
-def _around(task: _Task, places_m: np.ndarray, radii_m: np.ndarray) -> list[Piece] | None:
+def _around(task: _Task, places_m: np.ndarray, radii_m: np.ndarray) -> list[PathPiece] | None:
     pieces = turning_path(
-        task.start_ned_m,
-        task.heading_rad,
-        task.turn_radius_m,
+        Departure(task.start_ned_m, task.heading_rad, task.turn_radius_m),
         task.target_ned_m,
         task.arrival_m,
         places_m,
@@ -295,9 +293,9 @@ def _around(task: _Task, places_m: np.ndarray, radii_m: np.ndarray) -> list[Piec
     return pieces if pieces is not None and _length_m(pieces) <= task.speed_m_s * task.until_s else None
 
 
-def _repaired(task: _Task, motion: _Motion) -> list[Piece] | None:
+def _repaired(task: _Task, motion: _Motion) -> list[PathPiece] | None:
     """Return the shortest clear way around copies of the discs that move, or None if no rule to copy finds one."""
-    best: list[Piece] | None = None
+    best: list[PathPiece] | None = None
     for rule in _RULES:
         pieces = _repaired_by(rule, task, motion)
         if pieces is not None and (best is None or _length_m(pieces) < _length_m(best)):
@@ -305,7 +303,7 @@ def _repaired(task: _Task, motion: _Motion) -> list[Piece] | None:
     return best
 
 
-def _repaired_by(rule: _Rule, task: _Task, motion: _Motion, first: Sequence[_Copy] = ()) -> list[Piece] | None:
+def _repaired_by(rule: _Rule, task: _Task, motion: _Motion, first: Sequence[_Copy] = ()) -> list[PathPiece] | None:
     """Return a way around copies of discs, added where and when a way would have entered, until one is clear, or None.
 
     A copy that holds start or target cannot be planned around; then this gives up. Copies that the clear way does not
@@ -331,7 +329,7 @@ def _repaired_by(rule: _Rule, task: _Task, motion: _Motion, first: Sequence[_Cop
     return pieces
 
 
-def _around_copies(task: _Task, motion: _Motion, copies: Sequence[_Copy]) -> list[Piece] | None:
+def _around_copies(task: _Task, motion: _Motion, copies: Sequence[_Copy]) -> list[PathPiece] | None:
     rows = np.array(copies).reshape(-1, 3)
     still = ~task.moves
     places_m = np.vstack((motion.places_m[0][still], rows[:, :2]))
@@ -350,7 +348,7 @@ def _copies(
 
 
 def _depths_m(
-    task: _Task, motion: _Motion, pieces: Sequence[Piece]
+    task: _Task, motion: _Motion, pieces: Sequence[PathPiece]
 ) -> tuple[np.ndarray, np.ndarray]:  # (S, M) m, (S, M, 2) m
     """Return how deep a way is inside each threat at every step after the first, and where the threats are then."""
     points_m = _at_steps(task, task.pose, pieces, motion.step_s)[1:]
@@ -393,9 +391,9 @@ def _slack_m(task: _Task, motion: _Motion) -> float:
     return chord_m**2 / (8 * least_m) + 0.1
 
 
-def _searched(task: _Task, motion: _Motion, known_m: float) -> list[Piece] | None:
+def _searched(task: _Task, motion: _Motion, known_m: float) -> list[PathPiece] | None:
     """Return a way shorter than the known one, by search and pulled tight around what moves, or None."""
-    best: list[Piece] | None = None
+    best: list[PathPiece] | None = None
     for weight, steps in SEARCHES:
         found = _Search(task, motion, weight, min(known_m, task.speed_m_s * task.until_s)).run(steps)
         if found is not None:
@@ -415,7 +413,7 @@ class _Node:
     step: int
     chasers_m: np.ndarray  # (C, 2) m
     parent: _Node | None
-    piece: Piece | None
+    piece: PathPiece | None
 
 
 class _Search:
@@ -438,13 +436,13 @@ class _Search:
         self._cell_m = self._length_m / 2
         self._far = _Far(task, motion, self._cell_m)
 
-    def run(self, steps: int) -> list[Piece] | None:
-        """Return a way shorter than the limit, bettered as far as so many opened poses allow, or None."""
+    def run(self, steps: int) -> list[PathPiece] | None:
+        """Return a way shorter than the limit, bettered as far as `steps` opened poses allow, or None."""
         task, order = self._task, count()
         root = _Node(task.pose, 0, self._motion.start_m, None, None)
         queue = [(0.0, next(order), root)]
         closed: set[tuple[int, ...]] = set()
-        best: list[Piece] | None = None
+        best: list[PathPiece] | None = None
         tries = SHOT_EVERY if len(self._motion.chasers) else 1
         for opened in range(steps):
             if not queue:
@@ -493,13 +491,13 @@ class _Search:
             end = points_m[index, -1]
             pose = (float(end[0]), float(end[1]), heading_rad + turn_rad)
             chased_m = chasers_m[index]
-            children.append(_Node(pose, node.step + self._steps, chased_m, node, Piece(self._length_m, turn_rad)))
+            children.append(_Node(pose, node.step + self._steps, chased_m, node, PathPiece(self._length_m, turn_rad)))
         return children
 
-    def _shot(self, node: _Node) -> list[Piece] | None:
+    def _shot(self, node: _Node) -> list[PathPiece] | None:
         """Return the shorter clear turn and line from a node to the target, if it keeps the limit."""
         flown_m = node.step * self._length_per_step_m
-        found: list[Piece] | None = None
+        found: list[PathPiece] | None = None
         for side in (1.0, -1.0):
             pieces = _turn_and_line(self._task, node.pose, side)
             if pieces is None or flown_m + _length_m(pieces) >= self._limit_m:
@@ -580,20 +578,20 @@ def _grid_distance(free: np.ndarray, goal: tuple[int, int]) -> np.ndarray:  # (R
     return distance
 
 
-def _pieces_to(node: _Node) -> list[Piece]:
-    pieces: list[Piece] = []
+def _pieces_to(node: _Node) -> list[PathPiece]:
+    pieces: list[PathPiece] = []
     while node.parent is not None and node.piece is not None:
         pieces.append(node.piece)
         node = node.parent
     return pieces[::-1]
 
 
-def _length_m(pieces: Sequence[Piece]) -> float:
+def _length_m(pieces: Sequence[PathPiece]) -> float:
     return math.fsum(piece.length_m for piece in pieces)
 
 
 def _at_steps(
-    task: _Task, pose: tuple[float, float, float], pieces: Sequence[Piece], step_s: float
+    task: _Task, pose: tuple[float, float, float], pieces: Sequence[PathPiece], step_s: float
 ) -> np.ndarray:  # (S, 2) m
     """Return the places on a way at every step, to the first at or after its end, where it goes on straight."""
     step_m = task.speed_m_s * step_s
@@ -617,13 +615,13 @@ def _at_steps(
     return points_m
 
 
-def _moved(pose: tuple[float, float, float], piece: Piece) -> tuple[float, float, float]:
+def _moved(pose: tuple[float, float, float], piece: PathPiece) -> tuple[float, float, float]:
     north_m, east_m, _ = advance(*pose, piece.length_m, piece.turn_rad, 1.0)
     # Not wrapped, so that a turn between two poses is their difference.
     return north_m, east_m, pose[2] + piece.turn_rad
 
 
-def _way(pose: tuple[float, float, float], pieces: Sequence[Piece]) -> np.ndarray:  # (W, 3)
+def _way(pose: tuple[float, float, float], pieces: Sequence[PathPiece]) -> np.ndarray:  # (W, 3)
     points = [pose]
     for piece in pieces:
         if piece.length_m == 0.0:
@@ -631,7 +629,7 @@ def _way(pose: tuple[float, float, float], pieces: Sequence[Piece]) -> np.ndarra
         parts = max(1, math.ceil(abs(piece.turn_rad) / WAY_TURN_RAD))
         begin = points[-1]
         for part in range(1, parts + 1):
-            points.append(_moved(begin, Piece(piece.length_m * part / parts, piece.turn_rad * part / parts)))
+            points.append(_moved(begin, PathPiece(piece.length_m * part / parts, piece.turn_rad * part / parts)))
     return np.array(points)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from companion.mission.model import Mission
+from groundstation.agents import VehicleModel
 from groundstation.ground_station import GroundStation
 from groundstation.schedule import Broadcaster
 from sim.faults.scene import FLEET_KEY, LOOP_PERIOD_S, OTHER_KEY, Setting, frame_signer
@@ -38,7 +39,7 @@ class ContestedBroadcast:
         if how == "replayed":
             self._replayed = list(self._recorded)
         elif how is not None:
-            station = GroundStation(_lure(self._mission), START_S + t_s, law="routed", can_stop=True)
+            station = GroundStation(_lure(self._mission), START_S + t_s, model=VehicleModel("routed", True))
             self._impostor = Broadcaster(station, None, frame_signer(OTHER_KEY if how == "of another key" else None))
 
     def transmit(self, t_s: float) -> Iterator[tuple[float, bytes]]:

@@ -16,6 +16,7 @@ import numpy as np
 from companion.autopilot.kinds import KINDS as AUTOPILOTS
 from companion.onboard.config import Config
 from companion.onboard.decision import Decision, Purpose
+from groundstation.agents import VehicleModel
 from groundstation.ground_station import GroundStation
 from sim.faults.broadcast import ContestedBroadcast
 from sim.faults.log import Log, Moment
@@ -36,7 +37,7 @@ class Flight:
         mission = setting.mission
         self.setting = setting
         self.cruise_m_s = CRUISE_M_S[setting.kind]
-        ground = GroundStation(mission, START_S, law="routed", can_stop=AUTOPILOTS[setting.kind].can_stop)
+        ground = GroundStation(mission, START_S, model=VehicleModel("routed", AUTOPILOTS[setting.kind].can_stop))
         (spec,) = mission.agents
         self.faulty = FaultyVehicle(setting, spec, lambda: self.t_s)
         self.broadcast = ContestedBroadcast(setting, ground)

@@ -29,7 +29,14 @@ from companion.guidance.steering import (
 from companion.mission.model import LinkSpec, Mission, Wind
 from companion.onboard.goal import ARRIVAL_SHARE
 from companion.surrogate.cost import Weights
-from companion.surrogate.profiles import PROFILE_NAMES, RadialProfile, StepProfile, profile_by_name, surrogate_gradient
+from companion.surrogate.profiles import (
+    PROFILE_NAMES,
+    RadialProfile,
+    StepProfile,
+    ThreatDiscs,
+    profile_by_name,
+    surrogate_gradient,
+)
 from groundstation.assignment import OBJECTIVES, Objective, assign
 from sim.sensor import LOOK_PERIOD_S
 from sim.trajectory import POSITION_DECIMALS, Trajectory, TrajectoryBuilder
@@ -121,35 +128,116 @@ def _check_modelled(mission: Mission) -> None:
         raise ValueError(f"{mission.name}: {', '.join(missing)}: not modelled by the pure core")
 
 
+@dataclass(frozen=True)
+class _Threats:
+    """What the mission says of the threats, in file order, and what they weigh."""
+
+    detection_radius_m: np.ndarray  # (M,) m
+    attack_radius_m: np.ndarray  # (M,) m
+    speed_bound_m_s: np.ndarray  # (M,) m/s
+    weights: Weights
+
+    @classmethod
+    def of(cls, mission: Mission) -> _Threats:
+        """Return those of a mission."""
+        return cls(
+            np.array([threat.detection_radius_m for threat in mission.threats]),
+            np.array([threat.attack_radius_m for threat in mission.threats]),
+            np.array([threat.speed_bound_m_s for threat in mission.threats]),
+            Weights(**mission.weights.model_dump()),
+        )
+
+    def discs(self, centres_ned_m: np.ndarray, age_s: float) -> ThreatDiscs:  # (M, 2) m
+        """Return the discs where they were heard, grown by what the threats may have moved since."""
+        growth_m = self.speed_bound_m_s * age_s  # (M,)
+        return ThreatDiscs(centres_ned_m, self.detection_radius_m + growth_m, self.attack_radius_m + growth_m)
+
+
+class _Agents:
+    """The agents of a flight, in file order: what they can do, where they are and where they head."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.ids = np.array([agent.id for agent in mission.agents])  # (N,)
+        self.speed_m_s = [agent.speed_m_s for agent in mission.agents]
+        self.n_max = [agent.n_max for agent in mission.agents]
+        self._rate_rad_s = [turn_rate_rad_s(agent.speed_m_s, agent.n_max) for agent in mission.agents]
+        # North m, east m and heading rad of each agent: arithmetic on ten tuples is faster than on arrays.
+        self.poses = [(*agent.position_ned_m, math.radians(agent.heading_deg or 0.0)) for agent in mission.agents]
+        self.ned_m = np.array(self.poses)[:, :2]  # (N, 2)
+        self.commanded_rad = [pose[2] for pose in self.poses]
+
+    def rows(self) -> np.ndarray:  # (N, 4) north m, east m, heading deg, speed m/s
+        """Return the truth as a trajectory has it."""
+        rows = np.array([(*pose, 0.0) for pose in self.poses])
+        rows[:, 2] = np.degrees(rows[:, 2]) % 360.0
+        rows[:, 3] = self.speed_m_s
+        return rows
+
+    def fly(self, dt_s: float) -> None:
+        """Turn towards the commanded headings along exact arcs."""
+        self.poses = [
+            turn_towards(*pose, speed_m_s, commanded_rad, rate_rad_s, dt_s)
+            for pose, speed_m_s, commanded_rad, rate_rad_s in zip(
+                self.poses, self.speed_m_s, self.commanded_rad, self._rate_rad_s, strict=True
+            )
+        ]
+        self.ned_m = np.array(self.poses)[:, :2]
+
+
+class _Loitering:
+    """Who is at its target or has none, and where each loiters, as on board."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._mission = mission
+        self._radius_m = [loiter_radius_m(a.speed_m_s, a.n_max, mission.guidance_step_s) for a in mission.agents]
+        self._places_ned_m: list[tuple[float, float] | None] = [None] * len(mission.agents)
+        self._latched = [False] * len(mission.agents)
+
+    def pull(
+        self, agents: _Agents, agent: int, target_ned_m: tuple[float, float] | None, heard: _Heard
+    ) -> SteeringVector:
+        """Return what attracts an agent: its target until it is there, then its loiter circle."""
+        position = agents.poses[agent][:2]
+        radius_m = self._mission.arrival_radius_m * (1.0 if self._latched[agent] else ARRIVAL_SHARE)
+        self._latched[agent] = target_ned_m is not None and math.dist(position, target_ned_m) <= radius_m
+        if target_ned_m is not None and not self._latched[agent]:
+            self._places_ned_m[agent] = None
+            return attraction(position, target_ned_m)
+        loiter_m = self._radius_m[agent]
+        place = self._places_ned_m[agent]
+        if place is None:
+            spacing_m = loiter_spacing_m(self._mission.separation_m, loiter_m) + loiter_m
+            place = loiter_place(position, agents.ned_m[_settled(agents.ids, agent, heard)], spacing_m)
+            self._places_ned_m[agent] = place
+        return loiter_attraction(position, place, loiter_m)
+
+
+def _settled(ids: np.ndarray, agent: int, heard: _Heard) -> np.ndarray:
+    """Return which peers' loiter places go before an agent's, (N,) bool, by the rule of the world model."""
+    settled: np.ndarray = (heard.assigned == _NO_TARGET) | (ids < ids[agent])
+    settled[agent] = False
+    return settled
+
+
 class _Flying:
     """A flight under way; N agents, K targets, M threats in file order."""
 
     def __init__(self, mission: Mission, seed: int, profile: RadialProfile) -> None:
         self._mission = mission
         self._profile = profile
-        self._weights = Weights(**mission.weights.model_dump())
+        self._threats = _Threats.of(mission)
         self._world = World(mission, seed)
-        self._ids = [agent.id for agent in mission.agents]
-        self._speed_m_s = [agent.speed_m_s for agent in mission.agents]
-        self._n_max = [agent.n_max for agent in mission.agents]
-        self._rate_rad_s = [turn_rate_rad_s(agent.speed_m_s, agent.n_max) for agent in mission.agents]
-        self._loiter_m = [loiter_radius_m(a.speed_m_s, a.n_max, mission.guidance_step_s) for a in mission.agents]
-        self._detection_m = np.array([threat.detection_radius_m for threat in mission.threats])  # (M,)
-        self._attack_m = np.array([threat.attack_radius_m for threat in mission.threats])  # (M,)
-        self._threat_m_s = np.array([threat.speed_bound_m_s for threat in mission.threats])  # (M,)
-        # North m, east m and heading rad of each agent: arithmetic on ten tuples is faster than on arrays.
-        self._poses = [(*agent.position_ned_m, math.radians(agent.heading_deg or 0.0)) for agent in mission.agents]
-        self._agents_ned_m = np.array(self._poses)[:, :2]  # (N, 2)
-        self._commanded_rad = [pose[2] for pose in self._poses]
-        self._places_ned_m: list[tuple[float, float] | None] = [None] * len(self._ids)
-        self._latched = [False] * len(self._ids)
-        self._true_arrivals = _Arrivals(len(self._ids), len(mission.targets))
-        self._seen_arrivals = _Arrivals(len(self._ids), len(mission.targets))
-        self._assigned = np.full(len(self._ids), _NO_TARGET)
+        self._agents = _Agents(mission)
+        self._loitering = _Loitering(mission)
+        self._true_arrivals = _Arrivals(len(mission.agents), len(mission.targets))
+        self._seen_arrivals = _Arrivals(len(mission.agents), len(mission.targets))
+        self._assigned = np.full(len(mission.agents), _NO_TARGET)
         self._heard: _Heard | None = None
         self._turn_limited = 0
         self._trajectory = TrajectoryBuilder(
-            self._ids, [target.id for target in mission.targets], [threat.id for threat in mission.threats]
+            [agent.id for agent in mission.agents],
+            [target.id for target in mission.targets],
+            [threat.id for threat in mission.threats],
         )
 
     def run(self) -> CoreFlight:
@@ -187,14 +275,12 @@ class _Flying:
             if tick % guide_every == 0:
                 step_us.append(spent_ns / 1000.0)
                 spent_ns = 0
-            self._fly(dt_s)
+            self._agents.fly(dt_s)
         return CoreFlight(self._trajectory.build(), len(step_us), np.array(step_us), self._turn_limited)
 
     def _record(self, t_s: float, targets: np.ndarray, threats: np.ndarray) -> np.ndarray:  # (N, K) bool
         """Log the truth; return which agents are within the arrival radius of which targets, as `sim.score` sees it."""
-        rows = np.array([(*pose, 0.0) for pose in self._poses])
-        rows[:, 2] = np.degrees(rows[:, 2]) % 360.0
-        rows[:, 3] = self._speed_m_s
+        rows = self._agents.rows()
         self._trajectory.append(t_s, rows, targets, threats)
         traffic_ned_m = np.round(rows[:, :2], POSITION_DECIMALS)
         offset_m = traffic_ned_m[:, None] - np.round(targets[:, :2], POSITION_DECIMALS)
@@ -205,70 +291,30 @@ class _Flying:
         """Give every agent on its way one of the open targets (K, 2), as far as there are any."""
         flying, open_targets = np.flatnonzero(self._seen_arrivals.flying), np.flatnonzero(self._seen_arrivals.open)
         objective: Objective = "inverse-distance" if self._mission.objective == "inverse-distance" else "distance"
-        chosen = assign(self._agents_ned_m[flying], targets_ned_m[open_targets], objective)
+        chosen = assign(self._agents.ned_m[flying], targets_ned_m[open_targets], objective)
         self._assigned[:] = _NO_TARGET
         served = chosen >= 0
         self._assigned[flying[served]] = open_targets[chosen[served]]
 
     def _guide(self, t_s: float) -> None:
         """Decide every agent's heading for the next step (paper: direct1, unitdirect)."""
-        mission, heard = self._mission, self._heard
+        mission, agents, heard = self._mission, self._agents, self._heard
         assert heard is not None  # the first broadcast goes out before the first step
-        growth_m = self._threat_m_s * (t_s - heard.t_s)  # (M,)
+        discs = self._threats.discs(heard.threats_ned_m, t_s - heard.t_s)
         gradient_m = surrogate_gradient(
-            self._profile,
-            self._agents_ned_m,
-            heard.threats_ned_m,
-            self._detection_m + growth_m,
-            self._attack_m + growth_m,
-            mission.separation_m,
-            self._weights,
+            self._profile, agents.ned_m, discs, mission.separation_m, self._threats.weights
         ).tolist()
         targets = heard.targets_ned_m.tolist()
-        for agent, (north_m, east_m, heading_rad) in enumerate(self._poses):
+        for agent, (_, _, heading_rad) in enumerate(agents.poses):
             target = int(heard.assigned[agent])
             target_ned_m = None if target == _NO_TARGET else (targets[target][0], targets[target][1])
-            pull = self._pull(agent, (north_m, east_m), target_ned_m, heard)
+            pull = self._loitering.pull(agents, agent, target_ned_m, heard)
             wanted = SteeringVector(pull.north_m - gradient_m[agent][0], pull.east_m - gradient_m[agent][1])
-            self._commanded_rad[agent], limited = limit_turn(
+            agents.commanded_rad[agent], limited = limit_turn(
                 heading_rad,
                 wanted.heading_rad if wanted.strength_m > 0.0 else heading_rad,
-                self._speed_m_s[agent],
-                self._n_max[agent],
+                agents.speed_m_s[agent],
+                agents.n_max[agent],
                 mission.guidance_step_s,
             )
             self._turn_limited += limited
-
-    def _pull(
-        self, agent: int, position: tuple[float, float], target_ned_m: tuple[float, float] | None, heard: _Heard
-    ) -> SteeringVector:
-        """Return what attracts an agent: its target until it is there, then its loiter circle, as on board."""
-        radius_m = self._mission.arrival_radius_m * (1.0 if self._latched[agent] else ARRIVAL_SHARE)
-        self._latched[agent] = target_ned_m is not None and math.dist(position, target_ned_m) <= radius_m
-        if target_ned_m is not None and not self._latched[agent]:
-            self._places_ned_m[agent] = None
-            return attraction(position, target_ned_m)
-        loiter_m = self._loiter_m[agent]
-        place = self._places_ned_m[agent]
-        if place is None:
-            spacing_m = loiter_spacing_m(self._mission.separation_m, loiter_m) + loiter_m
-            place = loiter_place(position, self._agents_ned_m[self._settled(agent, heard)], spacing_m)
-            self._places_ned_m[agent] = place
-        return loiter_attraction(position, place, loiter_m)
-
-    def _settled(self, agent: int, heard: _Heard) -> np.ndarray:
-        """Return which peers' loiter places go before an agent's, (N,) bool, by the rule of the world model."""
-        ids = np.array(self._ids)
-        settled: np.ndarray = (heard.assigned == _NO_TARGET) | (ids < self._ids[agent])
-        settled[agent] = False
-        return settled
-
-    def _fly(self, dt_s: float) -> None:
-        """Turn towards the commanded headings along exact arcs."""
-        self._poses = [
-            turn_towards(*pose, speed_m_s, commanded_rad, rate_rad_s, dt_s)
-            for pose, speed_m_s, commanded_rad, rate_rad_s in zip(
-                self._poses, self._speed_m_s, self._commanded_rad, self._rate_rad_s, strict=True
-            )
-        ]
-        self._agents_ned_m = np.array(self._poses)[:, :2]

@@ -130,7 +130,7 @@ def _static_paths(flown: Flown, path: Path, law: str, title: str) -> None:
 
 
 def _snapshots_png(flown: Flown) -> bytes:
-    """Draw the run up to every so many steps, and whole, on one ground."""
+    """Draw the run up to every SNAPSHOT_STEPS steps, and whole, on one ground."""
     every = round(PAPER_STEP_S / flown.mission.integration_step_s)
     steps = [*range(SNAPSHOT_STEPS, flown.steps, SNAPSHOT_STEPS), flown.steps]
     rows = -(-len(steps) // _COLUMNS)

@@ -198,6 +198,8 @@ class OffboardStream:
         """Take effect after `reaction_s`; with `begins_streamed` as if setpoints had come until the first step."""
         self.asked: Offboard | None = None
         """The newest that has taken effect."""
+        self.is_awaited = False
+        """Whether OFFBOARD was asked for and is entered once the stream is old enough."""
         self._reaction_s = reaction_s
         self._begins_streamed = begins_streamed
         self._coming: deque[tuple[float, Offboard]] = deque(maxlen=_COMING_MOST)
@@ -238,7 +240,7 @@ class OffboardStream:
         self.asked = None
         self._coming.clear()
         self._began_s = self._heard_s = None
-        self._begins_streamed = False
+        self._begins_streamed = self.is_awaited = False
 
 
 OnCommand = Callable[[Command, Surroundings, float], Answer]
@@ -268,7 +270,6 @@ class Px4:
         self.mode = self._intended = OFFBOARD if start.guided else HOLD
         self.values = {parameter.name: parameter.default for parameter in self.parameters}
         self.texts: list[str] = []
-        self._offboard_pending = False
         self._stream = OffboardStream(self.reaction_s, begins_streamed=start.guided)
         self._ground = _GroundTime(has_flown=start.in_air)
         self._hold = Hold(self._here())
@@ -323,7 +324,7 @@ class Px4:
     def reboot(self, now_s: float) -> None:
         """Begin anew in HOLD: what was asked is forgotten. A vehicle in the air stays armed (chosen)."""
         self._stream.forget()
-        self._offboard_pending = self.failsafe = False
+        self.failsafe = False
         self._intended = HOLD
         self._fly_mode(HOLD)
 
@@ -332,11 +333,11 @@ class Px4:
     def _mind_time(self, now_s: float) -> None:
         """Do what the time alone makes due: OFFBOARD and its failsafe, landing, disarming on the ground."""
         self._stream.step(now_s)
-        if self._offboard_pending:
+        if self._stream.is_awaited:
             if self._stream_lost(now_s):
-                self._offboard_pending = False
+                self._stream.is_awaited = False
             elif self._stream.is_old_enough():
-                self._offboard_pending = False
+                self._stream.is_awaited = False
                 self._intended = OFFBOARD
         self.failsafe = self.armed and self._intended == OFFBOARD and self._stream_lost(now_s)
         mode = self._intended
@@ -372,12 +373,12 @@ class Px4:
 
     def _intend(self, mode: int, now_s: float) -> Answer:
         """Change the mode that the pilot wants flown."""
-        self._offboard_pending = False
+        self._stream.is_awaited = False
         if mode == OFFBOARD and (self.armed or self.in_air):
             if self._stream_lost(now_s):
                 return REJECTED
             if not self._stream.is_old_enough():
-                self._offboard_pending = True
+                self._stream.is_awaited = True
                 return ACCEPTED
         if mode in STICK_MODES and self.armed:
             # There is no stick to fly it by.

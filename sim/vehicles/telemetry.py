@@ -122,7 +122,8 @@ class Telemetry:
         self._craft.texts.clear()
         # There is no home before the autopilot has come up.
         held_back = None if self._craft.ready else mavlink.MAVLINK_MSG_ID_HOME_POSITION
-        frames += [self.message(message_id, t_s) for message_id in self.streams.take_due(t_s, held_back)]
+        pack, encode = self._sender.pack, self.encoder.encode
+        frames += [pack(encode(message_id, t_s)) for message_id in self.streams.take_due(t_s, held_back)]
         return frames
 
     def message(self, message_id: int, t_s: float) -> bytes:

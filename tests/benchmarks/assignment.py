@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from groundstation.assignment import SWITCHING_SHARE
-from groundstation.route_cost import MAX_ROUTES, RouteCosts, Scene, WayObjective, assign_by_route_cost
+from groundstation.route_cost import MAX_ROUTES, AssignmentRule, RouteCosts, RouteObjective, Scene, assign_by_route_cost
 
 SIDE_M = 200_000.0
 SPEED_M_S, TURN_RADIUS_M = 60.0, 367.0
@@ -51,22 +51,23 @@ def everything(there_m: np.ndarray) -> np.ndarray:
     return reachable
 
 
-def measure(agents: int, targets: int, discs: int, objective: WayObjective, again: bool, scenes: int) -> str:
+def measure(agents: int, targets: int, discs: int, objective: RouteObjective, again: bool, scenes: int) -> str:
     """Return a line on assignments of one kind; `again`: of the second in a flight, with the first one present."""
     rng = np.random.default_rng(7)
     speeds_m_s = np.full(agents, SPEED_M_S)
-    settle = partial(assign_by_route_cost, speeds_m_s=speeds_m_s, objective=objective, in_range=everything)
+    rule = AssignmentRule(objective, SWITCHING_SHARE)
+    settle = partial(assign_by_route_cost, speeds_m_s=speeds_m_s, rule=rule, in_range=everything)
     took_ms, searched = [], []
     for _ in range(scenes):
         drawn = scene(rng, agents, targets, discs)
-        present, share = np.full(agents, -1), SWITCHING_SHARE
+        present = np.full(agents, -1)
         if again:
-            present = settle(RouteCosts(drawn), present=present, switching_share=share)
+            present = settle(RouteCosts(drawn), present=present)
         started_s = time.perf_counter()
-        ways = RouteCosts(drawn)
-        settle(ways, present=present, switching_share=share)
+        costs = RouteCosts(drawn)
+        settle(costs, present=present)
         took_ms.append(1e3 * (time.perf_counter() - started_s))
-        searched.append(ways.searched)
+        searched.append(costs.searched)
     return (
         f"{agents} x {targets}, {discs} discs, {objective}, {'again' if again else 'first'}: "
         f"{np.median(took_ms):.0f} ms median, {max(took_ms):.0f} ms at most; "
@@ -79,7 +80,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=20, help="of each kind")
     scenes = parser.parse_args().scenes
-    objectives: tuple[WayObjective, ...] = ("route", "latest")
+    objectives: tuple[RouteObjective, ...] = ("route", "latest")
     for agents, targets in ((10, 5), (50, 20)):
         for objective in objectives:
             for again in (False, True):

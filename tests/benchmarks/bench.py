@@ -21,7 +21,7 @@ from companion.onboard.companion import Companion
 from companion.onboard.decision import Decision
 from companion.protocol.codec import FrameReader, FrameWriter, Stamp
 from companion.surrogate.cost import Weights
-from companion.surrogate.profiles import gradient_for_agent, profile_by_name
+from companion.surrogate.profiles import ThreatDiscs, gradient_for_agent, profile_by_name
 from groundstation.broadcast import state_frames
 from groundstation.ground_station import GroundStation
 from sim.lockstep import fly
@@ -66,7 +66,7 @@ def part_calls() -> Calls:
     motion, wanted = Motion(0.0, 0.0, 0.0, 60.0), Setpoint(0.1, 60.0, 30.0)
     return {
         "gradient of F*, 4 threats, 9 peers": lambda: gradient_for_agent(
-            profile, peers[0], threats, detection_m, attack_m, peers[1:], 100.0, Weights()
+            profile, peers[0], ThreatDiscs(threats, detection_m, attack_m), peers[1:], 100.0, Weights()
         ),
         "guard beside a disc, from nothing": lambda: Guard(limits).check(wanted, motion, near, 0.0, 0.5),
     }

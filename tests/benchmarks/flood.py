@@ -21,9 +21,9 @@ import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 
-from companion.protocol.authenticator import Authenticator, CheckLimiter, Trust
-from companion.protocol.codec import StateFrame
-from companion.protocol.ed25519 import ED25519_BYTES
+from companion.protocol.authenticator import WRONG_ED25519, Authenticator, CheckLimiter, Trust
+from companion.protocol.codec import MotionFrame, StateFrame
+from companion.protocol.frame import ED25519_BYTES
 from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.transport.endpoints import open_receiver, parse_link
 from tests.companion.protocol.hostile import Ground, forged_seal
@@ -140,7 +140,7 @@ async def _listen(trust: Trust, pipe: Connection) -> None:
     def hear(datagram: bytes) -> None:
         counts["heard"] += 1
         for _, frame in authenticator.admit(datagram, time.time()):
-            if not isinstance(frame, StateFrame):
+            if not isinstance(frame, StateFrame | MotionFrame):
                 raise AssertionError(f"{type(frame).__name__} was neither sent nor forged")
             # A genuine one counts from 1; a forged one begins far above.
             is_forged = frame.stamp.sequence >= 1 << 31
@@ -154,7 +154,7 @@ async def _listen(trust: Trust, pipe: Connection) -> None:
         authenticator.due(time.time())
     cpu_s = time.process_time() - began_cpu_s
     receiver.close()
-    checked = authenticator.rejected["wrong Ed25519 signature"] + authenticator.accepted
+    checked = authenticator.rejected[WRONG_ED25519] + counts["forged"] + counts["genuine"]
     pipe.send(counts | {"cpu_s": cpu_s, "checked": checked})
 
 
@@ -163,7 +163,7 @@ def waits_s(rate: float, checks_per_s: float, seconds: float, crowd_s: float) ->
 
     In virtual time; the forger sends all its frames within `crowd_s` about each genuine one.
     """
-    gate = CheckLimiter(checks_per_s, random.Random(3))
+    gate: CheckLimiter[bytes] = CheckLimiter(checks_per_s, random.Random(3))
     each = round(rate / GENUINE_PER_S)
     begins_s = [turn / GENUINE_PER_S for turn in range(round(seconds * GENUINE_PER_S))]
     rng = random.Random(4)

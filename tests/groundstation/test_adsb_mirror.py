@@ -11,7 +11,7 @@ from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission, parse_mission
 from companion.protocol.messages import Kind
 from groundstation.adsb_mirror import AGENT_ADDRESS, THREAT_ADDRESS, AdsbMirror
-from groundstation.tracks import Track, TrackTable
+from groundstation.tracks import MissionProgress, Track, TrackTable
 
 START_S = 1_790_000_000.0
 TEXT = """
@@ -82,7 +82,7 @@ def test_agents_that_are_detected_are_not_shown() -> None:
 
 def test_an_agent_that_is_lost_is_shown_no_more() -> None:
     mission, picture = scene("II")
-    picture.lost.add(4)
+    picture.progress = MissionProgress(lost=frozenset({4}))
     assert set(contacts(mission, picture)) == {THREAT_ADDRESS + 7, AGENT_ADDRESS + 3}
 
 

@@ -16,12 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import groundstation
+from companion.files.mavlink_layout import SIGNATURE_BYTES
 from companion.mission.model import AgentSpec, Mission, TargetSpec, ThreatSpec, load_mission
 from companion.mission.resolve import resolve
 from companion.onboard.world_model import WorldModel
 from companion.protocol.codec import (
     BANDS_PER_FRAME,
-    SIGNATURE_BYTES,
     THREATS_PER_FRAME,
     BandEntry,
     Directive,
@@ -43,6 +43,7 @@ from companion.protocol.fleet_codec import (
     RADII_HEAD_BYTES,
     data_bytes,
 )
+from companion.protocol.frame import ED25519_BYTES, raw_frame
 from groundstation.broadcast import (
     band_frames,
     fleet_frames,
@@ -53,7 +54,7 @@ from groundstation.broadcast import (
     state_frames,
     surrogate_digest,
 )
-from groundstation.tracks import Track, TrackTable
+from groundstation.tracks import MissionProgress, Track, TrackTable
 
 START_S = 1_790_000_000
 STAMP = Stamp(START_S, 0, 1)
@@ -130,7 +131,7 @@ def test_the_papers_mission_takes_one_frame() -> None:
     assignment = {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)}
     (frame,) = states(mission, assignment)
     assert (len(frame.agents), len(frame.targets), len(frame.threats)) == (10, 5, 4)
-    assert len(FrameWriter().encode(frame)) + SIGNATURE_BYTES <= 235
+    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 235
     assert len(motion_frames(ground(mission), mission, STAMP)) == 1
 
 
@@ -238,7 +239,7 @@ def test_an_agent_seen_a_while_ago_is_broadcast_where_it_must_be_by_now() -> Non
 def test_lost_agents_and_completed_targets_are_left_out() -> None:
     mission = mission_of({1: (0.0, 0.0), 2: (5.0, 0.0)}, {1: (9.0, 9.0), 2: (8.0, 8.0)}, {})
     picture = ground(mission)
-    picture.lost, picture.completed = {1}, {2}
+    picture.progress = MissionProgress(lost=frozenset({1}), completed=frozenset({2}))
     (frame,) = state_frames(picture, mission, {2: 1}, Directive.NORMAL, STAMP)
     assert [agent.id for agent in frame.agents] == [2]
     assert [target.id for target in frame.targets] == [1]
@@ -273,6 +274,7 @@ def test_an_agent_that_stands_has_no_heading() -> None:
     assert frame.agents[0].heading_rad is None
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(worlds())
 def test_the_motion_frames_hold_everything_once(world: tuple[Mission, dict[int, int]]) -> None:
@@ -305,6 +307,7 @@ def test_in_case_ii_a_broadcast_tells_no_place_and_no_motion_of_any_agent(
     assert Counter(t.id for f in moving for t in f.threats) == Counter(t.id for t in mission.threats)
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(worlds())
 def test_in_case_ii_threats_travel_with_whom_they_are_near_just_as_in_case_i(
@@ -326,7 +329,7 @@ def test_in_case_ii_a_frame_is_as_fine_as_targets_and_threats_alone_allow() -> N
 def test_in_case_ii_the_papers_mission_takes_one_frame_of_the_same_size() -> None:
     mission = unseen(resolve(load_mission("paper-dynamic"), 1))
     (frame,) = states(mission, {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)})
-    assert len(FrameWriter().encode(frame)) + SIGNATURE_BYTES <= 235
+    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 235
 
 
 # Heights that threats reach
@@ -359,7 +362,6 @@ def test_every_band_goes_out_once_and_a_threat_without_one_is_not_named(
 # Packed
 
 ROOMS = st.integers(20, 233)
-MAVLINK_SIGNATURE_BYTES = 13
 PATH_BYTES = 252
 CAROUSEL_PERIOD_S = 5.0
 
@@ -380,6 +382,7 @@ def five_hundred() -> tuple[Mission, dict[int, int]]:
     return mission, {k: 1 + k % 50 for k in range(1, 501)}
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(worlds(), ROOMS)
 def test_fleet_frames_hold_everything_once_and_no_more_than_there_is_room_for(
@@ -387,7 +390,7 @@ def test_fleet_frames_hold_everything_once_and_no_more_than_there_is_room_for(
 ) -> None:
     mission, assignment = world
     frames = fleet_of(mission, assignment, room)
-    decoded = [decode_frame(FrameWriter().encode(frame)) for frame in frames]
+    decoded = [decode_frame(raw_frame(FrameWriter().encode(frame))) for frame in frames]
     assert [frame.stamp.frame_index for frame in frames] == list(range(len(frames)))
     assert {frame.stamp.frame_count for frame in frames} == {len(frames)}
     agents, targets, threats = Counter[int](), Counter[int](), Counter[int]()
@@ -425,7 +428,7 @@ def test_each_agent_knows_all_it_needs_after_a_packed_broadcast_in_any_order(
     for spec in mission.agents[:2]:
         picture = WorldModel(spec.id)
         for frame in frames:
-            assert picture.take(decode_frame(FrameWriter().encode(frame)), START_S)
+            assert picture.take(decode_frame(raw_frame(FrameWriter().encode(frame))), START_S)
         view = picture.view(START_S)
         wanted = next((t.position_ned_m for t in mission.targets if t.id == assignment.get(spec.id)), None)
         assert (view.target_ned_m is None) == (wanted is None)
@@ -456,7 +459,7 @@ def carousel(mission: Mission, overhead_bytes: int) -> list[Frame]:
     return [*radii_frames(mission, STAMP, radii_room), mission_frame(mission, bytes(8), STAMP, mission_room)]
 
 
-@pytest.mark.parametrize(("overhead_bytes", "limit"), [(MAVLINK_SIGNATURE_BYTES, 3_900), (SIGNATURE_BYTES, 5_300)])
+@pytest.mark.parametrize(("overhead_bytes", "limit"), [(SIGNATURE_BYTES, 3_900), (ED25519_BYTES, 5_300)])
 def test_five_hundred_agents_once_a_second_with_their_carousel_keep_the_budget(overhead_bytes: int, limit: int) -> None:
     mission, assignment = five_hundred()
     state_bytes = on_air(fleet_of(mission, assignment, rooms(overhead_bytes)[0]), overhead_bytes)
@@ -482,7 +485,7 @@ def test_the_bytes_per_second_of_the_wire_page_are_those_of_five_hundred_agents(
         len(frames),
         round(state_bytes + carousel_bytes / CAROUSEL_PERIOD_S),
         on_air(unseen, overhead_bytes),
-        on_air(states(mission, assignment), overhead_bytes, SIGNATURE_BYTES if overhead_bytes >= 64 else 0),
+        on_air(states(mission, assignment), overhead_bytes, ED25519_BYTES if overhead_bytes >= 64 else 0),
         600 * (12 + 38 + overhead_bytes),
     ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -177,6 +178,7 @@ def test_the_directive_goes_out_with_the_next_state(directive: Directive) -> Non
     assert [state.directive for state in run.states()] == [Directive.NORMAL, directive]
 
 
+@pytest.mark.slow
 @given(st.binary(max_size=300) | st.binary(max_size=300).map(lambda data: b"\xfd" + data))
 def test_random_bytes_on_the_sensors_channel_change_nothing(datagram: bytes) -> None:
     station = GroundStation(mission(), START_S)
@@ -467,8 +469,8 @@ def test_no_target_is_left_without_an_agent_while_there_are_as_many_agents_whoev
                 assert set(station.uncovered) == wanted - covered
                 assert len(covered) == min(len(station.tracks.active_agents), len(wanted))
         flying.move(alive, station.assignment)
-    overdue = {k for k, t_s in losses_s.items() if k not in station.tracks.arrived}
-    assert station.tracks.lost - station.tracks.arrived == overdue
+    overdue = {k for k, t_s in losses_s.items() if k not in station.tracks.progress.arrived}
+    assert station.tracks.progress.lost - station.tracks.progress.arrived == overdue
 
 
 class Toy:
@@ -484,7 +486,7 @@ class Toy:
         )
         return DetectionsFrame(int(START_S), round(1000 * t_s), 47.0, 8.0, detections)
 
-    def move(self, alive: list[int], assignment: dict[int, int]) -> None:
+    def move(self, alive: list[int], assignment: Mapping[int, int]) -> None:
         for k in set(alive) & set(assignment):
             goal, here = self._targets[assignment[k]], self.places[k]
             share = min(1.0, 200.0 / max(math.dist(goal, here), 1e-9))

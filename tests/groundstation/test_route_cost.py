@@ -11,11 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.guidance.route import Reach, shortest_route
+from companion.guidance.route.router import Reach, shortest_route
 from groundstation.assignment import assign, assign_least_latest, within_range
-from groundstation.route_cost import UNREACHED_PENALTY, RouteCosts, Scene, WayObjective, assign_by_route_cost
+from groundstation.route_cost import (
+    UNREACHED_PENALTY,
+    AssignmentRule,
+    RouteCosts,
+    RouteObjective,
+    Scene,
+    assign_by_route_cost,
+)
 
-OBJECTIVES: tuple[WayObjective, ...] = ("route", "latest")
+OBJECTIVES: tuple[RouteObjective, ...] = ("route", "latest")
 Points = list[tuple[float, float]]
 
 
@@ -44,7 +51,7 @@ def unlimited(there_m: np.ndarray) -> np.ndarray:
 
 def assigned(
     scene: Scene,
-    objective: WayObjective = "route",
+    objective: RouteObjective = "route",
     present: list[int] | None = None,
     share: float = 0.0,
     speeds_m_s: float | list[float] = 20.0,
@@ -52,15 +59,15 @@ def assigned(
     count = len(scene.agents_ned_m)
     speeds = np.broadcast_to(np.array(speeds_m_s), (count,))
     held = np.full(count, -1) if present is None else np.array(present)
-    found = assign_by_route_cost(RouteCosts(scene), speeds, objective, unlimited, held, share)
+    found = assign_by_route_cost(RouteCosts(scene), speeds, AssignmentRule(objective, share), unlimited, held)
     return [int(target) for target in found]
 
 
 def all_searched(scene: Scene) -> RouteCosts:
-    ways = RouteCosts(scene)
-    for pair in np.ndindex(ways.known.shape):
-        ways.search(*pair)
-    return ways
+    costs = RouteCosts(scene)
+    for pair in np.ndindex(costs.known.shape):
+        costs.search(*pair)
+    return costs
 
 
 @st.composite
@@ -87,10 +94,10 @@ def scenes(draw: st.DrawFn, least_agents: int = 1) -> Scene:
 def test_what_is_known_without_a_search_is_the_length_of_the_path_and_the_rest_is_no_longer_than_it(
     scene: Scene,
 ) -> None:
-    ways, searched = RouteCosts(scene), all_searched(scene)
-    assert ways.searched == 0
-    for agent, target in np.argwhere(ways.known):
-        there, heading_rad = scene.in_the_way[agent], scene.headings_rad[agent]
+    costs, searched = RouteCosts(scene), all_searched(scene)
+    assert costs.searched == 0
+    for agent, target in np.argwhere(costs.known):
+        there, heading_rad = scene.obstructs[agent], scene.headings_rad[agent]
         route = shortest_route(
             scene.agents_ned_m[agent],
             scene.targets_ned_m[target],
@@ -100,56 +107,56 @@ def test_what_is_known_without_a_search_is_the_length_of_the_path_and_the_rest_i
             scene.turn_radii_m[agent],
         )
         assert route.reach is Reach.TARGET
-        assert ways.length_m[agent, target] == pytest.approx(route.length_m, rel=1e-9)
-    assert np.all(ways.cost_m <= searched.cost_m * (1.0 + 1e-9))
+        assert costs.length_m[agent, target] == pytest.approx(route.length_m, rel=1e-9)
+    assert np.all(costs.cost_m <= searched.cost_m * (1.0 + 1e-9))
 
 
 @settings(max_examples=30)
 @given(scene=scenes())
 def test_where_nothing_is_in_the_way_every_way_is_known_but_to_what_is_inside_a_turning_circle(scene: Scene) -> None:
-    bare = replace(scene, in_the_way=np.zeros_like(scene.in_the_way))
+    bare = replace(scene, obstructs=np.zeros_like(scene.obstructs))
     apart_m = np.hypot(*(scene.agents_ned_m[:, np.newaxis] - scene.targets_ned_m).transpose(2, 0, 1))
     assert RouteCosts(bare).known[apart_m >= 2.0 * scene.turn_radii_m[:, np.newaxis]].all()
 
 
 def test_a_target_abeam_costs_a_quarter_turn_and_the_line_that_leaves_it() -> None:
-    ways = RouteCosts(scene_of([(0.0, 0.0)], [(100.0, 1_100.0), (100.0, -1_100.0)], [], 0.0, 100.0))
-    assert ways.length_m[0] == pytest.approx(50.0 * math.pi + 1_000.0)
-    assert ways.known.all()
+    costs = RouteCosts(scene_of([(0.0, 0.0)], [(100.0, 1_100.0), (100.0, -1_100.0)], [], 0.0, 100.0))
+    assert costs.length_m[0] == pytest.approx(50.0 * math.pi + 1_000.0)
+    assert costs.known.all()
 
 
 def test_a_disc_on_the_arc_alone_is_in_the_way() -> None:
     # Half a turn to the right and back south; the disc is a quarter of the way round.
     scene = scene_of([(0.0, 0.0)], [(-5_000.0, 2_000.0)], [(1_000.0, 1_000.0, 100.0)], 0.0, 1_000.0)
-    ways, bare = RouteCosts(scene), RouteCosts(replace(scene, in_the_way=np.zeros((1, 1), dtype=bool)))
+    costs, bare = RouteCosts(scene), RouteCosts(replace(scene, obstructs=np.zeros((1, 1), dtype=bool)))
     assert bare.length_m[0, 0] == pytest.approx(1_000.0 * math.pi + 5_000.0)
     assert bare.known[0, 0]
-    assert not ways.known[0, 0]
+    assert not costs.known[0, 0]
 
 
 def test_a_target_inside_the_turning_circle_is_searched_for() -> None:
-    ways = RouteCosts(scene_of([(0.0, 0.0)], [(0.0, 100.0)], [], 0.0, 100.0))
-    assert (ways.known[0, 0], ways.length_m[0, 0]) == (False, 100.0)
-    ways.search(0, 0)
-    assert ways.length_m[0, 0] > 200.0
+    costs = RouteCosts(scene_of([(0.0, 0.0)], [(0.0, 100.0)], [], 0.0, 100.0))
+    assert (costs.known[0, 0], costs.length_m[0, 0]) == (False, 100.0)
+    costs.search(0, 0)
+    assert costs.length_m[0, 0] > 200.0
 
 
 def test_around_one_disc_the_bound_is_the_way_itself() -> None:
-    ways = RouteCosts(scene_of([(0.0, -5_000.0)], [(0.0, 5_000.0)], [(0.0, 0.0, 3_000.0)]))
-    assert not ways.known[0, 0]
+    costs = RouteCosts(scene_of([(0.0, -5_000.0)], [(0.0, 5_000.0)], [(0.0, 0.0, 3_000.0)]))
+    assert not costs.known[0, 0]
     arc_rad = math.pi - 2.0 * math.acos(0.6)
-    assert ways.length_m[0, 0] == pytest.approx(2.0 * 4_000.0 + 3_000.0 * arc_rad)
-    bound_m = ways.length_m[0, 0]
-    ways.search(0, 0)
-    assert ways.length_m[0, 0] == pytest.approx(bound_m)
+    assert costs.length_m[0, 0] == pytest.approx(2.0 * 4_000.0 + 3_000.0 * arc_rad)
+    bound_m = costs.length_m[0, 0]
+    costs.search(0, 0)
+    assert costs.length_m[0, 0] == pytest.approx(bound_m)
 
 
 def test_a_target_inside_a_disc_costs_the_way_to_its_edge_and_the_rest_many_times() -> None:
-    ways = RouteCosts(scene_of([(0.0, -5_000.0)], [(0.0, -500.0)], [(0.0, 0.0, 2_000.0)]))
-    ways.search(0, 0)
-    assert (ways.length_m[0, 0], ways.rest_m[0, 0]) == pytest.approx((3_000.0, 1_500.0))
-    assert ways.blocked[0, 0]
-    assert ways.cost_m[0, 0] == pytest.approx(3_000.0 + UNREACHED_PENALTY * 1_500.0)
+    costs = RouteCosts(scene_of([(0.0, -5_000.0)], [(0.0, -500.0)], [(0.0, 0.0, 2_000.0)]))
+    costs.search(0, 0)
+    assert (costs.length_m[0, 0], costs.rest_m[0, 0]) == pytest.approx((3_000.0, 1_500.0))
+    assert costs.blocked[0, 0]
+    assert costs.cost_m[0, 0] == pytest.approx(3_000.0 + UNREACHED_PENALTY * 1_500.0)
 
 
 RING = [(2_000.0 * math.cos(k * math.pi / 6), 2_000.0 * math.sin(k * math.pi / 6), 700.0) for k in range(12)]
@@ -158,11 +165,11 @@ RING = [(2_000.0 * math.cos(k * math.pi / 6), 2_000.0 * math.sin(k * math.pi / 6
 def test_an_agent_that_is_walled_in_beside_its_wall_has_no_way_but_a_cost() -> None:
     start = (1_299.0, 0.0)
     assert shortest_route(start, (9_000.0, 0.0), np.array(RING)[:, :2], np.array(RING)[:, 2]).reach is not Reach.TARGET
-    ways = RouteCosts(scene_of([start], [(9_000.0, 0.0)], RING))
-    ways.search(0, 0)
-    assert ways.blocked[0, 0]
-    assert math.isfinite(ways.cost_m[0, 0])
-    assert ways.length_m[0, 0] + ways.rest_m[0, 0] >= 7_700.0
+    costs = RouteCosts(scene_of([start], [(9_000.0, 0.0)], RING))
+    costs.search(0, 0)
+    assert costs.blocked[0, 0]
+    assert math.isfinite(costs.cost_m[0, 0])
+    assert costs.length_m[0, 0] + costs.rest_m[0, 0] >= 7_700.0
 
 
 # Assignments
@@ -195,7 +202,7 @@ def worth(
 @pytest.mark.parametrize("objective", OBJECTIVES)
 @settings(max_examples=40)
 @given(scene=scenes(), seed=st.integers(0, 99))
-def test_by_all_paths_no_other_assignment_is_better(objective: WayObjective, scene: Scene, seed: int) -> None:
+def test_by_all_paths_no_other_assignment_is_better(objective: RouteObjective, scene: Scene, seed: int) -> None:
     rng, searched = np.random.default_rng(seed), all_searched(scene)
     speeds_m_s = rng.uniform(10.0, 30.0, len(scene.agents_ned_m))
     latest, share = objective == "latest", 0.0
@@ -215,6 +222,7 @@ def test_by_all_paths_agents_change_only_where_they_save_more_than_the_share(sce
     assert ours == pytest.approx(best_total(searched, share, present, speeds_m_s, False), rel=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(scene=scenes(least_agents=3), data=st.data())
 def test_the_latest_arrival_stands_or_falls_as_it_does_by_all_paths(scene: Scene, data: st.DataObject) -> None:
@@ -248,22 +256,22 @@ BEHIND = scene_of([(0.0, -2_000.0), (12_000.0, 0.0)], [(0.0, 2_000.0), (7_000.0,
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
-def test_nobody_is_sent_to_the_far_side_of_a_wall_when_a_swap_is_cheaper(objective: WayObjective) -> None:
+def test_nobody_is_sent_to_the_far_side_of_a_wall_when_a_swap_is_cheaper(objective: RouteObjective) -> None:
     """The first target is nearest to the first agent, straight through the wall that the second is at the end of."""
     assert assign(BEHIND.agents_ned_m, BEHIND.targets_ned_m, "distance").tolist() == [0, 1]
     assert assigned(BEHIND, objective) == [1, 0]
-    bare = replace(BEHIND, in_the_way=np.zeros_like(BEHIND.in_the_way))
+    bare = replace(BEHIND, obstructs=np.zeros_like(BEHIND.obstructs))
     assert assigned(bare, "route") == [0, 1]
 
 
 def test_a_threat_that_does_not_reach_an_agents_height_is_not_in_its_way() -> None:
-    above = BEHIND.in_the_way.copy()
+    above = BEHIND.obstructs.copy()
     above[0] = False
-    assert assigned(replace(BEHIND, in_the_way=above)) == [0, 1]
+    assert assigned(replace(BEHIND, obstructs=above)) == [0, 1]
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
-def test_a_target_that_cannot_be_reached_is_never_preferred_to_one_that_can(objective: WayObjective) -> None:
+def test_a_target_that_cannot_be_reached_is_never_preferred_to_one_that_can(objective: RouteObjective) -> None:
     """The first agent is walled in with the first target: the second goes where only it can, however far that is."""
     scene = scene_of([(0.0, 0.0), (0.0, 3_000.0)], [(0.0, 900.0), (50_000.0, 0.0)], RING)
     assert assigned(scene, objective) == [0, 1]
@@ -271,7 +279,7 @@ def test_a_target_that_cannot_be_reached_is_never_preferred_to_one_that_can(obje
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
-def test_a_target_inside_a_disc_is_covered_all_the_same(objective: WayObjective) -> None:
+def test_a_target_inside_a_disc_is_covered_all_the_same(objective: RouteObjective) -> None:
     scene = scene_of([(0.0, 0.0), (0.0, 500.0)], [(0.0, 20_000.0), (0.0, 9_000.0)], [(0.0, 9_000.0, 3_000.0)])
     assert sorted(assigned(scene, objective)) == [0, 1]
 
@@ -291,7 +299,7 @@ def test_the_least_latest_arrival_is_not_the_least_total() -> None:
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
-def test_agents_that_tremble_do_not_swap_back_and_forth(objective: WayObjective) -> None:
+def test_agents_that_tremble_do_not_swap_back_and_forth(objective: RouteObjective) -> None:
     rng = np.random.default_rng(3)
     changes = {0.0: 0, 0.02: 0}
     for share in changes:
@@ -313,7 +321,8 @@ def test_the_range_is_that_of_the_way_and_not_of_the_line() -> None:
         def in_range(there_m: np.ndarray) -> np.ndarray:
             return within_range(scene.agents_ned_m, scene.targets_ned_m, np.array([left_m]), None, 1.1, there_m)
 
-        found = assign_by_route_cost(RouteCosts(scene), np.array([20.0]), "route", in_range, np.array([-1]), 0.0)
+        rule = AssignmentRule("route", 0.0)
+        found = assign_by_route_cost(RouteCosts(scene), np.array([20.0]), rule, in_range, np.array([-1]))
         return [int(target) for target in found]
 
     length_m = 8_000.0 + 3_000.0 * (math.pi - 2.0 * math.acos(0.6))
@@ -325,9 +334,11 @@ def test_no_more_paths_are_searched_than_allowed_and_all_targets_are_covered_all
     discs = [(*rng.uniform(0.0, 10_000.0, 2), 1_000.0) for _ in range(15)]
     scene = scene_of(rng.uniform(0.0, 10_000.0, (8, 2)).tolist(), rng.uniform(0.0, 10_000.0, (4, 2)).tolist(), discs)
     for most in (0, 3):
-        ways = RouteCosts(scene)
-        chosen = assign_by_route_cost(ways, np.full(8, 20.0), "latest", unlimited, np.full(8, -1), 0.0, max_routes=most)
-        assert ways.searched == most
+        costs = RouteCosts(scene)
+        chosen = assign_by_route_cost(
+            costs, np.full(8, 20.0), AssignmentRule("latest", 0.0, most), unlimited, np.full(8, -1)
+        )
+        assert costs.searched == most
         assert np.bincount(chosen).tolist() == [2, 2, 2, 2]
 
 
@@ -335,14 +346,14 @@ def test_only_pairs_that_an_assignment_would_use_are_searched() -> None:
     """Twenty agents beside a target each, a wall between every other pair: nothing is worth a search."""
     agents = [(2_000.0 * k, 0.0) for k in range(20)]
     discs = [(2_000.0 * k + 1_000.0, 500.0, 400.0) for k in range(19)]
-    ways = RouteCosts(scene_of(agents, [(north, 1_000.0) for north, _ in agents], discs))
-    assert not ways.known.all()
-    chosen = assign_by_route_cost(ways, np.full(20, 20.0), "route", unlimited, np.full(20, -1), 0.0)
+    costs = RouteCosts(scene_of(agents, [(north, 1_000.0) for north, _ in agents], discs))
+    assert not costs.known.all()
+    chosen = assign_by_route_cost(costs, np.full(20, 20.0), AssignmentRule("route", 0.0), unlimited, np.full(20, -1))
     assert chosen.tolist() == list(range(20))
-    assert ways.searched == 0
+    assert costs.searched == 0
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
-def test_nobody_and_nowhere_give_no_assignment(objective: WayObjective) -> None:
+def test_nobody_and_nowhere_give_no_assignment(objective: RouteObjective) -> None:
     assert assigned(scene_of([], [(1.0, 1.0)], RING), objective) == []
     assert assigned(scene_of([(1.0, 1.0)], [], RING), objective) == [-1]

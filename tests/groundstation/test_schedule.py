@@ -18,22 +18,21 @@ from companion.protocol.authenticator import Authenticator, Trust
 from companion.protocol.codec import FrameWriter, WireError, decode_frame
 from companion.protocol.dialect import oneway
 from companion.protocol.ed25519 import FrameSigner
+from companion.protocol.frame import raw_frame
 from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.protocol.messages import BandsFrame, Directive, Kind, MissionFrame, Stamp, StateFrame, TargetEntry
 from companion.protocol.v2_extension import unwrap
 from groundstation.ground_station import GroundStation
+from groundstation.pacer import LEAST_PACE, Pacer, burst_bytes
 from groundstation.radio import parse_radio
 from groundstation.schedule import (
     CAROUSEL_SHARE,
-    LEAST_PACE,
     LONGEST_REFRESH_S,
     MOST_SENDS,
     TICK_S,
     Broadcaster,
     BroadcastFrame,
-    Pacer,
     Sent,
-    burst_bytes,
 )
 
 START_S = 1_790_000_000.0
@@ -398,9 +397,9 @@ def test_in_a_v2_extension_the_whole_outer_frame_counts() -> None:
     air = Air(Talker(60), "2000/v2ext").to(50.0)
     assert 0.98 * 2_000.0 * 40.0 <= air.count(10.0, 50.0) <= 2_000.0 * 40.0 * 1.01
     for _, sent in air.sent:
-        inner = unwrap(sent.data)
+        inner = unwrap(raw_frame(sent.data))
         assert inner is not None
-        assert decode_frame(inner) == sent.frame
+        assert decode_frame(raw_frame(inner)) == sent.frame
         # Less by the zeros that the inner frame happens to end with.
         assert 15 <= len(sent.data) - len(inner) <= 17
 
@@ -567,7 +566,7 @@ class Flight:
         end_s = self.now_s + lasting_s
         while self.now_s < end_s - 1e-9:
             for data in self.broadcaster.tick(self.now_s):
-                for _, frame in self.authenticator.admit(unwrap(data) or data, self.now_s):
+                for _, frame in self.authenticator.admit(unwrap(raw_frame(data)) or data, self.now_s):
                     self.kinds.add(type(frame).__name__)
                     for picture in self.pictures.values():
                         picture.take(frame, self.now_s)

@@ -106,7 +106,7 @@ def test_an_agent_not_detected_for_long_enough_is_lost() -> None:
     all_seen(ground, 10.0, but=2)
     assert not ground.update(START_S + 30.0, NOBODY_SENT)
     assert ground.update(START_S + 30.5, NOBODY_SENT)
-    assert ground.lost == {2}
+    assert ground.progress.lost == {2}
     assert (ground.active_agents, ground.present_agents) == ([1, 3], [1, 3])
 
 
@@ -116,7 +116,7 @@ def test_a_lost_agent_that_is_detected_again_is_back() -> None:
     ground.update(START_S + 40.0, NOBODY_SENT)
     all_seen(ground, 41.0)
     assert ground.update(START_S + 41.0, NOBODY_SENT)
-    assert ground.lost == set()
+    assert ground.progress.lost == frozenset()
     assert ground.active_agents == [1, 2, 3]
 
 
@@ -136,7 +136,7 @@ def test_an_agent_within_the_arrival_radius_completes_the_target() -> None:
     ground = picture()
     see(ground, 5.0, agent(2, 20_000.0, 300.0))
     assert ground.update(START_S + 5.0, NOBODY_SENT)
-    assert (ground.arrived, ground.completed) == ({2}, {1})
+    assert (ground.progress.arrived, ground.progress.completed) == (frozenset({2}), frozenset({1}))
     assert (ground.active_agents, ground.present_agents, ground.open_targets) == ([1, 3], [1, 2, 3], [2])
 
 
@@ -171,7 +171,7 @@ def test_a_lost_agent_completes_nothing_where_it_was_last_seen() -> None:
     ground.update(START_S + 40.0, NOBODY_SENT)
     see(ground, 40.0, Detection(Kind.TARGET, 1, 20_000.0, 400.0, 0.0, 0.0))
     assert not ground.update(START_S + 40.0, NOBODY_SENT)
-    assert ground.completed == set()
+    assert ground.progress.completed == frozenset()
 
 
 # Case II: agents are placed, not detected
@@ -210,7 +210,7 @@ def test_where_an_agent_is_certain_it_arrives_at_once_and_anywhere() -> None:
     ground = picture(None, "II")
     placed(ground, 5.0, 19_800.0, 0.0)
     assert ground.update(START_S + 5.0, {1: 2})
-    assert (ground.arrived, ground.completed) == ({1}, {1})
+    assert (ground.progress.arrived, ground.progress.completed) == (frozenset({1}), frozenset({1}))
 
 
 @given(uncertainty_m=st.floats(1.0, 3_000.0))
@@ -221,7 +221,7 @@ def test_an_uncertain_arrival_is_believed_when_the_doubt_could_be_flown(uncertai
     assert not ground.update(START_S + 5.0, {1: 1})
     assert not ground.update(START_S + 5.0 + doubt_s - 0.01, {1: 1})
     assert ground.update(START_S + 5.0 + doubt_s + 0.01, {1: 1})
-    assert (ground.arrived, ground.completed) == ({1}, {1})
+    assert (ground.progress.arrived, ground.progress.completed) == (frozenset({1}), frozenset({1}))
 
 
 def test_an_uncertain_agent_passing_a_target_it_was_not_sent_to_does_not_arrive() -> None:

@@ -22,7 +22,7 @@ from companion.mission.model import (
     Wind,
 )
 from sim.arena.planner import MARGIN_M, Plan, ground_turn_radius_m, plan, target_stays_clear, verify
-from sim.shortest_path import turning_path
+from sim.shortest_path import Departure, turning_path
 from sim.world import World
 
 SPEED_M_S = 25.0
@@ -216,7 +216,7 @@ def test_the_search_betters_lines_and_circles_among_discs_smaller_than_the_turn(
     mission = STATIC_SCENES["discs smaller than the turn"]
     discs = np.array([(*threat.position_ned_m, threat.detection_radius_m + MARGIN_M) for threat in mission.threats])
     turn_m = ground_turn_radius_m(SPEED_M_S, mission.agents[0].n_max, 0.0)
-    lines = turning_path(np.zeros(2), 0.0, turn_m, np.array(TARGET), ARRIVAL_M, discs[:, :2], discs[:, 2])
+    lines = turning_path(Departure(np.zeros(2), 0.0, turn_m), np.array(TARGET), ARRIVAL_M, discs[:, :2], discs[:, 2])
     found = planned(mission)
     assert lines is not None
     assert found.length_m < 0.95 * math.fsum(piece.length_m for piece in lines)

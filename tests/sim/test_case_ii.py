@@ -72,7 +72,7 @@ class Watched:
         self.t_s.append(t_s)
         self.error_m.append([math.dist(place, row[:2]) for place, row in zip(places, agents, strict=True)])
         self.uncertainty_m.append([ground.tracks.uncertainty_m[identity] for identity in ids])
-        self.lost.append(set(ground.tracks.lost))
+        self.lost.append(set(ground.tracks.progress.lost))
 
 
 def watched(changes: str = "", autopilot: str = "kinematic") -> Watched:
@@ -101,12 +101,14 @@ def test_in_still_air_and_without_loss_an_agent_is_where_it_is_reckoned_to_be(ch
     assert np.max(watched(changes).error_m) < 1.0
 
 
+@pytest.mark.slow
 def test_beside_a_threat_an_agent_is_where_it_is_reckoned_to_be_within_the_stated_doubt() -> None:
     watch = watched("threats: [{id: 1, north_m: 3000, east_m: 400}]\n")
     assert np.max(watch.error_m) < 50.0
     assert np.all(np.array(watch.error_m) <= np.array(watch.uncertainty_m) + 1.0)
 
 
+@pytest.mark.slow
 def test_a_copter_on_its_way_is_behind_where_it_is_reckoned_to_be_by_no_more_than_hand_over_and_lag() -> None:
     demo = load_mission("copter-demo").model_copy(update={"case": "II", "threats": (), "max_time_s": 60.0})
     watch = Watched(resolve(demo, 1))
@@ -244,6 +246,7 @@ def test_scenario(title: str, changes: str, checks: list[Check]) -> None:
         assert check(flight, scored), f"{title}: {check.__name__}: {scored}"
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_flight_in_wind_bit_for_bit() -> None:
     mission = mission_of(WIND + REPORTS + "link: {loss: 0.3, jitter_s: 2.0}\nmax_time_s: 60\n")
     first, second, other = (fly(mission, seed).trajectory.agents_ned_m for seed in (7, 7, 8))

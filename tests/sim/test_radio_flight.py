@@ -9,8 +9,8 @@ import pytest
 from companion.files.tlog import read_tlog
 from companion.mission.model import LinkSpec, Mission, parse_mission
 from companion.mission.resolve import resolve
-from companion.protocol.deframer import header_of
 from companion.protocol.dialect import oneway
+from companion.protocol.frame import raw_frame
 from groundstation.radio import parse_radio
 from sim.lockstep import Flight, FlightOptions, fly
 from sim.score import Score, score
@@ -57,7 +57,7 @@ def test_a_fleet_reaches_its_targets_over_packed_frames_and_enters_nothing(
     recorded: tuple[Flight, Score, Path],
 ) -> None:
     _, scored, folder = recorded
-    ids = {header_of(raw).message_id for _, raw in read_tlog(folder / "broadcast.tlog")}
+    ids = {raw_frame(raw).message_id for _, raw in read_tlog(folder / "broadcast.tlog")}
     assert ids == PACKED | {oneway.MAVLINK_MSG_ID_HEARTBEAT}
     assert scored.targets_reached == 6
     assert scored.threat_entries_detection == scored.separation_breaches == 0

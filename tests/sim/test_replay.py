@@ -16,8 +16,8 @@ from companion.mission.resolve import resolve
 from companion.onboard.config import Config, parse_config
 from companion.onboard.replay import Replayed, replay
 from companion.protocol.codec import FrameWriter, StateFrame, decode_frame
-from companion.protocol.deframer import header_of
 from companion.protocol.dialect import oneway
+from companion.protocol.frame import raw_frame
 from sim.lockstep import FlightOptions, fly
 
 pytestmark = pytest.mark.slow
@@ -59,9 +59,9 @@ def test_other_settings_decide_otherwise_and_that_is_seen(recorded: Path) -> Non
 
 def test_a_threat_moved_in_the_recording_is_seen_in_the_decisions(recorded: Path) -> None:
     def moved(raw: bytes) -> bytes:
-        if header_of(raw).message_id != oneway.MAVLINK_MSG_ID_ONEWAY_STATE:
+        if raw_frame(raw).message_id != oneway.MAVLINK_MSG_ID_ONEWAY_STATE:
             return raw
-        frame = decode_frame(raw)
+        frame = decode_frame(raw_frame(raw))
         assert isinstance(frame, StateFrame)
         threats = tuple(replace(threat, north_m=0.0, east_m=0.0) for threat in frame.threats)
         return FrameWriter().encode(replace(frame, threats=threats))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import signal
 import subprocess
@@ -17,38 +18,59 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot import offboard as offboard_module
-from companion.autopilot.offboard import SILENCE_S, Offboard, is_setpoint, velocity_of
+from companion.autopilot.adapter import SetpointFrame, Velocity
+from companion.autopilot.offboard import SILENCE_S, Offboard, is_setpoint
 from companion.autopilot.offboard_child import SETPOINT, SETPOINT_FIELDS, TICK_TIMEOUT_S
+from companion.autopilot.px4_copter import Px4CopterAdapter
 from companion.autopilot.stream import STREAM_GAP_S
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.errors import InputError
+from companion.guard.types import Setpoint
 
 SYSTEM = 3
-WANTED = (1.0, -2.0, 0.25, 30.0)
+WANTED = Velocity(1.0, -2.0, 0.25, math.radians(30.0))
 READY_WITHIN_S = 20.0
 _MAV = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
 HEARTBEAT = bytes(common.MAVLink_heartbeat_message(2, 12, 0x81, 4 << 16, 4, 3).pack(_MAV))
 
 
-def setpoint(velocity_m_s: tuple[float, float, float], yaw_rad: float) -> bytes:
-    message = common.MAVLink_set_position_target_local_ned_message(
-        0, SYSTEM, 1, 1, 0x9C7, 0, 0, 0, *velocity_m_s, 0, 0, 0, yaw_rad, 0
-    )
-    return bytes(message.pack(_MAV))
+def on_the_wire(frame: bytes) -> tuple[float, float, float, float]:
+    """Return velocity and yaw of a SET_POSITION_TARGET_LOCAL_NED frame."""
+    (message,) = common.MAVLink(None).parse_buffer(bytearray(frame))
+    return message.vx, message.vy, message.vz, message.yaw
+
+
+def adapter(yaw_rad: float) -> Px4CopterAdapter:
+    """Return an adapter that has heard its vehicle, whose nose points somewhere."""
+    heard = Px4CopterAdapter()
+    heard.receive(HEARTBEAT, 0.0)
+    place = common.MAVLink_global_position_int_message(1, 470_000_000, 80_000_000, 0, 0, 0, 0, 0, _cdeg(yaw_rad))
+    heard.receive(bytes(place.pack(_MAV)), 0.0)
+    return heard
+
+
+def _cdeg(angle_rad: float) -> int:
+    return round(math.degrees(angle_rad) * 100.0)
 
 
 def test_a_setpoints_velocity_and_yaw_are_read_off_the_wire() -> None:
-    assert velocity_of(setpoint((1.0, -2.0, 0.25), 0.5)) == pytest.approx((1.0, -2.0, 0.25, 28.64789), abs=1e-5)
+    (frame,) = adapter(0.0).encode(Setpoint(0.5, 5.0, 20.0), 0.0, 1.0)
+    assert isinstance(frame, SetpointFrame)
+    assert frame.velocity == pytest.approx(on_the_wire(frame), abs=1e-5)
+    assert frame.velocity.north_m_s > 0.0
 
 
 def test_a_setpoint_whose_zeros_were_cut_is_read_too() -> None:
-    assert velocity_of(setpoint((0.0, 0.0, 0.0), 0.0)) == (0.0, 0.0, 0.0, 0.0)
+    (frame,) = adapter(0.0).hold(1.0)
+    assert isinstance(frame, SetpointFrame)
+    assert frame.velocity == on_the_wire(frame) == (0.0, 0.0, 0.0, 0.0)
 
 
 def test_what_is_no_velocity_setpoint_is_left_alone() -> None:
     attitude = common.MAVLink_set_attitude_target_message(0, SYSTEM, 1, 0xC6, [1, 0, 0, 0], 0, 0, 0, 0.5).pack(_MAV)
-    assert (velocity_of(HEARTBEAT), is_setpoint(HEARTBEAT)) == (None, False)
-    assert (velocity_of(bytes(attitude)), is_setpoint(bytes(attitude))) == (None, True)
+    assert not isinstance(adapter(0.0).heartbeat(), SetpointFrame)
+    assert not is_setpoint(HEARTBEAT)
+    assert is_setpoint(bytes(attitude))
 
 
 def test_a_missing_mavsdk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,7 +118,7 @@ def test_mavsdk_steers_only_while_it_is_told_to() -> None:
     async def body() -> None:
         sent = Sent()
         async with steering(sent) as offboard:
-            assert all(velocity_of(frame) == pytest.approx(WANTED, abs=1e-5) for _, frame in sent.frames)
+            assert all(on_the_wire(frame) == pytest.approx(WANTED, abs=1e-5) for _, frame in sent.frames)
             first = common.MAVLink(None).parse_buffer(sent.frames[0][1])[0]
             assert (first.type_mask, first.coordinate_frame, first.target_system) == (0x9C7, 1, SYSTEM)
             assert (first.get_srcSystem(), first.get_srcComponent()) == (SYSTEM, COMPANION_COMPONENT)
@@ -172,6 +194,7 @@ def test_after_a_gap_of_what_left_nothing_leaves_unless_the_caller_says_so() -> 
     asyncio.run(body())
 
 
+@pytest.mark.slow
 def test_before_the_first_setpoint_there_is_no_gap_however_long_it_takes() -> None:
     async def body() -> None:
         offboard = Offboard(lambda frame: None, lambda: pytest.fail("no stream had begun"))
@@ -186,6 +209,7 @@ def test_before_the_first_setpoint_there_is_no_gap_however_long_it_takes() -> No
     asyncio.run(body())
 
 
+@pytest.mark.slow
 def test_a_flood_of_telemetry_ends_no_child_that_still_imports() -> None:
     async def body() -> None:
         offboard = Offboard(lambda frame: None, lambda: True)
@@ -204,6 +228,7 @@ def test_a_flood_of_telemetry_ends_no_child_that_still_imports() -> None:
     asyncio.run(body())
 
 
+@pytest.mark.slow
 def test_the_signal_that_clears_a_take_over_ends_no_child_from_its_first_moment_on() -> None:
     async def body() -> None:
         offboard = Offboard(lambda frame: None, lambda: True)
@@ -321,6 +346,7 @@ def is_running(pid: int) -> bool:
         return False
 
 
+@pytest.mark.slow
 def test_the_childs_alarm_rings_even_while_python_hangs() -> None:
     code = f"""
 import signal, socket, struct, threading

@@ -24,12 +24,12 @@ from companion.guidance.laws import (
     foreseen,
     law_of,
 )
-from companion.guidance.route import Reach
+from companion.guidance.route.router import Reach
 from companion.guidance.settings import LAWS, LawLimits, LawName, LawSettings
 from companion.guidance.steering import PairSurrogate, SteeringVector, attraction
 from companion.guidance.view import View
 from companion.surrogate.cost import Weights
-from companion.surrogate.profiles import AnalyticProfile, gradient_for_agent, load_pairwise, wall_gradient
+from companion.surrogate.profiles import AnalyticProfile, ThreatDiscs, gradient_for_agent, load_pairwise, wall_gradient
 
 SPEED_M_S = 20.0
 PERIOD_S = 5.0
@@ -300,12 +300,14 @@ def test_the_wall_is_the_analytic_surrogate_of_one_half_width_in_metres(
         profile = AnalyticProfile(half_width_m / edge_m)
         edge, only = np.array([edge_m]), Weights(k_d, 0.0, k_c, 0.0)
         if k_c > 0.0:
-            return gradient_for_agent(profile, position, nobody, nowhere, nowhere, peers, edge_m, only)
-        return gradient_for_agent(profile, position, here, edge, edge, nobody, separation_m, only)
+            return gradient_for_agent(profile, position, ThreatDiscs(nobody, nowhere, nowhere), peers, edge_m, only)
+        return gradient_for_agent(profile, position, ThreatDiscs(here, edge, edge), nobody, separation_m, only)
 
     expected_m = analytic(radius_m, weights.k_d, 0.0) + analytic(attack_m, weights.k_a, 0.0)
     expected_m += analytic(separation_m, 0.0, weights.k_c)
-    found_m = wall_gradient(position, here, radii, np.array([attack_m]), peers, separation_m, weights, half_width_m)
+    found_m = wall_gradient(
+        position, ThreatDiscs(here, radii, np.array([attack_m])), peers, separation_m, weights, half_width_m
+    )
     assert found_m == pytest.approx(expected_m, rel=1e-6, abs=1e-9 * weights.k_d / half_width_m)
 
 
@@ -313,7 +315,8 @@ def wall_at(distance_m: float, half_width_m: float, weights: Weights) -> float:
     """Return how strong the wall of a disc of 400 m, attack disc of the same, is at a distance from its centre."""
     here, radius = np.zeros((1, 2)), np.array([400.0])
     place, nobody = np.array([distance_m, 0.0]), np.zeros((0, 2))
-    return float(np.hypot(*wall_gradient(place, here, radius, radius, nobody, 50.0, weights, half_width_m)))
+    discs = ThreatDiscs(here, radius, radius)
+    return float(np.hypot(*wall_gradient(place, discs, nobody, 50.0, weights, half_width_m)))
 
 
 @given(st.floats(2.0, 100.0))
@@ -358,7 +361,12 @@ def test_a_component_across_the_route_is_kept() -> None:
     weights, half_width_m = SETTINGS.weights, ROUTE_MARGIN_M / WALL_SHARE
     nothing = np.zeros(0)
     gradient_m = wall_gradient(
-        np.zeros(2), np.zeros((0, 2)), nothing, nothing, view.peers_ned_m, separation_m, weights, half_width_m
+        np.zeros(2),
+        ThreatDiscs(np.zeros((0, 2)), nothing, nothing),
+        view.peers_ned_m,
+        separation_m,
+        weights,
+        half_width_m,
     )
     assert wish.opposed
     assert wish.pull.north_m == pytest.approx(2_000.0)

@@ -20,7 +20,7 @@ from companion.guidance.steering import (
 )
 from companion.guidance.view import View
 from companion.surrogate.cost import Weights
-from companion.surrogate.profiles import AnalyticProfile, surrogate_gradient
+from companion.surrogate.profiles import AnalyticProfile, ThreatDiscs, surrogate_gradient
 
 G_M_S2 = 9.80665
 HEADINGS = st.floats(-10.0, 10.0)
@@ -177,7 +177,9 @@ def test_direction_is_the_attraction_less_the_gradient_of_the_surrogate(
     profile, separation_m = AnalyticProfile(0.05), 4e3
     agents, threats = np.array(places[:3]), np.array(places[3:])
     detection_m, attack_m = np.array([8e3, 9e3, 10e3]), np.array([4e3, 4e3, 6e3])
-    gradient_m = surrogate_gradient(profile, agents, threats, detection_m, attack_m, separation_m, WEIGHTS)[0]
+    gradient_m = surrogate_gradient(
+        profile, agents, ThreatDiscs(threats, detection_m, attack_m), separation_m, WEIGHTS
+    )[0]
     ids, peer_ids, nobody = np.array([1, 2, 3]), np.array([2, 3]), np.zeros((0, 2))
     still = np.zeros(3)
     view = View(

@@ -14,6 +14,7 @@ from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
 from companion.onboard.flight_log import LOG_BURST_S, FlightLog, decision_frame, summary_line, unused, without_secrets
 from companion.protocol.codec import Directive, FrameWriter, Stamp, StateFrame, decode_frame
+from companion.protocol.frame import raw_frame
 from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.protocol.messages import DecisionFlag
 
@@ -29,18 +30,18 @@ def test_a_signature_is_cut_off_before_a_frame_is_kept() -> None:
 def test_a_frame_that_carries_a_key_is_never_kept() -> None:
     sender = common.MAVLink(None, srcSystem=255, srcComponent=190)
     setup = common.MAVLink_setup_signing_message(1, 1, list(range(1, 33)), 1)
-    assert without_secrets(bytes(setup.pack(sender))) is None
+    assert without_secrets(raw_frame(bytes(setup.pack(sender)))) is None
 
 
 def test_a_frame_of_mavlink_1_is_kept_as_it_is() -> None:
     frame = bytes([0xFE, 1, 0, 1, 1, 0, 9, 0, 0])
-    assert without_secrets(frame) == frame
+    assert without_secrets(raw_frame(frame)) == frame
 
 
 def test_a_logged_decision_says_what_was_decided() -> None:
     setpoint = Setpoint(1.5, 20.0, 30.0)
     decision = Decision(1_000.25, Purpose.TARGET, "assigned", Stage.COASTING, 1.5, 3, 0.5, True, setpoint, (NO_BACKUP,))
-    frame = decode_frame(FrameWriter().encode(decision_frame(decision)))
+    frame = decode_frame(raw_frame(FrameWriter().encode(decision_frame(decision))))
     assert frame == decision_frame(decision)
     assert (frame.time_us, frame.target_id, frame.heading_rad) == (1_000_250_000, 3, 1.5)
     assert frame.flags == DecisionFlag.TURN_LIMITED | DecisionFlag.GUARD_CHANGED | DecisionFlag.UNCERTIFIED

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from companion.files.mavlink_layout import HEADER_V2_BYTES, MARKER_V2
 from companion.protocol.authenticator import Authenticator, Trust
 from companion.protocol.codec import (
     GROUND_COMPONENT,
@@ -28,9 +29,10 @@ from companion.protocol.codec import (
     TargetEntry,
     ThreatEntry,
 )
-from companion.protocol.deframer import HEADER_BYTES, MARKER, crc_of, header_of
+from companion.protocol.deframer import crc_of
 from companion.protocol.dialect import oneway
-from companion.protocol.ed25519 import ED25519_BYTES, FrameSigner, content_bytes
+from companion.protocol.ed25519 import FrameSigner
+from companion.protocol.frame import ED25519_BYTES, raw_frame
 from companion.protocol.mavlink_signing import MavlinkSigner, strip_signature
 
 START_S = 1_800_000_000.0
@@ -96,7 +98,7 @@ class Ground:
 
     def frame(self, now_s: float) -> bytes:
         """Return the next genuine frame, ready for the air."""
-        return self.frame_signer.seal(self.unsealed(now_s), now_s)
+        return self.frame_signer.sign(self.unsealed(now_s), now_s)
 
 
 class Forger:
@@ -130,7 +132,7 @@ class Forger:
             "other sender": (1, self._other_sender),
             "junk behind a copy": (3, lambda now_s: rng.choice(self._recent) + rng.randbytes(rng.randrange(1, 40))),
             "false start before a copy": (3, lambda now_s: b"\xfd\xff\x01" + rng.choice(self._recent)),
-            "too large": (1, lambda now_s: bytes((MARKER,)) * 2100),
+            "too large": (1, lambda now_s: bytes((MARKER_V2,)) * 2100),
         }
         self.kinds = tuple(self._kinds)
         self._weights = [weight for weight, _ in self._kinds.values()]
@@ -153,10 +155,10 @@ class Forger:
 
     def _bumped(self, now_s: float) -> bytes:
         """Return a frame that was heard, stamped newer, without a MAVLink signature and with a right CRC."""
-        raw = bytearray(strip_signature(self._rng.choice(self._recent)))
-        epoch_s, _, sequence = _STAMP.unpack_from(raw, HEADER_BYTES)
+        raw = bytearray(strip_signature(raw_frame(self._rng.choice(self._recent))))
+        epoch_s, _, sequence = _STAMP.unpack_from(raw, HEADER_V2_BYTES)
         newer = sequence + self._rng.randrange(1, 1 << 20)
-        _STAMP.pack_into(raw, HEADER_BYTES, epoch_s, round((now_s - epoch_s) * 1000), newer)
+        _STAMP.pack_into(raw, HEADER_V2_BYTES, epoch_s, round((now_s - epoch_s) * 1000), newer)
         return _with_crc(raw)
 
     def _framed_noise(self, now_s: float) -> bytes:
@@ -175,19 +177,19 @@ class Forger:
 
     def _repaired(self, now_s: float) -> bytes:
         raw = bytearray(self._rng.choice(self._recent))
-        end = HEADER_BYTES + raw[1]
+        end = HEADER_V2_BYTES + raw[1]
         for _ in range(self._rng.randrange(1, 4)):
             # The id stays ours: any other is "unknown id".
-            raw[self._rng.choice((4, 5, 6, *range(HEADER_BYTES, end)))] ^= self._rng.randrange(1, 256)
-        raw[end : end + 2] = crc_of(bytes(raw[:end]), header_of(bytes(raw)).message_id)
+            raw[self._rng.choice((4, 5, 6, *range(HEADER_V2_BYTES, end)))] ^= self._rng.randrange(1, 256)
+        raw[end : end + 2] = crc_of(bytes(raw[:end]), raw_frame(bytes(raw)).message_id)
         return bytes(raw)
 
     def _unsigned(self, now_s: float) -> bytes:
         raw = self._bumped(now_s)
-        return _with_crc(bytearray(raw[: HEADER_BYTES + content_bytes(raw)] + b"\0\0"))
+        return _with_crc(bytearray(raw[: HEADER_V2_BYTES + raw_frame(raw).content_length] + b"\0\0"))
 
     def _wrong_key(self, now_s: float) -> bytes:
-        return self._wrong.seal(self._unsigned(now_s), now_s)
+        return self._wrong.sign(self._unsigned(now_s), now_s)
 
     def _captured_key(self, now_s: float) -> bytes:
         """Return what a vehicle in wrong hands can make: without Ed25519 it would be genuine, so never that."""
@@ -200,15 +202,15 @@ class Forger:
         ahead_s = self._rng.uniform(10.0, 1e6)
         if self._captured is not None and self._rng.random() < 0.5:
             # The MAVLink time alone, where it counts; under Ed25519 the frame is a copy and its time says nothing.
-            return self._right_now(strip_signature(self._rng.choice(self._recent)), now_s + ahead_s)
-        return self._right.seal(self._ground.unsealed(now_s + ahead_s, self._rng.randrange(1 << 32)), now_s)
+            return self._right_now(strip_signature(raw_frame(self._rng.choice(self._recent))), now_s + ahead_s)
+        return self._right.sign(self._ground.unsealed(now_s + ahead_s, self._rng.randrange(1 << 32)), now_s)
 
     def _right_now(self, raw: bytes, now_s: float) -> bytes:
         return MavlinkSigner(self._ground.mavlink_key, 0).sign(raw, now_s)
 
     def _unknown_id(self, now_s: float) -> bytes:
         raw = bytearray(self._rng.choice(self._recent))
-        raw[7:HEADER_BYTES] = self._rng.choice((0xF8, 0x1E, 0xA001FF, 0xFFFFFF)).to_bytes(3, "little")
+        raw[7:HEADER_V2_BYTES] = self._rng.choice((0xF8, 0x1E, 0xA001FF, 0xFFFFFF)).to_bytes(3, "little")
         return bytes(raw)
 
     def _out_of_range(self, now_s: float) -> bytes:
@@ -217,7 +219,7 @@ class Forger:
         payload = bytearray(nonsense)
         epoch_s = int(START_S)
         _STAMP.pack_into(payload, 0, epoch_s, round((now_s - epoch_s) * 1000), self._rng.randrange(1 << 31, 1 << 32))
-        return self._right.seal(_frame(number, bytes(payload)), now_s)
+        return self._right.sign(_frame(number, bytes(payload)), now_s)
 
     def _nan(self, now_s: float) -> bytes:
         """Return floats that are no numbers, in a message that has floats and in one that has none."""
@@ -235,7 +237,7 @@ class Forger:
     def _other_sender(self, now_s: float) -> bytes:
         raw = bytearray(self._unsigned(now_s))
         raw[5] = 1 + self._rng.randrange(100)
-        return self._right.seal(_with_crc(raw), now_s)
+        return self._right.sign(_with_crc(raw), now_s)
 
 
 @dataclass
@@ -271,7 +273,7 @@ def run(count: int, authentication: str, seed: int, *, is_stream: bool = False) 
 
     def deliver(datagram: bytes, now_s: float) -> None:
         for raw, _ in authenticator.admit(datagram, now_s):
-            if pending and raw == pending[0]:
+            if pending and raw.data == pending[0]:
                 pending.popleft()
                 outcome.accepted += 1
             else:
@@ -312,19 +314,19 @@ def run(count: int, authentication: str, seed: int, *, is_stream: bool = False) 
 
 def forged_seal(raw: bytes, signature: bytes) -> bytes:
     """Return an unsigned broadcast frame with any bytes for its Ed25519 signature."""
-    content = raw[HEADER_BYTES:-2][: content_bytes(raw)].ljust(content_bytes(raw), b"\0")
-    return _frame(header_of(bytes(raw)).message_id, content + signature, raw[5], raw[6])
+    content = raw[HEADER_V2_BYTES:-2][: raw_frame(raw).content_length].ljust(raw_frame(raw).content_length, b"\0")
+    return _frame(raw_frame(bytes(raw)).message_id, content + signature, raw[5], raw[6])
 
 
 def _frame(number: int, payload: bytes, system: int = GROUND_SYSTEM, component: int = GROUND_COMPONENT) -> bytes:
     payload = payload[:1] + payload[1:].rstrip(b"\0")
-    head = bytes((MARKER, len(payload), 0, 0, 0, system, component)) + number.to_bytes(3, "little")
+    head = bytes((MARKER_V2, len(payload), 0, 0, 0, system, component)) + number.to_bytes(3, "little")
     return head + payload + crc_of(head + payload, number)
 
 
 def _with_crc(raw: bytearray) -> bytes:
     """Return an unsigned frame whose last two bytes stand for its CRC, with length and CRC made right."""
-    return _frame(header_of(bytes(raw)).message_id, bytes(raw[HEADER_BYTES:-2]), raw[5], raw[6])
+    return _frame(raw_frame(bytes(raw)).message_id, bytes(raw[HEADER_V2_BYTES:-2]), raw[5], raw[6])
 
 
 _STATE_NONSENSE: tuple[dict[str, object], ...] = (
@@ -373,7 +375,7 @@ def _nonsense() -> tuple[tuple[int, bytes], ...]:
         for name, value in changes.items():
             setattr(message, name, value)
         packed = bytes(message.pack(oneway.MAVLink(None)))
-        found.append((header_of(packed).message_id, packed[HEADER_BYTES:-2]))
+        found.append((raw_frame(bytes(packed)).message_id, packed[HEADER_V2_BYTES:-2]))
     fleets = ((oneway.MAVLINK_MSG_ID_ONEWAY_FLEET, bytes(_STAMP.size) + rest) for rest in _FLEET_NONSENSE)
     return (*found, *fleets)
 

@@ -10,23 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
+from companion.files.mavlink_layout import MARKER_V2, MAX_FRAME_BYTES
 from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, RadiiFrame, Stamp
 from companion.protocol.deframer import (
     DAMAGED,
     FOREIGN,
     INCOMPLETE,
     JUNK,
-    MARKER,
     MAVLINK_1,
     MAX_FALSE_STARTS,
-    MAX_FRAME_BYTES,
     StreamFramer,
     crc_of,
     frames_in,
-    header_of,
-    is_signed,
-    payload_of,
 )
+from companion.protocol.frame import raw_frame
 from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.protocol.v2_extension import wrap
 from tests.companion.protocol.hostile import START_S, Ground
@@ -40,12 +37,12 @@ JUNK_DATAGRAM = b"\xfd\xff\x01"
 
 def found(datagram: bytes) -> tuple[list[bytes], Counter[str]]:
     skipped: Counter[str] = Counter()
-    return list(frames_in(datagram, skipped)), skipped
+    return [frame.data for frame in frames_in(datagram, skipped)], skipped
 
 
 def fed(chunks: list[bytes]) -> tuple[list[bytes], StreamFramer]:
     framer = StreamFramer()
-    return [frame for chunk in chunks for frame in framer.feed(chunk)], framer
+    return [frame.data for chunk in chunks for frame in framer.feed(chunk)], framer
 
 
 def test_the_frames_of_a_datagram_come_in_order_and_nothing_is_skipped() -> None:
@@ -53,12 +50,11 @@ def test_the_frames_of_a_datagram_come_in_order_and_nothing_is_skipped() -> None
 
 
 def test_the_header_says_who_sent_what() -> None:
-    header = header_of(SEALED[0])
+    (header,) = frames_in(SEALED[0], Counter())
     assert (header.system, header.component, header.message_id) == (GROUND_SYSTEM, GROUND_COMPONENT, 0xA00100)
-    assert header.length == len(payload_of(SEALED[0]))
-    assert header.incompat == 1
-    assert is_signed(SEALED[0])
-    assert not is_signed(PLAIN[0])
+    assert header.payload_length == len(header.payload) == SEALED[0][1]
+    assert header.is_signed
+    assert not raw_frame(PLAIN[0]).is_signed
 
 
 def test_the_crc_is_that_of_pymavlink() -> None:
@@ -72,8 +68,8 @@ def test_the_crc_is_that_of_pymavlink() -> None:
         (b"\xfe\x09" + bytes(15), MAVLINK_1),
         (PLAIN[1][:-1] + b"\x00", DAMAGED),
         (PLAIN[1][:30], DAMAGED),
-        (bytes((MARKER, 9, 2)) + bytes(20), DAMAGED),
-        (bytes((MARKER, 9, 0, 0, 0, 1, 1)) + (30).to_bytes(3, "little") + bytes(11), FOREIGN),
+        (bytes((MARKER_V2, 9, 2)) + bytes(20), DAMAGED),
+        (bytes((MARKER_V2, 9, 0, 0, 0, 1, 1)) + (30).to_bytes(3, "little") + bytes(11), FOREIGN),
         (JUNK_DATAGRAM, FOREIGN),
     ],
 )
@@ -105,7 +101,7 @@ def test_a_frame_whose_signature_was_cut_off_takes_nothing_from_the_next() -> No
 
 
 def test_the_work_for_one_datagram_is_bounded() -> None:
-    false_starts = bytes((MARKER,)) * MAX_FALSE_STARTS
+    false_starts = bytes((MARKER_V2,)) * MAX_FALSE_STARTS
     assert found(false_starts[:-1] + SEALED[0])[0] == [SEALED[0]]
     assert found(false_starts + SEALED[0])[0] == []
 
@@ -120,7 +116,7 @@ def test_no_bytes_raise_and_what_is_found_is_a_part_of_them(data: bytes) -> None
     pieces=st.lists(
         st.one_of(
             st.sampled_from(PLAIN + SEALED),
-            st.binary(min_size=1, max_size=40).filter(lambda junk: MARKER not in junk),
+            st.binary(min_size=1, max_size=40).filter(lambda junk: MARKER_V2 not in junk),
         ),
         max_size=8,
     ),
@@ -137,16 +133,16 @@ def test_a_stream_gives_every_frame_however_it_is_cut(pieces: list[bytes], cuts:
 
 
 def test_a_frame_in_a_stream_is_given_with_its_last_byte_though_a_longer_one_seems_to_have_begun() -> None:
-    false_start = bytes((MARKER, 255, 0, 0, 0)) + PLAIN[0][5:10]
+    false_start = bytes((MARKER_V2, 255, 0, 0, 0)) + PLAIN[0][5:10]
     framer = StreamFramer()
     assert framer.feed(false_start) == []
     assert framer.feed(SEALED[0][:-1]) == []
-    assert framer.feed(SEALED[0][-1:]) == [SEALED[0]]
-    assert framer.feed(SEALED[1]) == [SEALED[1]]
+    assert framer.feed(SEALED[0][-1:]) == [raw_frame(SEALED[0])]
+    assert framer.feed(SEALED[1]) == [raw_frame(SEALED[1])]
     assert framer.skipped == Counter({DAMAGED: 1})
 
 
-@pytest.mark.parametrize("noise", [bytes((MARKER,)), bytes((MARKER, 255, 0, 0, 0)) + PLAIN[0][5:10], b"\x00"])
+@pytest.mark.parametrize("noise", [bytes((MARKER_V2,)), bytes((MARKER_V2, 255, 0, 0, 0)) + PLAIN[0][5:10], b"\x00"])
 def test_a_stream_keeps_less_than_a_frame_whatever_it_is_fed(noise: bytes) -> None:
     framer = StreamFramer()
     for _ in range(500):
@@ -161,7 +157,7 @@ def test_a_run_of_junk_in_a_stream_counts_once_however_many_chunks_it_takes() ->
 
 
 def test_a_signed_frame_with_a_marker_in_its_signature_counts_nothing() -> None:
-    signer = MavlinkSigner(bytes(32), link_id=MARKER)
+    signer = MavlinkSigner(bytes(32), link_id=MARKER_V2)
     raw = signer.sign(PLAIN[0], START_S)
     assert found(raw + SEALED[0]) == ([raw, SEALED[0]], Counter())
 

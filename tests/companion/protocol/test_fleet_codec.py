@@ -49,6 +49,7 @@ from companion.protocol.fleet_codec import (
     read_fleet,
     read_radii,
 )
+from companion.protocol.frame import raw_frame
 
 STAMP = Stamp(epoch_s=1_790_000_000, time_ms=12_345, sequence=7, frame_index=1, frame_count=2)
 SMALL_FLEET = FleetFrame(
@@ -126,7 +127,7 @@ def through(frame: Frame) -> Frame:
     raw = FrameWriter().encode(frame)
     reader = FrameReader()
     (read,) = reader.read(raw)
-    decoded = decode_frame(raw)
+    decoded = decode_frame(raw_frame(raw))
     assert repr(read) == repr(decoded)  # nan is not itself
     assert reader.rejected.total() == 0
     return decoded
@@ -185,7 +186,7 @@ def test_the_bytes_of_a_frame_are_pinned(frame: Frame, expected: str) -> None:
 
 
 def test_the_pinned_fleet_frame_decodes_to_what_was_sent() -> None:
-    decoded = decode_frame(bytes.fromhex(GOLDEN[0][1]))
+    decoded = decode_frame(raw_frame(bytes.fromhex(GOLDEN[0][1])))
     assert isinstance(decoded, FleetFrame)
     assert [(a.id, a.north_m, a.east_m, a.target_id) for a in decoded.agents] == [
         (300, 999.0, -2_001.0, 42),
@@ -199,7 +200,7 @@ def test_the_pinned_fleet_frame_decodes_to_what_was_sent() -> None:
 
 
 def test_the_pinned_radii_frame_decodes_to_what_was_sent() -> None:
-    assert decode_frame(bytes.fromhex(GOLDEN[1][1])) == replace(
+    assert decode_frame(raw_frame(bytes.fromhex(GOLDEN[1][1]))) == replace(
         SMALL_RADII,
         threats=(RadiiEntry(9, 10_000.0, 5_000.0, 10.0), RadiiEntry(10, 800.0, 800.0, 0.0, -4.0, None)),
     )
@@ -645,13 +646,13 @@ def test_a_frame_that_makes_no_sense_is_refused_with_its_reason(
     frame: Frame, fields: dict[str, object], reason: str
 ) -> None:
     with pytest.raises(WireError) as error:
-        decode_frame(message_of(frame, **fields))
+        decode_frame(raw_frame(message_of(frame, **fields)))
     assert str(error.value) == reason
 
 
 def test_a_record_for_nobody_is_nobody() -> None:
     data = section(1, 3, 5, struct.pack("<H", 9) + b"\1\0\1\0\1" + b"\xff\xff\xff\xff\0" + b"\2\0\2\0\0")
-    decoded = decode_frame(message_of(SMALL_FLEET, **fleet_data(data)))
+    decoded = decode_frame(raw_frame(message_of(SMALL_FLEET, **fleet_data(data))))
     assert isinstance(decoded, FleetFrame)
     assert [(agent.id, agent.target_id) for agent in decoded.agents] == [(5, 9), (7, None)]
 
@@ -662,6 +663,7 @@ def likely_data(kinds: tuple[int, ...]) -> st.SearchStrategy[bytes]:
     return (st.lists(part, max_size=5).map(b"".join) | st.binary(max_size=238)).map(lambda data: data[:238])
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(likely_data((1, 2, 3, 4, 5, 6)), st.integers(0, 65_535), *[st.integers(-32_768, 32_767)] * 2)
 def test_any_data_decode_to_finite_numbers_or_a_wire_error(
@@ -684,18 +686,17 @@ def test_any_data_decode_to_finite_numbers_or_a_wire_error(
 def test_any_bytes_decode_or_are_a_wire_error(body: bytes, number: int, v1: bool) -> None:
     marker = b"\xfe" if v1 else b"\xfd"
     raw = marker + bytes([min(255, len(body))]) + bytes(5) + number.to_bytes(3, "little") + body
-    for cut in (raw, raw[: len(body) % 12]):
-        try:
-            frame = decode_frame(cut)
-        except WireError:
-            continue
-        if not isinstance(frame, DecisionFrame):
-            assert "nan" not in repr(frame).replace(repr(getattr(frame, "name", "")), "")
+    try:
+        frame = decode_frame(raw_frame(raw + bytes(2)))
+    except WireError:
+        return
+    if not isinstance(frame, DecisionFrame):
+        assert "nan" not in repr(frame).replace(repr(getattr(frame, "name", "")), "")
 
 
 def test_a_frame_of_mavlink_1_is_foreign_whatever_stands_where_the_id_would() -> None:
     with pytest.raises(WireError, match="foreign"):
-        decode_frame(b"\xfe" + FrameWriter().encode(SMALL_FLEET)[1:])
+        decode_frame(raw_frame(b"\xfe" + FrameWriter().encode(SMALL_FLEET)[1:]))
 
 
 def test_a_section_of_each_kind_is_known_to_the_xml() -> None:

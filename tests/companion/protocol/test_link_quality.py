@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from companion.protocol.link_quality import MAX_ARRIVALS, LinkMonitor, LinkQuality, SenderClock, Warnings
+from companion.protocol.freshness import SenderClock
+from companion.protocol.link_quality import MAX_ARRIVALS, LinkMonitor, LinkQuality, Warnings
 from companion.protocol.messages import Detection, DetectionsFrame, Directive, Kind, MotionFrame, Stamp, StateFrame
 
 EPOCH_S = 1_800_000_000

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from companion.protocol.dialect import oneway
+from companion.protocol.frame import raw_frame
 from companion.protocol.mavlink_signing import (
     FUTURE_TIME,
     MAX_STREAMS,
@@ -65,12 +66,12 @@ def test_what_pymavlink_signs_is_accepted_here() -> None:
     sender.signing.sign_outgoing = True
     sender.signing.timestamp = timestamp_of(START_S)
     (message,) = oneway.MAVLink(None).parse_buffer(FRAME)
-    assert MavlinkVerifier(KEY).check(bytes(message.pack(sender)), START_S) is None
+    assert MavlinkVerifier(KEY).check(raw_frame(bytes(message.pack(sender))), START_S) is None
 
 
 def test_stripping_a_signature_gives_the_frame_as_it_was() -> None:
-    assert strip_signature(MavlinkSigner(KEY, 1).sign(FRAME, START_S)) == FRAME
-    assert strip_signature(FRAME) == FRAME
+    assert strip_signature(raw_frame(MavlinkSigner(KEY, 1).sign(FRAME, START_S))) == FRAME
+    assert strip_signature(raw_frame(FRAME)) == FRAME
 
 
 def test_a_signature_of_another_dialects_frame_is_stripped_too() -> None:
@@ -78,14 +79,14 @@ def test_a_signature_of_another_dialects_frame_is_stripped_too() -> None:
     plain, signing = common.MAVLink(None, 7, 8), common.MAVLink(None, 7, 8)
     signing.signing.secret_key, signing.signing.sign_outgoing = KEY, True
     unsigned = bytes(message.pack(plain))
-    assert strip_signature(bytes(message.pack(signing))) == unsigned
+    assert strip_signature(raw_frame(bytes(message.pack(signing)))) == unsigned
 
 
 def test_signing_a_signed_frame_replaces_the_signature() -> None:
     signer = MavlinkSigner(KEY, 1)
     again = signer.sign(signer.sign(FRAME, START_S), START_S + 1)
     assert len(again) == len(FRAME) + 13
-    assert MavlinkVerifier(KEY).check(again, START_S + 1) is None
+    assert MavlinkVerifier(KEY).check(raw_frame(again), START_S + 1) is None
 
 
 def test_the_time_signed_follows_the_clock_and_never_falls_back() -> None:
@@ -102,20 +103,20 @@ def test_the_drifting_clock_a_sender_up_for_an_hour_is_heard_by_a_vehicle_that_s
     signer = MavlinkSigner(KEY, 1)
     for second in range(3600):
         raw = signer.sign(FRAME, START_S + second)
-    assert MavlinkVerifier(KEY).check(raw, START_S + 3599) is None
+    assert MavlinkVerifier(KEY).check(raw_frame(raw), START_S + 3599) is None
     # The stock sender's time advances by 10 us per frame only.
     stock = MavlinkSigner(KEY, 1)
     for _ in range(3600):
         raw = stock.sign(FRAME, START_S)
-    assert MavlinkVerifier(KEY).check(raw, START_S + 3599) == PAST_TIME
+    assert MavlinkVerifier(KEY).check(raw_frame(raw), START_S + 3599) == PAST_TIME
 
 
 def test_a_restarted_sender_with_its_clock_set_back_goes_on_where_it_was() -> None:
     verifier = MavlinkVerifier(KEY)
     signer = MavlinkSigner(KEY, 1)
-    verifier.commit(signer.sign(FRAME, START_S))
+    verifier.commit(raw_frame(signer.sign(FRAME, START_S)))
     restarted = MavlinkSigner(KEY, 1, signer.last_timestamp)
-    assert verifier.check(restarted.sign(FRAME, START_S - 3600), START_S) is None
+    assert verifier.check(raw_frame(restarted.sign(FRAME, START_S - 3600)), START_S) is None
 
 
 def test_the_one_forged_frame_attack_deafens_the_stock_receiver_and_not_ours() -> None:
@@ -126,31 +127,31 @@ def test_the_one_forged_frame_attack_deafens_the_stock_receiver_and_not_ours() -
     assert [message.get_type() for message in stock.parse_buffer(bad)] == ["BAD_DATA"]
     assert [message.get_type() for message in stock.parse_buffer(good)] == ["BAD_DATA"]
     verifier = MavlinkVerifier(KEY)
-    assert verifier.check(bad, START_S) == WRONG_HASH
+    assert verifier.check(raw_frame(bad), START_S) == WRONG_HASH
     assert verifier.streams == {}
-    assert verifier.check(good, START_S + 1) is None
+    assert verifier.check(raw_frame(good), START_S + 1) is None
 
 
 def test_checking_alone_remembers_nothing() -> None:
     verifier = MavlinkVerifier(KEY)
     raw = MavlinkSigner(KEY, 1).sign(FRAME, START_S)
-    assert verifier.check(raw, START_S) is None
-    assert verifier.check(raw, START_S) is None
-    verifier.commit(raw)
-    assert verifier.check(raw, START_S) == REPLAYED_TIME
+    assert verifier.check(raw_frame(raw), START_S) is None
+    assert verifier.check(raw_frame(raw), START_S) is None
+    verifier.commit(raw_frame(raw))
+    assert verifier.check(raw_frame(raw), START_S) == REPLAYED_TIME
 
 
 def test_an_unsigned_frame_and_one_with_another_key_are_told_apart() -> None:
     verifier = MavlinkVerifier(KEY)
-    assert verifier.check(FRAME, START_S) == UNSIGNED
-    assert verifier.check(MavlinkSigner(bytes(32), 1).sign(FRAME, START_S), START_S) == WRONG_HASH
+    assert verifier.check(raw_frame(FRAME), START_S) == UNSIGNED
+    assert verifier.check(raw_frame(MavlinkSigner(bytes(32), 1).sign(FRAME, START_S)), START_S) == WRONG_HASH
 
 
 @given(at=st.integers(0, len(FRAME) + 12), mask=st.integers(1, 255))
 def test_no_byte_of_a_signed_frame_can_be_changed(at: int, mask: int) -> None:
     raw = bytearray(MavlinkSigner(KEY, 1).sign(FRAME, START_S))
     raw[at] ^= mask
-    assert MavlinkVerifier(KEY).check(bytes(raw), START_S) in (UNSIGNED, WRONG_HASH)
+    assert MavlinkVerifier(KEY).check(raw_frame(bytes(raw)), START_S) in (UNSIGNED, WRONG_HASH)
 
 
 @pytest.mark.parametrize(
@@ -159,39 +160,39 @@ def test_no_byte_of_a_signed_frame_can_be_changed(at: int, mask: int) -> None:
 )
 def test_an_unknown_stream_must_be_of_now(sent_after_s: float, reason: str | None) -> None:
     raw = MavlinkSigner(KEY, 1).sign(FRAME, START_S + sent_after_s)
-    assert MavlinkVerifier(KEY).check(raw, START_S) == reason
+    assert MavlinkVerifier(KEY).check(raw_frame(raw), START_S) == reason
 
 
 def test_without_a_clock_only_the_order_counts() -> None:
     infinite = float("inf")
     verifier = MavlinkVerifier(KEY, ahead_s=infinite, behind_s=infinite)
     raw = MavlinkSigner(KEY, 1).sign(FRAME, START_S + 1e6)
-    assert verifier.check(raw, START_S) is None
-    verifier.commit(raw)
-    assert verifier.check(MavlinkSigner(KEY, 1).sign(FRAME, START_S), START_S) == REPLAYED_TIME
+    assert verifier.check(raw_frame(raw), START_S) is None
+    verifier.commit(raw_frame(raw))
+    assert verifier.check(raw_frame(MavlinkSigner(KEY, 1).sign(FRAME, START_S)), START_S) == REPLAYED_TIME
 
 
 def test_streams_kept_over_a_restart_refuse_a_recording() -> None:
     verifier = MavlinkVerifier(KEY)
     raw = MavlinkSigner(KEY, 3).sign(FRAME, START_S)
-    verifier.commit(raw)
+    verifier.commit(raw_frame(raw))
     assert verifier.streams == {(3, 254, 190): timestamp_of(START_S)}
-    assert MavlinkVerifier(KEY, verifier.streams).check(raw, START_S + 1) == REPLAYED_TIME
+    assert MavlinkVerifier(KEY, verifier.streams).check(raw_frame(raw), START_S + 1) == REPLAYED_TIME
 
 
 def test_streams_are_bounded_and_only_one_too_old_to_matter_makes_room() -> None:
     verifier = MavlinkVerifier(KEY)
     for link_id in range(MAX_STREAMS):
-        verifier.commit(MavlinkSigner(KEY, link_id).sign(FRAME, START_S + link_id))
+        verifier.commit(raw_frame(MavlinkSigner(KEY, link_id).sign(FRAME, START_S + link_id)))
     other = MavlinkSigner(KEY, 200)
-    assert verifier.check(other.sign(FRAME, START_S + 30), START_S + 30) == TOO_MANY_STREAMS
+    assert verifier.check(raw_frame(other.sign(FRAME, START_S + 30)), START_S + 30) == TOO_MANY_STREAMS
     late = other.sign(FRAME, START_S + 60.5)
-    assert verifier.check(late, START_S + 60.5) is None
-    verifier.commit(late)
+    assert verifier.check(raw_frame(late), START_S + 60.5) is None
+    verifier.commit(raw_frame(late))
     assert len(verifier.streams) == MAX_STREAMS
     assert (0, 254, 190) not in verifier.streams
     # What the forgotten stream carried is refused all the same.
-    assert verifier.check(MavlinkSigner(KEY, 0).sign(FRAME, START_S), START_S + 60.5) == PAST_TIME
+    assert verifier.check(raw_frame(MavlinkSigner(KEY, 0).sign(FRAME, START_S)), START_S + 60.5) == PAST_TIME
 
 
 @pytest.mark.parametrize("length", [0, 1, 31, 33])

@@ -19,7 +19,7 @@ from companion.mission.resolve import resolve
 from companion.surrogate.certificates import Assumption, Certificate, Finding, certify
 from companion.surrogate.cost import Weights
 from companion.surrogate.networks import MonolithicNetwork
-from companion.surrogate.profiles import profile_by_name, surrogate_gradient
+from companion.surrogate.profiles import ThreatDiscs, profile_by_name, surrogate_gradient
 
 NAMES = ["printed", "corrected", "sharp", "tight"]
 KINDS = [(10_000.0, 5_000.0), (6_000.0, 1_000.0), (12_000.0, 11_900.0)]
@@ -71,6 +71,7 @@ def crowd(surrogate: str, agents: int, kinds: list[tuple[float, float]], speed_b
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @given(
     surrogate=st.sampled_from(["pairwise", "analytic"]),
     kinds=st.lists(st.sampled_from(KINDS), min_size=1, max_size=4),
@@ -101,9 +102,11 @@ def test_farther_off_than_the_distances_the_gradient_is_within_b(
     gradient_m = surrogate_gradient(
         profile_by_name(surrogate),
         np.vstack(([0.0, 0.0], places_ned_m[len(kinds) :])),
-        places_ned_m[: len(kinds)],
-        np.array([kind[0] for kind in kinds]),
-        np.array([kind[1] for kind in kinds]),
+        ThreatDiscs(
+            places_ned_m[: len(kinds)],
+            np.array([kind[0] for kind in kinds]),
+            np.array([kind[1] for kind in kinds]),
+        ),
         mission.separation_m,
         Weights(),
     )[0]
@@ -118,9 +121,7 @@ def test_the_distances_are_not_merely_safe(surrogate: str) -> None:
     gradient_m = surrogate_gradient(
         profile_by_name(surrogate),
         np.zeros((1, 2)),
-        np.array(4 * [[distance.from_centre_m - 10.0, 0.0]]),
-        np.full(4, 1e4),
-        np.full(4, 5e3),
+        ThreatDiscs(np.array(4 * [[distance.from_centre_m - 10.0, 0.0]]), np.full(4, 1e4), np.full(4, 5e3)),
         100.0,
         Weights(),
     )[0]
@@ -143,9 +144,7 @@ def test_the_distance_as_heard_allows_for_a_disc_grown_and_displaced(bearing: fl
     gradient_m = surrogate_gradient(
         profile_by_name("pairwise"),
         np.zeros((1, 2)),
-        np.array([heard_ned_m]),
-        np.array([1e4 + off_m + unit_m]),
-        np.array([5e3 + off_m + unit_m]),
+        ThreatDiscs(np.array([heard_ned_m]), np.array([1e4 + off_m + unit_m]), np.array([5e3 + off_m + unit_m])),
         100.0,
         Weights(),
     )[0]

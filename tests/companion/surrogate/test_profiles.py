@@ -27,6 +27,7 @@ from companion.surrogate.profiles import (
     PolygonProfile,
     RadialProfile,
     StepProfile,
+    ThreatDiscs,
     gradient_for_agent,
     load_pairwise,
     profile_by_name,
@@ -54,14 +55,16 @@ class Geometry:
     detection_radius_m: np.ndarray  # (M,)
     attack_radius_m: np.ndarray  # (M,)
 
+    @property
+    def discs(self) -> ThreatDiscs:
+        return ThreatDiscs(self.threats_ned_m, self.detection_radius_m, self.attack_radius_m)
+
     def cost(self, profile: RadialProfile, agents_ned_m: np.ndarray | None = None) -> float:
         agents = self.agents_ned_m if agents_ned_m is None else agents_ned_m
         return surrogate_cost(
             profile,
             agents,
-            self.threats_ned_m,
-            self.detection_radius_m,
-            self.attack_radius_m,
+            self.discs,
             SEPARATION_M,
             WEIGHTS,
         )
@@ -70,9 +73,7 @@ class Geometry:
         return surrogate_gradient(
             profile,
             self.agents_ned_m,
-            self.threats_ned_m,
-            self.detection_radius_m,
-            self.attack_radius_m,
+            self.discs,
             SEPARATION_M,
             WEIGHTS,
         )
@@ -96,9 +97,7 @@ def one_agent_gradient(profile: RadialProfile, geometry: Geometry, index: int) -
     return gradient_for_agent(
         profile,
         geometry.agents_ned_m[index],
-        geometry.threats_ned_m,
-        geometry.detection_radius_m,
-        geometry.attack_radius_m,
+        geometry.discs,
         np.delete(geometry.agents_ned_m, index, axis=0),
         SEPARATION_M,
         WEIGHTS,

@@ -17,11 +17,12 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.errors import InputError
+from companion.protocol.radio_status import RadioStatusReader, read_radio_status
 from companion.transport import serial as serial_module
 from companion.transport.endpoints import Link, Sender, open_receiver, open_sender
-from companion.transport.serial import RadioStatusReader
+from groundstation.pacer import Pacer, burst_bytes
 from groundstation.radio import parse_radio
-from groundstation.schedule import TICK_S, Pacer, burst_bytes
+from groundstation.schedule import TICK_S
 
 BAUD = 57600
 DRAIN_BYTES_PER_S = 5760.0
@@ -96,7 +97,7 @@ def cable(tmp_path: Path) -> Iterator[Cable]:
 
 def test_a_senders_bytes_come_out_unchanged_at_the_far_end(cable: Cable) -> None:
     async def body() -> None:
-        sender = await open_sender(cable.link)
+        sender = await open_sender(cable.link, read_radio_status)
         every_byte = bytes(range(256))
         sender.send(every_byte)
         got = bytearray()
@@ -235,7 +236,7 @@ def test_what_is_sent_keeps_to_the_budget_and_overruns_no_radio(cable: Cable, sh
     async def body() -> None:
         budget_bytes_per_s = share * DRAIN_BYTES_PER_S
         radio = Radio(cable)
-        sender = await open_sender(cable.link)
+        sender = await open_sender(cable.link, read_radio_status)
         talk = Talk(sender, paced(share), radio, frames_of_any_length())
         await talk.go_on(TICK_S)
         began_bytes = len(talk.sent)
@@ -253,7 +254,7 @@ def test_a_radio_that_reports_a_full_buffer_is_overrun_no_more(cable: Cable) -> 
     async def body() -> None:
         air_bytes_per_s = 2000.0
         radio = Radio(cable, air_bytes_per_s, 2048)
-        sender = await open_sender(cable.link)
+        sender = await open_sender(cable.link, read_radio_status)
         talk = Talk(sender, paced(1.0), radio, frames_of_any_length())
         await talk.go_on(10.0, report_period_s=1.0)
         assert radio.overruns_at_s != []
@@ -269,7 +270,7 @@ def test_a_radio_that_reports_a_full_buffer_is_overrun_no_more(cable: Cable) -> 
 
 def test_a_radio_that_stalls_costs_frames_but_no_torn_one(cable: Cable) -> None:
     async def body() -> None:
-        sender = await open_sender(cable.link)
+        sender = await open_sender(cable.link, read_radio_status)
         radio = Radio(cable)
         frames = (bytes([number % 256]) * 200 for number in itertools.count())
         sent = b""
@@ -298,7 +299,7 @@ def test_a_radio_that_stalls_costs_frames_but_no_torn_one(cable: Cable) -> None:
 
 def test_a_sender_knows_what_its_radio_last_reported(cable: Cable) -> None:
     async def body() -> None:
-        sender = await open_sender(cable.link)
+        sender = await open_sender(cable.link, read_radio_status)
         assert sender.txbuf_percent is None
         for percent in (73, 0, 100):
             os.write(cable.far, b"\xfe\xfdnoise" + status(percent))
@@ -312,7 +313,7 @@ def test_an_old_report_says_nothing_about_now(cable: Cable, monkeypatch: pytest.
     monkeypatch.setattr(serial_module, "TXBUF_VALID_S", 0.05)
 
     async def body() -> None:
-        sender = await open_sender(cable.link)
+        sender = await open_sender(cable.link, read_radio_status)
         os.write(cable.far, status(40))
         await until(lambda: sender.txbuf_percent == 40)
         await until(lambda: sender.txbuf_percent is None)
@@ -323,7 +324,7 @@ def test_an_old_report_says_nothing_about_now(cable: Cable, monkeypatch: pytest.
 
 def test_nothing_else_that_comes_back_changes_what_a_sender_does(cable: Cable) -> None:
     async def body() -> None:
-        sender = await open_sender(cable.link)
+        sender = await open_sender(cable.link, read_radio_status)
         radio = Radio(cable)
         os.write(cable.far, bytes(ardupilotmega.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3).pack(_MAV)) * 50)
         os.write(cable.far, os.urandom(2000))
@@ -378,7 +379,7 @@ def test_whatever_comes_back_no_more_than_one_report_is_kept_waiting(chunks: lis
 
 def test_a_sender_goes_on_when_its_radio_is_plugged_in_again(cable: Cable, quick_reopening: None) -> None:
     async def body() -> None:
-        sender = await open_sender(cable.link)
+        sender = await open_sender(cable.link, read_radio_status)
         os.write(cable.far, status(40))
         await until(lambda: sender.txbuf_percent == 40)
         cable.unplug()

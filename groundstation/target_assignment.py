@@ -1,0 +1,128 @@
+"""Which target each agent is sent to, from the tracks as they are now.
+
+What goes into an assignment is gathered here: who takes part, what is in reach of whom and what lies in between. The
+assignment problems themselves are solved in assignment.py, by the straight distance, and in route_cost.py, by the paths
+around the threats.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from companion.geo.kinematics import turn_rate_rad_s
+from companion.mission.model import RANGE_RESERVE, AgentSpec, Mission, agent_height_m
+from companion.protocol.codec import Kind
+from groundstation.assignment import SWITCHING_SHARE, assign, within_range
+from groundstation.broadcast import MOVING_M_S, grown
+from groundstation.route_cost import AssignmentRule, RouteCosts, Scene, assign_by_route_cost
+from groundstation.tracks import Track, TrackTable
+
+
+@dataclass(frozen=True)
+class TargetAssignment:
+    """Who is sent where."""
+
+    targets: Mapping[int, int] = field(default_factory=dict)
+    """Agent id to target id; an agent that is sent nowhere is not in it."""
+    uncovered: tuple[int, ...] = ()
+    """Targets that no agent is left for, or none that can arrive there."""
+
+
+def assign_targets(
+    mission: Mission,
+    tracks: TrackTable,
+    present: Mapping[int, int],  # agent id -> target id
+    now_s: float,
+) -> TargetAssignment:
+    """Return the assignment of the agents on their way to the targets not reached yet.
+
+    `present` is the assignment that holds, which is changed only where that is worth it (assignment.py).
+    """
+    agents, targets = tracks.active_agents, tracks.open_targets
+    specs = {agent.id: agent for agent in mission.agents}
+    chosen = _Problem(mission, tracks, [specs[identity] for identity in agents], targets).solve(present, now_s)
+    assigned = {agent: targets[index] for agent, index in zip(agents, chosen, strict=True) if index >= 0}
+    covered = set(assigned.values())
+    return TargetAssignment(assigned, tuple(target for target in targets if target not in covered))
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The agents on their way and the targets not reached yet."""
+
+    mission: Mission
+    tracks: TrackTable
+    agents: Sequence[AgentSpec]
+    targets: Sequence[int]
+
+    def solve(self, present: Mapping[int, int], now_s: float) -> np.ndarray:  # (N,) index of a target, -1 for none
+        """Return the target of each agent."""
+        mission = self.mission
+        agents_ned_m = self._positions(Kind.AGENT, [agent.id for agent in self.agents])
+        targets_ned_m = self._positions(Kind.TARGET, self.targets)
+        left_m = np.array([agent.range_m - self.tracks.flown_m[agent.id] for agent in self.agents])
+        homes_ned_m = np.array([agent.position_ned_m for agent in self.agents]).reshape(-1, 2)
+        allowed = self._allowed()
+
+        def in_range(there_m: np.ndarray | None = None) -> np.ndarray:  # (N, K) m -> (N, K) bool
+            homes = homes_ned_m if mission.range_policy == "return" else None
+            within: np.ndarray = allowed & within_range(
+                agents_ned_m, targets_ned_m, left_m, homes, RANGE_RESERVE, there_m
+            )
+            return within
+
+        places = {target: index for index, target in enumerate(self.targets)}
+        held = np.array([places.get(present.get(agent.id, 0), -1) for agent in self.agents], dtype=int)
+        share = mission.switching_share
+        if mission.objective == "distance" or mission.objective == "inverse-distance":
+            return assign(agents_ned_m, targets_ned_m, mission.objective, in_range(), held, share or 0.0)
+        rule = AssignmentRule(mission.objective, SWITCHING_SHARE if share is None else share)
+        speeds_m_s = np.array([agent.speed_m_s for agent in self.agents])
+        costs = RouteCosts(self._scene(agents_ned_m, targets_ned_m, now_s))
+        return assign_by_route_cost(costs, speeds_m_s, rule, in_range, held)
+
+    def _allowed(self) -> np.ndarray:  # (N, K) bool
+        """Return which agent may be sent to which target: one that is kept for a target goes to no other."""
+        kept_for = [agent.only_target for agent in self.agents]
+        allowed = np.array([[only in (None, target) for target in self.targets] for only in kept_for], dtype=bool)
+        return allowed.reshape(len(self.agents), len(self.targets))
+
+    def _scene(
+        self,
+        agents_ned_m: np.ndarray,  # (N, 2) m
+        targets_ned_m: np.ndarray,  # (K, 2) m
+        now_s: float,
+    ) -> Scene:
+        """Return what lies between agents and targets: the discs as the vehicles are told of them."""
+        mission, tracks = self.mission, self.tracks.tracks
+        discs = [grown(threat, tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
+        floors_m = np.array([-np.inf if threat.floor_m is None else threat.floor_m for threat in mission.threats])
+        ceilings_m = np.array([np.inf if threat.ceiling_m is None else threat.ceiling_m for threat in mission.threats])
+        heights_m = [agent_height_m(mission, agent.id) for agent in self.agents]
+        levels_m = np.array([mission.origin.alt_m + height_m for height_m in heights_m])[:, np.newaxis]
+        return Scene(
+            agents_ned_m=agents_ned_m,
+            headings_rad=np.array([_heading_rad(tracks[Kind.AGENT, agent.id]) for agent in self.agents]),
+            turn_radii_m=np.array([_turn_radius_m(agent) for agent in self.agents]),
+            targets_ned_m=targets_ned_m,
+            centres_ned_m=np.array([(disc.north_m, disc.east_m) for disc in discs]).reshape(-1, 2),
+            radii_m=np.array([disc.detection_radius_m for disc in discs]),
+            obstructs=(floors_m <= levels_m) & (levels_m <= ceilings_m),
+        )
+
+    def _positions(self, kind: Kind, ids: Sequence[int]) -> np.ndarray:  # (len(ids), 2) m
+        return np.array([self.tracks.tracks[kind, identity].position_ned_m for identity in ids]).reshape(-1, 2)
+
+
+def _heading_rad(track: Track) -> float:
+    """Return where an agent flies, nan if it hardly does or nobody has seen it move yet."""
+    speed_m_s = math.hypot(track.velocity_north_m_s, track.velocity_east_m_s)
+    return math.atan2(track.velocity_east_m_s, track.velocity_north_m_s) if speed_m_s >= MOVING_M_S else math.nan
+
+
+def _turn_radius_m(agent: AgentSpec) -> float:
+    return agent.speed_m_s / turn_rate_rad_s(agent.speed_m_s, agent.n_max)
