@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.guidance.route import Reach, shortest_route
+from companion.guidance.route.router import Reach, shortest_route
 from groundstation.assignment import assign, assign_least_latest, within_range
 from groundstation.route_cost import (
     UNREACHED_PENALTY,
