@@ -17,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from companion.guidance.route import Reach, shortest_route
+from companion.guidance.route.router import Reach, shortest_route
 from groundstation.assignment import assign_least_latest, assign_least_total
 
 RouteObjective = Literal["route", "latest"]

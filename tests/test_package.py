@@ -74,12 +74,14 @@ def imported(path: Path) -> set[str]:
     return names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
 def test_imports_point_one_way(path: Path) -> None:
     package = path.relative_to(ROOT).parts[0]
     assert not imported(path) & FORBIDDEN[package]
 
 
+@pytest.mark.slow
 def test_only_training_imports_torch_and_nothing_on_the_vehicle_imports_scipy() -> None:
     companion = [path for path in modules() if path.is_relative_to(ROOT / "companion")]
     trainings = {"training.py", "training_pairwise.py", "training_monolithic.py"}
@@ -103,6 +105,7 @@ def with_their_needs(names: tuple[str, ...]) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_a_companion_decides_in_a_bare_environment_without_torch_and_scipy(tmp_path: Path) -> None:
     venv.create(tmp_path, with_pip=False, symlinks=True)
     site = next((tmp_path / "lib").glob("python*/site-packages"))

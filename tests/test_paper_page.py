@@ -47,6 +47,7 @@ def test_every_remark_of_the_paper_has_a_row(remark: str) -> None:
     assert [row for row in ROWS if row[0] == remark]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("path", "name"), REFERENCES)
 def test_every_function_that_the_page_names_exists(path: str, name: str) -> None:
     assert name in names_in(ROOT / path)

@@ -78,12 +78,12 @@ class Adapter(Protocol):
 
     @property
     def steerable(self) -> bool:
-        """Whether a person has armed the vehicle and put it into the mode that obeys setpoints."""
+        """Whether a safety pilot has armed the vehicle and put it into the mode that obeys setpoints."""
         ...
 
     @property
     def refusal(self) -> str | None:
-        """Why this autopilot is not steered at all, and what to do about it: another kind than configured, ..."""
+        """Why this autopilot is not steered at all, and what to do about it: for one, that it is another kind."""
         ...
 
     @property
@@ -114,7 +114,7 @@ class Adapter(Protocol):
         ...
 
     def hold(self, now_s: float) -> list[bytes]:
-        """Return the frames that ask to stay as it is, where a stream must flow before a person can hand over."""
+        """Return the frames that ask to stay as it is, where a stream must flow before a safety pilot can hand over."""
         ...
 
     def release(self) -> None:

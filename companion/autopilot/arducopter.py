@@ -19,7 +19,7 @@ LEAD_S = 0.45
 """Of the velocity's lag on a steady turn, 0.62 s; the rest is the reaction."""
 REACTION_S = 0.2
 """What the lead leaves of the lag. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest rate
-(tests/benchmarks/lags.py)..."""
+(tests/benchmarks/lags.py)."""
 TURN_SHARE = 0.7
 """Of the acceleration that WPNAV_ACCEL allows; nearer to all of it the speed collapses in turns."""
 BRAKING_SHARE = 0.8
@@ -32,7 +32,7 @@ _TOP_SPEED_EXPONENT = math.log(TOP_SPEED_AT_45_DEG_M_S / TOP_SPEED_AT_30_DEG_M_S
 SPEED_SHARE = 0.85
 """Of the top speed: asking for more than is reachable winds up, and turning needs some of the lean angle."""
 TRACKING_M = 1.5
-"""...it stays within this at 4 and 8 m/s."""
+"""With REACTION_S the vehicle stays within this of its path at 4 and 8 m/s, measured alike."""
 
 WANTED = (
     Wanted("WPNAV_ACCEL", 250.0, (("WP_ACC", 100.0),)),

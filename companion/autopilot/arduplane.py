@@ -36,7 +36,7 @@ REACTION_S = 0.25
 """With the bank of the turn fed forward. On the stand-in 0.15 fits turns of 8 to 360 degrees best
 (tests/benchmarks/lags.py), but a plane that turns for a minute in front of a fence then leaves by 5 m."""
 TRACKING_M = 5.5
-"""...and with 0.25 s it stays within this, at 22 m/s in a reversal."""
+"""With REACTION_S the plane stays within this of its path, at 22 m/s in a reversal."""
 LOITER_PERIOD_S = 4.0
 RESEND_PERIOD_S = 10.0
 """Height and speed are commanded again after this time though they did not change: entering GUIDED forgets them."""

@@ -35,7 +35,7 @@ class Command:
     number: int
     """MAV_CMD."""
     name: str
-    """For the person, should it not be accepted."""
+    """What a message calls it, should it not be accepted."""
     params: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     frame: int | None = None
     """MAV_FRAME."""

@@ -11,7 +11,7 @@ import math
 RAMP_S = 0.5
 """A new heading is reached in this time, if the vehicle can turn so fast: the default guidance step."""
 GAP_S = 2.0
-"""After so long without a heading the course begins anew."""
+"""Without a heading for longer than this the course begins anew."""
 
 
 class CourseRamp:

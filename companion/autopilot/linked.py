@@ -87,7 +87,7 @@ class LinkedAdapter(ABC):
 
     @property
     def steerable(self) -> bool:
-        """Armed and in the mode that obeys setpoints: both are a person's doing."""
+        """Armed and in the mode that obeys setpoints: both are the safety pilot's doing."""
         return self.telemetry.armed and self.telemetry.custom_mode == self.identity.guided_mode
 
     @property

@@ -1,10 +1,10 @@
 """The parent's side of MAVSDK for PX4: the companion's velocities in, what MAVSDK makes of them out.
 
 The parent keeps the one link to the autopilot. It gives the child what the autopilot says, and lets through from it
-nothing but setpoints, and those only while its own loop ticks. A second child waits ready: when a person takes over the
-one that steered is ended at once, because MAVSDK would repeat its last setpoint; when one dies or falls silent the next
-goes on. PX4 obeys again by itself when a stream that ended comes back: so after a gap of what really left no setpoint
-leaves before the caller was asked.
+nothing but setpoints, and those only while its own loop ticks. A second child waits ready: when the safety pilot takes
+over, the one that steered is ended at once, because MAVSDK would repeat its last setpoint; when one dies or falls
+silent the next goes on. PX4 obeys again by itself when a stream that ended comes back: so after a gap of what really
+left no setpoint leaves before the caller was asked.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What `companion check` demands of an autopilot's parameters: on them rests what a dead companion leaves behind."""
+"""What `companion check` checks in an autopilot's parameters: on them rests what a dead companion leaves behind."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ParameterCheck:
 
     @property
     def words(self) -> str:
-        """What is allowed, for a person."""
+        """What is allowed, in words."""
         if self.allowed:
             return " or ".join(f"{value:g}" for value in self.allowed)
         if self.least == -math.inf:

@@ -20,7 +20,7 @@ TRIES = 5
 RETRY_S = 1.0
 REQUESTS_AT_ONCE = 2
 REQUESTS_PERIOD_S = 0.2
-"""So many requests in so long at most: a telemetry radio has other things to carry."""
+"""At most REQUESTS_AT_ONCE requests in this time: a telemetry radio has other things to carry."""
 _NAME_BYTES = 16
 _INTEGERS = {
     common.MAV_PARAM_TYPE_UINT8: "<B3x",

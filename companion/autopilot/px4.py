@@ -1,7 +1,7 @@
 """What both PX4 kinds have in common: OFFBOARD, which a stream of setpoints keeps, ends and begins again by itself.
 
-docs/autopilots.md: the stream must flow before a person can choose OFFBOARD; when it stops OFFBOARD ends COM_OF_LOSS_T
-later by COM_OBL_RC_ACT; when it comes back PX4 re-enters OFFBOARD whatever happened since.
+docs/autopilots.md: the stream must flow before a safety pilot can choose OFFBOARD; when it stops OFFBOARD ends
+COM_OF_LOSS_T later by COM_OBL_RC_ACT; when it comes back PX4 re-enters OFFBOARD whatever happened since.
 """
 
 from __future__ import annotations

@@ -19,12 +19,12 @@ LEAD_S = 0.5
 """Of the velocity's lag on a steady turn; the rest is the reaction."""
 REACTION_S = 0.2
 """What the lead leaves of the lag. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest rate
-(tests/benchmarks/lags.py)..."""
+(tests/benchmarks/lags.py)."""
 TURN_SHARE = 0.7
 BRAKING_SHARE = 0.8
 SPEED_SHARE = 0.85
 TRACKING_M = 1.5
-"""...it stays within this at 5 and 10 m/s."""
+"""With REACTION_S the vehicle stays within this of its path at 5 and 10 m/s, measured alike."""
 
 WANTED = (*px4.WANTED, Wanted("MPC_ACC_HOR", 3.0), Wanted("MPC_XY_VEL_MAX", 12.0))
 PARAMETER_CHECKS = (

@@ -30,7 +30,7 @@ HEIGHT_STEP_M = 8.0
 """The height asked for is never further away: with an error over 10 m it loiters instead of holding its course."""
 REACTION_S = 0.2
 """What the lead leaves of the lag. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest rate
-(tests/benchmarks/lags.py)..."""
+(tests/benchmarks/lags.py)."""
 PLANE_LAG_S = 1.17
 """A course this much ahead of the present one, times the rate, turns the plane at that rate (docs/autopilots.md)."""
 CIRCLE_SHARE = 0.8
@@ -40,7 +40,7 @@ N_MAX = 0.4
 BANK_SHARE = 0.7
 """Of what the greatest bank would give."""
 TRACKING_M = 2.0
-"""...it stays within this."""
+"""With REACTION_S the vehicle stays within this of its path, measured alike."""
 
 WANTED = (*px4.WANTED, Wanted("FW_AIRSPD_TRIM", 15.0), Wanted("FW_R_LIM", 50.0))
 PARAMETER_CHECKS = (

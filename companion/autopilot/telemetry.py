@@ -50,7 +50,7 @@ SHARED_ID_WITHIN_S = 10.0
 """An autopilot takes longer than this to start twice."""
 SHARED_ID_CONTRADICTIONS = 20
 """Two autopilots with like clocks share a system id if within SHARED_ID_WITHIN_S this many positions come late, or are
-elsewhere at the same moment. No link in use puts a fifth of its datagrams out of order, as that would take."""
+elsewhere at the same moment. A link that puts a fifth of its datagrams out of order would look so too, and is unfit."""
 SHARED_ID_MEMORY_S = 30.0
 """Two autopilots are taken to share an id for this time after the last sign of it."""
 LOCAL_POSITION_MAX_AGE_S = 2.0

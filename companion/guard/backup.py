@@ -32,11 +32,11 @@ from companion.guard.types import FENCE, KEEP_OUT, PIVOT_SPEED_M_S, Piece
 from companion.guard.vehicle import GREATEST_TURN_RAD, Step, VehicleModel
 
 ROUTE_STEPS = 60
-"""Steps along the route within which a turning circle must be clear..."""
+"""Steps along the route within which a turning circle must be clear, unless ROUTE_CIRCLES are more."""
 ROUTE_CIRCLES = 3
-"""...or those of so many turning circles, if they are more."""
+"""Turning circles whose steps count in place of ROUTE_STEPS where they are more."""
 CIRCLE_PARTS = 24
-"""Along the route, a turning circle is looked for so many times in the length of one."""
+"""Along the route, a turning circle is looked for this many times in the length of one."""
 FOLLOW_RAD = 0.01
 """A wanted turn this near to the path in hand is flown as that path: nothing need be looked for anew."""
 SAMPLES = 8
@@ -56,6 +56,8 @@ class Flight(NamedTuple):
     moving: bool
     route: Sequence[Piece]
     attack_m: list[float] | None
+    inflation_m: float
+    """How far the vehicle may be off the path it is held to: every disc is inflated by it."""
     sides: tuple[float, ...] = (1.0, -1.0)
     """Of the turning circles that may be a back-up, the first preferred."""
 
@@ -76,7 +78,8 @@ class BackupSearch:
 
         `path` is the path in hand, `along_m` how far along it the vehicle is.
         """
-        self._vehicle, self._fence, self._flight, self._limited = vehicle, fence, flight, limited
+        self._vehicle, self._limits, self._fence = vehicle, vehicle.limits, fence
+        self._flight, self._limited = flight, limited
         self._path, self._along_m = path, along_m
 
     def choices(self, wanted: Step) -> Iterator[Step]:
@@ -89,7 +92,7 @@ class BackupSearch:
             turns_rad = (0.5 * wanted.turn_rad, 0.0, most_rad, -most_rad)
             for turn_rad in sorted(turns_rad, key=lambda turn_rad: abs(turn_rad - wanted.turn_rad)):
                 yield Step(turn_rad, speed_m_s)
-        if self._vehicle.limits.braking_m_s2 is not None:
+        if self._limits.braking_m_s2 is not None:
             yield Step(0.0, 0.0)
 
     def accepted(self, step: Step, thorough: bool) -> Path | str:
@@ -99,9 +102,9 @@ class BackupSearch:
             flight.tip, step, flight.before_m_s, flight.ground_m_s, flight.dt_s
         )
         spare_m = self.spare_m(step)
-        if not flight.moving or self._vehicle.limits.braking_m_s2 is not None:
+        if not flight.moving or self._limits.braking_m_s2 is not None:
             blocked = self.blocked(pieces, flight.near, flight.dt_s, spare_m)
-        elif not is_clear(pieces, flight.near, step.speed_m_s - self._vehicle.limits.wind_m_s, 0.0, spare_m):
+        elif not is_clear(pieces, flight.near, step.speed_m_s - self._limits.wind_m_s, 0.0, spare_m):
             blocked = KEEP_OUT
         else:
             blocked = self.outside(pieces, spare_m)
@@ -136,7 +139,7 @@ class BackupSearch:
             turn_rad = math.remainder(path.pieces[-1].heading_rad - flight.tip.heading_rad, math.tau)
             most_rad = self._vehicle.greatest_turn_rad(0.0, flight.before_m_s, flight.dt_s)
             return Step(min(max(turn_rad, -most_rad), most_rad), 0.0)
-        ground_m_s = flight.ground_m_s if self._vehicle.limits.wind_m_s > 0.0 else path.speed_m_s
+        ground_m_s = flight.ground_m_s if self._limits.wind_m_s > 0.0 else path.speed_m_s
         return Step(
             self._vehicle.steered_rad(
                 path,
@@ -144,7 +147,7 @@ class BackupSearch:
                 flight.tip,
                 ground_m_s,
                 flight.dt_s,
-                0.0 if self._vehicle.limits.wind_m_s == 0.0 else flight.dt_s,
+                0.0 if self._limits.wind_m_s == 0.0 else flight.dt_s,
             ),
             path.speed_m_s,
         )
@@ -159,7 +162,7 @@ class BackupSearch:
         """Return how far off the path a change of speed may put the vehicle: none of it at one speed."""
         flight = self._flight
         change_m = abs(flight.before_m_s - step.speed_m_s) * flight.dt_s
-        return change_m if self._vehicle.limits.braking_m_s2 is None else change_m * abs(step.turn_rad)
+        return change_m if self._limits.braking_m_s2 is None else change_m * abs(step.turn_rad)
 
     def backup(
         self,
@@ -172,7 +175,7 @@ class BackupSearch:
     ) -> Path | str:
         """Return a certified path from a pose that is reached in a while, or what is in the way of one."""
         flight = self._flight
-        lasts_s = after_s + self._vehicle.limits.horizon_s if flight.moving else math.inf
+        lasts_s = after_s + self._limits.horizon_s if flight.moving else math.inf
         reason = KEEP_OUT
         if self._limited or not flight.moving:
             grown_s = lasts_s if flight.moving else 0.0
@@ -196,8 +199,8 @@ class BackupSearch:
         spare_m: float,
     ) -> Path | str:
         """Return braking to a stand or, for who cannot, turning for ever, right before left; or what is in the way."""
-        if self._vehicle.limits.braking_m_s2 is not None:
-            line = (straight(pose, speed_m_s * speed_m_s / (2.0 * self._vehicle.limits.braking_m_s2)),)
+        if self._limits.braking_m_s2 is not None:
+            line = (straight(pose, speed_m_s * speed_m_s / (2.0 * self._limits.braking_m_s2)),)
             return self.blocked(line, discs, grown_s, spare_m) or Path(line, 0, 0.0, math.inf)
         blocked: str | None = None
         for side in self._flight.sides:
@@ -215,7 +218,7 @@ class BackupSearch:
         # Where the route ends nothing need be clear: straight on from there something may be.
         pieces_of_route += (straight(end_of(pieces_of_route[-1]), math.tau / rate_1_m),)
         finite = all(map(math.isfinite, itertools.chain(*pieces_of_route)))
-        if self._vehicle.limits.braking_m_s2 is not None or not finite:
+        if self._limits.braking_m_s2 is not None or not finite:
             return None
         speed_m_s, dt_s = step.speed_m_s, flight.dt_s
         route = Path(pieces_of_route, 0, speed_m_s, math.inf)
@@ -255,11 +258,11 @@ class BackupSearch:
     ) -> tuple[Piece, ...] | None:
         """Return an arc to a heading and straight on that no moving disc reaches; None if there is none."""
         flight = self._flight
-        slow_m_s = speed_m_s - self._vehicle.limits.wind_m_s
+        slow_m_s = speed_m_s - self._limits.wind_m_s
         if slow_m_s < PIVOT_SPEED_M_S:
             return None
         curvature_1_m = self._vehicle.curvature_1_m(speed_m_s)
-        length_m = slow_m_s * self._vehicle.limits.horizon_s if self._limited else math.inf
+        length_m = slow_m_s * self._limits.horizon_s if self._limited else math.inf
         coarse = speed_m_s * flight.dt_s * curvature_1_m > GREATEST_TURN_RAD
         for heading_rad in self.likely_headings_rad(pose, flight.discs):
             turn_rad = math.remainder(heading_rad - pose.heading_rad, math.tau)
@@ -302,14 +305,14 @@ class BackupSearch:
 
     def outside(self, pieces: Iterable[Piece], spare_m: float) -> str | None:
         """Return FENCE for pieces that come too near to the fence or leave it."""
-        if self._fence is None or self._fence.holds(pieces, self._vehicle.inflation_m(self._flight.dt_s) + spare_m):
+        if self._fence is None or self._fence.holds(pieces, self._flight.inflation_m + spare_m):
             return None
         return FENCE
 
     def violation(self, step: Step) -> tuple[float, ...]:
         """Return what to make least when nothing is certified: depth in attack discs, beyond the fence, in discs.
 
-        First the greatest during the step and straight on for as long again, then at the end of this, which tells
+        First the greatest during the step and straight on for another step, then at the end of this, which tells
         apart the ways out.
         """
         flight = self._flight

@@ -68,6 +68,7 @@ class Guard:
     """Checks every setpoint of one vehicle; keeps the commands in flight and the path that is clear for all time."""
 
     def __init__(self, limits: Limits) -> None:
+        self._limits = limits
         self._vehicle = VehicleModel(limits)
         self._fence = None if limits.fence_ned_m is None else Fence(limits.fence_ned_m)
         self.reset()
@@ -89,7 +90,7 @@ class Guard:
         """
         if unusable(motion, discs, dt_s, slack_m_of(motion, discs, 0.0)) is not None:
             return False
-        reaction_s = self._vehicle.limits.reaction_s
+        reaction_s = self._limits.reaction_s
         tip, speed_m_s = self._vehicle.flown(motion, [], reaction_s)
         committed = (straight(pose_of(motion), motion.speed_m_s * reaction_s),)
         flight = self._flight(tip, speed_m_s, motion, discs, dt_s, ())
@@ -119,8 +120,8 @@ class Guard:
             return Verdict(None, (reason,))
         elapsed_s = self._elapsed_s(now_s, dt_s)
         broken = self._monitored(motion, elapsed_s, dt_s)
-        tip, before_m_s = self._vehicle.flown(self._motion, self._commands, self._vehicle.limits.reaction_s)
-        if self._vehicle.limits.braking_m_s2 is None:
+        tip, before_m_s = self._vehicle.flown(self._motion, self._commands, self._limits.reaction_s)
+        if self._limits.braking_m_s2 is None:
             before_m_s = self._vehicle.allowed_m_s(before_m_s)
         changes: list[str] = []
         step, altitude_m = self._vehicle.within_limits(wanted, tip, before_m_s, dt_s, changes)
@@ -141,7 +142,7 @@ class Guard:
             right = self._kept_right(step, flight, limited, changes) if hints.keep_right and not moving else None
             step = right or self._kept_clear(step, flight, limited, changes)
         heading_rad = (tip.heading_rad + step.turn_rad) % math.tau
-        self._commands.append(Command(self._vehicle.limits.reaction_s, heading_rad, step.speed_m_s))
+        self._commands.append(Command(self._limits.reaction_s, heading_rad, step.speed_m_s))
         return Verdict(Setpoint(heading_rad, step.speed_m_s, altitude_m), tuple(changes), tuple(broken), self._left_s)
 
     # What is known of the vehicle and the discs
@@ -159,7 +160,7 @@ class Guard:
 
     def _monitored(self, motion: Motion, elapsed_s: float, dt_s: float) -> list[str]:
         """Return the assumptions that the vehicle's reports contradict; move what is kept on to now."""
-        limits = self._vehicle.limits
+        limits = self._limits
         broken = []
         spare_m_s = limits.wind_m_s + SPEED_TOLERANCE_M_S
         if not limits.speed_min_m_s - spare_m_s <= motion.speed_m_s <= limits.speed_max_m_s + spare_m_s:
@@ -192,21 +193,20 @@ class Guard:
     def _limited(self, discs: Discs, speed_m_s: float) -> bool:
         """Return whether nothing is clear of the discs for ever, so that only the horizon can be certified."""
         fastest_m_s = max(discs.speeds_m_s.tolist(), default=0.0)
-        endless = self._fence is None and self._vehicle.limits.braking_m_s2 is None
-        return fastest_m_s > 0.0 and not (endless and fastest_m_s < speed_m_s - self._vehicle.limits.wind_m_s)
+        endless = self._fence is None and self._limits.braking_m_s2 is None
+        return fastest_m_s > 0.0 and not (endless and fastest_m_s < speed_m_s - self._limits.wind_m_s)
 
     def _flight(
         self, tip: Pose, before_m_s: float, motion: Motion, discs: Discs, dt_s: float, route: Sequence[Piece]
     ) -> Flight:
         """Return what a decision is about, with every disc inflated by what the vehicle may be off its path."""
-        reaction_s, off_m = self._vehicle.limits.reaction_s, self._vehicle.inflation_m(dt_s)
+        reaction_s, off_m = self._limits.reaction_s, self._vehicle.inflation_m(dt_s)
         inflated_m = discs.radii_m + (discs.speeds_m_s * reaction_s + off_m)
         columns = (*discs.centres_ned_m.T.tolist(), inflated_m.tolist(), discs.speeds_m_s.tolist())
         rows = list(zip(*columns, strict=True))
         attack_m = None if discs.attack_m is None else (discs.attack_m + (inflated_m - discs.radii_m)).tolist()
-        return Flight(
-            tip, before_m_s, motion.speed_m_s, dt_s, rows, rows, max(columns[3], default=0.0) > 0.0, route, attack_m
-        )
+        moving = max(columns[3], default=0.0) > 0.0
+        return Flight(tip, before_m_s, motion.speed_m_s, dt_s, rows, rows, moving, route, attack_m, off_m)
 
     # The path in hand
 
@@ -216,7 +216,7 @@ class Guard:
             return
         pose = pose_at(self._path, self._along_m)
         ahead_m, beside_m = seen_from(pose, flight.tip)
-        if self._vehicle.limits.braking_m_s2 is not None or self._vehicle.limits.wind_m_s > 0.0:
+        if self._limits.braking_m_s2 is not None or self._limits.wind_m_s > 0.0:
             # How far it has come is what the reports say; only being beside the path counts.
             self._along_m = max(0.0, self._along_m + ahead_m)
             ahead_m, beside_m = seen_from(pose_at(self._path, self._along_m), flight.tip)
@@ -234,7 +234,7 @@ class Guard:
         assert path is not None
         rest = rest_of(path, self._along_m)
         if flight.moving and math.isinf(self._left_s):
-            return is_clear(rest, flight.discs, flight.before_m_s - self._vehicle.limits.wind_m_s, 0.0, 0.0)
+            return is_clear(rest, flight.discs, flight.before_m_s - self._limits.wind_m_s, 0.0, 0.0)
         search = self._search(flight, False)
         return search.blocked(rest, flight.discs, self._left_s if flight.moving else 0.0) is None
 
@@ -244,7 +244,7 @@ class Guard:
 
     def _kept_right(self, wanted: Step, flight: Flight, limited: bool, changes: list[str]) -> Step | None:
         """Return the wanted step, or the circle to the right in its place; None where that is not clear."""
-        if self._vehicle.limits.braking_m_s2 is not None:
+        if self._limits.braking_m_s2 is not None:
             return None
         search = self._search(flight._replace(sides=(1.0,), route=()), limited)
         most_rad = self._vehicle.greatest_turn_rad(wanted.speed_m_s, flight.before_m_s, flight.dt_s)

@@ -33,7 +33,7 @@ POSITION_TOLERANCE_M = 0.1
 """Where the vehicle is and where it should be may differ by this beyond their bounds: telemetry resolves 1 cm and
 1 cm/s. Chosen, not measured."""
 CLOSING_STEPS = 2.0
-"""In so many steps the vehicle closes in on the path that wind blew it off."""
+"""Steps in which the vehicle closes in on the path that wind blew it off."""
 
 
 class Command(NamedTuple):

@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
 from companion.guard.types import TRACKING_REACTIONS, TRACKING_STEPS, Motion, Piece
-from companion.guidance.route import Reach, Route, Router, shortest_route
+from companion.guidance.route.router import Departure, Reach, Route, Router, shortest_route
 from companion.guidance.settings import LawSettings
 from companion.guidance.steering import MonolithicSurrogate, PairSurrogate, SteeringVector, Surrogate, direction
 from companion.guidance.view import View
@@ -31,13 +31,13 @@ from companion.surrogate.profiles import (
 )
 
 ROUTE_MARGIN_M = 2.0
-"""The route keeps at least so far outside what the guard keeps (docs/method.md section 3: margins nest)..."""
+"""The route keeps at least this far outside what the guard keeps (docs/method.md section 3: margins nest)."""
 ROUTE_MARGIN_STEPS = 0.05
-"""...or this share of the way flown in a step, if that is more: a step cuts its corners."""
+"""Share of the way flown in a step that the route keeps instead where it is more: a step cuts its corners."""
 WALL_SHARE = 22.0
 """Half-width of F*'s edge is the route's margin over this: at the route it weighs less than any attraction."""
 ONWARD_CIRCLES = 3
-"""A way on from the route's end is kept ready once the end is so many turning circles' lengths away: the guard
+"""A way on from the route's end is kept ready once the end is this many turning circles' lengths away: the guard
 looks so far along a route."""
 ONWARD_RAD = 0.05
 """And until the route arrives on a heading that differs by more than this."""
@@ -46,7 +46,7 @@ OPPOSED_SHARE = 0.01
 COASTING_PERIODS = 3.0
 """Broadcast periods after which a picture counts as coasting: the settings say no more of the period."""
 LOOK_AHEAD_S = 30.0
-"""A broadcast velocity is believed for so long; after that the threat may be anywhere its bound allows."""
+"""A broadcast velocity is believed for this time; after that the threat may be anywhere its bound allows."""
 
 
 @dataclass(frozen=True)
@@ -173,9 +173,7 @@ class RoutedLaw:
         """Return the way to the place; with others near, where there is one, the way that leaves room for a circle."""
         for room_m in (2.0 * self._turn_radius_m, 0.0) if task.crowded and len(radii_m) else (0.0,):
             route = self._router.route(
-                motion.position_ned_m,
-                motion.heading_rad,
-                self._turn_radius_m,
+                Departure(motion.position_ned_m, motion.heading_rad, self._turn_radius_m),
                 task.place_ned_m,
                 centres_ned_m,
                 radii_m + room_m,

@@ -3,9 +3,9 @@
 No vehicle here can promise anything to another, and peers are as fast as we are, so no path is safe against any peer.
 What is left is a rule that every vehicle computes alone, from what its own detector shows, and that is safe if all keep
 it (docs/method.md section 3, "Peers"). The rule: each reserves the disc in which it can circle to the right for ever,
-and
-moves the centre of that disc into at most its own half of the gap to any other. Circling leaves the centre where it is,
-so a legal decision always exists, and the discs never overlap. docs/separation.md has the proof and the measurements.
+and moves the centre of that disc into at most its own half of the gap to any other. Circling leaves the centre where it
+is, so a legal decision always exists, and the discs never overlap. docs/separation.md has the proof and the
+measurements.
 
 Liveness comes from keeping right: a vehicle that may not fly where it wants takes the first legal heading clockwise
 from there, so that what is in its way stays on its left, as in a roundabout.
@@ -14,8 +14,9 @@ from there, so that what is in its way stays on its left, as in a roundabout.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,8 +29,6 @@ LEFT_FRACTIONS = (1.0, 0.5, 0.25, 0.125)
 """Parts of a wanted turn to the left that are tried, because a left turn moves the reserved disc twice as fast."""
 SPEED_FRACTIONS = (1.0, 0.75, 0.5, 0.35, 0.2, 0.1)
 """Parts of the speed that a vehicle that can stop tries before it stops."""
-HEADINGS_TRIED = 24
-"""Headings tried, clockwise from the wanted one, beside the edges of the forbidden arcs, where some are blocked."""
 OPENING_RAD = 0.2
 """A vehicle that can stop passes a neighbour a little outwards: at the edge itself it could only creep."""
 UNEVENNESS = 0.5
@@ -68,6 +67,13 @@ class Rules:
     can_stop: bool = False
     braking_m_s2: float | None = None  # needed if can_stop
     position_error_m: float = 0.0  # of any position that is used, own or a neighbour's
+
+
+class Peers(NamedTuple):
+    """The others that the vehicle's own detector shows."""
+
+    places_ned_m: np.ndarray  # (P, 2) m
+    velocities_m_s: np.ndarray  # (P, 2) m/s, over ground
 
 
 @dataclass(frozen=True)
@@ -116,30 +122,27 @@ def interaction_radius_m(rules: Rules, dt_s: float) -> float:
 def give_way(
     wanted_rad: float,
     motion: Motion,
-    peers_ned_m: np.ndarray,  # (P, 2) m
-    peer_velocities_m_s: np.ndarray,  # (P, 2) m/s, over ground
+    peers: Peers,
     rules: Rules,
     dt_s: float,
-    blocked: Callable[[float], bool] | None = None,
     heading_at_effect_rad: float | None = None,
 ) -> Resolution:
     """Return the wanted heading, or the first clockwise that the rule allows, and the greatest speed allowed with it.
 
     `motion` is what neighbours see of us now: its heading is the course over ground. The vehicle is taken to turn to
     the returned heading by the shorter side at n_max and then to fly straight until `dt_s` is over; it begins
-    `reaction_s` from now, at `heading_at_effect_rad` (default: the heading now). `blocked` names headings not to be
-    chosen for other reasons; circling right is chosen whatever it says. Only a vehicle that can stop is ever given
-    another speed than its own. Raises ValueError if rules.can_stop lacks a positive braking_m_s2.
+    `reaction_s` from now, at `heading_at_effect_rad` (default: the heading now). Only a vehicle that can stop is ever
+    given another speed than its own. Raises ValueError if rules.can_stop lacks a positive braking_m_s2.
     """
     if rules.can_stop:
-        return _give_way_stopping(wanted_rad, motion, peers_ned_m, peer_velocities_m_s, rules, dt_s, blocked)
+        return _give_way_stopping(wanted_rad, motion, peers, rules, dt_s)
     wanted_rad %= math.tau
-    neighbours = _neighbours(motion, peers_ned_m, peer_velocities_m_s, rules, dt_s)
+    neighbours = _neighbours(motion, peers, rules, dt_s)
     if not neighbours:
         return Resolution(wanted_rad, motion.speed_m_s, None)
     if heading_at_effect_rad is not None:
         motion = replace(motion, heading_rad=heading_at_effect_rad)
-    chosen = _keep_right(wanted_rad, motion, neighbours, rules, dt_s, blocked)
+    chosen = _keep_right(wanted_rad, motion, neighbours, rules, dt_s)
     late = [each.seen_late for each in neighbours if each.seen_late is not None]
     if not late:
         return chosen
@@ -152,13 +155,12 @@ def _keep_right(
     neighbours: Sequence[_Neighbour],
     rules: Rules,
     dt_s: float,
-    blocked: Callable[[float], bool] | None,
 ) -> Resolution:
     """Return the wanted heading or the first free one clockwise; turn there by a side that stays in our shares."""
     rate_rad_s = _circle_rate_rad_s(motion.speed_m_s, rules, dt_s)
     step_turn_rad = rate_rad_s * dt_s
     arcs = _forbidden_arcs(neighbours, motion.speed_m_s * dt_s)
-    chosen_rad = _first_clockwise(wanted_rad, arcs, blocked)
+    chosen_rad = _first_clockwise(wanted_rad, arcs)
     if chosen_rad is None:
         return Resolution((motion.heading_rad + step_turn_rad) % math.tau, motion.speed_m_s, CIRCLING)
     turn_rad = shorter_turn_rad(motion.heading_rad, chosen_rad)
@@ -265,9 +267,7 @@ def _circle_rate_rad_s(speed_m_s: float, rules: Rules, dt_s: float) -> float:
     return _circle(speed_m_s, rules, dt_s)[0]
 
 
-def _neighbours(
-    motion: Motion, peers_ned_m: np.ndarray, peer_velocities_m_s: np.ndarray, rules: Rules, dt_s: float
-) -> list[_Neighbour]:
+def _neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float) -> list[_Neighbour]:
     """Return the peers whose reserved disc is within what both centres may do in a step."""
     speed_m_s = motion.speed_m_s
     radius_m = speed_m_s / _circle_rate_rad_s(speed_m_s, rules, dt_s)
@@ -280,7 +280,7 @@ def _neighbours(
     reach_m = 2.0 * speed_m_s * dt_s / LEAST_PART
     neighbours = []
     # Plain floats: for the dozens of peers that a detector shows this is faster than a dozen array operations.
-    for place, velocity in zip(peers_ned_m.tolist(), peer_velocities_m_s.tolist(), strict=True):
+    for place, velocity in zip(peers.places_ned_m.tolist(), peers.velocities_m_s.tolist(), strict=True):
         peer_m_s = math.hypot(velocity[0], velocity[1])
         rate_rad_s, peer_radius_m = _circle(peer_m_s, rules, dt_s)
         to_north_m = place[0] - velocity[1] / rate_rad_s - north_m
@@ -314,15 +314,11 @@ def _inside(heading_rad: float, arcs: Sequence[tuple[float, float]]) -> bool:
     return any(abs(math.remainder(heading_rad - middle, math.tau)) < half for middle, half in arcs)
 
 
-def _first_clockwise(
-    wanted_rad: float, arcs: Sequence[tuple[float, float]], blocked: Callable[[float], bool] | None
-) -> float | None:
+def _first_clockwise(wanted_rad: float, arcs: Sequence[tuple[float, float]]) -> float | None:
     """Return the wanted heading if it is free, else the first free one clockwise from it, None if there is none."""
     free = [wanted_rad] + [(middle + half + EDGE_RAD) % math.tau for middle, half in arcs]
-    if blocked is not None:
-        free += [(wanted_rad + math.tau * k / HEADINGS_TRIED) % math.tau for k in range(1, HEADINGS_TRIED)]
     for heading_rad in sorted(free, key=lambda each: (each - wanted_rad) % math.tau):
-        if not _inside(heading_rad, arcs) and not (blocked is not None and blocked(heading_rad)):
+        if not _inside(heading_rad, arcs):
             return heading_rad
     return None
 
@@ -370,19 +366,17 @@ def _braking_m_s2(rules: Rules) -> float:
 def _give_way_stopping(
     wanted_rad: float,
     motion: Motion,
-    peers_ned_m: np.ndarray,  # (P, 2) m
-    peer_velocities_m_s: np.ndarray,  # (P, 2) m/s
+    peers: Peers,
     rules: Rules,
     dt_s: float,
-    blocked: Callable[[float], bool] | None,
 ) -> Resolution:
     """See give_way: keep right, and be only so fast that the way to a stop stays in our share."""
     wanted_rad %= math.tau
-    neighbours = _stopping_neighbours(motion, peers_ned_m, peer_velocities_m_s, rules, dt_s)
+    neighbours = _stopping_neighbours(motion, peers, rules, dt_s)
     if not neighbours:
         return Resolution(wanted_rad, rules.speed_m_s, None)
     arcs = [(middle, half + OPENING_RAD) for middle, half in _forbidden_arcs(neighbours, rules.speed_m_s * dt_s)]
-    chosen_rad = _first_clockwise(wanted_rad, arcs, blocked)
+    chosen_rad = _first_clockwise(wanted_rad, arcs)
     if chosen_rad is not None:
         for fraction in SPEED_FRACTIONS:
             speed_m_s = fraction * rules.speed_m_s
@@ -392,15 +386,14 @@ def _give_way_stopping(
     return Resolution(wanted_rad if chosen_rad is None else chosen_rad, 0.0, STOPPING)
 
 
-def _stopping_neighbours(
-    motion: Motion, peers_ned_m: np.ndarray, peer_velocities_m_s: np.ndarray, rules: Rules, dt_s: float
-) -> list[_Neighbour]:
+def _stopping_neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float) -> list[_Neighbour]:
     """Return the peers whose way to a stop is within what both vehicles may add to theirs in a step."""
-    if len(peers_ned_m) == 0:
+    places_ned_m, velocities_m_s = peers
+    if len(places_ned_m) == 0:
         return []
     cruise_m_s = rules.speed_m_s
-    to_north_m, to_east_m = peers_ned_m[:, 0] - motion.north_m, peers_ned_m[:, 1] - motion.east_m
-    peer_speed_m_s = np.hypot(peer_velocities_m_s[:, 0], peer_velocities_m_s[:, 1])  # (P,)
+    to_north_m, to_east_m = places_ned_m[:, 0] - motion.north_m, places_ned_m[:, 1] - motion.east_m
+    peer_speed_m_s = np.hypot(velocities_m_s[:, 0], velocities_m_s[:, 1])  # (P,)
     speed_m_s = np.array(motion.speed_m_s)
     if rules.reaction_s > 0.0:
         # A decision in flight may still bring either up to cruise speed.

@@ -1,8 +1,9 @@
-"""Who may steer: when the companion may begin, when it must let go, and when only a person may give the vehicle back.
+"""Who may steer: when the companion may begin, when it must let go, and when the safety pilot alone decides.
 
 ArduPilot obeys setpoints in its guided mode and in no other, so the mode alone decides. PX4 wants a stream of setpoints
-before a person can choose OFFBOARD, and goes back to OFFBOARD by itself when a stream that ended begins again, even out
-of a failsafe (docs/autopilots.md): so after whatever ended an engagement nothing is sent until a person has cleared it.
+before the safety pilot can choose OFFBOARD, and goes back to OFFBOARD by itself when a stream that ended begins again,
+even out of a failsafe (docs/autopilots.md): so after whatever ended an engagement nothing is sent until the safety
+pilot has cleared it.
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ class State(Enum):
     """Who has the vehicle."""
 
     WAITING = "waiting"
-    """A person, who may hand it over."""
+    """The safety pilot, who may hand it over."""
     ENGAGED = "engaged"
     """The companion."""
     LOCKED = "locked"
-    """A person, and nothing is sent until he disarms or clears it."""
+    """The safety pilot, and nothing is sent until the vehicle is disarmed or the take-over cleared."""
 
 
 class Authority:
@@ -92,7 +93,7 @@ class Authority:
             self._lock(f"setpoints stopped: {why}")
 
     def clear(self) -> None:
-        """Let the vehicle be handed over again: a person says so."""
+        """Let the vehicle be handed over again: the safety pilot says so."""
         if self.state is State.LOCKED:
             self._was = State.WAITING
             self._set(State.WAITING)

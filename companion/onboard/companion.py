@@ -23,12 +23,11 @@ from companion.onboard.decision import Decision, Purpose
 from companion.onboard.engagement import Engagement, GridSetpoint
 from companion.onboard.failsafe import Failsafe, FailsafeInputs, FailsafeStatus
 from companion.onboard.goal import Goal, Situation, choose_goal
-from companion.onboard.limits import within
 from companion.onboard.navigation import Located, Navigation, navigate, outside_fence, plane_of
 from companion.onboard.readiness import may_hold, not_reachable, not_ready, not_steerable
 from companion.onboard.reporter import Reporter
 from companion.onboard.setpoint_stream import AutopilotStream
-from companion.onboard.steering import Moment, Steered, steer, steering_of, within_limits
+from companion.onboard.steering import Moment, Steered, adapted, outgrown, steer, steering_of
 from companion.onboard.traffic import detected
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator, Trust
@@ -161,12 +160,11 @@ class Companion:
             self.authority.note_gap(silence or "this companion was held up")
         if not adapter.parameters_known:
             return
-        limits = within(self.config.limits, adapter.abilities)
         if self.engagement is None:
-            self.steering = within_limits(self.steering, limits)
+            self.steering = adapted(self.steering, self.config.limits, adapter.abilities)
             return
         # Guard and guidance keep to what they began with: a certified path stays one only by the same limits.
-        changed = limits != self.steering.config.limits
+        changed = outgrown(self.steering, self.config.limits, adapter.abilities)
         if changed != self.engagement.abilities_changed:
             self.engagement = replace(self.engagement, abilities_changed=changed)
 
@@ -236,12 +234,12 @@ class Companion:
         view = world_model.view(now_s, _band_m(telemetry, config.height_m))
         view = world_model.with_traffic(view, seen.traffic)
         status = self._assess(age_s, now_s)
-        situation = Situation(motion.position_ned_m, located.home_ned_m, view, status, world_model.directive)
+        situation = Situation(motion.position_ned_m, located.home.position_ned_m, view, status, world_model.directive)
         goal = choose_goal(situation, before, config, self.steering.loiter)
         steered = steer(self.steering, goal, Moment(motion, view, self.flown_m, now_s), before)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
-        notes = (steered.note, duplicate, HOME_TOO_FAR if located.home_too_far else None)
+        notes = (steered.note, duplicate, HOME_TOO_FAR if located.home.too_far else None)
         return Decision(
             t_s=now_s,
             purpose=steered.purpose,

@@ -14,7 +14,7 @@ class Purpose(Enum):
     """What the companion is doing. Order and values are on the wire and in logs."""
 
     IDLE = "idle"
-    """Not steering: no telemetry, or a person has the vehicle."""
+    """Not steering: no telemetry, or the safety pilot has the vehicle."""
     TARGET = "target"
     LOITER = "loiter"
     RETURN = "return"

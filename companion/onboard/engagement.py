@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.guard.types import Setpoint
 
 
-@dataclass(frozen=True)
-class PositionFix:
+class PositionFix(NamedTuple):
     """A position on the plane of the picture, and when it was true."""
 
     position_ned_m: tuple[float, float]
     at_s: float
 
 
-@dataclass(frozen=True)
-class GridSetpoint:
+class GridSetpoint(NamedTuple):
     """A setpoint from grid north, and the convergence at the place that it was made for."""
 
     setpoint: Setpoint

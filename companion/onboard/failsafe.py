@@ -1,6 +1,6 @@
 """The named, bounded stages of trusting picture and vehicle less, and of trusting them again (docs/design.md, rule 3).
 
-Each input has its own trigger; the most severe one standing is the stage. A stage begins at once and is left only when
+Each input has its own trigger; the most severe one is the stage. A stage begins at once and is left only when
 its reason has been gone for a while. What makes steering impossible is no stage but silence.
 """
 

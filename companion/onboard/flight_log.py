@@ -39,7 +39,7 @@ class Mark(IntEnum):
     """What a log tells of a companion beside frames and decisions: MAV_CMD that it sends to itself, and nowhere."""
 
     CLEARED = common.MAV_CMD_USER_1
-    """A person cleared a take-over: Companion.clear()."""
+    """The safety pilot cleared a take-over: Companion.clear()."""
     RESUMED = common.MAV_CMD_USER_2
     """At the beginning: the companion that ran before had the vehicle."""
     WITHDRAWN = common.MAV_CMD_USER_4

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.guidance.view import View
 from companion.onboard.config import Config
@@ -30,8 +31,7 @@ class LoiterGeometry:
     """From a peer's loiter place; a peer that cannot stop is somewhere on its circle."""
 
 
-@dataclass(frozen=True)
-class Situation:
+class Situation(NamedTuple):
     """What the goal is chosen by."""
 
     position_ned_m: tuple[float, float]
@@ -41,8 +41,7 @@ class Situation:
     directive: Directive
 
 
-@dataclass(frozen=True)
-class Goal:
+class Goal(NamedTuple):
     """What to do now and why; the rest is remembered until the next tick."""
 
     purpose: Purpose

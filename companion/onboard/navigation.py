@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.autopilot.telemetry import Telemetry
 from companion.geo.local_frame import LocalFrame
@@ -17,6 +18,16 @@ COURSE_SPEED_M_S = 1.0
 """Below this ground speed the course over ground says nothing and the yaw is used."""
 STEP_SHARE = 1.5
 """No step between two positions is believed to be longer than this share of what speed limit and wind allow."""
+
+
+class Home(NamedTuple):
+    """Where home is on the plane of the picture."""
+
+    position_ned_m: tuple[float, float]
+    too_far: bool
+    """Whether the autopilot's home is out of the vehicle's range, so that where it was first steered counts."""
+    told_deg: tuple[float, float] | None
+    """The autopilot's home that this was found for."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +44,11 @@ class Navigation:
     """Distance flown under guidance."""
     out_of_range: bool = False
     """Whether it is time to turn home so as to get there; stays true."""
+    home: Home | None = None
+    """On this plane."""
 
 
-@dataclass(frozen=True)
-class Located:
+class Located(NamedTuple):
     """Where one tick finds the vehicle, on the plane of the picture."""
 
     fix: PositionFix
@@ -44,9 +56,7 @@ class Located:
     motion: Motion
     """By now."""
     convergence_rad: float
-    home_ned_m: tuple[float, float]
-    home_too_far: bool
-    """Whether the autopilot's home is out of the vehicle's range, so that where it began to steer counts."""
+    home: Home
 
 
 def plane_of(origin_deg: tuple[float, float] | None, before: LocalFrame | None, telemetry: Telemetry) -> LocalFrame:
@@ -90,12 +100,15 @@ def navigate(
     since_m = speed_m_s * (now_s - position_at_s)
     north_m += since_m * math.cos(heading_rad)
     east_m += since_m * math.sin(heading_rad)
-    home_ned_m, home_too_far = _home(plane, telemetry.home_deg, start_deg, config.limits.range_m)
-    out_of_range = before.out_of_range or _is_out_of_range(math.dist((north_m, east_m), home_ned_m), flown_m, config)
+    home = before.home
+    if home is None or plane is not before.plane or home.told_deg != telemetry.home_deg:
+        home = _home(plane, telemetry.home_deg, start_deg, config.limits.range_m)
+    home_m = math.dist((north_m, east_m), home.position_ned_m)
+    out_of_range = before.out_of_range or _is_out_of_range(home_m, flown_m, config)
     motion = Motion(north_m, east_m, heading_rad, speed_m_s)
     return (
-        Navigation(plane, start_deg, true_heading_rad, flown_m, out_of_range),
-        Located(fix, motion, convergence_rad, home_ned_m, home_too_far),
+        Navigation(plane, start_deg, true_heading_rad, flown_m, out_of_range, home),
+        Located(fix, motion, convergence_rad, home),
     )
 
 
@@ -119,19 +132,16 @@ def _longest_step_m(elapsed_s: float, limits: LimitsSection) -> float:
 
 
 def _home(
-    plane: LocalFrame, home_deg: tuple[float, float] | None, start_deg: tuple[float, float], range_m: float
-) -> tuple[tuple[float, float], bool]:
-    """Return the autopilot's home, or where the companion first steered if that is unknown or out of range.
-
-    The second value says whether it is out of range.
-    """
+    plane: LocalFrame, told_deg: tuple[float, float] | None, start_deg: tuple[float, float], range_m: float
+) -> Home:
+    """Return the autopilot's home, or where the companion first steered if that is unknown or out of range."""
     start_ned_m = plane.to_local(*start_deg)
-    if home_deg is None:
-        return start_ned_m, False
-    home_ned_m = plane.to_local(*home_deg)
+    if told_deg is None:
+        return Home(start_ned_m, False, told_deg)
+    home_ned_m = plane.to_local(*told_deg)
     if not math.dist(home_ned_m, start_ned_m) <= range_m:
-        return start_ned_m, True
-    return home_ned_m, False
+        return Home(start_ned_m, True, told_deg)
+    return Home(home_ned_m, False, told_deg)
 
 
 def _is_out_of_range(home_m: float, flown_m: float, config: Config) -> bool:

@@ -56,7 +56,7 @@ def unfit(adapter: Adapter, config: Config, now_s: float) -> str | None:
         return "no GPS fix"
     if adapter.missing_telemetry is not None:
         return adapter.missing_telemetry
-    # A setpoint would end a take-off under way; the person who took off finishes it.
+    # A setpoint would end a take-off under way; whoever took off finishes it.
     if telemetry.in_air is False:
         return "not in the air yet, or landing"
     return None
@@ -90,7 +90,7 @@ def not_ready(
 
 
 def may_hold(adapter: Adapter, authority: Authority, config: Config, stream_ended: bool, now_s: float) -> bool:
-    """Return whether a stream of "stay as you are" may flow, where one must flow before a person hands over."""
+    """Return whether a stream of "stay as you are" may flow, where one must flow before the safety pilot hands over."""
     if not adapter.resumes_on_stream or authority.locked or not adapter.telemetry.in_air:
         # Not known to be in the air yet: on the ground nothing is streamed.
         return False

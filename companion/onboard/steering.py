@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from companion.autopilot.adapter import Abilities
 from companion.geo.kinematics import limit_turn
 from companion.guard.guard import Guard
 from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
-from companion.guidance.separation import Rules, give_way, interaction_radius_m
+from companion.guidance.separation import Peers, Rules, give_way, interaction_radius_m
 from companion.guidance.steering import (
     APPROACH_GAIN_1_S,
     attraction,
@@ -25,6 +27,7 @@ from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
 from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry
 from companion.onboard.law_settings import law_settings
+from companion.onboard.limits import within
 
 STANDING_WITHIN_M = 1.0
 """A vehicle that can stop stands still within this distance of its loiter place."""
@@ -47,12 +50,13 @@ class Steering:
     interaction_m: float
     """Within this distance another vehicle matters to the right of way."""
     loiter: LoiterGeometry
+    abilities: Abilities | None = None
+    """What of the vehicle the limits are within; None before that is known."""
     unable: str | None = None
-    """Why what the vehicle can do is not enough to be steered."""
+    """Why these abilities are not enough to be steered; the limits are then those of before."""
 
 
-@dataclass(frozen=True)
-class Moment:
+class Moment(NamedTuple):
     """What the stages of one tick's steering share."""
 
     motion: Motion
@@ -61,8 +65,7 @@ class Moment:
     now_s: float
 
 
-@dataclass(frozen=True)
-class Steered:
+class Steered(NamedTuple):
     """What one tick's goal came to."""
 
     purpose: Purpose
@@ -82,8 +85,7 @@ class Steered:
     verdict: Verdict
 
 
-@dataclass(frozen=True)
-class _Intent:
+class _Intent(NamedTuple):
     """What the law wants for a goal, and the speed that goes with it."""
 
     purpose: Purpose
@@ -119,18 +121,26 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
     )
 
 
-def within_limits(steering: Steering, limits: LimitsSection) -> Steering:
-    """Return what steers within these limits; where they cannot be flown by, what it was and why they cannot."""
+def adapted(steering: Steering, configured: LimitsSection, abilities: Abilities) -> Steering:
+    """Return what steers a vehicle of these abilities; where nothing can, what it was and why it does not serve."""
+    if abilities == steering.abilities:
+        return steering
+    limits = within(configured, abilities)
     unable = None
     if limits.wind_m_s >= limits.speed_m_s:
         unable = f"limits.wind_m_s {limits.wind_m_s:g} is not below the {limits.speed_m_s:.3g} m/s that it can fly"
     elif limits != steering.config.limits:
         config = steering.config.model_copy(update={"limits": limits})
         try:
-            return steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
+            steering = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
         except ValueError:
             unable = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
-    return steering if unable == steering.unable else replace(steering, unable=unable)
+    return replace(steering, abilities=abilities, unable=unable)
+
+
+def outgrown(steering: Steering, configured: LimitsSection, abilities: Abilities) -> bool:
+    """Return whether a vehicle of these abilities has other limits than it is steered by."""
+    return abilities != steering.abilities and within(configured, abilities) != steering.config.limits
 
 
 def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) -> Steered:
@@ -253,8 +263,7 @@ def _right_of_way(
     given = give_way(
         wanted_rad,
         moment.motion,
-        moment.view.traffic_ned_m,
-        moment.view.traffic_velocity_m_s,
+        Peers(moment.view.traffic_ned_m, moment.view.traffic_velocity_m_s),
         steering.rules,
         steering.config.guidance_step_s,
         heading_at_effect_rad=at_effect_rad,

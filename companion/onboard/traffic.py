@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.autopilot.telemetry import NEIGHBOUR_MEMORY_S, Neighbour
 from companion.geo.local_frame import LocalFrame, to_grid
@@ -16,8 +16,7 @@ OWN_TRANSPONDER_S = 3.0
 """What calls itself as this vehicle does and is nearer than it flies in this time is its own transponder."""
 
 
-@dataclass(frozen=True)
-class Detected:
+class Detected(NamedTuple):
     """What the detector sees at one tick."""
 
     traffic: tuple[Traffic, ...] = ()

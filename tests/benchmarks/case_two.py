@@ -9,6 +9,7 @@ without wind, with reports never, every 300 s and every 60 s; then flights witho
 from __future__ import annotations
 
 import argparse
+import math
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
@@ -46,15 +47,16 @@ class Outcome:
     """Share of the errors that are greater than the uncertainty said."""
 
 
-def case_two(seed: int, report_period_s: float = 0.0, wind: Wind = WINDS[0]) -> Mission:
+def case_two(seed: int, report_period_s: float, wind: Wind, limit_s: float) -> Mission:
     """Return `paper-dynamic` as Case II."""
+    paper = load_mission("paper-dynamic")
     changes = {"case": "II", "report_period_s": report_period_s, "wind": wind}
-    return resolve(load_mission("paper-dynamic").model_copy(update=changes), seed)
+    return resolve(paper.model_copy(update=changes | {"max_time_s": min(limit_s, paper.max_time_s)}), seed)
 
 
-def flown(seed: int, report_period_s: float, wind: Wind) -> Outcome:
+def flown(seed: int, report_period_s: float, wind: Wind, limit_s: float) -> Outcome:
     """Fly one seed and compare belief with truth at every step."""
-    mission = case_two(seed, report_period_s, wind)
+    mission = case_two(seed, report_period_s, wind, limit_s)
     rows: list[tuple[float, float, float]] = []
     beyond: list[bool] = []
 
@@ -101,14 +103,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--error-seeds", type=int, default=5)
+    parser.add_argument("--time-limit", type=float, default=math.inf, help="s of virtual time, of each flight")
     options = parser.parse_args()
+    limit_s = options.time_limit
     with ProcessPoolExecutor() as pool:
         print("error of the reckoning, mean / worst m, over", options.error_seeds, "flights; time s:")
         print("  " + " ".join(f"{time_s:16.0f}" for time_s in TIMES_S))
         for wind in WINDS:
             for period_s in REPORT_PERIODS_S:
                 said = f"every {period_s:.0f} s" if period_s else "never"
-                runs = [pool.submit(flown, seed, period_s, wind) for seed in range(1, options.error_seeds + 1)]
+                runs = [pool.submit(flown, seed, period_s, wind, limit_s) for seed in range(1, options.error_seeds + 1)]
                 outcomes = [run.result() for run in runs]
                 beyond = np.mean([outcome.beyond_uncertainty for outcome in outcomes])
                 reached = sum(outcome.targets_reached for outcome in outcomes)
@@ -119,7 +123,7 @@ def main() -> None:
                 )
                 print_errors(outcomes)
         print("\nflights without wind or reports: seed, targets reached, R_d entries, breaches, least separation, time")
-        for run in [pool.submit(flown, seed, 0.0, WINDS[0]) for seed in range(1, options.seeds + 1)]:
+        for run in [pool.submit(flown, seed, 0.0, WINDS[0], limit_s) for seed in range(1, options.seeds + 1)]:
             outcome = run.result()
             print(
                 f"{outcome.seed:4d} {outcome.targets_reached:3d} of {outcome.targets} {outcome.entries:3d} "

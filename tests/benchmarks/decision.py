@@ -8,7 +8,7 @@ Machines differ and are noisy: compare with the paper's law on the same row, tim
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from collections.abc import Callable
 from typing import Any
@@ -26,6 +26,7 @@ from sim.arena.run import OWN_LAWS
 
 THREATS = (4, 25, 100)
 SCENES = 4
+TIME_LIMIT_S = 1_000.0
 SIDE_M = 20_000.0
 COVER = 0.25
 """Share of the ground that the discs would cover if none overlapped."""
@@ -52,7 +53,7 @@ def scene(threats: int, speed_m_s: float, seed: int) -> Mission:
         ),
         arrival_radius_m=100.0,
         separation_m=40.0,
-        max_time_s=1_000.0,
+        max_time_s=TIME_LIMIT_S,
     )
     return resolve(mission, seed)
 
@@ -104,15 +105,21 @@ def fly_timed(mission: Mission, seed: int, law: str) -> tuple[np.ndarray, np.nda
 
 
 def main() -> None:
-    """Print the table; arguments restrict it to the laws named."""
-    laws = sys.argv[1:] or [law for law in (*OWN_LAWS, *PEERS) if law not in SLOW]
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("laws", nargs="*", metavar="LAW", help="only these; all but the slow ones if none is named")
+    parser.add_argument("--threats", type=int, nargs="+", default=THREATS)
+    parser.add_argument("--scenes", type=int, default=SCENES, help="of each kind")
+    parser.add_argument("--time-limit", type=float, default=TIME_LIMIT_S, help="s of virtual time in each")
+    options = parser.parse_args()
+    laws = options.laws or [law for law in (*OWN_LAWS, *PEERS) if law not in SLOW]
     columns = ("tick med us", "p99", "max", "law+guard med", "p99", "max", "x seed")
     print(f"{'threats':>7s} {'motion':7s} {'law':12s}" + "".join(f"{column:>15s}" for column in columns))
-    for threats in THREATS:
+    for threats in options.threats:
         for speed_m_s in (0.0, 2.5):
             times_us: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {law: [] for law in laws}
-            for seed in range(1, SCENES + 1):
-                mission = scene(threats, speed_m_s, seed)
+            for seed in range(1, options.scenes + 1):
+                mission = scene(threats, speed_m_s, seed).model_copy(update={"max_time_s": options.time_limit})
                 for law in laws:
                     times_us[law].append(fly_timed(mission, seed, law))
             base_us = np.median(np.concatenate([part for _, part in times_us["seed"]])) if "seed" in laws else np.nan

@@ -5,15 +5,18 @@ python tests/benchmarks/faults.py [--write]
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 
 from sim.faults.scene import DEMANDED, KINDS
 from sim.faults.table import DEAD_PARAMETERS, FAULTS, RESTART_S, Dead, Row, dies, fly
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
+HEAD_ROWS = 2
+"""Of a table: titles, and the line under them."""
 MOST_EVENTS = 6
 """Told of one flight."""
 _LOCKED = "; nothing is sent until it is disarmed or cleared by a signal"
@@ -21,8 +24,13 @@ _LOCKED = "; nothing is sent until it is disarmed or cleared by a signal"
 
 def main() -> None:
     """Print both tables as Markdown, or put them between their marks in the page."""
-    tables = {"faults": "\n".join(_faults()), "dead": "\n".join(_deaths())}
-    if "--write" not in sys.argv[1:]:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="into docs/faults.md instead of printing")
+    parser.add_argument("--first", type=int, help="only this many rows of each table, printed")
+    options = parser.parse_args()
+    rows = None if options.first is None else HEAD_ROWS + options.first
+    tables = {"faults": "\n".join(islice(_faults(), rows)), "dead": "\n".join(islice(_deaths(), rows))}
+    if not options.write or rows is not None:
         print("\n\n".join(tables.values()))
         return
     text = PAGE.read_text(encoding="utf-8")

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 
 from companion.protocol.authenticator import WRONG_ED25519, Authenticator, CheckLimiter, Trust
-from companion.protocol.codec import StateFrame
+from companion.protocol.codec import MotionFrame, StateFrame
 from companion.protocol.frame import ED25519_BYTES
 from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.transport.endpoints import open_receiver, parse_link
@@ -140,7 +140,7 @@ async def _listen(trust: Trust, pipe: Connection) -> None:
     def hear(datagram: bytes) -> None:
         counts["heard"] += 1
         for _, frame in authenticator.admit(datagram, time.time()):
-            if not isinstance(frame, StateFrame):
+            if not isinstance(frame, StateFrame | MotionFrame):
                 raise AssertionError(f"{type(frame).__name__} was neither sent nor forged")
             # A genuine one counts from 1; a forged one begins far above.
             is_forged = frame.stamp.sequence >= 1 << 31

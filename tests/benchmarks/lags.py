@@ -7,6 +7,8 @@ The adapters' `REACTION_S`, `LEAD_S` and `TRACKING_M` come from here.
 
 from __future__ import annotations
 
+import argparse
+
 from tests.sim.vehicles.tracking import TURNS_RAD, Flight, off, turned
 
 REACTIONS_S = [0.05 * index for index in range(13)]
@@ -24,8 +26,11 @@ FLIGHTS = (
 
 def main() -> None:
     """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help="only these")
+    kinds = parser.parse_args().kinds
     print("kind        speed   n_max  turn    best reaction: off       with reaction_s: off")
-    for kind, speed_m_s in FLIGHTS:
+    for kind, speed_m_s in (one for one in FLIGHTS if not kinds or one[0] in kinds):
         for name, turns_rad in TURNS_RAD.items():
             flight = Flight(kind, speed_m_s)
             start_s, rate_rad_s = turned(flight, turns_rad)

@@ -8,6 +8,7 @@ target was reached, and how often an agent entered a detection disc. Several min
 from __future__ import annotations
 
 import argparse
+import math
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -49,9 +50,11 @@ def link(loss: float, bursty: bool) -> LinkSpec:
     return LinkSpec(burst=Burst(enter=min(1.0, leave * loss / (1.0 - loss)), leave=leave))
 
 
-def flown(name: str, seed: int, loss: float, bursty: bool) -> Outcome:
+def flown(name: str, seed: int, limit_s: float, loss: float, bursty: bool) -> Outcome:
     """Fly one seed at one level."""
-    mission = resolve(load_mission(name), seed).model_copy(update={"link": link(loss, bursty)})
+    mission = resolve(load_mission(name), seed)
+    changes = {"link": link(loss, bursty), "max_time_s": min(limit_s, mission.max_time_s)}
+    mission = mission.model_copy(update=changes)
     first_s = {agent.id: np.inf for agent in mission.agents}
     stages: Counter[Stage] = Counter()
     oldest_s = 0.0
@@ -86,15 +89,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--mission", default="paper-dynamic")
+    parser.add_argument("--levels", type=float, nargs="+", default=LEVELS, help="shares of the frames lost")
+    parser.add_argument("--time-limit", type=float, default=math.inf, help="s of virtual time, of each flight")
     given = parser.parse_args()
-    levels = [(loss, bursty) for bursty in (False, True) for loss in LEVELS if loss > 0.0 or not bursty]
+    levels = [(loss, bursty) for bursty in (False, True) for loss in given.levels if loss > 0.0 or not bursty]
     print(
         "loss            first picture s: mean   worst   oldest s     fresh  coasting loitering returning   reached"
         "  R_d entries"
     )
     with ProcessPoolExecutor() as pool:
         jobs = {
-            level: [pool.submit(flown, given.mission, seed, *level) for seed in range(1, given.runs + 1)]
+            level: [
+                pool.submit(flown, given.mission, seed, given.time_limit, *level) for seed in range(1, given.runs + 1)
+            ]
             for level in levels
         }
         for (loss, bursty), flights in jobs.items():

@@ -9,9 +9,11 @@ without one are named.
 from __future__ import annotations
 
 import argparse
+import math
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -51,9 +53,10 @@ def with_losses(mission: Mission, seed: int) -> Mission:
     return mission.model_copy(update={"losses": losses})
 
 
-def flown(seed: int) -> Outcome:
+def flown(seed: int, limit_s: float) -> Outcome:
     """Fly one seed with losses and check the rule at every step."""
-    mission = with_losses(resolve(load_mission("paper-dynamic"), seed), seed)
+    drawn = resolve(load_mission("paper-dynamic"), seed)
+    mission = with_losses(drawn.model_copy(update={"max_time_s": min(limit_s, drawn.max_time_s)}), seed)
     broken: list[str] = []
     known = checked = short = 0
 
@@ -83,9 +86,11 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=100)
-    runs = parser.parse_args().runs
+    parser.add_argument("--time-limit", type=float, default=math.inf, help="s of virtual time, of each flight")
+    options = parser.parse_args()
+    runs = options.runs
     with ProcessPoolExecutor() as pool:
-        outcomes = list(pool.map(flown, range(1, runs + 1)))
+        outcomes = list(pool.map(partial(flown, limit_s=options.time_limit), range(1, runs + 1)))
     print("lost  runs  known in flight  steps checked  fewer agents than targets  rule broken  targets reached (mean)")
     for lost, count in sorted(Counter(outcome.lost for outcome in outcomes).items()):
         those = [outcome for outcome in outcomes if outcome.lost == lost]

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from companion.guidance.route import Reach, Router, shortest_route
+from companion.guidance.route.router import Departure, Reach, Router, shortest_route
 from sim.shortest_path import shortest_path_length
 from tests.companion.guidance.test_route import FAMILIES, Scene, arrival, disagreement, misdirection, scenes
 
@@ -119,7 +119,7 @@ def steps_us(scene: Scene, heading_rad: float, ids: np.ndarray, growth_m: float)
     for step in range(21):
         grown_m = radii + growth_m * (step % 10)
         begin_s = time.thread_time()
-        route = router.route(place, heading_rad, 1000.0, goal, centres, grown_m, ids)
+        route = router.route(Departure(place, heading_rad, 1000.0), goal, centres, grown_m, ids)
         if step:
             times.append(1e6 * (time.thread_time() - begin_s))
         if math.isnan(route.heading_rad):

@@ -7,6 +7,7 @@ processor time of one core, and stands with its ratio to that yardstick.
 
 from __future__ import annotations
 
+import argparse
 import random
 import time
 from collections.abc import Callable
@@ -23,17 +24,18 @@ from groundstation.broadcast import state_frames
 from groundstation.ground_station import GroundStation
 from tests.companion.protocol.hostile import START_S, Ground
 
-ROUNDS = 15
-CALLS = 300
-
 Batch = Callable[[], Callable[[], object]]
-"""Prepares a round, outside its time, and returns what is timed: CALLS frames."""
+"""Prepares a round, outside its time, and returns what is timed: all frames once."""
 
 
 def main() -> None:
     """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=15, help="of which the median counts")
+    parser.add_argument("--frames", type=int, default=300, help="in a round")
+    options = parser.parse_args()
     frame = _paper_frame()
-    frames = [replace(frame, stamp=replace(frame.stamp, sequence=index + 1)) for index in range(CALLS)]
+    frames = [replace(frame, stamp=replace(frame.stamp, sequence=index + 1)) for index in range(options.frames)]
     keys = Ground("both", random.Random(1))
     private_key, mavlink_key = keys.private_key, keys.mavlink_key
 
@@ -59,9 +61,9 @@ def main() -> None:
             def hear() -> None:
                 accepted = 0
                 for index, raw in enumerate(raws):
-                    accepted += len(authenticator.admit(raw, START_S + index / CALLS))
-                if accepted != CALLS:
-                    raise AssertionError(f"{accepted} of {CALLS} accepted: {authenticator.rejected}")
+                    accepted += len(authenticator.admit(raw, START_S + index / len(raws)))
+                if accepted != len(raws):
+                    raise AssertionError(f"{accepted} of {len(raws)} accepted: {authenticator.rejected}")
 
             return hear
 
@@ -75,8 +77,10 @@ def main() -> None:
     }
     send = {name: sending(sealed=sealed, signed=signed) for name, (sealed, signed) in strengths.items()}
     hear = {name: hearing(sealed=sealed, signed=signed) for name, (sealed, signed) in strengths.items()}
-    _table("encode and sign", {"pymavlink: pack and sign": _pymavlink_packs(frames, mavlink_key), **send})
-    _table("verify and decode", {"pymavlink: parse and verify": _pymavlink_parses(frames, mavlink_key), **hear})
+    send = {"pymavlink: pack and sign": _pymavlink_packs(frames, mavlink_key)} | send
+    hear = {"pymavlink: parse and verify": _pymavlink_parses(frames, mavlink_key)} | hear
+    _table("encode and sign", send, options.rounds, options.frames)
+    _table("verify and decode", hear, options.rounds, options.frames)
 
 
 def _paper_frame() -> StateFrame:
@@ -131,15 +135,15 @@ def _fields_of(raw: bytes) -> dict[str, object]:
     return {name: getattr(message, name) for name in message.get_fieldnames()}
 
 
-def _table(title: str, batches: dict[str, Batch]) -> None:
+def _table(title: str, batches: dict[str, Batch], rounds: int, frames: int) -> None:
     taken_us: dict[str, list[float]] = {name: [] for name in batches}
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         for name, batch in batches.items():
             timed = batch()
             began_s = time.process_time()
             timed()
-            taken_us[name].append((time.process_time() - began_s) / CALLS * 1e6)
-    median_us = {name: sorted(values)[ROUNDS // 2] for name, values in taken_us.items()}
+            taken_us[name].append((time.process_time() - began_s) / frames * 1e6)
+    median_us = {name: sorted(values)[rounds // 2] for name, values in taken_us.items()}
     yardstick_us = next(iter(median_us.values()))
     print(f"\n{title:<28} us/frame  frames/s  of pymavlink's")
     for name, value_us in median_us.items():

@@ -17,7 +17,7 @@ import numpy as np
 
 from companion.geo.kinematics import turn_rate_rad_s, turn_towards
 from companion.guard.types import Motion
-from companion.guidance.separation import Rules, give_way, reserved_radius_m
+from companion.guidance.separation import Peers, Rules, give_way, reserved_radius_m
 from companion.guidance.steering import loiter_attraction, loiter_place, loiter_radius_m, loiter_spacing_m
 
 DT_S = 0.5
@@ -103,7 +103,7 @@ def fly(
             if give:
                 at_effect_rad = _heading_at_effect_rad(craft, rules)
                 chosen = give_way(
-                    wanted_rad, motion, heard, velocities[seen], rules, DT_S, heading_at_effect_rad=at_effect_rad
+                    wanted_rad, motion, Peers(heard, velocities[seen]), rules, DT_S, heading_at_effect_rad=at_effect_rad
                 )
                 speed_m_s = min(chosen.speed_m_s, _wanted_m_s(craft, rules))
                 decisions.append((chosen.heading_rad, speed_m_s))

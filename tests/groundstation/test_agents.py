@@ -387,6 +387,7 @@ def test_a_reporter_whose_clock_is_ahead_is_believed_as_of_the_receipt() -> None
     assert run.to(10.5).place() == pytest.approx((1_000.0, 500.0), abs=0.5 * SPEED_M_S + 1.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.lists(st.binary(max_size=200) | st.binary(max_size=60).map(lambda data: b"\xfd" + data), max_size=5))
 def test_random_bytes_on_the_uplink_change_nothing(junk: list[bytes]) -> None:

@@ -51,6 +51,7 @@ def allowed(number_of_agents: int, number_of_targets: int) -> list[tuple[int, ..
     return sorted(set(itertools.permutations(copies, number_of_agents)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", OBJECTIVES)
 @given(data=st.data(), number_of_targets=st.integers(1, 8), more=st.integers(0, 10))
 def test_targets_are_copied_in_turn_so_that_each_has_an_agent(
@@ -65,6 +66,7 @@ def test_targets_are_copied_in_turn_so_that_each_has_an_agent(
         assert chosen.count(target) == copies
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", OBJECTIVES)
 @given(data=st.data(), number_of_agents=st.integers(1, 5), more=st.integers(1, 5))
 def test_too_few_agents_go_to_one_target_each(
@@ -138,6 +140,7 @@ def best_rank(agents: Points, targets: Points, reachable: Table, objective: Obje
     return max(ranked(agents, targets, way, objective) for way in ways)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", OBJECTIVES)
 @settings(max_examples=150)
 @given(scene=restricted())
@@ -180,6 +183,7 @@ def test_the_objective_stays_exact_among_hundreds_of_agents(objective: Objective
         assert ours[2] == pytest.approx(expected[2], rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", OBJECTIVES)
 @given(data=st.data(), number_of_agents=st.integers(1, 12), number_of_targets=st.integers(1, 12))
 def test_where_everything_is_in_range_the_range_changes_nothing(

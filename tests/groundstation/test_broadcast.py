@@ -274,6 +274,7 @@ def test_an_agent_that_stands_has_no_heading() -> None:
     assert frame.agents[0].heading_rad is None
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(worlds())
 def test_the_motion_frames_hold_everything_once(world: tuple[Mission, dict[int, int]]) -> None:
@@ -306,6 +307,7 @@ def test_in_case_ii_a_broadcast_tells_no_place_and_no_motion_of_any_agent(
     assert Counter(t.id for f in moving for t in f.threats) == Counter(t.id for t in mission.threats)
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(worlds())
 def test_in_case_ii_threats_travel_with_whom_they_are_near_just_as_in_case_i(
@@ -380,6 +382,7 @@ def five_hundred() -> tuple[Mission, dict[int, int]]:
     return mission, {k: 1 + k % 50 for k in range(1, 501)}
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(worlds(), ROOMS)
 def test_fleet_frames_hold_everything_once_and_no_more_than_there_is_room_for(

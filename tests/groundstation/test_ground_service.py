@@ -160,6 +160,7 @@ def test_the_log_has_every_frame_sent_and_no_mavlink_signature(ear: Ear, keys: P
     assert secret not in path.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_frame_inside_a_v2_extension_is_logged_as_itself(ear: Ear, keys: Path, tmp_path: Path) -> None:
     path = tmp_path / "sent.tlog"
     options = Options(ear.link, "mavlink", keys, radio=parse_radio("20000/v2ext", 1.0), log=path)

@@ -178,6 +178,7 @@ def test_the_directive_goes_out_with_the_next_state(directive: Directive) -> Non
     assert [state.directive for state in run.states()] == [Directive.NORMAL, directive]
 
 
+@pytest.mark.slow
 @given(st.binary(max_size=300) | st.binary(max_size=300).map(lambda data: b"\xfd" + data))
 def test_random_bytes_on_the_sensors_channel_change_nothing(datagram: bytes) -> None:
     station = GroundStation(mission(), START_S)

@@ -176,6 +176,7 @@ def test_500_agents_are_told_once_a_second_within_the_bytes_promised(
     assert radii_s < 10.0
 
 
+@pytest.mark.slow
 def test_on_half_a_radio_the_plan_says_which_refresh_fits() -> None:
     found = planned("sik-57600", "both", 0.5)
     state = item(found, "ONEWAY_FLEET")

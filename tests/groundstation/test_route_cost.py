@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.guidance.route import Reach, shortest_route
+from companion.guidance.route.router import Reach, shortest_route
 from groundstation.assignment import assign, assign_least_latest, within_range
 from groundstation.route_cost import (
     UNREACHED_PENALTY,
@@ -222,6 +222,7 @@ def test_by_all_paths_agents_change_only_where_they_save_more_than_the_share(sce
     assert ours == pytest.approx(best_total(searched, share, present, speeds_m_s, False), rel=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(scene=scenes(least_agents=3), data=st.data())
 def test_the_latest_arrival_stands_or_falls_as_it_does_by_all_paths(scene: Scene, data: st.DataObject) -> None:

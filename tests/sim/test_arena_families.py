@@ -33,6 +33,7 @@ def start_gap_m(mission: Mission) -> float:
 every_family = pytest.mark.parametrize("family", FAMILIES)
 
 
+@pytest.mark.slow
 @every_family
 def test_every_mission_is_resolved_and_starts_legally_outside_every_detection_disc(family: str) -> None:
     for mission in drawn(family):
@@ -44,6 +45,7 @@ def test_every_mission_is_resolved_and_starts_legally_outside_every_detection_di
                 assert math.dist(place, threat.position_ned_m) > threat.detection_radius_m
 
 
+@pytest.mark.slow
 @every_family
 def test_a_mission_written_to_yaml_and_read_again_is_the_same_mission(family: str) -> None:
     for mission in drawn(family)[:5]:

@@ -101,12 +101,14 @@ def test_in_still_air_and_without_loss_an_agent_is_where_it_is_reckoned_to_be(ch
     assert np.max(watched(changes).error_m) < 1.0
 
 
+@pytest.mark.slow
 def test_beside_a_threat_an_agent_is_where_it_is_reckoned_to_be_within_the_stated_doubt() -> None:
     watch = watched("threats: [{id: 1, north_m: 3000, east_m: 400}]\n")
     assert np.max(watch.error_m) < 50.0
     assert np.all(np.array(watch.error_m) <= np.array(watch.uncertainty_m) + 1.0)
 
 
+@pytest.mark.slow
 def test_a_copter_on_its_way_is_behind_where_it_is_reckoned_to_be_by_no_more_than_hand_over_and_lag() -> None:
     demo = load_mission("copter-demo").model_copy(update={"case": "II", "threats": (), "max_time_s": 60.0})
     watch = Watched(resolve(demo, 1))
@@ -244,6 +246,7 @@ def test_scenario(title: str, changes: str, checks: list[Check]) -> None:
         assert check(flight, scored), f"{title}: {check.__name__}: {scored}"
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_flight_in_wind_bit_for_bit() -> None:
     mission = mission_of(WIND + REPORTS + "link: {loss: 0.3, jitter_s: 2.0}\nmax_time_s: 60\n")
     first, second, other = (fly(mission, seed).trajectory.agents_ned_m for seed in (7, 7, 8))

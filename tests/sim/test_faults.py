@@ -374,6 +374,7 @@ def test_an_ardupilot_goes_on_when_its_companion_is_started_again(kind: str) -> 
     assert dead.resumed_s < 4.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PX4)
 def test_a_px4_waits_for_a_person_when_its_companion_is_started_again(kind: str) -> None:
     assert dies(kind, restarts=True).resumed_s is None

@@ -144,6 +144,7 @@ def test_the_same_run_gives_the_same_picture_byte_for_byte(tmp_path: Path) -> No
     assert clearance_png(found, mission) == clearance_png(found, mission)
 
 
+@pytest.mark.slow
 def test_the_pictures_carry_no_date_and_no_program_name(tmp_path: Path) -> None:
     trajectory, mission, found = run_of(2, 2, 2)
     png = plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "a run")

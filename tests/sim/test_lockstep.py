@@ -237,6 +237,7 @@ def test_scenario(title: str, changes: str, options: dict[str, Any], checks: lis
         assert check(flight, scored), f"{title}: {check.__name__}: {scored}"
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_trajectory_bit_for_bit() -> None:
     mission = mission_of(
         "targets: [{id: 1, north_m: 12000, east_m: 0, speed_bound_m_s: 10, motion: random}]\n"
@@ -305,6 +306,7 @@ def test_damaged_frames_are_counted_and_leave_the_companion_blind_but_flying(mon
     assert {decision.reason for decision in decisions} == {"no picture"}
 
 
+@pytest.mark.slow
 def test_dropped_frames_make_the_picture_older(monkeypatch: pytest.MonkeyPatch) -> None:
     ages = []
     for loss in (0.0, 0.7):
@@ -315,6 +317,7 @@ def test_dropped_frames_make_the_picture_older(monkeypatch: pytest.MonkeyPatch) 
     assert ages[0] < 6.0 < ages[1]
 
 
+@pytest.mark.slow
 def test_a_broadcast_that_ends_leads_through_the_named_stages_and_home(monkeypatch: pytest.MonkeyPatch) -> None:
     reader = FrameReader()
 
@@ -356,6 +359,7 @@ def flight_time_s(changes: str) -> float:
     return scored.flight_time_s
 
 
+@pytest.mark.slow
 def test_the_wind_pushes_the_flight() -> None:
     still_s = flight_time_s("")
     head_s, tail_s = (flight_time_s(f"wind: {{from_deg: {deg}, speed_m_s: 20}}") for deg in (0, 180))

@@ -54,6 +54,7 @@ def test_a_clear_air_passes_everything_on_once_and_in_order() -> None:
     assert run(relayed(LinkSpec(delay_s=0.0), 1, lambda heard: len(heard) >= 200)) == DATAGRAMS
 
 
+@pytest.mark.slow
 def test_a_lossy_air_loses_the_same_datagrams_every_time() -> None:
     spec = LinkSpec(loss=0.5, delay_s=0.0)
     first, second = (run(relayed(spec, 7, lambda heard: len(heard) >= 80)) for _ in range(2))
@@ -68,6 +69,7 @@ def test_an_air_that_repeats_and_reorders_hands_on_every_datagram_twice_out_of_o
     assert heard != sorted(heard)
 
 
+@pytest.mark.slow
 def test_an_air_with_a_delay_is_late() -> None:
     async def body() -> list[bytes]:
         loop = asyncio.get_running_loop()

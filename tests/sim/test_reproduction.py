@@ -148,6 +148,7 @@ def test_between_broadcasts_threats_grow_in_the_core_as_they_do_on_board() -> No
     assert nearest_m[0].mean() == pytest.approx(nearest_m[1].mean(), abs=3.0)
 
 
+@pytest.mark.slow
 def test_agents_that_arrive_together_loiter_in_the_core_where_they_do_over_the_wire() -> None:
     mission = resolve(parse_mission(FACE_TO_FACE, "scene"), 1)
     core, wire = fly_core(mission, 1).trajectory, fly(mission, 1).trajectory

@@ -121,6 +121,7 @@ def test_a_scale_that_cannot_be_is_refused(tmp_path: Path, scale: str, said: str
     assert str(refused.value).startswith(f"{path}: {said}")
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000), kind=st.sampled_from(KINDS))
 def test_a_legal_start_stays_legal_and_distances_keep_their_ratios(seed: int, kind: str) -> None:
     before, after = paper(seed), scaled(paper(seed), kind)

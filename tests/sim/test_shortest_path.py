@@ -154,6 +154,7 @@ def test_an_origin_far_away_does_not_change_the_length() -> None:
     assert far == pytest.approx(near, rel=1e-8)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(scene)
 def test_the_length_lies_between_the_polygons_about_the_discs_and_slightly_larger_discs(

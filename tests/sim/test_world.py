@@ -73,6 +73,7 @@ def test_a_path_is_followed_between_its_points_and_ends_at_the_last() -> None:
     assert target_at(world, 500.0)[3] == 0.0
 
 
+@pytest.mark.slow
 @given(st.floats(0.0, 400.0), st.floats(0.01, 5.0))
 def test_nothing_moves_faster_than_its_bound(t_s: float, dt_s: float) -> None:
     for motion in ("random", "{heading_deg: 200, speed_m_s: 20}", "{path: [[100, 6000, 100], [200, 6000, 1100]]}"):

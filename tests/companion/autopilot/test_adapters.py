@@ -441,6 +441,7 @@ def test_the_fix_of_the_receiver_is_read() -> None:
     assert reader_of(heartbeat(), receiver(fix=2)).telemetry.gps_fix == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("told_percent", "percent"), [(73, 73.0), (0, 0.0), (-1, None), (101, None)])
 def test_a_battery_that_is_not_known_is_none(told_percent: int, percent: float | None) -> None:
     assert reader_of(heartbeat(), battery(told_percent)).telemetry.battery_percent == percent
@@ -554,6 +555,7 @@ def test_the_short_cut_is_taken_for_a_single_message_that_nobody_reads() -> None
         assert _is_one_other_message(signed(datagram))
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.lists(st.tuples(st.sampled_from(GENUINE), st.booleans()), min_size=1, max_size=4), st.binary(max_size=14))
 def test_the_short_cut_never_hides_a_wanted_message(chosen: list[tuple[bytes, bool]], tail: bytes) -> None:

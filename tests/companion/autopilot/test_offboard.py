@@ -194,6 +194,7 @@ def test_after_a_gap_of_what_left_nothing_leaves_unless_the_caller_says_so() -> 
     asyncio.run(body())
 
 
+@pytest.mark.slow
 def test_before_the_first_setpoint_there_is_no_gap_however_long_it_takes() -> None:
     async def body() -> None:
         offboard = Offboard(lambda frame: None, lambda: pytest.fail("no stream had begun"))
@@ -208,6 +209,7 @@ def test_before_the_first_setpoint_there_is_no_gap_however_long_it_takes() -> No
     asyncio.run(body())
 
 
+@pytest.mark.slow
 def test_a_flood_of_telemetry_ends_no_child_that_still_imports() -> None:
     async def body() -> None:
         offboard = Offboard(lambda frame: None, lambda: True)
@@ -226,6 +228,7 @@ def test_a_flood_of_telemetry_ends_no_child_that_still_imports() -> None:
     asyncio.run(body())
 
 
+@pytest.mark.slow
 def test_the_signal_that_clears_a_take_over_ends_no_child_from_its_first_moment_on() -> None:
     async def body() -> None:
         offboard = Offboard(lambda frame: None, lambda: True)
@@ -343,6 +346,7 @@ def is_running(pid: int) -> bool:
         return False
 
 
+@pytest.mark.slow
 def test_the_childs_alarm_rings_even_while_python_hangs() -> None:
     code = f"""
 import signal, socket, struct, threading

@@ -167,6 +167,7 @@ def test_the_distance_from_a_piece_is_that_from_its_nearest_point(piece: Piece, 
     assert math.dist(on_it[:2], (north_m, east_m)) == pytest.approx(nearest_m, abs=0.02)
 
 
+@pytest.mark.slow
 @settings(max_examples=300, derandomize=True)
 @given(piece=PIECES, margin_m=st.floats(0.0, 10.0))
 def test_a_fence_holds_a_piece_exactly_when_all_of_it_keeps_the_margin(piece: Piece, margin_m: float) -> None:
@@ -186,7 +187,7 @@ def test_a_fence_holds_a_piece_exactly_when_all_of_it_keeps_the_margin(piece: Pi
 @given(
     share=st.floats(0.3, 0.7),
     curvature_1_m=st.just(0.0) | st.floats(1 / 300, 1 / 30) | st.floats(-1 / 30, -1 / 300),
-    heading_rad=st.floats(-7.0, 7.0),
+    heading_rad=st.floats(-7.0, 7.0).map(lambda heading_rad: round(heading_rad, 9)),
     tip_m=st.floats(3.0, 25.0),
     mirrored=st.booleans(),
 )

@@ -69,6 +69,7 @@ def assert_refused_straight_on(edge_m: float, scene: Callable[[float], Verdict])
         assert_refused_from(edge_m, scene, hair_m=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, derandomize=True)
 @given(
     north_m=st.floats(-300.0, 300.0),

@@ -140,6 +140,7 @@ def scenes(draw: st.DrawFn) -> tuple[Motion, Discs, Limits, float]:
     return motion, around, limits, draw(st.floats(1e-3, 10.0))
 
 
+@pytest.mark.slow
 @settings(max_examples=150, derandomize=True)
 @given(wanted=st.builds(Setpoint, ANYTHING, ANYTHING, ANYTHING), scene=scenes())
 def test_whatever_is_wanted_the_setpoint_is_finite_and_inside_every_limit(

@@ -24,7 +24,7 @@ from companion.guidance.laws import (
     foreseen,
     law_of,
 )
-from companion.guidance.route import Reach
+from companion.guidance.route.router import Reach
 from companion.guidance.settings import LAWS, LawLimits, LawName, LawSettings
 from companion.guidance.steering import PairSurrogate, SteeringVector, attraction
 from companion.guidance.view import View

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
 from companion.geo.kinematics import advance, shorter_turn_rad, turn_towards
-from companion.guidance.route import DEEP_SHARE, TURN_SLACK, Reach, Route, Router, shortest_route
+from companion.guidance.route.router import DEEP_SHARE, Departure, Reach, Route, Router, shortest_route
+from companion.guidance.route.scene import TURN_SLACK
 from sim.shortest_path import shortest_path_length
 
 FAMILIES = ("random", "dense", "grid", "nested", "duplicate", "tangent", "edge")
@@ -243,6 +244,7 @@ def lattice_length_m(start: np.ndarray, heading_rad: float, scene: Scene, radius
     return math.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heading_rad", [0.0, 2.5])
 def test_no_way_over_a_lattice_of_arcs_is_shorter(heading_rad: float) -> None:
     start, goal = np.array([0.0, 0.0]), np.array([7.0, 0.5])
@@ -383,6 +385,7 @@ def test_radii_of_another_number_than_centres_are_refused() -> None:
 whole = st.integers(-6, 6).map(float)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(
     place=st.tuples(whole, whole),
@@ -404,7 +407,7 @@ def test_every_finite_scene_is_decided(
     assert not (inside and route.reach is Reach.TARGET)
     if route.reach is not Reach.NONE:
         assert math.isfinite(route.heading_rad)
-        assert route.length_m >= math.dist(place, route.goal_ned_m) * (1.0 - 1e-9)
+        assert route.length_m >= math.dist(place, route.goal_ned_m) * (1.0 - 1e-9) - 1e-9
         assert sum(piece.length_m for piece in route.pieces) == pytest.approx(route.length_m, rel=1e-6, abs=1e-6)
 
 
@@ -414,7 +417,7 @@ def test_a_router_stays_on_its_side_while_the_other_is_hardly_shorter() -> None:
     sides = []
     for east_m in (-0.2, 0.2, 0.3):
         for _ in range(12):
-            sides += [side for _, side in router.route((0.0, east_m), None, 0.0, (100.0, 0.0), centres, radii, ids).via]
+            sides += [side for _, side in router.route(Departure((0.0, east_m)), (100.0, 0.0), centres, radii, ids).via]
     assert shortest_route((0.0, 0.3), (100.0, 0.0), centres, radii).via == ((0, -1),)
     assert set(sides) == {1}
 
@@ -422,8 +425,8 @@ def test_a_router_stays_on_its_side_while_the_other_is_hardly_shorter() -> None:
 def test_a_router_changes_sides_when_that_saves_more_than_its_share() -> None:
     centres, radii, ids = np.array([[50.0, 0.0]]), np.array([20.0]), np.array([7])
     router = Router()
-    assert router.route((0.0, -0.1), None, 0.0, (100.0, 0.0), centres, radii, ids).via == ((0, 1),)
-    last = [router.route((0.0, 20.0), None, 0.0, (100.0, 0.0), centres, radii, ids).via for _ in range(12)][-1]
+    assert router.route(Departure((0.0, -0.1)), (100.0, 0.0), centres, radii, ids).via == ((0, 1),)
+    last = [router.route(Departure((0.0, 20.0)), (100.0, 0.0), centres, radii, ids).via for _ in range(12)][-1]
     assert last == ((0, -1),)
 
 
@@ -431,8 +434,8 @@ def test_a_router_leaves_a_way_that_a_disc_has_closed() -> None:
     ids, router = np.array([1, 2]), Router()
     open_radii, closed_radii = np.array([20.0, 20.0]), np.array([20.0, 21.5])
     centres = np.array([[50.0, 5.0], [50.0, -36.0]])
-    assert router.route((0.0, 0.0), None, 0.0, (100.0, 0.0), centres, open_radii, ids).via == ((0, 1),)
-    route = router.route((0.0, 0.0), None, 0.0, (100.0, 0.0), centres, closed_radii, ids)
+    assert router.route(Departure((0.0, 0.0)), (100.0, 0.0), centres, open_radii, ids).via == ((0, 1),)
+    route = router.route(Departure((0.0, 0.0)), (100.0, 0.0), centres, closed_radii, ids)
     assert depth_m(flown(route), centres, closed_radii) < 1e-6
     assert route.length_m == pytest.approx(shortest_route((0.0, 0.0), (100.0, 0.0), centres, closed_radii).length_m)
 
@@ -440,10 +443,10 @@ def test_a_router_leaves_a_way_that_a_disc_has_closed() -> None:
 def test_a_router_knows_discs_by_their_ids() -> None:
     centres, radii, ids = np.array([[50.0, 0.3], [50.0, 80.0]]), np.array([10.0, 3.0]), np.array([4, 9])
     router = Router()
-    assert router.route((0.0, 0.0), None, 0.0, (100.0, 0.0), centres, radii, ids).via == ((0, 1),)
+    assert router.route(Departure((0.0, 0.0)), (100.0, 0.0), centres, radii, ids).via == ((0, 1),)
     # The same disc, now second and a little to the other side: within the share it stays on the right.
     moved = np.array([[50.0, 80.0], [50.0, -0.3]])
-    route = router.route((0.0, 0.0), None, 0.0, (100.0, 0.0), moved, radii[::-1], ids[::-1])
+    route = router.route(Departure((0.0, 0.0)), (100.0, 0.0), moved, radii[::-1], ids[::-1])
     assert route.via == ((1, 1),)
 
 
@@ -454,7 +457,7 @@ def test_a_router_goes_by_what_it_is_given_though_the_arrays_of_the_last_call_we
     router = Router()
 
     def via(discs: dict[str, np.ndarray]) -> tuple[tuple[int, int], ...]:
-        return router.route((0.0, 0.0), None, 0.0, (100.0, 0.0), discs["centres"], discs["radii"], discs["ids"]).via
+        return router.route(Departure((0.0, 0.0)), (100.0, 0.0), discs["centres"], discs["radii"], discs["ids"]).via
 
     assert via(given) == ((0, 1),)
     given[written_to][...] = 0
@@ -465,18 +468,18 @@ def test_a_router_goes_by_what_it_is_given_though_the_arrays_of_the_last_call_we
 def test_a_router_refuses_discs_that_are_no_longer_finite() -> None:
     centres, radii, ids = np.array([[50.0, 0.3]]), np.array([10.0]), np.array([4])
     router = Router()
-    router.route((0.0, 0.0), None, 0.0, (100.0, 0.0), centres, radii, ids)
+    router.route(Departure((0.0, 0.0)), (100.0, 0.0), centres, radii, ids)
     radii[0] = math.nan
     with pytest.raises(ValueError, match="finite"):
-        router.route((0.0, 0.0), None, 0.0, (100.0, 0.0), centres, radii, ids)
+        router.route(Departure((0.0, 0.0)), (100.0, 0.0), centres, radii, ids)
 
 
 def test_a_kept_way_has_the_length_of_a_fresh_one_on_the_same_sides() -> None:
     for start, goal, centres, radii in scenes("random", 20, seed=12):
         router, ids = Router(), np.arange(len(radii))
-        first = router.route(start, None, 0.0, goal, centres, radii, ids)
+        first = router.route(Departure(start), goal, centres, radii, ids)
         place = start + 0.01 * unit(first.heading_rad)
-        kept = router.route(place, None, 0.0, goal, centres, radii, ids)
+        kept = router.route(Departure(place), goal, centres, radii, ids)
         assert kept.length_m == pytest.approx(shortest_route(place, goal, centres, radii).length_m, rel=1e-6)
 
 
@@ -487,12 +490,12 @@ def arrival(
     goal, centres, radii = scene[1:]
     router, ids = Router(), np.arange(len(radii))
     state = (float(start[0]), float(start[1]), heading_rad)
-    first = router.route(state[:2], heading_rad, turn_radius_m, goal, centres, radii, ids)
+    first = router.route(Departure(state[:2], heading_rad, turn_radius_m), goal, centres, radii, ids)
     flown_m, deepest_m = 0.0, 0.0
     while flown_m < 3.0 * first.length_m + 100.0 * step_m:
         if math.dist(state[:2], goal) <= 2.0 * step_m:
             return True, flown_m, deepest_m, first
-        route = router.route(state[:2], state[2], turn_radius_m, goal, centres, radii, ids)
+        route = router.route(Departure(state[:2], state[2], turn_radius_m), goal, centres, radii, ids)
         wanted_rad = route.heading_rad
         if route.turn * shorter_turn_rad(state[2], wanted_rad) < 0.0:
             wanted_rad = state[2] + route.turn * math.pi / 2.0

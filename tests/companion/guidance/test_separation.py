@@ -18,6 +18,7 @@ from companion.guidance.separation import (
     LATE,
     PASSING,
     STOPPING,
+    Peers,
     Resolution,
     Rules,
     give_way,
@@ -45,7 +46,7 @@ def velocity_m_s(motion: Motion) -> tuple[float, float]:
 def decide(motion: Motion, wanted_rad: float, others: list[Motion], rules: Rules) -> Resolution:
     places = np.array([(each.north_m, each.east_m) for each in others]).reshape(-1, 2)
     velocities = np.array([velocity_m_s(each) for each in others]).reshape(-1, 2)
-    return give_way(wanted_rad, motion, places, velocities, rules, DT_S)
+    return give_way(wanted_rad, motion, Peers(places, velocities), rules, DT_S)
 
 
 def circle_centre_m(motion: Motion, n_max: float) -> tuple[float, float]:
@@ -69,7 +70,7 @@ def discs_gap_m(first: Motion, second: Motion, rules: Rules) -> float:
 
 
 def test_a_vehicle_that_is_alone_flies_where_it_wants() -> None:
-    chosen = give_way(7.0, Motion(0.0, 0.0, 1.0, 60.0), NOBODY_NED_M, NOBODY_NED_M, PLANES, DT_S)
+    chosen = give_way(7.0, Motion(0.0, 0.0, 1.0, 60.0), Peers(NOBODY_NED_M, NOBODY_NED_M), PLANES, DT_S)
     assert chosen == Resolution(7.0 - math.tau, 60.0, None)
 
 
@@ -281,24 +282,15 @@ def test_a_neighbour_on_a_collision_course_inside_our_disc_is_avoided_with_that_
     assert chosen.reason == LATE
 
 
-def test_a_blocked_heading_is_not_chosen_to_pass_by() -> None:
-    motion = Motion(0.0, 0.0, 0.0, 60.0)
-    ahead = (np.array([[840.0, 0.0]]), np.array([[60.0, 0.0]]))
-    free = give_way(0.0, motion, *ahead, PLANES, DT_S)
-    assert free.reason == PASSING
-    assert 1.0 < free.heading_rad < 2.0
-    past = give_way(0.0, motion, *ahead, PLANES, DT_S, lambda heading_rad: 1.0 < heading_rad < 2.0)
-    assert past.reason == PASSING
-    assert 2.0 <= past.heading_rad < 3.0
-    nowhere = give_way(0.0, motion, *ahead, PLANES, DT_S, lambda heading_rad: True)
-    assert nowhere.reason == CIRCLING
-
-
 def test_a_circle_to_the_right_goes_on_from_the_heading_at_which_the_decision_takes_effect() -> None:
-    ahead = (np.array([[840.0, 0.0]]), np.array([[60.0, 0.0]]))
+    # Eight neighbours all round that fly as we do, each disc a metre off ours.
+    ring_m = 2.0 * reserved_radius_m(60.0, PLANES, DT_S) + 1.0
+    bearings_rad = math.tau / 8 * np.arange(8)
+    around = Peers(ring_m * np.column_stack((np.cos(bearings_rad), np.sin(bearings_rad))), np.tile((60.0, 0.0), (8, 1)))
     motion, step_turn_rad = Motion(0.0, 0.0, 0.0, 60.0), turn_rate_rad_s(60.0, 1.0) * DT_S
     for heading_rad in (0.0, 1.0):
-        chosen = give_way(0.0, motion, *ahead, PLANES, DT_S, lambda _: True, heading_at_effect_rad=heading_rad)
+        chosen = give_way(0.0, motion, around, PLANES, DT_S, heading_at_effect_rad=heading_rad)
+        assert chosen.reason == CIRCLING
         assert chosen.heading_rad == pytest.approx(heading_rad + step_turn_rad)
 
 

@@ -177,6 +177,7 @@ def test_an_unresolved_mission_is_written_and_read_again_too(name: str) -> None:
     assert parse_mission(dump_mission(mission), "again") == mission
 
 
+@pytest.mark.slow
 @given(
     st.text(st.characters(codec="utf-8"), min_size=1, max_size=80)
     | st.sampled_from(["yes", "1e3", "08", "1.0e11", "null", "~", ".inf", "12:30", "- a", "x: y", "true", "# c"])
@@ -462,6 +463,7 @@ def assert_one_line(message: str, source: str, parts: tuple[str, ...]) -> None:
         assert part in message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", BAD)
 def test_a_bad_mission_is_refused_in_one_line_that_says_what_is_wrong(what: str) -> None:
     text, parts = BAD[what]
@@ -486,6 +488,7 @@ def test_no_text_whatever_ends_in_anything_but_an_input_error(text: str) -> None
         assert "\n" not in str(error)
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(sorted(Mission.model_fields)),
     st.recursive(

@@ -463,6 +463,7 @@ places_m = st.floats(-300_000.0, 300_000.0)
 pairs = st.tuples(places_m, places_m)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(
     st.sampled_from(KINDS),
@@ -717,6 +718,7 @@ def test_it_heads_for_the_tangent_of_a_disc_ahead() -> None:
     assert abs(wanted_rad(decision)) == pytest.approx(tangent_rad, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_flies_around_a_disc_ahead_to_its_target_without_entering_it(kind: str) -> None:
     flight = guided(kind=kind)

@@ -216,6 +216,7 @@ def test_a_configuration_that_is_not_there_is_named_beside_the_packaged_ones(nam
         load_config(name)
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(sorted(Config.model_fields)),
     st.recursive(st.none() | st.floats() | st.integers() | st.text(st.characters(codec="utf-8"), max_size=3), st.lists),

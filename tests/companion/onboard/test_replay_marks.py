@@ -134,6 +134,7 @@ events = st.sampled_from(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(st.sampled_from(sorted(PARAMETERS)), st.sampled_from(State), st.lists(events, min_size=5, max_size=20))
 def test_whatever_happens_in_a_flight_its_log_is_decided_again_to_the_bit(

@@ -59,6 +59,7 @@ def test_the_severity_follows_the_stage(decision: Decision, severity: int) -> No
     assert messages(speaking.text(0.0, SYSTEM))[0].severity == severity
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.text(max_size=60)), max_size=60))
 def test_texts_keep_their_distance_and_the_newest_line_is_said(lines: list[tuple[float, str]]) -> None:
     speaking, now_s, said_s = teller(), 0.0, []

@@ -296,6 +296,7 @@ def assert_same_view(left: WorldModel, right: WorldModel, now_s: float) -> None:
         assert np.array_equal(getattr(a, name), getattr(b, name)), name
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(histories(), st.data())
 def test_the_order_and_number_of_copies_of_frames_do_not_matter(history: list[StateFrame], data: st.DataObject) -> None:
@@ -310,6 +311,7 @@ def test_the_order_and_number_of_copies_of_frames_do_not_matter(history: list[St
     assert_same_view(picture, in_order, now_s)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(histories(), st.data())
 def test_no_frame_that_arrives_makes_the_picture_older(history: list[StateFrame], data: st.DataObject) -> None:
@@ -326,6 +328,7 @@ def test_no_frame_that_arrives_makes_the_picture_older(history: list[StateFrame]
     assert ages_s == sorted(ages_s, reverse=True)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(histories(), st.data())
 def test_a_threat_is_only_lost_if_a_whole_broadcast_lacked_it(history: list[StateFrame], data: st.DataObject) -> None:

@@ -473,6 +473,7 @@ def test_of_two_copies_that_wait_together_one_is_believed() -> None:
     assert link.authenticator.rejected == {REPEATED: 1}
 
 
+@pytest.mark.slow
 def test_nobody_gains_by_the_place_of_a_frame_in_a_burst() -> None:
     drawn = [0, 0, 0]
     for seed in range(1500):

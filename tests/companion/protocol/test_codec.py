@@ -701,6 +701,7 @@ def test_what_follows_the_entries_in_use_may_be_anything() -> None:
 maybe_places = st.none() | st.tuples(coordinates_m, coordinates_m)
 
 
+@pytest.mark.slow
 @given(st.lists(maybe_places, min_size=1, max_size=AGENTS_PER_FRAME))
 def test_an_agent_without_a_place_returns_without_one_beside_those_that_have_one(
     places: list[tuple[float, float] | None],
@@ -789,6 +790,7 @@ def all_finite(frame: Frame) -> bool:
     return all(map(math.isfinite, numbers_in(frame)))
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.sampled_from(GENUINE), st.lists(st.tuples(st.integers(0, 400), st.integers(0, 255)), max_size=40))
 def test_a_forged_frame_with_a_good_checksum_is_sensible_or_dropped(

@@ -663,6 +663,7 @@ def likely_data(kinds: tuple[int, ...]) -> st.SearchStrategy[bytes]:
     return (st.lists(part, max_size=5).map(b"".join) | st.binary(max_size=238)).map(lambda data: data[:238])
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(likely_data((1, 2, 3, 4, 5, 6)), st.integers(0, 65_535), *[st.integers(-32_768, 32_767)] * 2)
 def test_any_data_decode_to_finite_numbers_or_a_wire_error(

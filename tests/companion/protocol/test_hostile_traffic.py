@@ -42,6 +42,7 @@ def test_hostile_traffic_raises_nothing_where_nobody_is_authenticated() -> None:
     assert outcome.forged > 0
 
 
+@pytest.mark.slow
 def test_memory_stays_flat_under_hostile_traffic() -> None:
     steps = iter(run(8000, "both", 2))
     for _ in range(3):

@@ -71,6 +71,7 @@ def crowd(surrogate: str, agents: int, kinds: list[tuple[float, float]], speed_b
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @given(
     surrogate=st.sampled_from(["pairwise", "analytic"]),
     kinds=st.lists(st.sampled_from(KINDS), min_size=1, max_size=4),

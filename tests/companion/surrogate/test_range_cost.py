@@ -38,6 +38,7 @@ def scene(position_ned_m: np.ndarray, flown_m: float, range_m: float = RANGE_M) 
     )
 
 
+@pytest.mark.slow
 @given(offset_m=offsets, ratio=ratios, half_width=half_widths)
 def test_the_gradient_is_the_slope_of_the_cost(offset_m: np.ndarray, ratio: float, half_width: float) -> None:
     flown_m = ratio * RANGE_M - float(np.hypot(*offset_m))
@@ -58,6 +59,7 @@ def test_the_gradient_is_the_slope_of_the_cost(offset_m: np.ndarray, ratio: floa
     )
 
 
+@pytest.mark.slow
 @given(offset_m=offsets, ratio=ratios, half_width=half_widths)
 def test_descent_points_at_the_target(offset_m: np.ndarray, ratio: float, half_width: float) -> None:
     descent_m = -range_gradient(TARGET + offset_m, TARGET, ratio * RANGE_M, RANGE_M, K_L, half_width)
@@ -78,6 +80,7 @@ def test_at_the_edge_it_is_half_the_weight_and_as_steep_as_the_polygon() -> None
     np.testing.assert_allclose(gradient_m, [(further - nearer) / 2.0, 0.0], rtol=1e-6)
 
 
+@pytest.mark.slow
 @given(offset_m=offsets, ratio=st.floats(0.3, 3.0).filter(lambda ratio: abs(ratio - 1.0) > 10.0 * HALF_WIDTH))
 def test_far_from_the_edge_it_is_the_polygons_value(offset_m: np.ndarray, ratio: float) -> None:
     flown_m = ratio * RANGE_M - float(np.hypot(*offset_m))
@@ -93,6 +96,7 @@ def test_far_from_the_edge_nothing_pulls(ratio: float) -> None:
     assert np.hypot(*gradient_m) < 1e-4
 
 
+@pytest.mark.slow
 @given(
     near_m=st.floats(0.0, 50_000.0),
     more_m=st.floats(100.0, 50_000.0),
@@ -121,6 +125,7 @@ def test_on_the_target_there_is_no_direction() -> None:
     np.testing.assert_array_equal(range_gradient(TARGET, TARGET, RANGE_M, RANGE_M, K_L), [0.0, 0.0])
 
 
+@pytest.mark.slow
 @given(
     offset_m=st.tuples(st.floats(-1e9, 1e9), st.floats(-1e9, 1e9)).map(np.array),
     flown_m=st.floats(0.0, 1e12),

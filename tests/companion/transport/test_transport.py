@@ -60,6 +60,7 @@ LINKS = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(LINKS)
 def test_a_link_is_what_its_text_says(link: Link) -> None:
     assert parse_link(str(link)) == link

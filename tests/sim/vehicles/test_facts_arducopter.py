@@ -266,6 +266,7 @@ ROWS: list[tuple[str, Callable[[], bool]]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("holds", [row[1] for row in ROWS], ids=[row[0] for row in ROWS])
 def test_a_fact_holds(holds: Callable[[], bool]) -> None:
     assert holds()

@@ -123,6 +123,7 @@ def test_a_parked_vehicle_drains_nothing() -> None:
     assert pilot.vehicle.battery.percent == 100.0
 
 
+@pytest.mark.slow
 def test_the_receivers_noise_has_the_deviation_asked_for_and_leaves_the_truth_alone() -> None:
     noisy, exact = Pilot("arducopter"), Pilot("arducopter")
     noisy.vehicle.sensors.noise_m = 3.0
@@ -239,6 +240,7 @@ hostile = st.one_of(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @given(messages=st.lists(hostile, max_size=8), flying=st.booleans())
 @settings(max_examples=40)

@@ -635,6 +635,7 @@ def test_a_cross_wind_above_its_airspeed_carries_a_point_off_with_its_nose_again
     assert vehicle.truth.heading_rad == pytest.approx(-math.pi / 2, abs=1e-3)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(winds, st.floats(-math.pi, math.pi), st.floats(0.0, 100.0)), min_size=1, max_size=12))
 def test_no_wind_makes_a_point_turn_faster_through_the_air_than_its_limit(
     legs: list[tuple[tuple[float, float], float, float]],
@@ -1002,6 +1003,7 @@ hostile_messages = st.one_of(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [hovering, point])
 @given(messages=st.lists(hostile_messages, max_size=8))
 def test_hostile_values_never_raise_nor_make_the_truth_unreal(make: Callable[[], StandIn], messages: list[Any]) -> None:

@@ -1,0 +1,70 @@
+"""Every benchmark starts, runs at its smallest size and prints figures, which are not judged here."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[1]
+SMALLEST = {
+    "assignment": "--scenes 1",
+    "bench": "--rounds 1 --calls 5 --flights 1 --flight-s 10",
+    "carousel": "",
+    "case_two": "--seeds 1 --error-seeds 1 --time-limit 80",
+    "decision": "seed --threats 4 --scenes 1 --time-limit 50",
+    "faults": "--first 1",
+    "flood": "--seconds 1 --rate 300 --virtual 10",
+    "guard": "30 1 --gusts 1 --checks 50",
+    "hostile": "3000",
+    "lags": "px4-plane",
+    "loop": "--seconds 2 --idle",
+    "loss_sweep": "--runs 1 --levels 0.3 --time-limit 60",
+    "losses": "--runs 1 --time-limit 100",
+    "processes": "{folder}/near.yaml arducopter --no-scale --limit 60 --out {folder}/out",
+    "route": "--scenes 8 --flights 1 --timed 1 --repeat 1",
+    "serial_radio": "--seconds 2 --agents 10",
+    "signing": "--rounds 1 --frames 20",
+    "swarm": "circle --count 4 --free 12 --seeds 1 --time-limit 100",
+}
+"""The arguments that make a benchmark short."""
+MAY_FAIL = {"processes"}
+"""Its status judges the gaps between setpoints, which a busy computer makes long."""
+NEAR = """
+name: near
+agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}]
+targets: [{id: 1, north_m: 60, east_m: 0}]
+defaults:
+  agent: {speed_m_s: 8, n_max: 0.17, range_m: 20000}
+  target: {speed_bound_m_s: 0}
+broadcast_period_s: 1
+assignment_period_s: 4
+arrival_radius_m: 30
+separation_m: 15
+"""
+
+
+def test_every_benchmark_has_a_smallest_size() -> None:
+    assert {path.stem for path in (ROOT / "tests" / "benchmarks").glob("*.py")} == set(SMALLEST)
+
+
+@pytest.mark.parametrize("name", SMALLEST)
+def test_a_benchmark_runs_at_its_smallest_size_and_prints_figures(name: str, tmp_path: Path) -> None:
+    (tmp_path / "near.yaml").write_text(NEAR)
+    arguments = SMALLEST[name].format(folder=tmp_path).split()
+    process = subprocess.run(
+        [sys.executable, "-m", f"tests.benchmarks.{name}", *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert process.returncode in ({0, 1} if name in MAY_FAIL else {0}), process.stderr
+    assert "Traceback" not in process.stderr
+    assert re.search(r"\d", process.stdout)
