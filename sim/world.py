@@ -17,18 +17,18 @@ class World:
     """Targets and threats of a resolved mission, in file order, moved from time 0 by their motion."""
 
     def __init__(self, mission: Mission, seed: int) -> None:
-        self._things: list[TargetSpec | ThreatSpec] = [*mission.targets, *mission.threats]
+        things: list[TargetSpec | ThreatSpec] = [*mission.targets, *mission.threats]
         self._targets = len(mission.targets)
         self._hold_s = mission.heading_hold_s
         self._generator = random_stream(seed, MOTION_STREAM)
         self._t_s = 0.0
         self._holds = 0
-        self._north_m = np.array([thing.position_ned_m[0] for thing in self._things])
-        self._east_m = np.array([thing.position_ned_m[1] for thing in self._things])
-        self._heading_rad = np.zeros(len(self._things))
-        self._speed_m_s = np.zeros(len(self._things))
-        self._wanders = np.array([thing.motion == "random" for thing in self._things], dtype=bool)
-        for index, thing in enumerate(self._things):
+        self._north_m = np.array([thing.position_ned_m[0] for thing in things])
+        self._east_m = np.array([thing.position_ned_m[1] for thing in things])
+        self._heading_rad = np.zeros(len(things))
+        self._speed_m_s = np.zeros(len(things))
+        self._wanders = np.array([thing.motion == "random" for thing in things], dtype=bool)
+        for index, thing in enumerate(things):
             if isinstance(thing.motion, SteadyMotion):
                 self._heading_rad[index] = math.radians(thing.motion.heading_deg) % math.tau
                 self._speed_m_s[index] = thing.motion.speed_m_s
@@ -36,10 +36,10 @@ class World:
                 self._speed_m_s[index] = thing.speed_bound_m_s
         self._paths = [
             (index, _way_points(thing.position_ned_m, thing.motion))
-            for index, thing in enumerate(self._things)
+            for index, thing in enumerate(things)
             if isinstance(thing.motion, PathMotion)
         ]
-        self._chasers = [index for index, thing in enumerate(self._things) if thing.motion == "chase"]
+        self._chasers = [index for index, thing in enumerate(things) if thing.motion == "chase"]
         self._turn_wanderers()
         self._follow_paths(0.0)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from companion.onboard.frame_order import Acceptance, FrameOrder
 from companion.protocol.codec import Stamp
-from companion.protocol.messages import RESTART_AFTER_S
+from companion.protocol.freshness import RESTART_AFTER_S
 
 EPOCH_S = 1_790_000_000
 
