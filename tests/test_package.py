@@ -74,7 +74,6 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
 def test_imports_point_one_way(path: Path) -> None:
     package = path.relative_to(ROOT).parts[0]

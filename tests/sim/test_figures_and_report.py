@@ -23,7 +23,7 @@ from sim.trajectory import Trajectory, TrajectoryBuilder
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PLOT_LIMIT_S = 2.0
-"""For 10 agents and 5000 samples, on one core."""
+"""Of CPU time, for 10 agents and 5000 samples."""
 HOSTILE_NAME = "<script>alert('x')</script> & \"quoted\" $\\frac{"
 VOID_TAGS = frozenset({"meta", "img", "br", "link"})
 
@@ -198,9 +198,9 @@ def test_a_title_that_looks_like_mathematics_is_drawn_as_it_is(tmp_path: Path) -
 
 def test_ten_agents_and_five_thousand_samples_are_drawn_in_time(tmp_path: Path) -> None:
     trajectory, mission, found = run_of(10, 5, 4, steps=5_000)
-    begin_s = time.perf_counter()
+    begin_s = time.process_time()
     plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "a run")
-    assert time.perf_counter() - begin_s < PLOT_LIMIT_S
+    assert time.process_time() - begin_s < PLOT_LIMIT_S
 
 
 def test_the_report_is_well_formed_and_accessible(tmp_path: Path) -> None:
