@@ -1,1 +1,1 @@
-"""The one-way broadcast: its dialect, frames, codecs, signatures, and which frames are believed."""
+"""The one-way broadcast: dialect, frames, codecs, signatures and the authenticator of received frames."""

@@ -1,10 +1,11 @@
-"""Which of the frames that arrive are the ground station's, new and sane: the only way into the picture.
+"""Check that received frames are the ground station's, new and valid: the only way into the world model.
 
-Checks run cheapest first, so that a flood without the key costs little, and nothing is remembered of a frame until all
-of it held, so that no forgery can push genuine frames out. What is refused is counted by reason, never raised.
+Checks run cheapest first, so that a flood without the key costs little. Nothing about a frame is remembered until it
+passed all checks, so that no forged frame can displace genuine ones. Refused frames are counted by reason, not raised.
 
-Under Ed25519 the MAVLink signature only keeps outsiders from the costlier check. Its time is then not looked at: it
-would be in the hand of any vehicle that holds the shared key, while the stamp is under the centre's own signature.
+With Ed25519 the MAVLink signature only keeps outsiders' frames from the costlier check. Its signing time is then
+ignored: any vehicle that holds the shared key could set it, whereas the stamp is under the ground station's own
+Ed25519 signature.
 """
 
 from __future__ import annotations
@@ -38,16 +39,16 @@ WRONG_ED25519 = "wrong Ed25519 signature"
 REPEATED = "repeated"
 UNCHECKED = "unchecked in a flood"
 EXPECTED = (HEARTBEAT, REPEATED)
-"""What a ground station sends on purpose, for its radio and as copies, though nothing is to be believed of it."""
+"""Reasons that are normal: a ground station sends heartbeats for its radio, and repeats its frames."""
 
 BURST_CHECKS = 400
-"""Ed25519 checks saved up in quiet times: a whole broadcast of the greatest length, 255 frames, may come at once."""
+"""Greatest number of Ed25519 checks saved up in quiet times: the 255 frames of a longest broadcast may come at once."""
 WINDOW_S = 0.05
-"""Time that frames wait in a flood, so that the front of a burst has no better chance than its end."""
+"""Time that frames wait for a check in a flood, so that the first of a burst have no better chance than the last."""
 REMEMBERED_FRAMES = 1024
-"""Newest frames remembered to tell repeats; a broadcast has at most 255 of each kind."""
+"""Number of newest frames remembered to recognise repeats; a broadcast has at most 255 of each kind."""
 MAX_REASONS = 64
-"""Kinds of reasons counted apart at most."""
+"""Greatest number of reasons that are counted separately; any further one counts as OTHER_REASONS."""
 OTHER_REASONS = "other reasons"
 
 _UINT32_MAX = 0xFFFF_FFFF
@@ -57,21 +58,24 @@ OfferedT = TypeVar("OfferedT")
 
 @dataclass(frozen=True)
 class Trust:
-    """Whom to believe, and how far clocks may differ. Without a key everybody is believed."""
+    """Keys that authenticate the broadcast, and how far stamps may be off. Without a key every sender is accepted."""
 
     mavlink_key: bytes | None = field(default=None, repr=False)
     """The shared key, 32 bytes."""
     public_key: Ed25519PublicKey | None = field(default=None, repr=False)
+    """The ground station's public key."""
     max_age_s: float = 30.0
+    """Greatest age of a stamp by the vehicle's clock."""
     ahead_s: float = 2.0
+    """Greatest time that a stamp may be ahead of the vehicle's clock."""
     checks_per_s: float = 1000.0
-    """Bound on Ed25519 checks, in the mean over a few seconds: an eighth of a core at 0.13 ms each."""
+    """Greatest mean rate of Ed25519 checks over a few seconds; at 0.13 ms each, 1000 take an eighth of a core."""
     clock_checked: bool = True
-    """Whether frames must be of now by our clock; False where the vehicle has no clock that can be relied on."""
+    """Whether stamps are compared with the vehicle's clock; False if that clock is not reliable."""
 
     @property
     def words(self) -> str:
-        """What authenticates frames, for status lines."""
+        """Names of the signatures that are checked, for status lines."""
         keys = {"MAVLink signing": self.mavlink_key, "Ed25519": self.public_key}
         names = [name for name, key in keys.items() if key is not None]
         return " and ".join(names) or "unsigned"
@@ -79,7 +83,7 @@ class Trust:
 
 @dataclass(frozen=True)
 class AuthenticatorState:
-    """What must survive a restart, so that nothing already accepted is accepted again."""
+    """State saved over a restart, so that no frame that was accepted is accepted again."""
 
     epoch_s: int | None = None
     sequence: int = -1
@@ -87,13 +91,13 @@ class AuthenticatorState:
     """Newest MAVLink signing time of each stream."""
 
     def to_json(self) -> str:
-        """Return the state as one line of JSON; no key is in it."""
+        """Return the state as one line of JSON; it contains no key."""
         streams = [[*stream, timestamp] for stream, timestamp in self.streams]
         return json.dumps({"epoch_s": self.epoch_s, "sequence": self.sequence, "streams": streams})
 
     @classmethod
     def from_json(cls, text: str) -> AuthenticatorState:
-        """Return the state that `to_json` wrote; raises InputError if it is none."""
+        """Return the state in a text that `to_json` wrote; raises InputError for any other text."""
         try:
             values = json.loads(text)
             epoch_s = values["epoch_s"]
@@ -113,14 +117,14 @@ class AuthenticatorState:
 
 
 class Authenticated(NamedTuple):
-    """A frame that held in every respect, as it came and decoded."""
+    """A frame that passed every check: as received, and decoded."""
 
     raw: RawFrame
     frame: Frame
 
 
 class Authenticator:
-    """Lets genuine, new and sane frames in. All times are this vehicle's clock in Unix seconds."""
+    """Accepts the frames that are genuine, new and valid. All times are Unix seconds by this vehicle's clock."""
 
     def __init__(
         self,
@@ -130,9 +134,9 @@ class Authenticator:
         is_stream: bool = False,
         rng: random.Random | None = None,
     ) -> None:
-        """With `is_stream`, what arrives are the chunks of a byte stream, such as a serial radio's.
+        """Start from a saved state; with `is_stream` the input is chunks of a byte stream, such as a serial radio's.
 
-        `rng` chooses what is checked in a flood; an unpredictable one by default.
+        `rng` draws the frames that are checked in a flood; by default it is seeded unpredictably.
         """
         state = state or AuthenticatorState()
         self.trust = trust
@@ -142,7 +146,7 @@ class Authenticator:
         self._sequence = state.sequence
         self._heard: dict[bytes, None] = {}
         self._quiet_since_s: float | None = None
-        """When the last frame was accepted; before there was one, when the first datagram came."""
+        """Time at which the last frame was accepted; before any was, time at which the first datagram came."""
         ahead_s, behind_s = (trust.ahead_s, 60.0) if trust.clock_checked else (math.inf, math.inf)
         self._verifier = (
             None
@@ -155,7 +159,7 @@ class Authenticator:
 
     @property
     def rejected(self) -> Counter[str]:
-        """How many frames, or runs of bytes that are none, were refused, by reason."""
+        """Number of refused frames, and of runs of bytes that are no frame, by reason."""
         counts = Counter(self._rejected)
         if self._framer is not None:
             counts.update(self._framer.skipped)
@@ -165,19 +169,19 @@ class Authenticator:
 
     @property
     def state(self) -> AuthenticatorState:
-        """What is to be kept over a restart."""
+        """State to save over a restart."""
         streams = {} if self._verifier is None else self._verifier.streams
         return AuthenticatorState(self._epoch_s, self._sequence, tuple(sorted(streams.items())))
 
     def admit(self, datagram: bytes, now_s: float) -> list[Authenticated]:
-        """Return the frames to be believed by now, mostly those of this datagram. Never raises, whatever the bytes.
+        """Return the frames that are accepted now, usually those of this datagram. Never raises, whatever the bytes.
 
-        In a flood under Ed25519 a frame may come out of a later call, WINDOW_S or a little more after it arrived.
+        In a flood, with Ed25519, a later call may return a frame, WINDOW_S or a little more after it arrived.
         """
         return self.admit_frames(self.deframed(datagram), now_s)
 
     def deframed(self, datagram: bytes) -> Iterator[RawFrame]:
-        """Return the whole frames in a datagram, or completed by a chunk of a stream; what is none is counted."""
+        """Return the whole frames in a datagram, or those that a chunk of a stream completes; count all other bytes."""
         if self._framer is not None:
             return iter(self._framer.feed(datagram))
         if len(datagram) > MAX_DATAGRAM_BYTES:
@@ -186,7 +190,7 @@ class Authenticator:
         return frames_in(datagram, self._rejected)
 
     def admit_frames(self, frames: Iterable[RawFrame], now_s: float) -> list[Authenticated]:
-        """Return the frames to be believed by now, mostly of these, which `deframed` gave; see `admit`."""
+        """Return the frames that are accepted now, usually of `frames`, which `deframed` returned; see `admit`."""
         if self._quiet_since_s is None:
             self._quiet_since_s = now_s
         admitted = self.due(now_s)
@@ -201,7 +205,7 @@ class Authenticator:
         return admitted
 
     def due(self, now_s: float) -> list[Authenticated]:
-        """Return what waited for its check and held; to be called now and then where datagrams may cease."""
+        """Return the frames that waited for an Ed25519 check and passed; call it regularly, as datagrams may cease."""
         admitted: list[Authenticated] = []
         if self._gate is not None:
             for raw in self._gate.due(now_s):
@@ -209,7 +213,7 @@ class Authenticator:
         return admitted
 
     def _refused(self, raw: RawFrame, now_s: float) -> str | None:
-        """Return why a whole frame is refused before any costly check, None if it is not."""
+        """Return the reason why a frame is refused before the costly check, None if it is not."""
         if raw.system != GROUND_SYSTEM or raw.component != GROUND_COMPONENT:
             return OTHER_SENDER
         if raw.message_id not in BROADCAST_IDS:
@@ -226,7 +230,7 @@ class Authenticator:
         return self._stale(raw, now_s)
 
     def _unsigned(self, raw: RawFrame, now_s: float, verifier: MavlinkVerifier) -> str | None:
-        """Return why a frame's MAVLink signature is refused, None if it is not."""
+        """Return the reason why a frame's MAVLink signature is refused, None if it is accepted."""
         if self.trust.public_key is None:
             return verifier.check(raw, now_s)
         if verifier.holds(raw):
@@ -234,7 +238,7 @@ class Authenticator:
         return WRONG_HASH if raw.is_signed else UNSIGNED
 
     def _stale(self, raw: RawFrame, now_s: float) -> str | None:
-        """Return why a frame's stamp is refused, None if it is not."""
+        """Return the reason why a frame's stamp is refused, None if it is accepted."""
         stamp = raw.stamp
         if self.trust.clock_checked:
             reason = off_the_clock(stamp, now_s, self.trust.ahead_s, self.trust.max_age_s)
@@ -244,7 +248,8 @@ class Authenticator:
             return None
         silent_s = 0.0
         if self.trust.public_key is None and self._quiet_since_s is not None:
-            # Others can make a frame too: one of theirs, stamped ahead, must not shut the centre out for good.
+            # Without Ed25519 others can make valid frames: one stamped ahead must not shut the ground station out for
+            # good.
             silent_s = now_s - self._quiet_since_s
         reason = overtaken(stamp, (self._epoch_s, self._sequence), silent_s)
         if reason is not None:
@@ -262,7 +267,7 @@ class Authenticator:
             self._rejected[reason] += 1
 
     def _take(self, raw: RawFrame, now_s: float, admitted: list[Authenticated]) -> None:
-        """Decode an authentic frame; remember it if it makes sense."""
+        """Decode an authentic frame; if it is valid, remember it and append it to `admitted`."""
         try:
             frame = decode_frame(raw)
         except WireError as error:
@@ -281,17 +286,17 @@ class Authenticator:
 
 
 class CheckLimiter(Generic[OfferedT]):
-    """Bounds costly checks, and lets chance decide which frames get one when there are too many.
+    """Bounds the rate of costly checks, and draws at random the frames that get one when there are too many.
 
-    In quiet times a frame is checked at once. Once half of the saved checks are used up, frames are gathered for
-    WINDOW_S and as many as there are checks for are drawn from them, each with the same chance (reservoir sampling), so
-    that to come first, or last, is of no use to a forger. With F forged frames in a window a genuine one is checked
-    with a chance of at least checks_per_s * WINDOW_S / (F + 1).
+    In quiet times a frame is checked at once. When half of the saved checks are used up, frames are gathered for
+    WINDOW_S; then those to check are drawn, each with the same chance (reservoir sampling), so that a forger gains
+    nothing by being first or last. With F forged frames in a window a genuine one is checked with a probability of at
+    least checks_per_s * WINDOW_S / (F + 1).
     """
 
     def __init__(self, checks_per_s: float, rng: random.Random) -> None:
         self.dropped = 0
-        """Frames that got no check."""
+        """Number of frames that got no check."""
         self._rate_per_s = checks_per_s
         self._window_s = max(WINDOW_S, 1.0 / checks_per_s)
         self._rng = rng
@@ -303,7 +308,7 @@ class CheckLimiter(Generic[OfferedT]):
         self._waiting: list[tuple[int, OfferedT]] = []
 
     def offer(self, raw: OfferedT, now_s: float) -> bool:
-        """Return whether to check a frame at once; if not, it may be given by `due`, or never."""
+        """Return whether to check a frame at once; if not, `due` may return it later."""
         self._save(now_s)
         if self._closes_s is None:
             if self._saved >= BURST_CHECKS / 2:
@@ -323,7 +328,7 @@ class CheckLimiter(Generic[OfferedT]):
         return False
 
     def due(self, now_s: float) -> list[OfferedT]:
-        """Return the frames drawn from a window that is over, in the order in which they came."""
+        """Return the frames drawn from a window that has ended, in order of arrival; none while it is open."""
         if self._closes_s is None or now_s < self._closes_s:
             return []
         self._save(now_s)

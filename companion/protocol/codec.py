@@ -1,9 +1,9 @@
-"""Values <-> frames of the private dialect, and the checked reader of everything received.
+"""Encoder and decoder of the private dialect's messages (`oneway.xml`), with every range check on what is received.
 
-A frame is one MAVLink 2 message. Encoding chooses the resolution of positions per frame and rounds radii up, so that a
-receiver's disc always holds the true one; decoding trusts nothing: a message whose counts, ids, indices or ranges do
-not make sense is dropped and counted, never raised. Frames are written without signatures: those come last, over bytes
-(companion/protocol/ed25519.py, companion/protocol/mavlink_signing.py).
+A frame is one MAVLink 2 message. Encoding chooses the resolution of positions for each frame and rounds radii up, so
+that a receiver's disc of a threat always contains the true one. Decoding trusts nothing: counts, ids, indices or values
+that make no sense raise WireError, which `FrameReader` counts. Frames are encoded without signatures, which are added
+to the finished bytes (companion/protocol/ed25519.py, companion/protocol/mavlink_signing.py).
 """
 
 from __future__ import annotations
@@ -111,21 +111,25 @@ __all__ = [
     "frame_resolution_cm",
 ]
 
+# The lengths of the arrays in ONEWAY_STATE and ONEWAY_MOTION, ONEWAY_DETECTIONS and ONEWAY_BANDS.
 AGENTS_PER_FRAME = 10
 TARGETS_PER_FRAME = 5
 THREATS_PER_FRAME = 4
 DETECTIONS_PER_FRAME = 14
 BANDS_PER_FRAME = 20
 ID_SPAN = 256
-"""Ids in one state frame lie within this of the least one: they travel as 8 bits above a 16-bit base."""
+"""Bound on the span of a frame's ids of one kind: each is sent as 8 bits above a 16-bit base."""
 GROUND_SYSTEM = 254
 """MAVLink system id of the ground station; 255/190 would be dropped by a receiver that is a ground station itself."""
 GROUND_COMPONENT = 190
+"""MAVLink component id of the ground station (MAV_COMP_ID_MISSIONPLANNER)."""
 SENSOR_COMPONENT = 191
+"""MAVLink component id of the ground station's sensor (docs/wire.md)."""
 
 _UNKNOWN_POSITION = INT16_MIN
-"""As north and east of an agent: nobody on the ground knows where it is (Case II)."""
+"""Value of north and east for an agent whose position the ground station does not know (Case II)."""
 _UNKNOWN_HEADING = UINT16_MAX
+"""Value of the heading of an agent whose heading is unknown."""
 _MIN_RESOLUTION_CM = 1
 _DIGEST_BYTES = 8
 _MISSION_NAME_BYTES = PAYLOAD_BYTES - MISSION_HEAD_BYTES
@@ -133,7 +137,7 @@ _NO_SIGNATURE = [0] * ED25519_BYTES
 
 
 class FrameWriter:
-    """Encodes frames as one MAVLink component, numbering them as MAVLink does."""
+    """Encodes frames as one MAVLink component, numbered by MAVLink's own sequence byte."""
 
     def __init__(self, system: int = GROUND_SYSTEM, component: int = GROUND_COMPONENT) -> None:
         self._mav = oneway.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -151,16 +155,16 @@ class FrameWriter:
 
 
 class FrameReader:
-    """Decodes datagrams of a trusted channel; anything else is dropped and counted by reason in `rejected`.
+    """Decodes datagrams of a trusted channel; what is no valid frame is dropped and counted by reason in `rejected`.
 
-    The parser starts afresh with every datagram, so that junk in one cannot swallow the next.
+    Each datagram gets a new parser, so that junk in one cannot swallow a frame of the next.
     """
 
     def __init__(self) -> None:
         self.rejected: Counter[str] = Counter()
 
     def read(self, datagram: bytes) -> list[Frame]:
-        """Return the genuine frames in a datagram, in order. Never raises, whatever the bytes."""
+        """Return the valid frames in a datagram, in order; signatures are not checked. Never raises."""
         parser = oneway.MAVLink(None)
         parser.robust_parsing = True
         frames: list[Frame] = []
@@ -179,12 +183,13 @@ class FrameReader:
 
 
 def decode_frame(raw: RawFrame) -> Frame:
-    """Return what a MAVLink 2 frame says, whose checksum the caller has found right.
+    """Return the decoded content of a MAVLink 2 frame whose checksum the caller has verified.
 
-    A MAVLink signature may follow; neither it nor an Ed25519 signature is looked at.
+    Neither a MAVLink signature nor an Ed25519 signature is checked.
 
     Raises:
-        WireError: the frame is not of the dialect's own messages, or its fields make no sense; the text is a fixed one.
+        WireError: the frame is not one of the dialect's own messages, or its fields make no sense; the text is fixed
+            for each fault.
 
     """
     if raw.version != 2 or raw.message_id not in _DECODERS:
@@ -193,7 +198,7 @@ def decode_frame(raw: RawFrame) -> Frame:
 
 
 def _fields(number: int, payload: bytes) -> Fields:
-    """Return the fields by name, arrays as tuples; MAVLink cuts the zeros at the end of a payload."""
+    """Return a payload's fields by name, arrays as tuples, with the trailing zeros that MAVLink cut restored."""
     kind = oneway.mavlink_map[number]
     values = kind.unpacker.unpack(payload[: kind.unpacker.size].ljust(kind.unpacker.size, b"\0"))
     named: dict[str, object] = {}
@@ -257,7 +262,7 @@ def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
 
 
 def _assigned(frame: StateFrame) -> list[int]:
-    """Return the place of each agent's target among the frame's targets, from 1 on; 0 for none."""
+    """Return for each agent the index of its target among the frame's targets, counted from 1; 0 for none."""
     place = {target.id: index + 1 for index, target in enumerate(frame.targets)}
     assigned = []
     for agent in frame.agents:
@@ -270,14 +275,14 @@ def _assigned(frame: StateFrame) -> list[int]:
 def _coordinates(
     points: Sequence[tuple[float, float] | None], unit_m: float, length: int
 ) -> tuple[list[int], list[int]]:
-    """Return north and east in units, each padded to the length of its field."""
+    """Return the north and the east of points in units, each padded to `length`; None is the unknown position."""
     north = [_UNKNOWN_POSITION if point is None else round(point[0] / unit_m) for point in points]
     east = [_UNKNOWN_POSITION if point is None else round(point[1] / unit_m) for point in points]
     return _padded(north, length), _padded(east, length)
 
 
 def _radii(radii_m: Sequence[float], unit_m: float) -> list[int]:
-    """Return threats' radii in units, rounded up by what rounding may have moved their centres."""
+    """Return threats' radii in units, enlarged by the greatest rounding error of their centres and rounded up."""
     rounding_m = unit_m * math.sqrt(0.5)
     return _padded([math.ceil((radius_m + rounding_m) / unit_m) for radius_m in radii_m], THREATS_PER_FRAME)
 
@@ -647,7 +652,7 @@ def _times(stamp: Stamp) -> dict[str, int]:
 
 
 def _data(data: bytes, head_bytes: int) -> dict[str, object]:
-    """Return the fields size and data of a packed message."""
+    """Return the fields `size` and `data` of a packed message whose payload has `head_bytes` before its data."""
     return {"size": len(data), "data": list(data.ljust(PAYLOAD_BYTES - head_bytes, b"\0"))}
 
 
@@ -664,7 +669,7 @@ def _directive(message: Fields) -> Directive:
 
 
 def _float(value: float) -> float:
-    """Return the value as a 32-bit float holds it; nan stays."""
+    """Return the value rounded to a 32-bit float; nan stays nan."""
     try:
         held: float = _FLOAT.unpack(_FLOAT.pack(value))[0]
     except OverflowError:
@@ -702,7 +707,7 @@ _DECODERS: dict[int, Callable[[Fields], Frame]] = {
 
 
 def frame_resolution_cm(points: Sequence[tuple[float, float]], radii_m: Sequence[float]) -> int:
-    """Return the finest resolution, in whole cm, at which every position and radius fits its 16 bits."""
+    """Return the finest resolution, in whole cm, at which all positions (north, east, in m) and radii fit 16 bits."""
     reach_m = max((max(abs(north_m), abs(east_m)) for north_m, east_m in points), default=0.0)
     radius_m = max(radii_m, default=0.0)
     if not (math.isfinite(reach_m) and math.isfinite(radius_m)):
@@ -757,7 +762,7 @@ def _coordinate_cm(coordinate_m: float) -> int:
 
 
 def _part(stamp: Stamp) -> tuple[int, int]:
-    """Return frame index and count."""
+    """Return a stamp's frame index and frame count, each checked against its 8-bit field."""
     count = whole(stamp.frame_count, UINT8_MAX, "frame_count")
     return whole(stamp.frame_index, count - 1, "frame_index"), count
 

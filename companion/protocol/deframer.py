@@ -1,8 +1,9 @@
-"""Finds whole MAVLink 2 frames of our dialect in whatever arrives, without ever losing one to junk in front of it.
+"""Finds whole MAVLink 2 frames of our dialect in received bytes, without losing any to junk in front of it.
 
-The stock parser swallows what follows a false start; here every byte may begin a frame, and what begins none is
-skipped. A frame found is whole, of a known message id, with a correct CRC and no flag that we do not know; who sent it
-is asked elsewhere. One inside a V2_EXTENSION (companion/protocol/v2_extension.py) is given as if it had come alone.
+The stock parser swallows the bytes that follow a false start; here every byte may begin a frame, and bytes that begin
+none are skipped. A frame found is whole, of a known message id, with a correct CRC and no unknown flag; its sender is
+checked elsewhere. A frame inside a V2_EXTENSION (companion/protocol/v2_extension.py) is returned as if it had come
+alone.
 """
 
 from __future__ import annotations
@@ -26,23 +27,22 @@ from companion.protocol.frame import RawFrame, crc_bytes, crc_holds, raw_frame
 from companion.protocol.v2_extension import INNER_AT, V2_EXTENSION_CRC_EXTRA, V2_EXTENSION_ID, inner_of
 
 MAX_DATAGRAM_BYTES = 2048
-"""More than any link of ours hands over at once: it holds seven of the longest frames."""
+"""Greatest length of an accepted datagram: seven of the longest frames, more than any link hands over at once."""
 MAX_FALSE_STARTS = 16
-"""After as many marker bytes that begin no frame the rest of a datagram is left: a bound on the work per datagram."""
+"""Number of marker bytes that begin no frame after which the rest of a datagram is skipped, to bound the work."""
 
 DAMAGED = "damaged"
-"""Begins as a frame of ours, but its CRC is wrong or it has an unknown flag."""
+"""Reason for bytes that begin as a frame of our dialect, but with a wrong CRC or an unknown flag."""
 INCOMPLETE = "incomplete"
 FOREIGN = "foreign"
-"""A message that is not of our dialect, so that its CRC cannot be known."""
+"""Reason for a message that is not of our dialect, so that its CRC cannot be checked."""
 MAVLINK_1 = "MAVLink 1"
 JUNK = "junk"
 
 _CRC_EXTRA = {number: bytes((kind.crc_extra,)) for number, kind in oneway.mavlink_map.items()} | {
     V2_EXTENSION_ID: bytes((V2_EXTENSION_CRC_EXTRA,))
 }
-"""What is added to each message's bytes before its CRC is made, by message id: of our dialect, and of what carries its
-frames."""
+"""CRC_EXTRA by message id: of our dialect's messages, and of V2_EXTENSION, which may carry them."""
 
 
 class _Found(Enum):
@@ -60,9 +60,9 @@ def crc_of(head_and_payload: bytes, number: int) -> bytes:
 
 
 def frames_in(datagram: bytes, skipped: Counter[str]) -> Iterator[RawFrame]:
-    """Yield the whole frames in a datagram; each run of bytes that is skipped counts once, by what it begins with."""
+    """Yield the whole frames in a datagram; count each run of skipped bytes once, by the reason of its first byte."""
     if datagram and _look(datagram, 0) == (_Found.WHOLE, len(datagram)):
-        # Nearly always; in a flood it is what counts.
+        # Nearly every datagram is one frame; in a flood the speed of this case counts.
         yield _unwrapped(datagram)
         return
     false_starts, skipping = 0, False
@@ -80,7 +80,7 @@ def frames_in(datagram: bytes, skipped: Counter[str]) -> Iterator[RawFrame]:
 
 
 class StreamFramer:
-    """Finds frames in a byte stream that arrives in chunks, such as a radio's; keeps no more than one frame's bytes."""
+    """Finds frames in a byte stream that comes in chunks, such as a serial radio's; stores at most one frame."""
 
     def __init__(self) -> None:
         self.skipped: Counter[str] = Counter()
@@ -90,15 +90,14 @@ class StreamFramer:
     def feed(self, chunk: bytes) -> list[RawFrame]:
         """Return the frames completed by a chunk.
 
-        A frame is given as soon as its last byte is there, even when what looks like the start of a longer one
-        precedes it.
+        A frame is returned with its last byte, even if bytes before it look like the start of a longer one.
         """
         buffer = self._kept + chunk
         frames = []
         waiting_at: int | None = None
         for found, at, end in _scan(buffer):
             if found is _Found.WHOLE:
-                # What a V2_EXTENSION has behind its inner frame is nothing to report.
+                # Bytes of a V2_EXTENSION after its inner frame are not reported.
                 is_inner = waiting_at is not None and _is_inner(buffer, waiting_at, at)
                 if waiting_at is not None and not is_inner and not self._skipping:
                     self.skipped[DAMAGED] += 1
@@ -115,10 +114,10 @@ class StreamFramer:
 
 
 def _scan(data: bytes) -> Iterator[tuple[_Found, int, int]]:
-    """Yield what begins at each place where a frame could, its place and, of a whole frame, its end.
+    """Yield the finding at each offset where a frame could begin, that offset and, of a whole frame, its end.
 
-    The 13 bytes of a MAVLink signature are not under the CRC: where they were cut off, the next frame begins among
-    what looks like them. So frames are looked for there too, but other bytes there are nothing to report.
+    The 13 bytes of a MAVLink signature are not covered by the CRC: if they were cut off, the next frame begins in their
+    place. So frames are searched for there too, but other bytes there are not reported.
     """
     at = passed = 0
     while at < len(data):
@@ -133,16 +132,16 @@ def _scan(data: bytes) -> Iterator[tuple[_Found, int, int]]:
             start = at + 1
         at = _next_marker(data, start)
         if start <= passed:
-            # What stands right behind a frame is looked at whatever it is, so that it is counted.
+            # The byte right after a frame is examined even if it is no marker, so that it is counted.
             at = min(at, passed)
 
 
 def _look(data: bytes, at: int) -> tuple[_Found, int]:
-    """Return what begins at a byte, and where a whole frame that begins there ends."""
+    """Return the finding at an offset and, if a whole frame begins there, the offset of its end."""
     if data[at] != MARKER_V2:
         return (_Found.MAVLINK_1 if data[at] == MARKER_V1 else _Found.JUNK), at
     if len(data) - at < HEADER_V2_BYTES:
-        # As much of the header as is there must look like ours: only then is more worth waiting for.
+        # Only if the part of the header that is there looks like ours is it worth waiting for more.
         return (_Found.PARTIAL if may_begin_frame(data, at) else _Found.DAMAGED), at
     if data[at + FLAGS_AT] & ~SIGNED_FLAG:
         return _Found.DAMAGED, at
@@ -160,22 +159,22 @@ def _look(data: bytes, at: int) -> tuple[_Found, int]:
 
 
 def _look_inside(payload: bytes, at: int, end: int) -> tuple[_Found, int]:
-    """Return what a V2_EXTENSION is that begins and ends there: whole if just one whole frame of ours is inside."""
+    """Return the finding for a V2_EXTENSION: whole if its payload holds exactly one whole frame of our dialect."""
     inner = inner_of(payload)
     if inner is None or frame_parts(inner)[0] == V2_EXTENSION_ID:
-        # Of others; its bytes may hold whole frames all the same.
+        # A V2_EXTENSION that is not ours: whole frames of ours may still begin among its bytes.
         return _Found.FOREIGN, at
     found, _ = _look(inner, 0)
     return found, end if found is _Found.WHOLE else at
 
 
 def _is_inner(data: bytes, outer_at: int, at: int) -> bool:
-    """Return whether what begins at `at` stands where the frame inside a V2_EXTENSION would."""
+    """Return whether `at` is the offset of the frame inside the V2_EXTENSION that begins at `outer_at`."""
     return at == outer_at + INNER_AT and frame_parts(data, outer_at)[0] == V2_EXTENSION_ID
 
 
 def _unwrapped(data: bytes) -> RawFrame:
-    """Return the frame inside a whole V2_EXTENSION, any other frame as it is."""
+    """Return the frame inside a whole V2_EXTENSION, any other frame unchanged."""
     frame = raw_frame(data)
     inner = inner_of(frame.payload) if frame.message_id == V2_EXTENSION_ID else None
     return frame if inner is None else raw_frame(inner)

@@ -1,8 +1,8 @@
-"""Ed25519 over a broadcast's content, so that only the holder of the private key can speak for the centre.
+"""Ed25519 signature of a broadcast's content, so that only the holder of the private key can broadcast.
 
-The signature travels inside the message: behind the fields of the typed messages, behind the bytes in use of the packed
-ones. It covers who sent what, not how it travelled: a copy with another MAVLink sequence number or MAVLink signature
-stays genuine. What it does not cover (the sequence number, the compatibility flags) means nothing to the receiver.
+The signature is inside the message: after the fields of the typed messages, after the used bytes of the packed ones.
+It covers sender and content only: a copy with another MAVLink sequence number or MAVLink signature stays genuine. The
+parts that it does not cover (MAVLink's sequence number, the compatibility flags) mean nothing to the receiver.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from companion.protocol.frame import BROADCAST_IDS, ED25519_BYTES, RawFrame, raw
 from companion.protocol.mavlink_signing import MavlinkSigner
 
 DOMAIN = b"oneway-guidance/1"
-"""Begins what is signed, so that a signature of ours means nothing anywhere else, nor of a later format here."""
+"""Prefix of the signed bytes, so that a signature is valid in no other protocol and in no later format of this one."""
 REMEMBERED_SIGNATURES = 512
-"""Signatures kept for copies: more than the frames of one broadcast, of which there are at most 255."""
+"""Number of signatures stored for repeated frames: more than a broadcast has frames, which are at most 255."""
 
 
 def signed_part(frame: RawFrame) -> bytes:
@@ -39,14 +39,14 @@ def signature_of(frame: RawFrame) -> bytes | None:
 def sign(raw: bytes, private_key: Ed25519PrivateKey) -> bytes:
     """Return a broadcast message with its Ed25519 signature; it must not carry a MAVLink signature yet.
 
-    Raises ValueError if there is no room for the signature: the encoder is to leave it.
+    Raises ValueError if there is no room for the signature, which the encoder must leave.
     """
     frame = raw_frame(raw)
     return _with_signature(frame, private_key.sign(signed_part(frame)))
 
 
 def verify(frame: RawFrame, public_key: Ed25519PublicKey) -> bool:
-    """Return whether a broadcast message carries a signature of its content by the key's owner."""
+    """Return whether a broadcast message carries a valid Ed25519 signature of its content by the key's owner."""
     signature = signature_of(frame)
     if signature is None:
         return False
@@ -58,9 +58,9 @@ def verify(frame: RawFrame, public_key: Ed25519PublicKey) -> bool:
 
 
 class FrameSigner:
-    """Makes frames ready for the air: Ed25519 first, then MAVLink signing, each where there is a key for it.
+    """Signs frames before they are sent: with Ed25519 first, then with MAVLink signing, each if there is a key for it.
 
-    A copy of a frame sent before costs a new MAVLink signature only.
+    A repeated frame costs only a new MAVLink signature.
     """
 
     def __init__(self, private_key: Ed25519PrivateKey | None, signer: MavlinkSigner | None) -> None:
@@ -70,12 +70,12 @@ class FrameSigner:
 
     @property
     def overhead_bytes(self) -> int:
-        """What signing adds to a frame at most."""
+        """Greatest number of bytes that signing adds to a frame."""
         inside = ED25519_BYTES if self._private_key is not None else 0
         return inside + (SIGNATURE_BYTES if self.signer is not None else 0)
 
     def sign(self, raw: bytes, now_s: float) -> bytes:
-        """Return an unsigned frame, signed as configured.
+        """Return an unsigned frame with the configured signatures added.
 
         A message that is no broadcast, such as a heartbeat, gets the MAVLink signature only.
         """

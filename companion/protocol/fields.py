@@ -1,4 +1,4 @@
-"""Numbers into message fields: what does not fit is refused (WireError), never cut or wrapped."""
+"""Conversion of numbers to message fields and back: a value that does not fit raises WireError, never wraps."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ UINT32_MAX = 4_294_967_295
 UINT64_MAX = 2**64 - 1
 INT32_MAX = 2_147_483_647
 NO_FLOOR, NO_CEILING = INT16_MIN, INT16_MAX
-"""As a floor and as a ceiling: there is none."""
+"""Field values in m that mean no floor and no ceiling."""
 _LAT_MAX_E7 = 900_000_000
 _LON_MAX_E7 = 1_800_000_000
 _WHOLE = 1.0e-12
-"""A quotient so near a whole number, relatively, is whole but for floating point and is not rounded up."""
+"""Relative tolerance within which a quotient counts as a whole number, so that rounding error does not round it up."""
 
 
 @dataclass(frozen=True)
 class Band:
-    """Least and greatest height, m above sea level; None: no limit on that side."""
+    """Altitude limits of a threat, above sea level; None: no limit on that side."""
 
     floor_m: float | None
     ceiling_m: float | None
 
 
 def whole(value: int, greatest: int, what: str) -> int:
-    """Return the value of an unsigned field.
+    """Return a value that fits an unsigned field; `what` names the field in the error.
 
     Raises:
-        WireError: it is negative or greater than the field's greatest.
+        WireError: the value is negative or greater than `greatest`.
 
     """
     if not 0 <= value <= greatest:
@@ -55,10 +55,10 @@ def rounded(value: float) -> int:
 
 
 def ceiling(value: float, greatest: int, what: str) -> int:
-    """Return the least whole number that is not less, for an unsigned field.
+    """Return the least whole number that is not less than a value, for an unsigned field.
 
     Raises:
-        WireError: the value is not finite, negative or greater than the field's greatest.
+        WireError: the value is not finite, negative or greater than `greatest`.
 
     """
     rounded(value)
@@ -66,7 +66,7 @@ def ceiling(value: float, greatest: int, what: str) -> int:
 
 
 def ceiling_units(value: float, unit: float, greatest: int, what: str) -> int:
-    """Return how many units hold a value, for an unsigned field.
+    """Return the least number of units whose sum is not less than a value, for an unsigned field.
 
     Raises:
         WireError: the value is not finite, negative or too great for the field.
@@ -85,7 +85,7 @@ def on_earth_e7(lat_deg: float, lon_deg: float) -> tuple[int, int]:
     """Return latitude and longitude in 1e-7 degrees.
 
     Raises:
-        WireError: there is no such place.
+        WireError: the latitude or longitude is out of range or not finite.
 
     """
     lat_e7, lon_e7 = rounded(lat_deg * 1e7), rounded(lon_deg * 1e7)
@@ -98,7 +98,7 @@ def degrees_of(lat_e7: int, lon_e7: int, what: str) -> tuple[float, float]:
     """Return latitude and longitude in degrees.
 
     Raises:
-        WireError: there is no such place; it reads "`what` out of range".
+        WireError: the latitude or longitude is out of range; the text is "`what` out of range".
 
     """
     if abs(lat_e7) > _LAT_MAX_E7 or abs(lon_e7) > _LON_MAX_E7:
@@ -107,7 +107,7 @@ def degrees_of(lat_e7: int, lon_e7: int, what: str) -> tuple[float, float]:
 
 
 def band_limits(floor_m: float | None, ceiling_m: float | None, threat_id: int) -> tuple[int, int]:
-    """Return floor and ceiling in whole metres, never a narrower band than the true one.
+    """Return the field values of floor and ceiling in whole metres, rounded outwards.
 
     Raises:
         WireError: a height does not fit, or the floor is not below the ceiling.
@@ -120,7 +120,7 @@ def band_limits(floor_m: float | None, ceiling_m: float | None, threat_id: int) 
 
 
 def band_of(floor: int, ceiling: int) -> Band:
-    """Return the band that two fields mean.
+    """Return the altitude limits that the field values of floor and ceiling mean.
 
     Raises:
         WireError: the floor is not below the ceiling.

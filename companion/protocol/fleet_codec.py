@@ -1,8 +1,8 @@
-"""The packed part of ONEWAY_FLEET and ONEWAY_RADII: sections of records of consecutive ids.
+"""Codec of the packed data in ONEWAY_FLEET and ONEWAY_RADII: sections of records with consecutive ids.
 
-An array of MAVLink's travels whole, so that few entries would cost as much as many. Here only the bytes in use travel:
-five for an agent with its place and target. Everything is rounded so that a receiver's disc always holds the true one;
-bytes that make no sense raise WireError and nothing else.
+MAVLink sends an array in full, so that few entries would cost as much as many. Here only the bytes in use are sent:
+five for an agent with its position and target. Ages, radii and speeds are rounded up, so that a receiver's disc of a
+threat always contains the true one; bytes that make no sense raise WireError and nothing else.
 """
 
 from __future__ import annotations
@@ -29,32 +29,41 @@ from companion.protocol.fields import (
 from companion.protocol.messages import AgentEntry, RadiiEntry, TargetEntry, ThreatPlace, WireError
 
 PAYLOAD_BYTES = 255
+"""Greatest length of a MAVLink 2 payload."""
 FLEET_HEAD_BYTES = 22
+"""Bytes of ONEWAY_FLEET's payload before its data."""
 RADII_HEAD_BYTES = 17
+"""Bytes of ONEWAY_RADII's payload before its data."""
 MISSION_HEAD_BYTES = 51
-"""Bytes of a message before its data."""
+"""Bytes of ONEWAY_MISSION's payload before its data."""
 BASE_STEP_UNITS = 256
-"""A frame's positions count from a multiple of this number of units, which 16 bits of the frame hold."""
+"""Unit of the base from which a frame's positions count: a 16-bit multiple of this number of position units."""
 FINE_AGES = 10
-"""Age codes up to this one count tenths of a second."""
+"""Greatest age code that counts tenths of a second."""
 AGE_RATIO = 1.065
-"""Each age code above FINE_AGES means this many times the age of the code before: 58 days at the last."""
+"""Ratio of the ages of two successive codes above FINE_AGES; the last code means 58 days."""
 GREATEST_AGE_S = AGE_RATIO ** (UINT8_MAX - FINE_AGES)
 
 _MAVLINK_BYTES = 12
+"""Bytes of a MAVLink 2 frame around its payload: header and CRC."""
 _SECTION_HEAD = struct.Struct("<BBH")
+"""Head of a section: its kind, the number of its records and its first id."""
 _TARGET_BASE = struct.Struct("<H")
+"""Least target id in a section of agents, which ends the section's head."""
 _GREATEST_OFFSET = UINT16_MAX - 1
-"""65535 on both axes marks an id that nobody has."""
+"""Greatest offset of a position from the frame's base; 65535 on both axes marks an id that no agent has."""
 _SPAN_UNITS = _GREATEST_OFFSET - (BASE_STEP_UNITS - 1)
-"""What is left of the offsets when a frame's base lies up to one step below its least position."""
+"""Greatest span of a frame's positions: its base may lie up to one BASE_STEP_UNITS below its least position."""
 _NOBODY = (UINT16_MAX, UINT16_MAX, 0)
+"""Record of an id that no agent has, among agents with a position."""
 _NOBODY_UNPLACED = (UINT8_MAX,)
+"""Record of an id that no agent has, among agents without a position."""
 _GREATEST_TARGET_CODE = UINT8_MAX - 1
+"""Greatest code of an agent's target: 1 + the target's id - the section's least target id; 0 means no target."""
 
 
 class Section(IntEnum):
-    """What the records of a section are (ONEWAY_SECTION)."""
+    """The kind of records in a section (ONEWAY_SECTION)."""
 
     AGENTS = oneway.ONEWAY_SECTION_AGENTS
     AGENTS_UNPLACED = oneway.ONEWAY_SECTION_AGENTS_UNPLACED
@@ -78,19 +87,19 @@ _RECORDS = {
     Section.RADII_BANDS: struct.Struct("<HHBhh"),
 }
 _ABSENT: dict[Section, Record] = {Section.AGENTS: _NOBODY, Section.AGENTS_UNPLACED: _NOBODY_UNPLACED}
-"""Sections of agents have a target_base in their head, and records for ids that nobody has."""
+"""Record of an id that no agent has, for sections of agents; only these have a least target id in their head."""
 
 
 def data_bytes(head_bytes: int, max_frame_bytes: int, overhead_bytes: int) -> int:
-    """Return how many bytes of data a message may hold on a path.
+    """Return the number of bytes of data that a message may hold on a link with frames of at most `max_frame_bytes`.
 
-    `head_bytes` are those of the message, `overhead_bytes` what signatures add to the frame.
+    `head_bytes` is the number of payload bytes before the data, `overhead_bytes` of those that signatures add.
     """
     return min(PAYLOAD_BYTES, max_frame_bytes - _MAVLINK_BYTES - overhead_bytes) - head_bytes
 
 
 def age_code(age_s: float) -> int:
-    """Return the least code that means no less than an age.
+    """Return the least code that means at least a given age.
 
     Raises:
         WireError: the age is negative, not a number or beyond GREATEST_AGE_S.
@@ -102,7 +111,7 @@ def age_code(age_s: float) -> int:
         code = math.ceil(age_s * 10.0)
     else:
         code = FINE_AGES + math.ceil(math.log(age_s) / math.log(AGE_RATIO))
-    # Floating point may have made it one too many or too few.
+    # Floating-point error may have made the code one too high or too low.
     if age_of(code) < age_s:
         return code + 1
     return code - 1 if code > 0 and age_of(code - 1) >= age_s else code
@@ -114,10 +123,10 @@ def age_of(code: int) -> float:
 
 
 def finest_resolution_cm(points: Iterable[tuple[float, float]]) -> int:
-    """Return the finest unit, in whole cm, in which one frame can hold these positions (m).
+    """Return the finest unit, in whole cm, in which one frame can hold positions (north, east, in m).
 
     Raises:
-        WireError: they are too far apart, too far from the origin, or not finite.
+        WireError: the positions are too far apart, too far from the origin, or not finite.
 
     """
     needed_cm = 1.0
@@ -136,7 +145,7 @@ def finest_resolution_cm(points: Iterable[tuple[float, float]]) -> int:
 
 @dataclass
 class _Group(Generic[EntryT]):
-    """Entries that share a section, by rising id, and the least and greatest target that they go to."""
+    """Entries of one section by rising id, and the least and greatest id of the targets assigned to them."""
 
     kind: Section
     entries: list[EntryT] = field(default_factory=list)
@@ -148,7 +157,7 @@ class _Group(Generic[EntryT]):
 
 
 class Layout(Generic[EntryT]):
-    """Deals entries to sections one by one, in the order given, and counts the bytes."""
+    """Distributes entries over sections one by one, in the order given, and counts the bytes of data."""
 
     def __init__(self) -> None:
         self.size = 0
@@ -160,12 +169,12 @@ class Layout(Generic[EntryT]):
         return [group.entries for group in self.groups]
 
     def cost(self, entry: EntryT) -> int:
-        """Return by how many bytes an entry would make the data longer."""
+        """Return the number of bytes by which an entry would make the data longer."""
         kind = _kind_of(entry)
         return _bytes_in(entry, kind, self._joinable(entry, kind))
 
     def add(self, entry: EntryT) -> None:
-        """Add an entry to the last section, or to a new one where that is shorter or must be."""
+        """Add an entry to the last section, or to a new one if it cannot join or a new one takes fewer bytes."""
         kind = _kind_of(entry)
         group = self._joinable(entry, kind)
         self.size += _bytes_in(entry, kind, group)
@@ -179,7 +188,7 @@ class Layout(Generic[EntryT]):
             group.target_top = max(group.target_top, target_id)
 
     def _joinable(self, entry: EntryT, kind: Section) -> _Group[EntryT] | None:
-        """Return the last section if the entry can join it and that is no longer than a new one."""
+        """Return the last section if the entry can join it and that takes no more bytes than a new section."""
         if not self.groups or self.groups[-1].kind is not kind:
             return None
         group = self.groups[-1]
@@ -195,7 +204,7 @@ class Layout(Generic[EntryT]):
 
 
 def _bytes_in(entry: EntryT, kind: Section, group: _Group[EntryT] | None) -> int:
-    """Return how many bytes an entry takes in a section that it joins, or in one of its own."""
+    """Return the number of bytes that an entry takes in the section that it joins, or in a new one (None)."""
     if group is None:
         return _head_bytes(kind) + _RECORDS[kind].size
     return (entry.id - group.entries[-1].id) * _RECORDS[kind].size
@@ -205,7 +214,7 @@ def write_fleet(entries: Sequence[FleetEntry], resolution_cm: int) -> tuple[int,
     """Return north base and east base, in steps of BASE_STEP_UNITS, and the data of a fleet frame.
 
     Raises:
-        WireError: a position, id or age does not fit, an id is given twice, or it is too much for one frame.
+        WireError: a position, id or age does not fit, an id is given twice, or one frame cannot hold all entries.
 
     """
     if not 1 <= resolution_cm <= UINT16_MAX:
@@ -234,7 +243,8 @@ def write_radii(entries: Sequence[RadiiEntry]) -> tuple[int, bytes]:
     """Return the resolution in cm, as fine as the radii allow, and the data of a radii frame.
 
     Raises:
-        WireError: a radius, speed, height or id does not fit, an id is given twice, or it is too much for one frame.
+        WireError: a radius, speed, height or id does not fit, an id is given twice, or one frame cannot hold all
+            entries.
 
     """
     for entry in entries:
@@ -316,7 +326,7 @@ def read_radii(data: bytes, resolution_cm: int) -> tuple[RadiiEntry, ...]:
 
 
 def _sections(data: bytes) -> Iterator[tuple[Section, int, list[tuple[int, Record]]]]:
-    """Yield kind, target base and the (id, record) pairs of each section, without those that stand for nobody."""
+    """Yield kind, least target id and (id, record) pairs of each section, without records of ids that no agent has."""
     at = 0
     while at < len(data):
         if at + _SECTION_HEAD.size > len(data):
@@ -395,7 +405,7 @@ def _target_of(code: int, target_base: int) -> int | None:
 
 
 def _units(entry: FleetEntry, resolution_cm: int) -> tuple[int, int] | None:
-    """Return north and east in units, None for an agent that nobody knows the place of."""
+    """Return north and east in units, None for an agent whose position is unknown."""
     if entry.north_m is None or entry.east_m is None:
         return None
     return rounded(100.0 * entry.north_m / resolution_cm), rounded(100.0 * entry.east_m / resolution_cm)

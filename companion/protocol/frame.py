@@ -1,4 +1,4 @@
-"""One raw frame, parsed once: who takes it from here on asks it, and measures no bytes again."""
+"""One raw MAVLink frame, parsed once, so that no other module has to measure its bytes again."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ from companion.files.tlog import whole_frames
 from companion.protocol.dialect import oneway
 
 ED25519_BYTES = 64
-"""The signature inside a broadcast message, behind its content (`ed25519.py`)."""
+"""Length of the signature inside a broadcast message, after its content (`ed25519.py`)."""
 _STAMP = struct.Struct("<III")
+"""Epoch, time and sequence, with which the payload of every broadcast message begins."""
 
 
 class FrameStamp(NamedTuple):
-    """Which broadcast a frame belongs to, and when it was made: epoch_s + time_ms / 1000 in Unix seconds."""
+    """The broadcast to which a frame belongs, and the frame's time: epoch_s + time_ms / 1000 in Unix seconds."""
 
     epoch_s: int
     time_ms: int
@@ -38,44 +39,44 @@ class FrameStamp(NamedTuple):
 
 
 class RawFrame(NamedTuple):
-    """A whole MAVLink frame of either version: its bytes and what its header says. `raw_frame` makes it."""
+    """A whole MAVLink frame of version 1 or 2: its bytes and the values of its header. `raw_frame` makes it."""
 
     data: bytes
     """The whole frame, signature included."""
     version: int
-    """1 or 2."""
+    """MAVLink version, 1 or 2."""
     system: int
     component: int
     message_id: int
     header_bytes: int
     payload_length: int
-    """Bytes of payload that are there: trailing zeros may have been cut."""
+    """Number of payload bytes in the frame, which may lack the payload's trailing zeros."""
     is_signed: bool
     """Whether a MAVLink signature follows the CRC."""
 
     @property
     def sender(self) -> tuple[int, int]:
-        """System and component."""
+        """System and component id of the sender."""
         return self.system, self.component
 
     @property
     def payload(self) -> bytes:
-        """The payload, without the trailing zeros that were cut."""
+        """The payload as sent, without the trailing zeros that were cut."""
         return self.data[self.header_bytes : self.header_bytes + self.payload_length]
 
     @property
     def crc_at(self) -> int:
-        """Where the CRC begins: it covers all bytes before it but the first."""
+        """Offset of the CRC, which covers all bytes before it but the first."""
         return self.header_bytes + self.payload_length
 
     @property
     def signature(self) -> bytes:
-        """The 13 bytes of MAVLink signature behind the CRC; empty without one."""
+        """The 13 bytes of MAVLink signature after the CRC; empty if the frame is not signed."""
         return self.data[self.crc_at + CRC_BYTES :]
 
     @property
     def content_length(self) -> int:
-        """How many payload bytes of a broadcast message are content, cut zeros counted; KeyError for any other."""
+        """Length of a broadcast message's content, including zeros that were cut; KeyError for any other message."""
         head_bytes, is_packed = _LAYOUTS[self.message_id]
         if not is_packed or self.payload_length < head_bytes:
             return head_bytes
@@ -83,7 +84,7 @@ class RawFrame(NamedTuple):
 
     @property
     def signed_content(self) -> bytes:
-        """System, component, message id and content of a broadcast message, with the content's zeros that were cut."""
+        """System, component, message id and content of a broadcast message, with the content's cut zeros restored."""
         length = self.content_length
         end = HEADER_V2_BYTES + min(length, self.payload_length)
         return self.data[SYSTEM_AT:end].ljust(HEADER_V2_BYTES - SYSTEM_AT + length, b"\0")
@@ -101,7 +102,7 @@ class RawFrame(NamedTuple):
 
 
 def raw_frame(data: bytes) -> RawFrame:
-    """Return the value of a whole frame's bytes; what they are must be known to be one frame (`frame_length`)."""
+    """Return the parsed frame; the caller must know that the bytes are exactly one whole frame (`frame_length`)."""
     if data[0] == MARKER_V2:
         message_id = data[MESSAGE_ID_AT] | data[MESSAGE_ID_AT + 1] << 8 | data[MESSAGE_ID_AT + 2] << 16
         signed = data[FLAGS_AT] & SIGNED_FLAG != 0
@@ -112,7 +113,7 @@ def raw_frame(data: bytes) -> RawFrame:
 
 
 def raw_frames(datagram: bytes) -> Iterator[RawFrame]:
-    """Yield the whole frames that a datagram is made of, up to the first bytes that begin none."""
+    """Yield the whole frames that a datagram consists of, up to the first bytes that begin no frame."""
     return map(raw_frame, whole_frames(datagram))
 
 
@@ -122,25 +123,25 @@ def head_v2(payload_length: int, sequence: int, sender: tuple[int, int], message
 
 
 def crc_bytes(head_and_payload: bytes, crc_extra: bytes) -> bytes:
-    """Return the two CRC bytes that follow a frame's bytes up to its payload's end; `crc_extra` is its message's."""
+    """Return the two CRC bytes of a frame, given its bytes up to its payload's end and its message's CRC_EXTRA."""
     crc: int = oneway.x25crc(head_and_payload[1:] + crc_extra).crc
     return crc.to_bytes(CRC_BYTES, "little")
 
 
 def crc_holds(data: bytes, at: int, crc_at: int, crc_extra: bytes) -> bool:
-    """Return whether the CRC of a frame that begins at a byte, and is there to its CRC's end, is that of its bytes."""
+    """Return whether the CRC at `crc_at` is that of the frame that begins at `at`; `data` reaches to the CRC's end."""
     return bool(data[crc_at] | data[crc_at + 1] << 8 == oneway.x25crc(data[at + 1 : crc_at] + crc_extra).crc)
 
 
 class _Layout(NamedTuple):
-    """Where the content of a message ends: at `head_bytes`, or at as many bytes behind it as its last byte says."""
+    """End of a message's content: at `head_bytes` or, if packed, after the data whose size the last head byte gives."""
 
     head_bytes: int
     is_packed: bool
 
 
 def _layout(kind: type[oneway.MAVLink_message]) -> _Layout | None:
-    """Return the layout of a broadcast message, None for any other."""
+    """Return the layout of a broadcast message, None for any other message."""
     fields = kind.ordered_fieldnames
     if fields[-1] == "ed25519_signature":
         return _Layout(kind.unpacker.size - ED25519_BYTES, False)
@@ -153,5 +154,5 @@ _LAYOUTS: dict[int, _Layout] = {
     number: layout for number, kind in oneway.mavlink_map.items() if (layout := _layout(kind)) is not None
 }
 BROADCAST_IDS = frozenset(_LAYOUTS)
-"""The messages that the ground station broadcasts; each begins with epoch, time and sequence and has room for an
-Ed25519 signature."""
+"""Ids of the messages that the ground station broadcasts; each begins with epoch, time and sequence and has room for
+an Ed25519 signature."""

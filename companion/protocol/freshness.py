@@ -1,6 +1,6 @@
-"""Which of two broadcasts is the newer one, and how old one is: the rules that every receiver goes by.
+"""Order and age of broadcasts: the rules that every receiver applies.
 
-A broadcast is known by its epoch (one run of a ground station) and, within it, its sequence; newest wins.
+A broadcast is identified by its epoch (one run of a ground station) and, within it, its sequence; the newest wins.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from companion.protocol.frame import FrameStamp
 from companion.protocol.messages import Stamp
 
 AnyStamp = FrameStamp | Stamp
-"""As read off a raw frame, or of a decoded one."""
+"""Stamp of a raw frame or of a decoded one."""
 RESTART_AFTER_S = 30.0
-"""After a silence of this length an older stamp may begin anew: a sender whose clock was set back, or one whom a single
-frame of somebody else's, stamped ahead, had shut out."""
+"""Length of a silence after which an older stamp is accepted: of a sender whose clock was set back, or that another
+sender's single frame, stamped ahead, had shut out."""
 
 FUTURE_STAMP = "stamped in the future"
 PAST_STAMP = "stamped too long ago"
@@ -23,7 +23,7 @@ OLD_SEQUENCE = "old sequence"
 
 
 def off_the_clock(stamp: AnyStamp, now_s: float, ahead_s: float, max_age_s: float) -> str | None:
-    """Return why a stamp is refused by a clock that agrees with the sender's, None if it is of now."""
+    """Return the reason why a stamp is refused by a clock that agrees with the sender's, None if it is accepted."""
     age_s = now_s - stamp.epoch_s - stamp.time_ms / 1000.0
     if age_s < -ahead_s:
         return FUTURE_STAMP
@@ -31,9 +31,9 @@ def off_the_clock(stamp: AnyStamp, now_s: float, ahead_s: float, max_age_s: floa
 
 
 def overtaken(stamp: AnyStamp, newest: tuple[int, int], silent_s: float) -> str | None:
-    """Return why a stamp is older than the newest broadcast, given by epoch and sequence; None if it is not.
+    """Return the reason why a stamp is refused as older than the newest (epoch, sequence), None if it is accepted.
 
-    After `silent_s` of at least RESTART_AFTER_S no stamp is too old.
+    After a silence of at least RESTART_AFTER_S no stamp is too old.
     """
     if (stamp.epoch_s, stamp.sequence) >= newest or silent_s >= RESTART_AFTER_S:
         return None
@@ -41,22 +41,22 @@ def overtaken(stamp: AnyStamp, newest: tuple[int, int], silent_s: float) -> str 
 
 
 class SenderClock:
-    """Says when what a frame tells was true, by the vehicle's clock."""
+    """Converts the times of frames from the sender's clock to the vehicle's."""
 
     def __init__(self, *, agrees: bool = True) -> None:
-        """`agrees`: the two clocks show the same time; if not, only differences on the sender's are believed."""
+        """Set `agrees` if both clocks show the same time; if not, only time differences by the sender's are used."""
         self._agrees = agrees
         self._epoch_s: int | None = None
         self._least_s = math.inf
-        """Least time of arrival less stamp in this epoch: of the frame that was on its way for the shortest time."""
+        """Least difference between arrival and stamp in this epoch: that of the frame with the shortest delay."""
 
     def true_at_s(self, stamp: Stamp, received_s: float) -> float:
-        """Return when a frame that came at `received_s` was true, at most that.
+        """Return the time by the vehicle's clock at which a frame's content was true, at most `received_s`.
 
-        Where clocks do not agree, what the quickest frame of the epoch took on its way is not known and taken as none.
+        If the clocks do not agree, the delay of the epoch's quickest frame is unknown and taken as zero.
         """
         if self._agrees:
-            # A sender's clock behind ours means an old frame; ahead of ours, only the arrival can be believed.
+            # A stamp before the arrival means an old frame; a stamp after it is wrong, so the arrival counts.
             return min(received_s, stamp.unix_s)
         if stamp.epoch_s != self._epoch_s:
             self._epoch_s, self._least_s = stamp.epoch_s, math.inf

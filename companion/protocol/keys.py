@@ -1,4 +1,4 @@
-"""Key files: made once on the ground, copied to the vehicles, and read with care that nobody else could read them.
+"""Key files: generated once on the ground, copied to the vehicles, and refused if other users could read them.
 
 Vehicles get `broadcast.public` and, where MAVLink signing is used, `broadcast.mavlink`; `broadcast.private` never
 leaves the ground station. No key byte appears in an error: a file that cannot be used is named, not quoted.
@@ -25,8 +25,9 @@ _SECRET_MODE = 0o600
 _PUBLIC_MODE = 0o644
 _FOLDER_MODE = 0o700
 _OTHERS = 0o077
+"""Permission bits of the group and of all others."""
 _MAX_FILE_BYTES = 4096
-"""Longer than any key file of ours: a wrong path must not be read whole."""
+"""Greatest number of bytes read: more than any key file has, so that a wrong path is not read whole."""
 
 
 def keygen(folder: Path) -> list[Path]:

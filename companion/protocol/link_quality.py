@@ -1,7 +1,7 @@
-"""How well the broadcast is heard: what arrives against what was sent, and how old each kind of news is.
+"""Link quality of the broadcast: the share of sent frames that arrive, and the age of each kind of message.
 
-What was sent is not known on board, but follows from the frames heard: each says how many frames its broadcast has,
-and two of them how often there is one. The clock is the caller's; silence counts as loss.
+The number of frames sent is not known on board but estimated from those received: each says how many frames its
+broadcast has, and two of them give the broadcast period. Times are arguments; silence counts as loss.
 """
 
 from __future__ import annotations
@@ -25,18 +25,20 @@ from companion.protocol.messages import (
 )
 
 WINDOW_S = 60.0
+"""Length of the window over which frames are counted."""
 ASSUMED_PERIOD_S = 1.0
-"""Between broadcasts, until two were heard."""
+"""Time between two broadcasts that is assumed until two were heard."""
 PERIODS = 31
-"""Newest intervals between broadcasts that the median is taken of: a leap of the sequence is one among many."""
+"""Number of newest intervals between broadcasts whose median is the period: a jump of the sequence is one of many."""
 BEGIN_SHARE = 0.5
+"""Share of received frames below which a warning of bad reception begins."""
 END_SHARE = 0.7
-"""A warning of bad reception begins below the one and ends above the other, so that it does not flicker."""
+"""Share of received frames above which that warning ends: higher than BEGIN_SHARE, so that it does not flicker."""
 
 MIN_EXPECTED = 10
-"""Frames expected before a warning may begin: a share of fewer says little."""
+"""Least number of expected frames for a warning to begin: the share of fewer frames means little."""
 MAX_ARRIVALS = 65_536
-"""Bound on memory; a window of any broadcast in use holds far fewer frames."""
+"""Greatest number of arrival times stored, to bound memory; a window of any broadcast in use has far fewer frames."""
 
 _KINDS: dict[type, str] = {
     StateFrame: "state",
@@ -50,21 +52,22 @@ _KINDS: dict[type, str] = {
 
 @dataclass(frozen=True)
 class LinkQuality:
-    """How the broadcast is heard by now."""
+    """Link quality of the broadcast at one moment."""
 
     received: int
-    """State frames within the window; copies of one count once."""
+    """Number of state frames received within the window; copies of one count once."""
     expected: int
+    """Number of state frames that were sent within the window, as estimated."""
     share: float
-    """Received of expected, at most 1; 0 where nothing was heard yet."""
+    """Received divided by expected frames, at most 1; 0 before any was received."""
     last_good_s: float | None
-    """When the last frame was accepted, by the clock of the vehicle."""
+    """Time by the vehicle's clock at which the last frame was accepted, None before the first."""
     ages_s: Mapping[str, float]
-    """Age of the newest news of each kind that was ever heard."""
+    """Age of the newest message of each kind (state, motion, ...) that was ever received."""
 
 
 class Warnings:
-    """Says when reception becomes bad and when it is good again, with hysteresis between."""
+    """Reports when reception becomes bad and when it is good again, with hysteresis."""
 
     def __init__(self, begin_share: float = BEGIN_SHARE, end_share: float = END_SHARE) -> None:
         self.begin_share = begin_share
@@ -72,7 +75,7 @@ class Warnings:
         self.active = False
 
     def update(self, quality: LinkQuality) -> str | None:
-        """Return what is to be said of a change, None if there is none."""
+        """Return the message about reception having become bad or good again, None if nothing changed."""
         heard = f"{quality.received} of {quality.expected} frames heard"
         if self.active and quality.share > self.end_share:
             self.active = False
@@ -90,7 +93,7 @@ class _Broadcast(NamedTuple):
 
 
 class LinkMonitor:
-    """Counts accepted frames over a window; all times are this vehicle's clock."""
+    """Measures link quality from the accepted frames of a window; all times are by this vehicle's clock."""
 
     def __init__(self, window_s: float = WINDOW_S, *, clocks_agree: bool = True) -> None:
         self.window_s = window_s
@@ -104,7 +107,7 @@ class LinkMonitor:
         self._periods_s: deque[float] = deque(maxlen=PERIODS)
 
     def note(self, frame: Frame, now_s: float) -> None:
-        """Count an accepted frame; one that is not of the broadcast is not counted."""
+        """Count an accepted frame; a message that the ground station does not broadcast is ignored."""
         if not isinstance(frame, StateFrame | FleetFrame | MotionFrame | BandsFrame | RadiiFrame | MissionFrame):
             return
         kind = _KINDS[type(frame)]
@@ -119,7 +122,7 @@ class LinkMonitor:
             self._forget(now_s)
 
     def quality(self, now_s: float) -> LinkQuality:
-        """Return how the broadcast is heard at `now_s`."""
+        """Return the link quality at `now_s`."""
         self._forget(now_s)
         received, expected = len(self._arrivals_s), self._expected(now_s)
         return LinkQuality(

@@ -1,10 +1,10 @@
 """MAVLink 2 signing on raw frames: the shared-key signature, made and checked without the stock parser's weaknesses.
 
-The stock receiver stores a frame's time before it checks the hash, so that one forged frame deafens it for good, and a
-stock sender's time falls behind the clock. Here nothing is stored until the caller says that the frame held in every
-respect, times are bounded from above by the local clock, and the sender's time never lags.
+The stock receiver stores a frame's time before it checks the hash, so that one forged frame makes it refuse all later
+ones, and a stock sender's time falls behind the clock. Here nothing is stored until the caller confirms that the frame
+passed every check, times are bounded from above by the local clock, and the sender's time never lags behind it.
 
-The key is shared: whoever holds it can sign as anybody. Who must not be able to is kept out by `ed25519.py`.
+The key is shared: whoever holds it can sign as any sender. `ed25519.py` protects against a holder who does.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from companion.protocol.frame import RawFrame, raw_frame
 
 KEY_BYTES = 32
 EPOCH_UNIX_S = 1_420_070_400
-"""2015-01-01 UTC, from which MAVLink counts its signing time."""
+"""2015-01-01 00:00 UTC, from which MAVLink counts its signing time."""
 UNITS_PER_S = 100_000
-"""Signing time counts in 10 us."""
+"""Units of signing time in a second: MAVLink counts it in 10 us."""
 MAX_STREAMS = 16
-"""Streams remembered at most: we hear one sender, over as many links and restarts as it may have."""
+"""Greatest number of streams remembered; the one sender may have several, as it may send on several links."""
 
 UNSIGNED = "unsigned"
 WRONG_HASH = "wrong MAVLink signature"
@@ -34,30 +34,30 @@ PAST_TIME = "MAVLink time in the past"
 TOO_MANY_STREAMS = "too many MAVLink streams"
 
 StreamKey = tuple[int, int, int]
-"""Link id, system, component."""
+"""A stream of signed frames: its link id, system id and component id."""
 
 _TIME_AT = 1
-"""In the signature, behind the link id."""
+"""Offset of the signing time in the signature, after the link id."""
 _TIME_BYTES = 6
 _HASH_BYTES = 6
 _TIME_MAX = (1 << 8 * _TIME_BYTES) - 1
 
 
 def timestamp_of(unix_s: float) -> int:
-    """Return the signing time of a moment, never below 0."""
+    """Return the signing time, in units of 10 us since EPOCH_UNIX_S, of a Unix time in seconds; at least 0."""
     return max(0, round((unix_s - EPOCH_UNIX_S) * UNITS_PER_S))
 
 
 def strip_signature(frame: RawFrame) -> bytes:
-    """Return a frame of any dialect without its MAVLink signature, the flag cleared and the CRC mended; for logs.
+    """Return a frame of any dialect without its MAVLink signature, the flag cleared and the CRC corrected; for logs.
 
-    A CRC is linear: what clearing the flag changes in it does not depend on the message's CRC_EXTRA, which only its
+    A CRC is linear, so the change from clearing the flag does not depend on the message's CRC_EXTRA, which only its
     dialect knows.
     """
     if not frame.is_signed:
         return frame.data
     body, crc = frame.data[: frame.crc_at], frame.data[frame.crc_at : frame.crc_at + CRC_BYTES]
-    # The CRC covers all but the marker, and CRC_EXTRA: as many bytes as the body has.
+    # The CRC covers the body without its marker, then CRC_EXTRA: in all the number of bytes that the body has.
     flag = bytes((0, SIGNED_FLAG)).ljust(len(body), b"\0")
     changed: int = oneway.x25crc(flag).crc ^ oneway.x25crc(bytes(len(body))).crc
     cleared = body[:FLAGS_AT] + bytes((body[FLAGS_AT] & ~SIGNED_FLAG,)) + body[FLAGS_AT + 1 :]
@@ -65,18 +65,18 @@ def strip_signature(frame: RawFrame) -> bytes:
 
 
 class MavlinkSigner:
-    """Signs frames as one stream; `last_timestamp` is to be kept over restarts."""
+    """Signs frames as one stream; the caller must save `last_timestamp` over restarts."""
 
     def __init__(self, key: bytes, link_id: int, last_timestamp: int = 0) -> None:
         self._keyed = _keyed(key)
         self.link_id = link_id
         self.last_timestamp = last_timestamp
-        """Of the newest frame signed; no later one is at or below it."""
+        """Signing time of the newest frame signed; every later frame gets a greater one."""
 
     def sign(self, raw: bytes, now_s: float) -> bytes:
-        """Return a frame with flag, CRC and signature; an earlier MAVLink signature is replaced.
+        """Return a frame with a MAVLink signature, flag and CRC set to match; an earlier signature is replaced.
 
-        The time signed is that of the clock, or 10 us above the last one where the clock is not ahead of it.
+        The signing time is `now_s` (Unix), or 10 us after the last one if `now_s` is not later than that.
         """
         frame = raw_frame(raw)
         body = bytearray(raw[: frame.crc_at])
@@ -92,7 +92,7 @@ class MavlinkSigner:
 
 
 class MavlinkVerifier:
-    """Checks signatures; remembers the newest time of each stream, of frames that held in every respect."""
+    """Checks MAVLink signatures; remembers each stream's newest signing time, of frames that passed every check."""
 
     def __init__(
         self,
@@ -101,9 +101,9 @@ class MavlinkVerifier:
         ahead_s: float = 5.0,
         behind_s: float = 60.0,
     ) -> None:
-        """Allow times up to `ahead_s` after the local clock, and in a stream not known yet `behind_s` before it.
+        """Allow signing times up to `ahead_s` after the local clock and, in a new stream, up to `behind_s` before it.
 
-        Infinite values stand for a local clock that cannot be relied on.
+        Both are infinite if the local clock is not reliable.
         """
         self._keyed = _keyed(key)
         self._ahead_s = ahead_s
@@ -112,16 +112,16 @@ class MavlinkVerifier:
 
     @property
     def streams(self) -> dict[StreamKey, int]:
-        """The newest signing time of each stream; to be kept over restarts."""
+        """Newest signing time of each stream, which the caller must save over restarts."""
         return dict(self._streams)
 
     def holds(self, frame: RawFrame) -> bool:
-        """Return whether a frame is signed with the key, whenever that was."""
+        """Return whether a frame is signed with the key; the signing time is not checked."""
         covered, carried = frame.data[:-_HASH_BYTES], frame.data[-_HASH_BYTES:]
         return frame.is_signed and hmac.compare_digest(_hash(self._keyed, covered), carried)
 
     def check(self, frame: RawFrame, now_s: float) -> str | None:
-        """Return why a frame is refused, None if it is not. Remembers nothing."""
+        """Return the reason why a frame is refused, None if it is accepted; nothing is remembered."""
         if not frame.is_signed:
             return UNSIGNED
         if not self.holds(frame):
@@ -138,16 +138,17 @@ class MavlinkVerifier:
         return None if self._has_room(now_s) else TOO_MANY_STREAMS
 
     def commit(self, frame: RawFrame) -> None:
-        """Remember the time of a frame that `check` let pass; only once everything else about it held too."""
+        """Remember the signing time of a frame that `check` accepted; call this only after every other check passed."""
         stream, timestamp = _stream_of(frame)
         if stream not in self._streams and len(self._streams) >= MAX_STREAMS:
             del self._streams[self._oldest()]
         self._streams[stream] = timestamp
 
     def _has_room(self, now_s: float) -> bool:
-        """Return whether a stream can be added, if need be in place of the oldest.
+        """Return whether a stream can be added, if necessary in place of the oldest one.
 
-        That one must be so old that as an unknown stream it would still be refused all it ever carried.
+        The oldest may be forgotten once its newest time is more than `behind_s` ago: if its frames were replayed as a
+        new stream, each would be refused as too old.
         """
         if len(self._streams) < MAX_STREAMS:
             return True
@@ -158,7 +159,7 @@ class MavlinkVerifier:
 
 
 def _keyed(key: bytes) -> hashlib._Hash:
-    """Return the hash that has taken in the key: the key itself is kept nowhere."""
+    """Return the SHA-256 state after the key, so that the key itself need not be stored."""
     if len(key) != KEY_BYTES:
         raise ValueError(f"a MAVLink key of {len(key)} bytes; allowed: {KEY_BYTES}")
     return hashlib.sha256(key)
@@ -171,7 +172,7 @@ def _hash(keyed: hashlib._Hash, signed: bytes) -> bytes:
 
 
 def _stream_of(frame: RawFrame) -> tuple[StreamKey, int]:
-    """Return which stream a signed frame is of, and its time."""
+    """Return the stream and the signing time of a signed frame."""
     signature = frame.signature
     timestamp = int.from_bytes(signature[_TIME_AT : _TIME_AT + _TIME_BYTES], "little")
     return (signature[0], frame.system, frame.component), timestamp

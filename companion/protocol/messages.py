@@ -1,4 +1,4 @@
-"""What travels between ground station, vehicles and logs, as values; `codec.py` makes bytes of them and back."""
+"""Contents of the private dialect's messages as frozen values, which `codec.py` encodes and decodes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from companion.protocol.dialect import oneway
 
 
 class Directive(IntEnum):
-    """What the ground station wants of every agent at once (ONEWAY_DIRECTIVE)."""
+    """The command that the ground station gives to all agents at once (ONEWAY_DIRECTIVE)."""
 
     NORMAL = oneway.ONEWAY_DIRECTIVE_NORMAL
     HOLD = oneway.ONEWAY_DIRECTIVE_HOLD
@@ -18,7 +18,7 @@ class Directive(IntEnum):
 
 
 class Kind(IntEnum):
-    """What a detection is of (ONEWAY_KIND)."""
+    """The kind of object that was detected (ONEWAY_KIND)."""
 
     AGENT = oneway.ONEWAY_KIND_AGENT
     TARGET = oneway.ONEWAY_KIND_TARGET
@@ -26,12 +26,15 @@ class Kind(IntEnum):
 
 
 class WireError(ValueError):
-    """Values that no frame can carry."""
+    """A value does not fit into a frame, or the fields of a received frame make no sense."""
 
 
 @dataclass(frozen=True)
 class AgentEntry:
-    """Which target an agent goes to (None: loiter), and where it is; both coordinates are None if that is not known."""
+    """Position and assigned target of an agent.
+
+    Both coordinates are None if the position is not known; an agent without a target (None) loiters.
+    """
 
     id: int
     north_m: float | None
@@ -40,13 +43,13 @@ class AgentEntry:
 
     @property
     def position_ned_m(self) -> tuple[float, float] | None:
-        """(north, east), None if not known."""
+        """Position (north, east) in m, None if it is not known."""
         return None if self.north_m is None or self.east_m is None else (self.north_m, self.east_m)
 
 
 @dataclass(frozen=True)
 class TargetEntry:
-    """Where a target is."""
+    """Position of a target."""
 
     id: int
     north_m: float
@@ -55,7 +58,7 @@ class TargetEntry:
 
 @dataclass(frozen=True)
 class ThreatEntry:
-    """Where a threat is. The radii already hold what it may have moved since it was seen."""
+    """Position and radii of a threat; the radii include the distance that it may have moved since it was seen."""
 
     id: int
     north_m: float
@@ -67,7 +70,7 @@ class ThreatEntry:
 
 @dataclass(frozen=True)
 class Stamp:
-    """Which broadcast a frame belongs to; the order of (epoch, sequence) is the order of age."""
+    """Place of a frame in the stream of broadcasts: the greater (epoch_s, sequence) is, the newer is the broadcast."""
 
     epoch_s: int
     time_ms: int
@@ -77,13 +80,13 @@ class Stamp:
 
     @property
     def unix_s(self) -> float:
-        """Time of the frame as the sender's clock had it."""
+        """Time of the frame by the sender's clock, in Unix seconds."""
         return self.epoch_s + self.time_ms / 1000.0
 
 
 @dataclass(frozen=True)
 class StateFrame:
-    """ONEWAY_STATE: who goes where and where the threats are, on the plane about the origin."""
+    """ONEWAY_STATE: agents with their assigned targets, targets and threats, on the plane about the origin."""
 
     stamp: Stamp
     origin_lat_deg: float
@@ -96,7 +99,7 @@ class StateFrame:
 
 @dataclass(frozen=True)
 class AgentMotion:
-    """How an agent moves; heading_rad is None if unknown."""
+    """Motion of an agent and age of its position; `heading_rad` is from grid north, None if unknown."""
 
     id: int
     heading_rad: float | None
@@ -106,7 +109,7 @@ class AgentMotion:
 
 @dataclass(frozen=True)
 class PointMotion:
-    """How a target or threat moves."""
+    """Motion of a target or threat and age of its position."""
 
     id: int
     velocity_north_m_s: float
@@ -116,7 +119,7 @@ class PointMotion:
 
 @dataclass(frozen=True)
 class MotionFrame:
-    """ONEWAY_MOTION: velocities, headings and ages."""
+    """ONEWAY_MOTION: how agents, targets and threats move, and how old their positions are."""
 
     stamp: Stamp
     agents: tuple[AgentMotion, ...]
@@ -126,7 +129,7 @@ class MotionFrame:
 
 @dataclass(frozen=True)
 class BandEntry:
-    """Between which heights above sea level a threat reaches; None: no limit on that side."""
+    """Altitude limits of a threat, above sea level; None: no limit on that side."""
 
     id: int
     floor_m: float | None
@@ -135,7 +138,7 @@ class BandEntry:
 
 @dataclass(frozen=True)
 class BandsFrame:
-    """ONEWAY_BANDS: the heights that threats reach. Who is not in it may reach everywhere."""
+    """ONEWAY_BANDS: altitude limits of threats. A threat that was never listed counts as reaching every altitude."""
 
     stamp: Stamp
     threats: tuple[BandEntry, ...]
@@ -143,7 +146,7 @@ class BandsFrame:
 
 @dataclass(frozen=True)
 class Detection:
-    """Something the centre's sensor saw."""
+    """One object that the ground station's sensor saw; `id` is within its kind."""
 
     kind: Kind
     id: int
@@ -155,7 +158,7 @@ class Detection:
 
 @dataclass(frozen=True)
 class DetectionsFrame:
-    """ONEWAY_DETECTIONS: one look of a sensor, or a part of one."""
+    """ONEWAY_DETECTIONS: the objects of one scan of a sensor, or a part of them; `epoch_s` begins the sensor's run."""
 
     epoch_s: int
     time_ms: int
@@ -165,13 +168,16 @@ class DetectionsFrame:
 
     @property
     def unix_s(self) -> float:
-        """Time of the look as the sensor's clock had it."""
+        """Time of the scan by the sensor's clock, in Unix seconds."""
         return self.epoch_s + self.time_ms / 1000.0
 
 
 @dataclass(frozen=True)
 class ReportFrame:
-    """ONEWAY_REPORT: where an agent is, on the uplink where there is one. Velocities are from true north."""
+    """ONEWAY_REPORT: an agent's position report on the uplink, if there is one. Velocities are along true north, east.
+
+    `flown_m` is the distance flown under guidance.
+    """
 
     epoch_s: int
     time_ms: int
@@ -184,13 +190,13 @@ class ReportFrame:
 
     @property
     def unix_s(self) -> float:
-        """Time of the position as the vehicle's clock had it."""
+        """Time of the position by the vehicle's clock, in Unix seconds."""
         return self.epoch_s + self.time_ms / 1000.0
 
 
 @dataclass(frozen=True)
 class ThreatPlace:
-    """Where a threat was seen, `age_s` before the frame's time. Its radii travel in another frame."""
+    """Position at which a threat was seen, `age_s` before the frame's time. Its radii are in a RadiiFrame."""
 
     id: int
     north_m: float
@@ -200,25 +206,28 @@ class ThreatPlace:
 
 @dataclass(frozen=True)
 class FleetFrame:
-    """ONEWAY_FLEET: a part of who goes where and where the threats are, packed; the origin is in ONEWAY_MISSION."""
+    """ONEWAY_FLEET: some agents with their assigned targets, targets and threats, packed.
+
+    Positions are on the plane about the origin in ONEWAY_MISSION.
+    """
 
     stamp: Stamp
     directive: Directive
     resolution_cm: int
-    """One unit of every position."""
+    """Length of the unit in which positions are sent."""
     agents: tuple[AgentEntry, ...]
     targets: tuple[TargetEntry, ...]
     threats: tuple[ThreatPlace, ...]
 
     @property
     def rounding_m(self) -> float:
-        """How far a position may be from the true one: half a unit on both axes."""
+        """Greatest error of a position from rounding: half a unit on both axes."""
         return math.sqrt(0.5) * self.resolution_cm / 100.0
 
 
 @dataclass(frozen=True)
 class RadiiEntry:
-    """What of a threat does not change: its radii, greatest speed and, where it has any, least and greatest height."""
+    """Constant properties of a threat: radii, greatest speed and altitude limits (None: no limit on that side)."""
 
     id: int
     detection_radius_m: float
@@ -230,7 +239,7 @@ class RadiiEntry:
 
 @dataclass(frozen=True)
 class RadiiFrame:
-    """ONEWAY_RADII: the radii of some threats, when they were just seen."""
+    """ONEWAY_RADII: constant properties of some threats; the radii are not enlarged for the age of a position."""
 
     stamp: Stamp
     threats: tuple[RadiiEntry, ...]
@@ -238,7 +247,7 @@ class RadiiFrame:
 
 @dataclass(frozen=True)
 class MissionFrame:
-    """ONEWAY_MISSION: what holds for the whole epoch."""
+    """ONEWAY_MISSION: values of the mission that hold for the whole epoch."""
 
     stamp: Stamp
     origin_lat_deg: float
@@ -247,18 +256,20 @@ class MissionFrame:
     separation_m: float
     arrival_radius_m: float
     surrogate_digest: bytes
-    """The first 8 bytes of the SHA-256 of the weights; all zero where the mission uses none."""
+    """First 8 bytes of the SHA-256 of the surrogate's weights; all zero if the mission uses none."""
     agents: int
-    """How many the mission has."""
+    """Number of agents in the mission."""
     targets: int
+    """Number of targets in the mission."""
     threats: int
+    """Number of threats in the mission."""
     name: str
     mission_digest: bytes
-    """8 bytes that are others when the origin, a target or a threat of the mission is another."""
+    """First 8 bytes of a SHA-256 of the mission's origin, targets and threats."""
 
 
 class DecisionFlag(IntFlag):
-    """What else is true of a decision (ONEWAY_DECISION_FLAGS)."""
+    """What limited or changed a decision (ONEWAY_DECISION_FLAGS)."""
 
     TURN_LIMITED = oneway.ONEWAY_DECISION_TURN_LIMITED
     GUARD_CHANGED = oneway.ONEWAY_DECISION_GUARD_CHANGED
@@ -271,26 +282,28 @@ class DecisionFlag(IntFlag):
 
 @dataclass(frozen=True)
 class DecisionFrame:
-    """ONEWAY_DECISION: what a companion decided, in its own log only. nan: there is none.
+    """ONEWAY_DECISION: one decision of a companion, written to its own log and never sent.
 
-    Numbers are held as 32-bit floats.
+    A number that the decision does not have is nan; all are rounded to 32-bit floats.
     """
 
     time_us: int
     purpose: int
-    """Place of the purpose in `companion.onboard.decision.Purpose`."""
+    """Index of the purpose in `companion.onboard.decision.Purpose`."""
     stage: int
-    """Place of the stage in `companion.onboard.failsafe.Stage`."""
+    """Index of the stage in `companion.onboard.failsafe.Stage`."""
     target_id: int | None
     flags: DecisionFlag
     picture_age_s: float
     wanted_heading_rad: float
     heading_rad: float
-    """The setpoint's, like speed and altitude."""
+    """Heading of the setpoint."""
     speed_m_s: float
+    """Speed of the setpoint."""
     altitude_m: float
+    """Altitude of the setpoint."""
     words_crc: int
-    """CRC-32 of the decision's words: a replay that decides the same says the same."""
+    """CRC-32 of the decision's texts (reason, changes, notes), by which a replay compares them with its own."""
 
 
 Frame = (

@@ -1,4 +1,4 @@
-"""What a radio reports of itself: RADIO_STATUS of MAVLink's common set, and RADIO, which older radios send."""
+"""Reader of a telemetry radio's own reports: RADIO_STATUS of MAVLink's common set, and RADIO of older radios."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from companion.files.mavlink_layout import (
 )
 from companion.protocol.frame import crc_holds
 
-# RADIO is ardupilotmega's: the same fields, another check.
 _CRC_EXTRA = {109: 185, 166: 21}
+"""CRC_EXTRA by message id: RADIO_STATUS (common.xml) and RADIO (ardupilotmega.xml), whose fields are the same."""
 _STATUS_BYTES = 9
+"""Length of the payload of both messages."""
 _TXBUF_AT = 6
-"""Behind rxerrors and fixed (uint16), rssi and remrssi (uint8)."""
+"""Offset of `txbuf` in the payload, after rxerrors and fixed (uint16), rssi and remrssi (uint8)."""
 
 
 class RadioStatusReader:
-    """Finds a radio's reports in what comes in from it, whatever else comes in."""
+    """Finds a radio's own reports among all the bytes that are received from it."""
 
     def __init__(self) -> None:
         self._pending = b""
 
     def feed(self, chunk: bytes) -> int | None:
-        """Return the newest report's free share of the transmit buffer in percent, or None if there is no report."""
+        """Return the free share of the transmit buffer, in percent, from the newest report; None without a new one."""
         self._pending += chunk
         newest = None
         at = 0
@@ -52,12 +53,15 @@ class RadioStatusReader:
 
 
 def read_radio_status() -> Callable[[bytes], int | None]:
-    """Begin to read what a serial radio reports, for `open_sender`; see RadioStatusReader.feed."""
+    """Return the `feed` of a new RadioStatusReader; `open_sender` takes this function as its argument `radio`."""
     return RadioStatusReader().feed
 
 
 def _status_length(head: bytes) -> int | None:
-    """Return how long a report is that begins with these bytes, as far as they are known; None if none does."""
+    """Return the length of the report that begins with these bytes; None if none can begin with them.
+
+    While too few bytes are known to tell, it is the greatest length possible.
+    """
     payload = head[LENGTH_AT : LENGTH_AT + 1]
     if head[0] == MARKER_V1:
         has_id = len(head) > MESSAGE_ID_V1_AT
@@ -73,7 +77,7 @@ def _status_length(head: bytes) -> int | None:
 
 
 def _txbuf_percent(report: bytes) -> int | None:
-    """Return what a report says, or None if its check fails."""
+    """Return the free share of the transmit buffer, in percent, that a report gives; None if its CRC is wrong."""
     message_id, payload_at, crc_at, _ = frame_parts(report)
     if not crc_holds(report, 0, crc_at, bytes((_CRC_EXTRA[message_id],))):
         return None

@@ -1,7 +1,7 @@
-"""Frames inside V2_EXTENSION, for paths through an autopilot that passes on only messages that it knows.
+"""Frames wrapped in V2_EXTENSION, for links through an autopilot that forwards only messages that it knows.
 
-The outer frame is MAVLink's message 248 with our whole frame, signatures and all, as its payload. MAVLink cuts the
-zeros at a payload's end, so the inner frame may arrive short; its own length byte says how long it was.
+The outer frame is MAVLink's message 248; its payload holds a whole frame of the dialect, signatures included. MAVLink
+cuts the zeros at a payload's end, so the inner frame may arrive short; its own length byte gives its full length.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from companion.protocol.frame import RawFrame, crc_bytes, crc_holds, head_v2
 
 V2_EXTENSION_ID = 248
 V2_EXTENSION_CRC_EXTRA = 8
-"""Of the message as common.xml defines it."""
+"""CRC_EXTRA of V2_EXTENSION, from its definition in common.xml."""
 MESSAGE_TYPE = 0xA001
-"""Ours; types below 32768 are kept for registered extensions."""
+"""Message type of a wrapped frame. Chosen: types below 32768 are reserved for registered extensions."""
 
 _FIELDS = struct.Struct("<HBBB")
-"""Message type, and network, system and component that it is for: 0, everybody's."""
+"""Fields before the inner frame: message type, then target network, system and component (0 addresses everybody)."""
 WRAP_BYTES = HEADER_V2_BYTES + _FIELDS.size + CRC_BYTES
-"""MAVLink's own frame around the payload, and the fields before the inner frame."""
+"""Bytes that wrapping adds to a frame: MAVLink's header and CRC, and the fields before the inner frame."""
 INNER_AT = HEADER_V2_BYTES + _FIELDS.size
-"""Where the inner frame begins: behind MAVLink's header and those fields."""
+"""Offset of the inner frame, after MAVLink's header and the fields before it."""
 
 _LEAST_BYTES = HEADER_V2_BYTES + CRC_BYTES
-"""Of any frame."""
+"""Length of the shortest MAVLink 2 frame."""
 _MOST_INNER_BYTES = 249
-"""The payload area of a V2_EXTENSION."""
+"""Greatest length of an inner frame: that of V2_EXTENSION's `payload` array."""
 _CRC_EXTRA = bytes((V2_EXTENSION_CRC_EXTRA,))
 
 
 def wrap(raw: bytes, sequence: int, system: int = GROUND_SYSTEM, component: int = GROUND_COMPONENT) -> bytes:
-    """Return the V2_EXTENSION frame that carries one whole frame; `sequence` is MAVLink's, of the outer frames.
+    """Return the V2_EXTENSION frame that carries one whole frame; `sequence` is MAVLink's, for the outer frame.
 
     Raises ValueError if the frame is longer than the message's payload area.
     """
@@ -50,10 +50,9 @@ def wrap(raw: bytes, sequence: int, system: int = GROUND_SYSTEM, component: int 
 
 
 def unwrap(frame: RawFrame) -> bytes | None:
-    """Return the inner frame of a V2_EXTENSION frame of ours, None of anything else. Never raises.
+    """Return the inner frame of a V2_EXTENSION frame with our message type, None for any other frame. Never raises.
 
-    The outer frame's checksum is verified, its signature, if it has one, is not; nothing inside is looked at but the
-    length.
+    The outer frame's checksum is verified, its MAVLink signature is not; of the inner frame only the length is checked.
     """
     if frame.version != 2 or frame.message_id != V2_EXTENSION_ID:
         return None
@@ -61,7 +60,7 @@ def unwrap(frame: RawFrame) -> bytes | None:
 
 
 def inner_of(payload: bytes) -> bytes | None:
-    """Return the inner frame in the payload of a V2_EXTENSION, None if it is not one of ours. Never raises."""
+    """Return the inner frame in a V2_EXTENSION's payload, None if its message type is not ours. Never raises."""
     inner = payload[_FIELDS.size :]
     if payload[:2] != MESSAGE_TYPE.to_bytes(2, "little") or not inner or inner[0] != MARKER_V2:
         return None

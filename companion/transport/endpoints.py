@@ -1,7 +1,7 @@
 """MAVLink connection strings and the end points behind them (docs/links.md).
 
-Three kinds, because the rules of the air differ: the broadcast is only ever heard on the vehicle (a receiver has no way
-to write), only ever spoken by the ground (no replier can capture a sender), and only the autopilot link goes both ways.
+There are three kinds: the vehicle only receives the broadcast (a receiver has no way to write), the ground only sends
+it (no reply changes a sender's destination), and only the autopilot link is two-way.
 """
 
 from __future__ import annotations
@@ -60,13 +60,13 @@ __all__ = [
 ]
 
 Duplex = UdpDuplex | TcpDuplex | SerialDuplex
-"""An end point that goes both ways."""
+"""A two-way end point, for an autopilot link."""
 
 
 async def open_receiver(
     link: Link, on_datagram: OnDatagram, *, receive_buffer_bytes: int = RECEIVE_BUFFER_BYTES
 ) -> Receiver:
-    """Listen on a link; `on_datagram` is called on the event loop with each datagram, or piece of a stream.
+    """Listen on a link; `on_datagram` is called on the event loop with each datagram, or each chunk of a stream.
 
     Raises InputError if the link only sends or cannot be opened.
     """
@@ -82,7 +82,7 @@ async def open_receiver(
 async def open_sender(link: Link, radio: RadioReading | None = None) -> Sender:
     """Open a link to send on; raises InputError if it only listens or cannot be opened.
 
-    `radio` reads what a serial radio reports of itself, for `Sender.txbuf_percent`.
+    `radio` makes the reader of a serial radio's own reports, for `Sender.txbuf_percent`.
     """
     if link.scheme not in SENDING:
         raise InputError(f"link '{link}': this end only sends; allowed: {_forms(SENDING)}")
@@ -96,7 +96,7 @@ async def open_sender(link: Link, radio: RadioReading | None = None) -> Sender:
 async def open_duplex(
     link: Link, on_datagram: OnDatagram, *, receive_buffer_bytes: int = RECEIVE_BUFFER_BYTES
 ) -> Duplex:
-    """Open an autopilot link: `udpin` answers the last peer heard, `udpout` talks to its fixed peer and hears only it.
+    """Open an autopilot link: `udpin` sends to the last peer heard, `udpout` exchanges with one fixed peer only.
 
     `on_datagram` is called on the event loop, with whole frames where the link is a stream. Raises InputError if the
     link goes one way only, its host is unknown, or its port or device cannot be used.

@@ -30,7 +30,7 @@ class FileSender(Sender):
         self._writer: TlogWriter | None = writer
 
     def send(self, datagram: bytes) -> None:
-        """Append a datagram's frames; what is no frame, and what a full disk refuses, is counted as failed."""
+        """Append a datagram's frames; a datagram that has other bytes, or cannot be written, is counted as failed."""
         frames = list(whole_frames(datagram))
         if self._writer is None or sum(map(len, frames)) != len(datagram):
             self.counts.failed += 1
@@ -38,7 +38,7 @@ class FileSender(Sender):
         try:
             for frame in frames:
                 self._writer.write(time.time(), frame)
-            # At once: a log that was cut off shall lack nothing that was sent before.
+            # Flushed at once, so that a log that is cut off lacks nothing that was sent before.
             self._writer.flush()
         except OSError:
             self.counts.failed += 1
@@ -56,7 +56,7 @@ class FileSender(Sender):
 
 
 class _Playback:
-    """Hands a log's frames on, each when it is due; one at a time, so that others on the event loop get their turn."""
+    """Hands a log's frames on when they are due, one at a time so that other tasks on the event loop get their turn."""
 
     def __init__(self, records: Iterator[tuple[float, bytes]], on_datagram: OnDatagram) -> None:
         self.counts = ReceiveCounts()
@@ -77,7 +77,7 @@ class _Playback:
         try:
             record = next(self._records, None)
         except InputError:
-            # A damaged record: where the next one begins is not known.
+            # After a damaged record the start of the next one is not known.
             self.counts.failed += 1
             record = None
         if record is None:

@@ -1,6 +1,6 @@
-"""Connection strings, and what every end point is: a receiver cannot write, a sender is never captured by a replier.
+"""Connection strings, and the base of all end points: a receiver cannot write, no reply changes a sender's destination.
 
-Losing a datagram is normal here; nothing that a network, a cable or a disk does may raise into the guidance loop.
+A lost datagram is normal here; no fault of a network, a cable or a disk may raise into the guidance loop.
 """
 
 from __future__ import annotations
@@ -15,10 +15,12 @@ from dataclasses import dataclass
 from companion.errors import InputError, nearest_hint
 
 OnDatagram = Callable[[bytes], None]
+"""Callback that takes each received datagram, or each chunk of a stream."""
 RadioReading = Callable[[], Callable[[bytes], int | None]]
-"""Begins to read what a radio reports of itself: each piece of what comes in from it is answered by the free share of
-its transmit buffer in percent, None while nothing new is told."""
+"""Makes a reader of a radio's own reports. The reader takes each chunk received from the radio and returns the free
+share of its transmit buffer in percent, None without a new report."""
 Address = tuple[str, int]
+"""Host and port."""
 
 FORMS = {
     "udpin": "udpin:HOST:PORT",
@@ -29,6 +31,7 @@ FORMS = {
     "file": "file:PATH.tlog",
     "tcp": "tcp:HOST:PORT",
 }
+"""Form of the connection string of each scheme."""
 SCHEMES = tuple(FORMS)
 RECEIVING = tuple(scheme for scheme in SCHEMES if scheme not in ("udpout", "tcp"))
 SENDING = tuple(scheme for scheme in SCHEMES if scheme not in ("udpin", "tcp"))
@@ -38,13 +41,14 @@ ALLOWED = ", ".join(FORMS.values())
 BAUD_RATES = tuple(
     sorted(int(name[1:]) for name in dir(termios) if re.fullmatch(r"B[1-9][0-9]*", name) and int(name[1:]) >= 1200)
 )
-"""Rates that the operating system's serial drivers know by name, in bit/s; no radio is slower than 1200."""
+"""Baud rates, in bit/s, that the operating system's serial drivers know by name; no radio is slower than 1200."""
 DATA_BITS_SHARE = 0.1
-"""Bytes per second for each bit per second: eight data bits travel with a start and a stop bit."""
+"""Bytes per second at one bit per second: eight data bits are sent with a start and a stop bit."""
 
 _HOST = re.compile(r"[A-Za-z0-9._-]+")
 _PORT_MAX = 65535
 _SERIAL_AS_PYMAVLINK = re.compile(r"(/[^,]*),([^,]*)")
+"""pymavlink's form of a serial link, /DEVICE,BAUD."""
 _LOG_SUFFIX = ".tlog"
 
 
@@ -54,12 +58,12 @@ class Link:
 
     scheme: str
     host: str = ""
-    """Also the broadcast address of `udpbcast` and the group of `mcast`."""
+    """Host; the broadcast address of `udpbcast`, the group of `mcast`."""
     port: int = 0
     others: tuple[Address, ...] = ()
-    """Of `udpout`: who else is sent to."""
+    """Further destinations of `udpout`."""
     interface: str = ""
-    """Of `mcast`: the address of the network interface; empty leaves the choice to the routing table."""
+    """Address of the network interface for `mcast`; empty leaves the choice to the routing table."""
     path: str = ""
     baud: int = 0
 
@@ -146,31 +150,31 @@ def _is_ipv4(text: str) -> bool:
 
 @dataclass(slots=True)
 class SendCounts:
-    """What became of the datagrams given to an end point, one for each destination."""
+    """Outcomes of the datagrams given to an end point; each destination of a datagram counts."""
 
     sent: int = 0
     refused: int = 0
-    """The other end's host said that nobody listens (ECONNREFUSED)."""
+    """Datagrams for which the destination's host reported that no program listens (ECONNREFUSED)."""
     full: int = 0
-    """The buffer was full (EWOULDBLOCK): dropped, because a late datagram is worth less than the next one."""
+    """Datagrams dropped at a full buffer (EWOULDBLOCK), because a late one is worth less than the next one."""
     no_peer: int = 0
-    """Nobody to answer yet."""
+    """Datagrams dropped before any peer was heard."""
     failed: int = 0
     """Any other error, such as no route, an unplugged radio or a full disk."""
     reopened: int = 0
-    """Times that a serial device or a TCP connection came back."""
+    """Number of times that a serial device or a TCP connection came back."""
 
 
 @dataclass(slots=True)
 class ReceiveCounts:
-    """What a receiver has seen."""
+    """Counts of a receiver's inputs and errors."""
 
     chunks: int = 0
-    """Datagrams, or pieces of a stream as they came."""
+    """Datagrams, or chunks of a stream as they were read."""
     failed: int = 0
-    """Errors while reading: an unplugged radio, a damaged log."""
+    """Errors while reading, such as an unplugged radio or a damaged log."""
     reopened: int = 0
-    """Times that a serial device, or the network interface of a group, came back."""
+    """Number of times that a serial device, or the network interface of a multicast group, came back."""
 
 
 class Receiver:
@@ -180,7 +184,7 @@ class Receiver:
         self._close = close
         self.counts = counts
         self.is_stream = is_stream
-        """Whether what is handed on are pieces of a byte stream, cut anywhere, instead of whole datagrams."""
+        """Whether the input is handed on as chunks of a byte stream, cut anywhere, instead of as whole datagrams."""
 
     def close(self) -> None:
         """Stop receiving and free the port."""
@@ -188,9 +192,9 @@ class Receiver:
 
 
 class Sender(ABC):
-    """An end point that sends to fixed destinations, which nothing that comes back can change.
+    """An end point that sends to fixed destinations, which no reply can change.
 
-    The exception is an autopilot link that waits to be spoken to: it answers the last peer heard.
+    The exception is an autopilot link by `udpin`, which sends to the last peer heard.
     """
 
     def __init__(self) -> None:
@@ -207,4 +211,4 @@ class Sender(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Free what is held; later sends count as failed."""
+        """Release the socket, device or file; later sends count as failed."""

@@ -1,4 +1,4 @@
-"""Serial radios: bytes as they come, a sender that never queues behind a slow radio, and unplugging that ends nothing.
+"""Serial end points: they hand on bytes as read, never queue behind a slow radio, and reopen an unplugged device.
 
 The device is opened and set up here, without a library, for one property: the receiver's descriptor is read-only, so
 that the kernel refuses every write. Flow control lines are not used (three wires are enough): the sender is paced.
@@ -19,10 +19,11 @@ from companion.transport.link import Link, OnDatagram, RadioReading, ReceiveCoun
 from companion.transport.stream import FrameCutter
 
 REOPEN_FIRST_S = 0.25
+"""Time after which an unplugged device is first opened again; each further wait is twice the one before."""
 REOPEN_MAX_S = 4.0
-"""An unplugged device is looked for again after REOPEN_FIRST_S, then after twice the time before, at most this."""
+"""Greatest wait before an unplugged device is opened again."""
 TXBUF_VALID_S = 5.0
-"""A radio reports about once a second: a report older than this says nothing about now."""
+"""Age up to which a radio's report is used; a radio reports about once a second."""
 
 _READ_BYTES = 4096
 
@@ -43,7 +44,7 @@ async def open_serial_receiver(link: Link, on_chunk: OnDatagram) -> Receiver:
 async def open_serial_sender(link: Link, radio: RadioReading | None = None) -> SerialSender:
     """Open a serial device to send; raises InputError if it cannot be opened.
 
-    `radio` begins to read what the radio reports of itself; without it nothing that comes in is read.
+    `radio` makes the reader of the radio's own reports; without it no reports are read.
     """
     sender = SerialSender(link, radio)
     sender.open_first()
@@ -58,7 +59,7 @@ async def open_serial_duplex(link: Link, on_datagram: OnDatagram) -> SerialDuple
 
 
 class SerialSender(Sender):
-    """Writes whole frames to a serial radio, and hears from the radio itself how full its buffer is, nothing else."""
+    """Writes whole frames to a serial radio, and reads nothing but the radio's own reports of its transmit buffer."""
 
     def __init__(self, link: Link, radio: RadioReading | None = None) -> None:
         super().__init__()
@@ -75,13 +76,13 @@ class SerialSender(Sender):
 
     @property
     def txbuf_percent(self) -> int | None:
-        """Free share of the radio's transmit buffer by its last report; None if that was too long ago."""
+        """Free share of the radio's transmit buffer by its last report; None if that is older than TXBUF_VALID_S."""
         if self._txbuf is None or self._device.loop.time() - self._txbuf[0] > TXBUF_VALID_S:
             return None
         return self._txbuf[1]
 
     def send(self, datagram: bytes) -> None:
-        """Write one datagram whole or not at all; while an earlier one is still being written it is dropped."""
+        """Write one datagram whole, or drop it while an earlier one is still being written."""
         if self._device.fd is None:
             self.counts.failed += 1
         elif self._rest:
@@ -127,13 +128,13 @@ class SerialSender(Sender):
             self._txbuf = (self._device.loop.time(), txbuf_percent)
 
     def _forget(self) -> None:
-        """Drop what belonged to the device that is gone."""
+        """Drop the unsent bytes and the reports of the device that was lost."""
         self._rest, self._txbuf = b"", None
         self._read_txbuf = None if self._radio is None else self._radio()
 
 
 class SerialDuplex(SerialSender):
-    """An autopilot's serial line: what comes in is handed on in whole frames."""
+    """An autopilot's serial line: received bytes are handed on as whole frames."""
 
     def __init__(self, link: Link, on_datagram: OnDatagram) -> None:
         super().__init__(link)
@@ -151,7 +152,7 @@ class SerialDuplex(SerialSender):
 
 
 class _Device:
-    """A serial device that is opened again, ever less often, after it has gone."""
+    """A serial device that, once lost, is opened again after ever longer waits."""
 
     def __init__(self, link: Link, access: int, on_chunk: OnDatagram, counts: SendCounts | ReceiveCounts) -> None:
         self.loop = asyncio.get_running_loop()
@@ -165,7 +166,7 @@ class _Device:
         self._reopening: asyncio.TimerHandle | None = None
 
     def open_first(self) -> None:
-        """Open; raises InputError naming the reason."""
+        """Open the device for the first time; raises InputError that names the reason."""
         try:
             self._open()
         except OSError as error:
@@ -178,14 +179,14 @@ class _Device:
             raise InputError(f"link '{self._link}': {reason}") from error
 
     def lose(self) -> None:
-        """Count the loss, and look for the device again after a while."""
+        """Count the loss of the device, release it and schedule its reopening."""
         self._counts.failed += 1
         self._release()
         self.on_lost()
         self._reopen_later()
 
     def close(self) -> None:
-        """Close for good."""
+        """Close the device and do not open it again."""
         self._release()
         if self._reopening is not None:
             self._reopening.cancel()
@@ -245,6 +246,6 @@ def _set_up(fd: int, baud: int) -> None:
     modes = termios.CS8 | termios.CREAD | termios.CLOCAL
     termios.tcsetattr(fd, termios.TCSANOW, [termios.IGNBRK, 0, modes, 0, speed, speed, characters])
     with suppress(OSError):
-        # Two readers would each get a part of the bytes.
+        # Exclusive, because two readers would each get only a part of the bytes.
         fcntl.ioctl(fd, termios.TIOCEXCL)
     termios.tcflush(fd, termios.TCIOFLUSH)

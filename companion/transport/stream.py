@@ -1,7 +1,7 @@
-"""Whole MAVLink frames out of a byte stream of the autopilot's: a serial line or TCP cuts them anywhere.
+"""Finds whole MAVLink frames in the autopilot's byte stream, which a serial line or TCP cuts anywhere.
 
-The frames are those of MAVLink's common set, whose checks are known; others are passed over, because what begins like
-one may be noise, and nobody here reads them.
+Only messages of MAVLink's common set are found, because their CRC_EXTRA is known. Others are skipped: bytes that begin
+like one may be noise, and no adapter reads them.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ _CRC_EXTRA = {number: kind.crc_extra for number, kind in common.mavlink_map.item
 
 
 class FrameCutter:
-    """Finds whole frames of both versions of MAVLink; keeps no more than one frame's bytes."""
+    """Finds whole frames of both versions of MAVLink; stores at most one frame's bytes."""
 
     def __init__(self) -> None:
         self._kept = b""
 
     def feed(self, chunk: bytes) -> list[bytes]:
-        """Return the frames that a piece of the stream completes."""
+        """Return the frames that a chunk of the stream completes."""
         data = self._kept + chunk
         frames, at = [], 0
         waiting_at: int | None = None
@@ -30,7 +30,7 @@ class FrameCutter:
                 continue
             length = frame_length(data, at)
             if length is None or at + length > len(data):
-                # It may be noise that looks like the start of a long frame: what follows is not kept waiting for it.
+                # It may be noise that looks like the start of a long frame: frames after it must not wait for it.
                 waiting_at = at if waiting_at is None else waiting_at
                 at += 1
             elif _is_whole(data, at):
@@ -43,7 +43,7 @@ class FrameCutter:
 
 
 def _is_whole(data: bytes, at: int) -> bool:
-    """Return whether the frame that begins at a byte, and is there to its end, is of a known message and undamaged."""
+    """Return whether the complete frame that begins at `at` is of a known message and has the right CRC."""
     message_id, _, crc_at, _ = frame_parts(data, at)
     extra = _CRC_EXTRA.get(message_id)
     if extra is None:

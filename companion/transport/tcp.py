@@ -1,6 +1,6 @@
-"""A TCP client as autopilot link: simulators and radio bridges serve MAVLink this way.
+"""A TCP client as autopilot link, for simulators and radio bridges that serve MAVLink over TCP.
 
-It connects again, ever less often, after the other end has gone; nothing waits for it.
+A lost connection is made again after ever longer waits, in the background.
 """
 
 from __future__ import annotations
@@ -13,16 +13,17 @@ from companion.transport.link import Link, OnDatagram, Sender
 from companion.transport.stream import FrameCutter
 
 RECONNECT_FIRST_S = 0.25
+"""Wait after which a connection is first tried again; each further wait is twice the one before."""
 RECONNECT_MAX_S = 4.0
-"""Tried again after RECONNECT_FIRST_S, then after twice the time before, at most RECONNECT_MAX_S."""
+"""Greatest wait before a connection is tried again."""
 CONNECT_TIMEOUT_S = 5.0
 UNANSWERED_MS = 4_000
-"""A connection on which nothing sent was acknowledged for this time ends: the other machine has died."""
+"""Time without acknowledgement of sent bytes after which a connection ends, because the other machine is gone."""
 _READ_BYTES = 65_536
 
 
 async def open_tcp_duplex(link: Link, on_datagram: OnDatagram) -> TcpDuplex:
-    """Begin to connect; raises InputError for an unknown host. Nobody listening yet is no error."""
+    """Begin to connect; raises InputError for an unknown host. A server that does not listen yet is no error."""
     loop = asyncio.get_running_loop()
     try:
         await loop.getaddrinfo(link.host, link.port, family=socket.AF_INET, type=socket.SOCK_STREAM)
@@ -32,10 +33,10 @@ async def open_tcp_duplex(link: Link, on_datagram: OnDatagram) -> TcpDuplex:
 
 
 class TcpDuplex(Sender):
-    """Writes whole frames, hands on whole frames, and connects again for as long as it is not closed."""
+    """Sends whole frames, hands on whole frames, and reconnects until it is closed."""
 
     def __init__(self, link: Link, on_datagram: OnDatagram) -> None:
-        """Begin to connect, on the running event loop."""
+        """Begin to connect on the running event loop."""
         super().__init__()
         self._link = link
         self._on_datagram = on_datagram
@@ -44,7 +45,7 @@ class TcpDuplex(Sender):
         self._task = asyncio.get_running_loop().create_task(self._serve())
 
     def send(self, datagram: bytes) -> None:
-        """Send one frame; while not connected, or while an earlier one still waits, it is dropped and counted."""
+        """Send one frame; drop and count it while there is no connection or an earlier frame is still unsent."""
         if self._writer is None or self._writer.is_closing():
             self.counts.failed += 1
         elif self._writer.transport.get_write_buffer_size():
@@ -84,6 +85,6 @@ class TcpDuplex(Sender):
 
     def _disconnect(self) -> None:
         if self._writer is not None:
-            # What is still unsent is old by now.
+            # Aborted, because bytes that are still unsent are old by now.
             self._writer.transport.abort()
             self._writer = None

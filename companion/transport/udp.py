@@ -1,4 +1,4 @@
-"""UDP end points: to one address or a list, to a subnet's broadcast address, to a multicast group."""
+"""UDP end points for one address or a list, a subnet's broadcast address, or a multicast group."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from companion.errors import InputError
 from companion.transport.link import Address, Link, OnDatagram, ReceiveCounts, Receiver, SendCounts, Sender
 
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
-"""Asked of the kernel, which may grant less: its usual 208 KiB hold only about 166 broadcast frames (measured)."""
+"""Receive buffer asked of the kernel, which may grant less; the default 208 KiB hold about 166 frames (measured)."""
 MAX_PER_WAKE = 64
-"""Datagrams read before others on the event loop get their turn."""
+"""Greatest number of datagrams read before other tasks on the event loop get their turn."""
 
 REJOIN_PERIOD_S = 5.0
-"""How often a group is joined again: a network interface that was unplugged comes back as another one."""
+"""Period at which a multicast group is joined again: an unplugged network interface comes back as a new one."""
 
 _DATAGRAM_BYTES = 65_536
-"""The longest that UDP carries."""
+"""Size of the buffer for one datagram: the longest that UDP carries fits."""
 _TTL = 1
-"""Hops of a multicast datagram: it stays in its own network."""
+"""Greatest number of hops of a multicast datagram, so that it stays in its own network."""
 _IP_MULTICAST_ALL = 49
-"""From linux/in.h, which the standard library does not name: 0 delivers only what this socket itself has joined."""
+"""Socket option of linux/in.h that the standard library lacks; 0 delivers only groups that this socket has joined."""
 _UNUSED_PORT = 9
+"""Port (discard) of an address that is only tested: nothing is sent to it."""
 _ANY = "0.0.0.0"
 
 
@@ -54,7 +55,7 @@ async def open_udp_sender(link: Link) -> UdpSender:
     destinations = [await _resolve(link, address) for address in dict.fromkeys([(link.host, link.port), *link.others])]
     if link.scheme == "udpbcast":
         _require_broadcast(link, destinations[0][0])
-    # Nothing is ever read, so nothing needs to be kept.
+    # Nothing is ever read, so no received datagram needs to be buffered.
     sock = _new_socket(receive_buffer_bytes=0)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
     if link.scheme != "mcast":
@@ -82,7 +83,7 @@ async def open_udp_duplex(link: Link, on_datagram: OnDatagram, receive_buffer_by
 
 
 class UdpSender(Sender):
-    """Sends each datagram to every destination. What comes back is never read."""
+    """Sends each datagram to every destination; replies are never read."""
 
     def __init__(self, sock: socket.socket, destinations: Sequence[Address]) -> None:
         super().__init__()
@@ -100,10 +101,10 @@ class UdpSender(Sender):
 
 
 class MulticastSender(UdpSender):
-    """Sends to a group through one interface, also after that was unplugged and plugged in again."""
+    """Sends to a multicast group through one interface, even after that was unplugged and plugged in again."""
 
     def __init__(self, sock: socket.socket, group: Address, interface: bytes) -> None:
-        """Choose the interface, four bytes of address; raises OSError if this computer does not have it."""
+        """Choose the interface by its IPv4 address in four bytes; raises OSError if this computer does not have it."""
         super().__init__(sock, [group])
         self._interface = interface
         self._choose_interface()
@@ -121,7 +122,7 @@ class MulticastSender(UdpSender):
 
 
 class UdpDuplex(Sender):
-    """The end point of an autopilot link: a fixed peer, or the one that was heard last."""
+    """End point of an autopilot link that sends to one fixed peer, or to the last one heard."""
 
     def __init__(self, sock: socket.socket, transport: asyncio.DatagramTransport, protocol: _DuplexProtocol) -> None:
         super().__init__()
@@ -131,7 +132,7 @@ class UdpDuplex(Sender):
 
     @property
     def peer(self) -> Address | None:
-        """Who gets the next datagram, if anybody is known."""
+        """Address that the next datagram goes to, None if no peer is known yet."""
         return self._protocol.peer
 
     def send(self, datagram: bytes) -> None:
@@ -141,7 +142,7 @@ class UdpDuplex(Sender):
         elif self._transport.is_closing():
             self.counts.failed += 1
         else:
-            # Past the transport's own sendto, which would queue without bound behind a full socket.
+            # Not by the transport's own sendto, which would queue without bound behind a full socket.
             _send_counted(self._sock, datagram, self._protocol.peer, self.counts)
 
     def close(self) -> None:
@@ -150,7 +151,7 @@ class UdpDuplex(Sender):
 
 
 class _Reading:
-    """Reads what a socket holds, a bounded number of datagrams at a time."""
+    """Reads the datagrams that wait in a socket, a bounded number at a time."""
 
     def __init__(self, sock: socket.socket, on_datagram: OnDatagram, counts: ReceiveCounts) -> None:
         self._sock = sock
@@ -160,7 +161,7 @@ class _Reading:
 
     def read(self) -> None:
         for _ in range(MAX_PER_WAKE):
-            # Whoever was handed the last datagram may have closed the receiver.
+            # The callback that took the last datagram may have closed the receiver.
             if self._sock.fileno() < 0:
                 return
             try:
@@ -168,7 +169,7 @@ class _Reading:
             except BlockingIOError:
                 return
             except OSError:
-                # Such as the network going down: no reason to stop listening.
+                # An error such as the network going down is no reason to stop listening.
                 self._counts.failed += 1
                 return
             self._counts.chunks += 1
@@ -176,7 +177,7 @@ class _Reading:
 
 
 class _Rejoining:
-    """Joins a group again from time to time, which is refused as long as the membership still stands."""
+    """Joins a multicast group again every REJOIN_PERIOD_S; the kernel refuses while the membership still exists."""
 
     def __init__(self, link: Link, sock: socket.socket, counts: ReceiveCounts) -> None:
         self._link = link
@@ -214,7 +215,7 @@ class _DuplexProtocol(asyncio.DatagramProtocol):
         self.on_datagram(data)
 
     def error_received(self, exc: Exception) -> None:
-        """Drop what ICMP reports: an autopilot that starts later must still be heard."""
+        """Ignore an ICMP error: an autopilot that starts later must still be heard."""
 
 
 def _send_counted(sock: socket.socket, datagram: bytes, destination: Address, counts: SendCounts) -> None:
@@ -245,8 +246,8 @@ async def _listening_socket(link: Link, receive_buffer_bytes: int) -> socket.soc
     sock = _new_socket(receive_buffer_bytes)
     try:
         if link.scheme != "udpin":
-            # Each receiver on this computer gets its copy. Not for udpin: of what is sent to one computer alone, a
-            # second program would silently take everything over.
+            # Each receiver on this computer gets its copy. Not for udpin: datagrams to one computer's own address would
+            # silently all go to a second program.
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind(address)
         if link.scheme == "mcast":
@@ -279,13 +280,16 @@ def _why(link: Link, error: OSError) -> str:
 
 
 def _require_broadcast(link: Link, host: str) -> None:
-    """Raise InputError for an address of one computer: it would be heard by that one, or never come, in silence."""
+    """Raise InputError unless an address is a broadcast address: with another, receivers would silently hear nothing.
+
+    Only the computer that has the address, if any, would get what is sent to it.
+    """
     with _new_socket() as probe:
         try:
             probe.connect((host, _UNUSED_PORT))
         except OSError:
             # Refused to a socket without SO_BROADCAST: the routing table knows it as a broadcast address. Without a
-            # route nothing is known, and what is sent will be counted as failed until there is one.
+            # route the address cannot be checked, and sent datagrams count as failed until there is one.
             return
     raise InputError(
         f"link '{link}': {host} is not the broadcast address of a network of this computer; "
@@ -294,9 +298,9 @@ def _require_broadcast(link: Link, host: str) -> None:
 
 
 def _forbid_writing(sock: socket.socket) -> None:
-    """Let the kernel itself refuse every write to a socket that is only for listening."""
+    """Make the kernel itself refuse every write to a socket that is only for listening."""
     with suppress(OSError):
-        # Linux marks the socket, and says ENOTCONN all the same because no peer is there to be told.
+        # Linux marks the socket as shut down, but still returns ENOTCONN because there is no peer to notify.
         sock.shutdown(socket.SHUT_WR)
 
 

@@ -18,7 +18,7 @@ from pymavlink.generator import mavgen, mavparse
 
 FOLDER = Path(__file__).parent
 LANGUAGES = {"oneway.py": "Python3", "oneway.lua": "WLua"}
-"""File to the generator's name of its language."""
+"""Name of each generated file, and the generator's name of its language."""
 
 
 def generate(folder: Path) -> list[Path]:
