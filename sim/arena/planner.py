@@ -534,7 +534,7 @@ class _Search:
 
 
 class _Far:
-    """Estimate of the distance to the target: a straight line, or a walk on a grid around the discs that stand still."""
+    """Estimate of the distance to the target: the straight line, or a walk on a grid around discs that stand still."""
 
     def __init__(self, task: _Task, motion: _Motion, cell_m: float) -> None:
         self._task = task
@@ -572,13 +572,13 @@ class _Far:
                 free &= np.hypot(north_m[:, None] - place_m[0], east_m - place_m[1]) > reach_m
         goal = tuple(((self._task.target_ned_m - low_m) / cell_m).astype(int))
         self._low_m, self._cell_m = low_m, cell_m
-        # A walk in eight directions is up to 8 % too long and goes from cell centre to cell centre; both are subtracted.
+        # A walk in eight directions is up to 8 % too long and joins centres of cells; both are subtracted.
         walk_m = _grid_distance(free, (int(goal[0]), int(goal[1]))) * cell_m
         self._grid = np.maximum(walk_m / 1.083 - cell_m * math.sqrt(2.0) - self._task.arrival_m, 0.0)
 
 
 def _grid_distance(free: np.ndarray, goal: tuple[int, int]) -> np.ndarray:  # (R, C) bool -> (R, C) cells
-    """Return the length of the walk in eight directions from each free cell to the goal; infinite where none exists."""
+    """Return the length of the eight-direction walk from each free cell to the goal; infinite if none exists."""
     ids = np.arange(free.size).reshape(free.shape)
     begin, end, length = [], [], []
     height, width = free.shape

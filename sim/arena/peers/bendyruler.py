@@ -79,7 +79,7 @@ class BendyRuler:
     def _choose(
         self, discs: Discs, task: Task, motion: Motion, goal_rad: float, ahead_m: float
     ) -> tuple[float, float, bool]:
-        """Return the bearing, the margin on its first ray in m, and whether obstacles make it differ from the target's."""
+        """Return the bearing, the margin on its first ray in m, and whether it differs from the target's bearing."""
         bearings_rad = goal_rad + OFFSETS_RAD
         here = np.array(motion.position_ned_m)
         ends_m = here + ahead_m * np.column_stack((np.cos(bearings_rad), np.sin(bearings_rad)))
