@@ -55,7 +55,7 @@ class ArduPilot:
     """The name of the parameter that enables the ground station failsafe when it is not 0."""
 
     def __init__(self, start: Start) -> None:
-        """Begin in the guided mode if `start` says so, else in the holding mode (in the air) or the first (on the ground)."""
+        """Begin in the guided mode if `start` says so, else in the holding mode (in the air) or the first mode."""
         self.body: Body = start.body
         self.home: Home = start.home
         self.armed = start.armed

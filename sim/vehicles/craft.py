@@ -131,7 +131,7 @@ class Craft(Protocol):
     announces: bool
     """Whether a changed mode or arming is announced by a HEARTBEAT at once, rather than by the next one due."""
     longest_step_s: float
-    """Longest `dt_s` that `step` may get: the caller cuts longer steps. Infinity if the motion is exact for any step."""
+    """Longest `dt_s` that `step` takes: the caller cuts longer ones. Infinity if the motion is exact for any step."""
     body: Body
     mode: int
     """The mode's number, as in HEARTBEAT.custom_mode."""

@@ -79,7 +79,7 @@ class Kinematic(ArduPilot):
         body.airspeed_m_s = math.hypot(*self._air_m_s)
 
     def step(self, now_s: float, dt_s: float, around: Surroundings) -> None:
-        """Advance by `dt_s` along arcs and straight lines, exact for any step; a setpoint expires after GUID_TIMEOUT."""
+        """Advance by `dt_s` along exact arcs and straight lines; a setpoint expires after GUID_TIMEOUT."""
         self._mind_time(now_s, around)
         until_s = now_s + dt_s
         asked = self._setpoint
