@@ -68,7 +68,7 @@ class WeightsFile:
         return vectors
 
     def matrix(self, key: str, rows: int, columns: int) -> np.ndarray:
-        """Return as an array (rows, columns) the value of a key that must be `rows` lists of `columns` finite numbers."""
+        """Return the value of a key, `rows` lists of `columns` finite numbers each, as an array (rows, columns)."""
         lists = self.network.get(key)
         lists = lists if isinstance(lists, list) else []
         lengths = [len(row) if isinstance(row, list) else 0 for row in lists]
@@ -85,7 +85,7 @@ class WeightsFile:
 
 
 def read_weights(path: Path | None, packaged: str) -> WeightsFile:
-    """Return the network of the weights file at `path`, or, if that is None, of the packaged file called `packaged`.
+    """Return the network of the weights file at `path`, or if that is None of the packaged file called `packaged`.
 
     Raises InputError if the file is missing, is not JSON, has no network or does not match its digest.
     """
