@@ -36,7 +36,8 @@ def test_the_layout_agrees_with_the_frame(data: bytes) -> None:
 def test_a_signed_broadcast_knows_its_stamp_its_content_and_its_signatures() -> None:
     frame = raw_frame(SIGNED)
     assert frame.stamp == (int(START_S), 1250, 1)
-    assert frame.payload_length == frame.content_length + ED25519_BYTES
+    # Zeros at the end of the Ed25519 signature are cut.
+    assert 0 < frame.payload_length - frame.content_length <= ED25519_BYTES
     assert frame.signed_content == SIGNED[5 : 10 + frame.content_length]
     assert len(frame.signature) == 13
 
