@@ -31,8 +31,8 @@ class ContestedBroadcast:
     def replace(self, how: str | None, t_s: float) -> None:
         """Let an impostor transmit in the ground station's place from now on; None for `how` ends that.
 
-        `unsigned` and `of another key` are broadcasts of a mission without discs and with its target elsewhere, which are
-        not signed or signed with OTHER_KEY; `replayed` repeats the frames that were broadcast until now.
+        `unsigned` and `of another key` are broadcasts of a mission without discs and with its target elsewhere, which
+        are not signed or signed with OTHER_KEY; `replayed` repeats the frames that were broadcast until now.
         """
         self._is_silent = how is not None
         self._impostor, self._replayed = None, []
