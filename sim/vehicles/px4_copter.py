@@ -177,7 +177,7 @@ class Px4Copter(Px4):
         self._has_climbed = False
 
     def _asked_velocity(self) -> tuple[tuple[float, float], float]:
-        """Return the newest setpoint's velocity and climb rate; both 0 if its vertical or horizontal part lacks."""
+        """Return the newest setpoint's velocity and climb rate, 0 unless it has a horizontal and a vertical part."""
         asked = self._stream.asked
         if asked is None:
             return (0.0, 0.0), 0.0
