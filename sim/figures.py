@@ -376,12 +376,12 @@ def _note(axes: Axes, text: str) -> None:
 
 
 def _metres(value_m: float) -> str:
-    """Return a length as a tick label."""
+    """Return a length in metres as a tick label, in km from 1000 m on."""
     return f"{value_m / 1_000:g} km" if abs(value_m) >= 1_000 else f"{value_m:g} m"
 
 
 def _duration(time_s: float) -> str:
-    """Return a duration for a caption."""
+    """Return a duration in seconds as text for a caption, in s, min, or h and min."""
     if time_s < 120:
         return f"{time_s:g} s"
     minutes = round(time_s / 60)

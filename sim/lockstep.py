@@ -62,7 +62,7 @@ _MAX_SYSTEM_ID = 250
 """Greatest MAVLink system id given to a vehicle; higher ones are by custom those of ground stations."""
 
 Progress = Callable[[float, int], None]
-"""Function called every _PROGRESS_TICKS with the virtual time in seconds and the number of targets reached."""
+"""Function called every _PROGRESS_TICKS ticks with the virtual time in seconds and the number of targets reached."""
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,7 @@ class _Record(FlightRecord):
     def record(
         self, t_s: float, agents: np.ndarray, alive: Sequence[bool], things: tuple[np.ndarray, np.ndarray]
     ) -> bool:
-        """Record the sample as `FlightRecord.record` does, and report progress every _PROGRESS_TICKS."""
+        """Record the sample as `FlightRecord.record` does, and report progress every _PROGRESS_TICKS ticks."""
         over = super().record(t_s, agents, alive, things)
         if self._progress is not None and self._samples % _PROGRESS_TICKS == 0:
             self._progress(t_s, self._targets - self.open_targets)

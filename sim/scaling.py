@@ -25,6 +25,7 @@ CRUISE_M_S = {
 of lean give; ArduPlane's simulator cruises at 22 m/s; a PX4 copter reaches 10 m/s; a PX4 plane always flies
 FW_AIRSPD_TRIM, 15 m/s."""
 
+# Keys of a mission and its sections whose values are multiplied by the factor.
 _MISSION_LENGTHS = ("arrival_radius_m", "separation_m", "detector_range_m")
 _THREAT_LENGTHS = ("north_m", "east_m", "detection_radius_m", "attack_radius_m", "speed_bound_m_s")
 _TARGET_LENGTHS = ("north_m", "east_m", "speed_bound_m_s")

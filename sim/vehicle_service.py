@@ -29,6 +29,7 @@ from sim.vehicles.routing import Router
 from sim.vehicles.stand_in import parse
 
 AUTOPILOTS = (*CRAFTS, "kinematic")
+"""Names that `--autopilot` takes."""
 
 _STEP_S = 0.05
 """Period of the loop, half that of the fastest telemetry. With setpoints at 10 Hz in and 36 frames a second out, one
@@ -36,6 +37,7 @@ process was measured to take 1.4 % of a core."""
 _GIVE_UP_CATCHING_UP_S = 1.0
 """Delay of the loop from which the missed time is dropped, rather than flown in one burst; as after a suspend."""
 _TRUTH_PERIOD_STEPS = round(1.0 / _STEP_S)
+"""Number of steps between two reports of the true state, which is one second."""
 
 # The kinematic vehicle is the paper's: it cannot stop, so it begins in the air.
 _KINEMATIC_N_MAX = 10.0

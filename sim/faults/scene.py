@@ -17,6 +17,7 @@ from sim.scaling import CRUISE_M_S, scaled
 from sim.vehicles import CRAFTS, DEFAULT_RATES_HZ, Home, Setup, StandIn
 
 KINDS = tuple(CRUISE_M_S)
+"""Autopilot kinds with which the faults are flown."""
 LOOP_PERIOD_S = 0.1
 """Period of setpoints, telemetry and records of the truth."""
 AGENT_ID = 1

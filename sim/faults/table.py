@@ -28,7 +28,9 @@ OFF_ITS_WAY_RAD = math.radians(90.0)
 """Change of course after which a vehicle without a companion counts as turned off its way."""
 
 Action = Callable[[Flight], None]
+"""Something that is done to a flight, such as a fault or its end."""
 Plan = tuple[tuple[float, Action], ...]
+"""Actions, each with its time of the flight in seconds."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class Row:
 
 
 def fly(fault: Fault, kind: str) -> Row:
-    """Fly one fault with one kind."""
+    """Fly one fault with one autopilot kind and return its row of the table."""
     setting = Setting(kind, fault_mission(kind)) if fault.setting is None else fault.setting(kind)
     flight = Flight(setting)
     for t_s, action in fault.plan:

@@ -38,20 +38,30 @@ _TOP_SPEED_EXPONENT = math.log(_TOP_SPEED_AT_45_DEG_M_S / 10.3) / math.log(1.0 /
 30 degrees and 15.0 m/s at 45 degrees."""
 _CLIMB_M_S = 2.5
 _DESCENT_M_S = 1.5
+"""Greatest climb and descent rate, except in the modes that are flown by sticks."""
 _STICK_SINK_M_S = 2.5
 """Sink rate of the modes that are flown by sticks (LOITER and others) when there is no radio control (measured)."""
 _VERTICAL_ACCELERATION_M_S2 = 1.0
+"""Greatest vertical acceleration."""
 _LAND_FINAL_M = 10.0
+"""Height above home below which a landing descends at _LAND_FINAL_M_S."""
 _LAND_FINAL_M_S = 0.5
 _RTL_HEIGHT_M = 15.0
+"""Height above home to which RTL climbs before it flies home."""
 _RTL_ARRIVED_M = 0.5
+"""Distance from home at which RTL begins to land, and by which its height may be too low."""
 _YAW_RATE_RAD_S = math.radians(60.0)
+"""Greatest yaw rate."""
 _YAW_TRACK_MIN_M_S = 0.5
 """Wanted horizontal speed below which the nose does not turn to the track."""
 _POSITION_GAIN_1_S = 0.5
+"""Gain from a small distance to the speed towards the place."""
 _ALTITUDE_GAIN_1_S = 1.0
+"""Gain from a small altitude error to the climb rate."""
 _TAKEOFF_DONE_M = 0.05
+"""Height below the take-off altitude at which a take-off is complete."""
 _STEP_S = 0.1
+"""Longest step of the motion."""
 
 
 class ArduCopter(ArduPilot):

@@ -15,6 +15,7 @@ from sim.vehicles.craft import Answer, Body, Command, Home, Message, Parameter, 
 FORCE_DISARM = 21196.0
 """Second parameter of MAV_CMD_COMPONENT_ARM_DISARM that stops the motors even in flight (as MAVLink defines it)."""
 READY_TEXT = "ArduPilot Ready"
+"""STATUSTEXT that is sent when start-up has ended."""
 READY_AFTER_S = 3.0
 """Time from power-on to READY_TEXT. Chosen: the effect was measured, its duration was not."""
 GROUND_STATION_SYSTEM = 255
@@ -29,6 +30,7 @@ FAILED = Answer((mavlink.MAV_RESULT_FAILED,))
 UNSUPPORTED = Answer((mavlink.MAV_RESULT_UNSUPPORTED,))
 
 OnCommand = Callable[[Command, Surroundings, float], Answer]
+"""Handler of a command, given the surroundings and the time in seconds."""
 
 
 class ArduPilot:

@@ -36,6 +36,7 @@ MODES: Mapping[int, str] = {
 }
 """The modes' names, by ArduPlane's custom_mode numbers (ArduPlane/mode.h)."""
 _STICK_MODES = frozenset({MANUAL, STABILIZE, FBWA, FBWB, CRUISE})
+"""Modes that are flown by the pilot's sticks."""
 
 AIRFRAME = Airframe(
     # On the way from 0 to 45 degrees of bank it reached 40 degrees in 0.7 s (measured).
@@ -51,6 +52,7 @@ AIRFRAME = Airframe(
 _ATTITUDE_LIFE_S = 3.0
 """Time for which the bank of the last SET_ATTITUDE_TARGET is held (measured)."""
 _ALTITUDE_GAIN_1_S = 0.3
+"""Gain from an altitude error to the climb rate."""
 _CLIMB_M_S, _SINK_M_S = 5.0, 5.0
 """Greatest climb and sink rate: TECS_CLMB_MAX and TECS_SINK_MAX (code, defaults)."""
 _CLIMB_SHARE_S = 0.03
@@ -58,23 +60,29 @@ _CLIMB_SHARE_S = 0.03
 _HEADING_GAIN_DEG = 0.01
 """Degrees of bank per unit of GUIDED_P and radian of heading error: GUIDED_P counts centidegrees (code)."""
 _L1_DAMPING = 0.75
-"""NAVL1_DAMPING (code, default)."""
+"""Damping of the L1 controller: NAVL1_DAMPING (code, default)."""
 _TAKEOFF_CLIMB_M_S = 3.0
+"""Climb rate in TAKEOFF; the same number of metres below its altitude, the climb ends and the plane circles."""
 _TAKEOFF_SPEED_M_S = 12.0
+"""Airspeed at which TAKEOFF leaves the ground."""
 _RADIUS_MAX_M = 32767.0
+"""Greatest loiter radius, of either sign."""
 _STEP_S = 0.1
+"""Longest step of the motion."""
 # SET_ATTITUDE_TARGET's type_mask: of the measured 0xC6 only the roll is taken.
 _ROLL_ONLY = 0xC6
 # SET_POSITION_TARGET_GLOBAL_INT's type_mask: altitude only.
 _ALTITUDE_ONLY = 0x0DFB
 _ALTITUDE_IGNORED = 0x004
 _OFFSET_FRAME = 7
+"""MAV_FRAME_LOCAL_OFFSET_NED, in which a setpoint's z is a step of the altitude (measured)."""
 _AIRSPEED = 0
+"""SPEED_TYPE_AIRSPEED, the first parameter of a speed command that is obeyed."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Course:
-    """The demand of a GUIDED_CHANGE_HEADING, which never expires; its angle is from local true north."""
+    """The demand of a GUIDED_CHANGE_HEADING, which never expires; its angle is from true north."""
 
     angle_rad: float
     is_course: bool
@@ -195,7 +203,7 @@ class ArduPlane(ArduPilot):
         body = self.body
         altitude_m, climb_m_s = self._altitude_m, self._climb_m_s
         if not self.armed:
-            # Without a motor it glides down straight ahead.
+            # A disarmed plane glides down straight ahead.
             altitude_m, climb_m_s = around.home.altitude_m, _CLIMB_M_S
         climb_m_s = climb_towards_m_s(altitude_m - body.altitude_m, _ALTITUDE_GAIN_1_S, climb_m_s, _SINK_M_S)
         self._wing.fly(self._wanted_bank_rad(now_s, around), self._airspeed_m_s, climb_m_s, around.wind_m_s, dt_s)

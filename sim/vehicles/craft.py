@@ -3,8 +3,9 @@
 `StandIn` speaks MAVLink for all of them; a craft answers commands, obeys setpoints and moves. It has no clock and no
 sockets: the time is an argument, so that the same inputs lead to the same motion.
 
-Positions are in the mission's plane, headings and velocities along its grid. What comes over MAVLink is relative to
-local true north, so a craft turns it by `Surroundings.convergence_rad`.
+Positions are in the mission's plane. Headings and velocities are along its axes, the grid, whose north differs from
+true north by an angle that grows with the distance from the origin. What comes over MAVLink is relative to true north
+where the vehicle is, so a craft turns it by `Surroundings.convergence_rad`.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ from sim.vehicles.setpoint import Setpoint, clip, understood
 from sim.wind import crabbed
 
 _CLIMB_M_S, _DESCENT_M_S = 2.5, 1.5
+"""Greatest climb and descent rate, as in `arducopter.py`."""
 
 
 class Kinematic(ArduPilot):
@@ -136,7 +137,7 @@ def kinematic_profile(n_max: float, min_speed_m_s: float, max_speed_m_s: float) 
     """Return the constructor of a `Kinematic` with these speed bounds and a turn rate of at most n_max g / v.
 
     Raises:
-        ValueError: not n_max > 0 and 0 < min_speed_m_s <= max_speed_m_s, finite.
+        ValueError: n_max is not positive, or the speeds are not 0 < min_speed_m_s <= max_speed_m_s < infinity.
 
     """
     if not (n_max > 0.0 and 0.0 < min_speed_m_s <= max_speed_m_s < math.inf):

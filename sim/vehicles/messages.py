@@ -22,6 +22,7 @@ _SENSORS = (
     | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
     | mavlink.MAV_SYS_STATUS_PREARM_CHECK
 )
+"""Sensors that SYS_STATUS shows as present and enabled."""
 _CAPABILITIES = (
     mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
     | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
@@ -30,12 +31,14 @@ _CAPABILITIES = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
     | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
 )
+"""Capabilities in AUTOPILOT_VERSION."""
 _VERSION = (4 << 24) | (7 << 16)
 """ArduPilot's version in AUTOPILOT_VERSION: 4.7.0-dev of October 2025, on which the measurements were made."""
 _PX4_VERSION = (1 << 24) | (16 << 16) | (1 << 8) | 255
 """PX4's version in AUTOPILOT_VERSION: the release 1.16.1, on which the measurements were made."""
 _INT16_MAX, _INT32_MAX, _UINT16_MAX = 2**15 - 1, 2**31 - 1, 2**16 - 1
 _NO_DILUTION = _UINT16_MAX
+"""Dilution of precision in GPS_RAW_INT without a fix: unknown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,9 +23,12 @@ from sim.vehicles.setpoint import SANE_POSITION_M, rotated
 # custom_mode: main mode << 16 | sub mode << 24 (px4_custom_mode.h).
 MANUAL, ALTITUDE, POSITION, OFFBOARD, STABILIZED = 1 << 16, 2 << 16, 3 << 16, 6 << 16, 7 << 16
 _AUTO = 4 << 16
+"""PX4's main mode AUTO, of which the next four are sub modes."""
 TAKE_OFF, HOLD, RETURN, LAND = _AUTO | 2 << 24, _AUTO | 3 << 24, _AUTO | 5 << 24, _AUTO | 6 << 24
 STICK_MODES = frozenset({MANUAL, ALTITUDE, POSITION, STABILIZED})
+"""Modes that are flown by the pilot's sticks."""
 MODES = STICK_MODES | {OFFBOARD, TAKE_OFF, HOLD, RETURN, LAND}
+"""All modes, each by its custom_mode."""
 _MAIN_MODE_FACTOR, _SUB_MODE_FACTOR = 1 << 16, 1 << 24
 
 # The mode after a lost stream, by COM_OBL_RC_ACT (parameter reference). 6 (terminate) and 7 (disarm) are not modelled.
@@ -36,6 +39,7 @@ STREAM_NEEDED_S = 1.0
 time is over (chosen: that case was not measured); without any setpoint it is refused."""
 
 _STREAM_TOLERANCE_S = 0.05
+"""Time by which a stream may be younger than STREAM_NEEDED_S when OFFBOARD is entered."""
 _FORCE = 21196.0
 """Second parameter of MAV_CMD_COMPONENT_ARM_DISARM that skips every check (as MAVLink defines it)."""
 _CHANGE_MODE = 1
@@ -43,6 +47,7 @@ _CHANGE_MODE = 1
 _COMING_MOST = 64
 """Greatest number of setpoints that wait to take effect; at 50 Hz there are five."""
 _TIME_TOLERANCE_S = 1e-6
+"""Time by which a setpoint may be early and still takes effect."""
 LANDED_AFTER_S = 1.0
 """Time on the ground before the vehicle counts as landed (chosen; about what PX4's land detector takes)."""
 
@@ -196,7 +201,7 @@ class OffboardStream:
     """The stream of setpoints for OFFBOARD: when it began, when the last one came, and which one is flown."""
 
     def __init__(self, reaction_s: float, begins_streamed: bool) -> None:
-        """Let setpoints take effect after `reaction_s`; with `begins_streamed` a stream exists at the first step."""
+        """Begin without a stream, or with one that is old enough; setpoints take effect after `reaction_s`."""
         self.asked: Offboard | None = None
         """The newest setpoint that has taken effect."""
         self.is_awaited = False
@@ -245,6 +250,7 @@ class OffboardStream:
 
 
 OnCommand = Callable[[Command, Surroundings, float], Answer]
+"""Handler of a command, given the surroundings and the time in seconds."""
 
 
 class Px4:

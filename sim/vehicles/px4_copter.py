@@ -36,9 +36,13 @@ _VERTICAL_LAG_S = 0.5
 _BRAKING_M_S2 = 5.0
 """Deceleration in HOLD: from 10 m/s the copter stops in 3 s, as measured."""
 _LAND_FINAL_M, _RETURN_ARRIVED_M = 10.0, 1.0
+"""Height above home below which a landing slows down; distance within which RETURN has reached home, or its height."""
 _TAKE_OFF_DONE_M = 0.1
+"""Height below the take-off altitude at which a take-off is complete."""
 _STOPPED_M_S = 0.3
+"""Speed below which a braking copter counts as stopped and holds its place."""
 _STEP_S = 0.05
+"""Longest step of the motion."""
 
 _PARAMETERS = (
     *px4.COMMON_PARAMETERS,

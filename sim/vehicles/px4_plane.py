@@ -44,10 +44,13 @@ _SMALL_SPEED_M_S = 0.1
 _TAKE_OFF_ALTITUDE_M = 30.0
 """Default of MIS_TAKEOFF_ALT (chosen: PX4 sets a plane's by its airframe)."""
 _TAKE_OFF_DONE_M = 2.0
+"""Height below the take-off altitude at which a take-off is complete."""
 _TAKE_OFF_SPEED_M_S = 1.0
+"""Airspeed with which the plane is launched by hand."""
 _LAND_SINK_M_S = 1.5
 """Sink rate in LAND (chosen)."""
 _STEP_S = 0.05
+"""Longest step of the motion."""
 
 _PARAMETERS = (
     *px4.COMMON_PARAMETERS,

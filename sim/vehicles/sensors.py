@@ -108,7 +108,7 @@ class Sensors:
         return self._past[0][1] if t_s < self._past[0][0] else self._past[-1][1]
 
     def _noise(self, now_s: float) -> tuple[float, float]:
-        """Return the receiver's error (north, east) in standard deviations, linear between knots."""
+        """Return the receiver's error (north, east) in standard deviations, linear between the values drawn."""
         if self._began_s is None:
             self._began_s = now_s
         keep = math.exp(-_KNOT_S / _CORRELATION_S)

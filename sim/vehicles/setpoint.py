@@ -14,7 +14,9 @@ YAW_IGNORED = 0x400
 YAW_RATE_IGNORED = 0x800
 _FRAME_LOCAL, _FRAME_LOCAL_OFFSET, _FRAME_BODY, _FRAME_BODY_OFFSET = 1, 7, 8, 9
 _WORLD_FRAMES = frozenset({_FRAME_LOCAL, _FRAME_LOCAL_OFFSET})
+"""Frames in which vectors are relative to true north."""
 _BODY_FRAMES = frozenset({_FRAME_BODY, _FRAME_BODY_OFFSET})
+"""Frames in which vectors are relative to the nose."""
 _SANE_VELOCITY_M_S = 1000.0
 """Velocity components of this size or more are refused as invalid."""
 SANE_POSITION_M = 1e6

@@ -30,6 +30,7 @@ _AUTOPILOT_COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _SILENT_AFTER_REBOOT_S = 2.0
 """Time after a reboot in which nothing is sent or received (chosen: a real one takes at least this time)."""
 _SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
+"""Messages that the craft gets as setpoints."""
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ DEFAULT_RATES_HZ: Mapping[int, float] = {
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.2,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.2,
 }
-"""Default stream rates in real time, by message id."""
+"""Default stream rates, by message id."""
 
 LOCKSTEP_RATES_HZ: Mapping[int, float] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
