@@ -58,7 +58,7 @@ class Adapter(Protocol):
 
     @property
     def can_stop(self) -> bool:
-        """Whether the vehicle can stand still in the air."""
+        """Whether the vehicle can stop and hold its position."""
         ...
 
     @property

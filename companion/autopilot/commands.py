@@ -112,7 +112,7 @@ class Commands:
             self._waiting[command.number, command.key] = command
 
     def clear(self) -> None:
-        """Forget every command that is not answered yet."""
+        """Discard all commands that are not answered yet, so that they are not sent again."""
         self._waiting.clear()
         self._under_way.clear()
 

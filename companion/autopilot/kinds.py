@@ -12,7 +12,7 @@ class AutopilotKind:
     name: str
     """The kind's name in configurations and on command lines."""
     can_stop: bool
-    """Whether the vehicle can stand still in the air."""
+    """Whether the vehicle can stop and hold its position."""
     resumes_on_stream: bool = False
     """Whether the autopilot re-enters its guided mode by itself when a stream of setpoints comes back."""
 

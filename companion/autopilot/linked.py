@@ -62,7 +62,7 @@ class LinkedAdapter(ABC):
 
     @property
     def can_stop(self) -> bool:
-        """Whether the vehicle can stand still in the air."""
+        """Whether the vehicle can stop and hold its position."""
         return self.identity.kind.can_stop
 
     @property

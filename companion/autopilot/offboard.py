@@ -136,7 +136,7 @@ class Offboard:
         self._replace_the_dead()
 
     def close(self) -> None:
-        """End all children."""
+        """End all child processes."""
         for child in self._children:
             child.end()
         self._children.clear()

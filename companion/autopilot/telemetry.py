@@ -202,7 +202,7 @@ class TelemetryReader:
         elif message.get_srcSystem() != self.telemetry.system_id:
             self.rejected["other system"] += 1
         elif name == "ADSB_VEHICLE":
-            # The autopilot passes these on, or the detector beside it sends them itself.
+            # These come from the autopilot, which passes them on, or directly from the detector on the vehicle.
             self._neighbour(message, now_s)
         elif message.get_srcComponent() != common.MAV_COMP_ID_AUTOPILOT1:
             self.rejected["other component"] += 1

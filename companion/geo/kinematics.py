@@ -54,7 +54,7 @@ def turn_towards(
     max_turn_rate_rad_s: float,
     dt_s: float,
 ) -> tuple[float, float, float]:
-    """Return (north_m, east_m, heading_rad) after turning at the greatest rate until the wanted heading, then straight.
+    """Return (north_m, east_m, heading_rad) after a turn at the greatest rate to the wanted heading, then straight on.
 
     The turn goes by the shorter side; half a circle goes to the right.
     """

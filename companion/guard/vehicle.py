@@ -79,7 +79,7 @@ class VehicleModel:
         return 2.0 * self.limits.position_error_m + POSITION_TOLERANCE_M
 
     def tracking_m(self, dt_s: float) -> float:
-        """Return how far wind may blow the vehicle off its path."""
+        """Return how far the greatest wind may blow the vehicle off its path (see TRACKING_STEPS)."""
         return self.limits.wind_m_s * (TRACKING_STEPS * dt_s + TRACKING_REACTIONS * self.limits.reaction_s)
 
     def inflation_m(self, dt_s: float) -> float:

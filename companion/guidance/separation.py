@@ -70,7 +70,7 @@ class Rules:
     reaction_s: float = 0.0  # from a decision to its effect, beyond the decision's own step
     can_stop: bool = False
     braking_m_s2: float | None = None  # needed if can_stop
-    position_error_m: float = 0.0  # of any position that is used, own or a neighbour's
+    position_error_m: float = 0.0  # greatest error of any position that is used, own or a neighbour's
 
 
 class Peers(NamedTuple):
@@ -161,7 +161,7 @@ def _keep_right(
     rules: Rules,
     dt_s: float,
 ) -> Resolution:
-    """Return the wanted heading or the first free one clockwise, turned to by a side that stays in our shares."""
+    """Return the wanted heading or the first free one clockwise, and turn there by a side that the shares allow."""
     rate_rad_s = _circle_rate_rad_s(motion.speed_m_s, rules, dt_s)
     step_turn_rad = rate_rad_s * dt_s
     arcs = _forbidden_arcs(neighbours, motion.speed_m_s * dt_s)
@@ -270,12 +270,12 @@ def _circle(speed_m_s: float, rules: Rules, dt_s: float) -> tuple[float, float]:
     most_rad_s = GREATEST_STEP_TURN_RAD / dt_s
     if rate_rad_s <= most_rad_s:
         return rate_rad_s, speed_m_s / rate_rad_s
-    # The vehicle turns faster than the circle wants and flies a polygon, which leaves the circle by less than a step.
+    # The vehicle turns faster than along the circle and flies a polygon, which leaves the circle by less than a step.
     return most_rad_s, speed_m_s / most_rad_s + speed_m_s * dt_s
 
 
 def _circle_rate_rad_s(speed_m_s: float, rules: Rules, dt_s: float) -> float:
-    """Return the turn rate of the circle to the right."""
+    """Return the turn rate of the circle to the right (see _circle)."""
     return _circle(speed_m_s, rules, dt_s)[0]
 
 
@@ -285,7 +285,7 @@ def _neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float) -> list
     radius_m = speed_m_s / _circle_rate_rad_s(speed_m_s, rules, dt_s)
     north_m = motion.north_m - radius_m * math.sin(motion.heading_rad)
     east_m = motion.east_m + radius_m * math.cos(motion.heading_rad)
-    # Our disc, both margins, and what decisions in flight may still do: move a centre, to the left at twice the speed.
+    # Our disc, both margins, and how far commands that do not act yet may move a centre (leftwards at twice the speed).
     kept_m = 2.0 * reserved_radius_m(speed_m_s, rules, dt_s) - _circle(speed_m_s, rules, dt_s)[1]
     kept_m += 2.0 * rules.reaction_s * speed_m_s
     part = 0.5 * (1.0 - UNEVENNESS * _uneven(motion, rules, dt_s))
@@ -315,7 +315,7 @@ def _uneven(motion: Motion, rules: Rules, dt_s: float) -> float:
 
 
 def _forbidden_arcs(neighbours: Sequence[_Neighbour], step_m: float) -> list[tuple[float, float]]:
-    """Return the arcs of headings, as (middle, half-width) in rad, on which a whole step straight exceeds a share."""
+    """Return the forbidden headings as arcs (middle, half-width) in rad: a whole step along them exceeds a share."""
     return [
         (each.bearing_rad, math.acos(each.share_m / step_m) + EDGE_RAD) for each in neighbours if each.share_m < step_m
     ]
@@ -408,7 +408,7 @@ def _stopping_neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float
     peer_speed_m_s = np.hypot(velocities_m_s[:, 0], velocities_m_s[:, 1])  # (P,)
     speed_m_s = np.array(motion.speed_m_s)
     if rules.reaction_s > 0.0:
-        # A decision in flight may still bring either up to cruise speed.
+        # A command that does not act yet may bring either vehicle up to cruise speed.
         speed_m_s, peer_speed_m_s = np.maximum(speed_m_s, cruise_m_s), np.maximum(peer_speed_m_s, cruise_m_s)
     gap_m = np.hypot(to_north_m, to_east_m) - rules.separation_m - 2.0 * rules.position_error_m
     gap_m = gap_m - (speed_m_s**2 + peer_speed_m_s**2) / (2.0 * _braking_m_s2(rules))

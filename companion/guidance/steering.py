@@ -103,9 +103,10 @@ def loiter_radius_m(speed_m_s: float, n_max: float, dt_s: float) -> float:
 def loiter_attraction(
     position_ned_m: tuple[float, float], place_ned_m: tuple[float, float], radius_m: float
 ) -> SteeringVector:
-    """Return the steering vector that leads onto a clockwise circle about a place; its length is the distance to it.
+    """Return the steering vector that leads onto a clockwise circle about a place.
 
     On the circle the vector is tangent to it, far outside it points towards the place, and inside it points outwards.
+    Its length is the distance to the place, but at least the circle's radius.
     """
     north_m, east_m = position_ned_m[0] - place_ned_m[0], position_ned_m[1] - place_ned_m[1]
     distance_m = math.hypot(north_m, east_m)

@@ -20,19 +20,19 @@ class View:
 
     target_ned_m: tuple[float, float] | None
     target_age_s: float
-    threats_ned_m: np.ndarray  # (M, 2) m, where each was last heard
-    detection_radius_m: np.ndarray  # (M,) m, grown by what the threat may have moved since
-    attack_radius_m: np.ndarray  # (M,) m, grown likewise
-    threat_speed_m_s: np.ndarray  # (M,) m/s, bounds
+    threats_ned_m: np.ndarray  # (M, 2) m, last broadcast positions
+    detection_radius_m: np.ndarray  # (M,) m, grown by how far the threat may have moved since
+    attack_radius_m: np.ndarray  # (M,) m, grown by the same
+    threat_speed_m_s: np.ndarray  # (M,) m/s, upper bounds
     threat_ids: np.ndarray  # (M,) int
     threat_velocity_m_s: np.ndarray  # (M, 2) m/s, as broadcast; zero where none was
     threat_age_s: np.ndarray  # (M,) s
     peers_ned_m: np.ndarray  # (P, 2) m, extrapolated to now
-    peer_ids: np.ndarray  # (P,) int, 0 for one that is nobody known
-    loitering_ned_m: np.ndarray  # (Q, 2) m, those of the peers whose loiter place goes before ours
+    peer_ids: np.ndarray  # (P,) int, NOBODY for one that is not a known agent
+    loitering_ned_m: np.ndarray  # (Q, 2) m, positions of the peers whose loiter place has precedence
     rivals: tuple[tuple[int, tuple[float, float]], ...] = ()
     """Detected agents that go to the same target as this vehicle: id, and (north, east) in metres."""
-    traffic_ned_m: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m, whoever our detector sees
+    traffic_ned_m: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m, all detected aircraft
     traffic_velocity_m_s: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m/s
 
 

@@ -28,7 +28,7 @@ MAX_THREAT_SPEED_M_S = 255.0
 MIN_PERIOD_S = 1.0e-3
 MAX_STEP_S = 10.0
 MAX_STEPS = 20_000_000
-"""Most integration steps of one flight: `max_time_s` by default at the smallest step, already days of computing."""
+"""Most integration steps of one flight: the default `max_time_s` at the smallest step, which takes days to compute."""
 MAX_ITEMS = 2_000
 """Most entries of a list in the mission file; also the greatest count under `draw` and the most layers."""
 MAX_HEIGHT_M = 20_000.0

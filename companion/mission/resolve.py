@@ -35,7 +35,7 @@ SpecT = TypeVar("SpecT", AgentSpec, TargetSpec, ThreatSpec)
 
 
 def resolve(mission: Mission, seed: int, source: str | None = None) -> Mission:
-    """Return the mission with all that it leaves to chance drawn from the seed and listed; `source` names it in errors.
+    """Draw from the seed what a mission leaves to chance; return it with everything listed. Errors name `source`.
 
     Targets and agents are drawn inside the area and the fence, more than DRAW_CLEARANCE·R_d outside every detection
     disc, and agents also at least two separations apart. Threats are drawn inside the area, with the same clearance

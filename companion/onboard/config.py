@@ -76,11 +76,11 @@ class BroadcastSection(Section):
     clock: Literal["checked", "unchecked"] = "checked"
     """Whether a frame's time is compared with this computer's clock; `unchecked`: that clock may be wrong."""
     max_age_s: Positive = 30.0
-    """Age from which a frame is refused, with a checked clock."""
+    """Greatest age of an accepted frame; counts only with a checked clock."""
     ahead_s: Positive = 2.0
-    """How far a frame's time may be ahead of this computer's clock, with a checked clock."""
+    """How far a frame's time may be ahead of this computer's clock; counts only with a checked clock."""
     checks_per_s: Annotated[float, Field(ge=1, le=100_000)] = 1_000.0
-    """Most Ed25519 signatures checked per second: a flood by who holds the shared key must not use up the computer."""
+    """Most Ed25519 signatures checked per second, so that a flood of frames cannot use up the computer."""
 
     @model_validator(mode="after")
     def _listens(self) -> Self:

@@ -29,6 +29,7 @@ class Decision:
     reason: str
     stage: Stage
     picture_age_s: float | None
+    """Age of the picture; None: nothing was heard yet."""
     target_id: int | None = None
     wanted_heading_rad: float = math.nan
     """Heading that the law wants, before right of way, turn limit and guard; NaN while not steering."""

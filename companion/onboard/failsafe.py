@@ -15,7 +15,7 @@ from companion.onboard.config import Config
 CLOCK_DIGITS = 3
 """Decimals of the seconds to which clock offsets are rounded, so that a log (in microseconds) stores them exactly."""
 BATTERY_MARGIN_PERCENT = 5.0
-"""Hysteresis: a low battery counts as good again this far above the limit; it recovers when the load is taken off."""
+"""Hysteresis: a low battery counts as good again this far above the limit, as its voltage recovers with less load."""
 ABILITIES_CHANGED = "the autopilot's parameters were changed in flight"
 
 
@@ -23,7 +23,7 @@ class Stage(Enum):
     """What the vehicle may still do, the mildest stage first. The order is on the wire, and the values are in logs."""
 
     FRESH = "fresh"
-    """Everything is in order."""
+    """Nothing is wrong: no trigger holds."""
     COASTING = "coasting"
     """The picture is late or the clock has stepped: the vehicle goes on, and the threats' discs grow with their age."""
     LOITERING = "loitering"

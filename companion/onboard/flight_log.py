@@ -31,7 +31,7 @@ STATUSTEXT_CHARACTERS = 50
 FLUSH_PERIOD_S = 1.0
 """Time between two flushes of a log, and so the most of it that is lost if the machine dies."""
 LOG_BURST_S = 10.0
-"""Longest burst of a log with a limited rate: it takes at once what the limit allows in this time, if it was idle."""
+"""Burst of a log with a limited rate: after a pause it takes at once the bytes that the limit allows in this time."""
 _MICROSECONDS = 1e6
 
 

@@ -17,9 +17,10 @@ ARRIVAL_SHARE = 0.8
 """Share of the arrival radius within which a vehicle arrives; it stays arrived until it leaves the whole radius. The
 rest is for a target that has moved since it was heard of."""
 WAITING_SPACINGS = 2.0
-"""Distance outside the arrival radius, in loiter spacings, at which a vehicle waits while another arrives first."""
+"""Distance outside the arrival radius, in loiter spacings, from which a vehicle waits while another arrives first."""
 WAITING_LEAVE = 1.5
-"""Factor on that distance from the target within which a waiting vehicle goes on waiting: it covers a loiter circle."""
+"""Hysteresis: a vehicle goes on waiting until it is this many times as far from the target as where it began to, so
+that its own loiter circle does not end the waiting."""
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ def navigate(
 
 
 def outside_fence(telemetry: Telemetry, origin_deg: tuple[float, float] | None, config: Config) -> bool:
-    """Return whether the vehicle is outside the fence; False without a picture's origin, which the fence lies about."""
+    """Return whether the vehicle is outside the fence; False without a picture and so without an origin."""
     if config.limits.fence is None or origin_deg is None:
         return False
     north_m, east_m, _ = LocalFrame(*origin_deg).to_local_with_convergence(telemetry.lat_deg, telemetry.lon_deg)

@@ -31,7 +31,7 @@ def not_reachable(adapter: Adapter, config: Config, now_s: float) -> str | None:
 
 
 def unheard(adapter: Adapter, now_s: float) -> str | None:
-    """Return why it is not known which autopilot this is or who controls it: none is heard, or the wrong one."""
+    """Return why the autopilot is not heard, or is one that cannot be steered at all; None if it is heard and right."""
     if adapter.refusal is not None:
         return adapter.refusal
     telemetry = adapter.telemetry

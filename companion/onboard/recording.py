@@ -63,7 +63,7 @@ class RecordedCompanion:
             self._log.record(now_s, clock_frame(self._system_id, now_s, offset_s))
 
     def note_stream_gap(self) -> bool:
-        """Pass on and log that MAVSDK's stream had a gap; return whether it may begin again: not after a take-over."""
+        """Pass on that MAVSDK's stream had a gap; log it if that locks the companion. Return whether it may resume."""
         authority = self.companion.authority
         may_go_on = not authority.locked
         authority.note_gap(MAVSDK_SILENT)

@@ -43,7 +43,7 @@ def program_logger(program: str) -> logging.Logger:
 
 @contextmanager
 def messages_written_by(program: str, do: Callable[[Job], object]) -> Iterator[None]:
-    """Have another thread write a program's messages until the context ends, so that its loop never waits for it.
+    """Have another thread write a program's messages until the context ends: its loop never waits for the terminal.
 
     `do` is given the writing of each message as a job, e.g. IoThread.do.
     """

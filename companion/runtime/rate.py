@@ -32,8 +32,8 @@ class LoopRate:
 def next_due_s(due_s: float, done_s: float, step_s: float) -> float:
     """Return when the next decision is due, after one that was due at `due_s` and was made in the slot at `done_s`.
 
-    It is due a step after `due_s`, or, where the decision was made half a step early or a whole step late, a step after
-    `done_s`. Times are of the monotonic clock.
+    It is due a step after `due_s`, or a step after `done_s` where the decision was made more than half a step early or
+    at least a whole step late. Times are of the monotonic clock.
     """
     in_turn = due_s - 0.5 * step_s <= done_s < due_s + step_s
     return (due_s if in_turn else done_s) + step_s

@@ -28,7 +28,7 @@ class Shores:
         self._parent = list(range(self._sea + 1))  # a union-find over the arcs and the sea
         self._join_at_corners()
         for index, (disc, begin_rad, sweep_rad) in enumerate(self._arcs):
-            if (-begin_rad) % math.tau <= sweep_rad:  # the disc's northernmost point looks north over open water
+            if (-begin_rad) % math.tau <= sweep_rad:  # the disc's northernmost point lies on this arc
                 self._join(index, self._first_north_of(self._point(disc, 0.0), disc))
 
     def joined(self, first: complex, second: complex) -> bool:

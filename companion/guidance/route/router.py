@@ -28,7 +28,7 @@ from companion.guidance.route.search import Search, chain_free, chains
 SWITCH_SHARE = 0.02
 """Share of the kept route's length that a new route on other sides of discs must save (docs/method.md section 3)."""
 DEEP_SHARE = 0.05
-"""Depth inside a disc, as a share of its radius, from which a vehicle heads straight out of it; less deep, partly."""
+"""Depth inside a disc, as a share of its radius, from which a vehicle heads straight out of it, and below it partly."""
 PATIENCE = 48
 """Number of states after which the search checks whether there is a way at all; that costs as much as 20 states."""
 MAX_STATES = 1500
