@@ -1,8 +1,8 @@
 """The command line of the program on the vehicle.
 
-What a flight does not need is imported by the commands that do: a companion that is restarted in flight must be there
-again soon. What it does need is imported once the program is deaf to the signal that clears a take-over, of which it
-would die before it can understand it.
+Each command imports its own modules, so that a companion that is restarted in flight loads no more than it needs and
+soon runs again. It also loads them only after `main` has set SIGUSR1 to be ignored: that signal, with which the safety
+pilot clears a take-over, ends a process that has not set up a handler yet.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import click
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, run_program, tell
 
 MIN_SAMPLES = 100
-"""Fewer leave no validation set worth the name."""
+"""Smallest number of training samples; fewer leave too small a validation set."""
 MAX_SAMPLES = 10_000_000
-"""More would not fit into the memory of a common machine."""
+"""Greatest number of training samples; more would not fit into the memory of a common machine."""
 
 
 @click.group()

@@ -1,6 +1,6 @@
 """One-line errors for bad input, and the exit statuses that all three programs share.
 
-A user's mistake (a bad file, a wrong key, an unknown name) must never end in a traceback: whatever finds it raises
+A user's mistake (a bad file, a wrong key, an unknown name) must never end in a traceback: the code that finds it raises
 InputError with a message naming file, key, value and what is allowed, and `run_program` prints that one line.
 """
 
@@ -15,15 +15,15 @@ import click
 
 EXIT_DONE = 0
 EXIT_FAILED = 1
-"""The mission or the check failed."""
+"""Exit status of a program that ran to its end with a bad result, e.g. a mission or a check that failed."""
 EXIT_UNUSABLE = 2
-"""Unusable input."""
+"""Exit status for input that cannot be used, such as a wrong option, file, key or value."""
 EXIT_INTERRUPTED = 130
-"""Stopped from the keyboard: 128 + SIGINT, as shells count."""
+"""Exit status of a program that was stopped from the keyboard: 128 + SIGINT, as shells count it."""
 EXTRAS = {"companion": "ground", "groundstation": "ground", "sim": "sim"}
-"""What `pip install '.[EXTRA]'` adds to the vehicle's libraries for a program."""
+"""By program, the extra in `pip install '.[EXTRA]'` that installs what its commands need beside the base libraries."""
 _OPTIONAL = ("jinja2", "matplotlib", "rich", "scipy")
-"""The libraries that these extras install; a program imports them in the commands that use them."""
+"""Libraries that these extras install; a program imports them only in the commands that use them."""
 
 
 class InputError(Exception):
@@ -37,12 +37,12 @@ def nearest_hint(word: str, known: Iterable[str]) -> str:
 
 
 def one_line(text: str) -> str:
-    """Fold any white space, so that a message from a library stays on one line."""
+    """Return the text with every run of white space made one blank, so that a library's message stays on one line."""
     return " ".join(text.split())
 
 
 def tell(text: str) -> None:
-    """Print to standard output; a reader that has gone away (`| head`) is no failure of the program."""
+    """Print a line to standard output; a reader that has closed the pipe (`| head`) is no failure of the program."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -51,7 +51,7 @@ def tell(text: str) -> None:
 
 
 def run_program(command: click.Command, name: str) -> None:
-    """Run a command line and exit with its status; usage errors and InputError print one line on stderr.
+    """Run a command line and exit with its status; an error of the user or the machine prints one line on stderr.
 
     A command returns its exit status (None counts as 0).
     """

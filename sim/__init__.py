@@ -1,1 +1,1 @@
-"""The stand-in world: a kinematic autopilot, a lossy link, a lockstep runner and its figures."""
+"""The simulator: stand-in vehicles, a lossy broadcast link, missions flown in lockstep, and the figures of a flight."""

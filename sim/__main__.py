@@ -1,4 +1,4 @@
-"""Lets `python -m sim` run the same program as the console script."""
+"""Makes `python -m sim` run the same program as the console script `sim`."""
 
 from sim.cli import main
 

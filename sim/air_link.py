@@ -1,4 +1,4 @@
-"""The lossy air between the ground station and one vehicle: it loses, delays, repeats, reorders (and may tamper)."""
+"""The lossy broadcast link from the ground station to one vehicle: it loses, delays, repeats and reorders datagrams."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy as np
 from companion.mission.model import LinkSpec
 
 LINK_STREAM = 3
-"""The seed's random stream for links; each receiver has its own within it."""
+"""Number of the seed's random stream for links; each receiver has its own stream within it."""
 
 Tamper = Callable[[bytes, np.random.Generator], bytes]
+"""Function that returns a datagram as the receiver gets it, changed or not; for tests and measurements."""
 
 
 class LossyLink:
-    """One receiver's link. Deterministic: what arrives follows from the generator and what was sent when."""
+    """One receiver's link. Deterministic: what arrives when follows from the generator and what was sent when."""
 
     def __init__(
         self,
@@ -25,7 +26,7 @@ class LossyLink:
         hold_back_s: float,
         tamper: Tamper | None = None,
     ) -> None:
-        """Connect; a reordered frame is held back by up to `hold_back_s`, so that later ones overtake it."""
+        """Begin without datagrams under way; a reordered one is late by up to `hold_back_s`, so that others pass it."""
         self._spec = spec
         self._generator = generator
         self._hold_back_s = hold_back_s
@@ -36,7 +37,7 @@ class LossyLink:
         self.lost = 0
 
     def send(self, datagram: bytes, t_s: float) -> None:
-        """Take a frame from the sender."""
+        """Take a datagram from the sender at the time `t_s`, and lose it or schedule its arrival."""
         if self._loses():
             self.lost += 1
             return
@@ -50,7 +51,7 @@ class LossyLink:
             heapq.heappush(self._under_way, (t_s + delay_s, self._sent, carried))
 
     def deliver(self, t_s: float) -> list[tuple[float, bytes]]:
-        """Return what has arrived by `t_s` since the last call, each with its time of arrival."""
+        """Return the datagrams that have arrived since the last call and by `t_s`, each with its time of arrival."""
         arrived = []
         while self._under_way and self._under_way[0][0] <= t_s:
             arrival_s, _, datagram = heapq.heappop(self._under_way)

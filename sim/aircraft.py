@@ -1,4 +1,4 @@
-"""A vehicle that its companion reaches by encoded frames alone: a stand-in autopilot and the links between them."""
+"""A stand-in autopilot, its companion, and the links that carry encoded frames between them."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from sim.vehicles.routing import Router
 from sim.vehicles.stand_in import parse
 
 _COMPANION_LINK, _RADIO_LINK = 0, 1
-"""An autopilot's links where the broadcast comes through it."""
+"""Numbers of the autopilot's links where the broadcast reaches the companion through it."""
 
 
 @dataclass
 class AutopilotLink:
-    """What passes between a companion and its autopilot, all of it logged."""
+    """The link between a companion and its autopilot, with a log of every frame on it."""
 
     companion: Companion
     vehicle: StandIn
     log: TlogWriter | None = None
     router: Router | None = None
-    """Where the autopilot passes the broadcast on; None: the companion has a radio of its own."""
+    """Router of an autopilot that forwards the broadcast; None: the companion has a radio of its own."""
 
     def send(self, frames: Iterable[bytes], now_s: float) -> None:
-        """Let the autopilot hear the companion, and the companion its answers."""
+        """Send frames from the companion to the autopilot, and the autopilot's replies to the companion."""
         for frame in frames:
             self.write(frame, now_s)
             if self.router is not None:
@@ -46,65 +46,65 @@ class AutopilotLink:
                 self.deliver(reply, now_s)
 
     def deliver(self, frame: bytes, now_s: float) -> None:
-        """Let the companion hear a frame of the autopilot or of what is plugged into it."""
+        """Log a frame of the autopilot, or of a device on its link, and give it to the companion."""
         self.write(frame, now_s)
         self.companion.receive(frame, now_s)
 
     def passed_on(self, datagram: bytes) -> list[bytes]:
-        """Return what the companion gets of the broadcast: all, or what the autopilot that hears it passes on."""
+        """Return what reaches the companion of a broadcast datagram: all, or the frames that the autopilot forwards."""
         if self.router is None:
             return [datagram]
         return [frame for link, frame in self.router.route(_RADIO_LINK, parse(datagram)) if link == _COMPANION_LINK]
 
     def write(self, frame: bytes, now_s: float) -> None:
-        """Log a frame."""
+        """Log a frame, if there is a log."""
         if self.log is not None:
             self.log.write(now_s, frame)
 
 
 @dataclass
 class Aircraft:
-    """A stand-in with its companion, its end of the broadcast link, and who and what else is on board or minds it."""
+    """A stand-in with its companion, its end of the broadcast link, its detector and its safety pilot."""
 
     spec: AgentSpec
     autopilot: AutopilotLink
     air: LossyLink
     loop_s: tuple[float, ...]
-    """When the companion's loop runs, from the beginning of a tick, the tick's end last."""
+    """Times from the beginning of a tick at which the companion's loop runs; the last one is the tick's end."""
     detector: Detector | None = None
     safety_pilot: SafetyPilot | None = None
-    """Who hands it over on a link of his own; None: it obeys its companion from the start."""
+    """The pilot who hands the vehicle over, on a separate link; None: it obeys its companion from the start."""
     alive: bool = True
     _t_s: float = 0.0
     _marks: FrameWriter = field(default_factory=FrameWriter)
 
     @property
     def vehicle(self) -> StandIn:
-        """The stand-in."""
+        """The stand-in of the vehicle's autopilot."""
         return self.autopilot.vehicle
 
     @property
     def companion(self) -> Companion:
-        """What steers it."""
+        """The companion that steers the vehicle."""
         return self.autopilot.companion
 
     def row(self) -> tuple[float, float, float, float]:
-        """Return north m, east m, heading deg, speed m/s; a lost vehicle stands where it was lost."""
+        """Return the true north m, east m, heading deg, speed m/s; a lost vehicle stays where it was lost, at 0 m/s."""
         truth = self.vehicle.truth
         heading_deg = float(np.degrees(truth.heading_rad)) % 360.0
         return truth.north_m, truth.east_m, heading_deg, truth.speed_m_s if self.alive else 0.0
 
     def detection(self) -> Detection:
-        """Return what the centre's sensor sees of it."""
+        """Return what the ground station's sensor sees of the vehicle: its true position and velocity."""
         truth = self.vehicle.truth
         return Detection(Kind.AGENT, self.spec.id, truth.north_m, truth.east_m, *self.vehicle.ground_velocity_m_s)
 
     def set_wind(self, wind_m_s: tuple[float, float]) -> None:
-        """Let the air move (north, east) from now on."""
+        """Set the velocity of the air (north, east) from now on."""
         self.vehicle.wind_m_s = wind_m_s
 
     def move(self, t_s: float) -> None:
-        """Fly on to a time of the flight, with the companion's loop on the way where there is an autopilot."""
+        """Fly on to a time of the flight, one tick later; the companion's loop runs at the times of `loop_s`."""
         from_s, self._t_s = self._t_s, t_s
         *within_s, whole_s = self.loop_s
         vehicle = self.autopilot.vehicle
@@ -117,11 +117,11 @@ class Aircraft:
         self._hand_over(from_s + whole_s)
 
     def transmitted(self, datagram: bytes, t_s: float) -> None:
-        """Put a datagram on its way through the air."""
+        """Send a datagram of the broadcast over the lossy link at a time of the flight."""
         self.air.send(datagram, t_s)
 
     def guide(self, t_s: float, snapshot: Fleet) -> Outcome:
-        """Let the companion hear, see its neighbours and decide, and the autopilot hear what comes of it."""
+        """Give the companion broadcasts, telemetry and detections, let it decide, and send what it has to send."""
         now_s = START_S + t_s
         self._hear(t_s)
         self._exchange_telemetry(now_s)
@@ -137,7 +137,7 @@ class Aircraft:
         return Outcome(decision, decision_us)
 
     def repeat(self, t_s: float) -> None:
-        """Let the companion hear its autopilot and keep its last decision standing."""
+        """Give the companion the telemetry, and send its last decision's setpoint again."""
         now_s, companion = START_S + t_s, self.autopilot.companion
         self._exchange_telemetry(now_s)
         steered = companion.steers
@@ -147,11 +147,11 @@ class Aircraft:
         self.autopilot.send(frames, now_s)
 
     def report(self, now_s: float) -> list[bytes]:
-        """Return what the companion reports to the centre."""
+        """Return the frames that the companion reports to the ground station."""
         return self.companion.report(now_s)
 
     def _hear(self, t_s: float) -> None:
-        """Let the companion hear what the air has delivered by now."""
+        """Give the companion the broadcasts that have arrived by now."""
         for arrival_s, datagram in self.air.deliver(t_s):
             heard_s = logged_s(START_S + arrival_s)
             for passed_on in self.autopilot.passed_on(datagram):
@@ -164,6 +164,6 @@ class Aircraft:
             deliver(frame, now_s)
 
     def _hand_over(self, t_s: float) -> None:
-        """Let the safety pilot do to the vehicle what there is to do."""
+        """Send the safety pilot's commands that are due to the vehicle."""
         for order in [] if self.safety_pilot is None else self.safety_pilot.orders(t_s, self.vehicle.mode):
             self.vehicle.receive(order, START_S + t_s)

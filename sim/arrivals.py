@@ -1,4 +1,4 @@
-"""Who has arrived where, step by step as a flight goes on: the rule that `sim.score` applies to the whole of it."""
+"""Which agents have arrived at which targets, found step by step by the rule that `sim.score` applies afterwards."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sim.trajectory import POSITION_DECIMALS
 
 
 class Arrivals:
-    """The targets still open and the agents, by index, that have arrived, of one flight of a resolved mission."""
+    """The open targets and the arrived agents, by index, of one flight of a resolved mission."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
@@ -19,9 +19,10 @@ class Arrivals:
         self._arrived: set[int] = set()
 
     def note(self, agents_ned_m: np.ndarray, alive: Sequence[bool], targets_ned_m: np.ndarray) -> bool:
-        """Note who has arrived at this sample, targets in file order; return whether the flight is over.
+        """Note the arrivals at this sample, targets in file order; return whether the flight is over.
 
-        Positions (N, 2) and (K, 2) in m are taken as the trajectory holds them, rounded.
+        It is over when every target is reached, or every agent alive has arrived. Positions are (N, 2) and (K, 2) in m;
+        they are rounded as in the trajectory.
         """
         agents_ned_m = np.round(agents_ned_m, POSITION_DECIMALS)
         targets_ned_m = np.round(targets_ned_m, POSITION_DECIMALS)

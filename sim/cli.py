@@ -1,6 +1,7 @@
 """The `sim` command line.
 
-A command is imported when it is called: most of them load plots and statistics, which `sim --help` has no use for.
+A command is imported only when it is called, because most commands load libraries for plots and statistics, which
+`sim --help` does not need.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from companion.errors import InputError, run_program
 
 @dataclass(frozen=True)
 class CommandEntry:
-    """Where a command of `sim` is defined, and the first sentence of its help."""
+    """The place where a command of `sim` is defined, and the first sentence of its help."""
 
     module: str
     name: str
-    """Of the click command in the module."""
+    """Name of the click command in the module."""
     summary: str
 
 
@@ -40,18 +41,18 @@ COMMANDS = {
     ),
     "vehicle": CommandEntry("sim.vehicle_service", "vehicle", "One stand-in autopilot in real time."),
 }
-"""By the word that calls it, in the order of the help."""
+"""The commands by the name that calls them, in the order of the help."""
 
 
 class LazyGroup(click.Group):
-    """A group that imports a command when it is called, and lists all of them without importing any."""
+    """A click group that imports a command only when it is called, and lists all of them without importing any."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the commands."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a command, None if there is none of that name."""
+        """Import and return a command; return None if there is none of that name."""
         entry = COMMANDS.get(cmd_name)
         if entry is None:
             return None
@@ -59,7 +60,7 @@ class LazyGroup(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands, each sentence cut to the width as click does it."""
+        """Write the list of commands, each with its summary, cut to the width as click does."""
         limit = formatter.width - 6 - max(map(len, COMMANDS))
         rows = [
             (name, click.Command(name, help=entry.summary).get_short_help_str(limit))

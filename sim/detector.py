@@ -1,8 +1,8 @@
-"""A vehicle's own detector of its neighbours, as the autopilot hands on what an ADS-B receiver on board hears.
+"""A vehicle's own detector of its neighbours: an ADS-B receiver, whose messages the autopilot forwards.
 
-In Case II the centre does not see the agents, so near neighbours must be seen from the vehicle itself (docs/method.md
-section 1, item 7). What it sees reaches the companion as standard ADSB_VEHICLE frames. Nothing is added to it: noise
-and misses are not modelled, and everybody within the range is heard.
+In Case II the ground station does not see the agents, so near neighbours must be seen from the vehicle itself
+(docs/method.md section 1, item 7). Detections reach the companion as standard ADSB_VEHICLE frames. Noise and misses are
+not modelled: every vehicle within the range is detected.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ _FLAGS = (
     | mavlink.ADSB_FLAGS_VALID_CALLSIGN
 )
 _CLIMB_CM_S, _AGE_S, _SQUAWK = 0, 0, 0
-"""Not told and not flagged as valid, heard just now, and not told again."""
+"""Fields of ADSB_VEHICLE that are not modelled: the climb rate and the squawk are 0 and not flagged as valid, and the
+age is 0, as for a vehicle heard just now."""
 _UINT16_MAX = 2**16 - 1
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """Where all vehicles alive really are, gathered once for all their detectors."""
+    """The true state of all vehicles alive at one time, gathered once for all their detectors."""
 
     ids: np.ndarray  # (N,) agent ids
     positions_ned_m: np.ndarray  # (N, 2) north, east
@@ -42,7 +43,7 @@ class Fleet:
 
     @classmethod
     def of(cls, vehicles: Mapping[int, StandIn]) -> Self:
-        """Gather the vehicles, given by agent id."""
+        """Gather the state of stand-ins, given by agent id."""
         truths = [vehicle.truth for vehicle in vehicles.values()]
         return cls(
             ids=np.array(list(vehicles), dtype=int),
@@ -53,17 +54,17 @@ class Fleet:
 
 
 class Detector:
-    """The detector on board one vehicle."""
+    """The detector on board one vehicle, with a range."""
 
     def __init__(self, agent_id: int, system_id: int, frame: LocalFrame, range_m: float) -> None:
-        """Mount it on the agent whose MAVLink system id is `system_id`; it reaches `range_m` over the ground."""
+        """Mount the detector on an agent with the MAVLink system id `system_id`; its horizontal range is `range_m`."""
         self._agent_id = agent_id
         self._frame = frame
         self._range_m = range_m
         self._sender = MavlinkSender(system_id, mavlink.MAV_COMP_ID_ADSB)
 
     def look(self, fleet: Fleet) -> list[bytes]:
-        """Return a frame for each neighbour within the range; the fleet must hold the vehicle itself."""
+        """Return an ADSB_VEHICLE frame for each neighbour within the range; the fleet must hold the vehicle itself."""
         others = fleet.ids != self._agent_id
         (own,) = np.flatnonzero(~others)
         own_ned_m = fleet.positions_ned_m[own]
@@ -76,7 +77,7 @@ class Detector:
             *fleet.positions_ned_m[index].tolist()
         )
         north_m_s, east_m_s = fleet.velocities_ned_m_s[index].tolist()
-        # Who stands still has no course; the field then says grid north.
+        # A vehicle that stands still has no course; the field then holds grid north.
         course_deg = math.degrees(math.atan2(east_m_s, north_m_s) + convergence_rad)
         message = self._sender.mav.adsb_vehicle_encode(
             identity,
@@ -85,7 +86,7 @@ class Detector:
             mavlink.ADSB_ALTITUDE_TYPE_GEOMETRIC,
             round(float(fleet.altitudes_m[index]) * 1000.0),
             round(course_deg * 100.0) % 36000,
-            # A mission may be faster than the field can say.
+            # A mission's speed may be greater than the field can hold.
             min(round(math.hypot(north_m_s, east_m_s) * 100.0), _UINT16_MAX),
             _CLIMB_CM_S,
             f"OW{identity:05d}".encode(),

@@ -1,8 +1,8 @@
-"""Pictures of a run: who flew where, and how close it came.
+"""Pictures of a flight: the paths that were flown, and the distances to threats and between agents over time.
 
-The paths are drawn in the manner of the paper's figures (fig. compare and paths): blue circle for the detection radius,
-red for the attack radius, '*' where an agent starts, '+' for a target. Figures are drawn without pyplot, so nothing
-global is touched and a run in a thread or without a display draws the same pixels.
+The paths are drawn like the paper's figures (fig. compare and paths): a blue circle for the detection radius, a red one
+for the attack radius, '*' where an agent starts, '+' for a target. Figures are drawn without pyplot, which has global
+state and may need a display, so every flight gives the same pixels everywhere.
 """
 
 from __future__ import annotations
@@ -40,33 +40,39 @@ AGENT_COLOURS = (
     "#4d4d4d",
     "#f08080",
 )
-"""Distinct from each other and from the circles; the line style changes when they have been used up."""
+"""Colours of the agents' paths, distinct from each other and from the circles; they repeat with the next line style."""
 LINE_STYLES = ("-", "--", ":", "-.")
 KILOMETRE_SCALE_FROM_M = 5_000.0
-"""Areas at least this wide are drawn in kilometres."""
+"""Width of the map from which its axes are in kilometres."""
 MOVED_FRACTION = 0.002
-"""Of the picture's width: what moved less is drawn once."""
+"""Share of the map's width; a target or threat that moved less is drawn as if it stood still."""
 POINTS_PER_PATH = 1_500
-"""A path is thinned to about this many points, finer than the picture's pixels."""
+"""Number of points to which a path is thinned; they are closer together than the picture's pixels."""
 MARGIN = 0.05
-"""Of the picture's width, around everything that is drawn."""
+"""Space around everything that is drawn, as a share of the map's width."""
 DPI = 110
+"""Resolution of the pictures in pixels per inch."""
 _LABEL_PT = 8.0
+"""Font size of the agents' numbers in points."""
 _LABEL_STRIDE = 8
-"""Of the points of a thinned path, every eighth is kept clear of texts."""
+"""Texts keep clear of every eighth point of a thinned path."""
 _LABEL_OFFSETS_PT = tuple(
     (reach * math.cos(angle), reach * math.sin(angle))
     for reach in (10.0, 16.0, 24.0)
     for angle in np.arange(8) * math.tau / 8
 )
-"""Where an agent's number may stand beside its star; the first place free of other things is taken."""
+"""Candidate offsets in points of an agent's number from its star; the first one with the most room is taken."""
 
 
 def plot_paths(flown: FlownMission, path_png: Path, title: str) -> bytes:
-    """Draw the paths of a flight into a PNG file, north up, to equal scales, and return the file's bytes.
+    """Draw the paths of a flight into a PNG file, north up, with equal scales, and return the file's bytes.
 
-    Threats are drawn thin where they started and solid where they were at the end, with their track. The title may
-    contain any text; it is not read as mathematics. Raises OSError where the file cannot be written.
+    Threats are drawn dashed where they started and solid where they were at the end, with their track. The title may
+    contain any text; it is not read as mathematics.
+
+    Raises:
+        OSError: the file cannot be written.
+
     """
     figure = Figure(figsize=(10.0, 8.2), dpi=DPI)
     axes = figure.add_axes((0.075, 0.1, 0.69, 0.83))
@@ -96,8 +102,8 @@ def plot_paths(flown: FlownMission, path_png: Path, title: str) -> bytes:
 def draw_flight(axes: Axes, flown: FlownMission, framed: Trajectory | None = None) -> tuple[list[Line2D], str]:
     """Draw threats, targets and agents of a flight, or of its beginning, onto a map; return its legend and length unit.
 
-    The map is cut to hold all of `framed`, which is the flight's trajectory unless given: so that pictures of one
-    flight at several times show the same ground.
+    The map's limits hold all of the trajectory `framed`, by default the flight's. Pictures of one flight at several
+    times thus show the same ground.
     """
     trajectory, mission = flown.trajectory, flown.mission
     unit_m, unit = _frame(axes, trajectory if framed is None else framed, mission)
@@ -110,7 +116,7 @@ def draw_flight(axes: Axes, flown: FlownMission, framed: Trajectory | None = Non
 
 
 def clearance_png(score: Score, mission: Mission) -> bytes:
-    """Return a PNG of the least clearance to any detection radius and the least separation of agents, over time."""
+    """Return the bytes of a PNG: least clearance to any detection radius and least separation of agents over time."""
     figure = Figure(figsize=(10.0, 5.6), dpi=DPI)
     upper, lower = figure.subplots(2, 1, sharex=True)
     figure.subplots_adjust(left=0.1, right=0.97, top=0.94, bottom=0.1, hspace=0.28)
@@ -153,7 +159,7 @@ def clearance_png(score: Score, mission: Mission) -> bytes:
             fontsize=8,
             color=ATTACK_COLOUR,
         )
-        # A logarithm of no distance at all would leave the picture; a centimetre is as near as it shows.
+        # The logarithm of 0 would be outside the picture, so the least distance shown is a centimetre.
         _line(lower, history.t_s, np.maximum(history.separation_m, 0.01), "#1b7a5a")
     for axes in (upper, lower):
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: _metres(value)))
@@ -164,14 +170,14 @@ def clearance_png(score: Score, mission: Mission) -> bytes:
 
 
 def figure_png(figure: Figure) -> bytes:
-    """Return the picture; no software name or date goes in, so the same data give the same bytes."""
+    """Return a figure as the bytes of a PNG; without software name or date, the same data give the same bytes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     return buffer.getvalue()
 
 
 def _frame(axes: Axes, trajectory: Trajectory, mission: Mission) -> tuple[float, str]:
-    """Set limits that hold everything drawn, to equal scales; return the unit in metres and its name."""
+    """Set the map's limits to hold everything drawn, with equal scales; return the axes' unit (m) and its name."""
     shown_m = [trajectory.agents_ned_m.reshape(-1, 2), trajectory.targets_ned_m.reshape(-1, 2)]
     for index, threat in enumerate(mission.threats):
         for sample in (0, -1):
@@ -192,7 +198,7 @@ def _frame(axes: Axes, trajectory: Trajectory, mission: Mission) -> tuple[float,
 
 
 def _draw_threats(axes: Axes, trajectory: Trajectory, mission: Mission, unit_m: float) -> list[Line2D]:
-    """Draw circles and tracks; return what the legend needs."""
+    """Draw the threats' circles and tracks; return the legend's entries."""
     any_moved = False
     for index, threat in enumerate(mission.threats):
         track = trajectory.threats_ned_m[:, index] / unit_m  # (S, 2)
@@ -224,7 +230,10 @@ def _draw_threats(axes: Axes, trajectory: Trajectory, mission: Mission, unit_m: 
 
 
 def _draw_targets(axes: Axes, trajectory: Trajectory, unit_m: float) -> list[Line2D]:
-    """Draw '+' at every target's start, and bolder at its end with its track if it moved; return the legend's part."""
+    """Draw a bold '+' at every target's end and, if it moved, its track and a thin '+' at the start.
+
+    Return the legend's entries.
+    """
     style: dict[str, Any] = {"ls": "", "marker": "+", "color": TARGET_COLOUR}
     any_moved = False
     for index in range(len(trajectory.target_ids)):
@@ -244,7 +253,7 @@ def _draw_targets(axes: Axes, trajectory: Trajectory, unit_m: float) -> list[Lin
 
 
 def _draw_agents(axes: Axes, trajectory: Trajectory, score: Score, unit_m: float) -> list[Line2D]:
-    """Draw every agent's path up to its loss, its star and number, and where it arrived; return the legend's part."""
+    """Draw every agent's path up to its loss, its star and number, and its arrival; return the legend's entries."""
     starts = trajectory.agents_ned_m[0, :, ::-1] / unit_m  # (N, 2) east, north
     colours = []
     paths = []
@@ -284,7 +293,10 @@ def _draw_agents(axes: Axes, trajectory: Trajectory, score: Score, unit_m: float
 def _label(
     axes: Axes, anchors: np.ndarray, texts: Sequence[str], colours: Sequence[str], obstacles: np.ndarray
 ) -> None:
-    """Write a text beside each anchor (N, 2), at the offset farthest from all other marks and texts."""
+    """Write a text beside each anchor (N, 2), at the offset with the most room to all other marks and texts.
+
+    `obstacles` (P, 2) are the marks to keep clear of, like the anchors in the axes' units.
+    """
     to_points = 72.0 / DPI
     marks = axes.transData.transform(obstacles) * to_points  # (P, 2) pt
     frame = np.array(axes.get_window_extent().extents) * to_points  # left, bottom, right, top pt
@@ -315,7 +327,7 @@ def _label(
 
 
 def _draw_scale_bar(axes: Axes, unit: str) -> None:
-    """Draw a bar of a round length, about a fifth of the width, and an arrow to the north, below the legend."""
+    """Draw a scale bar of a round length, at most a fifth of the map's width, and a north arrow, below the legend."""
     width = axes.get_xlim()[1] - axes.get_xlim()[0]
     power = 10.0 ** math.floor(math.log10(width / 5))
     length = max(power * step for step in (1, 2, 5) if power * step <= width / 5)
@@ -341,19 +353,19 @@ def _draw_scale_bar(axes: Axes, unit: str) -> None:
 
 
 def _moved(axes: Axes, track: np.ndarray) -> bool:
-    """Tell whether a track (S, 2) leaves its start by more than the eye sees."""
+    """Return whether a track (S, 2) leaves its start by more than MOVED_FRACTION of the map's width."""
     width = axes.get_xlim()[1] - axes.get_xlim()[0]
     return bool(np.abs(track - track[0]).max() > MOVED_FRACTION * width)
 
 
 def _thinned(track: np.ndarray) -> np.ndarray:
-    """Return a track (S, 2) thinned to about POINTS_PER_PATH points, the last among them."""
+    """Return a track (S, 2) thinned to about POINTS_PER_PATH points, with its last point."""
     stride = max(1, len(track) // POINTS_PER_PATH)
     return np.concatenate((track[:-1:stride], track[-1:]))
 
 
 def _line(axes: Axes, t_s: np.ndarray, values: np.ndarray, colour: str) -> None:
-    """Draw the least of each stretch of samples, so that thinning never hides how close it came."""
+    """Draw values over time, thinned to the least of each stretch of samples, so that no near approach is hidden."""
     stride = max(1, len(t_s) // POINTS_PER_PATH)
     starts = np.arange(0, len(t_s), stride)
     axes.plot(t_s[starts], np.fmin.reduceat(values, starts), color=colour, lw=1.3)
@@ -364,12 +376,12 @@ def _note(axes: Axes, text: str) -> None:
 
 
 def _metres(value_m: float) -> str:
-    """Return a length as a tick label."""
+    """Return a length in metres as a tick label, in km from 1000 m on."""
     return f"{value_m / 1_000:g} km" if abs(value_m) >= 1_000 else f"{value_m:g} m"
 
 
 def _duration(time_s: float) -> str:
-    """Return a duration for a caption."""
+    """Return a duration in seconds as text for a caption, in s, min, or h and min."""
     if time_s < 120:
         return f"{time_s:g} s"
     minutes = round(time_s / 60)

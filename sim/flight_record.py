@@ -1,4 +1,4 @@
-"""The truth of a flight as it goes on: every sample of its trajectory, and whether everybody has arrived."""
+"""Records the truth of a flight step by step: the samples of its trajectory, and the arrivals that end it."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from sim.trajectory import Trajectory, TrajectoryBuilder
 
 
 class FlightRecord:
-    """Trajectory and arrivals of one flight of a resolved mission; a kind of flight adds what it counts."""
+    """Recorder of the trajectory and arrivals of one flight of a resolved mission; subclasses count more."""
 
     def __init__(self, mission: Mission) -> None:
-        """Begin empty, every target open."""
+        """Begin without samples and with every target open."""
         self._arrivals = Arrivals(mission)
         self._trajectory = TrajectoryBuilder(
             [agent.id for agent in mission.agents],
@@ -25,17 +25,21 @@ class FlightRecord:
 
     @property
     def open_targets(self) -> int:
-        """How many targets nobody has reached yet."""
+        """Number of targets that no agent has reached yet."""
         return len(self._arrivals.open)
 
     def record(
         self, t_s: float, agents: np.ndarray, alive: Sequence[bool], things: tuple[np.ndarray, np.ndarray]
     ) -> bool:
-        """Take the rows of agents (N, 4), targets (K, 4) and threats (M, 4); return whether the flight is over."""
+        """Record the sample at `t_s`; return whether the flight is over.
+
+        `agents` is (N, 4), `things` the targets (K, 4) and the threats (M, 4): north m, east m, heading deg, speed m/s.
+        `alive` says which agents are not lost.
+        """
         targets, threats = things
         self._trajectory.append(t_s, agents, targets, threats)
         return self._arrivals.note(agents[:, :2], alive, targets[:, :2])
 
     def trajectory(self) -> Trajectory:
-        """Return what was recorded."""
+        """Return the trajectory recorded so far."""
         return self._trajectory.build()

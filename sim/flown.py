@@ -1,4 +1,4 @@
-"""A mission that was flown, as its figures and its report show it."""
+"""A flown mission with its trajectory and score: the input of figures and reports."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from sim.score import Score
 from sim.trajectory import Trajectory
 
 KINEMATIC = "kinematic simulator"
-"""What flew, as reports and figures say it, where no stand-in of an autopilot did."""
+"""The vehicles' name in reports and figures if they are kinematic points, not stand-ins of an autopilot."""
 
 
 @dataclass(frozen=True)
 class FlownMission:
-    """One flight of a resolved mission and what it came to."""
+    """One flight of a resolved mission, and its score."""
 
     mission: Mission
     trajectory: Trajectory
@@ -22,4 +22,4 @@ class FlownMission:
     seed: int
     law: str
     stand_in: str = KINEMATIC
-    """What flew."""
+    """Which vehicles flew, in words for reports and figures."""

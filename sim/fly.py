@@ -1,4 +1,4 @@
-"""`sim fly`: one mission in lockstep, and the folder that is left of it."""
+"""The command `sim fly`: flies one mission in lockstep and writes its results to a folder."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MAX_SEED = 2**63 - 1
 
 @dataclass(frozen=True)
 class FlyOptions:
-    """What `sim fly` was asked for."""
+    """The options of `sim fly`, as given."""
 
     mission: str
     seed: int
@@ -46,7 +46,7 @@ class FlyOptions:
     allow_monolithic: bool
 
     def command_line(self, radio: Radio | None) -> str:
-        """Return the call that repeats the flight; `radio` is what `parsed_radio` gave."""
+        """Return the command line that repeats the flight; `radio` is the parsed `--radio`, None if there is none."""
         again = f"sim fly {self.mission} --seed {self.seed} --law {self.law} --autopilot {self.autopilot}"
         again += "" if self.vehicles is None else f" --vehicles {self.vehicles}"
         again += "" if radio is None else f" --radio '{self.radio}' --share {radio.share:g}"
@@ -55,7 +55,7 @@ class FlyOptions:
 
 @dataclass(frozen=True)
 class FlownResult:
-    """A flight that is over."""
+    """A flight that is over, and its figures."""
 
     flown: FlownMission
     result: dict[str, Any]
@@ -100,7 +100,7 @@ def fly_command(as_json: bool, **options: Any) -> int:  # noqa: ANN401 click giv
 
 
 def fly_mission(options: FlyOptions) -> FlownResult:
-    """Fly a mission as the options say; with `out`, leave its folder there.
+    """Fly a mission as the options say; with `out`, write the folder of its results.
 
     Raises:
         InputError: an option or the mission is unusable, or the folder cannot be written.
@@ -114,10 +114,10 @@ def fly_mission(options: FlyOptions) -> FlownResult:
     mission = _resolved(options)
     folder = None if options.out is None else writable_folder(options.out)
     if folder is not None:
-        # Plots are loaded only where they are drawn, but before the flight: a missing library is told at once.
+        # The plots' library is loaded only if needed, but before the flight, so that a missing one is reported at once.
         from sim.fly_folder import write_folder
 
-        # First, so that an interrupted flight leaves what it was.
+        # Written first, so that an interrupted flight leaves its mission.
         (folder / "mission.yaml").write_text(dump_mission(mission), encoding="utf-8")
     with flight_progress(len(mission.targets)) as progress:
         flight = fly(
@@ -186,7 +186,7 @@ def _radio(options: FlyOptions) -> Radio | None:
 
 
 def _resolved(options: FlyOptions) -> Mission:
-    """Return the mission that is flown, drawn and scaled, after warning of what it should not ask for."""
+    """Return the mission to fly, resolved from the seed and scaled, after printing the warnings about it."""
     source = options.mission
     mission = load_mission_to_fly(source)
     if options.vehicles is not None:
@@ -211,7 +211,7 @@ def _with_vehicles(mission: Mission, count: int, source: str) -> Mission:
 
 
 def _stand_in(mission: Mission, autopilot: str) -> str:
-    """Return what flew, as a line under figures says it."""
+    """Return which vehicles flew, in words for reports and figures."""
     if autopilot == "kinematic":
         return KINEMATIC
     return f"{autopilot} stand-ins" + ("" if mission.scale is None else f", scale {mission.scale.factor:.4g}")

@@ -1,4 +1,4 @@
-"""The folder that `sim fly` leaves of a flight, beside the logs that are written while it flies."""
+"""Writes the files of a flight that `sim fly` leaves in its folder, except the logs, which are written in flight."""
 
 from __future__ import annotations
 
@@ -13,9 +13,13 @@ from sim.report import Pictures, write_report
 
 
 def write_folder(folder: Path, flown: FlownMission, result: Mapping[str, Any], command: str) -> None:
-    """Write `trajectory.csv`, `result.json`, `paths.png` and `report.html`; `command` is what repeats the flight.
+    """Write `trajectory.csv`, `result.json`, `paths.png` and `report.html`.
 
-    Raises OSError where a file cannot be written.
+    `command` is the command line that repeats the flight, for the report.
+
+    Raises:
+        OSError: a file cannot be written.
+
     """
     flown.trajectory.write_csv(folder / "trajectory.csv")
     (folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")

@@ -1,9 +1,9 @@
-"""Flies a mission with everything on one virtual clock.
+"""Flies a mission in lockstep: ground station, companions and vehicles on one virtual clock.
 
-Ground station, companions, sensor and vehicles are those of the real programs and exchange nothing but encoded frames.
-Kinematic: the vehicles are points that turn at a bounded rate, not aircraft, and obey their companion from the start.
-The stand-ins of real autopilots fly, are told setpoints and tell telemetry ten times a second, and a safety pilot
-hands them over (sim/safety_pilot.py). The same mission and seed give the same trajectory, bit for bit.
+Ground station, companions, sensor and stand-ins are those of the real programs and exchange nothing but encoded frames.
+Kinematic vehicles are points that turn at a bounded rate, and obey their companion from the start. The stand-ins of
+real autopilots move, receive setpoints and send telemetry ten times a second, and a safety pilot hands them over
+(sim/safety_pilot.py). The same mission and seed give the same trajectory, bit for bit.
 """
 
 from __future__ import annotations
@@ -48,67 +48,71 @@ from sim.wind import WindField
 from sim.world import World
 
 AUTOPILOTS = ("kinematic", *CRUISE_M_S)
-"""Kinds that missions are flown with."""
+"""Autopilot kinds with which a mission can be flown."""
 KINEMATIC_REPEAT_S = 1.0
-"""Between two sendings of a point's setpoint within a guidance step; a point obeys the last one for longer."""
+"""Time between two sendings of a kinematic vehicle's setpoint within a guidance step, below GUID_TIMEOUT."""
 LOOP_PERIOD_S = 0.1
-"""Between two turns of the companion's loop at a real autopilot's stand-in: 10 Hz, as in `companion run`."""
+"""Period of the companion's loop with the stand-in of a real autopilot: 10 Hz, as in `companion run`."""
 WHY_NOT_MONOLITHIC = "trained as the paper says it explains one percent of the penalties, so its gradient is noise"
+"""Reason, in messages, why missions with the surrogate `monolithic` are refused or warned of."""
 _PROGRESS_TICKS = 100
-"""Between two calls of a flight's `progress`."""
+"""Number of ticks between two calls of a flight's `progress`."""
 _POSITION = common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _MAX_SYSTEM_ID = 250
-"""Greatest MAVLink system id given to a vehicle; above it ids are habitually ground stations'."""
+"""Greatest MAVLink system id given to a vehicle; higher ones are by custom those of ground stations."""
 
 Progress = Callable[[float, int], None]
-"""Called now and then with the virtual time in seconds and the number of targets reached."""
+"""Function called every _PROGRESS_TICKS ticks with the virtual time in seconds and the number of targets reached."""
 
 
 @dataclass(frozen=True)
 class FlightOptions:
-    """How a mission is flown."""
+    """The options with which a mission is flown."""
 
     law: LawName = "seed"
     autopilot: str = "kinematic"
     out: Path | None = None
-    """Folder for the `.tlog` files and the companions' configurations."""
+    """Folder for the `.tlog` files and the companions' configurations; None: they are not written."""
     realtime: bool = False
+    """Whether the virtual clock keeps pace with the wall clock, instead of running as fast as possible."""
     progress: Progress | None = None
     tamper: Tamper | None = None
-    """Changes frames in the air, for tests and measurements."""
+    """Function that changes frames on the broadcast link, for tests and measurements."""
     watch: Watch | None = None
-    """Looks on, for tests and measurements."""
+    """Observer that is called at every tick, for tests and measurements."""
     allow_monolithic: bool = False
-    """Fly with the paper's one network, which steers by noise."""
+    """Whether a mission with the surrogate `monolithic`, which steers by noise, is flown rather than refused."""
     radio: Radio | None = None
-    """The broadcast is what fits it; None: what the mission's periods say."""
+    """Radio whose byte budget the broadcast keeps to; None: the mission's periods alone decide what is broadcast."""
     one_radio: bool = False
-    """The broadcast reaches each companion through its autopilot, inside V2_EXTENSION."""
+    """Whether the broadcast reaches each companion through its autopilot, inside V2_EXTENSION."""
 
 
 @dataclass(frozen=True)
 class Flight:
-    """What a flight left behind, beside its logs."""
+    """The results of a flight, except its logs."""
 
     trajectory: Trajectory
     steps: int
-    """Guidance steps of the mission's clock."""
+    """Number of guidance steps."""
     decision_us: np.ndarray  # (D,) us, wall-clock time of each companion's decision
     turn_limited_steps: int
     guard_interventions: int
     broadcast_frames: int
     broadcast_bytes: int
     frames_lost: int
-    """Summed over receivers."""
+    """Number of broadcast frames lost, summed over the receivers."""
     speedup: float
-    """Virtual over wall-clock time."""
+    """Virtual time divided by wall-clock time."""
     companions: dict[int, Companion]
 
 
 def check_flyable(mission: Mission, source: str | None = None, allow_monolithic: bool = False) -> None:
-    """Raise InputError if a resolved mission asks for what is not flown; silence would be a wrong answer.
+    """Check that the simulator can fly a resolved mission as it is; `source` names its file in errors.
 
-    `source` names the file in errors.
+    Raises:
+        InputError: the mission asks for something that is not flown; ignoring it would give a wrong result.
+
     """
     source = source or mission.name
     check_runnable(mission, source)
@@ -122,7 +126,7 @@ def check_flyable(mission: Mission, source: str | None = None, allow_monolithic:
 
 
 def _check_slots(mission: Mission, source: str) -> None:
-    """Raise InputError unless everything has a place among the inputs of the one network, which are numbered."""
+    """Raise InputError unless the id of every agent and threat is among the inputs of the monolithic network."""
     network = load_monolithic()
     for key, ids, places in (
         ("agents", [agent.id for agent in mission.agents], network.agents),
@@ -137,7 +141,7 @@ def _check_slots(mission: Mission, source: str) -> None:
 
 
 def fly(mission: Mission, seed: int, options: FlightOptions | None = None) -> Flight:
-    """Fly a resolved mission until every target is reached, nobody is left, or its time is up.
+    """Fly a resolved mission until every target is reached, no agent flies on, or its time is up.
 
     Raises:
         InputError: the mission asks for something that is not flown.
@@ -164,7 +168,7 @@ def fly(mission: Mission, seed: int, options: FlightOptions | None = None) -> Fl
 
 
 def _fly(hangar: _Hangar, fleet: Sequence[Aircraft], broadcast_log: TlogWriter | None) -> Flight:
-    """Fly to the end."""
+    """Fly the fleet to the end of the mission and return the results."""
     mission, options = hangar.mission, hangar.options
     is_point = options.autopilot == "kinematic"
     ground = GroundStation(mission, START_S, model=VehicleModel(options.law, KINDS[options.autopilot].can_stop))
@@ -211,7 +215,7 @@ def _fly(hangar: _Hangar, fleet: Sequence[Aircraft], broadcast_log: TlogWriter |
 
 
 class _Record(FlightRecord):
-    """The truth of a flight and what its decisions came to."""
+    """The recorder of a flight in lockstep: its trajectory, arrivals, and counts and times of its decisions."""
 
     def __init__(self, mission: Mission, progress: Progress | None) -> None:
         super().__init__(mission)
@@ -225,7 +229,7 @@ class _Record(FlightRecord):
     def record(
         self, t_s: float, agents: np.ndarray, alive: Sequence[bool], things: tuple[np.ndarray, np.ndarray]
     ) -> bool:
-        """Take a sample, and tell now and then how far the flight is."""
+        """Record the sample as `FlightRecord.record` does, and report progress every _PROGRESS_TICKS ticks."""
         over = super().record(t_s, agents, alive, things)
         if self._progress is not None and self._samples % _PROGRESS_TICKS == 0:
             self._progress(t_s, self._targets - self.open_targets)
@@ -233,7 +237,7 @@ class _Record(FlightRecord):
         return over
 
     def decided(self, agent_id: int, outcome: Outcome) -> None:
-        """Count what a companion decided."""
+        """Count a companion's decision, its duration and whether the turn limit or the guard changed it."""
         self.decision_us.append(outcome.decision_us)
         self.turn_limited += outcome.decision.turn_limited
         self.guarded += bool(outcome.decision.guard_changes)
@@ -241,7 +245,7 @@ class _Record(FlightRecord):
 
 @dataclass(frozen=True)
 class _Hangar:
-    """Fits out the aircraft of a flight."""
+    """Builds the aircraft of a flight from the mission, the seed and the options."""
 
     mission: Mission
     seed: int
@@ -249,7 +253,7 @@ class _Hangar:
     frame: LocalFrame
 
     def aircraft(self, spec: AgentSpec, index: int, log: TlogWriter | None) -> Aircraft:
-        """Return the aircraft of an agent, which is the mission's `index`th."""
+        """Return the aircraft of an agent, whose index in the mission is `index`; `log` records its autopilot link."""
         mission, options = self.mission, self.options
         config = config_for_agent(mission, spec.id, options.law)
         system_id = index % _MAX_SYSTEM_ID + 1
@@ -300,7 +304,7 @@ class _Hangar:
 
 
 def _write_configs(fleet: Sequence[Aircraft], folder: Path, autopilot: str) -> None:
-    """Write what each companion flies by, for a replay: there its autopilot is the log."""
+    """Write each companion's configuration for a replay, with its log in the place of its autopilot's link."""
     for aircraft in fleet:
         recorded = AutopilotSection(kind=autopilot, link=f"file:vehicle-{aircraft.spec.id}.tlog")
         config = aircraft.companion.config.model_copy(update={"autopilot": recorded})

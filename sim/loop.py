@@ -1,10 +1,10 @@
-"""The one loop of every simulated flight whose companions are the real ones: its clock and its order of events.
+"""The loop of every simulated flight with real companions: its virtual clock and the order of events in a tick.
 
-In each tick the vehicles fly to its time, the world moves, the wind turns and vehicles are lost; the truth is recorded;
-the centre looks and broadcasts; then the companions decide, or repeat what they decided. What differs between flights
-is handed in: how a vehicle is coupled to its companion (by frames through a stand-in, or directly), how the centre is
-shown the truth, what is transmitted, what is recorded. The flight on the pure core (sim/reproduction/core_flight.py)
-has a loop of its own, because it checks this one.
+In each tick the vehicles fly to its time, targets and threats move, the wind changes and vehicles are lost; the truth
+is recorded; the ground station's sensor looks and the ground station broadcasts; then the companions decide, or repeat
+their last decision. `Parts` holds what differs between flights: how a vehicle is coupled to its companion (by frames
+through a stand-in, or directly), how the ground station gets the truth, what is transmitted, what is recorded. The
+flight on the pure core (sim/reproduction/core_flight.py) has a loop of its own, because it checks this one.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from sim.world import World
 START_S = 1_767_225_600.0
 """Unix time at which every flight begins: 2026-01-01T00:00:00Z, so that logs are the same each time."""
 TOLERANCE_S = 1e-6
-"""By which something may be early and still counts as due."""
+"""Time by which an event may be early and still counts as due."""
 
 SnapshotT = TypeVar("SnapshotT")
 SnapshotT_contra = TypeVar("SnapshotT_contra", contravariant=True)
 
 Watch = Callable[[float, GroundStation, np.ndarray], None]
-"""Called at every step with the virtual time in seconds, the ground station, and the agents' true rows (N, 4)."""
+"""Function called at every tick with the virtual time in seconds, the ground station, and the agents' rows (N, 4)."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one turn of a companion came to."""
+    """A companion's decision in one tick, and how long it took."""
 
     decision: Decision
     decision_us: float
-    """Wall-clock time of the decision."""
+    """Wall-clock duration of the decision."""
 
 
 class Vehicle(Protocol[SnapshotT_contra]):
@@ -52,15 +52,15 @@ class Vehicle(Protocol[SnapshotT_contra]):
     alive: bool
 
     def row(self) -> tuple[float, float, float, float]:
-        """Return north m, east m, heading deg, speed m/s; a lost vehicle stands where it was lost."""
+        """Return the true north m, east m, heading deg and speed m/s; a lost vehicle stays where it was lost."""
         ...
 
     def detection(self) -> Detection:
-        """Return what the centre's sensor sees of it."""
+        """Return what the ground station's sensor sees of the vehicle: its true position and velocity."""
         ...
 
     def set_wind(self, wind_m_s: tuple[float, float]) -> None:
-        """Let the air move (north, east) from now on."""
+        """Set the velocity of the air (north, east) from now on."""
         ...
 
     def move(self, t_s: float) -> None:
@@ -68,63 +68,67 @@ class Vehicle(Protocol[SnapshotT_contra]):
         ...
 
     def transmitted(self, datagram: bytes, t_s: float) -> None:
-        """Take a datagram that was sent to it at a time; when it arrives, if it does, is up to its link."""
+        """Take a datagram of the broadcast sent at `t_s`; the vehicle's link decides when it arrives, if at all."""
         ...
 
     def guide(self, t_s: float, snapshot: SnapshotT_contra) -> Outcome | None:
-        """Let the companion hear, see its neighbours and decide; None where there is none that does."""
+        """Give the companion its inputs and the neighbours' `snapshot`; return its decision, or None."""
         ...
 
     def repeat(self, t_s: float) -> None:
-        """Let the companion keep its last decision standing."""
+        """Let the companion repeat the setpoint of its last decision."""
         ...
 
     def report(self, now_s: float) -> list[bytes]:
-        """Return what the companion reports to the centre at a Unix time."""
+        """Return the frames that the companion reports to the ground station at a Unix time."""
         ...
 
 
 class Recorder(Protocol):
-    """What is written down of a flight, and by what it ends."""
+    """Takes samples and decisions of a flight, and decides when it is over."""
 
     def record(
         self, t_s: float, agents: np.ndarray, alive: Sequence[bool], things: tuple[np.ndarray, np.ndarray]
     ) -> bool:
-        """Take the true rows of agents (N, 4), targets (K, 4) and threats (M, 4); return whether the flight is over."""
+        """Take the true rows of agents (N, 4), targets (K, 4), threats (M, 4); return whether the flight is over.
+
+        A row is north m, east m, heading deg, speed m/s; `things` are the targets' and the threats' rows, and `alive`
+        says which agents are not lost.
+        """
         ...
 
     def decided(self, agent_id: int, outcome: Outcome) -> None:
-        """Take note of a companion's turn."""
+        """Take a companion's decision."""
         ...
 
 
 @dataclass(frozen=True)
 class Parts(Generic[SnapshotT]):
-    """What a loop is put together from."""
+    """The parts of which a `Loop` consists."""
 
     mission: Mission
     world: World
     vehicles: Sequence[Vehicle[SnapshotT]]
     snapshot: Callable[[float], SnapshotT]
-    """Returns what the vehicles see of one another at a Unix time; called before any of them is steered."""
+    """Function that returns what the vehicles see of one another at a Unix time; called before they decide."""
     ground: GroundStation
     look: Callable[[list[Detection], float], None]
-    """Shows the ground station what the centre's sensor sees at a Unix time."""
+    """Function that gives the ground station the detections of its sensor at a Unix time."""
     transmit: Callable[[float], Iterable[tuple[float, bytes]]]
-    """Returns what is broadcast from a time of the flight on, until the next tick, each with its own time."""
+    """Function that returns the datagrams broadcast from a time until the next tick, each with its time."""
     recorder: Recorder
     repeat_period_s: float = math.inf
-    """How often a companion repeats its setpoint between two decisions."""
+    """Time between two repetitions of a setpoint within a guidance step; infinity: setpoints are not repeated."""
     wind: WindField | None = None
-    """None: nobody but the owner of the vehicles sets their wind."""
+    """The wind that the loop sets; None: it sets none."""
     watch: Watch | None = None
 
 
 class Loop(Generic[SnapshotT]):
-    """A flight under way, one tick after the other."""
+    """A flight under way; `step` does one tick."""
 
     def __init__(self, parts: Parts[SnapshotT]) -> None:
-        """Stand at the first tick, which is at time 0."""
+        """Begin before the first tick, which is at time 0."""
         mission = parts.mission
         self._parts = parts
         self._losses_s = {loss.agent: loss.t_s for loss in mission.losses}
@@ -133,17 +137,17 @@ class Loop(Generic[SnapshotT]):
         self._next_look_s = 0.0
         self._next_repeat_s = 0.0
         self.tick = 0
-        """Ticks that are done."""
+        """Number of ticks that are done."""
         self.guided = 0
-        """Ticks of the mission's guidance step that are done."""
+        """Number of guidance steps that are done."""
 
     @property
     def t_s(self) -> float:
-        """Time of the flight at the next tick."""
+        """Time of the flight, in seconds, at the next tick."""
         return self.tick * self._parts.mission.integration_step_s
 
     def step(self) -> bool:
-        """Do one tick; return whether the flight goes on. The last tick of a flight is only recorded."""
+        """Do one tick; return whether the flight goes on. In the last tick of a flight the truth is only recorded."""
         parts, t_s = self._parts, self.t_s
         if self.tick:
             for vehicle in parts.vehicles:
@@ -170,7 +174,7 @@ class Loop(Generic[SnapshotT]):
         return True
 
     def _take_turns(self, t_s: float) -> None:
-        """Let the companions decide where it is time for it, else repeat where that is due."""
+        """Let the companions decide if a guidance step is due, else repeat their setpoints if that is due."""
         parts = self._parts
         if self.tick % self._guide_every == 0:
             self._guide(t_s)
@@ -209,7 +213,7 @@ class Loop(Generic[SnapshotT]):
                 vehicle.alive = False
 
     def _look(self, t_s: float, things: tuple[np.ndarray, np.ndarray]) -> None:
-        """Show the centre the targets (K, 4), the threats (M, 4) and, but for Case II, its agents."""
+        """Give the ground station detections of the targets (K, 4), the threats (M, 4) and, in Case I, the agents."""
         mission, (targets, threats) = self._parts.mission, things
         visible = self._parts.vehicles if mission.case == "I" else ()
         detections = [vehicle.detection() for vehicle in visible if vehicle.alive]

@@ -1,4 +1,6 @@
-"""A lossy stretch between two links, as a process of its own: what the air does to a broadcast, for real programs.
+"""A process that forwards datagrams from one link to another and loses, delays, repeats and reorders some of them.
+
+It puts a lossy radio link between real programs.
 
 Run as `python -m sim.relay --listen udpbcast:10.0.0.255:14600 --to udpout:127.0.0.1:14601 --loss 0.3`.
 """
@@ -19,13 +21,13 @@ from companion.transport.endpoints import Link, open_receiver, open_sender, pars
 from sim.air_link import LINK_STREAM, LossyLink
 
 TICK_S = 0.005
-"""How often what has arrived is passed on: fine against any delay worth giving."""
+"""Time between two deliveries of what has arrived, short compared with the delays of radio links."""
 MAX_SEED = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
 class RelayOptions:
-    """What `sim.relay` was asked for."""
+    """The options of `sim.relay`."""
 
     listen: Link
     to: Link
@@ -35,10 +37,10 @@ class RelayOptions:
 
 
 async def run_relay(options: RelayOptions, stop: asyncio.Event) -> None:
-    """Pass datagrams on as the link lets them through, until `stop` is set.
+    """Forward datagrams as the lossy link lets them through, until `stop` is set.
 
     Raises:
-        InputError: a link cannot be opened, or the one listened to is a stream, which has no datagrams to lose.
+        InputError: a link cannot be opened, or `listen` is a stream, which has no datagrams to lose.
 
     """
     loop = asyncio.get_running_loop()

@@ -1,8 +1,8 @@
-"""The report of one flight, made for reading: one HTML file that needs nothing else.
+"""Writes the report of one flight: a single HTML file that is complete in itself.
 
-It opens from a disk years later, without a network: pictures are data URIs, the style is inside, nothing is loaded and
-no script runs. Every value is escaped, because anybody may have written a mission's name. The page itself is
-`templates/report.html`; what stands in it is worked out here.
+It can be opened years later without a network: pictures are data URIs, the style sheet is inside, nothing is loaded and
+no script runs. Every value is escaped, because a mission's name may contain anything. The page's template is
+`templates/report.html`; its content is computed here.
 """
 
 from __future__ import annotations
@@ -61,6 +61,7 @@ ELSEWHERE = ("seed", "law", "path_length_m", "shortest_path_m")
 """Keys of `result.json` that the report shows outside the table of results."""
 
 _NOTHING = "–"
+"""Text in the place of a value that there is not."""
 
 
 @dataclass(frozen=True)
@@ -73,20 +74,24 @@ class Pictures:
 
 @dataclass(frozen=True)
 class Table:
-    """A table whose first column names the row."""
+    """A table of the report, whose first column names the row."""
 
     caption: str
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     numbers: tuple[int, ...] = ()
-    """Columns that are aligned to the right."""
+    """Indices of the columns that are aligned to the right."""
 
 
 def write_report(path: Path, flown: FlownMission, result: Mapping[str, Any], pictures: Pictures, command: str) -> None:
     """Write `report.html`.
 
-    `result` is what goes into `result.json`; keys that it lacks are left out of the table. `command` is what repeats
-    the flight. Raises OSError where the file cannot be written.
+    `result` is the content of `result.json`; rows of keys that it does not have are left out. `command` is the command
+    line that repeats the flight.
+
+    Raises:
+        OSError: the file cannot be written.
+
     """
     page = (
         _environment()
@@ -122,7 +127,7 @@ def _environment() -> Environment:
 
 
 def _verdict(score: Score, trajectory: Trajectory) -> str:
-    """Return the run in two or three sentences."""
+    """Return the outcome of the flight in two to four sentences."""
     agents = len(trajectory.agent_ids)
     reached = f"{score.targets_reached} of {_count(score.targets, 'target')}"
     if score.targets_reached == score.targets:
@@ -264,7 +269,7 @@ def _wind(wind: Wind) -> str:
 
 
 def _value(value: object) -> str:
-    """Return a figure of the result as text: numbers with thousands apart, a mapping as name and value."""
+    """Return a value of `result.json` as text: numbers with thousands separators, a mapping as a line per entry."""
     if value is None:
         return _NOTHING
     if isinstance(value, bool):
@@ -274,7 +279,7 @@ def _value(value: object) -> str:
     if isinstance(value, float):
         return _fixed(value, 2)
     if isinstance(value, Mapping):
-        # Broken between the parts, so that it does not widen the column of single numbers.
+        # One line per entry, so that it does not widen the column of single numbers.
         return "\n".join(f"{key} {_value(part)}" for key, part in value.items())
     return str(value)
 
@@ -286,5 +291,5 @@ def _fixed(value: float | None, decimals: int) -> str:
 
 
 def _count(number: int, word: str, words: str | None = None) -> str:
-    """Return "1 agent" or "2 agents"."""
+    """Return a number and its noun in the singular or plural, such as "1 agent" or "2 agents"."""
     return f"{number} {word if number == 1 else words or word + 's'}"

@@ -1,4 +1,4 @@
-"""The safety pilot, who has the vehicle: gives it to the companion by a mode change, as ground-control programs do."""
+"""The safety pilot, who hands a vehicle to its companion by a mode change, as ground-control programs do."""
 
 from __future__ import annotations
 
@@ -7,21 +7,22 @@ from pymavlink.dialects.v20 import common as mavlink
 from sim.mavlink_sender import MavlinkSender
 
 HAND_OVER_S = 2.0
-"""When the safety pilot acts, from the beginning of a flight: by then the companion has its autopilot's parameters."""
+"""Time of the flight at which the pilot hands over: by then the companion has read the autopilot's parameters."""
 REPEAT_S = 1.0
-"""A mode change that HEARTBEAT does not show is asked for again: PX4 wants a second of setpoints before it obeys."""
+"""Time after which the mode change is commanded again if HEARTBEAT does not show it: PX4 obeys only once it has had
+setpoints for a second."""
 _GROUND_CONTROL_SYSTEM = 255
 _PX4_OFFBOARD = 6
-"""PX4's main mode, bits 16 to 23 of its custom_mode."""
+"""OFFBOARD as PX4's main mode, which is in bits 16 to 23 of its custom_mode."""
 _GUIDED = {"arducopter": 4, "arduplane": 15, "px4-copter": _PX4_OFFBOARD << 16, "px4-plane": _PX4_OFFBOARD << 16}
-"""custom_mode of the mode that obeys a companion, by autopilot kind."""
+"""custom_mode of the guided mode, in which an autopilot obeys its companion, by autopilot kind."""
 
 
 class SafetyPilot:
-    """Asks one vehicle to obey its companion until it does, then leaves it alone: whatever takes it away is final."""
+    """Commands one vehicle into its guided mode until it is there, and never again when the mode changes later."""
 
     def __init__(self, kind: str, system_id: int) -> None:
-        """Mind the vehicle of that MAVLink system id; KeyError for a kind that nobody hands over."""
+        """Hand over the vehicle with this MAVLink system id; raise KeyError for a kind without a guided mode."""
         self.guided_mode = _GUIDED[kind]
         self._is_px4 = kind.startswith("px4")
         self._system_id = system_id
@@ -30,7 +31,7 @@ class SafetyPilot:
         self.done = False
 
     def orders(self, t_s: float, mode: int | None) -> list[bytes]:
-        """Return what is sent to the vehicle at a time of the flight, its HEARTBEAT having shown a custom_mode."""
+        """Return the frames to send at a time of the flight to the vehicle, whose HEARTBEAT shows this custom_mode."""
         self.done = self.done or mode == self.guided_mode
         if self.done or t_s < self._next_s:
             return []
@@ -49,7 +50,7 @@ class SafetyPilot:
         ]
 
     def heartbeat(self) -> bytes:
-        """Return the ground-control program's heartbeat."""
+        """Return a HEARTBEAT frame of the pilot's ground-control program."""
         return self._sender.pack(
             self._sender.mav.heartbeat_encode(
                 mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE

@@ -1,7 +1,7 @@
-"""Makes a mission that was written for the paper's 60 m/s one that an autopilot's vehicle can fly.
+"""Scales a mission that was written for the paper's 60 m/s to the cruise speed of an autopilot's vehicle.
 
-Every length and speed is multiplied by the vehicle's cruise speed over 60 m/s, so that all times stay what they were
-and the scene looks the same from the vehicle. What is not geometry of the plane stays: times, heights, ids, the link.
+Every horizontal length and every speed is multiplied by the cruise speed divided by 60 m/s, so that all times stay the
+same and the scene looks the same from the vehicle. Times, heights, ids and the link are not changed.
 """
 
 from __future__ import annotations
@@ -14,16 +14,18 @@ from companion.errors import InputError
 from companion.mission.model import Mission
 
 PAPER_SPEED_M_S = 60.0
-"""The paper's vehicle."""
+"""Speed of the paper's vehicle, for which missions are written."""
 CRUISE_M_S = {
     "arducopter": 8.0,
     "arduplane": 22.0,
     "px4-copter": 10.0,
     "px4-plane": 15.0,
 }
-"""docs/autopilots.md: ArduCopter follows turns below the 10.3 m/s that 30 degrees of lean give; ArduPlane's simulator
-cruises at 22 m/s; a PX4 copter reaches 10 m/s; a PX4 plane flies FW_AIRSPD_TRIM, 15 m/s, whatever it is asked."""
+"""Cruise speed by autopilot kind (docs/autopilots.md). ArduCopter follows turns only below the 10.3 m/s that 30 degrees
+of lean give; ArduPlane's simulator cruises at 22 m/s; a PX4 copter reaches 10 m/s; a PX4 plane always flies
+FW_AIRSPD_TRIM, 15 m/s."""
 
+# Keys of a mission and its sections whose values are multiplied by the factor.
 _MISSION_LENGTHS = ("arrival_radius_m", "separation_m", "detector_range_m")
 _THREAT_LENGTHS = ("north_m", "east_m", "detection_radius_m", "attack_radius_m", "speed_bound_m_s")
 _TARGET_LENGTHS = ("north_m", "east_m", "speed_bound_m_s")
@@ -32,13 +34,13 @@ _WIND_SPEEDS = ("speed_m_s", "gust_m_s")
 
 
 def scaled(mission: Mission, kind: str, source: str | None = None) -> Mission:
-    """Return a resolved mission as an autopilot kind can fly it, with `scale` saying by how much.
+    """Return a resolved mission scaled to an autopilot kind's cruise speed, with the factor in `scale`.
 
-    One that says so already stays as it is. Agents keep their turn rate as far as the kind can turn, and their share of
-    the cruise speed as far as it can fly so slow or fast. `source` names the mission in errors.
+    A mission that has a `scale` already is returned as it is. Agents keep their turn rate and their share of the cruise
+    speed within the kind's limits. `source` names the mission in errors.
 
     Raises:
-        InputError: the mission was scaled for another kind, or its numbers do not bear it.
+        InputError: the mission was scaled for another kind, or its numbers are not valid once they are scaled.
 
     """
     name = source or mission.name

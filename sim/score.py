@@ -1,7 +1,7 @@
-"""What a run achieved: every figure that follows from the trajectory and the mission alone.
+"""The score of a flight: every figure that follows from its trajectory and its mission alone.
 
-Nothing here looks at what the guidance believed or decided. The same figures come out of `trajectory.csv` and
-`mission.yaml` years later, and anyone can compute them again with a dozen plain loops.
+Nothing here depends on the guidance's estimates or decisions. So the same figures can be computed again later from
+`trajectory.csv` and `mission.yaml`, with a dozen plain loops.
 """
 
 from __future__ import annotations
@@ -17,34 +17,35 @@ from sim.shortest_path import shortest_path_length
 from sim.trajectory import Trajectory
 
 _CHUNK_CELLS = 400_000
-"""Distances held at once: small enough for the processor's cache, large enough that numpy's calls cost nothing."""
+"""Number of distances computed at once: few enough for the processor's cache, enough to hide numpy's overhead."""
 _FIGURE_DECIMALS = 6
-"""Micrometres and microseconds: far below what the trajectory holds, and short in the file."""
+"""Decimals of lengths and times in `result.json`: micrometres and microseconds, finer than the trajectory's values."""
 
 
 @dataclass(frozen=True)
 class AgentScore:
-    """One agent's run. Lengths count until the agent's loss, if it was lost."""
+    """One agent's figures. Lengths count until the agent's loss, if it was lost."""
 
     id: int
     arrived_t_s: float | None
     target_id: int | None
     """The target at which it arrived."""
     end_ned_m: tuple[float, float] | None
-    """Where it arrived, else its last position alive (None if it was never alive)."""
+    """The place of its arrival, else its last position alive; None if it was never alive."""
     lost_t_s: float | None
-    """The first sample at which it was lost."""
+    """Time of the first sample at which it was lost; None if it was not."""
     path_length_m: float
     path_to_end_m: float
-    """The part of the path up to `end_ned_m`: without the loiter after arrival."""
+    """Length of the path up to `end_ned_m`, which leaves out the loiter after arrival."""
     shortest_path_m: float
+    """Length of the shortest path from start to `end_ned_m` around static threats; see `score`."""
     threat_entries_detection: int
     threat_entries_attack: int
 
 
 @dataclass(frozen=True)
 class TargetScore:
-    """One target: when it was reached, and by which agent (of several at that sample, the nearest)."""
+    """One target: when it was reached, and by which agent (the nearest of several at that sample); None: it was not."""
 
     id: int
     reached_t_s: float | None
@@ -53,7 +54,7 @@ class TargetScore:
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """The two safety distances over time; NaN where nothing is there to measure."""
+    """The least clearance to threats and separation of agents over time; NaN where there is none to measure."""
 
     t_s: np.ndarray  # (S,) s
     clearance_m: np.ndarray  # (S,) m, least of distance less detection radius over agents alive and threats
@@ -62,7 +63,7 @@ class History:
 
 @dataclass(frozen=True)
 class Score:
-    """The figures of a run; see `score` for what each means."""
+    """The figures of a flight; `score` explains each."""
 
     arrived: int
     targets_reached: int
@@ -80,7 +81,7 @@ class Score:
     history: History = field(compare=False, repr=False)
 
     def to_dict(self) -> dict[str, int | float | None | list[float | None]]:
-        """Return the figures under their names in `result.json`; an infinite shortest path (no way) becomes None."""
+        """Return the figures by their names in `result.json`; an infinite shortest path becomes None."""
         return {
             "arrived": self.arrived,
             "targets_reached": self.targets_reached,
@@ -113,26 +114,30 @@ class _Threats:
 
 
 def score(trajectory: Trajectory, mission: Mission) -> Score:
-    """Return what the run achieved.
+    """Return the figures of a flight, whose trajectory has the ids of its mission.
 
-    The trajectory's objects are the mission's. The rules:
+    The rules:
 
-    * A lost agent counts for nothing from the first sample at or after its loss.
+    * A lost agent does not count from the first sample at or after its loss.
     * Samples are taken in order of time, and at each the targets not yet reached in file order: every agent alive that
-      has not yet arrived and is within `arrival_radius_m` arrives there, and the target is reached and leaves. An agent
-      arrives once, and one that is kept for a target arrives only there.
-    * A threat counts for the agents whose height it reaches. Agents on different layers keep apart by their heights.
-    * An entry is a step from outside to inside a threat's radius (distance less than it) between two samples; starting
-      inside is none. Agents that have arrived still count. The worst depth is the deepest into any detection radius.
+      has not yet arrived and is within `arrival_radius_m` arrives there, and the target is reached and no longer open.
+      An agent arrives once; one with an `only_target` arrives only there.
+    * A threat counts for the agents whose height it reaches. Agents on different layers are separated by height.
+    * An entry is a step from outside to inside a threat's radius (distance less than the radius) between two samples;
+      starting inside is no entry. Agents that have arrived still count. The worst depth is the greatest depth of any
+      agent inside any detection radius.
     * A path is the sum of straight segments between samples. The shortest path runs from the agent's first position to
-      where it arrived (else its last position alive) around the detection discs of the static threats. Threats that
-      move are left out, and so is a disc that contains either end, so it is a lower bound whatever moved; infinite
-      where static discs close every way.
+      the place of its arrival (else its last position alive) around the detection discs of the static threats. Moving
+      threats and discs that contain either end are left out, so it is a lower bound. It is infinite where static
+      discs close every way.
     * Separation is interpolated linearly between samples. A breach is a run of segments in which one pair's closest
-      approach is below `separation_m`. None where two agents were never alive together.
+      approach is below `separation_m`. The least separation is None if no two agents were ever alive together.
 
-    Raises ValueError where the trajectory's ids are not the mission's. Source: docs/design.md and docs/method.md,
-    section 1.
+    Source: docs/design.md and docs/method.md, section 1.
+
+    Raises:
+        ValueError: the trajectory's ids are not the mission's.
+
     """
     _check_ids(trajectory, mission)
     alive = _alive(trajectory, mission)
@@ -184,7 +189,7 @@ def _check_ids(trajectory: Trajectory, mission: Mission) -> None:
 
 
 def _alive(trajectory: Trajectory, mission: Mission) -> np.ndarray:
-    """Return (S, N) bool; once false, an agent's column stays false."""
+    """Return (S, N) bool, whether each agent is alive at each sample; a lost one stays lost."""
     lost_s = np.full(len(trajectory.agent_ids), np.inf)
     for loss in mission.losses:
         agent = trajectory.agent_ids.index(loss.agent)
@@ -194,14 +199,14 @@ def _alive(trajectory: Trajectory, mission: Mission) -> np.ndarray:
 
 
 def _chunks(samples: int, cells_per_sample: int) -> Iterator[tuple[int, int]]:
-    """Yield [begin, end) over the samples such that a chunk holds a bounded number of distances."""
+    """Yield ranges [begin, end) of samples, each of which has at most _CHUNK_CELLS distances (or one sample)."""
     length = max(1, _CHUNK_CELLS // max(1, cells_per_sample))
     for begin in range(0, samples, length):
         yield begin, min(begin + length, samples)
 
 
 def _distances_m(first_m: np.ndarray, second_m: np.ndarray) -> np.ndarray:
-    """Return (S, A, B) m between positions (S, A, 2) and (S, B, 2)."""
+    """Return the distances (S, A, B) in m between the positions (S, A, 2) and (S, B, 2)."""
     north_m = first_m[:, :, None, 0] - second_m[:, None, :, 0]
     east_m = first_m[:, :, None, 1] - second_m[:, None, :, 1]
     distance_m: np.ndarray = np.hypot(north_m, east_m)
@@ -218,7 +223,7 @@ def _arrivals(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> _A
         distance_m = _distances_m(trajectory.agents_ned_m[begin:end], trajectory.targets_ned_m[begin:end])
         near = (distance_m <= mission.arrival_radius_m) & alive[begin:end, :, None] & allowed
         while True:
-            # Agents that arrived and targets that were reached leave; then the next sample with anyone near is next.
+            # Once arrived agents and reached targets are left out, the first sample left has the next arrival.
             near[:, found.sample >= 0] = False
             near[:, :, found.reached_sample >= 0] = False
             anyone = np.flatnonzero(near.any(axis=(1, 2)))
@@ -262,11 +267,11 @@ def _threats(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> _Th
 def _separation(
     trajectory: Trajectory, alive: np.ndarray, limit_m: float, heights_m: np.ndarray, vertical_m: float
 ) -> tuple[np.ndarray, int]:
-    """Return (S,) m, the closest approach of any two agents alive over the segment ending at each sample, and breaches.
+    """Return the closest approach (S,) in m of any two agents alive, and the number of breaches of `limit_m`.
 
-    Agents whose heights (N,) differ by `vertical_m` or more keep apart by that; 0 means that no height does.
-
-    The first sample, at which no segment ends, has the distance there. NaN where fewer than two agents are alive.
+    A sample's closest approach is that over the segment that ends at it; the first sample has the distance at it. It is
+    NaN where fewer than two agents are alive. Agents whose heights (N,) differ by `vertical_m` or more are left out, as
+    separated by height; 0 means that heights do not separate.
     """
     samples, agents = alive.shape
     first, second = np.triu_indices(agents, k=1)
@@ -334,7 +339,7 @@ def _agents(
 
 
 def _shortest_m(start_m: np.ndarray, end_m: np.ndarray, centres_m: np.ndarray, radii_m: np.ndarray) -> float:
-    """Return the shortest path in metres around the discs that contain neither end."""
+    """Return the length in metres of the shortest path around the discs (M, 2), (M,) that contain neither end (2,)."""
     ends_m = np.stack((start_m, end_m))
     distance_m = np.hypot(centres_m[:, 0] - ends_m[:, None, 0], centres_m[:, 1] - ends_m[:, None, 1])
     outside = (distance_m >= radii_m).all(axis=0)

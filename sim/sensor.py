@@ -1,4 +1,4 @@
-"""The centre's sensor: once a second it looks at the truth and sends what it sees as frames on a channel of its own."""
+"""The ground station's sensor: it sends the true positions as detection frames, on a channel of its own."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from companion.protocol.codec import (
 from groundstation.ground_station import GroundStation
 
 LOOK_PERIOD_S = 1.0
-"""Time between two looks."""
+"""Time between two looks of the sensor."""
 
 
 class Sensor:
-    """Encodes looks at the truth. Nothing is added to it: noise and misses are not modelled."""
+    """Encodes detections as frames. Noise and misses are not modelled."""
 
     def __init__(self, origin_lat_deg: float, origin_lon_deg: float, epoch_s: int) -> None:
         self._origin_deg = (origin_lat_deg, origin_lon_deg)
@@ -32,7 +32,7 @@ class Sensor:
         self._writer = FrameWriter(GROUND_SYSTEM, SENSOR_COMPONENT)
 
     def look(self, detections: Iterable[Detection], now_s: float) -> list[bytes]:
-        """Return the frames of one look at `now_s`, Unix seconds."""
+        """Return the frames with the detections of one look at `now_s`, Unix seconds."""
         found = list(detections)
         time_ms = round((now_s - self._epoch_s) * 1000.0)
         return [
@@ -46,7 +46,7 @@ class Sensor:
 
 
 class SensorChannel:
-    """A mission's sensor and the channel of its own on which the ground station hears it, on a virtual clock."""
+    """A mission's sensor and the channel to its ground station, in a simulated flight."""
 
     def __init__(self, mission: Mission, epoch_s: float, ground: GroundStation) -> None:
         """Connect the sensor, whose epoch is `epoch_s` in Unix seconds, to the ground station."""
@@ -54,13 +54,13 @@ class SensorChannel:
         self._ground = ground
 
     def look(self, detections: Iterable[Detection], now_s: float) -> None:
-        """Let the ground station have one look at `now_s`, Unix seconds."""
+        """Send the detections of one look at `now_s`, Unix seconds, to the ground station."""
         for datagram in self._sensor.look(detections, now_s):
             self._ground.sense(datagram, now_s)
 
 
 def detection_of_row(kind: Kind, identity: int, row: np.ndarray) -> Detection:
-    """Return the detection of a thing from its row: north m, east m, heading deg, speed m/s."""
+    """Return the detection of an object with a row (4,): north m, east m, heading deg, speed m/s."""
     north_m, east_m, heading_deg, speed_m_s = map(float, row)
     heading_rad = math.radians(heading_deg)
     return Detection(
@@ -78,5 +78,5 @@ def world_detections(mission: Mission, targets: np.ndarray, threats: np.ndarray)
 
 
 def mission_sensor(mission: Mission, epoch_s: int) -> Sensor:
-    """Return the sensor of a mission's command centre."""
+    """Return the sensor of a mission's ground station; its times count from `epoch_s`, Unix seconds."""
     return Sensor(mission.origin.lat_deg, mission.origin.lon_deg, epoch_s)

@@ -1,12 +1,11 @@
-"""How short a path around discs can be: the yardstick for the paths that were flown.
+"""Shortest paths around discs, with which the paths that were flown are compared.
 
-A shortest path around discs is made of straight segments that touch discs and of arcs along them. So the tangent points
-are the nodes of a graph whose edges are the free tangent segments and the free arcs, and Dijkstra's method on it is
-exact. Start and goal are discs of radius zero, which makes their tangents a case of the tangents between discs.
+A shortest path around discs consists of straight segments that touch discs and of arcs along discs. So Dijkstra's
+algorithm is exact on the graph whose nodes are the tangent points and whose edges are the free tangent segments and
+the free arcs. Start and goal are discs of radius zero, so that their tangents need no special case.
 
-A vehicle that cannot turn on the spot leaves along one of its two turning circles, so its shortest way starts from
-these circles instead, and every disc is passed at its turn radius or more (docs/method.md section 3, routed
-attraction).
+A vehicle with a least turn radius leaves along one of its two turning circles, so its path starts on these circles
+instead, and passes every disc at the turn radius or more (docs/method.md section 3, routed attraction).
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 TOLERANCE = 1e-9
-"""Of the scene's size: how deep a segment may seem to cut into a disc that it touches, for rounding."""
+"""Depth, as a share of the scene's size, to which a segment may enter a disc that it touches, for rounding."""
 
 _START = 0
 _GOAL = 1
@@ -27,7 +26,7 @@ _GOAL = 1
 
 @dataclass(frozen=True)
 class PathPiece:
-    """A piece of a path at constant curvature; a positive turn is to the right."""
+    """A piece of a path with constant curvature; its turn is positive to the right, and 0 on a straight line."""
 
     length_m: float
     turn_rad: float
@@ -35,17 +34,17 @@ class PathPiece:
 
 @dataclass(frozen=True)
 class Departure:
-    """Where a vehicle that cannot turn on the spot begins."""
+    """The start of a vehicle with a least turn radius."""
 
     start_m: np.ndarray  # (2,) m
     heading_rad: float
-    """Clockwise from the first axis."""
+    """Heading, clockwise from the first axis (north)."""
     turn_radius_m: float
 
 
 @dataclass(frozen=True)
 class _Discs:
-    """Discs that no path may enter by more than a tolerance."""
+    """Discs that no path may enter by more than `tolerance_m`."""
 
     centre_m: np.ndarray  # (M, 2) m
     radius_m: np.ndarray  # (M,) m
@@ -54,7 +53,7 @@ class _Discs:
 
 @dataclass(frozen=True)
 class _Circles:
-    """Circles with a direction of travel, one row each; the first two are those at the start, right and left."""
+    """Circles with a direction of travel, one row each; the first two are the start's turning circles: right, left."""
 
     centre_m: np.ndarray  # (C, 2) m
     radius_m: np.ndarray  # (C,) m
@@ -63,7 +62,7 @@ class _Circles:
 
 @dataclass(frozen=True)
 class _Tangents:
-    """Segments that touch two discs, one row each; the indices count start and goal as discs 0 and 1."""
+    """Segments that touch two discs, one row each; start and goal are the discs 0 and 1."""
 
     disc: np.ndarray  # (T, 2) index of the disc at either end
     angle_rad: np.ndarray  # (T, 2) where on the disc, from the first axis towards the second
@@ -73,8 +72,8 @@ class _Tangents:
 def shortest_path_length(start_m: np.ndarray, goal_m: np.ndarray, centres_m: np.ndarray, radii_m: np.ndarray) -> float:
     """Return the length in metres of the shortest path from start (2,) to goal (2,) that enters none of M discs.
 
-    Centres (M, 2) and radii (M,) are in metres; discs may overlap, and a path may run along their edges. Infinite where
-    there is no way: start or goal inside a disc, or walled off.
+    Centres (M, 2) and radii (M,) are in metres; discs may overlap, and a path may run along their edges. The length is
+    infinite if there is no path, because start or goal is inside a disc or discs enclose one of them.
     """
     start_m, goal_m = np.asarray(start_m, dtype=float), np.asarray(goal_m, dtype=float)
     centres_m = np.asarray(centres_m, dtype=float).reshape(-1, 2)
@@ -90,12 +89,12 @@ def shortest_path_length(start_m: np.ndarray, goal_m: np.ndarray, centres_m: np.
         return direct_m
 
     kept = _not_inside_another(centres_m, radii_m)
-    # About the start, so that large coordinates cost no digits.
+    # Relative to the start, so that large coordinates lose no precision.
     centres_m = np.vstack((np.zeros(2), goal_m - start_m, centres_m[kept] - start_m))
     discs = _Discs(centres_m, np.concatenate((np.zeros(2), radii_m[kept])), tolerance_m)
     tangents = _free_tangents(discs)
 
-    # Every end of a tangent is a node, but all ends at the start are one node, and so are all at the goal.
+    # Every end of a tangent is a node; all ends at the start are one node, and all ends at the goal are one.
     disc = tangents.disc.ravel()
     node = np.where(disc < 2, disc, np.arange(disc.size) + 2)
     length_m = np.linalg.norm(tangents.point_m[:, 1] - tangents.point_m[:, 0], axis=-1)
@@ -109,7 +108,7 @@ def shortest_path_length(start_m: np.ndarray, goal_m: np.ndarray, centres_m: np.
 
 
 def _not_inside_another(centres_m: np.ndarray, radii_m: np.ndarray) -> np.ndarray:
-    """Return (M,) bool: discs of some size that no other disc covers (of equal discs the first stays)."""
+    """Return (M,) bool, whether a disc has a radius and no other covers it; of equal discs the first is kept."""
     count = len(radii_m)
     gap_m = np.linalg.norm(centres_m[:, None] - centres_m, axis=-1)
     covers = gap_m + radii_m[None, :] <= radii_m[:, None]  # (M, M) row covers column
@@ -121,7 +120,7 @@ def _not_inside_another(centres_m: np.ndarray, radii_m: np.ndarray) -> np.ndarra
 
 
 def _free(segments_m: np.ndarray, discs: _Discs) -> np.ndarray:
-    """Return (T,) bool: segments (T, 2, 2) that enter no disc by more than the tolerance."""
+    """Return (T,) bool, whether each of the segments (T, 2, 2) enters no disc by more than the tolerance."""
     begin = segments_m[:, None, 0]
     along = segments_m[:, None, 1] - begin  # (T, 1, 2)
     to_centre = discs.centre_m - begin  # (T, M, 2)
@@ -133,7 +132,7 @@ def _free(segments_m: np.ndarray, discs: _Discs) -> np.ndarray:
 
 
 def _free_tangents(discs: _Discs) -> _Tangents:
-    """Return the segments between every two discs that touch both and enter no disc."""
+    """Return, for every two discs, the segments that touch both and enter no disc."""
     centres_m, radii_m = discs.centre_m, discs.radius_m
     first, second = np.triu_indices(len(radii_m), k=1)
     offset = centres_m[second] - centres_m[first]
@@ -164,7 +163,10 @@ def _free_tangents(discs: _Discs) -> _Tangents:
 def _free_arcs(
     index: int, node: np.ndarray, angle_rad: np.ndarray, discs: _Discs
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the arcs between neighbouring nodes of one disc that no other disc covers: begin, end, length (m)."""
+    """Return the arcs between neighbouring nodes of one disc that no other disc covers, as columns.
+
+    The columns are the nodes at the beginning and end, and the length in metres.
+    """
     centres_m, radii_m = discs.centre_m, discs.radius_m
     order = np.argsort(angle_rad % math.tau, kind="stable")
     node, begin_rad = node[order], (angle_rad % math.tau)[order]
@@ -173,7 +175,7 @@ def _free_arcs(
     offset = centres_m - centres_m[index]
     gap_m = np.linalg.norm(offset, axis=-1)
     radius_m = radii_m[index]
-    # Discs that cross this one; none covers another here.
+    # The discs that cross this one; discs that another covers were left out before.
     crossing = (gap_m > 0) & (gap_m < radius_m + radii_m) & (gap_m > np.abs(radius_m - radii_m))
     gap_m, other_m, offset = gap_m[crossing], radii_m[crossing], offset[crossing]
     covered_half_rad = np.arccos(np.clip((radius_m**2 + gap_m**2 - other_m**2) / (2 * radius_m * gap_m), -1.0, 1.0))
@@ -187,7 +189,7 @@ def _free_arcs(
 
 
 def _distance(nodes: int, begin: np.ndarray, end: np.ndarray, weight_m: np.ndarray) -> float:
-    """Return the distance in metres from start to goal over undirected edges; infinite where there is no way."""
+    """Return the least distance in metres from start to goal over undirected edges; infinite if there is no path."""
     low, high = np.minimum(begin, end), np.maximum(begin, end)
     # A sparse matrix adds up parallel edges (the two arcs between two nodes), so only the shortest of them may go in.
     order = np.lexsort((weight_m, high, low))
@@ -206,12 +208,12 @@ def turning_path(
     centres_m: np.ndarray,  # (M, 2) m
     radii_m: np.ndarray,  # (M,) m
 ) -> list[PathPiece] | None:
-    """Return a short path to within `goal_radius_m` of a goal, turning no tighter than the vehicle can.
+    """Return a short path to within `goal_radius_m` of a goal that respects the vehicle's turn radius.
 
-    It enters none of the M discs, and is the shortest of the paths that leave along a turning circle, then follow
-    straight lines and circles about discs, each of the disc's radius or the turn radius, whichever is greater, and end
-    on a straight line towards the goal. None where there is no such path; another kind of path may then exist, as it
-    may be shorter where discs are smaller than the turn radius.
+    The path enters none of the M discs. It is the shortest of the paths of one kind: they leave along a turning circle,
+    then follow straight lines and circles about discs, each with the greater of the disc's radius and the turn radius,
+    and end on a straight line towards the goal. None if there is no such path. A path of another kind may then exist,
+    and may be shorter where discs are smaller than the turn radius.
     """
     heading_rad, turn_radius_m = departure.heading_rad, departure.turn_radius_m
     start_m, goal_m = np.asarray(departure.start_m, dtype=float), np.asarray(goal_m, dtype=float)
@@ -222,12 +224,12 @@ def turning_path(
     size_m = float(np.abs(np.vstack((goal_m, centres_m)) - start_m).max(initial=0.0) + radii_m.max(initial=0.0))
     tolerance_m = TOLERANCE * (size_m + turn_radius_m)
     kept = _not_inside_another(centres_m, radii_m)
-    # About the start, so that large coordinates cost no digits.
+    # Relative to the start, so that large coordinates lose no precision.
     discs, goal_m = _Discs(centres_m[kept] - start_m, radii_m[kept], tolerance_m), goal_m - start_m
     circles = _directed_circles(heading_rad, turn_radius_m, goal_m, discs)
     begin, end, course_rad, length_m = _directed_tangents(circles, goal_m, goal_radius_m, discs)
 
-    # A node is an end of a tangent on a circle; the goal and the two ways to leave the start come first.
+    # A node is an end of a tangent on a circle; nodes 0 to 2 are the goal and the start on its two turning circles.
     tangents = len(begin)
     circle = np.concatenate(([-1, 0, 1], begin, end))
     angle_rad = course_rad - circles.side[begin] * math.pi / 2
@@ -246,7 +248,7 @@ def turning_path(
 def _directed_circles(heading_rad: float, turn_radius_m: float, goal_m: np.ndarray, discs: _Discs) -> _Circles:
     """Return the two turning circles of a start at (0, 0), then every disc's circle in both directions.
 
-    A disc smaller than the turn radius has a circle of that radius, unless that would hold the start or the goal.
+    A disc smaller than the turn radius has a circle of that radius, unless the circle would contain start or goal.
     """
     centres_m, radii_m = discs.centre_m, discs.radius_m
     to_right = np.array([-math.sin(heading_rad), math.cos(heading_rad)])
@@ -264,17 +266,20 @@ def _directed_circles(heading_rad: float, turn_radius_m: float, goal_m: np.ndarr
 def _directed_tangents(
     circles: _Circles, goal_m: np.ndarray, goal_radius_m: float, discs: _Discs
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the free lines from circle to circle and to the goal: begin, end (-1 the goal), course rad, length m."""
+    """Return the free tangents from circle to circle and to the goal, as columns.
+
+    The columns are the circles at the beginning and end (-1: the goal), the course in rad and the length in m.
+    """
     count = len(circles.side)
     first = np.repeat(np.arange(count), count + 1)
     second = np.tile(np.arange(count + 1), count)
     centre_m = np.vstack((circles.centre_m, goal_m))
-    # Signed radii: a circle travelled turning right lies to the right of its tangents.
+    # Signed radii: a circle that is travelled turning right is to the right of its tangents.
     signed_m = np.append(circles.side * circles.radius_m, 0.0)
     offset_m = centre_m[second] - centre_m[first]
     gap_m = np.linalg.norm(offset_m, axis=-1)
     difference_m = signed_m[first] - signed_m[second]
-    # Nothing leads back to a circle of the start.
+    # No tangent leads back to a circle of the start.
     apart = (gap_m > np.abs(difference_m)) & (gap_m > discs.tolerance_m) & (second >= 2)
     first, second, offset_m, gap_m, difference_m = (
         column[apart] for column in (first, second, offset_m, gap_m, difference_m)
@@ -292,7 +297,10 @@ def _directed_tangents(
 def _directed_arcs(
     index: int, node: np.ndarray, angle_rad: np.ndarray, circles: _Circles, discs: _Discs
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the free arcs from each node of a circle to the next one on it: begin, end, length m, turn rad."""
+    """Return the free arcs from each node of a circle to the next one on it, as columns.
+
+    The columns are the nodes at the beginning and end, the length in m and the turn in rad.
+    """
     centres_m, radii_m, tolerance_m = discs.centre_m, discs.radius_m, discs.tolerance_m
     side, radius_m = circles.side[index], circles.radius_m[index]
     onward_rad = (side * angle_rad) % math.tau
@@ -316,8 +324,11 @@ def _directed_arcs(
 def _pieces(
     nodes: int, begin: np.ndarray, end: np.ndarray, length_m: np.ndarray, turn_rad: np.ndarray
 ) -> list[PathPiece] | None:
-    """Return the shortest way from node 1 or 2 to node 0 over directed edges, or None; arcs in a row are one piece."""
-    # Edges of length zero are stored and count; no two edges join the same nodes in the same direction.
+    """Return the shortest path from node 1 or 2 to node 0 over directed edges; None if there is none.
+
+    Consecutive arcs are one piece.
+    """
+    # Edges of length zero are stored and count. No two edges have the same beginning and end.
     edges = coo_array((length_m, (begin, end)), shape=(nodes, nodes)).tocsr()
     turns = {(int(b), int(e)): (float(m), float(t)) for b, e, m, t in zip(begin, end, length_m, turn_rad, strict=True)}
     distance_m, before, _ = dijkstra(edges, indices=[1, 2], min_only=True, return_predecessors=True)

@@ -1,4 +1,4 @@
-"""What the commands of `sim` share: progress and tables on a terminal, the folder to write to, names to choose from."""
+"""Shared by the commands of `sim`: progress and tables on a terminal, and checks of output folders and names."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rich.table import Table
 from companion.errors import InputError, nearest_hint
 
 PIPE_COLUMNS = 200
-"""Width of a wide table where there is no terminal: no line of it is broken."""
+"""Width in characters of a wide table in a pipe, so that no line of it is broken."""
 
 
 def writable_folder(path: Path) -> Path:
-    """Return the folder, made if it was not there.
+    """Return the folder, after creating it if necessary and checking that it can be written to.
 
     Raises:
-        InputError: nothing can be written there.
+        InputError: the folder cannot be written to.
 
     """
     if str(path) == ".":
@@ -37,10 +37,10 @@ def writable_folder(path: Path) -> Path:
 
 
 def chosen_names(option: str, given: Sequence[str], allowed: Sequence[str]) -> list[str]:
-    """Return the given names in the order of those that are allowed; all of these if none was given.
+    """Return the given names in the order of `allowed`, or all of `allowed` if none was given.
 
     Raises:
-        InputError: a name is not allowed; `option` is where it was given.
+        InputError: a name is not allowed; the error names `option`, with which it was given.
 
     """
     for name in given:
@@ -50,7 +50,7 @@ def chosen_names(option: str, given: Sequence[str], allowed: Sequence[str]) -> l
 
 
 def rendered(before: Sequence[str], table: Table, after: Sequence[str], wide: bool = False) -> str:
-    """Return a table with lines of text before and after it; a `wide` one is PIPE_COLUMNS wide in a pipe."""
+    """Return the text of a table with lines before and after it; a `wide` one has PIPE_COLUMNS columns in a pipe."""
     width = PIPE_COLUMNS if wide and not sys.stdout.isatty() else None
     console = Console(soft_wrap=True, highlight=False, markup=False, width=width)
     with console.capture() as capture:
@@ -64,7 +64,10 @@ def rendered(before: Sequence[str], table: Table, after: Sequence[str], wide: bo
 
 @contextmanager
 def flight_progress(targets: int) -> Iterator[Callable[[float, int], None]]:
-    """Show the targets reached and the virtual time on a terminal; nothing in a pipe."""
+    """Show a flight's progress on a terminal, nothing in a pipe.
+
+    Yield the function that updates it, with the virtual time in seconds and the number of targets reached.
+    """
     columns = (
         SpinnerColumn(),
         TextColumn("{task.completed:.0f}/{task.total:.0f} targets"),
@@ -79,7 +82,10 @@ def flight_progress(targets: int) -> Iterator[Callable[[float, int], None]]:
 
 @contextmanager
 def job_progress(title: str, jobs: str) -> Iterator[Callable[[int, int], None]]:
-    """Show how many jobs are done on a terminal; nothing in a pipe."""
+    """Show on a terminal how many jobs are done, nothing in a pipe.
+
+    Yield the function that updates it, with the numbers of jobs done and in all.
+    """
     columns = (
         SpinnerColumn(),
         TextColumn(f"{{task.completed:.0f}}/{{task.total:.0f}} {jobs}"),

@@ -1,7 +1,7 @@
-"""The truth's log: where everything was at every step, in memory and as `trajectory.csv`.
+"""The trajectory of a flight: the true state of everything at every step, in memory and as `trajectory.csv`.
 
-A run is judged from this table and the mission alone, by us and by anyone who distrusts us, so the values in memory are
-rounded to what the file holds: a score or a figure computed before the file was written equals one computed from it.
+Scores and figures are computed from it and the mission alone. Its values in memory are rounded to the decimals of the
+file, so that a score computed in flight equals the one that anybody computes from the file.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from companion.errors import InputError, one_line
 
 HEADER = "t_s,kind,id,north_m,east_m,heading_deg,speed_m_s"
 KINDS = ("agent", "target", "threat")
+"""Kinds of objects, in the order of a step's rows."""
 TIME_DECIMALS = 3
 POSITION_DECIMALS = 3
 HEADING_DECIMALS = 4
@@ -24,18 +25,18 @@ SPEED_DECIMALS = 3
 FULL_TURN_DEG = 360.0
 
 _FIRST_CAPACITY = 1024
-"""Steps; the builder's buffer doubles from here."""
+"""Number of steps for which the builder's buffer has room at first; a full buffer doubles."""
 _WRITE_BATCH = 1000
-"""Steps formatted at once, which bounds the memory of the text."""
+"""Number of steps that are formatted at once, which limits the memory of the text."""
 _ROW_FORMAT = f"%.{TIME_DECIMALS}f,{{kind}},{{id}},%.{POSITION_DECIMALS}f,%.{POSITION_DECIMALS}f"
 _ROW_FORMAT += f",%.{HEADING_DECIMALS}f,%.{SPEED_DECIMALS}f\n"
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """What was where: S samples of N agents, K targets and M threats, ids in file order.
+    """The true states of N agents, K targets and M threats at S samples, with ids in file order.
 
-    Headings are degrees clockwise from north in [0, 360). Values carry no more decimals than the file does.
+    Headings are in degrees clockwise from north in [0, 360). Values have no more decimals than in `trajectory.csv`.
     """
 
     t_s: np.ndarray  # (S,) s, strictly increasing
@@ -53,9 +54,11 @@ class Trajectory:
     threats_speed_m_s: np.ndarray  # (S, M) m/s
 
     def write_csv(self, path: Path) -> None:
-        """Write the table: per step the agents, the targets, the threats. The same data give the same bytes.
+        """Write `trajectory.csv`: per step the agents, the targets, the threats. The same data give the same bytes.
 
-        Raises OSError where the file cannot be written.
+        Raises:
+            OSError: the file cannot be written.
+
         """
         ids_by_kind = (self.agent_ids, self.target_ids, self.threat_ids)
         step_format = "".join(
@@ -71,7 +74,7 @@ class Trajectory:
                 file.write("".join([step_format % tuple(row) for row in batch]))
 
     def _rows(self) -> np.ndarray:
-        """Return (S, (N + K + M) * 5): t, north, east, heading, speed of each object, in the file's order."""
+        """Return (S, (N + K + M) * 5): time, north, east, heading, speed of each object, in the file's order."""
         ned_m = np.concatenate((self.agents_ned_m, self.targets_ned_m, self.threats_ned_m), axis=1)
         heading_deg = np.concatenate(
             (self.agents_heading_deg, self.targets_heading_deg, self.threats_heading_deg), axis=1
@@ -84,7 +87,7 @@ class Trajectory:
 
 
 class TrajectoryBuilder:
-    """Collects one row-set per integration step, cheaply, and builds the Trajectory at the end."""
+    """Collects the rows of each integration step, and builds the Trajectory at the end."""
 
     def __init__(self, agent_ids: Sequence[int], target_ids: Sequence[int], threat_ids: Sequence[int]) -> None:
         self._ids = (tuple(agent_ids), tuple(target_ids), tuple(threat_ids))
@@ -94,14 +97,18 @@ class TrajectoryBuilder:
         self._count = 0
 
     def __len__(self) -> int:
-        """Return how many steps were appended."""
+        """Return the number of steps that were recorded."""
         return self._count
 
     def append(self, t_s: float, agents: npt.ArrayLike, targets: npt.ArrayLike, threats: npt.ArrayLike) -> None:
         """Record one step.
 
         `agents` (N, 4), `targets` (K, 4) and `threats` (M, 4) hold north m, east m, heading deg, speed m/s, in the
-        order of the ids. They are copied. Raises ValueError where a shape does not fit the ids.
+        order of the ids. They are copied.
+
+        Raises:
+            ValueError: a shape does not fit the ids.
+
         """
         if self._count == len(self._t_s):
             self._t_s = np.concatenate((self._t_s, np.empty_like(self._t_s)))
@@ -119,9 +126,11 @@ class TrajectoryBuilder:
         self._count += 1
 
     def build(self) -> Trajectory:
-        """Return what was recorded, rounded to what the file holds.
+        """Return the recorded trajectory, rounded to the decimals of the file.
 
-        Raises ValueError where nothing was recorded, a value is not finite, or two times round to the same or go back.
+        Raises:
+            ValueError: no step was recorded, a value is not finite, or the rounded times do not increase.
+
         """
         if self._count == 0:
             raise ValueError("no step was recorded")
@@ -138,9 +147,10 @@ class TrajectoryBuilder:
 def read_csv(path: Path) -> Trajectory:
     """Read a `trajectory.csv`.
 
-    Raises InputError, one line naming file and line, where the file is missing or damaged: another header, a row of the
-    wrong length, something that is not a finite number, a row missing or out of order within a step, times that do not
-    increase.
+    Raises:
+        InputError: the file is missing or damaged (named with its line): another header, a row of the wrong length, a
+            value that is not a finite number, a row missing or out of order within a step, times that do not increase.
+
     """
     try:
         lines = path.read_text(encoding="ascii").splitlines()
@@ -182,7 +192,7 @@ def read_csv(path: Path) -> Trajectory:
 
 
 def _ids_of_step(path: Path, rows: Sequence[Sequence[str]]) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
-    """Return the ids by kind of the first step's rows; raise InputError for an unknown kind, order or id."""
+    """Return the ids of the first step's rows, by kind; raise InputError for an unknown kind, order or id."""
     ids: tuple[list[int], list[int], list[int]] = ([], [], [])
     last = 0
     for number, row in enumerate(rows, start=2):
@@ -203,7 +213,7 @@ def _ids_of_step(path: Path, rows: Sequence[Sequence[str]]) -> tuple[tuple[int, 
 
 
 def _numbers(path: Path, rows: Sequence[Sequence[str]]) -> np.ndarray:
-    """Return (rows, 5): t, north, east, heading, speed; raise InputError for what is not a finite number."""
+    """Return (R, 5) numbers of R rows: time, north, east, heading, speed; raise InputError if one is not finite."""
     try:
         numbers = np.array([[float(row[0]), *map(float, row[3:])] for row in rows])
     except ValueError:
@@ -232,7 +242,7 @@ def _trajectory(
 ) -> Trajectory:
     """Return the rounded Trajectory of times (S,) s and values (S, N + K + M, 4): north, east, heading, speed."""
     ned_m = _rounded(values[..., :2], POSITION_DECIMALS)
-    # Rounding can reach the full turn again, which is north.
+    # Rounding can give 360 degrees again, which is north, 0.
     heading_deg = _rounded(values[..., 2] % FULL_TURN_DEG, HEADING_DECIMALS) % FULL_TURN_DEG
     speed_m_s = _rounded(values[..., 3], SPEED_DECIMALS)
     first_target = len(ids[0])
@@ -260,6 +270,6 @@ def _trajectory(
 
 
 def _rounded(values: np.ndarray, decimals: int) -> np.ndarray:
-    """Round; adding zero turns -0.0 into 0.0, so that the file never shows "-0.000"."""
+    """Return rounded values; adding zero turns -0.0 into 0.0, so that the file never shows "-0.000"."""
     rounded: np.ndarray = np.round(values, decimals) + 0.0
     return rounded

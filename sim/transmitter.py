@@ -1,4 +1,4 @@
-"""What the command centre transmits during a flight: counted, logged, and wrapped where the radio needs it."""
+"""The ground station's transmitter in a flight: it counts and logs the broadcast, and wraps it where required."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from groundstation.schedule import Broadcaster
 from sim.loop import START_S
 
 RADIO_TICK_S = 0.05
-"""How often a radio is asked what goes out: as the ground station's shell does."""
+"""Time between two calls of the broadcaster, as in the ground station's program."""
 
 
 class Transmitter:
-    """Sends what a broadcaster lets through."""
+    """Sends the frames of a broadcaster, at the times at which its radio's budget allows them."""
 
     def __init__(
         self,
@@ -25,9 +25,9 @@ class Transmitter:
         wraps: bool = False,
         log: TlogWriter | None = None,
     ) -> None:
-        """Ask the broadcaster over `period_s` from each time on; with `wraps` send every frame in a V2_EXTENSION."""
+        """Let each `transmit` cover `period_s` from its time on; with `wraps` send every frame inside V2_EXTENSION."""
         self._broadcaster = broadcaster
-        # A radio's frames leave one after the other within a step, not all at its beginning.
+        # A radio's frames leave one after the other within a tick, not all at its beginning.
         self._ticks_s = np.arange(0.0, period_s, RADIO_TICK_S)
         self._wraps = wraps
         self._log = log
@@ -35,7 +35,7 @@ class Transmitter:
         self.bytes = 0
 
     def transmit(self, t_s: float) -> Iterator[tuple[float, bytes]]:
-        """Yield what goes out from a time of the flight on, each datagram with its time."""
+        """Yield the datagrams that are sent from a time of the flight on, each with its time."""
         for at_s in t_s + self._ticks_s:
             for sent in self._broadcaster.tick(START_S + at_s):
                 datagram = wrap(sent, self.frames) if self._wraps else sent

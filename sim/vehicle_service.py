@@ -1,7 +1,7 @@
-"""Shell of `sim vehicle`: one stand-in autopilot on real sockets and the real clock.
+"""The command `sim vehicle`: one stand-in autopilot on real sockets and the real clock.
 
-It lets any MAVLink program (MAVSDK, MAVProxy, a ground station, the companion) meet the stand-in, and passes messages
-on between its links as the real autopilots do.
+Any MAVLink program (MAVSDK, MAVProxy, a ground station, the companion) can talk to the stand-in, which forwards
+messages between its links as the real autopilots do.
 """
 
 from __future__ import annotations
@@ -29,24 +29,27 @@ from sim.vehicles.routing import Router
 from sim.vehicles.stand_in import parse
 
 AUTOPILOTS = (*CRAFTS, "kinematic")
+"""Names that `--autopilot` takes."""
 
 _STEP_S = 0.05
-"""Twice as often as telemetry leaves. Measured: with setpoints at 10 Hz and 36 frames a second out, one process takes
-1.4 % of a core."""
+"""Period of the loop, half that of the fastest telemetry. With setpoints at 10 Hz in and 36 frames a second out, one
+process was measured to take 1.4 % of a core."""
 _GIVE_UP_CATCHING_UP_S = 1.0
-"""A computer that slept longer goes on from now instead of flying the missed time in one burst."""
+"""Delay of the loop from which the missed time is dropped, rather than flown in one burst; as after a suspend."""
 _TRUTH_PERIOD_STEPS = round(1.0 / _STEP_S)
+"""Number of steps between two reports of the true state, which is one second."""
 
 # The kinematic vehicle is the paper's: it cannot stop, so it begins in the air.
 _KINEMATIC_N_MAX = 10.0
 _KINEMATIC_HEIGHT_M = 100.0
 
 OnTruth = Callable[[float, Truth], None]
+"""Function called once a second with the Unix time in seconds and the vehicle's true state."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleOptions:
-    """What `sim vehicle` was asked for; the altitude is the ground's, above sea level."""
+    """The options of `sim vehicle`; `alt_m` is the altitude of the ground above sea level."""
 
     autopilot: str
     links: tuple[Link, ...]
@@ -57,18 +60,18 @@ class VehicleOptions:
     speed_m_s: float = 60.0
     system_id: int = 1
     sensor: Link | None = None
-    """Where the centre's sensor sends what it sees of this vehicle, as the agent whose id is its system id."""
+    """Link to a ground station that gets this vehicle's position as detections of the agent `system_id`; None: none."""
     in_air_m: float | None = None
-    """Height above the ground at which it begins, armed and in the mode that holds it there; None: on the ground."""
+    """Height above the ground at which the vehicle begins, armed and in its holding mode; None: on the ground."""
     wind_from_deg: float = 0.0
     wind_speed_m_s: float = 0.0
     gps_noise_m: float = 0.0
     gps_delay_s: float = 0.0
     battery_percent: float = 100.0
     endurance_min: float | None = None
-    """How long a full battery lasts once armed; None: for ever."""
+    """Minutes for which a full battery lasts while armed; None: for ever."""
     parameters: tuple[tuple[str, float], ...] = ()
-    """What shall be other than as the autopilot comes."""
+    """Names and values of autopilot parameters that differ from their defaults."""
 
 
 async def run_vehicle(
@@ -76,8 +79,11 @@ async def run_vehicle(
 ) -> None:
     """Fly one stand-in in real time until `stop` is set, or for ever.
 
-    `on_truth(t_unix_s, truth)` is called once a second, in the plane about the start. Raises InputError for an unknown
-    autopilot or a link that cannot be opened.
+    `on_truth` gets the true state in the plane whose origin is the start.
+
+    Raises:
+        InputError: the autopilot or a parameter is unknown, or a link cannot be opened.
+
     """
     stop = asyncio.Event() if stop is None else stop
     linked = _LinkedStandIn(_build(options))
@@ -98,22 +104,22 @@ async def run_vehicle(
 
 
 class _LinkedStandIn:
-    """A stand-in with its links, between which it passes messages on."""
+    """A stand-in with its links, between which it forwards messages."""
 
     def __init__(self, vehicle: StandIn) -> None:
         self.vehicle = vehicle
         self.began_s = asyncio.get_running_loop().time()
-        """Time of the event loop at which the stand-in's clock is 0."""
+        """The event loop's time at which the stand-in's clock is 0."""
         self._router = Router(vehicle.system_id)
         self._links: list[Duplex] = []
 
     async def open(self, links: Sequence[Link]) -> None:
-        """Open the links and answer on them; raises InputError for one that cannot be opened."""
+        """Open the links and answer on them; raise InputError for one that cannot be opened."""
         for index, link in enumerate(links):
             self._links.append(await open_duplex(link, partial(self._answer, index)))
 
     def send(self, frames: Iterable[bytes]) -> None:
-        """Send the stand-in's own words to everybody."""
+        """Send frames of the stand-in on every link."""
         for frame in frames:
             for end_point in self._links:
                 end_point.send(frame)
@@ -151,7 +157,7 @@ async def _fly(linked: _LinkedStandIn, tellers: Sequence[OnTruth], stop: asyncio
 
 
 def _sensing(options: VehicleOptions, sender: Sender) -> OnTruth:
-    """Return what sends the centre's sensor's look at this vehicle whenever it is told the truth."""
+    """Return the function that sends the vehicle's true state as a detection to a ground station."""
     sensor = Sensor(options.lat_deg, options.lon_deg, int(time.time()))
 
     def tell(t_unix_s: float, truth: Truth) -> None:
@@ -202,7 +208,7 @@ def _build(options: VehicleOptions) -> StandIn:
 
 
 def _set_parameters(craft: Craft, options: VehicleOptions) -> None:
-    """Set what was asked for; raises InputError for an unknown name or a value out of its range."""
+    """Set the parameters of the options; raise InputError for an unknown name or a value out of its range."""
     known = {parameter.name: parameter for parameter in craft.parameters}
     for name, value in options.parameters:
         if name not in known:

@@ -1,4 +1,4 @@
-"""Runs jobs that share nothing on as many processes as there are cores, in any order."""
+"""Runs independent jobs on several processes, in any order."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ OutcomeT = TypeVar("OutcomeT")
 
 
 def outcomes(run: Callable[[JobT], OutcomeT], jobs: Sequence[JobT], workers: int) -> Iterator[tuple[JobT, OutcomeT]]:
-    """Yield every job with what came of it, as they are done; with 0 workers in this process and in order.
+    """Yield every job with its result, as they are done by `workers` processes; 0: in this process and in order.
 
-    `run` and the jobs are pickled. What a job raises is raised here, and the others are given up.
+    `run` and the jobs are pickled. An exception of a job is raised here, and the other jobs are cancelled.
     """
     if workers == 0:
         for job in jobs:
             yield job, run(job)
         return
-    # Forking would copy whatever threads the libraries have started; a fresh process has none.
+    # Forking is unsafe once a library has started threads, so the processes are spawned.
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_die_quietly)
     try:
@@ -38,5 +38,5 @@ def outcomes(run: Callable[[JobT], OutcomeT], jobs: Sequence[JobT], workers: int
 
 
 def _die_quietly() -> None:
-    """Let an interrupt from the keyboard, which reaches every process, end this one without a traceback."""
+    """Make a keyboard interrupt, which reaches every process, end this one without a traceback."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)

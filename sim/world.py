@@ -1,4 +1,4 @@
-"""The truth about targets and threats: where they really move. Only the sensor looks at it."""
+"""The true motion of targets and threats, which the ground station gets only through its sensor."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from companion.mission.model import Mission, PathMotion, SteadyMotion, TargetSpe
 from companion.mission.random_streams import random_stream
 
 MOTION_STREAM = 2
-"""The seed's random stream for motion."""
+"""Number of the seed's random stream for the motion of targets and threats."""
 
 
 class World:
-    """Targets and threats of a resolved mission, in file order, moved from time 0 by their motion."""
+    """The targets and threats of a resolved mission, in file order, which move from time 0 on by their `motion`."""
 
     def __init__(self, mission: Mission, seed: int) -> None:
         things: list[TargetSpec | ThreatSpec] = [*mission.targets, *mission.threats]
@@ -44,9 +44,9 @@ class World:
         self._follow_paths(0.0)
 
     def advance(self, t_s: float, agents_ned_m: np.ndarray | None = None) -> None:  # (N, 2) m
-        """Move everything to the time `t_s`, which is not earlier than the last; who chases flies at the nearest agent.
+        """Move everything to the time `t_s`, which is not before the last.
 
-        Without any agent a chaser flies on as it did.
+        Objects with the motion `chase` head for the nearest of the agents; without any they keep their heading.
         """
         if agents_ned_m is not None and len(agents_ned_m):
             self._turn_chasers(agents_ned_m)
@@ -63,7 +63,7 @@ class World:
         self._follow_paths(t_s)
 
     def rows(self) -> tuple[np.ndarray, np.ndarray]:  # (K, 4), (M, 4)
-        """Return north m, east m, heading deg, speed m/s of the targets and of the threats."""
+        """Return the rows of the targets and of the threats: north m, east m, heading deg, speed m/s."""
         table = np.column_stack([self._north_m, self._east_m, np.degrees(self._heading_rad) % 360.0, self._speed_m_s])
         return table[: self._targets], table[self._targets :]
 
@@ -86,12 +86,12 @@ class World:
             if 0 < leg < len(times_s):
                 along = (north_m[leg] - north_m[leg - 1], east_m[leg] - east_m[leg - 1])
                 self._heading_rad[index] = math.atan2(along[1], along[0]) % math.tau
-                # What moves on a path is placed above; its speed is only reported.
+                # The path gives the position above; speed and heading are only for `rows`.
                 self._speed_m_s[index] = math.hypot(*along) / (times_s[leg] - times_s[leg - 1])
 
 
 def _way_points(start_ned_m: tuple[float, float], motion: PathMotion) -> np.ndarray:  # (3, W) s, m, m
-    """Return times, norths and easts of a path, from where the thing stands at time 0."""
+    """Return times, norths and easts of a path's points, with the start at time 0 added if the path begins later."""
     points = [*motion.path]
     if points[0][0] > 0.0:
         points.insert(0, (0.0, *start_ned_m))

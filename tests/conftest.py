@@ -1,9 +1,9 @@
-"""What all tests share: how Hypothesis draws its examples."""
+"""The settings of Hypothesis that all tests share."""
 
 from __future__ import annotations
 
 from hypothesis import settings
 
-# An example that takes longer than Hypothesis' 200 ms says that the machine is busy, and nothing about the code.
+# No deadline: an example that takes longer than Hypothesis' 200 ms shows a busy machine, not a fault of the code.
 settings.register_profile("oneway", deadline=None)
 settings.load_profile("oneway")

@@ -1,19 +1,19 @@
-"""Mutation test of the guard: what wrong lines of it the tests in tests/companion/guard do not notice.
+"""Mutation test of the guard: finds the wrong lines in it that the tests in tests/companion/guard do not notice.
 
-`python tests/mutate_guard.py [--sample 800] [--seed 1] [NAME...]` from the root; without --sample all. NAME is a
-function or a mutant of it: `BackupSearch.ray`, `BackupSearch.ray#3`, `is_hit`; `arcs.constants` are the numbers at the
-top of arcs.py.
+Call `python tests/mutate_guard.py [--sample 800] [--seed 1] [NAME...]` from the root; without --sample it tries all
+mutants. NAME is a function or one of its mutants: `BackupSearch.ray`, `BackupSearch.ray#3`, `is_hit`; `arcs.constants`
+stands for the numbers at the top of arcs.py.
 
 mutmut makes the mutants: of every function of companion/guard, and of the numbers at the top of each file. Left out by
-this rule are type aliases, the wording of reasons, and defaults of fields, which are in force before a mutant can be.
-Each is put in place in a process of its own, and the tests that call the function run until one fails, those that take
-the least time first. A test that takes far too long fails. Random tests are seeded and shrink nothing. A mutant may
-survive only if mutate_guard_equivalent.txt lists it, with the reason. Exit status 1 if any other does, or if an entry
-there is no survivor any more; where all is well the last line is "no new survivor". Leave the tests alone while it
-runs: with edits in between it called some killed that live.
+this rule are type aliases, the wording of reasons, and defaults of fields, which take effect before a mutant can be put
+in place. Each mutant is put in place in a process of its own, where the tests that call the function run until one
+fails, the fastest test first. A test that takes far too long counts as failed. Random tests are seeded, and failing
+examples are not shrunk. A mutant may survive only if mutate_guard_equivalent.txt lists it, with the reason. The exit
+status is 1 if any other mutant survives, or if a listed one does not survive any more; where all is well the last line
+is "no new survivor". Do not edit the tests while it runs: it then counted mutants as killed that survive.
 
-Of all 2934 mutants 133 are listed as equivalent, 34 of them but for a value at a tolerance or an edge to the last bit.
-About half an hour on two cores.
+Of all 2934 mutants 133 are listed as equivalent; 34 of these differ from the guard only for a value exactly at a
+tolerance or an edge. All take about half an hour on two cores.
 """
 
 import argparse
@@ -47,13 +47,16 @@ MODULES: dict[str, ModuleType] = {
 CONSTANTS = ".constants"
 EQUIVALENT = Path(__file__).with_name("mutate_guard_equivalent.txt")
 CPU_SHARE = 3.0
+"""Multiple of its time on the unchanged guard that a test may take."""
 CPU_S = 2.0
-"""A mutant one of whose tests takes so many times what it takes on the guard, and so much more, hangs."""
+"""Processor time that a test may take beyond CPU_SHARE times its time on the unchanged guard; a mutant on which a test
+takes longer counts as hung, and as killed."""
 MEMORY_BYTES = 4 << 30
+"""Memory that the process of a mutant may take."""
 
 
 class Mutant(NamedTuple):
-    """A function, or the constants of a module, with one thing changed."""
+    """A function, or the constants of a module, with one thing in it changed."""
 
     module: str
     name: str
@@ -111,7 +114,7 @@ def mutants_of(stem: str) -> list[Mutant]:
 
 
 def is_number(line: cst.CSTNode, module: ModuleType) -> bool:
-    """Return whether a line at the top of a module names a number."""
+    """Return whether a line at the top of a module assigns a number to a name."""
     if not (isinstance(line, cst.SimpleStatementLine) and isinstance(line.body[0], cst.Assign)):
         return False
     target = line.body[0].targets[0].target
@@ -119,7 +122,7 @@ def is_number(line: cst.CSTNode, module: ModuleType) -> bool:
 
 
 def put_in_place(mutant: Mutant) -> None:
-    """Replace what is mutated, in its class, or in its module and in every module that has imported it."""
+    """Replace the mutated function in its class, or in its module and every module that imports it; constants alike."""
     made: dict[str, object] = {}
     exec(mutant.code, vars(MODULES[mutant.module]), made)
     del made["annotations"]
@@ -212,12 +215,12 @@ def measured(item: pytest.Item) -> tuple[pytest.Item, float, set[str]]:
 
 
 def listed() -> set[tuple[str, ...]]:
-    """Return function, line and mutated line of each mutant that is said to be equivalent."""
+    """Return function, line and mutated line of each mutant that is listed as equivalent."""
     return set(re.findall(r"^(\S+)\n  - (.*)\n  \+ (.*)$", EQUIVALENT.read_text(encoding="utf-8"), re.MULTILINE))
 
 
 def main() -> int:
-    """Try the mutants asked for, judge the survivors, and return the exit status."""
+    """Try the mutants that the command line names, judge the survivors, and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--sample", type=int)
@@ -229,7 +232,7 @@ def main() -> int:
     if asked.sample is not None:
         random.Random(asked.seed).shuffle(tried)
         tried = tried[: asked.sample]
-    # That a test fails is enough. How long it takes depends on what else the machine does.
+    # Only a failing test counts; how long one takes depends on what else the machine does.
     settings.register_profile(
         "mutants",
         database=None,

@@ -1,4 +1,4 @@
-"""Ports for programs that meet on this computer."""
+"""UDP ports for programs that tests start on this computer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ LOCALHOST = "127.0.0.1"
 
 
 def free_ports(count: int) -> list[int]:
-    """Return so many UDP ports that nobody had a moment ago, all different."""
+    """Return `count` different UDP ports that were free a moment ago."""
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
     try:
         for one in sockets:
@@ -20,5 +20,5 @@ def free_ports(count: int) -> list[int]:
 
 
 def free_port() -> int:
-    """Return one such port."""
+    """Return a UDP port that was free a moment ago."""
     return free_ports(1)[0]

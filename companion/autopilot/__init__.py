@@ -1,1 +1,1 @@
-"""Autopilots: their kinds, telemetry, parameters, commands and setpoints, one module per kind."""
+"""The interface to the autopilot: kinds, telemetry, parameters, commands and setpoints, with one adapter per kind."""

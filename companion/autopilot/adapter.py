@@ -1,4 +1,4 @@
-"""What every autopilot adapter offers the companion."""
+"""The protocol that every autopilot adapter implements for the companion, and the values in it."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from companion.guard.types import Setpoint
 
 @dataclass(frozen=True)
 class Abilities:
-    """What guidance and guard must assume of the vehicle, as its autopilot's parameters make it."""
+    """The vehicle's performance limits for guidance and guard, derived from its autopilot's parameters."""
 
     speed_min_m_s: float = 0.0
     speed_max_m_s: float = math.inf
     n_max: float = math.inf
     """Load factor of the turn rate n_max g / v that its turns achieve."""
     reaction_s: float = 0.0
-    """From sending a setpoint to the vehicle beginning to obey it: the pure delay that stands for its lag."""
+    """Time from sending a setpoint until the vehicle obeys it: a pure delay that stands for its lag."""
     braking_m_s2: float = math.inf
-    """Of one that can stop."""
+    """Deceleration that a vehicle that can stop achieves."""
     tracking_m: float = 0.0
-    """How far it strays from the path of arcs and straight lines that guidance and guard reckon with."""
+    """Greatest distance of the vehicle from the path of arcs and straight lines that guidance and guard assume."""
     assumed: tuple[str, ...] = ()
-    """Parameters that the autopilot did not tell: their documented defaults are assumed."""
+    """Names of the parameters that the autopilot did not send, for which documented defaults are assumed."""
 
 
 class Velocity(NamedTuple):
-    """What a velocity setpoint asks for, from local true north."""
+    """The content of a velocity setpoint, in the local frame of true north."""
 
     north_m_s: float
     east_m_s: float
@@ -39,41 +39,41 @@ class Velocity(NamedTuple):
 
 
 class SetpointFrame(bytes):
-    """A frame that asks for a velocity, and still knows which: who passes that on need not read it off the frame."""
+    """A setpoint frame with the velocity in it, so that MAVSDK's child process can be given that without decoding."""
 
     velocity: Velocity
 
     def __new__(cls, data: bytes, velocity: Velocity) -> Self:
-        """Return the bytes of a SET_POSITION_TARGET_LOCAL_NED and the velocity in it."""
+        """Return the bytes of a SET_POSITION_TARGET_LOCAL_NED with the velocity that they encode attached."""
         frame = super().__new__(cls, data)
         frame.velocity = velocity
         return frame
 
 
 class Adapter(Protocol):
-    """One autopilot kind: its telemetry, its steering, its abilities."""
+    """The companion's interface to one autopilot: its telemetry, its abilities and the frames that steer it."""
 
     kind: str
-    """As configurations name it."""
+    """The name of the autopilot's kind, as in configurations."""
 
     @property
     def can_stop(self) -> bool:
-        """Whether the vehicle can stand still in the air."""
+        """Whether the vehicle can stop and hold its position."""
         ...
 
     @property
     def resumes_on_stream(self) -> bool:
-        """Whether the autopilot obeys again by itself when a stream of setpoints comes back, whatever happened."""
+        """Whether the autopilot re-enters its guided mode by itself when a stream of setpoints comes back."""
         ...
 
     @property
     def neighbours(self) -> Collection[Neighbour]:
-        """What the vehicle's own detector has seen; who reads them minds their age."""
+        """The aircraft that the vehicle's own detector has seen; they may be old: see `Neighbour.seen_at_s`."""
         ...
 
     @property
     def telemetry(self) -> Telemetry:
-        """The newest of what the autopilot said."""
+        """The newest telemetry of the autopilot."""
         ...
 
     @property
@@ -83,44 +83,44 @@ class Adapter(Protocol):
 
     @property
     def refusal(self) -> str | None:
-        """Why this autopilot is not steered at all, and what to do about it: for one, that it is another kind."""
+        """The reason why this autopilot is not steered at all (for example, it is another kind), and the remedy."""
         ...
 
     @property
     def missing_telemetry(self) -> str | None:
-        """What the autopilot does not tell now, without which this kind cannot be steered."""
+        """The telemetry that this kind needs for steering and does not have now; None if nothing is missing."""
         ...
 
     @property
     def abilities(self) -> Abilities:
-        """What the vehicle can do, by the parameters read so far."""
+        """The vehicle's performance limits, by the parameters read so far."""
         ...
 
     @property
     def parameters_known(self) -> bool:
-        """Whether every parameter that the abilities rest on was told, or asked for in vain as often as it is worth."""
+        """Whether each parameter that the adapter reads was received, or requested in vain for the last time."""
         ...
 
     def receive(self, datagram: bytes, now_s: float) -> None:
-        """Take in bytes from the autopilot link; never raises, whatever the bytes."""
+        """Process bytes from the autopilot link; never raises, whatever they are."""
         ...
 
     def requests(self, now_s: float) -> list[bytes]:
-        """Return what is due to be asked of the autopilot: message rates, parameters; bounded in number and rate."""
+        """Return the frames that request message rates and parameters, as far as they are due now."""
         ...
 
     def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
-        """Return the frames that ask for a setpoint whose heading is from grid north."""
+        """Return the frames that command a setpoint, whose heading is from grid north."""
         ...
 
     def hold(self, now_s: float) -> list[bytes]:
-        """Return the frames that ask to stay as it is, where a stream must flow before a safety pilot can hand over."""
+        """Return the frames of a neutral setpoint stream, which PX4 needs before a safety pilot can choose OFFBOARD."""
         ...
 
     def release(self) -> None:
-        """Forget what belongs to the steering that ended: somebody else has the vehicle."""
+        """Forget all state of the engagement that ended: the companion no longer steers the vehicle."""
         ...
 
     def heartbeat(self) -> bytes:
-        """Return the companion's heartbeat, as an onboard controller."""
+        """Return the frame of the companion's own HEARTBEAT, as an onboard controller."""
         ...

@@ -1,6 +1,6 @@
-"""ArduCopter in GUIDED: velocity setpoints; it brakes by itself GUID_TIMEOUT + 0.5 s after the last one.
+"""The ArduCopter adapter: velocity setpoints in GUIDED; the copter brakes GUID_TIMEOUT + 0.5 s after the last one.
 
-Figures without another source are docs/autopilots.md'.
+Figures without another source are from docs/autopilots.md.
 """
 
 from __future__ import annotations
@@ -16,23 +16,27 @@ from companion.autopilot.velocity import VelocityAdapter
 from companion.geo.kinematics import GRAVITY_M_S2
 
 LEAD_S = 0.45
-"""Of the velocity's lag on a steady turn, 0.62 s; the rest is the reaction."""
+"""Time by which a turning velocity setpoint leads: most of the lag of 0.62 s on a steady turn."""
 REACTION_S = 0.2
-"""What the lead leaves of the lag. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest rate
-(tests/benchmarks/lags.py)."""
+"""Part of the velocity's lag that LEAD_S leaves. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest
+rate (tests/benchmarks/lags.py)."""
 TURN_SHARE = 0.7
-"""Of the acceleration that WPNAV_ACCEL allows; nearer to all of it the speed collapses in turns."""
+"""Share of the acceleration WPNAV_ACCEL that turns may use; with nearly all of it the speed collapses in turns."""
 BRAKING_SHARE = 0.8
+"""Share of the acceleration WPNAV_ACCEL that braking is assumed to achieve."""
 TOP_SPEED_AT_45_DEG_M_S = 15.0
+"""Measured top speed at a lean angle (ANGLE_MAX) of 45 degrees."""
 TOP_SPEED_AT_30_DEG_M_S = 10.3
+"""Measured top speed at a lean angle (ANGLE_MAX) of 30 degrees."""
 _TOP_SPEED_EXPONENT = math.log(TOP_SPEED_AT_45_DEG_M_S / TOP_SPEED_AT_30_DEG_M_S) / math.log(
     1.0 / math.tan(math.radians(30.0))
 )
-"""Drag against lean angle, through the two measured points."""
+"""Exponent of the top speed's dependence on the tangent of the lean angle, through the two measured points."""
 SPEED_SHARE = 0.85
-"""Of the top speed: asking for more than is reachable winds up, and turning needs some of the lean angle."""
+"""Share of the top speed that is commanded at most: a speed beyond reach winds up the controller, and turns need some
+of the lean angle."""
 TRACKING_M = 1.5
-"""With REACTION_S the vehicle stays within this of its path at 4 and 8 m/s, measured alike."""
+"""Distance within which the vehicle stays of its path with REACTION_S, at 4 and 8 m/s; measured like REACTION_S."""
 
 WANTED = (
     Wanted("WPNAV_ACCEL", 250.0, (("WP_ACC", 100.0),)),
@@ -60,7 +64,7 @@ PARAMETER_CHECKS = (
 
 
 class ArduCopterAdapter(VelocityAdapter):
-    """Velocity with the yaw along the track."""
+    """Steers by velocity setpoints; the copter itself yaws along its track."""
 
     identity = ARDUCOPTER
     wanted: tuple[Wanted, ...] = WANTED
@@ -69,7 +73,7 @@ class ArduCopterAdapter(VelocityAdapter):
 
     @property
     def abilities(self) -> Abilities:
-        """What WPNAV_ACCEL and ANGLE_MAX leave."""
+        """The performance limits that follow from WPNAV_ACCEL and ANGLE_MAX."""
         acceleration_m_s2 = max(self.parameters.value("WPNAV_ACCEL"), 1.0) / 100.0
         lean_rad = math.radians(min(max(self.parameters.value("ANGLE_MAX") / 100.0, 10.0), 80.0))
         top_speed_m_s = TOP_SPEED_AT_45_DEG_M_S * math.tan(lean_rad) ** _TOP_SPEED_EXPONENT

@@ -1,4 +1,4 @@
-"""What is checked of every ArduPilot vehicle alike: no ground-station failsafe, and a fence of its own."""
+"""The parameter checks common to all ArduPilot vehicles: no ground-station failsafe, and the autopilot's own fence."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from companion.autopilot.parameter_checks import ParameterCheck
 
 
 def fence_checks(actions: tuple[float, ...]) -> tuple[ParameterCheck, ...]:
-    """Return the checks of the fence; `actions`: values of FENCE_ACTION that bring a vehicle of the kind back."""
+    """Return the checks of the fence parameters; `actions`: the values of FENCE_ACTION that bring the vehicle back."""
     return (
         ParameterCheck(
             "FENCE_ENABLE",
@@ -26,7 +26,7 @@ def fence_checks(actions: tuple[float, ...]) -> tuple[ParameterCheck, ...]:
 
 
 def no_gcs_failsafe(name: str) -> ParameterCheck:
-    """Return the check of the parameter of the ground-station failsafe, whose name differs from kind to kind."""
+    """Return the check that the ground-station failsafe is off; its parameter's name differs from kind to kind."""
     return ParameterCheck(
         name,
         "a vehicle that only listens is out of its ground station's reach by design",

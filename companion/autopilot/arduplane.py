@@ -1,8 +1,9 @@
-"""ArduPlane in GUIDED: a heading loop of our own over roll-only SET_ATTITUDE_TARGET (mask 0xC6).
+"""The ArduPlane adapter: in GUIDED, a heading loop on board over roll-only SET_ATTITUDE_TARGET (mask 0xC6).
 
-docs/autopilots.md: velocity setpoints are ignored, a heading command never expires; a bank is held exactly, height and
-speed are kept by the autopilot, and 3.0 s after the last one it reverts to what lies underneath. So a loiter about
-where the plane was a moment ago is put there every few seconds: a dead companion leaves a plane that circles nearby.
+docs/autopilots.md: the plane ignores velocity setpoints, and a heading command never expires. A commanded bank is held
+exactly while the autopilot keeps height and speed; 3.0 s after the last one the plane goes back to its GUIDED target.
+So the adapter sets that target to a loiter at the plane's own position every few seconds: when the companion dies, the
+plane circles nearby.
 """
 
 from __future__ import annotations
@@ -23,30 +24,35 @@ from companion.geo.kinematics import GRAVITY_M_S2, turn_rate_rad_s
 from companion.guard.types import Setpoint
 
 ROLL_ONLY = 0xC6
-"""type_mask: ignore pitch and yaw rate, throttle and attitude but for its roll, as measured."""
+"""type_mask of SET_ATTITUDE_TARGET with which, as measured, the autopilot takes only the roll of the attitude."""
 COURSE_GAIN = 3.0
-"""Bank per course error."""
+"""Gain from the course error to the commanded bank, rad per rad."""
 GREATEST_BANK_DEG = 45.0
-"""Entering 65 degrees oscillates for 4 s."""
+"""Greatest bank that is commanded: entering a bank of 65 degrees oscillates for 4 s."""
 TURN_SHARE = 0.73
-"""Of g tan(bank) / v: what a sustained turn achieves."""
+"""Share of the turn rate g tan(bank) / v that a sustained turn achieves."""
 BANK_RESERVE_DEG = 5.0
-"""Of the greatest bank, kept for correcting the course in a turn."""
+"""Part of the greatest bank that turns do not use, kept for correcting the course in them."""
 REACTION_S = 0.25
-"""With the bank of the turn fed forward. On the stand-in 0.15 fits turns of 8 to 360 degrees best
-(tests/benchmarks/lags.py), but a plane that turns for a minute in front of a fence then leaves by 5 m."""
+"""Time from a setpoint to its effect, with the bank of the turn fed forward. On the stand-in 0.15 s fits turns of 8 to
+360 degrees best (tests/benchmarks/lags.py), but a plane that turns for a minute in front of a fence then leaves it by
+5 m."""
 TRACKING_M = 5.5
-"""With REACTION_S the plane stays within this of its path, at 22 m/s in a reversal."""
+"""Distance within which the plane stays of its path with REACTION_S, at 22 m/s in a reversal."""
 LOITER_PERIOD_S = 4.0
+"""Time after which the loiter that a dead companion leaves behind is set to the plane's present position again."""
 RESEND_PERIOD_S = 10.0
-"""Height and speed are commanded again after this time though they did not change: entering GUIDED forgets them."""
+"""Time after which unchanged height and speed are commanded again, because entering GUIDED resets them."""
 HEIGHT_STEP_M = 0.5
+"""Change of the wanted height up to which it is not commanded again."""
 SPEED_STEP_M_S = 0.1
-"""Smaller changes are not worth a command."""
+"""Change of the wanted speed up to which it is not commanded again."""
 EXTRAPOLATED_S = 0.5
-"""A course is reckoned on for at most this time."""
+"""Greatest age for which a reported course is extrapolated."""
 _AIRSPEED = 0.0
+"""Value of the speed type of MAV_CMD_GUIDED_CHANGE_SPEED for airspeed."""
 _KEEP_SPEED = -1.0
+"""Value of the speed of MAV_CMD_DO_REPOSITION that leaves it unchanged."""
 
 WANTED = (
     Wanted("ROLL_LIMIT_DEG", 45.0, (("LIM_ROLL_CD", 0.01),)),
@@ -68,7 +74,7 @@ PARAMETER_CHECKS = (
 
 
 class ArduPlaneAdapter(LinkedAdapter):
-    """Bank from the course error and the rate of the course; height and speed by commands that are acknowledged."""
+    """Steers by bank, from the course error and the course's rate; commands height and speed with acknowledgement."""
 
     identity = ARDUPLANE
     wanted: tuple[Wanted, ...] = WANTED
@@ -85,7 +91,7 @@ class ArduPlaneAdapter(LinkedAdapter):
 
     @property
     def abilities(self) -> Abilities:
-        """What ROLL_LIMIT_DEG and the airspeeds leave."""
+        """The performance limits that follow from ROLL_LIMIT_DEG, AIRSPEED_MIN and AIRSPEED_MAX."""
         bank_rad = self._bank_max_rad() - math.radians(BANK_RESERVE_DEG)
         slowest_m_s = max(self.parameters.value("AIRSPEED_MIN"), 1.0)
         return Abilities(
@@ -100,7 +106,7 @@ class ArduPlaneAdapter(LinkedAdapter):
         )
 
     def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
-        """Return SET_ATTITUDE_TARGET with the bank, and what is due of height, speed and the loiter underneath."""
+        """Return SET_ATTITUDE_TARGET with the bank, and the commands of height, speed and loiter that are due."""
         present_rad = self._course_rad()
         if present_rad is None or not is_usable(setpoint, convergence_rad):
             return []
@@ -112,7 +118,7 @@ class ArduPlaneAdapter(LinkedAdapter):
         return [self._bank(bank_rad, now_s), *commands]
 
     def release(self) -> None:
-        """Forget the course, and what was commanded of height and speed."""
+        """Forget the course and which height and speed were commanded."""
         super().release()
         self._ramp.release()
         self._height_m = self._speed_m_s = math.nan
@@ -127,7 +133,7 @@ class ArduPlaneAdapter(LinkedAdapter):
         speed_m_s = math.hypot(telemetry.velocity_north_m_s, telemetry.velocity_east_m_s)
         rate_max_rad_s = turn_rate_rad_s(max(speed_m_s, 1.0), self.abilities.n_max)
         course_rad, rate_rad_s = self._ramp.towards(wanted_rad, present_rad, rate_max_rad_s, now_s)
-        # The course was told a moment ago, and the plane has turned since as its bank makes it.
+        # The reported course is a moment old; since then the plane has turned as its bank makes it.
         age_s = min(max(now_s - (telemetry.position_at_s or now_s), 0.0), EXTRAPOLATED_S)
         roll_rad = telemetry.roll_rad if math.isfinite(telemetry.roll_rad) else 0.0
         present_rad += age_s * GRAVITY_M_S2 * math.tan(roll_rad) / max(speed_m_s, 1.0)

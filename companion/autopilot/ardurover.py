@@ -1,7 +1,7 @@
-"""ArduPilot rovers and boats in GUIDED: velocity setpoints, as the copter's. Unmeasured.
+"""The adapter of ArduPilot rovers and boats: velocity setpoints in GUIDED, as for the copter. Not measured.
 
-Nothing here was tried on ArduPilot's rover: the modes, the mask and the parameters are its documentation's, the lags
-are guesses on the side of caution. A rover has no height; its configuration says `height_min_m: 0`.
+Nothing here was tried on ArduPilot's rover: modes, mask and parameters are from its documentation, and the lags are
+cautious guesses. A rover has no height; its configuration has `height_min_m: 0`.
 """
 
 from __future__ import annotations
@@ -14,11 +14,15 @@ from companion.autopilot.parameters import Wanted
 from companion.autopilot.velocity import VelocityAdapter
 
 LEAD_S = 0.5
+"""Time by which a turning velocity setpoint leads. Guessed."""
 REACTION_S = 1.0
+"""Time from a setpoint to its effect. Guessed."""
 TURN_SHARE = 0.7
-"""Of ATC_TURN_MAX_G."""
+"""Share of ATC_TURN_MAX_G that turns are assumed to achieve. Guessed."""
 BRAKING_SHARE = 0.5
+"""Share of ATC_ACCEL_MAX that braking is assumed to achieve. Guessed."""
 TRACKING_M = 3.0
+"""Distance within which the rover is assumed to stay of its path. Guessed."""
 
 WANTED = (
     Wanted("CRUISE_SPEED", 2.0),
@@ -37,7 +41,7 @@ PARAMETER_CHECKS = (
 
 
 class ArduRoverAdapter(VelocityAdapter):
-    """Velocity over the ground; the climb of a setpoint means nothing to a rover."""
+    """Steers by velocity setpoints over the ground; the height of a setpoint is ignored."""
 
     identity = ARDUROVER
     wanted = WANTED
@@ -46,7 +50,7 @@ class ArduRoverAdapter(VelocityAdapter):
 
     @property
     def abilities(self) -> Abilities:
-        """What the speeds and ATC_TURN_MAX_G leave."""
+        """The performance limits that follow from the rover's speed, turn and acceleration parameters."""
         acceleration_m_s2 = max(self.parameters.value("ATC_ACCEL_MAX"), 0.1)
         speed_m_s = self.parameters.value("WP_SPEED") or self.parameters.value("CRUISE_SPEED")
         return Abilities(

@@ -1,6 +1,6 @@
-"""Commands that an autopilot acknowledges: sent again a few times until it answers, and what came of them told.
+"""Commands that the autopilot acknowledges: each is resent until it is answered, and its outcome is recorded.
 
-At most one command of a number is under way at a time, because an acknowledgement names nothing but the number.
+At most one command of each MAV_CMD number is unanswered at a time, because COMMAND_ACK names nothing but the number.
 """
 
 from __future__ import annotations
@@ -13,9 +13,13 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.telemetry import COMPANION_COMPONENT, Message
 
 SENDS = 3
+"""Number of times that a command is sent before it counts as not answered."""
 RESEND_S = 1.0
+"""Time without an answer after which a command is sent again."""
 COMMANDS_AT_ONCE = 2
+"""Greatest number of commands sent in one call of `Commands.due`."""
 MAX_WAITING = 20
+"""Greatest number of commands that wait to be sent; further ones are dropped."""
 _DEGREES_E7 = 1e7
 _RESULTS = {
     common.MAV_RESULT_ACCEPTED: "accepted",
@@ -25,28 +29,31 @@ _RESULTS = {
     common.MAV_RESULT_FAILED: "failed",
 }
 NO_ANSWER = "no answer"
+"""Outcome of a command that was sent SENDS times without an answer."""
 _MAY_CHANGE = common.MAV_RESULT_TEMPORARILY_REJECTED
+"""The result after which a command is sent again, because the next answer may differ."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """One command: COMMAND_INT if a frame says what its altitude is above, else COMMAND_LONG."""
+    """One command, sent as COMMAND_INT if it has a `frame` (the reference of its altitude), else as COMMAND_LONG."""
 
     number: int
-    """MAV_CMD."""
+    """The command's MAV_CMD."""
     name: str
-    """What a message calls it, should it not be accepted."""
+    """The command's name in messages about its failure."""
     params: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    """The command's parameters 1 to 4."""
     frame: int | None = None
-    """MAV_FRAME."""
+    """The MAV_FRAME of a COMMAND_INT; None for a COMMAND_LONG."""
     place_deg: tuple[float, float] = (0.0, 0.0)
-    """Latitude and longitude, of COMMAND_INT only."""
+    """Latitude and longitude of a COMMAND_INT; a COMMAND_LONG ignores them."""
     altitude_m: float = 0.0
     key: float = 0.0
-    """Commands of one number and one key replace each other; of other keys they wait for each other."""
+    """Distinguishes commands of one number: with the same key a new one replaces the old one, with another it waits."""
 
     def message(self, system_id: int, sends: int) -> Message:
-        """Return what goes over the wire, sent for the `sends`-th time, from 1."""
+        """Return the MAVLink message of the command, for its `sends`-th transmission (counted from 1)."""
         if self.frame is None:
             return common.MAVLink_command_long_message(
                 system_id,
@@ -83,21 +90,21 @@ class _UnderWay:
 
 @dataclass
 class Commands:
-    """Commands to one autopilot and what came of them. Times are given by the caller."""
+    """Sends commands to one autopilot and records their outcomes. Times are the caller's, in seconds of one clock."""
 
     outcomes: dict[tuple[int, float], tuple[str, str]] = field(default_factory=dict)
-    """Name and outcome of the last of each number and key."""
+    """Name and outcome of the last answered command, by number and key."""
     _waiting: dict[tuple[int, float], Command] = field(default_factory=dict)
     _under_way: dict[int, _UnderWay] = field(default_factory=dict)
     _done: dict[int, Command] = field(default_factory=dict)
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What was not accepted, one short line each."""
+        """The commands that were not accepted, each as one short line with its outcome."""
         return tuple(f"{name}: {outcome}" for name, outcome in self.outcomes.values() if outcome != "accepted")
 
     def queue(self, command: Command) -> None:
-        """Have a command sent; one of the same number and key that is not yet answered is replaced by it."""
+        """Queue a command for sending; it replaces an unanswered one of the same number and key."""
         under_way = self._under_way.get(command.number)
         if under_way is not None and under_way.command.key == command.key:
             del self._under_way[command.number]
@@ -105,12 +112,12 @@ class Commands:
             self._waiting[command.number, command.key] = command
 
     def clear(self) -> None:
-        """Forget every command that is not answered yet."""
+        """Discard all commands that are not answered yet, so that they are not sent again."""
         self._waiting.clear()
         self._under_way.clear()
 
     def due(self, now_s: float, system_id: int) -> list[Message]:
-        """Return what is to be sent now: new commands, and those not answered in time."""
+        """Return the messages to send now: new commands, and those not answered in time."""
         for number, under_way in list(self._under_way.items()):
             if under_way.sends >= SENDS and now_s - under_way.sent_s >= RESEND_S:
                 self._end(number, NO_ANSWER)
@@ -127,7 +134,7 @@ class Commands:
         return messages
 
     def take(self, message: Message, system_id: int) -> None:
-        """Note a COMMAND_ACK meant for this companion, or for nobody in particular."""
+        """Record a COMMAND_ACK that is addressed to this companion or to everyone; ignore others."""
         meant = message.target_system in (0, system_id) and message.target_component in (0, COMPANION_COMPONENT)
         if not meant or message.result not in _RESULTS:
             return

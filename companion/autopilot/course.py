@@ -1,7 +1,7 @@
-"""From a heading every half second to a course that changes evenly, with the rate at which it does.
+"""Interpolation of the headings that guidance decides each half second to a course that changes at a steady rate.
 
-Guidance decides headings that the vehicle can reach within a step. Sent as they are, they would be a staircase that an
-autopilot answers with a jerk at each step and a lag between; the rate tells it how to lead.
+Guidance decides headings that the vehicle can reach within a step. Sent unchanged they would form a staircase, which an
+autopilot follows with a jerk at each step and a lag between. The rate of the course lets an adapter lead it.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 
 RAMP_S = 0.5
-"""A new heading is reached in this time, if the vehicle can turn so fast: the default guidance step."""
+"""Time in which the course reaches a new heading if the greatest turn rate allows it: the default guidance step."""
 GAP_S = 2.0
-"""Without a heading for longer than this the course begins anew."""
+"""Time without a heading after which the course begins anew at the vehicle's present one."""
 
 
 class CourseRamp:
-    """The course asked for now, on its way to the last heading decided. Angles are from one north, whichever."""
+    """The commanded course on its way to the newest heading. All its angles must be from the same north."""
 
     def __init__(self) -> None:
         self._course_rad: float | None = None
@@ -26,7 +26,7 @@ class CourseRamp:
     def towards(
         self, wanted_rad: float, present_rad: float, rate_max_rad_s: float, now_s: float
     ) -> tuple[float, float]:
-        """Return the course now and its rate (rad/s) on the way to `wanted_rad`; it begins at `present_rad`."""
+        """Return the course at `now_s` and its rate (rad/s) towards `wanted_rad`; the first one is `present_rad`."""
         elapsed_s = now_s - self._at_s
         self._at_s = now_s
         if self._course_rad is None or not 0.0 <= elapsed_s <= GAP_S:
@@ -44,7 +44,7 @@ class CourseRamp:
         return self._course_rad, self._rate_rad_s
 
     def release(self) -> None:
-        """Forget the course."""
+        """Forget the course, so that the next one begins at the vehicle's present one."""
         self._course_rad = None
 
     def _aim(self, wanted_rad: float, rate_max_rad_s: float) -> None:

@@ -1,4 +1,4 @@
-"""How each autopilot kind shows itself in its heartbeat, and by which mode a safety pilot hands the vehicle over."""
+"""The HEARTBEAT fields that identify each autopilot kind, among them the mode by which a safety pilot hands over."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ ROVER_TYPES = frozenset({common.MAV_TYPE_GROUND_ROVER, common.MAV_TYPE_SURFACE_B
 
 @dataclass(frozen=True)
 class HeartbeatIdentity:
-    """What the heartbeat of a kind says of it."""
+    """The HEARTBEAT fields of one autopilot kind."""
 
     kind: AutopilotKind
     autopilot: int
-    """MAV_AUTOPILOT."""
+    """The kind's MAV_AUTOPILOT."""
     types: frozenset[int] | None
-    """MAV_TYPE; None for any."""
+    """The MAV_TYPEs of the kind; None for any."""
     guided_mode: int
-    """custom_mode in which it obeys setpoints."""
+    """The custom_mode in which the autopilot obeys setpoints."""
 
 
 ARDUCOPTER = HeartbeatIdentity(kinds.ARDUCOPTER, common.MAV_AUTOPILOT_ARDUPILOTMEGA, COPTER_TYPES, 4)
@@ -48,7 +48,7 @@ IDENTITIES = (ARDUCOPTER, ARDUPLANE, PX4_COPTER, PX4_PLANE, ARDUROVER, KINEMATIC
 
 
 def identified(autopilot: int | None, mav_type: int | None) -> HeartbeatIdentity | None:
-    """Return whose heartbeat has this MAV_AUTOPILOT and MAV_TYPE, or None for one that cannot be steered."""
+    """Return the identity with this MAV_AUTOPILOT and MAV_TYPE; None for an autopilot that cannot be steered."""
     for identity in IDENTITIES:
         if identity.autopilot == autopilot and (identity.types is None or mav_type in identity.types):
             return identity

@@ -1,4 +1,4 @@
-"""The kinds of autopilot that can be steered, as data: what must be known of one before any is connected."""
+"""The kinds of autopilot that can be steered, as data that is needed before an autopilot is connected."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class AutopilotKind:
-    """One kind of autopilot."""
+    """One kind of autopilot that the companion can steer."""
 
     name: str
-    """As configurations and command lines name it."""
+    """The kind's name in configurations and on command lines."""
     can_stop: bool
-    """Whether the vehicle can stand still in the air."""
+    """Whether the vehicle can stop and hold its position."""
     resumes_on_stream: bool = False
-    """Whether the autopilot obeys again by itself when a stream of setpoints comes back, whatever happened since."""
+    """Whether the autopilot re-enters its guided mode by itself when a stream of setpoints comes back."""
 
 
 ARDUCOPTER = AutopilotKind("arducopter", can_stop=True)
@@ -27,4 +27,4 @@ KINEMATIC = AutopilotKind("kinematic", can_stop=False)
 KINDS: dict[str, AutopilotKind] = {
     kind.name: kind for kind in (ARDUCOPTER, ARDUPLANE, PX4_COPTER, PX4_PLANE, ARDUROVER, KINEMATIC)
 }
-"""Every kind, by its name."""
+"""All kinds by name."""

@@ -1,6 +1,6 @@
-"""The simulator's point that turns on arcs and cannot stop: it obeys velocity setpoints at once and exactly.
+"""The adapter of the simulator's kinematic point, which flies arcs, cannot stop and obeys setpoints at once, exactly.
 
-Its stand-in says MAV_AUTOPILOT_GENERIC, which no ArduPilot or PX4 does, so that a real plane is never taken for it.
+Its stand-in's HEARTBEAT has MAV_AUTOPILOT_GENERIC, unlike ArduPilot's and PX4's, so that no real plane is taken for it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from companion.autopilot.velocity import VelocityAdapter
 
 
 class KinematicAdapter(VelocityAdapter):
-    """Asks for nothing and knows of no lag."""
+    """Steers by velocity setpoints; requests no messages or parameters and compensates no lag."""
 
     identity = KINEMATIC
     rates_hz: dict[int, float] = {}

@@ -1,6 +1,6 @@
-"""What all adapters of real autopilots share: one link heard, the right autopilot on it, parameters and message rates.
+"""The base class of the adapters of linked autopilots: telemetry, identification, parameters and message rates.
 
-A companion speaks as the onboard computer of its autopilot's system, so it takes the system id of the one it hears.
+A companion sends as the onboard computer of its autopilot's system, so it uses the system id of the autopilot it hears.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ COMMON_RATES_HZ: Mapping[int, float] = {
     common.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
     common.MAVLINK_MSG_ID_HOME_POSITION: 0.2,
 }
-"""What a companion needs to be told, and how often."""
+"""The messages that every adapter requests, by message id, and their rates."""
 HEIGHT_GAIN_1_S = 0.5
-"""Vertical speed asked for per metre of height error."""
+"""Commanded vertical speed per metre of height error."""
 VERTICAL_SPEED_M_S = 2.0
-"""Greatest vertical speed asked for."""
+"""Greatest commanded vertical speed."""
 COURSE_SPEED_M_S = 1.0
-"""Below this ground speed the course over ground says nothing and the yaw is used."""
+"""Ground speed below which the course over ground is noise and the yaw is used instead."""
 _UINT32 = 2**32
 _AUTOPILOTS = {
     common.MAV_AUTOPILOT_GENERIC: "generic",
@@ -43,7 +43,7 @@ _AUTOPILOTS = {
 
 
 class LinkedAdapter(ABC):
-    """An adapter without its steering: `encode` and `abilities` are each kind's own."""
+    """An adapter without its steering: each kind implements `encode` and `abilities`."""
 
     identity: HeartbeatIdentity
     parameter_checks: tuple[ParameterCheck, ...] = ()
@@ -51,7 +51,7 @@ class LinkedAdapter(ABC):
     rates_hz: Mapping[int, float] = COMMON_RATES_HZ
 
     def __init__(self, system_id: int | None = None) -> None:
-        """Steer the autopilot of this system id, or whichever is heard first."""
+        """Steer the autopilot with this system id; None steers the one that is heard first."""
         self.kind = self.identity.kind.name
         self.parameters = ParameterReader(self.wanted, bytewise=self.identity.autopilot == common.MAV_AUTOPILOT_PX4)
         self._reader = TelemetryReader(system_id)
@@ -62,52 +62,52 @@ class LinkedAdapter(ABC):
 
     @property
     def can_stop(self) -> bool:
-        """Whether the vehicle can stand still in the air."""
+        """Whether the vehicle can stop and hold its position."""
         return self.identity.kind.can_stop
 
     @property
     def resumes_on_stream(self) -> bool:
-        """Whether the autopilot obeys again by itself when a stream of setpoints comes back."""
+        """Whether the autopilot re-enters its guided mode by itself when a stream of setpoints comes back."""
         return self.identity.kind.resumes_on_stream
 
     @property
     def telemetry(self) -> Telemetry:
-        """The newest of what the autopilot said."""
+        """The newest telemetry of the autopilot."""
         return self._reader.telemetry
 
     @property
     def neighbours(self) -> Collection[Neighbour]:
-        """What the vehicle's own detector has seen."""
+        """The aircraft that the vehicle's own detector has seen."""
         return self._reader.neighbours.values()
 
     @property
     def rejected(self) -> Mapping[str, int]:
-        """How many messages were not believed, by why."""
+        """The number of rejected messages, by reason."""
         return self._reader.rejected
 
     @property
     def steerable(self) -> bool:
-        """Armed and in the mode that obeys setpoints: both are the safety pilot's doing."""
+        """Whether a safety pilot has armed the vehicle and put it into the mode that obeys setpoints."""
         return self.telemetry.armed and self.telemetry.custom_mode == self.identity.guided_mode
 
     @property
     def parameters_known(self) -> bool:
-        """Whether every parameter was told, or asked for in vain as often as it is worth."""
+        """Whether each wanted parameter was received, or requested in vain for the last time."""
         return self.parameters.all_known
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What the autopilot did not do of what it was asked, a short line each."""
+        """The requests and commands that the autopilot did not accept, each as one short line."""
         return self._message_intervals.failures + self._commands.failures
 
     @property
     def missing_telemetry(self) -> str | None:
-        """Positions suffice, unless a kind says otherwise."""
+        """The telemetry that this kind needs for steering and lacks; none, unless a kind needs more than positions."""
         return None
 
     @property
     def refusal(self) -> str | None:
-        """Why this autopilot is not steered at all, and what to do about it."""
+        """The reason why this autopilot is not steered at all, and the remedy; None if it may be steered."""
         telemetry = self.telemetry
         if self._reader.shared_system_id:
             return (
@@ -131,11 +131,11 @@ class LinkedAdapter(ABC):
 
     @property
     def abilities(self) -> Abilities:
-        """What the vehicle can do; nothing is known of one without parameters."""
+        """The vehicle's performance limits; without parameters there are none."""
         return Abilities()
 
     def receive(self, datagram: bytes, now_s: float) -> None:
-        """Take in bytes from the autopilot link."""
+        """Process bytes from the autopilot link: telemetry, parameters and command acknowledgements."""
         for message in messages_in(datagram):
             if not self._reader.take(message, now_s):
                 continue
@@ -147,7 +147,7 @@ class LinkedAdapter(ABC):
                 self._commands.take(message, self._system_id)
 
     def requests(self, now_s: float) -> list[bytes]:
-        """Ask for message rates and parameters, anew after the autopilot has restarted."""
+        """Return the requests for message rates and parameters that are due; all are due again after a restart."""
         telemetry = self.telemetry
         if telemetry.heartbeat_at_s is None or self.refusal is not None:
             return []
@@ -162,18 +162,18 @@ class LinkedAdapter(ABC):
 
     @abstractmethod
     def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
-        """Return the frames that ask for a setpoint whose heading is from grid north."""
+        """Return the frames that command a setpoint, whose heading is from grid north."""
 
     def hold(self, now_s: float) -> list[bytes]:
-        """Send nothing: the mode alone decides."""
+        """Return no frames: autopilots other than PX4 need no setpoint stream before the guided mode."""
         return []
 
     def release(self) -> None:
-        """Forget the commands of the steering that ended."""
+        """Forget the unanswered commands of the engagement that ended."""
         self._commands.clear()
 
     def heartbeat(self) -> bytes:
-        """Return the companion's heartbeat: an onboard controller, never a ground station (it would mask its loss)."""
+        """Return the companion's HEARTBEAT as an onboard controller: one of a ground station would mask its loss."""
         return self._pack(
             common.MAVLink_heartbeat_message(
                 type=common.MAV_TYPE_ONBOARD_CONTROLLER,
@@ -190,7 +190,7 @@ class LinkedAdapter(ABC):
         return self.telemetry.system_id or 0
 
     def _course_rad(self) -> float | None:
-        """Return where the vehicle is going over the ground, from local true north; its yaw where it hardly moves."""
+        """Return the course over ground from local true north, or the yaw below COURSE_SPEED_M_S."""
         telemetry = self.telemetry
         north_m_s, east_m_s = telemetry.velocity_north_m_s, telemetry.velocity_east_m_s
         if math.hypot(north_m_s, east_m_s) >= COURSE_SPEED_M_S:
@@ -198,12 +198,12 @@ class LinkedAdapter(ABC):
         return telemetry.yaw_rad
 
     def _climb_m_s(self, height_m: float) -> float:
-        """Return the vertical speed that leads to a height above home."""
+        """Return the vertical speed to command, positive upwards, to reach a height above home."""
         climb_m_s = HEIGHT_GAIN_1_S * (height_m - self.telemetry.height_m)
         return min(max(climb_m_s, -VERTICAL_SPEED_M_S), VERTICAL_SPEED_M_S)
 
     def _pack(self, message: common.MAVLink_message) -> bytes:
-        # A companion shares its autopilot's system id, which is known once it was heard.
+        # A companion shares its autopilot's system id, which is known once a heartbeat was heard.
         system_id = self.telemetry.system_id or 1
         if self._mav is None or self._mav.srcSystem != system_id:
             self._mav = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
@@ -219,7 +219,7 @@ class LinkedAdapter(ABC):
         place_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
         yaw_rad: float = 0.0,
     ) -> list[bytes]:
-        """Return SET_POSITION_TARGET_LOCAL_NED of north, east, down; nothing if any of it is not finite."""
+        """Return SET_POSITION_TARGET_LOCAL_NED with vectors (north, east, down); no frame if a value is not finite."""
         if not all(map(math.isfinite, (*velocity_m_s, *place_m, yaw_rad))):
             return []
         message = common.MAVLink_set_position_target_local_ned_message(
@@ -240,13 +240,13 @@ class LinkedAdapter(ABC):
 
 
 def is_usable(setpoint: Setpoint, convergence_rad: float) -> bool:
-    """Return whether a setpoint may be sent: not a number is never on the wire."""
+    """Return whether a setpoint may be sent: all its values must be finite."""
     values = (setpoint.heading_rad, setpoint.speed_m_s, setpoint.altitude_m, convergence_rad)
     return all(map(math.isfinite, values))
 
 
 def milliseconds(now_s: float) -> int:
-    """Return a time as it goes into a setpoint: wrapped within its field."""
+    """Return a time in milliseconds, wrapped to the 32 bits of a setpoint's time_boot_ms."""
     return int(now_s * 1000.0) % _UINT32
 
 

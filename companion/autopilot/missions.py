@@ -1,4 +1,4 @@
-"""Missions as programs load them: one that was scaled must have been scaled for a kind of autopilot that there is."""
+"""Loading of missions for a flight, with the check that a scaled mission is scaled for an existing autopilot kind."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def load_mission_to_fly(name_or_path: str | Path) -> Mission:
     """Load a mission by its packaged name or from a YAML file.
 
     Raises:
-        InputError: as `load_mission` does, or for a `scale.autopilot` that is no kind.
+        InputError: as `load_mission` does, and for a `scale.autopilot` that is not the name of an autopilot kind.
 
     """
     mission = load_mission(name_or_path)

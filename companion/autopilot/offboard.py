@@ -1,10 +1,10 @@
-"""The parent's side of MAVSDK for PX4: the companion's velocities in, what MAVSDK makes of them out.
+"""The parent's side of MAVSDK for PX4: it passes velocities to a child process with MAVSDK, and its setpoints on.
 
-The parent keeps the one link to the autopilot. It gives the child what the autopilot says, and lets through from it
-nothing but setpoints, and those only while its own loop ticks. A second child waits ready: when the safety pilot takes
-over, the one that steered is ended at once, because MAVSDK would repeat its last setpoint; when one dies or falls
-silent the next goes on. PX4 obeys again by itself when a stream that ended comes back: so after a gap of what really
-left no setpoint leaves before the caller was asked.
+The parent owns the only link to the autopilot. It passes what the autopilot sends to the child, and from the child it
+passes on nothing but setpoints, and those only while its own loop ticks. A second child is always ready. When the
+safety pilot takes over, the child that steered is ended at once, because MAVSDK would repeat its last setpoint; when it
+dies or falls silent, the second one takes its place. PX4 re-enters OFFBOARD by itself when a stream that ended comes
+back, so after a gap in the setpoints that were sent none is sent before `may_go_on` has allowed it.
 """
 
 from __future__ import annotations
@@ -41,25 +41,29 @@ from companion.errors import InputError
 from companion.protocol.frame import raw_frame, raw_frames
 
 CHILDREN = 2
-"""One that steers and one that waits."""
+"""Number of child processes: one that steers and one that is ready to replace it."""
 SILENCE_S = 0.3
-"""A child that steers and sends no setpoint for this time is hung. Chosen: six of MAVSDK's periods of 50 ms, and early
-enough that the next child goes on within STREAM_GAP_S."""
+"""Time without a setpoint after which the child that steers counts as hung. Chosen: six of MAVSDK's periods of 50 ms,
+and early enough that the next child takes over within STREAM_GAP_S."""
 SEND_BUFFER_BYTES = 1_048_576
-"""Asked for; the kernel gives what net.core.wmem_max allows. A message takes some hundred bytes more than it holds."""
+"""Requested size of the send buffer to a child; the kernel grants at most net.core.wmem_max. A message occupies some
+hundred bytes more than its length."""
 MAVSDK_SILENT = "MAVSDK sent nothing"
+"""Reason, in messages and logs, for a gap in the stream of setpoints that MAVSDK should have sent."""
 RESPAWN_S = 1.0
-"""A child that cannot start is not started over and over."""
+"""Least time between two starts of a child, so that one that cannot start does not keep the processor busy."""
 SETPOINT_ID = common.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+"""The message that a child's setpoints consist of."""
 SETPOINT_IDS = (
     SETPOINT_ID,
     common.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
     common.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
 )
+"""All messages that steer a vehicle."""
 
 
 def require_mavsdk() -> None:
-    """Raise InputError if MAVSDK is not installed."""
+    """Raise InputError if the package mavsdk is not installed."""
     if importlib.util.find_spec("mavsdk") is None:
         raise InputError(
             "autopilot.offboard: 'mavsdk', which is not installed; allowed: after pip install 'mavsdk>=4.1', or direct"
@@ -67,18 +71,19 @@ def require_mavsdk() -> None:
 
 
 def is_setpoint(frame: bytes) -> bool:
-    """Return whether a whole frame is one that steers."""
+    """Return whether a complete MAVLink frame is a setpoint (one of SETPOINT_IDS)."""
     raw = raw_frame(frame)
     return raw.version == 2 and raw.message_id in SETPOINT_IDS
 
 
 class Offboard:
-    """Hands setpoints to MAVSDK in a child process; times are the event loop's, which are monotonic."""
+    """Passes setpoints to MAVSDK in a child process; all times are those of the event loop's monotonic clock."""
 
     def __init__(self, send: Callable[[bytes], None], may_go_on: Callable[[], bool]) -> None:
         """Start the children; raises InputError if MAVSDK is missing.
 
-        `send` gets each frame for the autopilot; `may_go_on` is asked after a gap, before the stream begins again.
+        `send` sends one frame to the autopilot. `may_go_on` is called after a gap in the stream and returns whether it
+        may begin again.
         """
         require_mavsdk()
         self._send = send
@@ -90,25 +95,28 @@ class Offboard:
         self._spawned_s = -math.inf
         self._children = [_Child(self._from_child) for _ in range(CHILDREN)]
         self.ended = 0
-        """Children that ended by themselves, or hung."""
+        """Number of children that ended by themselves or hung."""
 
     @property
     def ready(self) -> bool:
-        """Whether a child knows the autopilot and can steer."""
+        """Whether at least one child has found the autopilot and can steer."""
         return any(child.ready for child in self._children)
 
     @property
     def silent(self) -> bool:
-        """Whether a stream is wanted that has begun before and now has a gap: no setpoint left for STREAM_GAP_S."""
+        """Whether a wanted stream that had begun has a gap: no setpoint was sent for STREAM_GAP_S."""
         return self._wanted and self._left_s is not None and self._loop.time() - self._left_s > STREAM_GAP_S
 
     def receive(self, datagram: bytes) -> None:
-        """Pass on what the autopilot said."""
+        """Pass a datagram from the autopilot on to all children."""
         for child in self._children:
             child.pass_on(datagram)
 
     def tick(self, system_id: int | None, wanted: Velocity | None) -> None:
-        """Say that the loop is alive and what it wants; None ends the child that steered, and with it its stream."""
+        """Tell the children that the loop is alive and which velocity is wanted; None ends the child that steers.
+
+        `system_id` is the autopilot's, or None until it is known.
+        """
         self._ticked_s = self._loop.time()
         self._wanted = wanted is not None
         if wanted is None:
@@ -128,19 +136,19 @@ class Offboard:
         self._replace_the_dead()
 
     def close(self) -> None:
-        """End all children."""
+        """End all child processes."""
         for child in self._children:
             child.end()
         self._children.clear()
 
     def _steering(self) -> _Child | None:
-        """Return who steers: who did so before, else the first that is ready."""
+        """Return the child that is to steer: the one that steers already, else the first that is ready, else None."""
         ready = [child for child in self._children if child.ready]
         return min(ready, key=lambda child: not child.steers, default=None)
 
     def _end_the_hung(self) -> None:
         spare = any(child.ready and not child.steers for child in self._children)
-        # Without another to go on it may still come back in time.
+        # Without a ready replacement the child gets more time, since it may still come back.
         patience_s = SILENCE_S if spare else STREAM_GAP_S
         for child in [child for child in self._children if child.steers]:
             if self._ticked_s - child.steered_s > patience_s:
@@ -158,7 +166,7 @@ class Offboard:
 
     def _from_child(self, child: _Child, sent: bytes) -> None:
         if not child.steers or self._loop.time() - self._ticked_s > TICK_TIMEOUT_S:
-            # What a child said while this process was stopped is older than it looks.
+            # After this process was stopped, setpoints that a child sent meanwhile may be old.
             return
         for frame in raw_frames(sent):
             if frame.version == 2 and frame.message_id == SETPOINT_ID:
@@ -170,7 +178,7 @@ class Offboard:
 
 @contextmanager
 def _blocked(number: signal.Signals) -> Iterator[None]:
-    """Hold a signal back; a process that is started meanwhile holds it back for ever, from before its first line on."""
+    """Block a signal; a process started meanwhile inherits the block, from before its first line and for good."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {number})
     try:
         yield
@@ -179,12 +187,12 @@ def _blocked(number: signal.Signals) -> Iterator[None]:
 
 
 class _Child:
-    """One child process and the socket to it, whose messages arrive whole."""
+    """One child process and the socket to it, a sequenced-packet socket that keeps message boundaries."""
 
     def __init__(self, on_frame: Callable[[_Child, bytes], None]) -> None:
         self.ready = self.steers = self.dead = False
         self.steered_s = math.inf
-        """When it last sent a setpoint, or was first told to."""
+        """Time of its last setpoint, or when it was first told to steer, whichever is later."""
         self._up = self._identified = False
         self._on_frame = on_frame
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -201,31 +209,31 @@ class _Child:
         self._loop.add_reader(self._socket, self._read)
 
     def identify(self, system_id: int | None) -> None:
-        """Say once whose onboard computer it speaks as."""
+        """Tell the child, once, the system id with which it sends as the onboard computer."""
         if not self._identified and system_id is not None:
             self._identified = True
             self.tell(IDENTITY + IDENTITY_FIELDS.pack(system_id, COMPANION_COMPONENT))
 
     def steer(self, now_s: float) -> None:
-        """Be the one that steers from now on."""
+        """Mark the child as the one that steers from now on."""
         if not self.steers:
             self.steers, self.steered_s = True, now_s
 
     def pass_on(self, datagram: bytes) -> None:
-        """Pass on what the autopilot said, if the child reads already and keeps up: a flood of it kills no child."""
+        """Pass on a datagram from the autopilot; drop it if the child does not read yet or its socket is full."""
         if self._up:
             with suppress(OSError):
                 self._socket.send(RECEIVED + datagram)
 
     def tell(self, message: bytes) -> None:
-        """Send a message; a child that no longer reads counts as dead."""
+        """Send a message to the child; if that fails, the child counts as dead."""
         try:
             self._socket.send(message)
         except OSError:
             self.dead = True
 
     def end(self) -> None:
-        """Kill the process, now."""
+        """Close the socket and kill the process at once."""
         if self._socket.fileno() >= 0:
             self._loop.remove_reader(self._socket)
             self._socket.close()

@@ -1,9 +1,9 @@
-"""The process that holds MAVSDK: it steers by what its parent tells it, and ends when the parent stops ticking.
+"""The child process that runs MAVSDK: it sends the setpoints that its parent wants, and ends when the parent hangs.
 
-MAVSDK repeats the last setpoint for ever if the program around it hangs. So it lives in a process of its own, with an
-alarm clock of the kernel's that every tick sets anew: when it rings the process is ended, whatever its threads do.
-Every byte goes through the parent, which owns the one link to the autopilot. `offboard.py` beside this file is the
-parent's side; this file imports nothing else of the companion, so that it is ready soon, and MAVSDK only in the child.
+MAVSDK repeats the last setpoint for ever if the program around it hangs. So it runs in a process of its own with a
+kernel timer that every tick of the parent restarts: when the timer expires, the kernel ends the process, whatever its
+threads do. All bytes go through the parent (`offboard.py`), which owns the only link to the autopilot. This file
+imports nothing else of the companion, so that the child starts quickly, and imports MAVSDK only in the child.
 """
 
 from __future__ import annotations
@@ -18,26 +18,29 @@ from contextlib import suppress
 from typing import Any
 
 TICK_TIMEOUT_S = 0.5
-"""Without a tick for this time nobody is at the controls."""
+"""Time without a tick after which the parent counts as hung: the child ends, and its setpoints are not passed on."""
 MESSAGE_BYTES = 65_536
+"""Greatest size of a message between parent and child."""
 
-# The first byte of each message between the two says what it is.
+# The first byte of a message between parent and child is its type.
 IDENTITY = b"I"
-"""To the child: system and component id to speak as."""
+"""Type of the message to the child with the system and component id that it sends with."""
 RECEIVED = b"B"
-"""To the child: bytes that the autopilot sent."""
+"""Type of the message to the child with bytes that the autopilot sent."""
 TICK = b"T"
-"""To the child: the parent is alive."""
+"""Type of the message to the child that says that the parent is alive."""
 SETPOINT = b"S"
-"""To the child: velocity north, east, down in m/s, and yaw in rad."""
+"""Type of the message to the child with the wanted velocity north, east, down in m/s and yaw in rad; also a tick."""
 UP = b"U"
-"""To the parent: MAVSDK is imported, what comes now is read."""
+"""Type of the message to the parent that says that MAVSDK is imported and the child reads."""
 READY = b"R"
-"""To the parent: the autopilot is known, setpoints can be sent."""
+"""Type of the message to the parent that says that the autopilot is found and setpoints can be sent."""
 FRAME = b"F"
-"""To the parent: bytes for the autopilot."""
+"""Type of the message to the parent with bytes for the autopilot."""
 IDENTITY_FIELDS = struct.Struct("<BB")
+"""Layout of IDENTITY after its type."""
 SETPOINT_FIELDS = struct.Struct("<4f")
+"""Layout of SETPOINT after its type."""
 
 
 class _Child:
@@ -81,20 +84,20 @@ class _Child:
 
 
 def main() -> None:
-    """Serve the parent on the socket whose descriptor is the first argument, until it has gone."""
-    # The default action ends the process within the kernel; a handler in Python would need a thread that runs.
+    """Serve the parent on the socket whose descriptor is the first argument, until the parent closes it."""
+    # The default action ends the process in the kernel; a Python handler would need a running thread.
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    # Ctrl-C at a terminal reaches the whole group, but the parent decides when this one ends.
+    # Ctrl-C at a terminal reaches the whole process group, but the parent decides when this process ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.log_subscribe(lambda *_: True)
     parent = socket.socket(fileno=int(sys.argv[1]))
     child = _Child(parent)
     child.tell(UP)
-    # Reset: the parent ended before it had read everything.
+    # The connection is reset when the parent ended before it had read everything.
     with suppress(ConnectionResetError):
         while message := parent.recv(MESSAGE_BYTES):
             child.take(message[:1], message[1:])
-    # Past MAVSDK's own ending, which waits for its threads.
+    # Exit without MAVSDK's own shutdown, which waits for its threads.
     os._exit(0)
 
 

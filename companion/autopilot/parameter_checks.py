@@ -1,4 +1,4 @@
-"""What `companion check` checks in an autopilot's parameters: on them rests what a dead companion leaves behind."""
+"""The demands of `companion check` on autopilot parameters that decide what the vehicle does if its companion dies."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ParameterCheck:
-    """A parameter by its first name, what it may be, why, and what to do about another value."""
+    """The values allowed for one parameter (by its first name in `Wanted`), the reason, and the remedy."""
 
     name: str
     why: str
@@ -16,17 +16,17 @@ class ParameterCheck:
     least: float = -math.inf
     greatest: float = math.inf
     allowed: tuple[float, ...] = ()
-    """Where only these will do."""
+    """The only allowed values; if empty, `least` and `greatest` bound the value."""
     when_fenced: bool = False
-    """Demanded only of a vehicle whose companion has a fence."""
+    """Whether the check applies only to a vehicle whose companion has a fence."""
 
     def met_by(self, value: float) -> bool:
-        """Return whether a value will do."""
+        """Return whether a value is allowed."""
         return value in self.allowed if self.allowed else self.least <= value <= self.greatest
 
     @property
     def words(self) -> str:
-        """What is allowed, in words."""
+        """The allowed values in words, for messages."""
         if self.allowed:
             return " or ".join(f"{value:g}" for value in self.allowed)
         if self.least == -math.inf:

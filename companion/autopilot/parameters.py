@@ -1,7 +1,7 @@
-"""The autopilot's parameters: asked for by name, a few at a time, and read in either of the ways they travel.
+"""The autopilot's parameters: requested by name, a few at a time, and decoded in ArduPilot's or PX4's encoding.
 
-What a vehicle can do, and what it does when its companion dies, rests on them. An autopilot need not answer: names come
-and go with its versions, and a request may be lost.
+They decide what the vehicle can do, and what it does when its companion dies. An autopilot may not answer: parameter
+names differ between versions, and a request may be lost.
 """
 
 from __future__ import annotations
@@ -17,11 +17,15 @@ from companion.autopilot.telemetry import Message
 from companion.files.mavlink_layout import frame_parts
 
 TRIES = 5
+"""Number of times that a parameter is requested before it counts as unknown."""
 RETRY_S = 1.0
+"""Time without an answer after which a parameter is requested again."""
 REQUESTS_AT_ONCE = 2
+"""Greatest number of parameters requested in one REQUESTS_PERIOD_S."""
 REQUESTS_PERIOD_S = 0.2
-"""At most REQUESTS_AT_ONCE requests in this time: a telemetry radio has other things to carry."""
+"""Least time between two groups of requests, so that they leave room for other messages on a telemetry radio."""
 _NAME_BYTES = 16
+"""Size of a parameter's name in MAVLink."""
 _INTEGERS = {
     common.MAV_PARAM_TYPE_UINT8: "<B3x",
     common.MAV_PARAM_TYPE_INT8: "<b3x",
@@ -30,29 +34,29 @@ _INTEGERS = {
     common.MAV_PARAM_TYPE_UINT32: "<I",
     common.MAV_PARAM_TYPE_INT32: "<i",
 }
-"""How PX4 writes an integer into the four bytes of the float."""
+"""Format in which PX4 writes an integer parameter into the four bytes of the message's float, by MAV_PARAM_TYPE."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """A parameter worth asking for, with the value that the autopilot's makers document as its default."""
+    """A parameter that the companion requests, with the default value that the autopilot's documentation gives."""
 
     name: str
     default: float
     others: tuple[tuple[str, float], ...] = ()
-    """What other versions call it, and by what their value is multiplied to mean the same."""
+    """The parameter's names in other versions, each with the factor that converts its value to that of `name`."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every name of it."""
+        """All names of the parameter, the first name first."""
         return (self.name, *(name for name, _ in self.others))
 
 
 class ParameterReader:
-    """Asks for parameters and keeps their values. Times are given by the caller."""
+    """Requests parameters and stores their values. Times are the caller's, in seconds of one clock."""
 
     def __init__(self, wanted: Iterable[Wanted], bytewise: bool) -> None:
-        """Read these; `bytewise` for an autopilot that writes integers bytewise into the float (PX4)."""
+        """Read the wanted parameters; `bytewise` is true for PX4, which writes integers bytewise into the float."""
         self._wanted = tuple(wanted)
         self._bytewise = bytewise
         self._meanings = {one.name: (one.name, 1.0) for one in self._wanted}
@@ -68,31 +72,31 @@ class ParameterReader:
 
     @property
     def values(self) -> Mapping[str, float]:
-        """What the autopilot told, by the first name of each."""
+        """The values that the autopilot sent, by the first name of each parameter."""
         return self._told
 
     @property
     def all_known(self) -> bool:
-        """Whether each was told, or asked for in vain as often as it is worth."""
+        """Whether each parameter was received, or requested TRIES times in vain."""
         return self._given_up or len(self._told) == len(self._defaults)
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """Those that the autopilot did not tell."""
+        """The first names of the parameters that the autopilot has not sent."""
         return tuple(name for name in self._defaults if name not in self._told)
 
     def value(self, name: str) -> float:
-        """Return a parameter as told, or its documented default."""
+        """Return the value of a parameter (by its first name) as received, or else its documented default."""
         return self._told.get(name, self._defaults[name])
 
     def restart(self) -> None:
-        """Ask for all of them again: the autopilot started anew. What it told before holds until it answers."""
+        """Request all parameters again after the autopilot has restarted; earlier values are used until it answers."""
         self._tries = dict.fromkeys(self._defaults, 0)
         self._answered.clear()
         self._asked_s.clear()
 
     def take(self, message: Message) -> None:
-        """Note a PARAM_VALUE, asked for or not; others, and values that are not finite, are ignored."""
+        """Store a PARAM_VALUE, requested or not; unknown parameters and values that are not finite are ignored."""
         name, factor = self._meanings.get(message.param_id.rstrip("\0"), (None, 0.0))
         value = _value(message, self._bytewise)
         if name is not None and math.isfinite(value):
@@ -100,7 +104,7 @@ class ParameterReader:
             self._answered.add(name)
 
     def due(self, now_s: float) -> list[str]:
-        """Return the names to ask for now."""
+        """Return the names to request now, all names of each parameter that is due."""
         if now_s < self._next_s:
             return []
         self._given_up = self._given_up or all(self._spent(name, now_s) for name in self._defaults)
@@ -123,7 +127,7 @@ class ParameterReader:
 
 
 def request(name: str, system_id: int) -> common.MAVLink_param_request_read_message:
-    """Return the request for a parameter by name."""
+    """Return the PARAM_REQUEST_READ of a parameter by name."""
     return common.MAVLink_param_request_read_message(
         system_id, common.MAV_COMP_ID_AUTOPILOT1, name.encode("ascii")[:_NAME_BYTES], -1
     )
@@ -133,6 +137,6 @@ def _value(message: Message, bytewise: bool) -> float:
     form = _INTEGERS.get(message.param_type) if bytewise else None
     if form is None:
         return float(message.param_value)
-    # From the bytes as they came: as a float, some integers would be numbers that are none.
+    # Read from the received bytes, because as a float some integers would be NaN.
     frame = bytes(message.get_msgbuf())
     return float(struct.unpack_from(form, frame, frame_parts(frame)[1])[0])

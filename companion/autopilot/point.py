@@ -1,6 +1,6 @@
-"""The adapter of a point that stands for a vehicle, where there is no autopilot to exchange bytes with.
+"""The adapter of a simulated point vehicle, which has no autopilot to exchange bytes with.
 
-The ground station reckons with it where its agents must be, and the arena flies it.
+The ground station uses it for the dead reckoning of its agents, and the arena flies it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from companion.guard.types import Setpoint
 
 
 class PointAdapter:
-    """Tells its companion what its owner puts into it, and keeps the setpoint: a point obeys at once, exactly."""
+    """Gives its companion the telemetry that its owner sets, and stores the setpoint, which a point obeys at once."""
 
     kind = "kinematic"
     resumes_on_stream = False
@@ -22,17 +22,17 @@ class PointAdapter:
     parameters_known = True
 
     def __init__(self, can_stop: bool, home_deg: tuple[float, float], height_m: float) -> None:
-        """Fly at a height in metres above home, a latitude and longitude in degrees."""
+        """Set the home position (latitude, longitude) and the constant height above home, as telemetry reports them."""
         self.can_stop = can_stop
         self.neighbours: list[Neighbour] = []
         self.telemetry = Telemetry()
         self.setpoint: Setpoint | None = None
-        """The newest that it was asked for."""
+        """The newest setpoint that the companion commanded; None before the first."""
         self._home_deg = home_deg
         self._height_m = height_m
 
     def tell(self, here: Neighbour, yaw_rad: float | None, now_s: float) -> None:
-        """Tell the companion, as telemetry of this moment, that the vehicle is where a neighbour would see it."""
+        """Set the telemetry of `now_s`: the vehicle is where `here`, the position a detector would report, says."""
         self.telemetry = Telemetry(
             system_id=1,
             heartbeat_at_s=now_s,
@@ -50,24 +50,24 @@ class PointAdapter:
         )
 
     def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
-        """Take the setpoint: there is nobody to send frames to."""
+        """Store the setpoint and return no frames, because there is no autopilot."""
         self.setpoint = setpoint
         return []
 
     def receive(self, datagram: bytes, now_s: float) -> None:
-        """There is no autopilot to hear."""
+        """Do nothing: there is no autopilot to hear."""
 
     def requests(self, now_s: float) -> list[bytes]:
-        """There is nobody to ask."""
+        """Return no frames: there is no autopilot to ask."""
         return []
 
     def hold(self, now_s: float) -> list[bytes]:
-        """Nothing need flow before it is steered."""
+        """Return no frames: a point needs no setpoint stream before it is steered."""
         return []
 
     def release(self) -> None:
-        """Nothing is kept of a steering that ended."""
+        """Do nothing: no state of an engagement is stored."""
 
     def heartbeat(self) -> bytes:
-        """Nobody listens to it."""
+        """Return no bytes: there is no autopilot to hear a heartbeat."""
         return b""

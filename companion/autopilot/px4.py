@@ -1,7 +1,7 @@
-"""What both PX4 kinds have in common: OFFBOARD, which a stream of setpoints keeps, ends and begins again by itself.
+"""The message rates, parameters and checks of both PX4 kinds, which are steered in OFFBOARD.
 
-docs/autopilots.md: the stream must flow before a safety pilot can choose OFFBOARD; when it stops OFFBOARD ends
-COM_OF_LOSS_T later by COM_OBL_RC_ACT; when it comes back PX4 re-enters OFFBOARD whatever happened since.
+docs/autopilots.md: setpoints must flow before a safety pilot can choose OFFBOARD. When the stream stops, PX4 does what
+COM_OBL_RC_ACT says COM_OF_LOSS_T later; when it comes back, PX4 re-enters OFFBOARD whatever happened since.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PARAMETER_CHECKS = (
         "COM_OF_LOSS_T",
         "so long after its companion died the vehicle flies on by the last setpoint",
         "set COM_OF_LOSS_T to 1",
-        # Longer than the gap after which the companion itself takes its stream for ended (STREAM_GAP_S).
+        # Longer than STREAM_GAP_S, the gap after which the companion itself counts its stream as ended.
         0.8,
         1.0,
     ),

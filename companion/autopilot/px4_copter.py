@@ -1,6 +1,6 @@
-"""PX4 copters in OFFBOARD: exactly what MAVSDK sends for set_velocity_ned (velocity and yaw, mask 0x9C7).
+"""The PX4 copter adapter: in OFFBOARD, the same frames as MAVSDK's set_velocity_ned (velocity and yaw, mask 0x9C7).
 
-Figures without another source are docs/autopilots.md'.
+Figures without another source are from docs/autopilots.md.
 """
 
 from __future__ import annotations
@@ -16,15 +16,18 @@ from companion.autopilot.velocity import VELOCITY_AND_YAW, VelocityAdapter
 from companion.geo.kinematics import GRAVITY_M_S2
 
 LEAD_S = 0.5
-"""Of the velocity's lag on a steady turn; the rest is the reaction."""
+"""Time by which a turning velocity setpoint leads: most of the velocity's lag on a steady turn."""
 REACTION_S = 0.2
-"""What the lead leaves of the lag. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest rate
-(tests/benchmarks/lags.py)."""
+"""Part of the velocity's lag that LEAD_S leaves. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest
+rate (tests/benchmarks/lags.py)."""
 TURN_SHARE = 0.7
+"""Share of the acceleration MPC_ACC_HOR that turns may use."""
 BRAKING_SHARE = 0.8
+"""Share of the acceleration MPC_ACC_HOR that braking is assumed to achieve."""
 SPEED_SHARE = 0.85
+"""Share of the speed MPC_XY_VEL_MAX that is commanded at most."""
 TRACKING_M = 1.5
-"""With REACTION_S the vehicle stays within this of its path at 5 and 10 m/s, measured alike."""
+"""Distance within which the vehicle stays of its path with REACTION_S, at 5 and 10 m/s; measured like REACTION_S."""
 
 WANTED = (*px4.WANTED, Wanted("MPC_ACC_HOR", 3.0), Wanted("MPC_XY_VEL_MAX", 12.0))
 PARAMETER_CHECKS = (
@@ -35,7 +38,7 @@ PARAMETER_CHECKS = (
 
 
 class Px4CopterAdapter(VelocityAdapter):
-    """Velocity, with the nose along the track."""
+    """Steers by velocity setpoints with the yaw along the track."""
 
     identity = PX4_COPTER
     wanted: tuple[Wanted, ...] = WANTED
@@ -46,7 +49,7 @@ class Px4CopterAdapter(VelocityAdapter):
 
     @property
     def abilities(self) -> Abilities:
-        """What MPC_ACC_HOR and MPC_XY_VEL_MAX leave."""
+        """The performance limits that follow from MPC_ACC_HOR and MPC_XY_VEL_MAX."""
         acceleration_m_s2 = max(self.parameters.value("MPC_ACC_HOR"), 0.1)
         return Abilities(
             speed_max_m_s=SPEED_SHARE * max(self.parameters.value("MPC_XY_VEL_MAX"), 0.1),
@@ -58,7 +61,7 @@ class Px4CopterAdapter(VelocityAdapter):
         )
 
     def hold(self, now_s: float) -> list[bytes]:
-        """Ask to stand still, nose and height as they are."""
+        """Return a setpoint of zero velocity with the present yaw; no frames until the yaw is known."""
         yaw_rad = self.telemetry.yaw_rad
         if yaw_rad is None:
             return []

@@ -1,8 +1,8 @@
-"""PX4 planes in OFFBOARD: position and velocity (mask 0xDC0), its own place with the wanted height, and a course.
+"""The PX4 plane adapter: in OFFBOARD, position and velocity (mask 0xDC0).
 
-docs/autopilots.md: velocity alone is ignored and freezes the attitude, an acceleration acts with the wrong sign, the
-speed
-is FW_AIRSPD_TRIM's whatever is asked, and only the bank is limited: the course must be ramped within n_max g / v here.
+The position is the plane's own with the wanted height; the velocity gives the course. docs/autopilots.md: velocity
+alone is ignored and freezes the attitude, an acceleration acts with the wrong sign, and the speed is FW_AIRSPD_TRIM
+whatever is commanded. PX4 limits only the bank, so this adapter limits the course's rate to n_max g / v.
 """
 
 from __future__ import annotations
@@ -20,27 +20,28 @@ from companion.geo.kinematics import turn_rate_rad_s
 from companion.guard.types import Setpoint
 
 POSITION_AND_VELOCITY = 0x0DC0
-"""type_mask: ignore acceleration, yaw and yaw rate."""
+"""type_mask of SET_POSITION_TARGET_LOCAL_NED: ignore acceleration, yaw and yaw rate."""
 LEAD_S = 0.9
-"""Of the course's lag of 1.17 s on a steady turn; with all of it (1.15 s was measured to follow a steady one within 0.7
-degrees) the stand-in begins and ends turns too early, and strays 6.7 m."""
+"""Time by which a turning course leads: most of the course's lag of 1.17 s on a steady turn. With 1.15 s a steady turn
+was followed within 0.7 degrees, but the stand-in then begins and ends turns too early and strays 6.7 m."""
 VECTOR_M_S = 15.0
-"""Length of the velocity that carries the course; PX4 minds only its direction."""
+"""Length of the velocity vector that gives the course; PX4 uses only its direction."""
 HEIGHT_STEP_M = 8.0
-"""The height asked for is never further away: with an error over 10 m it loiters instead of holding its course."""
+"""Greatest height difference that is commanded: with one over 10 m the plane loiters instead of holding its course."""
 REACTION_S = 0.2
-"""What the lead leaves of the lag. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest rate
-(tests/benchmarks/lags.py)."""
+"""Part of the course's lag that LEAD_S leaves. Measured on the stand-in, on turns of 8 to 360 degrees at the greatest
+rate (tests/benchmarks/lags.py)."""
 PLANE_LAG_S = 1.17
-"""A course this much ahead of the present one, times the rate, turns the plane at that rate (docs/autopilots.md)."""
+"""Lag of the course on a steady turn: to turn at a rate, command a course that is ahead of the present one by that rate
+times this lag (docs/autopilots.md)."""
 CIRCLE_SHARE = 0.8
-"""Of the greatest turn rate, where it circles because nothing better is known."""
+"""Share of the greatest turn rate at which the plane circles in OFFBOARD while it has no setpoint."""
 N_MAX = 0.4
-"""15 deg/s at 15 m/s was followed within 0.7 degrees."""
+"""Greatest load factor of turns: a turn rate of 15 deg/s at 15 m/s was followed within 0.7 degrees."""
 BANK_SHARE = 0.7
-"""Of what the greatest bank would give."""
+"""Share of the load factor of the greatest bank (FW_R_LIM) that turns may use."""
 TRACKING_M = 2.0
-"""With REACTION_S the vehicle stays within this of its path, measured alike."""
+"""Distance within which the vehicle stays of its path with REACTION_S; measured like REACTION_S."""
 
 WANTED = (*px4.WANTED, Wanted("FW_AIRSPD_TRIM", 15.0), Wanted("FW_R_LIM", 50.0))
 PARAMETER_CHECKS = (
@@ -51,7 +52,7 @@ PARAMETER_CHECKS = (
 
 
 class Px4PlaneAdapter(LinkedAdapter):
-    """A course command, ahead of the course by as much as the plane lags behind it."""
+    """Steers by a commanded course that leads the wanted one to compensate for the plane's lag."""
 
     identity = PX4_PLANE
     wanted = WANTED
@@ -65,7 +66,7 @@ class Px4PlaneAdapter(LinkedAdapter):
 
     @property
     def abilities(self) -> Abilities:
-        """What FW_AIRSPD_TRIM and FW_R_LIM leave."""
+        """The performance limits that follow from FW_AIRSPD_TRIM and FW_R_LIM."""
         speed_m_s = max(self.parameters.value("FW_AIRSPD_TRIM"), 1.0)
         bank_rad = math.radians(min(max(self.parameters.value("FW_R_LIM"), 5.0), 65.0))
         return Abilities(
@@ -79,7 +80,7 @@ class Px4PlaneAdapter(LinkedAdapter):
 
     @property
     def missing_telemetry(self) -> str | None:
-        """Its own place in the autopilot's local frame, which every setpoint carries."""
+        """The local position, which every setpoint contains, if the autopilot does not send it; else None."""
         return "no local position" if self.telemetry.local_ned_m is None else None
 
     def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
@@ -97,7 +98,7 @@ class Px4PlaneAdapter(LinkedAdapter):
         return self._course(course_rad + LEAD_S * rate_rad_s, setpoint.altitude_m, now_s)
 
     def hold(self, now_s: float) -> list[bytes]:
-        """Ask for the present course and height; once it obeys, for a circle: straight on would lead it anywhere."""
+        """Return a setpoint of the present course and height; in OFFBOARD one that circles, to stay near."""
         course_rad = self._course_rad()
         if course_rad is None:
             return []
@@ -108,7 +109,7 @@ class Px4PlaneAdapter(LinkedAdapter):
         return self._course(course_rad, self.telemetry.height_m, now_s)
 
     def release(self) -> None:
-        """Forget the course of the steering that ended."""
+        """Forget the course of the engagement that ended."""
         super().release()
         self._ramp.release()
 

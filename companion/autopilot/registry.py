@@ -1,4 +1,4 @@
-"""Which adapter steers which kind of autopilot: one small module per kind, behind one protocol."""
+"""The registry of adapters: the adapter class of each autopilot kind."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from companion.autopilot.px4_plane import Px4PlaneAdapter
 
 
 class MakesAdapter(Protocol):
-    """Makes an adapter that listens to the autopilot of one system id, or to whichever it hears first."""
+    """A function or class that makes an adapter for one autopilot."""
 
     def __call__(self, system_id: int | None = None) -> LinkedAdapter:
-        """Return a new adapter."""
+        """Return a new adapter for the autopilot with this system id; None takes the one that is heard first."""
         ...
 
 
@@ -30,4 +30,4 @@ ADAPTERS: dict[str, MakesAdapter] = {
     kinds.ARDUROVER.name: ArduRoverAdapter,
     kinds.KINEMATIC.name: KinematicAdapter,
 }
-"""The adapter of each kind, by the kind's name."""
+"""The adapter class of each kind, by the kind's name."""

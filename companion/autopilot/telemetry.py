@@ -1,4 +1,4 @@
-"""The telemetry that all autopilots tell alike, read from MAVLink `common`."""
+"""The telemetry that all autopilots send in the same messages, read from the MAVLink dialect `common`."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ from pymavlink.dialects.v20 import common
 from companion.files.mavlink_layout import HEADER_V2_BYTES, MARKER_V2, frame_parts
 
 Message = Any
-"""A message of the generated module, which carries no types."""
+"""A decoded message; pymavlink's generated module has no type annotations."""
 
 COMPANION_COMPONENT = common.MAV_COMP_ID_ONBOARD_COMPUTER
+"""The component id that the companion sends with."""
 HEARTBEAT_PERIOD_S = 1.0
+"""Time between two heartbeats of an autopilot, and of the companion."""
 HEARTBEAT_TIMEOUT_S = 3.5
-"""An autopilot's heartbeat comes once a second; three may be lost."""
+"""Time without a heartbeat after which the autopilot counts as lost: three heartbeats in a row may be lost."""
 _MESSAGE_IDS = frozenset(
     {
         common.MAVLINK_MSG_ID_HEARTBEAT,
@@ -38,92 +40,97 @@ _MESSAGE_IDS = frozenset(
     }
 )
 CALLSIGN_PATTERN = r"OW(\d{5})"
-"""How the fleet's aircraft call themselves to each other's detectors; anybody else is a stranger."""
+"""Regular expression of the fleet's callsigns: OW and the agent id in five digits."""
 NEIGHBOUR_MEMORY_S = 5.0
-"""A neighbour not seen for this long is elsewhere by now."""
+"""Time after which a neighbour that is no longer seen is forgotten."""
 MAX_NEIGHBOURS = 100
+"""Greatest number of neighbours that are stored; further ones are rejected."""
 RESTART_MS = 1_000
-"""An autopilot's clock that goes back by more was set to zero; less is a datagram that came late."""
+"""Step back of an autopilot's clock beyond which it has restarted; a smaller one is a datagram that came late."""
 SHARED_ID_STEPS = 2
-"""Two autopilots share a system id if the clock went back this often within SHARED_ID_WITHIN_S."""
+"""Number of restarts within SHARED_ID_WITHIN_S that show that two autopilots share a system id."""
 SHARED_ID_WITHIN_S = 10.0
-"""An autopilot takes longer than this to start twice."""
+"""Time within which signs of a shared system id are counted: an autopilot takes longer than this to start twice."""
 SHARED_ID_CONTRADICTIONS = 20
-"""Two autopilots with like clocks share a system id if within SHARED_ID_WITHIN_S this many positions come late, or are
-elsewhere at the same moment. A link that puts a fifth of its datagrams out of order would look so too, and is unfit."""
+"""Number of positions within SHARED_ID_WITHIN_S that are late, or differ at the same time, which shows that two
+autopilots with similar clocks share a system id. A link that delivers a fifth of its datagrams out of order would show
+the same, and is not fit for use."""
 SHARED_ID_MEMORY_S = 30.0
-"""Two autopilots are taken to share an id for this time after the last sign of it."""
+"""Time after the last sign of a shared system id for which it is still assumed."""
 LOCAL_POSITION_MAX_AGE_S = 2.0
-"""A local position older than this is none."""
+"""Age beyond which a local position is discarded."""
 METRES_PER_HDOP = 2.5
-"""Accuracy where a receiver tells only its dilution of precision. Chosen: typical of one without corrections."""
+"""Assumed position error per unit of HDOP, for a receiver that gives no accuracy in metres. Chosen: typical of one
+without corrections."""
 _EPH_UNKNOWN = 65_535
+"""Value of GPS_RAW_INT.eph that means unknown."""
 _LAT_MAX_E7 = 900_000_000
 _LON_MAX_E7 = 1_800_000_000
 _NO_FIX = (0, 0)
-"""What autopilots send as latitude and longitude before they know them."""
+"""Latitude and longitude that autopilots send before they know them."""
 
 
 @dataclass(frozen=True)
 class Telemetry:
-    """The newest of what the autopilot said; None until it said it. Headings are from local true north."""
+    """The newest telemetry of the autopilot. Headings are from local true north; None or NaN means not received yet."""
 
     system_id: int | None = None
     heartbeat_at_s: float | None = None
     autopilot: int | None = None
-    """MAV_AUTOPILOT."""
+    """The autopilot's MAV_AUTOPILOT."""
     mav_type: int | None = None
+    """The vehicle's MAV_TYPE."""
     system_status: int | None = None
-    """MAV_STATE; critical and emergency are the autopilot's own failsafes."""
+    """The autopilot's MAV_STATE; critical and emergency mean that one of its own failsafes acts."""
     armed: bool = False
     custom_mode: int | None = None
     boot_ms: int | None = None
-    """The autopilot's clock, since it started."""
+    """The autopilot's time_boot_ms: milliseconds since it started."""
     restarts: int = 0
-    """How often that clock went back: it was rebooted in flight, or two autopilots answer to one system id."""
+    """Number of times that `boot_ms` went back: the autopilot restarted, or two autopilots share a system id."""
     position_at_s: float | None = None
     lat_deg: float = math.nan
     lon_deg: float = math.nan
     height_m: float = math.nan
-    """Above home."""
+    """Height above home."""
     altitude_m: float = math.nan
-    """Above sea level."""
+    """Altitude above mean sea level."""
     velocity_north_m_s: float = math.nan
     velocity_east_m_s: float = math.nan
     yaw_rad: float | None = None
     home_deg: tuple[float, float] | None = None
-    """Latitude and longitude."""
+    """Latitude and longitude of home."""
     in_air: bool | None = None
-    """Airborne and neither taking off nor landing; None where the autopilot does not say."""
+    """Whether the vehicle flies and neither takes off nor lands; None where the autopilot does not say."""
     local_ned_m: tuple[float, float, float] | None = None
-    """Of the autopilot's own local frame, as it came with the newest position."""
+    """Position (north, east, down) in the autopilot's own local frame; None where it is missing or too old."""
     roll_rad: float = math.nan
     attitude_at_s: float | None = None
     airspeed_m_s: float = math.nan
     gps_fix: int | None = None
-    """GPS_FIX_TYPE."""
+    """The receiver's GPS_FIX_TYPE."""
     position_accuracy_m: float = math.nan
-    """Horizontal, as the autopilot's estimator or receiver says; NaN if neither does."""
+    """Horizontal accuracy, the worse of the receiver's and the estimator's; NaN if neither reports one."""
     battery_percent: float | None = None
 
 
 @dataclass(frozen=True)
 class Neighbour:
-    """Another aircraft as the vehicle's own detector saw it. Velocities are from local true north."""
+    """Another aircraft as the vehicle's own detector last saw it. Velocities are along local true north and east."""
 
     agent_id: int | None
-    """None for one that is not of the fleet."""
+    """Its agent id; None for an aircraft that is not of the fleet."""
     lat_deg: float
     lon_deg: float
     velocity_north_m_s: float
     velocity_east_m_s: float
     seen_at_s: float
     altitude_m: float = math.nan
-    """Above sea level; NaN if it did not say."""
+    """Altitude above mean sea level; NaN if it is not reported."""
 
 
 class _SharedIdWatch:
-    """Notices two autopilots that answer to one system id, by what one alone seldom does."""
+    """Detects two autopilots that share a system id, by frequent clock steps and contradictory positions."""
 
     def __init__(self) -> None:
         self.noticed_s = -math.inf
@@ -131,32 +138,32 @@ class _SharedIdWatch:
         self._contradictions_s: deque[float] = deque(maxlen=SHARED_ID_CONTRADICTIONS)
 
     def note_clock_step(self, now_s: float) -> None:
-        """Note that the clock went back far."""
+        """Count a step back of the clock by more than RESTART_MS."""
         self._note(self._clock_steps_s, now_s)
 
     def note_contradiction(self, now_s: float) -> None:
-        """Note a position that came late, or one elsewhere at the same moment."""
+        """Count a position that came late, or that differs from another one of the same time."""
         self._note(self._contradictions_s, now_s)
 
     def _note(self, times_s: deque[float], now_s: float) -> None:
-        """Note one more; often enough within a while, there are two autopilots."""
+        """Add a sign to a queue; if the full queue lies within SHARED_ID_WITHIN_S, the id is shared."""
         times_s.append(now_s)
         if len(times_s) == times_s.maxlen and now_s - times_s[0] <= SHARED_ID_WITHIN_S:
             self.noticed_s = now_s
 
 
 class TelemetryReader:
-    """Reads the telemetry of one MAVLink autopilot; whatever is damaged, not finite or out of range is dropped."""
+    """Reads the telemetry of one MAVLink autopilot; drops messages that are damaged, not finite or out of range."""
 
     def __init__(self, system_id: int | None = None) -> None:
-        """Listen to the autopilot of this system id; None for whichever speaks first."""
+        """Listen to the autopilot with this system id; None takes the one that is heard first."""
         self.telemetry = Telemetry()
         self.neighbours: dict[int, Neighbour] = {}
-        """By the address that each is known by (ICAO)."""
+        """The detected aircraft by their ICAO address."""
         self.rejected: Counter[str] = Counter()
         self.system_id = system_id
         self.foreign_ids: set[int] = set()
-        """System ids of other autopilots on the same link."""
+        """System ids of the other autopilots heard on the same link."""
         self._heard_s = -math.inf
         self._place_e7 = _NO_FIX
         self._shared_id = _SharedIdWatch()
@@ -176,16 +183,16 @@ class TelemetryReader:
 
     @property
     def shared_system_id(self) -> bool:
-        """Whether two autopilots answer to one system id: their clocks alternated not long ago."""
+        """Whether two autopilots share a system id, by signs within the last SHARED_ID_MEMORY_S."""
         return self._heard_s - self._shared_id.noticed_s <= SHARED_ID_MEMORY_S
 
     def receive(self, datagram: bytes, now_s: float) -> None:
-        """Take in a datagram; never raises, whatever the bytes."""
+        """Process a datagram; never raises, whatever its bytes are."""
         for message in messages_in(datagram):
             self.take(message, now_s)
 
     def take(self, message: Message, now_s: float) -> bool:
-        """Take in a parsed message; return whether it is one of the autopilot that this reader listens to."""
+        """Process a decoded message; return whether it is from the autopilot that this reader listens to."""
         name = message.get_type()
         self._heard_s = now_s
         if name == "BAD_DATA":
@@ -195,7 +202,7 @@ class TelemetryReader:
         elif message.get_srcSystem() != self.telemetry.system_id:
             self.rejected["other system"] += 1
         elif name == "ADSB_VEHICLE":
-            # The autopilot passes these on, or the detector beside it sends them itself.
+            # These come from the autopilot, which passes them on, or directly from the detector on the vehicle.
             self._neighbour(message, now_s)
         elif message.get_srcComponent() != common.MAV_COMP_ID_AUTOPILOT1:
             self.rejected["other component"] += 1
@@ -237,7 +244,7 @@ class TelemetryReader:
             return
         place_e7 = message.lat, message.lon
         if not self._advances(message.time_boot_ms, place_e7, now_s):
-            # Its clock stands still: what it repeats is as old as when it was first told.
+            # The clock stands still: the repeated position is as old as when it was first sent.
             self.rejected["clock stands still"] += 1
             return
         self._place_e7 = place_e7
@@ -255,7 +262,7 @@ class TelemetryReader:
             self._update(local_ned_m=None)
 
     def _advances(self, boot_ms: int, place_e7: tuple[int, int], now_s: float) -> bool:
-        """Note the autopilot's clock; return whether what comes with it is newer than what came before."""
+        """Store the autopilot's clock; return whether the position that comes with it is newer than the last one."""
         before_ms = self.telemetry.boot_ms
         restarted = before_ms is not None and boot_ms < before_ms - RESTART_MS
         if before_ms is not None and boot_ms <= before_ms and not restarted:
@@ -303,7 +310,7 @@ class TelemetryReader:
             self._accuracy("estimator", message.pos_horiz_accuracy)
 
     def _accuracy(self, source: str, accuracy_m: float) -> None:
-        """Keep the worse of what receiver and estimator say."""
+        """Store the accuracy of one source, and the worst one of all sources in the telemetry."""
         self._accuracies_m[source] = accuracy_m
         known = [value for value in self._accuracies_m.values() if math.isfinite(value)]
         self._update(position_accuracy_m=max(known, default=math.nan))
@@ -347,9 +354,9 @@ class TelemetryReader:
 
 
 def messages_in(datagram: bytes) -> Iterator[Message]:
-    """Yield the MAVLink messages of a datagram, damaged ones as BAD_DATA; nothing for one message nobody here reads.
+    """Yield the MAVLink messages of a datagram, damaged ones as BAD_DATA; none for a lone message not read here.
 
-    Each datagram gets a parser of its own, so that a damaged one does not swallow the next.
+    Each datagram gets a parser of its own, so that a damaged one does not affect the next.
     """
     if _is_one_other_message(datagram):
         return
@@ -359,7 +366,7 @@ def messages_in(datagram: bytes) -> Iterator[Message]:
 
 
 def _agent_id(callsign: str) -> int | None:
-    """Return the agent that a callsign of the fleet names: OW and its id in five digits."""
+    """Return the agent id in a callsign of the fleet (CALLSIGN_PATTERN); None for any other callsign and for id 0."""
     match = re.fullmatch(CALLSIGN_PATTERN, callsign.rstrip())
     identity = int(match.group(1)) if match else 0
     return identity or None
@@ -370,7 +377,7 @@ def _is_on_earth(lat_e7: int, lon_e7: int) -> bool:
 
 
 def _is_one_other_message(datagram: bytes) -> bool:
-    """Return whether a datagram is a single MAVLink 2 message that nobody here reads: a cheap check before parsing."""
+    """Return whether a datagram is one MAVLink 2 message of a type that is not read here, as a check before parsing."""
     if len(datagram) < HEADER_V2_BYTES or datagram[0] != MARKER_V2:
         return False
     message_id, _, _, end = frame_parts(datagram)

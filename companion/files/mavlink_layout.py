@@ -1,6 +1,7 @@
-"""Where the parts of a MAVLink frame lie: the one place that knows (mavlink.io, "Packet Serialization").
+"""Lengths and offsets of the parts of a MAVLink frame, version 1 or 2 (mavlink.io, "Packet Serialization").
 
-A log and a link must find the end of a frame without knowing what it says; whoever reads it finds its parts here too.
+They stand in this module only. A log and a link find the end of a frame with it without decoding the message; what
+decodes a message finds its parts with it.
 """
 
 from __future__ import annotations
@@ -11,31 +12,33 @@ HEADER_V1_BYTES = 6
 HEADER_V2_BYTES = 10
 CRC_BYTES = 2
 SIGNATURE_BYTES = 13
-"""Link id, 48-bit time and 48 bits of hash, behind the CRC of a signed MAVLink 2 frame."""
+"""Length of the signature behind the CRC of a signed MAVLink 2 frame: link id, 48-bit time and 48 bits of hash."""
 SIGNED_FLAG = 0x01
-"""Of the incompatibility flags of MAVLink 2: the only one that is defined."""
+"""Incompatibility flag of a signed MAVLink 2 frame; the standard defines no other."""
 MAX_PAYLOAD_BYTES = 255
 MAX_FRAME_BYTES = HEADER_V2_BYTES + MAX_PAYLOAD_BYTES + CRC_BYTES + SIGNATURE_BYTES
 
 LENGTH_AT = 1
+"""Offset of the payload's length, in both versions."""
 FLAGS_AT = 2
-"""MAVLink 2: incompatibility flags."""
+"""Offset of the incompatibility flags of MAVLink 2."""
 HEAD_BYTES = FLAGS_AT + 1
-"""As many bytes tell how long a frame is."""
+"""Number of first bytes that tell the length of a frame."""
 SYSTEM_V1_AT, COMPONENT_V1_AT, MESSAGE_ID_V1_AT = 3, 4, 5
+"""Offsets in a MAVLink 1 frame; the message id has one byte."""
 SYSTEM_AT, COMPONENT_AT, MESSAGE_ID_AT = 5, 6, 7
-"""MAVLink 2; the message id has three bytes, the lowest first."""
+"""Offsets in a MAVLink 2 frame; the message id has three bytes, the lowest first."""
 
 
 def may_begin_frame(data: bytes, at: int) -> bool:
-    """Return whether the bytes from `at` on, as many as are there, look like the beginning of a frame."""
+    """Return whether a frame may begin at offset `at`: a marker is there, and no undefined flag so far."""
     if data[at] != MARKER_V2:
         return data[at] == MARKER_V1
     return at + FLAGS_AT >= len(data) or not data[at + FLAGS_AT] & ~SIGNED_FLAG
 
 
 def frame_length(data: bytes, at: int = 0) -> int | None:
-    """Return how many bytes a frame that begins at a byte has; None if none begins there or its head is not whole."""
+    """Return the length of the frame that begins at offset `at`; None if none does or HEAD_BYTES are not there yet."""
     if len(data) - at < HEAD_BYTES:
         return None
     payload_length = data[at + LENGTH_AT]
@@ -47,7 +50,7 @@ def frame_length(data: bytes, at: int = 0) -> int | None:
 
 
 def frame_parts(data: bytes, at: int = 0) -> tuple[int, int, int, int]:
-    """Return message id, where payload and CRC begin, and where it all ends, of a frame whose header is whole."""
+    """Return message id and the offsets of payload, CRC and end of the frame at offset `at`, whose header is whole."""
     if data[at] == MARKER_V1:
         payload_at = at + HEADER_V1_BYTES
         crc_at = payload_at + data[at + LENGTH_AT]

@@ -1,4 +1,4 @@
-"""Small text that must survive a crash: replaced as a whole, so that a file is either the old or the new one."""
+"""Small state files that survive a crash: each is replaced as a whole, so that it holds the old text or the new one."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from pathlib import Path
 from companion.errors import InputError
 
 MAX_STATE_BYTES = 65_536
+"""Greatest number of bytes that are read of a state file."""
 
 
 def read_state_file(path: Path) -> str | None:
-    """Return what was written last, None if nothing ever was.
+    """Return the text that was last written to a state file; None if there is no such file.
 
     Raises:
-        InputError: there is something that cannot be read.
+        InputError: the file cannot be read or is not text.
 
     """
     try:
@@ -28,10 +29,10 @@ def read_state_file(path: Path) -> str | None:
 
 
 def check_state_file(path: Path) -> None:
-    """Find out whether the file could be written, without touching it.
+    """Check that a state file can be written, without touching it: a file beside it is made and removed.
 
     Raises:
-        InputError: it could not.
+        InputError: the file cannot be written.
 
     """
     fresh = path.with_name(f"{path.name}.new")
@@ -44,10 +45,10 @@ def check_state_file(path: Path) -> None:
 
 
 def write_state_file(path: Path, text: str) -> None:
-    """Replace the file; its folder is made if there is none. A machine that dies after that finds the new text.
+    """Replace a state file, making its folder if there is none; then the new text is safe from a crash of the machine.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the file cannot be written.
 
     """
     fresh = path.with_name(f"{path.name}.new")
@@ -64,7 +65,7 @@ def write_state_file(path: Path, text: str) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have the disk keep which file a name stands for: without that, a crash may leave the name to the old file."""
+    """Write a folder's entries to disk: without that, after a crash the name may still stand for the old file."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

@@ -1,4 +1,4 @@
-"""Telemetry logs that every MAVLink tool opens: per record a time stamp and one raw frame.
+"""Telemetry logs, which every MAVLink tool opens: each record is a time stamp and one raw frame.
 
 A `.tlog` keeps what was on the wire, byte for byte, and survives a crash: only the record being written is lost.
 """
@@ -22,23 +22,23 @@ _READ_BLOCK_BYTES = 1 << 20
 
 
 class Sink(Protocol):
-    """What bytes are written to, such as a binary file."""
+    """An object that bytes can be written to, such as a binary file."""
 
     def write(self, content: bytes, /) -> object:
         """Append bytes; raises OSError."""
         ...
 
     def flush(self) -> None:
-        """Hand on what is buffered; raises OSError."""
+        """Pass buffered bytes on to the disk or stream; raises OSError."""
         ...
 
     def close(self) -> None:
-        """Flush, and write no more; raises OSError."""
+        """Flush and close; nothing can be written after that. Raises OSError."""
         ...
 
 
 class TlogWriter:
-    """Writes records to a path, or to a sink that stays its owner's to close."""
+    """Writes records to a file that it opens and closes itself, or to a sink that the caller closes."""
 
     def __init__(self, target: str | os.PathLike[str] | Sink) -> None:
         """Open the log, replacing an older one; raises InputError if the path cannot be written."""
@@ -61,7 +61,7 @@ class TlogWriter:
         self._file.write(_STAMP.pack(round(t_unix_s * _MICROSECONDS)) + frame)
 
     def flush(self) -> None:
-        """Hand what is buffered to the operating system."""
+        """Pass buffered records on to the operating system, or to the sink's own flush."""
         self._file.flush()
 
     def close(self) -> None:
@@ -81,7 +81,7 @@ class TlogWriter:
 
 
 def whole_frames(datagram: bytes) -> Iterator[bytes]:
-    """Yield the whole frames that a datagram is made of, up to the first bytes that begin none."""
+    """Yield the frames at the start of a datagram one by one, up to the first bytes that are not a whole frame."""
     at = 0
     while True:
         length = frame_length(datagram, at)
@@ -92,7 +92,7 @@ def whole_frames(datagram: bytes) -> Iterator[bytes]:
 
 
 def read_tlog(path: str | os.PathLike[str]) -> Iterator[tuple[float, bytes]]:
-    """Return an iterator of (t_unix_s, frame); a truncated last record ends it.
+    """Return an iterator over the records of a log as (t_unix_s, frame); a truncated last record is left out.
 
     Raises InputError at once for a file that cannot be opened, and while iterating where a record does not begin with
     a MAVLink frame.

@@ -1,4 +1,4 @@
-"""Reads weights files with suspicion: wrong weights would steer silently.
+"""Strict reading of weights files: damaged weights would steer a vehicle wrongly without any error.
 
 A weights file is JSON with an object `network`, the record of its training, and a digest of both. Whatever is missing,
 damaged or of another shape is refused in one line (InputError) that names file, key and what is allowed.
@@ -20,12 +20,14 @@ import numpy as np
 from companion.errors import InputError
 
 DIGEST_KEY = "sha256"
+"""Key of a weights file that holds the digest of the rest."""
 
 
 def content_digest(content: dict[str, Any]) -> str:
-    """Return the SHA-256 in hex of a weights file's content less its digest, as canonical JSON.
+    """Return the SHA-256, in hex, of a weights file's content without its digest, written as canonical JSON.
 
-    Canonical: keys sorted, no white space, numbers as Python writes them. So a reformatted file keeps its digest.
+    Canonical JSON has sorted keys, no white space, and numbers as Python writes them: a reformatted file keeps its
+    digest.
     """
     body = {key: value for key, value in content.items() if key != DIGEST_KEY}
     return hashlib.sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
@@ -33,28 +35,28 @@ def content_digest(content: dict[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class WeightsFile:
-    """The network of a weights file whose digest is right; each method returns values of it or raises InputError."""
+    """The `network` of a weights file whose digest is right; methods return checked values or raise InputError."""
 
     source: str
-    """The file, for messages."""
+    """Name of the file in error messages."""
     network: dict[str, Any]
 
     def count(self, key: str) -> int:
-        """Return a whole number of at least 1."""
+        """Return the value of a key that must be a whole number of at least 1."""
         value = self.network.get(key)
         if not isinstance(value, int) or isinstance(value, bool) or value < 1:
             raise InputError(f"{self.source}: key 'network.{key}' is {value!r}, allowed: a whole number, at least 1")
         return value
 
     def number(self, key: str) -> float:
-        """Return a finite number."""
+        """Return the value of a key that must be a finite number."""
         value = self.network.get(key)
         if not _is_finite_number(value):
             raise InputError(f"{self.source}: key 'network.{key}' is {value!r}, allowed: a finite number")
         return value
 
     def per_neuron(self, keys: Sequence[str]) -> dict[str, np.ndarray]:
-        """Return lists of finite numbers, one for each of the J hidden neurons, as arrays (J,)."""
+        """Return by key the lists that must hold one finite number for each of the J hidden neurons, as arrays (J,)."""
         vectors = {key: self._finite(key, self.network.get(key)) for key in keys}
         neurons = len(vectors[keys[0]])
         for key, vector in vectors.items():
@@ -66,7 +68,7 @@ class WeightsFile:
         return vectors
 
     def matrix(self, key: str, rows: int, columns: int) -> np.ndarray:
-        """Return a list of `rows` lists of `columns` finite numbers as an array (rows, columns)."""
+        """Return the value of a key, `rows` lists of `columns` finite numbers each, as an array (rows, columns)."""
         lists = self.network.get(key)
         lists = lists if isinstance(lists, list) else []
         lengths = [len(row) if isinstance(row, list) else 0 for row in lists]
@@ -83,9 +85,9 @@ class WeightsFile:
 
 
 def read_weights(path: Path | None, packaged: str) -> WeightsFile:
-    """Return the network of a weights file, or of the `packaged` one of that name if there is no path.
+    """Return the network of the weights file at `path`, or if that is None of the packaged file called `packaged`.
 
-    Raises InputError if the file is missing, is not JSON, has no network or fails its digest.
+    Raises InputError if the file is missing, is not JSON, has no network or does not match its digest.
     """
     source = resources.files("companion.surrogate").joinpath("weights", packaged) if path is None else path
     try:

@@ -1,7 +1,7 @@
 """YAML files as the programs accept them: strict scalars, no unknown or repeated keys, one-line errors.
 
-The mission file and the vehicle's configuration share this: a base model, the reading of a file, and the turning of a
-validation fault into an InputError naming file, key, value and what is allowed.
+The mission file and the vehicle's configuration share this module: it has their base model, reads the file, and turns a
+fault of validation into an InputError naming file, key, value and what is allowed.
 """
 
 from __future__ import annotations
@@ -19,31 +19,32 @@ from pydantic_core import ErrorDetails
 from companion.errors import InputError, nearest_hint, one_line
 
 MAX_FILE_BYTES = 1_000_000
-"""Four times what 2000 listed agents need; the YAML parser is slow enough that much more would look like a hang."""
+"""Largest file that is read: four times what 2000 listed agents need, and small enough for the slow YAML parser."""
 UNION_TAG = "kind:"
-"""Begins the tag of a member of a union of models; tags are left out of the path of a key in errors."""
+"""Beginning of the tags by which pydantic tells the members of a union apart; errors leave tags out of a key's path."""
 
 _SHOWN_CHARACTERS = 60
-"""Longer keys and values are cut in errors."""
+"""Length to which keys and values are cut in errors."""
 
 _MESSAGES = {
     "missing": "missing; it has no default",
     "too_short": "{actual_length} given; allowed: at least {min_length}",
     "too_long": "too many given; allowed: at most {max_length}",
 }
-"""What is said of those of pydantic's errors that have no value to show."""
+"""Messages, by type, for those of pydantic's errors that have no value to show."""
 
 SectionT = TypeVar("SectionT", bound="Section")
 ItemT = TypeVar("ItemT")
 AsList = Strict(False)
-"""Of a tuple: YAML writes it as a list. What is in it stays strict."""
+"""Annotation of a tuple that YAML writes as a list; the items in it are still validated strictly."""
 ListOf = Annotated[tuple[ItemT, ...], AsList]
 
 
 class Section(BaseModel):
-    """A part of a file: frozen and strict, and an unknown key is an error that names the nearest known one.
+    """The model of one part of a file: frozen, strict, and an unknown key is an error that names the nearest known one.
 
-    A number is no text and no truth value, none is infinite, and the first fault of the outermost part is the one told.
+    Strict means that text, numbers and truth values are not converted into each other, and numbers must be finite. Of
+    several faults one is reported: the first of the outermost part that has any.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
@@ -85,7 +86,7 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_whole)
 
 
 class _Dumper(yaml.SafeDumper):
-    """Quotes what _Loader would not read back as the same word."""
+    """A dumper that quotes every word that _Loader would read back as something else, such as a number."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, Any]]] = {}  # noqa: RUF012  (as above)
 
@@ -108,7 +109,7 @@ _add_resolver(
 
 
 def is_there(path: Path) -> bool:
-    """Return whether something is at a path; False, too, for what can be no path at all."""
+    """Return whether there is a file or folder at a path; False, too, for a text that cannot be a path."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -116,7 +117,7 @@ def is_there(path: Path) -> bool:
 
 
 def read_text_file(path: Path) -> str:
-    """Return the text of a configuration file, or raise InputError if it cannot be one."""
+    """Return the text of a file; raise InputError if it cannot be read, exceeds MAX_FILE_BYTES or is not UTF-8."""
     try:
         with path.open("rb") as file:
             data = file.read(MAX_FILE_BYTES + 1)
@@ -136,7 +137,7 @@ def dump_yaml(data: object) -> str:
 
 
 def parse_yaml(text: str, source: str) -> object:
-    """Parse one YAML document whose top is a mapping; raise InputError otherwise."""
+    """Return the content of a YAML document whose top is a mapping; raise InputError, naming `source`, otherwise."""
     try:
         data = yaml.load(text, Loader=_Loader)  # noqa: S506  (a SafeLoader)
     except yaml.YAMLError as error:
@@ -157,7 +158,7 @@ def parse_yaml(text: str, source: str) -> object:
 
 
 def validated(model: type[SectionT], data: object, source: str) -> SectionT:
-    """Validate parsed data against a model; raise InputError with its first fault on one line."""
+    """Return parsed data as a model; raise InputError, naming `source`, with the first fault on one line."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -165,7 +166,7 @@ def validated(model: type[SectionT], data: object, source: str) -> SectionT:
 
 
 def _shown(value: object) -> str:
-    """Return a value for an error; aliases can make one that has no end, so only its beginning is ever looked at."""
+    """Return a value as text for an error; only its beginning is read, as YAML aliases can make a value without end."""
     brief = reprlib.Repr()
     brief.maxlevel = 3
     brief.maxstring = brief.maxother = brief.maxlong = 2 * _SHOWN_CHARACTERS

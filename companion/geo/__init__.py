@@ -1,1 +1,1 @@
-"""Geometry on the mission's plane: the local frame, arcs, turn rates, polygons."""
+"""Geometry on the mission's plane: local frame, arcs, turn rates and polygons."""

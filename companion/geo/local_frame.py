@@ -1,8 +1,8 @@
-"""The one shared map between WGS84 and the mission's plane.
+"""The projection between WGS84 and the mission's plane that all programs share.
 
-Both ends of the broadcast and the stand-in must agree on where (north, east) is, so they all use this azimuthal
-equidistant projection about the mission origin (docs/method.md section 1). Grid north and local north differ away
-from the origin; a heading sent to an autopilot is turned by the convergence.
+Both ends of the broadcast and the stand-ins must agree on what (north, east) means, so they all use this azimuthal
+equidistant projection about the mission origin (docs/method.md section 1). Away from the origin grid north and local
+true north differ; a heading sent to an autopilot is turned by that difference, the convergence.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _WGS84 = Geod(ellps="WGS84")
 
 
 class LocalFrame:
-    """North/east metres on the azimuthal equidistant plane of WGS84 about an origin."""
+    """The azimuthal equidistant projection of WGS84 about an origin, onto a plane with coordinates north, east in m."""
 
     def __init__(self, lat_deg: float, lon_deg: float) -> None:
         self.lat_deg = lat_deg
@@ -28,7 +28,7 @@ class LocalFrame:
         return distance_m * math.cos(azimuth_rad), distance_m * math.sin(azimuth_rad)
 
     def to_global(self, north_m: float, east_m: float) -> tuple[float, float]:
-        """Return (lat_deg, lon_deg) of a position in the plane."""
+        """Return the WGS84 (lat_deg, lon_deg) of a position in the plane."""
         azimuth_deg = math.degrees(math.atan2(east_m, north_m))
         lon_deg, lat_deg, _ = _WGS84.fwd(self.lon_deg, self.lat_deg, azimuth_deg, math.hypot(north_m, east_m))
         return lat_deg, lon_deg
@@ -47,16 +47,16 @@ class LocalFrame:
         return distance_m * math.cos(azimuth_rad), distance_m * math.sin(azimuth_rad), convergence_rad
 
     def convergence_rad(self, north_m: float, east_m: float) -> float:
-        """Return what to add to a grid heading at this point to get the heading from local true north.
+        """Return the angle to add to a heading from grid north at this point to get the heading from local true north.
 
-        The radial direction from the origin is exact in this projection, so the turn of that direction along its
-        geodesic is the turn of the grid.
+        The projection is exact along the radial direction from the origin, so the angle by which that direction turns
+        along its geodesic is the convergence.
         """
         return self.to_global_with_convergence(north_m, east_m)[2]
 
 
 def to_grid(north: float, east: float, convergence_rad: float) -> tuple[float, float]:
-    """Return a horizontal vector given along local true north and east as one along the grid's."""
+    """Return the grid (north, east) components of a vector given by its local true (north, east) components."""
     cosine, sine = math.cos(convergence_rad), math.sin(convergence_rad)
     return north * cosine + east * sine, east * cosine - north * sine
 

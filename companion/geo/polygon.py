@@ -1,4 +1,4 @@
-"""Polygons on the mission's plane."""
+"""Test whether a point of the mission's plane lies inside a polygon."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 def inside_polygon(point_ned_m: tuple[float, float], polygon_ned_m: Sequence[tuple[float, float]]) -> bool:
-    """Return whether a point lies inside a simple polygon (even-odd rule)."""
+    """Return whether a point (north, east) lies inside a polygon without self-intersections (even-odd rule)."""
     north_m, east_m = point_ned_m
     inside = False
     previous_north_m, previous_east_m = polygon_ned_m[-1]

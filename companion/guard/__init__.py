@@ -1,1 +1,1 @@
-"""The guard: the last thing a setpoint passes. Imports numpy and the standard library only."""
+"""The guard, the last check of every setpoint before it is sent; imports numpy and the standard library only."""

@@ -1,6 +1,6 @@
-"""Pieces of constant curvature and paths of them: where they lead, and whether discs come into their way.
+"""Geometry of paths made of straight lines and arcs: where they lead, and whether they stay clear of growing discs.
 
-Everything here is a pure function of its arguments, exact in closed form wherever there is one.
+Everything here is a pure function of its arguments, and a closed form wherever there is one.
 """
 
 from __future__ import annotations
@@ -14,16 +14,18 @@ import numpy as np
 from companion.guard.types import Motion, Piece
 
 TURN_TOLERANCE_RAD = 1e-9
-"""A setpoint at the turn limit must not be called over it for its rounding."""
+"""Difference up to which two turns count as equal, so that rounding never puts a setpoint over the turn limit."""
 FAN_STEPS = 32
-"""Headings tried to either side, evenly over a full turn, where no cheap one serves: 11.25 degrees apart."""
+"""Number of headings tried to either side, evenly over a full turn, where none of the likely headings is clear."""
 FAN_STEP_RAD = math.tau / FAN_STEPS
+"""Angle between neighbouring headings of the fan: 11.25 degrees."""
 SUB_ARC_RAD = math.pi / 4.0
-"""On an arc a moving disc counts as large as at the end of each part of this size; in the fan, of each of its steps."""
+"""Greatest part of an arc that is checked at once, with every moving disc as large as it is at the part's end. (The fan
+checks parts of FAN_STEP_RAD instead.)"""
 
 
 class Pose(NamedTuple):
-    """A place and a heading."""
+    """A position on the mission's plane and a heading, clockwise from north."""
 
     north_m: float
     east_m: float
@@ -31,7 +33,10 @@ class Pose(NamedTuple):
 
 
 class Path(NamedTuple):
-    """What is flown from a tip on: pieces, of which the last `loops` are flown again and again."""
+    """A path flown at one speed: pieces in order, of which the last `loops` are repeated for ever.
+
+    `lasts_s` is for how long after its start the path is certified to stay clear.
+    """
 
     pieces: tuple[Piece, ...]
     loops: int
@@ -40,21 +45,22 @@ class Path(NamedTuple):
 
 
 Disc = tuple[float, float, float, float]
-"""(north_m, east_m, radius_m, speed_m_s), at the tip and inflated by what the vehicle may be off its path."""
+"""A keep-out disc (north_m, east_m, radius_m, speed_m_s). The radius is that at the time of the tip (the state at which
+the next command begins to act), inflated by how far the vehicle may be off its path."""
 
 
 def pose_of(motion: Motion) -> Pose:
-    """Return where a motion is and where it heads."""
+    """Return the position and the heading of a motion."""
     return Pose(motion.north_m, motion.east_m, motion.heading_rad)
 
 
 def straight(pose: Pose, length_m: float) -> Piece:
-    """Return the line of a length that begins at a pose."""
+    """Return the straight piece of a given length that begins at a pose."""
     return Piece(pose.north_m, pose.east_m, pose.heading_rad, 0.0, length_m)
 
 
 def turned(pose: Pose, turn_rad: float, curvature_1_m: float, length_m: float) -> tuple[Piece, ...]:
-    """Return an arc, in parts over which a growing disc may count as large as at their ends, and a line."""
+    """Return an arc, cut into equal parts of at most SUB_ARC_RAD, followed by a straight line of `length_m`."""
     parts = math.ceil(abs(turn_rad) / SUB_ARC_RAD)
     pieces = []
     for _ in range(parts):
@@ -66,7 +72,7 @@ def turned(pose: Pose, turn_rad: float, curvature_1_m: float, length_m: float) -
 
 
 def place_on(piece: Piece, along_m: float) -> Pose:
-    """Return the pose after a way along a piece: exact, and without loss of digits at small curvature."""
+    """Return the pose at a distance along a piece: exact, and without loss of digits at small curvature."""
     half_rad = 0.5 * piece.curvature_1_m * along_m
     chord_m = along_m * (math.sin(half_rad) / half_rad) if half_rad else along_m
     middle_rad = piece.heading_rad + half_rad
@@ -83,7 +89,7 @@ def end_of(piece: Piece) -> Pose:
 
 
 def pose_at(path: Path, along_m: float) -> Pose:
-    """Return the pose a way along a path; beyond its end, its end."""
+    """Return the pose at a distance along a path; beyond the end of a path without a loop, its end."""
     first = len(path.pieces) - path.loops
     for piece in path.pieces[:first]:
         if along_m <= piece.length_m:
@@ -101,7 +107,7 @@ def pose_at(path: Path, along_m: float) -> Pose:
 
 
 def rest_of(path: Path, along_m: float) -> tuple[Piece, ...]:
-    """Return what is left of a path, its loop whole."""
+    """Return the pieces that are left after a distance along a path; its loop is returned whole."""
     first = len(path.pieces) - path.loops
     rest: list[Piece] = []
     for piece in path.pieces[:first]:
@@ -113,14 +119,14 @@ def rest_of(path: Path, along_m: float) -> tuple[Piece, ...]:
 
 
 def seen_from(pose: Pose, place: Pose) -> tuple[float, float]:
-    """Return how far ahead and to the right of a pose a place is."""
+    """Return (ahead_m, right_m), the position of a place relative to a pose."""
     north_m, east_m = place.north_m - pose.north_m, place.east_m - pose.east_m
     cosine, sine = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
     return north_m * cosine + east_m * sine, east_m * cosine - north_m * sine
 
 
 def nearest_along_m(path: Path, pose: Pose) -> float:
-    """Return how far along a path its nearest place is."""
+    """Return the distance along a path to its point nearest to a pose."""
     best_m, best_along_m, before_m = math.inf, 0.0, 0.0
     for piece in path.pieces:
         along_m = nearest_on_m(piece, pose)
@@ -133,7 +139,7 @@ def nearest_along_m(path: Path, pose: Pose) -> float:
 
 
 def nearest_on_m(piece: Piece, pose: Pose) -> float:
-    """Return how far along a piece its place nearest to a pose is."""
+    """Return the distance along a piece to its point nearest to a pose."""
     if piece.curvature_1_m == 0.0:
         return min(max(seen_from(Pose(*piece[:3]), pose)[0], 0.0), piece.length_m)
     north_m, east_m, radius_m = circle_of(piece)
@@ -146,20 +152,20 @@ def nearest_on_m(piece: Piece, pose: Pose) -> float:
 
 
 def circle_of(piece: Piece) -> tuple[float, float, float]:
-    """Return centre and radius of an arc."""
+    """Return (north_m, east_m, radius_m) of the circle that an arc is part of."""
     signed_m = 1.0 / piece.curvature_1_m
     north_m = piece.north_m - signed_m * math.sin(piece.heading_rad)
     return north_m, piece.east_m + signed_m * math.cos(piece.heading_rad), abs(signed_m)
 
 
 def phase_of_rad(piece: Piece, north_m: float, east_m: float) -> float:
-    """Return the turn, 0 to 2 pi, after which an arc passes the bearing of a place seen from its centre."""
+    """Return the turn, 0 to 2 pi, after which an arc reaches a bearing; (north_m, east_m) is from the arc's centre."""
     side = math.copysign(1.0, piece.curvature_1_m)
     return (side * (math.atan2(east_m, north_m) - piece.heading_rad) + math.pi / 2.0) % math.tau
 
 
 def distance_m(piece: Piece, north_m: float, east_m: float) -> float:
-    """Return the distance of a place from a piece, in closed form."""
+    """Return the least distance from a place to a piece, in closed form."""
     dn_m, de_m = north_m - piece.north_m, east_m - piece.east_m
     if piece.curvature_1_m == 0.0:
         cosine, sine = math.cos(piece.heading_rad), math.sin(piece.heading_rad)
@@ -175,22 +181,23 @@ def distance_m(piece: Piece, north_m: float, east_m: float) -> float:
 
 
 def is_hit(piece: Piece, discs: Iterable[Disc], grown_s: float, spare_m: float) -> bool:
-    """Return whether a piece enters a disc that has grown for a while."""
+    """Return whether a piece comes within `spare_m` of a disc that has grown at its speed for `grown_s`."""
     start_north_m, start_east_m, _, _, length_m = piece
     for north_m, east_m, radius_m, speed_m_s in discs:
         kept_m = radius_m + speed_m_s * grown_s + spare_m
         reach_m = kept_m + length_m
         dn_m, de_m = north_m - start_north_m, east_m - start_east_m
-        # Most are too far to look at closely.
+        # Most discs are so far away that this coarse test settles them.
         if dn_m * dn_m + de_m * de_m < reach_m * reach_m and distance_m(piece, north_m, east_m) < kept_m:
             return True
     return False
 
 
 def is_clear(pieces: Iterable[Piece], discs: Sequence[Disc], slow_m_s: float, at_s: float, spare_m: float) -> bool:
-    """Return whether pieces flown from a time on, at the least speed along them, keep clear of moving discs.
+    """Return whether pieces flown one after the other from `at_s` on, at no less than `slow_m_s`, stay clear of discs.
 
-    A line is decided exactly; on an arc a disc counts as large as at its end.
+    Discs grow at their speeds, and `spare_m` is kept in addition. A straight line is decided exactly; for an arc each
+    disc counts as large as it is at the arc's end.
     """
     for piece in pieces:
         ends_s = at_s + piece.length_m / slow_m_s
@@ -204,9 +211,10 @@ def is_clear(pieces: Iterable[Piece], discs: Sequence[Disc], slow_m_s: float, at
 
 
 def is_met(line: Piece, discs: Iterable[Disc], slow_m_s: float, at_s: float, lasts_s: float, spare_m: float) -> bool:
-    """Return whether a growing disc reaches a vehicle on a line: where the quadratic of the guard's proof is negative.
+    """Return whether a growing disc reaches a vehicle that flies along a line from `at_s` on, for `lasts_s`.
 
-    A disc as fast as the vehicle needs a finite time: there the quadratic is least at one of the ends.
+    It does where the quadratic of the guard's proof (companion/guard/guard.py) is negative. For a disc at least as fast
+    as the vehicle `lasts_s` must be finite: the quadratic is then least at one of the line's ends.
     """
     ahead_north_m_s, ahead_east_m_s = slow_m_s * math.cos(line.heading_rad), slow_m_s * math.sin(line.heading_rad)
     for north_m, east_m, radius_m, speed_m_s in discs:
@@ -233,9 +241,10 @@ def fan_rad(
     discs: np.ndarray,  # (M, 4) m, m, m, m/s
     most_rad: float,
 ) -> list[float]:
-    """Return the turns to either side after which a line of a length is clear of moving discs, mildest first.
+    """Return the turns, positive to the right, after which a straight line stays clear of moving discs, mildest first.
 
-    The same decisions as `is_clear` makes, for all of them at once.
+    Tried are the multiples of FAN_STEP_RAD up to `most_rad` to either side. Each is decided as `is_clear` would decide
+    it, but all at once.
     """
     count = math.floor(most_rad / FAN_STEP_RAD + TURN_TOLERANCE_RAD)
     turns_rad = FAN_STEP_RAD * np.arange(count + 1)

@@ -1,7 +1,7 @@
-"""The search for what is clear: the step to take, and the path that will still be clear after it.
+"""The search for a back-up: which step may be taken, and on which path the vehicle stays clear after it.
 
-A search is made for one decision: it knows the flight that this decision is about and the path in hand, and changes
-neither.
+A search is made for one decision. It reads the flight situation and the path that the guard has stored ("the stored
+path"), and changes neither.
 """
 
 from __future__ import annotations
@@ -32,38 +32,45 @@ from companion.guard.types import FENCE, KEEP_OUT, PIVOT_SPEED_M_S, Piece
 from companion.guard.vehicle import GREATEST_TURN_RAD, Step, VehicleModel
 
 ROUTE_STEPS = 60
-"""Steps along the route within which a turning circle must be clear, unless ROUTE_CIRCLES are more."""
+"""Number of steps along the route within which a clear turning circle must be found, if ROUTE_CIRCLES gives no more."""
 ROUTE_CIRCLES = 3
-"""Turning circles whose steps count in place of ROUTE_STEPS where they are more."""
+"""The search along the route may be this many circumferences of the turning circle long, where that is more steps than
+ROUTE_STEPS."""
 CIRCLE_PARTS = 24
-"""Along the route, a turning circle is looked for this many times in the length of one."""
+"""Number of places, per circumference of the turning circle flown along the route, at which a clear one is tried."""
 FOLLOW_RAD = 0.01
-"""A wanted turn this near to the path in hand is flown as that path: nothing need be looked for anew."""
+"""Difference of turns up to which a wanted step counts as following the stored path, so that no other is searched."""
 SAMPLES = 8
-"""Points of a step at which choices are compared when none is certified."""
+"""Number of sample points per step at which the choices are compared when none is certified."""
 
 
 class Flight(NamedTuple):
-    """What one call decides on: the tip and the airspeed before it, the ground speed reported, the discs at the tip."""
+    """The flight situation that one call of the guard decides on."""
 
     tip: Pose
+    """The pose at which the next command begins to act."""
     before_m_s: float
+    """The airspeed at the tip."""
     ground_m_s: float
+    """The reported ground speed."""
     dt_s: float
     near: list[Disc]
-    """Those that can matter to a step and a turning circle after it, or that move."""
+    """The discs that can matter to the step and a turning circle after it; all discs where any of them moves."""
     discs: list[Disc]
+    """All discs, as large as they are at the tip and inflated by `inflation_m`."""
     moving: bool
+    """Whether any disc moves."""
     route: Sequence[Piece]
     attack_m: list[float] | None
+    """The attack radii in the order of `discs`, grown and inflated likewise; None where none are given."""
     inflation_m: float
-    """How far the vehicle may be off the path it is held to: every disc is inflated by it."""
+    """How far the vehicle may be off the path that it is commanded to fly."""
     sides: tuple[float, ...] = (1.0, -1.0)
-    """Of the turning circles that may be a back-up, the first preferred."""
+    """Turning circles that may serve as back-up, in order of preference: 1.0 to the right, -1.0 to the left."""
 
 
 class BackupSearch:
-    """What is clear for one decision. Nothing here changes the guard."""
+    """Finds the steps and back-up paths that are clear, for one decision; it does not change the guard."""
 
     def __init__(
         self,
@@ -74,16 +81,20 @@ class BackupSearch:
         path: Path | None,
         along_m: float,
     ) -> None:
-        """Search for this flight; `limited`: what is clear for the horizon will do.
+        """Prepare the search for one flight situation.
 
-        `path` is the path in hand, `along_m` how far along it the vehicle is.
+        With `limited` a path needs to be clear only for the horizon, not for ever. `path` is the stored path, and
+        `along_m` the distance along it at which the tip is.
         """
         self._vehicle, self._limits, self._fence = vehicle, vehicle.limits, fence
         self._flight, self._limited = flight, limited
         self._path, self._along_m = path, along_m
 
     def choices(self, wanted: Step) -> Iterator[Step]:
-        """Yield the wanted step and milder ones, nearest first; then the same at the speed flown."""
+        """Yield the wanted step, then other turns, nearest to it first; then the same turns at the present speed.
+
+        A vehicle that can stop is also offered the step straight on to a stop, last.
+        """
         flight = self._flight
         yield wanted
         flown_m_s = self._vehicle.allowed_m_s(flight.before_m_s)
@@ -96,7 +107,10 @@ class BackupSearch:
             yield Step(0.0, 0.0)
 
     def accepted(self, step: Step, thorough: bool) -> Path | str:
-        """Return the path that begins with a step, if step and what follows are clear, or why there is none."""
+        """Return a path that begins with the step, if the step and a back-up after it are clear, or why there is none.
+
+        With `thorough` the route and the whole fan of headings are tried too.
+        """
         flight = self._flight
         pieces, after_m_s = self._vehicle.step_pieces(
             flight.tip, step, flight.before_m_s, flight.ground_m_s, flight.dt_s
@@ -120,19 +134,19 @@ class BackupSearch:
         return found._replace(pieces=pieces + found.pieces)
 
     def follows(self, wanted: Step) -> bool:
-        """Return whether the path in hand leads nearly where the wanted step does, along discs that stand still."""
+        """Return whether the wanted step is within FOLLOW_RAD of the stored path, and all discs stand still."""
         if self._path is None or self._flight.moving:
             return False
         held = self.continued()
         return abs(held.turn_rad - wanted.turn_rad) <= FOLLOW_RAD and held.speed_m_s == wanted.speed_m_s
 
     def continues(self, step: Step) -> bool:
-        """Return whether a step continues the path in hand."""
+        """Return whether a step continues the stored path, but for rounding."""
         held = self.continued()
         return abs(held.turn_rad - step.turn_rad) <= TURN_TOLERANCE_RAD and held.speed_m_s == step.speed_m_s
 
     def continued(self) -> Step:
-        """Return the step that continues the path in hand."""
+        """Return the step that continues the stored path."""
         flight, path = self._flight, self._path
         assert path is not None
         if path.speed_m_s == 0.0:
@@ -153,13 +167,13 @@ class BackupSearch:
         )
 
     def from_tip(self) -> Path | str:
-        """Return a certified path from the tip itself, or what is in the way of one."""
+        """Return a certified path that begins at the tip, without a step before it, or why there is none."""
         flight = self._flight
         step = Step(0.0, self._vehicle.allowed_m_s(flight.before_m_s))
         return self.backup(flight.tip, step, flight.before_m_s, 0.0, 0.0)
 
     def spare_m(self, step: Step) -> float:
-        """Return how far off the path a change of speed may put the vehicle: none of it at one speed."""
+        """Return how far a change of speed during the step may put the vehicle off its path; 0 at a constant speed."""
         flight = self._flight
         change_m = abs(flight.before_m_s - step.speed_m_s) * flight.dt_s
         return change_m if self._limits.braking_m_s2 is None else change_m * abs(step.turn_rad)
@@ -173,7 +187,7 @@ class BackupSearch:
         spare_m: float,
         thorough: bool = True,
     ) -> Path | str:
-        """Return a certified path from a pose that is reached in a while, or what is in the way of one."""
+        """Return a certified path from a pose that the vehicle reaches after `after_s`, or why there is none."""
         flight = self._flight
         lasts_s = after_s + self._limits.horizon_s if flight.moving else math.inf
         reason = KEEP_OUT
@@ -198,7 +212,10 @@ class BackupSearch:
         grown_s: float,
         spare_m: float,
     ) -> Path | str:
-        """Return braking to a stand or, for who cannot, turning for ever, right before left; or what is in the way."""
+        """Return a clear path that brakes to a stop or, if the vehicle cannot stop, circles for ever; or why none is.
+
+        Circles are tried in the order of `Flight.sides`.
+        """
         if self._limits.braking_m_s2 is not None:
             line = (straight(pose, speed_m_s * speed_m_s / (2.0 * self._limits.braking_m_s2)),)
             return self.blocked(line, discs, grown_s, spare_m) or Path(line, 0, 0.0, math.inf)
@@ -211,11 +228,11 @@ class BackupSearch:
         return str(blocked)
 
     def along_route(self, pose: Pose, step: Step, spare_m: float) -> Path | None:
-        """Return a path along the route to where a turning circle is clear; None if it is too far or not clear."""
+        """Return a path along the route to the first clear turning circle; None if there is none within reach."""
         flight = self._flight
         pieces_of_route = tuple(flight.route)
         rate_1_m = self._vehicle.curvature_1_m(step.speed_m_s)
-        # Where the route ends nothing need be clear: straight on from there something may be.
+        # No turning circle need be clear where the route ends: one may be clear straight on from there.
         pieces_of_route += (straight(end_of(pieces_of_route[-1]), math.tau / rate_1_m),)
         finite = all(map(math.isfinite, itertools.chain(*pieces_of_route)))
         if self._limits.braking_m_s2 is not None or not finite:
@@ -256,7 +273,7 @@ class BackupSearch:
         spare_m: float,
         thorough: bool,
     ) -> tuple[Piece, ...] | None:
-        """Return an arc to a heading and straight on that no moving disc reaches; None if there is none."""
+        """Return an arc and a straight line after it that no moving disc reaches; None if there is none."""
         flight = self._flight
         slow_m_s = speed_m_s - self._limits.wind_m_s
         if slow_m_s < PIVOT_SPEED_M_S:
@@ -269,7 +286,7 @@ class BackupSearch:
             if coarse and abs(turn_rad) > GREATEST_TURN_RAD:
                 continue
             pieces = turned(pose, turn_rad, curvature_1_m, length_m)
-            # The line is what most often fails: first.
+            # The straight line fails most often, so it is checked first.
             turned_s = after_s + abs(turn_rad) / (curvature_1_m * slow_m_s)
             clear = is_clear(pieces[-1:], flight.discs, slow_m_s, turned_s, spare_m) and is_clear(
                 pieces[:-1], flight.discs, slow_m_s, after_s, spare_m
@@ -288,7 +305,7 @@ class BackupSearch:
         return None
 
     def likely_headings_rad(self, pose: Pose, discs: Iterable[Disc]) -> Iterator[float]:
-        """Yield straight on, the heading of the ray in hand, and away from the disc that is nearest."""
+        """Yield the heading straight on, that of the stored path's final line, and that away from the nearest disc."""
         yield pose.heading_rad
         if self._path is not None and self._path.loops == 0:
             yield self._path.pieces[-1].heading_rad
@@ -298,22 +315,23 @@ class BackupSearch:
     def blocked(
         self, pieces: Sequence[Piece], discs: Iterable[Disc], grown_s: float, spare_m: float = 0.0
     ) -> str | None:
-        """Return what pieces would break, among discs grown for a while and the fence; None if nothing."""
+        """Return KEEP_OUT if a piece enters a disc grown for `grown_s`, FENCE if one violates the fence, else None."""
         if any(is_hit(piece, discs, grown_s, spare_m) for piece in pieces):
             return KEEP_OUT
         return self.outside(pieces, spare_m)
 
     def outside(self, pieces: Iterable[Piece], spare_m: float) -> str | None:
-        """Return FENCE for pieces that come too near to the fence or leave it."""
+        """Return FENCE if a piece leaves the fence or comes too near to it, else None."""
         if self._fence is None or self._fence.holds(pieces, self._flight.inflation_m + spare_m):
             return None
         return FENCE
 
     def violation(self, step: Step) -> tuple[float, ...]:
-        """Return what to make least when nothing is certified: depth in attack discs, beyond the fence, in discs.
+        """Return the depths by which steps are ranked when none is certified, least first; six numbers in metres.
 
-        First the greatest during the step and straight on for another step, then at the end of this, which tells
-        apart the ways out.
+        They are the depth inside an attack disc, the distance outside the fence and the depth inside a disc (negative
+        outside): first the greatest over the step and as long again straight on, then those at the end of it, which
+        distinguish between the ways out.
         """
         flight = self._flight
         pieces, _ = self._vehicle.step_pieces(flight.tip, step, flight.before_m_s, flight.ground_m_s, flight.dt_s)

@@ -12,7 +12,7 @@ from companion.guard.types import Piece
 
 
 class Fence:
-    """A simple polygon to stay inside."""
+    """A polygon without self-intersections that the vehicle must stay inside."""
 
     def __init__(self, corners_ned_m: Sequence[tuple[float, float]]) -> None:
         self._ends_m = np.array(corners_ned_m, dtype=float)
@@ -22,7 +22,7 @@ class Fence:
         self._lengths_m2 = np.where(squares > 0.0, squares, 1.0)
 
     def depth_m(self, north_m: float, east_m: float) -> float:
-        """Return the distance to the nearest edge, negative outside (even-odd)."""
+        """Return the distance from a place to the nearest edge, negative outside the polygon (even-odd rule)."""
         norths_m, easts_m = north_m - self._starts_m[:, 0], east_m - self._starts_m[:, 1]
         upward = self._along_m[:, 0] > 0.0
         spans = (self._ends_m[:, 0] > north_m) != (self._starts_m[:, 0] > north_m)
@@ -33,7 +33,7 @@ class Fence:
         return apart_m if inside else -apart_m
 
     def holds(self, pieces: Iterable[Piece], margin_m: float) -> bool:
-        """Return whether pieces that hang together stay inside, and no nearer to an edge than the margin."""
+        """Return whether connected pieces stay inside the polygon and at least the margin away from every edge."""
         first = True
         for piece in pieces:
             reach_m = min(piece.length_m, 2.0 / abs(piece.curvature_1_m) if piece.curvature_1_m else math.inf)
@@ -54,7 +54,7 @@ class Fence:
         return True
 
     def _nearest_m(self, norths_m: np.ndarray, easts_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the point of each edge (E,) nearest to a point."""
+        """Return north and east, (E,) each, of the point on each edge that is nearest to the given point."""
         along = (norths_m - self._starts_m[:, 0]) * self._along_m[:, 0] + (
             easts_m - self._starts_m[:, 1]
         ) * self._along_m[:, 1]
@@ -65,10 +65,10 @@ class Fence:
         return self._starts_m[:, 0] + shares * self._along_m[:, 0], self._starts_m[:, 1] + shares * self._along_m[:, 1]
 
     def _touching_m(self, piece: Piece) -> Iterator[tuple[float, float]]:
-        """Return the points of the edges among which is the one nearest to the inside of a piece.
+        """Return the points of the edges, (north_m, east_m), of which one is nearest to the interior of a piece.
 
-        They are the corners, where an edge crosses the piece's line or circle, and where it comes nearest to the
-        circle's centre. Ends of the piece may be nearer still.
+        They are the corners, the points where an edge crosses the piece's line or circle, and the points where an edge
+        comes nearest to the circle's centre. An end of the piece may be nearer to an edge still: the caller checks it.
         """
         starts, along = self._starts_m, self._along_m
         if piece.curvature_1_m == 0.0:

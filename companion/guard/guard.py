@@ -1,11 +1,11 @@
-"""The last thing a setpoint passes: it holds every limit and says what it changed and why (docs/method.md section 3).
+"""The guard: it holds a setpoint to every limit and reports what it changed and why (docs/method.md section 3).
 
-It trusts nothing it is given and imports nothing but numpy and the standard library, so that a fault in guidance,
-surrogate, route or picture ends here.
+It checks every input and imports nothing but numpy and the standard library, so that a fault in guidance, surrogate,
+route or world model cannot reach the vehicle.
 
 Assumptions, each monitored: a command begins to act `reaction_s` after it is given; the vehicle then turns by the
 shorter side at rate_share n g / v until the heading is reached and flies straight; no disc moves faster than its bound;
-the wind stays within its bound; reports are right within theirs; `check` is called every `dt_s`.
+the wind stays within its bound; reported positions are within their error bound; `check` is called every `dt_s`.
 Theorem: from a certified state no disc is ever entered and no fence left, whatever is wanted.
 Proof: the *tip* is the state at which the next command begins to act; it follows from the motion and the commands in
 flight. Between calls the guard holds a path from the tip that is clear at all later times. A wanted step is let through
@@ -50,22 +50,22 @@ from companion.guard.types import (
 from companion.guard.vehicle import Command, Step, VehicleModel
 
 CLOCK_TOLERANCE = 1e-3
-"""Share of the step by which two calls may be off it and still count as one step apart: clocks are rounded."""
+"""Share of a step by which the time between two calls may differ from one step and still count as one: clocks round."""
 LATE_SHARE = 1.1
-"""A call later than this many steps after the last is named."""
+"""Number of steps after the last call from which a call is reported as late."""
 GAP_STEPS = 3.0
-"""More than this many steps after the last call nothing is known of what the vehicle did: the guard begins anew."""
+"""Number of steps without a call after which the guard resets: what the vehicle did since is not known."""
 HEADING_TOLERANCE_RAD = 0.02
-"""A reported heading may be off by this beyond its bound: reports give it to 1 cm/s of the velocity; within it the
-commanded heading is believed. Chosen, not measured."""
+"""Difference up to which a reported heading counts as the commanded one (without wind the commanded one is then used),
+because reports resolve the velocity to 1 cm/s. Chosen, not measured."""
 SPEED_TOLERANCE_M_S = 0.5
-"""A reported ground speed may be off by this beyond the wind. Chosen, not measured."""
+"""Amount by which a reported ground speed may be outside the speed limits beyond the wind. Chosen, not measured."""
 COURSE_SHARE = 2.0
-"""A wind that changes turns the course by up to this much of its share of the speed, radians."""
+"""A changing wind turns the course by up to this factor times wind over least speed, in radians."""
 
 
 class Guard:
-    """Checks every setpoint of one vehicle; keeps the commands in flight and the path that is clear for all time."""
+    """Checks every setpoint of one vehicle; stores the commands that do not act yet and a path that stays clear."""
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
@@ -74,7 +74,7 @@ class Guard:
         self.reset()
 
     def reset(self) -> None:
-        """Forget commands, path and discs: somebody else steered, or positions have a new origin."""
+        """Forget commands, path and discs, because something else steered the vehicle or the origin has changed."""
         self._called_s: float | None = None
         self._motion = Motion(0.0, 0.0, 0.0, 0.0)
         self._commands: list[Command] = []
@@ -86,7 +86,7 @@ class Guard:
     def certify(self, motion: Motion, discs: Discs, dt_s: float) -> bool:
         """Return whether a start is certified: straight on for the reaction time, then a path that stays clear.
 
-        With discs that nothing is clear of for ever, it is over `horizon_s`. Changes nothing in the guard.
+        Where no path stays clear of the discs for ever, it must for `horizon_s`. The guard's state does not change.
         """
         if unusable(motion, discs, dt_s, slack_m_of(motion, discs, 0.0)) is not None:
             return False
@@ -110,9 +110,9 @@ class Guard:
     ) -> Verdict:
         """Return the setpoint nearest to the wanted one that every limit allows for the next `dt_s` seconds.
 
-        `now_s` is by any clock that does not step. A motion, a disc or a time that is not finite, or that has a
-        negative size, leaves nothing to decide on: the verdict holds no setpoint. A wanted setpoint that is not finite
-        becomes "straight on at the present speed and the middle of the altitude band".
+        `now_s` is the time of any clock that does not step. If a motion, a disc or a time is not finite, or a radius or
+        a speed is negative, the verdict holds no setpoint. A wanted setpoint that is not finite is replaced by straight
+        on at the present speed and the middle of the altitude band.
         """
         slack_m = slack_m_of(motion, discs, dt_s)
         reason = unusable(motion, discs, dt_s, slack_m) if math.isfinite(now_s) else NOT_FINITE
@@ -145,10 +145,10 @@ class Guard:
         self._commands.append(Command(self._limits.reaction_s, heading_rad, step.speed_m_s))
         return Verdict(Setpoint(heading_rad, step.speed_m_s, altitude_m), tuple(changes), tuple(broken), self._left_s)
 
-    # What is known of the vehicle and the discs
+    # The reports: what they say of vehicle and discs
 
     def _elapsed_s(self, now_s: float, dt_s: float) -> float:
-        """Return the time since the last call, beginning anew after a gap."""
+        """Return the time since the last call; after a gap, reset the guard and return 0."""
         elapsed_s = math.inf if self._called_s is None else now_s - self._called_s
         if not 0.0 <= elapsed_s <= GAP_STEPS * dt_s:
             self.reset()
@@ -159,7 +159,7 @@ class Guard:
         return elapsed_s
 
     def _monitored(self, motion: Motion, elapsed_s: float, dt_s: float) -> list[str]:
-        """Return the assumptions that the vehicle's reports contradict; move what is kept on to now."""
+        """Return the assumptions that the reported motion contradicts, and advance the stored state by `elapsed_s`."""
         limits = self._limits
         broken = []
         spare_m_s = limits.wind_m_s + SPEED_TOLERANCE_M_S
@@ -191,7 +191,7 @@ class Guard:
         return broken
 
     def _limited(self, discs: Discs, speed_m_s: float) -> bool:
-        """Return whether nothing is clear of the discs for ever, so that only the horizon can be certified."""
+        """Return whether no path can stay clear of the discs for ever, so that only the horizon can be certified."""
         fastest_m_s = max(discs.speeds_m_s.tolist(), default=0.0)
         endless = self._fence is None and self._limits.braking_m_s2 is None
         return fastest_m_s > 0.0 and not (endless and fastest_m_s < speed_m_s - self._limits.wind_m_s)
@@ -199,7 +199,7 @@ class Guard:
     def _flight(
         self, tip: Pose, before_m_s: float, motion: Motion, discs: Discs, dt_s: float, route: Sequence[Piece]
     ) -> Flight:
-        """Return what a decision is about, with every disc inflated by what the vehicle may be off its path."""
+        """Return the flight situation, with every disc grown for the reaction time and inflated (see Flight)."""
         reaction_s, off_m = self._limits.reaction_s, self._vehicle.inflation_m(dt_s)
         inflated_m = discs.radii_m + (discs.speeds_m_s * reaction_s + off_m)
         columns = (*discs.centres_ned_m.T.tolist(), inflated_m.tolist(), discs.speeds_m_s.tolist())
@@ -208,16 +208,16 @@ class Guard:
         moving = max(columns[3], default=0.0) > 0.0
         return Flight(tip, before_m_s, motion.speed_m_s, dt_s, rows, rows, moving, route, attack_m, off_m)
 
-    # The path in hand
+    # The stored path
 
     def _rejoin(self, flight: Flight, threats_broke: bool) -> None:
-        """Drop the path in hand where it has run out, the vehicle is not on it, or a disc has come into it."""
+        """Find the tip on the stored path; drop the path if it has run out, is too far off or is no longer clear."""
         if self._path is None:
             return
         pose = pose_at(self._path, self._along_m)
         ahead_m, beside_m = seen_from(pose, flight.tip)
         if self._limits.braking_m_s2 is not None or self._limits.wind_m_s > 0.0:
-            # How far it has come is what the reports say; only being beside the path counts.
+            # Progress along the path is taken from the reports; only the distance beside the path counts.
             self._along_m = max(0.0, self._along_m + ahead_m)
             ahead_m, beside_m = seen_from(pose_at(self._path, self._along_m), flight.tip)
             ahead_m = 0.0
@@ -229,7 +229,7 @@ class Guard:
             self._path = None
 
     def _still_clear(self, flight: Flight) -> bool:
-        """Return whether what is left of the path in hand is clear of the discs as they are now."""
+        """Return whether the rest of the stored path is clear of the discs as reported now."""
         path = self._path
         assert path is not None
         rest = rest_of(path, self._along_m)
@@ -239,11 +239,11 @@ class Guard:
         return search.blocked(rest, flight.discs, self._left_s if flight.moving else 0.0) is None
 
     def _search(self, flight: Flight, limited: bool) -> BackupSearch:
-        """Return a search for a flight, with the path in hand as it is now."""
+        """Return a search for a flight situation that uses the stored path."""
         return BackupSearch(self._vehicle, self._fence, flight, limited, self._path, self._along_m)
 
     def _kept_right(self, wanted: Step, flight: Flight, limited: bool, changes: list[str]) -> Step | None:
-        """Return the wanted step, or the circle to the right in its place; None where that is not clear."""
+        """Return the wanted step if the right-hand circle is clear after it, else a step on that circle, else None."""
         if self._limits.braking_m_s2 is not None:
             return None
         search = self._search(flight._replace(sides=(1.0,), route=()), limited)
@@ -259,7 +259,7 @@ class Guard:
         return None
 
     def _kept_clear(self, wanted: Step, flight: Flight, limited: bool, changes: list[str]) -> Step:
-        """Return the step to take, put the path that goes with it in hand, and say what was changed."""
+        """Return the step to take, store the path that begins with it, and append to `changes` what was changed."""
         reason = ""
         endless = self._path is not None and math.isinf(self._left_s)
         for only_horizon in (limited,) if limited or endless or not flight.moving else (False, True):
@@ -292,13 +292,13 @@ class Guard:
         return self._search(flight, limited).continued()
 
     def _hold(self, path: Path) -> None:
-        """Put a path in hand."""
+        """Store a path as the one to continue where a wanted step is refused."""
         if path is not self._path:
             self._path, self._along_m, self._left_s = path, 0.0, path.lasts_s
 
 
 def unusable(motion: Motion, discs: Discs, dt_s: float, slack_m: Sequence[float]) -> str | None:
-    """Return why there is nothing to decide on: something is not finite, or has a negative size."""
+    """Return NOT_FINITE or IMPOSSIBLE (a negative radius or speed, no positive step) for unusable input, else None."""
     if not math.isfinite(motion.north_m + motion.east_m + motion.heading_rad + motion.speed_m_s + dt_s + sum(slack_m)):
         return NOT_FINITE
     sizes = (motion.speed_m_s, min(discs.radii_m.tolist(), default=0.0), min(discs.speeds_m_s.tolist(), default=0.0))
@@ -306,7 +306,7 @@ def unusable(motion: Motion, discs: Discs, dt_s: float, slack_m: Sequence[float]
 
 
 def slack_m_of(motion: Motion, discs: Discs, dt_s: float) -> list[float]:
-    """Return the distance from each disc's edge, grown over the step; not finite where anything is not."""
+    """Return the vehicle's distance from each disc's edge, grown over the step; not finite where an input is not."""
     norths_m, easts_m = discs.centres_ned_m[:, 0] - motion.north_m, discs.centres_ned_m[:, 1] - motion.east_m
     slack_m: list[float] = (np.hypot(norths_m, easts_m) - (discs.radii_m + discs.speeds_m_s * dt_s)).tolist()
     return slack_m

@@ -1,4 +1,4 @@
-"""What was heard of the discs, and what new reports of them contradict."""
+"""Monitor of the reported keep-out discs: whether a new report contradicts the speed bounds of earlier ones."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 from companion.guard.types import NEW_THREAT, ROUNDING_M, THREAT_FASTER, Discs
 
 THREAT_TOLERANCE_M = 10.0
-"""A disc may stick out of its earlier self, grown, by this: the broadcast rounds a 200 km picture to 3 m, thrice."""
+"""Distance by which a reported disc may extend beyond the earlier report grown by its speed bound: the broadcast rounds
+positions within 200 km to 3 m, and three such roundings can add up."""
 
 
 class Heard(NamedTuple):
-    """The discs that the next ones must lie in, once grown."""
+    """The discs last reported: grown by their speed bounds, they must contain the next report."""
 
     ids: list[int]
     centres_ned_m: np.ndarray  # (M, 2) m
@@ -23,7 +24,7 @@ class Heard(NamedTuple):
 
 
 class ThreatMonitor:
-    """Holds the discs that the next ones must lie in, once grown by their bounds."""
+    """Compares each report of the discs with the last one, grown by the speed bounds for the time between them."""
 
     def __init__(self) -> None:
         self._heard: Heard | None = None
@@ -31,18 +32,18 @@ class ThreatMonitor:
         self._far: Discs | None = None
 
     def elapse(self, elapsed_s: float) -> None:
-        """Let time pass since the discs were heard of."""
+        """Add to the time since the discs were last reported."""
         self._heard_s += elapsed_s
 
     def note_far(self, discs: Discs) -> None:
-        """Keep discs that stand still and are too far to matter: they are compared with only when one matters."""
+        """Store standing discs that are too far away to matter; they are compared once a disc comes near enough."""
         self._far, self._heard, self._heard_s = discs, None, 0.0
 
     def contradicted_by(self, discs: Discs) -> list[str]:
-        """Return what the discs contradict of what was heard of them before, each grown by its bound since.
+        """Return the assumptions (NEW_THREAT, THREAT_FASTER) that a new report of the discs contradicts, and store it.
 
-        One that sticks out by no more than rounding explains leaves its earlier self in force, so that small excesses
-        add up.
+        A disc that extends beyond its earlier report by at most THREAT_TOLERANCE_M is not named; the earlier report,
+        grown, stays in force for it, so that repeated small excesses add up and are noticed.
         """
         ids = ids_of(discs)
         heard, since_s = self._heard, self._heard_s
@@ -72,13 +73,16 @@ class ThreatMonitor:
 
 
 def ids_of(discs: Discs) -> list[int]:
-    """Return what tells the discs apart: their ids, or else their places."""
+    """Return the ids that identify the discs from call to call; their indices where no ids are given."""
     ids: list[int] = list(range(len(discs.radii_m))) if discs.ids is None else discs.ids.tolist()
     return ids
 
 
 def contradictions(before: Heard, now: Heard, elapsed_s: float) -> list[str]:
-    """Return what is new or was faster than its bound; put earlier discs back in force where they exclude more."""
+    """Return NEW_THREAT and THREAT_FASTER where they apply to the report `now`, compared disc by disc with `before`.
+
+    Changes `now`: a disc that extends beyond its grown earlier report within the tolerance is replaced by the latter.
+    """
     broken = []
     for row, key in enumerate(now.ids):
         if key not in before.ids:

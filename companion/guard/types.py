@@ -1,4 +1,4 @@
-"""The values that go into the guard and come out of it, and the words in which it says what it changed and why."""
+"""The guard's input and output values, and the words in which it reports what it changed and which assumption broke."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from typing import NamedTuple
 import numpy as np
 
 PIVOT_SPEED_M_S = 0.5
-"""A vehicle slower than this turns on the spot, at the rate of this speed, and flies away from nothing. Only one that
-can stop may be."""
+"""A vehicle below this speed is assumed to turn on the spot, at the turn rate that it has at this speed, and is never
+counted on to outrun a moving disc. Only a vehicle that can stop may fly slower."""
 ROUNDING_M = 1e-6
-"""A new path keeps this much clear, so that nothing is lost to rounding while it is flown."""
+"""Extra distance that a new path keeps from discs and fence, so that rounding while it is flown cannot violate them."""
 TRACKING_STEPS = 1.5
+"""The greatest wind may blow a vehicle off its path by its speed times this many guidance steps, plus the share of
+TRACKING_REACTIONS (measured: docs/guard.md, Wind)."""
 TRACKING_REACTIONS = 0.75
-"""Steps and reaction times of the greatest wind that a vehicle may be blown off its path: docs/guard.md has what was
-measured."""
+"""The greatest wind may blow a vehicle off its path by its speed times this many reaction times, plus the share of
+TRACKING_STEPS (measured: docs/guard.md, Wind)."""
 
+# What was changed and why: Verdict.changes.
 NOT_FINITE = "not finite"
 IMPOSSIBLE = "impossible"
 SPEED = "speed"
@@ -29,6 +32,7 @@ FENCE = "fence"
 BACKUP = "back-up continued"
 NO_BACKUP = "no certified back-up"
 
+# Which assumption did not hold: Verdict.broken.
 NEW_THREAT = "new threat"
 THREAT_FASTER = "threat faster than its bound"
 POSITION = "position"
@@ -39,7 +43,7 @@ LATE = "called late"
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Heading in radians clockwise from grid north, speed and altitude."""
+    """What the vehicle is asked to fly: a heading in radians clockwise from grid north, a speed and an altitude."""
 
     heading_rad: float
     speed_m_s: float
@@ -48,7 +52,7 @@ class Setpoint:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Where the vehicle is and how it moves over the ground."""
+    """The vehicle's position on the mission's plane, its course over ground (clockwise from north) and ground speed."""
 
     north_m: float
     east_m: float
@@ -57,17 +61,18 @@ class Motion:
 
     @property
     def position_ned_m(self) -> tuple[float, float]:
-        """(north, east)."""
+        """The position as (north, east)."""
         return self.north_m, self.east_m
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the vehicle may do; `braking_m_s2` is None for one that cannot stop. Raises ValueError for nonsense.
+    """The vehicle's limits and the bounds of what disturbs it; raises ValueError where no vehicle could hold them.
 
-    `rate_share` is the share of n_max g / v that its turns achieve, `wind_m_s` the greatest wind, `position_error_m`
-    the greatest error of a reported position, `horizon_s` how long moving discs are kept clear of where no path is
-    clear of them for ever.
+    `braking_m_s2` is None for a vehicle that cannot stop, `reaction_s` the time from a setpoint to its effect,
+    `rate_share` the share of the turn rate n_max g / v that turns achieve, `wind_m_s` the greatest wind, and
+    `position_error_m` the greatest error of a reported position. `horizon_s` is for how long a path must stay clear of
+    moving discs where none stays clear of them for ever.
     """
 
     speed_min_m_s: float
@@ -106,10 +111,10 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Discs:
-    """Keep-out discs as they are now, and the greatest speed of each.
+    """The keep-out discs at the time of the call, and the greatest speed of each.
 
-    `attack_m` are the radii that are never given up for anything else; `ids` tell discs apart from call to call (None:
-    by their order).
+    `attack_m` holds the inner (attack) radii: where no path is certified, the guard first keeps out of those. `ids`
+    identify the discs from call to call; None identifies them by their order.
     """
 
     centres_ned_m: np.ndarray  # (M, 2) m
@@ -121,10 +126,10 @@ class Discs:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The setpoint that may be sent (None: send nothing), and why it differs from the one wanted.
+    """The setpoint that may be sent (None: send nothing), and in `changes` why it differs from the wanted one.
 
-    `broken` names the assumptions that did not hold since the last call. `certified_s` is how long the path in hand
-    stays clear: inf, the horizon, or 0 for "nothing is certified".
+    `broken` names the assumptions that did not hold since the last call. `certified_s` is for how long the stored path
+    stays clear: inf for ever, what is left of the horizon, or 0 where nothing is certified.
     """
 
     setpoint: Setpoint | None
@@ -134,7 +139,7 @@ class Verdict:
 
 
 class Piece(NamedTuple):
-    """A stretch of a path with one curvature, positive to the right."""
+    """A straight line or arc: its start, its heading there, its curvature (positive: to the right) and its length."""
 
     north_m: float
     east_m: float
@@ -145,13 +150,13 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Hints:
-    """What guidance knows beside the setpoint that it wants."""
+    """What guidance tells the guard in addition to the wanted setpoint."""
 
     route: Sequence[Piece] = ()
-    """A way that may serve as back-up where no turning circle does: its stretches in order."""
+    """The planned route, piece by piece in order; the back-up may follow it where no turning circle is clear."""
     keep_right: bool = False
-    """The circle to the right is kept clear while it is, and nothing else takes the place of a wanted setpoint: the
-    right of way between vehicles rests on that circle."""
+    """Whether, as long as the right-hand turning circle is clear, only that circle serves as back-up and replaces a
+    refused setpoint: the right of way between vehicles rests on it (docs/separation.md)."""
 
 
 NO_HINTS = Hints()

@@ -1,4 +1,4 @@
-"""How the guard assumes that the vehicle flies, by its limits alone."""
+"""The guard's model of how the vehicle flies, from its limits alone."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from companion.guard.types import (
 )
 
 STANDARD_GRAVITY_M_S2 = 9.80665
-"""Standard gravity (3rd CGPM, 1901). companion/geo/kinematics.py has it too: the guard shares no code with what it
-guards against."""
+"""Standard gravity (3rd CGPM, 1901). companion/geo/kinematics.py defines it as well, because the guard shares no code
+with the guidance that it checks."""
 GREATEST_TURN_RAD = 3.0
-"""A step turns by no more, so that the vehicle takes the side that was checked."""
+"""Greatest turn of one step, less than pi so that the vehicle's shorter side is the side that was checked."""
 LEAST_ARC_M = 1e-9
-"""A shorter arc is a turn on the spot."""
+"""Length up to which an arc counts as a turn on the spot."""
 POSITION_TOLERANCE_M = 0.1
-"""Where the vehicle is and where it should be may differ by this beyond their bounds: telemetry resolves 1 cm and
-1 cm/s. Chosen, not measured."""
+"""Distance by which a reported position may differ from the expected one in addition to the bounds in Limits: telemetry
+resolves 1 cm and 1 cm/s. Chosen, not measured."""
 CLOSING_STEPS = 2.0
-"""Steps in which the vehicle closes in on the path that wind blew it off."""
+"""Number of steps in which the vehicle is steered back onto the path that wind has blown it off."""
 
 
 class Command(NamedTuple):
-    """A setpoint on its way to the vehicle, and in how long it begins to act (negative: it acts already)."""
+    """A setpoint that was sent, and the time until it begins to act, `starts_s` (negative: it acts already)."""
 
     starts_s: float
     heading_rad: float
@@ -45,62 +45,65 @@ class Command(NamedTuple):
 
 
 class Step(NamedTuple):
-    """One way of flying the next step: a turn, then straight, at a speed."""
+    """A choice for the next step: a turn (positive: to the right) and then straight flight, both at one speed."""
 
     turn_rad: float
     speed_m_s: float
 
 
 class VehicleModel:
-    """One vehicle as its limits describe it; it keeps nothing of any flight."""
+    """The motion of one vehicle as its limits describe it; it stores no state of a flight."""
 
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
         self._load_m_s2 = limits.rate_share * limits.n_max * STANDARD_GRAVITY_M_S2
 
     def curvature_1_m(self, speed_m_s: float) -> float:
-        """Return that of the turning circle over the ground, at worst down wind."""
+        """Return the curvature of the turning circle over the ground at an airspeed, flown down the greatest wind."""
         return self._load_m_s2 / (speed_m_s + self.limits.wind_m_s) ** 2
 
     def allowed_m_s(self, speed_m_s: float) -> float:
-        """Return the speed nearest to one that is within the limits."""
+        """Return the speed within the limits that is nearest to the given one."""
         return min(max(speed_m_s, self.limits.speed_min_m_s), self.limits.speed_max_m_s)
 
     def rate_rad_s(self, speed_m_s: float) -> float:
-        """Return the turn rate at a speed."""
+        """Return the greatest turn rate at a speed."""
         return self._load_m_s2 / max(speed_m_s, PIVOT_SPEED_M_S)
 
     def greatest_turn_rad(self, speed_m_s: float, before_m_s: float, dt_s: float) -> float:
-        """Return the greatest turn of a step, at the greater of the speeds before and in it."""
+        """Return the greatest turn of one step, at the greater of the speeds before and during it."""
         return min(self.rate_rad_s(max(speed_m_s, before_m_s)) * dt_s, GREATEST_TURN_RAD)
 
     def tolerance_m(self) -> float:
-        """Return how far apart two reports of one place may be."""
+        """Return how far apart two reports of the same position may be."""
         return 2.0 * self.limits.position_error_m + POSITION_TOLERANCE_M
 
     def tracking_m(self, dt_s: float) -> float:
-        """Return how far wind may blow the vehicle off its path."""
+        """Return how far the greatest wind may blow the vehicle off its path (see TRACKING_STEPS)."""
         return self.limits.wind_m_s * (TRACKING_STEPS * dt_s + TRACKING_REACTIONS * self.limits.reaction_s)
 
     def inflation_m(self, dt_s: float) -> float:
-        """Return how far the vehicle may be off the path it is held to."""
+        """Return how far the vehicle may be off its commanded path, which every disc is inflated by."""
         limits = self.limits
         return ROUNDING_M + limits.position_error_m + self.tracking_m(dt_s)
 
     def reach_m(self, motion: Motion, before_m_s: float, step: Step, dt_s: float) -> float:
-        """Return beyond which distance no standing disc can matter to a step or to a path after it."""
+        """Return the distance beyond which a standing disc matters neither to a step nor to a back-up after it."""
         faster_m_s = max(before_m_s, step.speed_m_s, motion.speed_m_s) + self.limits.wind_m_s
         if self.limits.braking_m_s2 is None:
             path_m = 2.0 / self.curvature_1_m(faster_m_s)
         else:
             path_m = faster_m_s * faster_m_s / (2.0 * self.limits.braking_m_s2)
-        # One step for the way, up to four for the sides of a rounded square, one more for margins.
+        # Of the six steps, one is flown, up to four are the sides of a rounded square, and one is margin.
         return faster_m_s * (6.0 * dt_s + self.limits.reaction_s) + path_m + self.inflation_m(dt_s)
 
     def within_limits(
         self, wanted: Setpoint, tip: Pose, before_m_s: float, dt_s: float, changes: list[str]
     ) -> tuple[Step, float]:
-        """Return the wanted step held to speed, turn and altitude, and the altitude."""
+        """Return the wanted step limited in speed and turn, and the altitude limited likewise.
+
+        Appends to `changes` what was limited.
+        """
         limits = self.limits
         heading_rad, speed_m_s, altitude_m = wanted.heading_rad, wanted.speed_m_s, wanted.altitude_m
         if not all(map(math.isfinite, (heading_rad, speed_m_s, altitude_m))):
@@ -121,7 +124,10 @@ class VehicleModel:
         return Step(turn_rad, allowed_m_s), allowed_m
 
     def flown(self, motion: Motion, commands: Sequence[Command], duration_s: float) -> tuple[Pose, float]:
-        """Return where the commands take a motion in a while, and its airspeed then: straight on until the first."""
+        """Return the pose and the airspeed that a motion reaches after `duration_s` under commands.
+
+        Until the first command acts, the vehicle flies straight on.
+        """
         pose, speed_m_s = pose_of(motion), motion.speed_m_s
         at_s = 0.0
         for index, command in enumerate(commands):
@@ -145,9 +151,9 @@ class VehicleModel:
     def step_pieces(
         self, pose: Pose, step: Step, before_m_s: float, ground_m_s: float, duration_s: float
     ) -> tuple[tuple[Piece, ...], float]:
-        """Return what is flown in a step, an arc and a straight line, and the speed after it.
+        """Return the pieces flown in a step, an arc and a straight line, and the airspeed after it.
 
-        Wind is taken to stay as it is: then the ground speed is the one reported.
+        With wind, a vehicle that cannot stop is assumed to keep the reported ground speed, `ground_m_s`, for the step.
         """
         faster_m_s, after_m_s = max(before_m_s, step.speed_m_s), step.speed_m_s
         flown_m = faster_m_s * duration_s
@@ -174,7 +180,10 @@ class VehicleModel:
         return (arc, Piece(end.north_m, end.east_m, heading_rad, 0.0, rest_m)), after_m_s
 
     def circle(self, pose: Pose, side: float, speed_m_s: float, dt_s: float) -> tuple[Piece, ...]:
-        """Return the turning circle: a rounded square where a step of it would turn too far for its side to be sure."""
+        """Return the turning circle; a square with rounded corners if a step of it would exceed GREATEST_TURN_RAD.
+
+        `side` is 1.0 for the circle to the right and -1.0 for the one to the left.
+        """
         curvature_1_m = self.curvature_1_m(speed_m_s)
         if speed_m_s * dt_s * curvature_1_m <= GREATEST_TURN_RAD:
             return (Piece(*pose, side * curvature_1_m, math.tau / curvature_1_m),)
@@ -189,7 +198,7 @@ class VehicleModel:
     def steered_rad(
         self, path: Path, along_m: float, pose: Pose, ground_m_s: float, dt_s: float, gain_s: float
     ) -> float:
-        """Return the turn that puts the heading of the path one step ahead on, and closes in on it where asked to."""
+        """Return the turn to the path's heading one step ahead; a positive `gain_s` also steers back onto the path."""
         ahead = pose_at(path, along_m + ground_m_s * dt_s)
         heading_rad = ahead.heading_rad
         if gain_s > 0.0:

@@ -1,1 +1,1 @@
-"""From what a vehicle knows to a wanted heading: laws, the route around the discs, separation."""
+"""Guidance of one vehicle, from its world model to a wanted heading: laws, route around the discs, separation."""

@@ -1,6 +1,6 @@
-"""What steers: from where a vehicle is to be and what it knows, to a wanted heading (docs/method.md sections 1 and 3).
+"""The guidance laws: from a vehicle's task and world model to a wanted heading (docs/method.md sections 1 and 3).
 
-A law says where it would like to head. The right of way, the turn limit and the guard come after it, whatever the law.
+A law returns a steering demand. Right of way, turn limit and guard are applied to the demand of every law.
 """
 
 from __future__ import annotations
@@ -31,83 +31,88 @@ from companion.surrogate.profiles import (
 )
 
 ROUTE_MARGIN_M = 2.0
-"""The route keeps at least this far outside what the guard keeps (docs/method.md section 3: margins nest)."""
+"""Least margin between the route and the discs as the guard inflates them (docs/method.md section 3: margins nest)."""
 ROUTE_MARGIN_STEPS = 0.05
-"""Share of the way flown in a step that the route keeps instead where it is more: a step cuts its corners."""
+"""Margin of the route as a share of the distance flown in a guidance step, used where that is more than
+ROUTE_MARGIN_M: a vehicle that is steered in steps cuts corners."""
 WALL_SHARE = 22.0
-"""Half-width of F*'s edge is the route's margin over this: at the route it weighs less than any attraction."""
+"""Ratio of the route's margin to the half-width of F*'s edge: at this one the repulsion at the route is weaker than
+any attraction."""
 ONWARD_CIRCLES = 3
-"""A way on from the route's end is kept ready once the end is this many turning circles' lengths away: the guard
-looks so far along a route."""
+"""Length of the rest of the route, in circumferences of the turning circle, from which the way on from its end is
+planned: the guard looks that far along a route."""
 ONWARD_RAD = 0.05
-"""And until the route arrives on a heading that differs by more than this."""
+"""Change of the heading on which the route arrives, above which the way on from its end is planned again."""
 OPPOSED_SHARE = 0.01
-"""A component against the route is worth counting from this share of the attraction."""
+"""Share of the attraction from which a dropped surrogate component against the route is reported."""
 COASTING_PERIODS = 3.0
-"""Broadcast periods after which a picture counts as coasting: the settings say no more of the period."""
+"""Number of broadcast periods in `LawSettings.coasting_after_s`; the law derives the broadcast period from it."""
 LOOK_AHEAD_S = 30.0
-"""A broadcast velocity is believed for this time; after that the threat may be anywhere its bound allows."""
+"""Time for which a threat is assumed to keep its broadcast velocity; after it only its speed bound is used."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What the vehicle is to do now: go to a place, or keep a place that it loiters at."""
+    """The vehicle's task at one step: to fly to a place, or to loiter at it."""
 
     place_ned_m: tuple[float, float]
     pull: SteeringVector
-    """What would attract it if there were nothing else."""
+    """The attraction towards the place, or onto its loiter circle, without regard to discs."""
     loitering: bool
     to_target: bool
+    """Whether the place is the target that the vehicle is assigned."""
     flown_m: float
+    """Distance flown so far, for the penalty of the range."""
     arrival_m: float
-    """As near as this is there."""
+    """Distance from the place at which the vehicle has arrived."""
     crowded: bool = False
-    """Others are so near that the right of way may ask for a circle to the right at any time."""
+    """Whether others are so near that the right of way may demand a circle to the right at any time."""
 
 
 class SteeringDemand(NamedTuple):
-    """Where a law wants to go, as strongly as the gradient of its cost."""
+    """The direction that a law demands, and what it reports with it."""
 
     pull: SteeringVector
+    """The demanded direction; its length is that of the law's gradient."""
     stay: str | None = None
-    """Why the vehicle can do no better than to loiter here; None while it can."""
+    """The reason to loiter here, where the law has no better place to go; else None."""
     note: str | None = None
-    """What else is worth knowing of this decision."""
+    """A remark on the decision for logs and messages."""
     opposed: bool = False
-    """The surrogate's component against the route was dropped."""
+    """Whether a component of the surrogate's gradient that opposed the route was dropped."""
     route: Route | None = None
     onward: tuple[Piece, ...] = ()
-    """A way on from where the route ends, for a vehicle that cannot stop there."""
+    """The way on from the end of the route, which the guard may follow if the vehicle cannot stop there."""
 
 
 class SteeringLaw(Protocol):
-    """A guidance law of one vehicle; it may remember, but time and inputs are given to it."""
+    """A guidance law of one vehicle; it may store state, but reads no clock and no inputs other than its arguments."""
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
-        """Return what it wants; `now_s` is this vehicle's clock."""
+        """Return the steering demand of one guidance step; `now_s` is the time of this vehicle's clock."""
         ...
 
 
 @dataclass(frozen=True)
 class _OnwardFor:
-    """What a way on was found for."""
+    """The question that a way on from the route's end answers: from where, on which heading, among which threats."""
 
     from_ned_m: tuple[float, float]
     threat_ids: tuple[int, ...]
     heading_rad: float
 
     def serves(self, other: _OnwardFor) -> bool:
-        """Return whether it will do for another as well."""
+        """Return whether the way on that was found for this question also answers the other one."""
         same = self.from_ned_m == other.from_ned_m and self.threat_ids == other.threat_ids
         return same and abs(math.remainder(self.heading_rad - other.heading_rad, math.tau)) <= ONWARD_RAD
 
 
 SteeringOf = Callable[[LawSettings], SteeringLaw]
-"""Makes a vehicle's law from its settings."""
+"""A function that makes the law of one vehicle from its settings."""
 
 
 class GradientLaw:
-    """The paper's laws: the attraction less the gradient of the surrogate (paper: direct1)."""
+    """The paper's law: the attraction minus the gradient of the surrogate (paper: direct1)."""
 
     def __init__(self, settings: LawSettings) -> None:
         self._settings = settings
@@ -122,13 +127,13 @@ class GradientLaw:
 
 
 class RoutedLaw:
-    """H* = F* + 1/2 D_geo^2: the attraction follows the shortest path around the discs (docs/method.md section 3)."""
+    """The gradient law of H* = F* + 1/2 D_geo^2, attracted along the shortest route (docs/method.md section 3)."""
 
     def __init__(self, settings: LawSettings) -> None:
         limits = settings.limits
         self._settings = settings
         self._margin_m = max(ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS * limits.speed_m_s * settings.guidance_step_s)
-        # What the guard adds to every disc, so that the route lies outside what it keeps.
+        # The margin on top of what the guard adds to every disc, so that the route lies outside the guard's discs.
         held_s = TRACKING_STEPS * settings.guidance_step_s + TRACKING_REACTIONS * limits.reaction_s
         self._clearance_m = self._margin_m + limits.position_error_m + limits.wind_m_s * held_s
         ground_m_s = limits.speed_m_s + limits.wind_m_s
@@ -162,7 +167,7 @@ class RoutedLaw:
         )
         wanted, opposed = _unopposed(pull, wall_m)
         if route.turn != 0:
-            # The shorter side of a long turn may be the other one: then the side is wanted, not the end of it.
+            # The vehicle turns by the shorter side: if the route turns by the longer one, demand a turn to that side.
             wanted = _on_side(wanted, motion.heading_rad, route.turn)
         onward = self._way_on(route, self._began_ned_m, centres_ned_m, radii_m, view)
         return SteeringDemand(wanted, note=note, opposed=opposed, route=route, onward=onward)
@@ -170,7 +175,7 @@ class RoutedLaw:
     def _route(
         self, task: Task, motion: Motion, centres_ned_m: np.ndarray, radii_m: np.ndarray, view: View
     ) -> Route:  # (M, 2) m, (M,) m
-        """Return the way to the place; with others near, where there is one, the way that leaves room for a circle."""
+        """Return the route to the place; with others near, one that leaves room for a circle, if there is one."""
         for room_m in (2.0 * self._turn_radius_m, 0.0) if task.crowded and len(radii_m) else (0.0,):
             route = self._router.route(
                 Departure(motion.position_ned_m, motion.heading_rad, self._turn_radius_m),
@@ -186,9 +191,9 @@ class RoutedLaw:
     def _way_on(
         self, route: Route, back_ned_m: tuple[float, float], centres_ned_m: np.ndarray, radii_m: np.ndarray, view: View
     ) -> tuple[Piece, ...]:  # (M, 2) m, (M,) m
-        """Return the way from the end of a route back to where guidance began, among discs that stand still.
+        """Return the way from the end of a route back to where guidance began; () where any threat moves.
 
-        A place is worth going to only if there is a way on from it; the guard looks along it for room to circle.
+        The guard looks along it for room to circle: a place that the vehicle cannot leave again must not be approached.
         """
         near = route.length_m <= ONWARD_CIRCLES * math.tau * self._turn_radius_m
         if not near or not route.pieces or np.count_nonzero(view.threat_speed_m_s):
@@ -217,11 +222,11 @@ class RoutedLaw:
 def foreseen(
     view: View, motion: Motion, speed_m_s: float, period_s: float
 ) -> tuple[np.ndarray, np.ndarray]:  # (M, 2) m, (M,) m
-    """Return discs that hold each threat when the vehicle could be at it: what a route must go around.
+    """Return centres and radii of discs that contain each threat at the time the vehicle could reach it.
 
-    A broadcast velocity is believed for LOOK_AHEAD_S and only as far as the announced bound; what a threat may have
-    done beyond it since it was heard of stays in the radius. That counts as if a broadcast period had gone by: discs
-    that grow and shrink with every broadcast would open and close gaps, and the route would go to and fro.
+    A threat is moved at its broadcast velocity for at most LOOK_AHEAD_S. The part of its speed bound that this velocity
+    does not use up grows the radius, for the age of the report but at least for one broadcast period: discs that grow
+    and shrink with every broadcast would open and close gaps, and the route would go to and fro.
     """
     if not np.count_nonzero(view.threat_speed_m_s):
         return view.threats_ned_m, view.detection_radius_m
@@ -243,12 +248,12 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:  # (M, 2) -> (M,)
 
 
 def law_of(settings: LawSettings) -> SteeringLaw:
-    """Return the law that the settings name."""
+    """Return a new law of the kind that the settings name."""
     return RoutedLaw(settings) if settings.law == "routed" else GradientLaw(settings)
 
 
 def _unopposed(pull: SteeringVector, gradient_m: np.ndarray) -> tuple[SteeringVector, bool]:
-    """Return the direction without what the surrogate puts against the route, and whether there was any."""
+    """Return the direction without the gradient's component against the route, and whether that is worth reporting."""
     strength_m = pull.strength_m
     if strength_m == 0.0:
         return direction(pull, gradient_m), False
@@ -261,7 +266,7 @@ def _unopposed(pull: SteeringVector, gradient_m: np.ndarray) -> tuple[SteeringVe
 
 
 def _on_side(wanted: SteeringVector, heading_rad: float, side: int) -> SteeringVector:
-    """Return the wanted direction, or a right angle to the side if it would be turned to by the other one."""
+    """Return the wanted direction, or a right angle to the given side where the shorter turn is to the other side."""
     if side * shorter_turn_rad(heading_rad, wanted.heading_rad) >= 0.0:
         return wanted
     turned_rad = heading_rad + side * math.pi / 2.0
@@ -269,7 +274,7 @@ def _on_side(wanted: SteeringVector, heading_rad: float, side: int) -> SteeringV
 
 
 def _range_gradient(task: Task, motion: Motion, settings: LawSettings) -> np.ndarray:  # (2,) m
-    """Return the gradient of the smooth f4 (paper: fun4)."""
+    """Return the gradient of the smooth f4, the penalty of the range (paper: fun4)."""
     return range_gradient(
         np.array(motion.position_ned_m),
         np.array(task.place_ned_m),

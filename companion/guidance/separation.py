@@ -1,14 +1,14 @@
-"""Who gives way to whom when nobody answers: separation between vehicles from position and velocity alone.
+"""Right of way: separation between vehicles that do not communicate, from detected positions and velocities alone.
 
-No vehicle here can promise anything to another, and peers are as fast as we are, so no path is safe against any peer.
-What is left is a rule that every vehicle computes alone, from what its own detector shows, and that is safe if all keep
-it (docs/method.md section 3, "Peers"). The rule: each reserves the disc in which it can circle to the right for ever,
-and moves the centre of that disc into at most its own half of the gap to any other. Circling leaves the centre where it
-is, so a legal decision always exists, and the discs never overlap. docs/separation.md has the proof and the
-measurements.
+Vehicles cannot agree on anything in flight, and peers are as fast as this vehicle, so no path is safe against whatever
+a peer does. Instead every vehicle computes the same rule alone, from what its own detector shows; it is safe if all
+follow it (docs/method.md section 3, "Peers"). The rule: each vehicle reserves the disc in which it can circle to the
+right for ever, and moves the centre of that disc by at most its own half of the gap to any other disc. Circling leaves
+the centre where it is, so an allowed decision always exists, and the discs never overlap. docs/separation.md has the
+proof and the measurements.
 
-Liveness comes from keeping right: a vehicle that may not fly where it wants takes the first legal heading clockwise
-from there, so that what is in its way stays on its left, as in a roundabout.
+Progress comes from keeping right: a vehicle that may not fly its wanted heading takes the first allowed heading
+clockwise from it, so that whatever is in its way stays on its left, as in a roundabout.
 """
 
 from __future__ import annotations
@@ -24,29 +24,33 @@ from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
 from companion.guard.types import Motion
 
 GREATEST_STEP_TURN_RAD = 2.8
-"""A circle to the right is commanded by a heading this far ahead at most: beyond pi it would be a turn to the left."""
+"""Greatest heading change by which a circle to the right is commanded: beyond pi it would be a turn to the left."""
 LEFT_FRACTIONS = (1.0, 0.5, 0.25, 0.125)
-"""Parts of a wanted turn to the left that are tried, because a left turn moves the reserved disc twice as fast."""
+"""Fractions of a wanted turn to the left that are tried: a turn to the left moves the reserved disc twice as fast as
+straight flight."""
 SPEED_FRACTIONS = (1.0, 0.75, 0.5, 0.35, 0.2, 0.1)
-"""Parts of the speed that a vehicle that can stop tries before it stops."""
+"""Fractions of the cruise speed that are tried for a vehicle that can stop, before it stops."""
 OPENING_RAD = 0.2
-"""A vehicle that can stop passes a neighbour a little outwards: at the edge itself it could only creep."""
+"""Angle by which forbidden arcs are widened for a vehicle that can stop: at their very edge it could only creep."""
 UNEVENNESS = 0.5
-"""A vehicle leaves up to this part of its half of a gap unused, by where it is: exact symmetry would never resolve."""
+"""Greatest part of its half of a gap that a vehicle leaves unused, depending on its position: vehicles in an exactly
+symmetric situation would block each other for ever."""
 LEAST_PART = 0.5 * (1.0 - UNEVENNESS)
-"""The least part of a gap that a vehicle ever uses."""
+"""The least part of a gap that a vehicle uses."""
 UNEVEN_RADII = 5.0
-"""The part changes over this many reserved radii: neighbours differ, and a difference lasts long enough to matter."""
+"""Distance, in reserved radii, over which the unused part runs through its range: it then differs between neighbours,
+and a difference lasts long enough to matter."""
 RETREAT = 0.3
-"""Where discs overlap after all, by errors or late sight, at least this part of what is flown leads apart."""
+"""Least part of the distance flown in a step that must lead apart where discs overlap, by errors or late detection."""
 LATE_PART = 0.25
-"""Discs that overlap by more than this part of D_safe were seen too late; less is an error of position."""
+"""Overlap of two discs, as a part of D_safe, beyond which the neighbour counts as seen too late; a smaller overlap is
+taken for an error of position."""
 LATE_HORIZON_S = 40.0
-"""How far ahead a vehicle looks past a neighbour that it has seen too late."""
+"""Time for which the paths of a vehicle and a neighbour that it has seen too late are predicted."""
 LATE_CLEARANCE = 4.0
-"""In separations: what must be left, as predicted, for the rule's own choice to stand."""
+"""Predicted clearance, in units of D_safe, above which the rule's own choice stands although a neighbour is late."""
 EDGE_RAD = 1e-6
-"""A heading taken at the edge of a forbidden arc lies this far outside it, against rounding."""
+"""Angle by which a heading taken at the edge of a forbidden arc lies outside it, against rounding."""
 
 CIRCLING = "right of way: circling right until the way is free"
 PASSING = "right of way: keeping a neighbour on the left"
@@ -58,7 +62,7 @@ STOPPING = "right of way: stopping until the way is free"
 
 @dataclass(frozen=True)
 class Rules:
-    """What all vehicles of an airspace agree on before the flight: the rule is safe between those that share it."""
+    """The parameters of the rule, equal for all vehicles of an airspace: it is safe between those that share them."""
 
     separation_m: float  # D_safe, between centres
     n_max: float  # load factor of the circle that each reserves
@@ -66,11 +70,11 @@ class Rules:
     reaction_s: float = 0.0  # from a decision to its effect, beyond the decision's own step
     can_stop: bool = False
     braking_m_s2: float | None = None  # needed if can_stop
-    position_error_m: float = 0.0  # of any position that is used, own or a neighbour's
+    position_error_m: float = 0.0  # greatest error of any position that is used, own or a neighbour's
 
 
 class Peers(NamedTuple):
-    """The others that the vehicle's own detector shows."""
+    """The other aircraft that the vehicle's own detector shows."""
 
     places_ned_m: np.ndarray  # (P, 2) m
     velocities_m_s: np.ndarray  # (P, 2) m/s, over ground
@@ -78,7 +82,7 @@ class Peers(NamedTuple):
 
 @dataclass(frozen=True)
 class Resolution:
-    """What the rule makes of a wanted heading."""
+    """The rule's resolution of a wanted heading: the heading and speed to fly, and the reason for any change."""
 
     heading_rad: float  # clockwise from north, in [0, 2 pi)
     speed_m_s: float
@@ -89,15 +93,15 @@ class Resolution:
 class _Neighbour:
     """A neighbour whose reserved disc is near enough to forbid something."""
 
-    bearing_rad: float  # from our reserved centre to its own
-    share_m: float  # how far our centre may move towards it; less than 0: how far away it must
-    # Of one seen only when the discs overlapped already, to whom the rule can promise nothing: north and east of us, m,
-    # and its velocity, m/s.
+    bearing_rad: float  # from the centre of our reserved disc to the centre of the neighbour's
+    share_m: float  # how far our centre may move towards it in a step; negative: how far it must move away
+    # For a neighbour seen only when the discs overlapped already, against which the rule gives no guarantee: its north
+    # and east from us, m, and its velocity, m/s.
     seen_late: tuple[float, float, float, float] | None = None
 
 
 def reserved_radius_m(speed_m_s: float, rules: Rules, dt_s: float) -> float:
-    """Return the radius of the disc a vehicle reserves, m: its turn circle, or its way to a stop, and half D_safe."""
+    """Return the radius of the reserved disc, m: turning circle or braking distance, plus half D_safe and the error."""
     margin_m = 0.5 * rules.separation_m + rules.position_error_m
     if rules.can_stop:
         return _braking_way_m(speed_m_s, rules) + margin_m
@@ -107,8 +111,8 @@ def reserved_radius_m(speed_m_s: float, rules: Rules, dt_s: float) -> float:
 def interaction_radius_m(rules: Rules, dt_s: float) -> float:
     """Return the distance between two vehicles at cruise speed beyond which neither constrains the other, m.
 
-    Of two that cannot stop this is the worst geometry, each with the other abeam to its right. The detector must see at
-    least so far for the promise to hold.
+    For vehicles that cannot stop it is the distance in the worst geometry, each with the other abeam to its right. The
+    rule guarantees separation only if the detector sees at least this far.
     """
     cruise_m_s = rules.speed_m_s
     discs_m = 2.0 * reserved_radius_m(cruise_m_s, rules, dt_s)
@@ -129,10 +133,11 @@ def give_way(
 ) -> Resolution:
     """Return the wanted heading, or the first clockwise that the rule allows, and the greatest speed allowed with it.
 
-    `motion` is what neighbours see of us now: its heading is the course over ground. The vehicle is taken to turn to
-    the returned heading by the shorter side at n_max and then to fly straight until `dt_s` is over; it begins
-    `reaction_s` from now, at `heading_at_effect_rad` (default: the heading now). Only a vehicle that can stop is ever
-    given another speed than its own. Raises ValueError if rules.can_stop lacks a positive braking_m_s2.
+    `motion` is this vehicle's motion now, as neighbours detect it: its heading is the course over ground. The vehicle
+    is assumed to turn to the returned heading by the shorter side at n_max and then to fly straight until the end of
+    `dt_s`; it begins `reaction_s` from now, on the heading `heading_at_effect_rad` (default: the heading now). The
+    speed of a vehicle that cannot stop is never changed. Raises ValueError if `rules.can_stop` is set without a
+    positive `braking_m_s2`.
     """
     if rules.can_stop:
         return _give_way_stopping(wanted_rad, motion, peers, rules, dt_s)
@@ -156,7 +161,7 @@ def _keep_right(
     rules: Rules,
     dt_s: float,
 ) -> Resolution:
-    """Return the wanted heading or the first free one clockwise; turn there by a side that stays in our shares."""
+    """Return the wanted heading or the first free one clockwise, and turn there by a side that the shares allow."""
     rate_rad_s = _circle_rate_rad_s(motion.speed_m_s, rules, dt_s)
     step_turn_rad = rate_rad_s * dt_s
     arcs = _forbidden_arcs(neighbours, motion.speed_m_s * dt_s)
@@ -191,8 +196,9 @@ def _keep_clear(
 ) -> Resolution:
     """Return the choice if it stays clear of those seen too late, else the clearest of circling right, straight, left.
 
-    Each is compared with what a neighbour may do that we cannot know: fly on straight, or circle right. Straight and
-    left count only as far as the shares with all others allow. This is prudence, not proof.
+    The clearance of each is the least over what a neighbour may do: fly on straight, or circle right. Straight flight
+    and a turn to the left are candidates only if the shares with all other neighbours allow them. This is a precaution;
+    nothing is proven about it.
     """
     rate_rad_s = _circle_rate_rad_s(motion.speed_m_s, rules, dt_s)
     step_turn_rad = rate_rad_s * dt_s
@@ -217,7 +223,10 @@ def _clearance_m(
     rules: Rules,
     dt_s: float,
 ) -> np.ndarray:  # (C,) m
-    """Return how near each of our turns may bring us to any neighbour, if it flies straight or circles right."""
+    """Return the least distance to any neighbour for each of our turns, if neighbours fly straight or circle right.
+
+    Paths are predicted for LATE_HORIZON_S, in steps of 1 s.
+    """
     time_s = np.arange(1.0, LATE_HORIZON_S + 1.0)  # (T,)
     rate_rad_s = _circle_rate_rad_s(motion.speed_m_s, rules, dt_s)
     ours_m = _path(motion.speed_m_s, motion.heading_rad, turns_rad[:, np.newaxis], rate_rad_s, time_s)  # (C, T)
@@ -239,7 +248,7 @@ def _path(
     rate_rad_s: float | np.ndarray,
     time_s: np.ndarray,  # (T,)
 ) -> np.ndarray:
-    """Return places from the start, m, of a turn by an angle at the rate, then straight on.
+    """Return the positions, m from the start, at given times of a turn by an angle at a rate and straight flight after.
 
     North is the real part, east the imaginary one; the shapes are broadcast.
     """
@@ -253,27 +262,30 @@ def _path(
 
 
 def _circle(speed_m_s: float, rules: Rules, dt_s: float) -> tuple[float, float]:
-    """Return turn rate, rad/s, and radius, m, of the circle to the right: the tightest, unless a step turns too far."""
+    """Return turn rate, rad/s, and radius, m, of the circle to the right.
+
+    It is the tightest circle, unless one step of that would turn by more than GREATEST_STEP_TURN_RAD.
+    """
     rate_rad_s = turn_rate_rad_s(speed_m_s, rules.n_max)
     most_rad_s = GREATEST_STEP_TURN_RAD / dt_s
     if rate_rad_s <= most_rad_s:
         return rate_rad_s, speed_m_s / rate_rad_s
-    # The vehicle turns faster than the circle wants and flies a polygon, which leaves the circle by less than a step.
+    # The vehicle turns faster than along the circle and flies a polygon, which leaves the circle by less than a step.
     return most_rad_s, speed_m_s / most_rad_s + speed_m_s * dt_s
 
 
 def _circle_rate_rad_s(speed_m_s: float, rules: Rules, dt_s: float) -> float:
-    """Return the turn rate of the circle to the right."""
+    """Return the turn rate of the circle to the right (see _circle)."""
     return _circle(speed_m_s, rules, dt_s)[0]
 
 
 def _neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float) -> list[_Neighbour]:
-    """Return the peers whose reserved disc is within what both centres may do in a step."""
+    """Return the peers near enough for the two reserved discs to meet within a step, with our share of each gap."""
     speed_m_s = motion.speed_m_s
     radius_m = speed_m_s / _circle_rate_rad_s(speed_m_s, rules, dt_s)
     north_m = motion.north_m - radius_m * math.sin(motion.heading_rad)
     east_m = motion.east_m + radius_m * math.cos(motion.heading_rad)
-    # Our disc, both margins, and what decisions in flight may still do: move a centre, to the left at twice the speed.
+    # Our disc, both margins, and how far commands that do not act yet may move a centre (leftwards at twice the speed).
     kept_m = 2.0 * reserved_radius_m(speed_m_s, rules, dt_s) - _circle(speed_m_s, rules, dt_s)[1]
     kept_m += 2.0 * rules.reaction_s * speed_m_s
     part = 0.5 * (1.0 - UNEVENNESS * _uneven(motion, rules, dt_s))
@@ -303,7 +315,7 @@ def _uneven(motion: Motion, rules: Rules, dt_s: float) -> float:
 
 
 def _forbidden_arcs(neighbours: Sequence[_Neighbour], step_m: float) -> list[tuple[float, float]]:
-    """Return (middle, half-width) of the headings along which a whole step would overrun a share, rad."""
+    """Return the forbidden headings as arcs (middle, half-width) in rad: a whole step along them exceeds a share."""
     return [
         (each.bearing_rad, math.acos(each.share_m / step_m) + EDGE_RAD) for each in neighbours if each.share_m < step_m
     ]
@@ -315,7 +327,7 @@ def _inside(heading_rad: float, arcs: Sequence[tuple[float, float]]) -> bool:
 
 
 def _first_clockwise(wanted_rad: float, arcs: Sequence[tuple[float, float]]) -> float | None:
-    """Return the wanted heading if it is free, else the first free one clockwise from it, None if there is none."""
+    """Return the wanted heading if it is free, else the first free one clockwise from it; None if there is none."""
     free = [wanted_rad] + [(middle + half + EDGE_RAD) % math.tau for middle, half in arcs]
     for heading_rad in sorted(free, key=lambda each: (each - wanted_rad) % math.tau):
         if not _inside(heading_rad, arcs):
@@ -324,7 +336,7 @@ def _first_clockwise(wanted_rad: float, arcs: Sequence[tuple[float, float]]) -> 
 
 
 def _sweeps(heading_rad: float, turn_rad: float, arcs: Sequence[tuple[float, float]]) -> bool:
-    """Return whether a turn to the left (negative) passes any arc; an arc we are in and leave to the left counts."""
+    """Return whether a turn to the left (negative) passes any arc; an arc that contains the present heading counts."""
     middle_rad, half_rad = heading_rad + 0.5 * turn_rad, -0.5 * turn_rad - 2.0 * EDGE_RAD
     return any(abs(math.remainder(middle_rad - middle, math.tau)) < half_rad + half for middle, half in arcs)
 
@@ -332,10 +344,10 @@ def _sweeps(heading_rad: float, turn_rad: float, arcs: Sequence[tuple[float, flo
 def _left_turn_allowed(
     motion: Motion, turn_rad: float, rate_rad_s: float, dt_s: float, neighbours: Sequence[_Neighbour]
 ) -> bool:
-    """Return whether the reserved centre stays in our share while we turn left by an angle (negative), then straight.
+    """Return whether our reserved disc's centre stays in our share if we turn left (negative), then fly straight.
 
-    The centre flies an arc of twice the turn radius; its way towards a neighbour is greatest at the end of the arc, at
-    the end of the step, or where the heading passes the neighbour's abeam on the way.
+    The centre moves along an arc of twice the turn radius. It is nearest to a neighbour at the end of the arc, at the
+    end of the step, or where the heading becomes perpendicular to the neighbour's bearing on the way.
     """
     diameter_m = 2.0 * motion.speed_m_s / rate_rad_s
     straight_m = motion.speed_m_s * (dt_s + turn_rad / rate_rad_s)
@@ -352,12 +364,12 @@ def _left_turn_allowed(
 
 
 def _braking_way_m(speed_m_s: float, rules: Rules) -> float:
-    """Return the way from a speed to a stop, m."""
+    """Return the braking distance from a speed to a stop, m."""
     return 0.5 * speed_m_s**2 / _braking_m_s2(rules)
 
 
 def _braking_m_s2(rules: Rules) -> float:
-    """Return the deceleration to count on; raise ValueError if it is not positive."""
+    """Return the deceleration that the rules give; raise ValueError if it is not positive."""
     if rules.braking_m_s2 is None or rules.braking_m_s2 <= 0.0:
         raise ValueError(f"rules.braking_m_s2 is {rules.braking_m_s2}, a vehicle that can stop needs a positive one")
     return rules.braking_m_s2
@@ -370,7 +382,7 @@ def _give_way_stopping(
     rules: Rules,
     dt_s: float,
 ) -> Resolution:
-    """See give_way: keep right, and be only so fast that the way to a stop stays in our share."""
+    """Return the resolution for a vehicle that can stop: it keeps right, and slow enough to stop within its share."""
     wanted_rad %= math.tau
     neighbours = _stopping_neighbours(motion, peers, rules, dt_s)
     if not neighbours:
@@ -387,7 +399,7 @@ def _give_way_stopping(
 
 
 def _stopping_neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float) -> list[_Neighbour]:
-    """Return the peers whose way to a stop is within what both vehicles may add to theirs in a step."""
+    """Return the peers so near that the braking distances could meet within a step, with our share of each gap."""
     places_ned_m, velocities_m_s = peers
     if len(places_ned_m) == 0:
         return []
@@ -396,7 +408,7 @@ def _stopping_neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float
     peer_speed_m_s = np.hypot(velocities_m_s[:, 0], velocities_m_s[:, 1])  # (P,)
     speed_m_s = np.array(motion.speed_m_s)
     if rules.reaction_s > 0.0:
-        # A decision in flight may still bring either up to cruise speed.
+        # A command that does not act yet may bring either vehicle up to cruise speed.
         speed_m_s, peer_speed_m_s = np.maximum(speed_m_s, cruise_m_s), np.maximum(peer_speed_m_s, cruise_m_s)
     gap_m = np.hypot(to_north_m, to_east_m) - rules.separation_m - 2.0 * rules.position_error_m
     gap_m = gap_m - (speed_m_s**2 + peer_speed_m_s**2) / (2.0 * _braking_m_s2(rules))
@@ -412,15 +424,15 @@ def _stopping_neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float
 def _speed_allowed(
     motion: Motion, heading_rad: float, speed_m_s: float, rules: Rules, dt_s: float, neighbours: Sequence[_Neighbour]
 ) -> bool:
-    """Return whether turning to a heading and to a speed keeps the way to a stop inside our share of each gap.
+    """Return whether changing to a heading and a speed keeps the way to a stop inside our share of each gap.
 
-    Braking shrinks the reserved disc inside itself, so only what is flown after it counts, and what a greater speed
-    adds to the way to a stop.
+    While the vehicle brakes, its reserved disc shrinks within itself. So only two things count: the distance flown
+    after braking, and what a greater speed adds to the braking distance.
     """
     braking_s = max(motion.speed_m_s - speed_m_s, 0.0) / _braking_m_s2(rules)
     way_m = speed_m_s * max(dt_s - braking_s, 0.0)
     added_m = max(_braking_way_m(speed_m_s, rules) - _braking_way_m(motion.speed_m_s, rules), 0.0)
-    # Who stands may begin in any direction; who moves sweeps all headings between.
+    # A vehicle that stands may start in any direction; one that moves sweeps all headings between.
     turn_rad = shorter_turn_rad(motion.heading_rad, heading_rad) if motion.speed_m_s > 0.0 else 0.0
     for each in neighbours:
         # The heading nearest to the neighbour among all that the turn sweeps.

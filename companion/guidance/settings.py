@@ -1,4 +1,4 @@
-"""What a guidance law is told of its vehicle before the flight: which law it is, and what it has to reckon with."""
+"""The settings that a guidance law is made from before the flight: its name, its weights and the vehicle's limits."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Literal
 from companion.surrogate.cost import Weights
 
 LawName = Literal["routed", "seed", "ramp", "step"]
-"""The shortest way around the discs; the paper's law on its surrogate, on the polygon F~, and on F itself, whose
-gradient is nothing."""
+"""The laws: `routed` follows the shortest route around the discs; the others are the paper's gradient law, on the
+surrogate F* (`seed`), on the polygon F~ (`ramp`) and on F itself, whose gradient is zero (`step`)."""
 LAWS: tuple[LawName, ...] = ("routed", "seed", "ramp", "step")
 DEFAULT_LAW: LawName = "routed"
 SurrogateName = Literal["pairwise", "analytic", "monolithic"]
@@ -17,24 +17,27 @@ SurrogateName = Literal["pairwise", "analytic", "monolithic"]
 
 @dataclass(frozen=True)
 class LawLimits:
-    """What the vehicle can do, as far as a law reckons with it."""
+    """The limits of the vehicle that a law takes into account."""
 
     speed_m_s: float
+    """Cruise speed."""
     n_max: float
-    """Load factor of its greatest turn rate."""
+    """Load factor of the greatest turn rate, n_max g / v."""
     range_m: float
+    """Distance that the vehicle can fly."""
     reaction_s: float
-    """From sending a setpoint to the vehicle beginning to obey it."""
+    """Time from sending a setpoint until the vehicle begins to obey it."""
     rate_share: float
-    """How much of the turn rate n_max g/v the vehicle achieves."""
+    """Share of the turn rate n_max g / v that the vehicle achieves."""
     wind_m_s: float
-    """The strongest wind, gusts included."""
+    """The strongest wind to expect, gusts included."""
     position_error_m: float
+    """Greatest error of a reported position."""
 
 
 @dataclass(frozen=True)
 class LawSettings:
-    """The settings of one vehicle's law."""
+    """The settings of the law of one vehicle."""
 
     agent_id: int
     law: LawName
@@ -43,5 +46,5 @@ class LawSettings:
     separation_m: float
     guidance_step_s: float
     coasting_after_s: float
-    """Age from which the picture counts as coasting."""
+    """Age of the newest broadcast from which the failsafe stage is coasting."""
     limits: LawLimits

@@ -1,4 +1,4 @@
-"""From the picture to a wanted heading: direction, turn limit, loiter (docs/method.md section 1, points 3 to 5)."""
+"""The paper's steering: attraction, surrogate gradient, loiter circles (docs/method.md section 1, points 3 to 5)."""
 
 from __future__ import annotations
 
@@ -15,38 +15,38 @@ from companion.surrogate.networks import MonolithicNetwork, slots
 from companion.surrogate.profiles import RadialProfile, ThreatDiscs, gradient_for_agent
 
 LOITER_RADII = 1.5
-"""A loiter circle is this many least turn radii wide, so that the turn limit leaves something to correct with."""
+"""Radius of a loiter circle in least turn radii, so that the turn limit leaves room for corrections."""
 LOITER_STEPS = 2.0
-"""And at least this many guidance steps long, so that a step's chord does not leave the circle."""
+"""Least radius of a loiter circle in the lengths flown in a guidance step, so that a step's chord stays near it."""
 LOITER_CAPTURE = 2.0
-"""Gain of the pull onto the loiter circle, per radius of error."""
+"""Gain that steers onto the loiter circle: tangent of the course correction per radius of distance from the circle."""
 APPROACH_GAIN_1_S = 0.5
-"""A vehicle that can stop nears its loiter place at this fraction of the distance per second."""
+"""Speed at which a vehicle that can stop approaches its loiter place, per metre of distance."""
 
 
 @dataclass(frozen=True)
 class SteeringVector:
-    """A wanted direction and how strongly it is wanted, in metres as the gradient of f1 counts them."""
+    """A wanted direction; its length, in metres like the gradient of f1, is its weight against other directions."""
 
     north_m: float
     east_m: float
 
     @property
     def heading_rad(self) -> float:
-        """Heading of the pull, clockwise from north, in [0, 2 pi)."""
+        """Heading of the vector, clockwise from north, in [0, 2 pi)."""
         return math.atan2(self.east_m, self.north_m) % math.tau
 
     @property
     def strength_m(self) -> float:
-        """Length of the pull."""
+        """Length of the vector."""
         return math.hypot(self.north_m, self.east_m)
 
 
 class Surrogate(Protocol):
-    """F* as one vehicle has it: the stand-in for the penalties that depend on positions."""
+    """F*, the smooth surrogate of the penalties that depend on positions, for one vehicle."""
 
     def gradient_m(self, position_ned_m: tuple[float, float], view: View) -> np.ndarray:  # (2,)
-        """Return dF*/dU of this vehicle at a position in what it sees, m."""
+        """Return dF*/dU, in metres, with respect to this vehicle's position, among the threats and peers of a view."""
         ...
 
 
@@ -72,7 +72,7 @@ class PairSurrogate:
 
 @dataclass(frozen=True)
 class MonolithicSurrogate:
-    """F* as the paper's one network of all positions; who is not known of is padded with zeros."""
+    """F* as the paper's single network of all positions; the inputs of unknown agents and threats are zero."""
 
     network: MonolithicNetwork
     agent_id: int
@@ -90,7 +90,7 @@ class MonolithicSurrogate:
 
 
 def attraction(position_ned_m: tuple[float, float], target_ned_m: tuple[float, float]) -> SteeringVector:
-    """Return -(U - T), the negative gradient of f1 (paper: fun1, direct1)."""
+    """Return the attraction -(U - T), the negative gradient of f1 (paper: fun1, direct1)."""
     return SteeringVector(target_ned_m[0] - position_ned_m[0], target_ned_m[1] - position_ned_m[1])
 
 
@@ -103,9 +103,10 @@ def loiter_radius_m(speed_m_s: float, n_max: float, dt_s: float) -> float:
 def loiter_attraction(
     position_ned_m: tuple[float, float], place_ned_m: tuple[float, float], radius_m: float
 ) -> SteeringVector:
-    """Return the pull that leads onto a clockwise circle about a place; as strong as the distance to the place.
+    """Return the steering vector that leads onto a clockwise circle about a place.
 
-    On the circle it points along it; far outside, at the place; inside, outwards.
+    On the circle the vector is tangent to it, far outside it points towards the place, and inside it points outwards.
+    Its length is the distance to the place, but at least the circle's radius.
     """
     north_m, east_m = position_ned_m[0] - place_ned_m[0], position_ned_m[1] - place_ned_m[1]
     distance_m = math.hypot(north_m, east_m)
@@ -117,7 +118,7 @@ def loiter_attraction(
 
 
 def loiter_spacing_m(separation_m: float, radius_m: float) -> float:
-    """Return how far apart loiter places must be: 2 D_safe, or more if the circles themselves would come closer."""
+    """Return the least distance between loiter places: 2 D_safe, or more to keep the loiter circles D_safe apart."""
     return max(2.0 * separation_m, separation_m + 2.0 * radius_m)
 
 
@@ -126,9 +127,10 @@ def loiter_place(
     peers_ned_m: np.ndarray,  # (P, 2) m
     spacing_m: float,
 ) -> tuple[float, float]:
-    """Return a place near a position that keeps the spacing from every one of the peers.
+    """Return a place near a position that is at least the spacing away from every peer.
 
-    Candidates are the position itself and points of rings about it, the nearest first; if none is free, the position.
+    The candidates are the position itself and points on rings about it, nearest first. If none is free, the position
+    itself is returned.
     """
     north_m, east_m = position_ned_m
     rings = [(0.0, 1)] + [(spacing_m * k / 2, 12) for k in range(1, 9)]
@@ -143,5 +145,5 @@ def loiter_place(
 
 
 def direction(pull: SteeringVector, gradient_m: np.ndarray) -> SteeringVector:
-    """Return d = -dF*/dU + attraction (paper: direct1); `gradient_m` is the surrogate's, (2,)."""
+    """Return the direction d = -dF*/dU + attraction (paper: direct1); `gradient_m`, (2,), is the surrogate's."""
     return SteeringVector(pull.north_m - float(gradient_m[0]), pull.east_m - float(gradient_m[1]))

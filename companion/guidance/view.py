@@ -1,4 +1,4 @@
-"""What a guidance law sees: the vehicle's picture at one moment as arrays, and the traffic that its detector sees."""
+"""The input of a guidance law: the vehicle's world model at one moment as arrays, and the traffic that is detected."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 NOBODY = 0
-"""Stands for the id of one that is no agent: ids begin at 1."""
+"""The id that stands for "not a known agent"; agent ids begin at 1."""
 
 
 def _no_rows() -> np.ndarray:  # (0, 2)
@@ -16,31 +16,31 @@ def _no_rows() -> np.ndarray:  # (0, 2)
 
 @dataclass(frozen=True)
 class View:
-    """The picture at one moment, ready for the guidance law."""
+    """The world model at one moment, as arrays for the guidance law."""
 
     target_ned_m: tuple[float, float] | None
     target_age_s: float
-    threats_ned_m: np.ndarray  # (M, 2) m, where each was last heard
-    detection_radius_m: np.ndarray  # (M,) m, grown by what the threat may have moved since
-    attack_radius_m: np.ndarray  # (M,) m, grown likewise
-    threat_speed_m_s: np.ndarray  # (M,) m/s, bounds
+    threats_ned_m: np.ndarray  # (M, 2) m, last broadcast positions
+    detection_radius_m: np.ndarray  # (M,) m, grown by how far the threat may have moved since
+    attack_radius_m: np.ndarray  # (M,) m, grown by the same
+    threat_speed_m_s: np.ndarray  # (M,) m/s, upper bounds
     threat_ids: np.ndarray  # (M,) int
     threat_velocity_m_s: np.ndarray  # (M, 2) m/s, as broadcast; zero where none was
     threat_age_s: np.ndarray  # (M,) s
     peers_ned_m: np.ndarray  # (P, 2) m, extrapolated to now
-    peer_ids: np.ndarray  # (P,) int, 0 for one that is nobody known
-    loitering_ned_m: np.ndarray  # (Q, 2) m, those of the peers whose loiter place goes before ours
+    peer_ids: np.ndarray  # (P,) int, NOBODY for one that is not a known agent
+    loitering_ned_m: np.ndarray  # (Q, 2) m, positions of the peers whose loiter place has precedence
     rivals: tuple[tuple[int, tuple[float, float]], ...] = ()
-    """Agents that our detector sees and that go where we go: id, and north and east m."""
-    traffic_ned_m: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m, whoever our detector sees
+    """Detected agents that go to the same target as this vehicle: id, and (north, east) in metres."""
+    traffic_ned_m: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m, all detected aircraft
     traffic_velocity_m_s: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m/s
 
 
 @dataclass(frozen=True)
 class Traffic:
-    """Another aircraft that the vehicle's own detector sees, where it is by now on the plane of the picture."""
+    """Another aircraft that the vehicle's own detector sees, extrapolated to now on the mission's plane."""
 
     agent_id: int | None
-    """None for one that is not of the fleet."""
+    """Its agent id; None for an aircraft that is not of the fleet."""
     position_ned_m: tuple[float, float]
     velocity_m_s: tuple[float, float]

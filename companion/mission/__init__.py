@@ -1,1 +1,1 @@
-"""The mission file: its model, what is drawn from a seed, and what is doubtful about it."""
+"""The mission file: its model, the drawing of what it leaves to chance, and warnings about doubtful missions."""

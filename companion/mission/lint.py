@@ -1,4 +1,4 @@
-"""What is legal in a mission but will probably not end as its author hopes: said before a flight, never refused."""
+"""Warnings before a flight about a mission that is legal but will probably not end as its author hopes."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from companion.geo.kinematics import turn_rate_rad_s
 from companion.mission.model import RANGE_RESERVE, AgentSpec, Mission, ThreatSpec, agent_height_m
 
 APPROACH_SHARE = 0.1
-"""Within this share of R_d outside a detection disc the surrogate's repulsion outweighs any attraction (measured: 0.09
-R_d for pairwise at the paper's numbers, more for analytic)."""
+"""Distance outside a detection disc, as a share of R_d, within which the surrogate's repulsion outweighs attraction.
+Measured: 0.09 R_d for pairwise at the paper's numbers, more for analytic."""
 
 
 def lint(mission: Mission) -> list[str]:
-    """Return one line for each kind of warning about a resolved mission, each naming the first thing it concerns."""
+    """Return the warnings about a resolved mission, one line per kind, which names the first item that it concerns."""
     found = [
         _first("targets", _unapproachable(mission)),
         _first("targets", _too_fast(mission)),

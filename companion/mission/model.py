@@ -19,23 +19,24 @@ from companion.errors import InputError, nearest_hint
 from companion.files.yaml import AsList, ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 
 MAX_ID = 65_535
-"""Agent, target and threat ids travel as 16 bits on the wire."""
+"""Greatest id of an agent, target or threat: ids travel as 16 bits on the wire."""
 MAX_COORDINATE_M = 1.0e6
-"""Beyond this the plane about the origin is no longer a map anyone would steer by."""
+"""Greatest distance of a place from the origin, north or east; a larger plane would be too distorted to steer by."""
 MAX_SPEED_M_S = 1.0e3
 MAX_THREAT_SPEED_M_S = 255.0
-"""A threat's bound travels as 8 bits; a smaller one than the true one would be unsafe."""
+"""Greatest speed bound of a threat: bounds travel as 8 bits, and to send less than the true bound would be unsafe."""
 MIN_PERIOD_S = 1.0e-3
 MAX_STEP_S = 10.0
 MAX_STEPS = 20_000_000
-"""Integration steps of one flight: the default time at the least step, and already days of computing."""
+"""Most integration steps of one flight: the default `max_time_s` at the smallest step, which takes days to compute."""
 MAX_ITEMS = 2_000
+"""Most entries of a list in the mission file; also the greatest count under `draw` and the most layers."""
 MAX_HEIGHT_M = 20_000.0
-"""An agent flies at most so high above the origin; a companion's own limits are narrower."""
+"""Greatest height of an agent above the origin; a companion's own limits are narrower."""
 RANGE_RESERVE = 1.1
-"""With `range_policy: return` the way home is counted this much longer than the straight line."""
+"""Factor on the straight line home when `range_policy: return` keeps range for the way back."""
 MIN_LEVEL_M, MAX_LEVEL_M = -1_000.0, 30_000.0
-"""Floors and ceilings, above sea level, travel as 16 bits of metres."""
+"""Least and greatest floor or ceiling of a threat above sea level; the wire has 16 bits of metres for them."""
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -60,7 +61,7 @@ SpecT = TypeVar("SpecT", "AgentSpec", "TargetSpec", "ThreatSpec")
 
 
 class Origin(Section):
-    """WGS84 position of the plane's (0, 0)."""
+    """WGS84 position of the point (0, 0) of the mission's plane."""
 
     lat_deg: Annotated[float, Field(ge=-90, le=90)] = 47.0
     lon_deg: Annotated[float, Field(ge=-180, le=180)] = 8.0
@@ -68,21 +69,21 @@ class Origin(Section):
 
 
 class Area(Section):
-    """The box things are drawn in; the origin is its south-west corner."""
+    """Size in metres of the box in which places are drawn; the origin is its south-west corner."""
 
     north: Annotated[float, Field(gt=0, le=MAX_COORDINATE_M)] = 200_000.0
     east: Annotated[float, Field(gt=0, le=MAX_COORDINATE_M)] = 200_000.0
 
 
 class SteadyMotion(Section):
-    """A straight line at constant speed."""
+    """Motion along a straight line at constant speed."""
 
     heading_deg: Degrees
     speed_m_s: SpeedBound
 
 
 class PathMotion(Section):
-    """Way points [t_s, north_m, east_m] in order of time, straight lines between them."""
+    """Motion along way points [t_s, north_m, east_m], in order of time, with straight lines between them."""
 
     path: Annotated[ListOf[PathPoint], Field(min_length=1, max_length=MAX_ITEMS)]
 
@@ -117,7 +118,7 @@ ThreatMotion = Annotated[
 
 
 class AgentSpec(Section):
-    """A vehicle under guidance. A position or heading left out is drawn."""
+    """A vehicle under guidance; a position or heading that is left out is drawn."""
 
     id: Identity
     north_m: Coordinate | None = None
@@ -128,11 +129,11 @@ class AgentSpec(Section):
     range_m: Positive = 500_000.0
     height_m: Height = 30.0
     only_target: Identity | None = None
-    """The target it is kept for; None: any that the centre gives it."""
+    """Id of the only target that the ground station may assign to the agent; None: it may assign any."""
 
     @property
     def position_ned_m(self) -> tuple[float, float]:
-        """(north, east) of a resolved agent."""
+        """Position (north, east) of a resolved agent."""
         return _located(self.north_m, self.east_m)
 
     @model_validator(mode="after")
@@ -150,7 +151,7 @@ class _Moving(Section):
 
     @property
     def position_ned_m(self) -> tuple[float, float]:
-        """(north, east) of a resolved target or threat."""
+        """Position (north, east) of a resolved target or threat."""
         return _located(self.north_m, self.east_m)
 
     @model_validator(mode="after")
@@ -169,13 +170,13 @@ class _Moving(Section):
 
 
 class TargetSpec(_Moving):
-    """A place to reach; the wire says where it is, never where it will be."""
+    """A place to reach, which may move; the broadcast says where it is, never where it will be."""
 
     motion: Motion = "static"
 
 
 class ThreatSpec(_Moving):
-    """A moving keep-out disc; `chase` flies at its speed bound at the nearest agent, in the simulator only."""
+    """A keep-out disc, which may move; with the motion `chase` the simulator flies it at the nearest agent."""
 
     detection_radius_m: Positive
     attack_radius_m: Positive
@@ -201,7 +202,7 @@ class ThreatSpec(_Moving):
 
 
 class Draw(Section):
-    """How many of each are drawn beside the listed ones."""
+    """How many agents, targets and threats are drawn in addition to the listed ones."""
 
     agents: Count = 0
     targets: Count = 0
@@ -209,7 +210,7 @@ class Draw(Section):
 
 
 class AgentDefaults(Section):
-    """What an agent has unless it says otherwise."""
+    """Values of the keys that an agent leaves out."""
 
     heading_deg: Degrees | None = None
     speed_m_s: Speed | None = None
@@ -219,14 +220,14 @@ class AgentDefaults(Section):
 
 
 class TargetDefaults(Section):
-    """What a target has unless it says otherwise."""
+    """Values of the keys that a target leaves out."""
 
     speed_bound_m_s: SpeedBound | None = None
     motion: Motion | None = None
 
 
 class ThreatDefaults(Section):
-    """What a threat has unless it says otherwise."""
+    """Values of the keys that a threat leaves out."""
 
     detection_radius_m: Positive | None = None
     attack_radius_m: Positive | None = None
@@ -237,7 +238,7 @@ class ThreatDefaults(Section):
 
 
 class Defaults(Section):
-    """Per kind, for drawn and listed alike."""
+    """Default values of agents, targets and threats, for drawn and listed ones alike."""
 
     agent: AgentDefaults = AgentDefaults()
     target: TargetDefaults = TargetDefaults()
@@ -245,7 +246,7 @@ class Defaults(Section):
 
 
 class CostWeights(Section):
-    """Penalties of the cost in m^2 (paper: 1e5 and 1e4 km^2)."""
+    """Penalties k_d, k_a, k_c and k_l of the paper's cost, in m^2 (paper: 1e5 and 1e4 km^2)."""
 
     k_d: NotNegative = 1.0e11
     k_a: NotNegative = 1.0e11
@@ -254,7 +255,7 @@ class CostWeights(Section):
 
 
 class Burst(Section):
-    """Gilbert-Elliott losses: chances per frame of going bad and good again, and the loss while bad."""
+    """Bursts of lost frames (Gilbert-Elliott): chances per frame to go bad and good again, and of loss while bad."""
 
     enter: Probability
     leave: Annotated[float, Field(gt=0, le=1)]
@@ -262,7 +263,7 @@ class Burst(Section):
 
 
 class LinkSpec(Section):
-    """What the broadcast link does to each frame on its way to each vehicle."""
+    """What the simulated broadcast link does to each frame on its way to each vehicle."""
 
     loss: Probability = 0.0
     burst: Burst | None = None
@@ -273,7 +274,7 @@ class LinkSpec(Section):
 
 
 class Wind(Section):
-    """Mean wind and gusts."""
+    """Mean wind, from a direction clockwise from north, and the greatest speed that gusts add to it."""
 
     from_deg: Degrees = 270.0
     speed_m_s: NotNegative = 0.0
@@ -288,10 +289,10 @@ class Loss(Section):
 
 
 class Scale(Section):
-    """By what the lengths and speeds of a mission were multiplied so that an autopilot kind can fly it."""
+    """The factor by which lengths and speeds of a mission were multiplied so that a kind of autopilot can fly it."""
 
     autopilot: str
-    """The kind; whether there is such a one is for the programs to say that fly the mission."""
+    """Name of the kind; the programs that fly the mission check that they know it."""
     factor: Annotated[float, Field(gt=0, le=100)]
 
 
@@ -322,7 +323,7 @@ class Mission(Section):
     range_policy: Literal["return", "arrive"] = "return"
     objective: Literal["distance", "inverse-distance", "route", "latest"] = "distance"
     switching_share: SwitchingShare | None = None
-    """By how much a new assignment must be better; None: the ground station's own for the objective."""
+    """Share of the cost that agents must save to change targets; None: the ground station's default for `objective`."""
     layers: Annotated[int, Field(ge=1, le=MAX_ITEMS)] = 1
     layer_spacing_m: Annotated[float, Field(ge=0, le=MAX_HEIGHT_M)] = 0.0
     surrogate: Literal["pairwise", "analytic", "monolithic"] = "pairwise"
@@ -331,7 +332,7 @@ class Mission(Section):
     losses: Annotated[ListOf[Loss], Field(max_length=MAX_ITEMS)] = ()
     max_time_s: Positive = 20_000.0
     scale: Scale | None = None
-    """Of a mission that was scaled already; None: as it was written."""
+    """How the mission was scaled for a kind of autopilot; None: it is as it was written."""
 
     @model_validator(mode="before")
     @classmethod
@@ -406,7 +407,7 @@ class Mission(Section):
             )
 
     def _refuse_bad_defaults(self) -> None:
-        """Raise ValueError if nothing could be drawn with the defaults, each of which is legal by itself."""
+        """Raise ValueError if the defaults, each legal by itself, together make a target or threat that is illegal."""
         drawn: tuple[tuple[str, int, type[_Moving], Section], ...] = (
             ("target", self.draw.targets, TargetSpec, self.defaults.target),
             ("threat", self.draw.threats, ThreatSpec, self.defaults.threat),
@@ -421,7 +422,7 @@ class Mission(Section):
 
     @property
     def resolved(self) -> bool:
-        """Whether everything is listed and placed."""
+        """Whether nothing is left to draw: all items are listed with their places, and agents with their headings."""
         return (
             self.draw == Draw()
             and all(agent.heading_deg is not None for agent in self.agents)
@@ -433,9 +434,9 @@ class Mission(Section):
 
 
 def agent_height_m(mission: Mission, agent_id: int) -> float:
-    """Return at what height above the origin's altitude an agent flies: its own, and its layer's on top.
+    """Return the height above the origin's altitude at which an agent flies: its `height_m` and its layer's on top.
 
-    Agents are dealt to the layers in file order.
+    Agents are assigned to the layers in turn, in file order.
 
     Raises:
         ValueError: the mission lists no such agent.
@@ -474,7 +475,7 @@ def load_mission(name_or_path: str | Path) -> Mission:
 
 
 def is_obstacle(mission: Mission, agent_id: int, threat: ThreatSpec) -> bool:
-    """Return whether a threat reaches the height at which an agent flies.
+    """Return whether an agent must avoid a threat: whether the threat reaches the height at which the agent flies.
 
     Raises:
         ValueError: the mission lists no such agent.

@@ -1,4 +1,4 @@
-"""A seed's independent random streams: what one part of a program draws changes nothing for another."""
+"""Independent random streams of one seed: the draws of one part of a program change nothing for another part."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import numpy as np
 
 
 def random_stream(seed: int, *stream: int) -> np.random.Generator:
-    """Return the generator of one of a seed's independent streams."""
+    """Return a new generator at the start of the stream that these numbers name; other numbers name other streams."""
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *stream])))

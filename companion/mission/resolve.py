@@ -1,7 +1,7 @@
-"""What a mission leaves to chance is drawn here, and its start is checked for legality.
+"""Drawing from a seed what a mission leaves to chance, and checking that its start is legal.
 
-A mission may give counts under `draw` and leave out positions and headings. `resolve` draws them from a seed, after
-which everything is listed; the same mission and seed give the same drawing, whatever else uses the seed.
+A mission may give counts under `draw` and leave out positions and headings. `resolve` draws them from a seed and lists
+everything; the same mission and seed give the same result, whatever else uses the seed.
 """
 
 from __future__ import annotations
@@ -19,25 +19,27 @@ from companion.mission.model import AgentSpec, Defaults, Draw, Mission, PathMoti
 from companion.mission.random_streams import random_stream
 
 DRAW_CLEARANCE = 0.5
-"""Drawn agents and targets keep this fraction of R_d clear of every detection disc. Within about 0.1 R_d (pairwise; 0.2
-analytic) the repulsion of F* outweighs the attraction, so a nearer target could not be approached; the rest is for the
-walks of target and threat towards each other, a kilometre or two in a flight of the paper's length."""
+"""Clearance that drawn agents and targets keep from every detection disc, as a fraction of R_d. Within about 0.1 R_d
+(pairwise; 0.2 analytic) the repulsion of F* outweighs the attraction, so that a nearer target could not be approached;
+the rest leaves room for target and threat to move towards each other, a kilometre or two in a flight of the paper's
+length."""
 DRAW_TRIES = 10_000
+"""Greatest number of places drawn for one item before `resolve` gives up."""
 DRAW_DECIMALS = 1
-"""Drawn positions are rounded to 0.1 m and headings to 0.1 degrees, so that the resolved file reads well."""
+"""Decimals of drawn positions (metres) and headings (degrees), few enough that the resolved file reads well."""
 DRAW_STREAM = 1
-"""The seed's random stream used for drawing; motion, link and the rest use others, so that a resolved mission flown
-again with the same seed repeats the flight."""
+"""Number of the seed's random stream that `resolve` draws from. Motion, link and the rest use others, so that a
+resolved mission that is flown again with the same seed repeats the flight."""
 
 SpecT = TypeVar("SpecT", AgentSpec, TargetSpec, ThreatSpec)
 
 
 def resolve(mission: Mission, seed: int, source: str | None = None) -> Mission:
-    """Return the mission with everything drawn from the seed listed, after checking that the start is legal.
+    """Draw from the seed what a mission leaves to chance; return it with everything listed. Errors name `source`.
 
-    Targets and agents are drawn inside the area and the fence, DRAW_CLEARANCE·R_d clear of every detection disc, agents
-    at least two separations apart; threats inside the area, as clear of the listed agents and targets. The drawing
-    depends on nothing but mission and seed.
+    Targets and agents are drawn inside the area and the fence, more than DRAW_CLEARANCE·R_d outside every detection
+    disc, and agents also at least two separations apart. Threats are drawn inside the area, with the same clearance
+    from the listed agents and targets. The result depends on nothing but mission and seed.
 
     Raises:
         InputError: no legal place was found, or a listed start is illegal.
@@ -79,7 +81,10 @@ def check_start(mission: Mission, source: str) -> None:
 
 
 def _check_place(mission: Mission, where: str, item: AgentSpec | TargetSpec) -> None:
-    """Raise InputError if an agent or target starts inside an attack radius that concerns it, or outside the fence."""
+    """Raise InputError if an item starts outside the fence or inside an attack radius.
+
+    For an agent only threats that reach its height count.
+    """
     for threat in mission.threats:
         distance_m = math.dist(item.position_ned_m, threat.position_ned_m)
         if isinstance(item, AgentSpec) and not is_obstacle(mission, item.id, threat):
@@ -108,26 +113,26 @@ def _check_separation(mission: Mission, source: str) -> None:
 
 @dataclass(frozen=True)
 class _Drawing:
-    """What everything of one mission is drawn with."""
+    """The mission and the random generator that all draws of one `resolve` share."""
 
     mission: Mission
     generator: np.random.Generator
     name: str
-    """Of the mission, in errors."""
+    """Name of the mission in errors."""
 
     def point(self) -> tuple[float, float]:
-        """Return a place in the area."""
+        """Draw a point (north, east) of the area, in metres."""
         area_m = self.mission.area_m
         north_m, east_m = self.generator.uniform((0.0, 0.0), (area_m.north, area_m.east))
         return round(float(north_m), DRAW_DECIMALS), round(float(east_m), DRAW_DECIMALS)
 
     def heading_deg(self) -> float:
-        """Return a heading."""
+        """Draw a heading from 0 to 360 degrees."""
         return round(float(self.generator.uniform(0.0, 360.0)), DRAW_DECIMALS)
 
 
 def _placed_threats(drawing: _Drawing) -> tuple[ThreatSpec, ...]:
-    """Return all threats, those without a place drawn clear of the listed agents and targets."""
+    """Return all threats; one without a place starts where its path does, or is drawn clear of the listed items."""
     mission = drawing.mission
     given = mission.defaults.threat.model_dump(exclude_none=True)
     threats = [*mission.threats]
@@ -143,7 +148,10 @@ def _placed_threats(drawing: _Drawing) -> tuple[ThreatSpec, ...]:
 
 
 def _placed_targets(drawing: _Drawing, discs: np.ndarray) -> tuple[TargetSpec, ...]:
-    """Return all targets, those without a place drawn clear of the discs (M, 3) north, east, radius."""
+    """Return all targets; one without a place starts where its path does, or is drawn clear of the discs.
+
+    `discs` (M, 3): north, east and radius to keep clear of, in metres.
+    """
     mission = drawing.mission
     given = mission.defaults.target.model_dump(exclude_none=True)
     targets = [*mission.targets]
@@ -160,7 +168,10 @@ def _placed_targets(drawing: _Drawing, discs: np.ndarray) -> tuple[TargetSpec, .
 
 
 def _placed_agents(drawing: _Drawing, discs: np.ndarray) -> tuple[AgentSpec, ...]:
-    """Return all agents, places and headings that are not given drawn; discs (M, 3) as for targets."""
+    """Return all agents; places and headings that are not given are drawn.
+
+    `discs` (M, 3): north, east and radius to keep clear of, in metres.
+    """
     mission = drawing.mission
     given = mission.defaults.agent.model_dump(exclude_none=True)
     agents = [*mission.agents]

@@ -1,1 +1,1 @@
-"""The vehicle's program: what `companion run`, `check` and `replay` are made of."""
+"""The vehicle's program: the code of `companion run`, `companion check` and `companion replay`."""

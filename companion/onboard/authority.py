@@ -2,8 +2,8 @@
 
 ArduPilot obeys setpoints in its guided mode and in no other, so the mode alone decides. PX4 wants a stream of setpoints
 before the safety pilot can choose OFFBOARD, and goes back to OFFBOARD by itself when a stream that ended begins again,
-even out of a failsafe (docs/autopilots.md): so after whatever ended an engagement nothing is sent until the safety
-pilot has cleared it.
+even out of a failsafe (docs/autopilots.md). So whatever ends an engagement of a PX4 locks the companion: it sends
+nothing until the vehicle is disarmed or the safety pilot clears the lock.
 """
 
 from __future__ import annotations
@@ -25,27 +25,28 @@ LOCKED_BEFORE = "locked before the restart"
 
 
 class State(Enum):
-    """Who has the vehicle."""
+    """Who controls the vehicle."""
 
     WAITING = "waiting"
-    """The safety pilot, who may hand it over."""
+    """The safety pilot controls the vehicle and may hand it over."""
     ENGAGED = "engaged"
-    """The companion."""
+    """The companion controls the vehicle."""
     LOCKED = "locked"
-    """The safety pilot, and nothing is sent until the vehicle is disarmed or the take-over cleared."""
+    """The safety pilot controls the vehicle; nothing is sent until it is disarmed or the take-over is cleared."""
 
 
 class Authority:
-    """Follows the autopilot's telemetry. Times are given by the caller."""
+    """Decides from the autopilot's telemetry who controls the vehicle."""
 
     def __init__(self, resumes_on_stream: bool, was: State = State.WAITING) -> None:
-        """Begin anew, or after a companion that left the vehicle as it `was` (`kept`).
+        """Start in the state WAITING, or LOCKED if that is how an earlier companion left an autopilot that resumes.
 
-        `resumes_on_stream`: the autopilot obeys again by itself when a stream comes back.
+        `resumes_on_stream`: the autopilot obeys again by itself when a stream of setpoints comes back.
+        `was`: the state (`kept`) that the companion before this one saved.
         """
         self.state = State.WAITING
         self.reason = ""
-        """Why it is locked."""
+        """Why the state is LOCKED; empty in any other state."""
         self._resumes_on_stream = resumes_on_stream
         self._was = was
         self._heard = False
@@ -55,7 +56,7 @@ class Authority:
 
     @property
     def kept(self) -> State:
-        """What a restart must know: until an autopilot is heard, that is still how it was before this one began."""
+        """The state to save for a restart; until an autopilot is heard that is still the one saved before the start."""
         return self.state if self._heard else self._was
 
     @property
@@ -64,7 +65,7 @@ class Authority:
         return self.state is State.LOCKED
 
     def note(self, telemetry: Telemetry, steerable: bool) -> None:
-        """Take in what the autopilot says of itself now."""
+        """Update the state by the newest telemetry; `steerable`: the vehicle is armed and in the guided mode."""
         if telemetry.heartbeat_at_s is None:
             return
         restarted = self._heard and telemetry.restarts != self._restarts
@@ -88,18 +89,18 @@ class Authority:
         self._heard = True
 
     def note_gap(self, why: str) -> None:
-        """Take in that the stream of setpoints had a gap, and why."""
+        """Lock an engaged vehicle that resumes by itself, as its stream of setpoints had a gap; `why` is the cause."""
         if self._resumes_on_stream and self.state is State.ENGAGED:
             self._lock(f"setpoints stopped: {why}")
 
     def clear(self) -> None:
-        """Let the vehicle be handed over again: the safety pilot says so."""
+        """Unlock at the safety pilot's order: the vehicle may be handed over again."""
         if self.state is State.LOCKED:
             self._was = State.WAITING
             self._set(State.WAITING)
 
     def _begin(self, steerable: bool) -> None:
-        """Decide on an armed vehicle that this companion finds when it starts."""
+        """Set the state for an armed vehicle that this companion finds when it starts."""
         had_it = self._was is State.ENGAGED
         if had_it and not steerable:
             self._lock(DIED_BEFORE)

@@ -1,4 +1,4 @@
-"""What is believed of agents, targets and threats: the newest of each, and when it was true."""
+"""Tables of agents, targets and threats as last heard in the broadcast, each with the time when that was true."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from companion.protocol.codec import (
 
 @dataclass(frozen=True)
 class Heard:
-    """When the things of one broadcast were true, by this vehicle's clock, and which broadcast it was."""
+    """When the content of one broadcast was true, by this vehicle's clock, and which broadcast that was."""
 
     true_at_s: float
     broadcast: tuple[int, int]
-    """Epoch and sequence."""
+    """Epoch and sequence of the broadcast."""
 
 
 class Beliefs:
-    """Tables by id of what was heard."""
+    """The newest entry heard of each agent, target and threat, by id; velocities and bands are told by other frames."""
 
     def __init__(self) -> None:
         self.agents: dict[int, tuple[AgentEntry, Heard]] = {}
@@ -37,39 +37,40 @@ class Beliefs:
         self.agent_velocities_m_s: dict[int, tuple[float, float]] = {}
         self.threat_velocities_m_s: dict[int, tuple[float, float]] = {}
         self.bands: dict[int, BandEntry] = {}
-        """Heights that threats reach."""
+        """Floors and ceilings of threats, by id of the threat."""
 
     def target_of(self, agent_id: int) -> int | None:
-        """Return the target that an agent was sent to; None if it was sent to none or is not known."""
+        """Return the id of an agent's target; None if it has none or the agent is not known."""
         known = self.agents.get(agent_id)
         return None if known is None else known[0].target_id
 
     def are_rivals(self, agent_id: int, peer_id: int) -> bool:
-        """Return whether two agents were sent to the same target."""
+        """Return whether two agents have the same target."""
         target_id = self.target_of(agent_id)
         return target_id is not None and self.target_of(peer_id) == target_id
 
     def loiters_first(self, peer_id: int | None, agent_id: int) -> bool:
-        """Return whether a peer's loiter place goes before an agent's.
+        """Return whether an agent must keep its loiter place clear of a peer's.
 
-        Of two that arrive together the lower id stays where it is: both know this without a word. Strangers do not.
+        It must if the peer has no target or the lower id: both vehicles know that without talking to each other. It
+        must also if the peer is not one of the fleet, as a stranger does not know the rule.
         """
         if peer_id is None or peer_id not in self.agents:
             return True
         return self.agents[peer_id][0].target_id is None or peer_id < agent_id
 
     def take(self, frame: StateFrame | FleetFrame, heard: Heard) -> None:
-        """Take what state and fleet frames tell alike."""
+        """Take agents and targets from a state or fleet frame."""
         for agent in frame.agents:
             self.agents[agent.id] = (agent, heard)
         for target in frame.targets:
             self.targets[target.id] = (target, heard)
 
     def take_motion(self, frame: MotionFrame) -> None:
-        """Take where agents and threats are going."""
+        """Take the velocities of agents and threats."""
         for agent in frame.agents:
             if agent.heading_rad is None:
-                # It stands still, or nobody knows where it is going: what it did before is no better guess.
+                # It stands still, or its heading is not known: its velocity of before is no better guess than none.
                 self.agent_velocities_m_s.pop(agent.id, None)
             else:
                 self.agent_velocities_m_s[agent.id] = (
@@ -80,13 +81,13 @@ class Beliefs:
             self.threat_velocities_m_s[threat.id] = (threat.velocity_north_m_s, threat.velocity_east_m_s)
 
     def take_bands(self, frame: BandsFrame) -> None:
-        """Take the heights that some threats reach."""
+        """Take the floors and ceilings of some threats."""
         self.bands.update((threat.id, threat) for threat in frame.threats)
 
     def forget(self, is_gone: Callable[[Heard], bool], kept_threats: Container[int] = ()) -> None:
-        """Forget what was heard in broadcasts that are gone, and what was told of things that are not known any more.
+        """Forget entries of broadcasts that are gone, and velocities and bands of items that are not known any more.
 
-        `kept_threats` are ids of threats that are believed nevertheless.
+        `kept_threats` are ids of threats that stay nevertheless.
         """
         for known in (self.agents, self.targets):
             for identity in [key for key, (_, heard) in known.items() if is_gone(heard)]:

@@ -1,4 +1,4 @@
-"""What there is to say of the broadcast: how well it is heard, and who sends it."""
+"""Messages to the operator about the broadcast: how well it is heard, and which ground station sends it."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from companion.protocol.freshness import OLD_EPOCH
 from companion.protocol.link_quality import LinkQuality, Warnings
 
 STATUS_PERIOD_S = 60.0
-"""How often the state of the broadcast link is told while nothing else is."""
+"""Time between two messages about the state of the broadcast link."""
 
 
 class BroadcastMonitor:
-    """Notices how the broadcast is heard, and when it changes hands: a restarted ground station, or two at once."""
+    """Notices changes in how well the broadcast is heard, a restarted ground station, and two of them at once."""
 
     def __init__(self, companion: Companion) -> None:
         self._companion = companion
         self._warnings = Warnings()
         self._epoch_s: int | None = None
         self._any_older = self._any_refused = False
-        """Whether frames of an older run, and any that should not come, had been refused by the last call."""
+        """Whether, by the last call, any frame of an older run, and any frame not EXPECTED, had been refused."""
         self._status_at_s = -math.inf
 
     def news(self, now_s: float) -> list[str]:
-        """Return what is to be said since the last call."""
+        """Return the messages that are new since the last call, one line each."""
         refused = self._companion.authenticator.rejected
         quality = self._companion.link_monitor.quality(now_s)
         lines = [*self._takeover(), *self._older_run(refused)]

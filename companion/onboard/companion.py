@@ -1,9 +1,9 @@
 """The companion without sockets: frames and time in, a setpoint frame and the reasons for it out.
 
-The shell (`companion run`) and the lockstep simulator run this same object. Each tick walks one line, a module each:
-telemetry -> may it steer (authority, readiness) -> where is it (navigation) -> what is believed (world_model, traffic)
--> how far can that be trusted (failsafe) -> what to do (goal) -> law, right of way, turn limit, guard (steering) ->
-adapter (setpoint_stream).
+The shell (`companion run`) and the lockstep simulator run this same object. Each tick passes these stages, a module or
+two each: telemetry -> may the companion steer (authority, readiness) -> where is the vehicle (navigation) -> what is
+known of the others (world_model, traffic) -> how far can that be trusted (failsafe) -> what to do (goal) -> law, right
+of way, turn limit, guard (steering) -> adapter (setpoint_stream).
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from companion.protocol.frame import RawFrame
 from companion.protocol.link_quality import LinkMonitor
 
 BAND_MARGIN_M = 5.0
-"""Above and below its height a vehicle minds the threats there: it does not hold a height to the metre."""
+"""Margin above and below a vehicle's height within which it avoids threats: it does not hold a height to the metre."""
 HOME_TOO_FAR = "the autopilot's home is farther away than limits.range_m: where it began to steer counts"
 
 
 class Companion:
-    """Steers one vehicle by what it last heard. Times are Unix seconds by this vehicle's clock, given by the caller."""
+    """Steers one vehicle by what it last heard; the caller gives the times, Unix seconds by this vehicle's clock."""
 
     def __init__(
         self,
@@ -50,10 +50,10 @@ class Companion:
         authenticator: Authenticator | None = None,
         was: State = State.WAITING,
     ) -> None:
-        """Take charge of a vehicle; without a `law` of the caller's the configured one steers.
+        """Prepare to steer a vehicle, by the configured law unless the caller gives a `law`.
 
-        `authenticator` decides what is believed of the broadcast; without one, whatever is newer and makes sense.
-        `was`: who had the vehicle when the companion before this one ended (`authority.kept`).
+        `authenticator` decides which frames of the broadcast are accepted; without one, all that are newer and valid.
+        `was`: the state (`authority.kept`) that the companion before this one saved.
         """
         self.config = config
         self.adapter = adapter_of(config) if adapter is None else adapter
@@ -64,16 +64,16 @@ class Companion:
         self.world_model = WorldModel(config.agent_id, config.peer_memory_s, clocks_agree=clocks_agree)
         self.failsafe = Failsafe(config)
         self.steering = steering_of(config, self.adapter.can_stop, law)
-        """What steers, by the configured limits within what the vehicle can do."""
+        """Law, right of way and guard, by the configured limits or, where those are narrower, the vehicle's own."""
         self.navigation = Navigation()
         self.engagement: Engagement | None = None
-        """None while the vehicle is not steered."""
+        """State of the present engagement; None while the vehicle is not steered."""
         self._stream = AutopilotStream(self.adapter)
         self._reporter = Reporter(config)
 
     @property
     def steers(self) -> bool:
-        """Whether a setpoint stands."""
+        """Whether a setpoint is in force."""
         return self.engagement is not None and self.engagement.setpoint is not None
 
     @property
@@ -82,38 +82,38 @@ class Companion:
         return self.navigation.flown_m
 
     def hear(self, datagram: bytes, now_s: float) -> list[RawFrame]:
-        """Take in bytes from the broadcast link; return the frames that are believed. Never raises, whatever the bytes.
+        """Take in bytes from the broadcast link; return the accepted frames. Never raises, whatever the bytes.
 
-        In a flood a frame may be believed only at a later call.
+        In a flood the signature of a frame may be checked, and the frame accepted, only at a later call.
         """
         return self._believe(self.authenticator.admit(datagram, now_s), now_s)
 
     def hear_frames(self, frames: Iterable[RawFrame], now_s: float) -> list[RawFrame]:
-        """Take in what the authenticator has deframed; return the frames that are believed; see `hear`."""
+        """Take in frames that the authenticator has deframed; return the accepted ones; see `hear`."""
         return self._believe(self.authenticator.admit_frames(frames, now_s), now_s)
 
     def hear_waiting(self, now_s: float) -> list[RawFrame]:
-        """Take in what waited for its check; return the frames that are believed."""
+        """Take in frames that waited for the check of their signature; return the accepted ones."""
         return self._believe(self.authenticator.due(now_s), now_s)
 
     def receive(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the autopilot link; never raises, whatever the bytes.
 
-        What does not begin with whole frames is not heard: a log could not keep it.
+        Only the whole frames at the beginning of the datagram are used: a log could not hold the rest.
         """
         for frame in whole_frames(datagram):
             self.adapter.receive(frame, now_s)
-            # After each: what one datagram says first counts too, however soon it is taken back.
+            # After each frame: a change that a later frame of the same datagram takes back counts, too.
             self.authority.note(self.adapter.telemetry, self.adapter.steerable)
 
     def clear(self, now_s: float) -> None:
-        """Let a vehicle that was taken over be handed over again: the safety pilot says so."""
+        """Clear a take-over at the safety pilot's order: the vehicle may be handed over again."""
         self.authority.clear()
 
     def note_clock(self, offset_s: float) -> bool:
-        """Note how far this computer's clock is from the one that times are told by; return whether that is news.
+        """Note the offset of the computer's system clock from the clock given to `tick`; return whether it changed.
 
-        Only news matters to what is decided, so that only news need be logged.
+        A change of less than half `health.clock_step_s` is ignored: it affects no decision and need not be logged.
         """
         return self.failsafe.note_clock(offset_s)
 
@@ -125,10 +125,10 @@ class Companion:
         return decision, self._frames(requests, now_s)
 
     def repeat(self, now_s: float) -> list[bytes]:
-        """Return the frames that keep the last decision standing between guidance steps; none if it must not stand.
+        """Return the frames that repeat the last setpoint between guidance steps; none if it is not valid any more.
 
-        An autopilot gives a silent companion up after a second or a few (docs/autopilots.md: COM_OF_LOSS_T,
-        GUID_TIMEOUT), which a guidance step may be longer than.
+        An autopilot gives up a companion that has been silent for a second or a few (docs/autopilots.md: COM_OF_LOSS_T,
+        GUID_TIMEOUT), and a guidance step may be longer than that.
         """
         requests = self.adapter.requests(now_s)
         if self.engagement is not None and (self._stream.ended(now_s) or self._not_steerable(now_s) is not None):
@@ -140,7 +140,7 @@ class Companion:
         return self._reporter.due(self.adapter.telemetry, self.flown_m, now_s)
 
     def relocate(self, flown_m: float) -> None:
-        """Begin anew to measure the way flown, from a known length: the vehicle is not where the last step left it."""
+        """Set the distance flown, and do not count the way to the next position: a report has moved the vehicle."""
         self.navigation = replace(self.navigation, flown_m=flown_m)
         if self.engagement is not None:
             self.engagement = replace(self.engagement, last_fix=None)
@@ -152,7 +152,7 @@ class Companion:
         return [raw for raw, _ in admitted]
 
     def _follow(self, now_s: float) -> None:
-        """Follow who has the vehicle, and while it is not steered what it can do."""
+        """Update who controls the vehicle, and while it is not steered adapt the limits to the vehicle's abilities."""
         adapter = self.adapter
         self.authority.note(adapter.telemetry, adapter.steerable)
         if self._stream.ended(now_s):
@@ -163,7 +163,7 @@ class Companion:
         if self.engagement is None:
             self.steering = adapted(self.steering, self.config.limits, adapter.abilities)
             return
-        # Guard and guidance keep to what they began with: a certified path stays one only by the same limits.
+        # Guard and guidance keep the limits that they began with: a certified path is certified for those only.
         changed = outgrown(self.steering, self.config.limits, adapter.abilities)
         if changed != self.engagement.abilities_changed:
             self.engagement = replace(self.engagement, abilities_changed=changed)
@@ -197,13 +197,13 @@ class Companion:
         return Decision(now_s, Purpose.IDLE, idle, status.stage, age_s, triggers=status.all_words)
 
     def _disengage(self) -> None:
-        """Forget what was latched: it belongs to the last engagement, and the safety pilot has the vehicle."""
+        """End the engagement and forget its state: the safety pilot controls the vehicle."""
         self.adapter.release()
         self.engagement = None
         self.steering.guard.reset()
 
     def _assess(self, age_s: float | None, now_s: float) -> FailsafeStatus:
-        """Find how far picture and vehicle can be trusted now."""
+        """Update the failsafe by the age of the picture (None: there is none) and the state of the vehicle."""
         telemetry, engagement = self.adapter.telemetry, self.engagement
         uncertified_from_s = None if engagement is None else engagement.uncertified_from_s
         inputs = FailsafeInputs(
@@ -219,12 +219,12 @@ class Companion:
         return self.failsafe.update(inputs, now_s)
 
     def _steer(self, age_s: float | None, now_s: float) -> Decision:
-        """Walk the line from where the vehicle is to the setpoint, and keep what the next tick needs."""
+        """Pass the stages from the vehicle's position to the setpoint, and keep what the next tick needs."""
         telemetry, config, world_model = self.adapter.telemetry, self.steering.config, self.world_model
         before = self.engagement or Engagement()
         plane = plane_of(world_model.origin_deg, self.navigation.plane, telemetry)
         if plane is not self.navigation.plane:
-            # What was latched and certified is on another plane.
+            # Loiter place, last position and certified path are coordinates on another plane.
             before = replace(before, loiter_place_ned_m=None, last_fix=None)
             self.steering.guard.reset()
         self.engagement = before
@@ -262,7 +262,7 @@ class Companion:
     def _engaged_after(
         self, before: Engagement, located: Located, goal: Goal, steered: Steered, now_s: float
     ) -> Engagement:
-        """Return what the next tick of this engagement needs of this one."""
+        """Return the engagement as this tick leaves it to the next."""
         setpoint = steered.verdict.setpoint
         uncertified_from_s = None
         # The paper's laws are flown to see what they do, wherever that leads.
@@ -281,14 +281,17 @@ class Companion:
 
 
 def adapter_of(config: Config) -> Adapter:
-    """Return the adapter of the autopilot that a configuration names; without one, of the simulator's point."""
+    """Return the adapter of the autopilot that a configuration names; if it names none, the simulator's point mass."""
     if config.autopilot is None:
         return ADAPTERS["kinematic"]()
     return ADAPTERS[config.autopilot.kind](config.autopilot.system_id)
 
 
 def _band_m(telemetry: Telemetry, height_m: float) -> tuple[float, float]:
-    """Return the altitudes above sea level that a vehicle is at or on its way to; NaN if it does not say."""
+    """Return least and greatest altitude above sea level on the way to a height above home, with BAND_MARGIN_M.
+
+    NaN where the vehicle's altitude or height is not known.
+    """
     to_go_m = height_m - telemetry.height_m
     return (
         telemetry.altitude_m + min(0.0, to_go_m) - BAND_MARGIN_M,

@@ -25,25 +25,25 @@ from companion.mission.model import (
 from companion.transport.endpoints import FORMS, RECEIVING, SENDING, Link, parse_link
 
 TrustWord = Literal["unsigned", "mavlink", "ed25519", "both"]
-"""MAVLink's own signature by a shared key, an Ed25519 signature of the ground station's, or both."""
+"""Signatures that frames must carry: none, MAVLink's own by a shared key, the ground station's Ed25519, or both."""
 Height = Annotated[float, Field(ge=0, le=20_000)]
 ONE_RADIO = "autopilot"
-"""The broadcast link of a vehicle that hears the broadcast through its autopilot, inside V2_EXTENSION."""
+"""Value of `broadcast.link` when the broadcast comes through the autopilot, wrapped in V2_EXTENSION messages."""
 
 
 class AutopilotSection(Section):
-    """The one autopilot this companion steers."""
+    """The autopilot that this companion steers."""
 
     kind: str
     link: str
     system_id: Annotated[int, Field(ge=1, le=255)] | None = None
-    """The autopilot's; none: whichever is heard first."""
+    """MAVLink system id of the autopilot; None: the first one heard."""
     offboard: Literal["mavsdk", "direct"] = "mavsdk"
-    """Who sends the setpoints of a PX4 copter: MAVSDK in a process of its own, or the companion itself."""
+    """Sender of a PX4 copter's setpoints: MAVSDK in a process of its own, or the companion itself."""
     state_file: Annotated[str, Field(min_length=1)] | None = None
-    """Where it is kept over restarts whether the companion steers."""
+    """File that tells a restarted companion who controlled the vehicle."""
     clear: Literal["disarm", "signal"] = "disarm"
-    """What ends a take-over of a PX4: only disarming, or a signal to the program as well."""
+    """What clears a take-over of a PX4: disarming only, or also the signal SIGUSR1 to the program."""
 
     @model_validator(mode="after")
     def _known(self) -> Self:
@@ -57,28 +57,30 @@ class AutopilotSection(Section):
 
     @property
     def needs_state_file(self) -> bool:
-        """Whether the autopilot resumes by itself, so that a restart must know what was before."""
+        """Whether the autopilot obeys a new stream by itself, so that a restart must know who had control before."""
         return KINDS[self.kind].resumes_on_stream
 
 
 class BroadcastSection(Section):
-    """Where the broadcast is heard, and what of it is believed (docs/authenticity.md)."""
+    """Where the broadcast is heard, and which of its frames are accepted (docs/authenticity.md)."""
 
     link: str
     trust: TrustWord
-    """What every frame must carry; `unsigned` believes anybody."""
+    """Signatures that every frame must carry; `unsigned` accepts frames of any sender."""
     mavlink_key: Annotated[str, Field(min_length=1)] | None = None
     """File with the key that the whole fleet shares."""
     public_key: Annotated[str, Field(min_length=1)] | None = None
     """File with the ground station's public key."""
     state_file: Annotated[str, Field(min_length=1)] | None = None
-    """Where the last accepted frame is kept over restarts."""
+    """File that tells a restarted companion which frame was accepted last."""
     clock: Literal["checked", "unchecked"] = "checked"
-    """`unchecked`: this computer's clock may be wrong, so that a frame's time is not compared with it."""
+    """Whether a frame's time is compared with this computer's clock; `unchecked`: that clock may be wrong."""
     max_age_s: Positive = 30.0
+    """Greatest age of an accepted frame; counts only with a checked clock."""
     ahead_s: Positive = 2.0
+    """How far a frame's time may be ahead of this computer's clock; counts only with a checked clock."""
     checks_per_s: Annotated[float, Field(ge=1, le=100_000)] = 1_000.0
-    """Ed25519 signatures checked at most: a flood by a holder of the shared key must not use up the computer."""
+    """Most Ed25519 signatures checked per second, so that a flood of frames cannot use up the computer."""
 
     @model_validator(mode="after")
     def _listens(self) -> Self:
@@ -104,7 +106,7 @@ class BroadcastSection(Section):
 
 
 class UplinkSection(Section):
-    """Where reports go, on a link of their own."""
+    """The link on which the vehicle's position reports go to the ground station."""
 
     link: str
 
@@ -117,7 +119,7 @@ class UplinkSection(Section):
 
 
 class LimitsSection(Section):
-    """What the vehicle may do; heights are above home."""
+    """What the vehicle may do, and how well it flies; heights are above home."""
 
     speed_m_s: Speed = 5.0
     n_max: Annotated[float, Field(gt=0, le=100)] = 0.25
@@ -126,12 +128,13 @@ class LimitsSection(Section):
     height_max_m: Height = 120.0
     braking_m_s2: Positive = 2.0
     reaction_s: NotNegative = 0.0
-    """From sending a setpoint to the vehicle beginning to obey it."""
+    """Time from sending a setpoint until the vehicle begins to obey it."""
     rate_share: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """How much of the turn rate n_max g/v the vehicle achieves."""
+    """Turn rate that the vehicle achieves, as a share of n_max g/v."""
     wind_m_s: NotNegative = 0.0
-    """The strongest wind, gusts included, that keep-out shall still hold in."""
+    """The strongest wind, gusts included, in which the guard must still keep the vehicle out of the discs."""
     position_error_m: NotNegative = 0.0
+    """Greatest distance between the vehicle's true and reported position."""
     fence: Annotated[ListOf[Vertex], Field(min_length=3)] | None = None
 
     @model_validator(mode="after")
@@ -146,13 +149,13 @@ class LimitsSection(Section):
 
 
 class StalenessSection(Section):
-    """Ages of the picture at which each stage begins."""
+    """Ages of the picture at which the failsafe's stages begin."""
 
     coasting_after_s: Positive = 15.0
     loitering_after_s: Positive = 60.0
     blind_after_s: Positive = 300.0
     recover_after_s: NotNegative = 1.0
-    """A stage is left for a milder one only after its reason has been gone for this time."""
+    """Time for which the reason of a stage must have been gone before the stage becomes milder."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -162,30 +165,30 @@ class StalenessSection(Section):
 
 
 class HealthSection(Section):
-    """From where on the vehicle's own state of health matters."""
+    """Limits on the vehicle's own state at which the failsafe acts."""
 
     battery_return_percent: Annotated[float, Field(ge=0, le=90)] = 25.0
-    """Not above this it returns; 0: never for that."""
+    """Remaining charge at or below which the vehicle returns; 0: it never returns for its battery."""
     position_accuracy_m: Positive = 10.0
-    """A position known less well than this is good enough to loiter only."""
+    """Worst accuracy of the position with which the vehicle still flies to a target; with a worse one it loiters."""
     gps_fix_min: Annotated[int, Field(ge=0, le=6)] = 3
-    """GPS_FIX_TYPE: 3 is 3D; 0 for a vehicle that finds its way without."""
+    """Least GPS_FIX_TYPE with which the vehicle is steered: 3 is a 3D fix; 0 where it navigates without GPS."""
     infeasible_after_s: Positive = 5.0
-    """It loiters after this time without a certified back-up."""
+    """Time without a certified back-up of the guard after which the vehicle loiters."""
     clock_step_s: Positive = 1.0
-    """A step of the computer's clock against the steady one is told from here on."""
+    """Offset between system clock and steady clock from which the companion reports that the clock stepped."""
 
 
 class StatusSection(Section):
-    """What the companion says of itself on the autopilot link."""
+    """Status messages of the companion on the autopilot link."""
 
     quiet: bool | None = None
-    """Say nothing; none: as the case wants, in Case II nothing."""
+    """Whether the companion sends none; None: it sends them in Case I and not in Case II."""
     period_s: Annotated[float, Field(ge=1, le=3600)] = 5.0
 
 
 class Config(Section):
-    """A companion's whole configuration. Angles in degrees, lengths in metres, times in seconds, as the names say."""
+    """The whole configuration of a companion; the names of the keys carry their units."""
 
     agent_id: Identity
     autopilot: AutopilotSection | None = None
@@ -193,11 +196,11 @@ class Config(Section):
     limits: LimitsSection = LimitsSection()
     height_m: Height = 30.0
     case: Literal["I", "II"] = "I"
-    """In Case II nothing but the broadcast shall be heard of the fleet: the companion keeps silent (status.quiet)."""
+    """Case II: the fleet keeps radio silence, so that the companion sends no status messages (status.quiet)."""
     law: LawName = DEFAULT_LAW
     surrogate: SurrogateName = "pairwise"
     keep_out: Literal["attack", "detection"] = "detection"
-    """Which discs the guard holds; what the law holds is its own affair."""
+    """Which discs of the threats the guard keeps the vehicle out of; the guidance law is not affected."""
     weights: CostWeights = CostWeights()
     separation_m: Positive = 100.0
     arrival_radius_m: Positive = 300.0
@@ -209,12 +212,13 @@ class Config(Section):
     health: HealthSection = HealthSection()
     status: StatusSection = StatusSection()
     peer_memory_s: NotNegative = 30.0
+    """Age above which another agent's broadcast position is ignored."""
     vertical_separation_m: NotNegative = 0.0
-    """Neighbours higher or lower by at least this need not give way, nor be given way; 0: everybody does."""
+    """Difference in height from which neighbours are ignored; 0: neighbours at any height count."""
     detector_range_m: NotNegative = 2_000.0
-    """Neighbours that the autopilot passes on are minded within this distance."""
+    """Distance within which the neighbours that the autopilot reports (ADSB_VEHICLE) count."""
     report_period_s: NotNegative = 0.0
-    """0: never."""
+    """Time between two position reports on the uplink; 0: none are sent."""
     uplink: UplinkSection | None = None
     log_dir: Annotated[str, Field(min_length=1)] | None = None
 
@@ -305,10 +309,10 @@ def config_for_agent(mission: Mission, agent_id: int, law: LawName) -> Config:
         ),
         height_m=height_m,
         case=mission.case,
-        # Half-way between two layers: whoever is on his own is not mistaken for a neighbour's.
+        # Half-way between two layers: a vehicle in its own layer does not count as a neighbour in the next one.
         vertical_separation_m=0.5 * mission.layer_spacing_m,
         law=law,
-        # The paper's laws are flown to see what they do: the guard shall not make up for them outside R_a.
+        # The paper's laws are flown to see what they do: the guard must not correct them outside R_a.
         keep_out="detection" if law == "routed" else "attack",
         surrogate=mission.surrogate,
         weights=mission.weights,

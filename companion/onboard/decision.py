@@ -1,4 +1,4 @@
-"""What one tick decided, and why (docs/design.md, rule 6)."""
+"""The decision of one tick, with its reasons (docs/design.md, rule 6)."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from companion.onboard.failsafe import Stage
 
 
 class Purpose(Enum):
-    """What the companion is doing. Order and values are on the wire and in logs."""
+    """What the companion is doing. The order of the members is on the wire, and their values are in logs."""
 
     IDLE = "idle"
-    """Not steering: no telemetry, or the safety pilot has the vehicle."""
+    """Not steering: without telemetry, not ready, or the safety pilot controls the vehicle."""
     TARGET = "target"
     LOITER = "loiter"
     RETURN = "return"
@@ -22,31 +22,32 @@ class Purpose(Enum):
 
 @dataclass(frozen=True)
 class Decision:
-    """One tick's decision and why. Headings are from grid north."""
+    """One tick's decision and its reasons. Headings are from grid north."""
 
     t_s: float
     purpose: Purpose
     reason: str
     stage: Stage
     picture_age_s: float | None
+    """Age of the picture; None: nothing was heard yet."""
     target_id: int | None = None
     wanted_heading_rad: float = math.nan
-    """Before the turn limit."""
+    """Heading that the law wants, before right of way, turn limit and guard; NaN while not steering."""
     turn_limited: bool = False
     setpoint: Setpoint | None = None
     guard_changes: tuple[str, ...] = ()
     broken: tuple[str, ...] = ()
-    """Assumptions of the guard's that do not hold (docs/guard.md)."""
+    """Assumptions of the guard that do not hold (docs/guard.md)."""
     gave_way: str | None = None
-    """What the right of way changed."""
+    """Why the right of way changed heading or speed; None if it did not."""
     note: str | None = None
-    """What else the law says of it."""
+    """Remarks of law and companion, e.g. that another vehicle uses this agent id."""
     stay: str | None = None
-    """Why the law could do no better than to loiter."""
+    """Why the law loiters instead of going to the goal's place; None if it does not."""
     opposed: bool = False
-    """The surrogate's component against the route was dropped."""
+    """Whether the surrogate's component against the route was dropped."""
     triggers: tuple[str, ...] = ()
-    """All that speaks for the stage or a milder one, the most severe first."""
+    """Reasons for the stage and for milder ones, the most severe first."""
 
     @property
     def uncertified(self) -> bool:

@@ -1,4 +1,4 @@
-"""Who is told of a decision: the terminal, systemd, the logs, ground-control programs and the ground station."""
+"""Reports each decision to the terminal, systemd, the logs, ground-control programs and the ground station."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LOGGER = program_logger("companion")
 
 
 class DecisionReporter:
-    """Tells of each decision whoever is to know of it; what stays the same is said once."""
+    """Reports each decision to all who are to know of it; a line that stays the same is printed and logged once."""
 
     def __init__(
         self,
@@ -28,7 +28,7 @@ class DecisionReporter:
         notifier: Notifier,
         uplink: Sender | None,
     ) -> None:
-        """Tell of a companion's decisions as its configuration wants; `uplink` takes the reports, if there is one."""
+        """Report the decisions of `companion` as its configuration wants; `uplink`, if any, takes position reports."""
         self._companion = companion
         self._output = output
         self._logs = logs
@@ -39,10 +39,10 @@ class DecisionReporter:
         is_signed = companion.config.broadcast is None or companion.config.broadcast.trust != "unsigned"
         self._trust = "" if is_signed else ", unsigned"
         self._said: set[str] = set()
-        """What the last decision gave to say."""
+        """Lines printed for the last decision."""
 
     def tell(self, decision: Decision, now_s: float) -> None:
-        """Report, log and say what was decided."""
+        """Report, log and print a decision, and send the vehicle's position report on the uplink if one is due."""
         if self._uplink is not None:
             for report in self._companion.report(now_s):
                 self._uplink.send(report)
@@ -57,7 +57,7 @@ class DecisionReporter:
             self._logs.decisions.add(decision, self._companion.adapter.telemetry, gap_s)
 
     def send_text(self, now_s: float) -> None:
-        """Send the newest line to ground-control programs if it is new and its time has come."""
+        """Send the newest line to ground-control programs, unless it was sent already or the last one too recently."""
         for frame in self._statustext.text(now_s, self._companion.adapter.telemetry.system_id):
             self._output.send_status(frame)
 
@@ -79,6 +79,6 @@ class DecisionReporter:
 
 
 def _statustext(config: Config) -> StatusReporter:
-    """Return what speaks to ground-control programs: nothing does in Case II, unless the configuration says so."""
+    """Return the reporter to ground-control programs, which in Case II is quiet unless the configuration differs."""
     quiet = config.case == "II" if config.status.quiet is None else config.status.quiet
     return StatusReporter(config.status.period_s, quiet)

@@ -1,6 +1,6 @@
 """The decisions of a flight as a table that any program opens: `decisions-<id>.csv`, beside the `.tlog`.
 
-The `.tlog` is what a replay needs; this is for reading. docs/deploy.md lists the columns.
+A replay needs the `.tlog`; this table is for people to read. docs/deploy.md lists the columns.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ COLUMNS = (
 
 
 class DecisionTable:
-    """Writes one row per decision; a file that can no longer be written is given up."""
+    """Writes one row per decision; after an error of the file nothing more is written."""
 
     def __init__(self, file: Sink) -> None:
-        """Write the head of the table."""
+        """Write the names of the columns to `file`."""
         self._file: Sink | None = file
         self._write(COLUMNS)
 
     def add(self, decision: Decision, telemetry: Telemetry, gap_s: float) -> None:
-        """Write a decision, the telemetry that it was made on, and the longest setpoint gap since the last."""
+        """Write a decision, the telemetry that it was made on, and the longest setpoint gap since the last decision."""
         setpoint = decision.setpoint
         speed_m_s = math.hypot(telemetry.velocity_north_m_s, telemetry.velocity_east_m_s)
         self._write(

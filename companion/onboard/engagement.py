@@ -1,4 +1,4 @@
-"""What is remembered while the companion steers, and forgotten when it no longer does."""
+"""The state of one engagement: kept from tick to tick while the companion steers, and dropped when it stops."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from companion.guard.types import Setpoint
 
 
 class PositionFix(NamedTuple):
-    """A position on the plane of the picture, and when it was true."""
+    """A position (north, east) on the picture's plane, and the time when the vehicle was there."""
 
     position_ned_m: tuple[float, float]
     at_s: float
 
 
 class GridSetpoint(NamedTuple):
-    """A setpoint from grid north, and the convergence at the place that it was made for."""
+    """A setpoint whose heading is from grid north, and the meridian convergence at the place that it was made for."""
 
     setpoint: Setpoint
     convergence_rad: float
@@ -24,19 +24,21 @@ class GridSetpoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Engagement:
-    """The latches of one engagement: from the first tick that steers to the first that does not."""
+    """What one tick leaves to the next, from the first tick that steers to the first that does not."""
 
     arrived: bool = False
+    """Whether the vehicle is at its target."""
     giving_way: bool = False
-    """Whether another agent arrives first."""
+    """Whether the vehicle waits because another agent arrives at the target first."""
     at_home: bool = False
+    """Whether the vehicle has returned home."""
     loiter_place_ned_m: tuple[float, float] | None = None
-    """Where it loiters; None while it goes somewhere."""
+    """Where the vehicle loiters; None while it goes somewhere."""
     uncertified_from_s: float | None = None
-    """Since when the guard has had no certified back-up."""
+    """Time since which the guard has had no certified back-up; None if it has one."""
     abilities_changed: bool = False
-    """Whether the vehicle can now do other things than those that guard and guidance keep to."""
+    """Whether the vehicle's abilities now give other limits than those that guard and guidance steer by."""
     last_fix: PositionFix | None = None
-    """Where the last tick found the vehicle."""
+    """Position of the vehicle at the last tick."""
     setpoint: GridSetpoint | None = None
-    """The setpoint that stands; None after one that was withdrawn or that the guard did not allow."""
+    """The setpoint in force; None after one was withdrawn or refused by the guard."""

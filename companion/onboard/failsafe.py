@@ -1,7 +1,7 @@
-"""The named, bounded stages of trusting picture and vehicle less, and of trusting them again (docs/design.md, rule 3).
+"""The failsafe: in named stages, how far picture and vehicle can still be trusted (docs/design.md, rule 3).
 
-Each input has its own trigger; the most severe one is the stage. A stage begins at once and is left only when
-its reason has been gone for a while. What makes steering impossible is no stage but silence.
+Each input has its own trigger, and the most severe trigger gives the stage. A stage begins at once and is left only
+when its reason has been gone for a while. A fault that makes steering impossible is no stage: no setpoint is sent then.
 """
 
 from __future__ import annotations
@@ -13,29 +13,31 @@ from enum import Enum
 from companion.onboard.config import Config
 
 CLOCK_DIGITS = 3
-"""Offsets of the clock are kept to the millisecond: a log, which is exact to the microsecond, then tells the same."""
+"""Decimals of the seconds to which clock offsets are rounded, so that a log (in microseconds) stores them exactly."""
 BATTERY_MARGIN_PERCENT = 5.0
-"""A battery that was low is good again this far above its limit: its voltage recovers when the load is taken off."""
+"""Hysteresis: a low battery counts as good again this far above the limit, as its voltage recovers with less load."""
 ABILITIES_CHANGED = "the autopilot's parameters were changed in flight"
 
 
 class Stage(Enum):
-    """What the vehicle may still do, from all to least. Order and values are on the wire and in logs."""
+    """What the vehicle may still do, the mildest stage first. The order is on the wire, and the values are in logs."""
 
     FRESH = "fresh"
+    """Nothing is wrong: no trigger holds."""
     COASTING = "coasting"
-    """Late, but the discs only grow: go on."""
+    """The picture is late or the clock has stepped: the vehicle goes on, and the threats' discs grow with their age."""
     LOITERING = "loitering"
-    """Not good enough to make for a target: loiter."""
+    """The picture or the vehicle is not good enough to fly to a target: it loiters."""
     RETURNING = "returning"
-    """Return to where the flight began."""
+    """The vehicle returns home."""
 
 
 SEVERITY = {stage: rank for rank, stage in enumerate(Stage)}
+"""Rank of each stage: the higher, the more severe."""
 
 
 class Cause(Enum):
-    """What a trigger is about; of several of one stage the first is told first."""
+    """The input that a trigger comes from, in the order in which triggers of equal stage are reported."""
 
     BROADCAST = "broadcast"
     FENCE = "fence"
@@ -49,7 +51,7 @@ class Cause(Enum):
 
 @dataclass(frozen=True)
 class FailsafeThresholds:
-    """Where each stage begins. Ages of the picture and times in seconds."""
+    """Limits at which the stages begin; the configuration's sections `staleness` and `health` explain them."""
 
     coasting_after_s: float = 15.0
     loitering_after_s: float = 60.0
@@ -63,22 +65,22 @@ class FailsafeThresholds:
 
 @dataclass(frozen=True)
 class FailsafeInputs:
-    """What the stage depends on, as known now."""
+    """Everything that the stage depends on, as known now."""
 
     picture_age_s: float | None = None
-    """None: there never was a picture."""
+    """Age of the picture; None: nothing was heard yet."""
     position_accuracy_m: float = math.nan
-    """NaN: not told."""
+    """Accuracy of the position by the autopilot's estimate; NaN: not reported."""
     battery_percent: float | None = None
-    """None: not told."""
+    """Remaining charge; None: not reported."""
     out_of_range: bool = False
     outside_fence: bool = False
     uncertified_s: float = 0.0
-    """For how long the guard has had no certified back-up."""
+    """Time for which the guard has had no certified back-up."""
     abilities_changed: bool = False
-    """Whether the vehicle can now do other things than it is reckoned with."""
+    """Whether the vehicle's abilities now give other limits than those that it is steered by."""
     clock_offset_s: float = 0.0
-    """How far the computer's clock is from the one that ages are told by."""
+    """Offset of the computer's system clock from the clock that ages are computed with."""
 
 
 @dataclass(frozen=True)
@@ -89,19 +91,19 @@ class Trigger:
     stage: Stage
     words: str
     held_at_s: float
-    """When its reason last held; -inf for one that goes as soon as its reason does."""
+    """Time when the reason last held; -inf for a trigger that ends at once with its reason."""
 
 
 @dataclass(frozen=True)
 class FailsafeStatus:
-    """The stage, and all that would lead to it or a milder one, the most severe first."""
+    """The stage, and the triggers of it and of milder stages, the most severe first."""
 
     stage: Stage = Stage.FRESH
     triggers: tuple[Trigger, ...] = ()
 
     @property
     def words(self) -> str:
-        """The reason for the stage; nothing when there is none."""
+        """The reason for the stage; empty in the stage FRESH."""
         return self.triggers[0].words if self.triggers else ""
 
     @property
@@ -112,13 +114,14 @@ class FailsafeStatus:
 
 @dataclass(frozen=True)
 class _Found:
-    """What one input says by itself: the stage, and why; `unknown` says nothing, so that what was before stays."""
+    """The stage that one input asks for by itself, and the reason in words."""
 
     stage: Stage = Stage.FRESH
     words: str = ""
     unknown: bool = False
+    """Whether the input is not known: then its earlier trigger, if any, stays."""
     sticky: bool = True
-    """Whether it stays for a while after its reason has gone."""
+    """Whether the trigger stays for `recover_after_s` after its reason has gone."""
 
 
 _NOTHING = _Found()
@@ -127,22 +130,22 @@ _FINE = FailsafeStatus()
 
 
 class Failsafe:
-    """How far picture and vehicle of one companion can be trusted. Times are given by the caller."""
+    """Follows how far picture and vehicle of one companion can be trusted."""
 
     def __init__(self, config: Config) -> None:
         self.status = _FINE
-        """As of the last update."""
+        """The status as of the last update."""
         self.clock_offset_s = 0.0
-        """How far this computer's clock is from the one that times are told by."""
+        """Offset of the computer's system clock from the clock that ages are computed with, as last noted."""
         self._thresholds = thresholds_of(config)
 
     def update(self, inputs: FailsafeInputs, now_s: float) -> FailsafeStatus:
-        """Take in what is known now; return the status."""
+        """Update the status by the inputs as they are now; return it."""
         self.status = assess(inputs, self._thresholds, self.status, now_s)
         return self.status
 
     def note_clock(self, offset_s: float) -> bool:
-        """Note how far this computer's clock is from the one that times are told by; return whether that is news."""
+        """Note the offset of the computer's system clock if it changed by half a clock step; return whether it did."""
         offset_s = round(offset_s, CLOCK_DIGITS)
         change_s = round(abs(offset_s - self.clock_offset_s), CLOCK_DIGITS)
         news = change_s >= 0.5 * self._thresholds.clock_step_s
@@ -152,7 +155,7 @@ class Failsafe:
 
 
 def thresholds_of(config: Config) -> FailsafeThresholds:
-    """Return where a configuration has each stage begin."""
+    """Return the limits of a configuration at which the stages begin."""
     return FailsafeThresholds(
         coasting_after_s=config.staleness.coasting_after_s,
         loitering_after_s=config.staleness.loitering_after_s,
@@ -168,7 +171,10 @@ def thresholds_of(config: Config) -> FailsafeThresholds:
 def assess(
     inputs: FailsafeInputs, thresholds: FailsafeThresholds, before: FailsafeStatus, now_s: float
 ) -> FailsafeStatus:
-    """Return the status by inputs and by the status before: up at once, down after `recover_after_s`."""
+    """Return the status now, from the inputs and the status before.
+
+    A trigger becomes more severe at once, and milder only when its reason has been gone for `recover_after_s`.
+    """
     earlier = {trigger.cause: trigger for trigger in before.triggers}
     triggers = [
         trigger
@@ -195,7 +201,7 @@ def _held(
 
 
 def _found(inputs: FailsafeInputs, thresholds: FailsafeThresholds, was_low: bool) -> tuple[tuple[Cause, _Found], ...]:
-    """Return what each input says, in the order in which equals are told; `was_low`: the battery."""
+    """Return the stage that each input asks for, in the order of Cause; `was_low`: the battery was low before."""
     uncertified = inputs.uncertified_s >= thresholds.infeasible_after_s
     return (
         (Cause.BROADCAST, _by_age(inputs.picture_age_s, thresholds)),
@@ -215,7 +221,7 @@ def _if(holds: bool, stage: Stage, words: str) -> _Found:
 
 def _by_age(age_s: float | None, thresholds: FailsafeThresholds) -> _Found:
     if age_s is None:
-        # Nothing to fall back from: the first picture is as good as any.
+        # Not sticky: the first picture counts at once, as there is no fault that might come back.
         return _Found(Stage.LOITERING, "no picture", sticky=False)
     if age_s >= thresholds.returning_after_s:
         return _Found(Stage.RETURNING, "blind")

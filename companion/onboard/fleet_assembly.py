@@ -1,4 +1,4 @@
-"""The packed frames of one epoch put together: place, radii and origin are told by different frames."""
+"""Assembly of the packed frames of one epoch: a threat's place, its radii and the origin come in different frames."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from companion.protocol.codec import BandEntry, FleetFrame, RadiiEntry, ThreatEn
 
 @dataclass(frozen=True)
 class PlacedThreat:
-    """Where a threat was heard to be, its radii being told elsewhere."""
+    """The place of a threat from a fleet frame, which does not tell its radii."""
 
     place: ThreatPlace
     rounding_m: float
+    """Greatest error of the place by rounding in the frame."""
     heard: Heard
 
 
@@ -24,27 +25,27 @@ class JoinedThreat:
 
     threat: ThreatEntry
     band: BandEntry | None
-    """None where neither floor nor ceiling was told."""
+    """Floor and ceiling; None for a threat that has neither."""
     heard: Heard
 
 
 class FleetAssembly:
-    """What the fleet, radii and mission frames of one epoch told."""
+    """Content of the fleet, radii and mission frames of one epoch, kept until it can be put together."""
 
     def __init__(self) -> None:
         self.placed: dict[int, PlacedThreat] = {}
-        """By id; a threat is believed once its radii are known."""
+        """Places of threats, by id; a threat enters the picture once its radii are known, too."""
         self.radii: dict[int, RadiiEntry] = {}
         self.origin_told = False
-        """Whether the origin was told: until then nobody can say where a fleet frame's places are."""
+        """Whether the epoch's origin was heard: without it the places in a fleet frame cannot be used."""
         self._waiting: dict[int, tuple[FleetFrame, float]] = {}
 
     def wait(self, frame: FleetFrame, received_s: float) -> None:
-        """Keep a fleet frame, as the newest of its index, until the origin is told."""
+        """Keep a fleet frame until the origin is heard; it replaces an older one of the same index."""
         self._waiting[frame.stamp.frame_index] = (frame, received_s)
 
     def take_waiting(self) -> list[tuple[FleetFrame, float]]:
-        """Return the fleet frames that waited, each with the time when it came, the oldest first; they wait no more."""
+        """Return the fleet frames that waited, each with the time when it came, the oldest first; keep none of them."""
         waiting, self._waiting = self._waiting, {}
         return sorted(waiting.values(), key=lambda item: item[0].stamp.sequence)
 
@@ -53,7 +54,10 @@ class FleetAssembly:
         self.placed = {key: placed for key, placed in self.placed.items() if not is_gone(placed.heard)}
 
     def joined(self, identity: int) -> JoinedThreat | None:
-        """Return a threat whose place and radii are known, grown by what it moved before it was told of."""
+        """Return a threat whose place and radii are both known, or None.
+
+        Its radii are enlarged by the rounding of the place and by what the threat may have moved until it was sent.
+        """
         placed, radii = self.placed.get(identity), self.radii.get(identity)
         if placed is None or radii is None:
             return None

@@ -1,7 +1,7 @@
-"""What a flight leaves behind: every frame heard, sent and believed, and every decision, as tlogs that any tool opens.
+"""Flight logs: every frame heard, accepted and sent, and every decision, as tlogs that any MAVLink tool opens.
 
-`vehicle-<id>.tlog` holds, in order, all that the on-board code was told and what it decided, so that `companion replay`
-can decide it all again. Nothing in it can be used against the fleet: MAVLink signatures are cut off, and frames that
+`vehicle-<id>.tlog` holds, in order, all inputs of the on-board code and its decisions, so that `companion replay` can
+make the decisions again. Nothing in it can be used against the fleet: MAVLink signatures are cut off, and frames that
 carry a key are left out.
 """
 
@@ -25,40 +25,41 @@ from companion.protocol.messages import DecisionFlag, DecisionFrame
 from companion.runtime.console import program_logger
 
 SETUP_SIGNING_ID = 256
-"""The MAVLink message that carries a secret key."""
+"""Id of the MAVLink message SETUP_SIGNING, which carries a secret key."""
 STATUSTEXT_ID = common.MAVLINK_MSG_ID_STATUSTEXT
 STATUSTEXT_CHARACTERS = 50
 FLUSH_PERIOD_S = 1.0
-"""A machine that dies loses no more of a log than this."""
+"""Time between two flushes of a log, and so the most of it that is lost if the machine dies."""
 LOG_BURST_S = 10.0
-"""A bounded log may hold so much more for a moment."""
+"""Burst of a log with a limited rate: after a pause it takes at once the bytes that the limit allows in this time."""
 _MICROSECONDS = 1e6
 
 
 class Mark(IntEnum):
-    """What a log tells of a companion beside frames and decisions: MAV_CMD that it sends to itself, and nowhere."""
+    """Events that a log records beside frames and decisions, each as a MAV_CMD that is written but never sent."""
 
     CLEARED = common.MAV_CMD_USER_1
-    """The safety pilot cleared a take-over: Companion.clear()."""
+    """The safety pilot cleared a take-over: Companion.clear() was called."""
     RESUMED = common.MAV_CMD_USER_2
-    """At the beginning: the companion that ran before had the vehicle."""
+    """First in a log: the companion that ran before was in control of the vehicle (State.ENGAGED)."""
     WITHDRAWN = common.MAV_CMD_USER_4
-    """Between two decisions the setpoint that stood was withdrawn: Companion.repeat(), which then may send nothing."""
+    """Between two decisions Companion.repeat() withdrew the setpoint, and may have sent nothing."""
     LOCKED = common.MAV_CMD_USER_5
-    """At the beginning: somebody had taken over from the companion that ran before, and nobody had cleared that."""
+    """First in a log: the companion that ran before was locked by a take-over that was not cleared (State.LOCKED)."""
     GAP = common.MAV_CMD_USER_3
-    """MAVSDK's stream had a gap: Authority.note_gap()."""
+    """MAVSDK's stream of setpoints had a gap: Authority.note_gap() was called."""
 
 
 class FlightLog:
-    """A tlog that gives up, with a word, rather than disturb a flight: a full disk is no reason to stop steering."""
+    """A tlog that ends with a warning at an error of the disk, so that a full disk does not stop the steering."""
 
     def __init__(
         self, writer: TlogWriter | None, program: str = "companion", most_bytes_per_s: float = math.inf
     ) -> None:
-        """Log with a writer, or nothing; `program` is who says that it gave up.
+        """Log with a writer, or log nothing if that is None; `program` is the one whose warning tells of an error.
 
-        What comes faster than `most_bytes_per_s` is left out and counted: a flood of a link shall not fill the disk.
+        Frames that come faster than `most_bytes_per_s` are left out and counted: a flood on a link must not fill the
+        disk.
         """
         self._writer = writer
         self._messages = program_logger(program)
@@ -70,18 +71,18 @@ class FlightLog:
         self.left_out = 0
 
     def record(self, t_unix_s: float, datagram: bytes) -> None:
-        """Log the frames of a datagram; what is not a frame has no place in a tlog."""
+        """Log the frames of a datagram; other bytes cannot be stored in a tlog and are left out."""
         for frame in () if self._writer is None else raw_frames(datagram):
             self.record_frame(t_unix_s, frame)
 
     def record_frame(self, t_unix_s: float, frame: RawFrame) -> None:
-        """Log a frame that was found before."""
+        """Log a frame without its MAVLink signature; leave it out if it carries a key."""
         harmless = None if self._writer is None else without_secrets(frame)
         if harmless is not None:
             self._write(t_unix_s, harmless)
 
     def close(self) -> None:
-        """Write out what is buffered."""
+        """Write out buffered records, and close the log unless its writer's sink is the caller's to close."""
         if self._writer is not None:
             try:
                 self._writer.close()
@@ -89,7 +90,7 @@ class FlightLog:
                 self._give_up(error)
 
     def tell(self, t_unix_s: float, text: str) -> None:
-        """Log a line of words, as the MAVLink message that ground-control programs show."""
+        """Log a line of text as STATUSTEXT, the MAVLink message that ground-control programs show."""
         teller = common.MAVLink(None, srcSystem=1, srcComponent=COMPANION_COMPONENT)
         self._told = self._told % 65_535 + 1
         for number, start in enumerate(range(0, len(text), STATUSTEXT_CHARACTERS)):
@@ -127,7 +128,7 @@ class FlightLog:
 
 
 def unused(path: Path) -> Path:
-    """Return the path, or with -2, -3 and so on before its suffix where that is taken: no run costs another's log."""
+    """Return the path, with -2, -3 and so on before its suffix if it is taken: no run overwrites another's log."""
     if not path.exists():
         return path
     numbered = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
@@ -135,12 +136,12 @@ def unused(path: Path) -> Path:
 
 
 def without_secrets(frame: RawFrame) -> bytes | None:
-    """Return a frame as it may be kept: without MAVLink's signature; None for one that carries a key."""
+    """Return a frame without its MAVLink signature, as a log may hold it; None for a frame that carries a key."""
     return None if frame.message_id == SETUP_SIGNING_ID else strip_signature(frame)
 
 
 def decision_frame(decision: Decision) -> DecisionFrame:
-    """Return a decision as it is logged."""
+    """Return the ONEWAY_DECISION frame that stands in a log for a decision."""
     setpoint = decision.setpoint
     facts = {
         DecisionFlag.TURN_LIMITED: decision.turn_limited,
@@ -169,14 +170,14 @@ def decision_frame(decision: Decision) -> DecisionFrame:
 
 
 def mark_frame(mark: Mark, system_id: int) -> bytes:
-    """Return a mark as it is logged."""
+    """Return the COMMAND_LONG frame that stands in a log for a mark."""
     teller = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
     order = (system_id, COMPANION_COMPONENT, mark, 0, *[0.0] * 7)
     return bytes(common.MAVLink_command_long_message(*order).pack(teller))
 
 
 def mark_of(frame: RawFrame) -> Mark | None:
-    """Return the mark that a MAVLink 2 frame of the companion's is, if it is one."""
+    """Return the mark that a MAVLink 2 frame of the companion stands for; None if it is no mark."""
     if frame.message_id != common.MAVLINK_MSG_ID_COMMAND_LONG:
         return None
     (message,) = common.MAVLink(None).parse_buffer(bytearray(frame.data)) or (None,)
@@ -186,14 +187,14 @@ def mark_of(frame: RawFrame) -> Mark | None:
 
 
 def clock_frame(system_id: int, t_unix_s: float, offset_s: float) -> bytes:
-    """Return what stands in a log for Companion.note_clock() with news: SYSTEM_TIME, the computer's clock at a time."""
+    """Return the SYSTEM_TIME frame that stands in a log for a changed clock offset (Companion.note_clock())."""
     teller = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
     wall_us = round(t_unix_s * _MICROSECONDS) + round(round(offset_s, CLOCK_DIGITS) * _MICROSECONDS)
     return bytes(common.MAVLink_system_time_message(max(0, wall_us), 0).pack(teller))
 
 
 def clock_offset_s(frame: RawFrame, t_unix_s: float) -> float | None:
-    """Return the offset that a MAVLink 2 frame of the companion's tells of, if it is a `clock_frame`."""
+    """Return the clock offset in a MAVLink 2 frame of the companion; None if it is no `clock_frame`."""
     if frame.message_id != common.MAVLINK_MSG_ID_SYSTEM_TIME:
         return None
     (message,) = common.MAVLink(None).parse_buffer(bytearray(frame.data)) or (None,)
@@ -201,7 +202,7 @@ def clock_offset_s(frame: RawFrame, t_unix_s: float) -> float | None:
 
 
 def summary_line(decision: Decision) -> str:
-    """Return a decision in a line: what, why, on which picture, and what changed it."""
+    """Return a decision as one line of text: purpose, reason, state of the picture, and what changed the setpoint."""
     target = f" {decision.target_id}" if decision.target_id is not None else ""
     changes = f", guard: {', '.join(decision.guard_changes)}" if decision.guard_changes else ""
     changes += "".join(f", {said}" for said in (decision.note, decision.gave_way) if said is not None)

@@ -1,4 +1,4 @@
-"""Which frames of the broadcast are new: by epoch, sequence, and part of one broadcast."""
+"""Deciding which frames of the broadcast are new, by epoch, by sequence and by their part of one broadcast."""
 
 from __future__ import annotations
 
@@ -10,30 +10,31 @@ from companion.protocol.messages import Stamp
 
 
 class Acceptance(Enum):
-    """What becomes of a frame."""
+    """Whether a frame is used, and whether it begins an epoch."""
 
     REFUSED = "refused"
+    """The frame is old or a copy, and is not used."""
     NEXT = "next"
-    """It goes on from what was heard."""
+    """The frame continues the epoch."""
     ANEW = "anew"
-    """It begins an epoch, or begins one again after a long silence: what was told of the last one is over."""
+    """The frame begins an epoch, or begins it again after a long silence: what held for the last one is void."""
 
 
 class FrameOrder:
-    """Follows the stamps of one ground station's broadcasts. Times are this vehicle's clock, given by the caller."""
+    """Follows the stamps of one ground station's broadcasts; the caller gives the times, by this vehicle's clock."""
 
     def __init__(self) -> None:
         self.epoch_s: int | None = None
         self.sequence = -1
-        """Of the newest broadcast of this epoch; -1 before any."""
+        """Sequence of the newest broadcast of this epoch; -1 before any."""
         self._received_s = -math.inf
         self._parts: set[int] = set()
-        """Indices of the frames heard of the newest broadcast."""
+        """Indices of those frames of the newest broadcast that were heard."""
         self._motion_order = self._bands_order = (-1, -1)
         """Sequence and time of the newest motion frame and of the newest bands frame."""
 
     def take_part(self, stamp: Stamp, now_s: float) -> Acceptance:
-        """Take a state or fleet frame, which is a part of its broadcast."""
+        """Return whether a state or fleet frame, which is one part of its broadcast, is new; if so, note its stamp."""
         acceptance = self._accept(stamp, now_s)
         if acceptance is Acceptance.REFUSED:
             return acceptance
@@ -47,7 +48,7 @@ class FrameOrder:
         return acceptance
 
     def take_constant(self, stamp: Stamp, now_s: float) -> Acceptance:
-        """Take a frame that tells what does not change within an epoch."""
+        """Return whether a frame whose content holds for an epoch is of this or a new one; if new, note its stamp."""
         if stamp.epoch_s == self.epoch_s:
             return Acceptance.NEXT
         acceptance = self._accept(stamp, now_s)
@@ -56,21 +57,21 @@ class FrameOrder:
         return acceptance
 
     def take_motion(self, stamp: Stamp) -> bool:
-        """Return whether a motion frame is of this epoch and not overtaken."""
+        """Return whether a motion frame is of this epoch and not older than the last one; if so, note its stamp."""
         if self._is_behind(stamp, self._motion_order):
             return False
         self._motion_order = (stamp.sequence, stamp.time_ms)
         return True
 
     def take_bands(self, stamp: Stamp) -> bool:
-        """Return whether a bands frame is of this epoch and not overtaken."""
+        """Return whether a bands frame is of this epoch and not older than the last one; if so, note its stamp."""
         if self._is_behind(stamp, self._bands_order):
             return False
         self._bands_order = (stamp.sequence, stamp.time_ms)
         return True
 
     def is_whole(self, stamp: Stamp) -> bool:
-        """Return whether every part of the newest broadcast was heard; `stamp` is of one of them."""
+        """Return whether every frame of the newest broadcast was heard; `stamp` is that of one of them."""
         return len(self._parts) == stamp.frame_count
 
     def _is_behind(self, stamp: Stamp, newest: tuple[int, int]) -> bool:

@@ -1,4 +1,4 @@
-"""What to do now: make for the target, loiter, or return home."""
+"""Choosing the goal of a tick: fly to the target, loiter, or return home."""
 
 from __future__ import annotations
 
@@ -14,25 +14,26 @@ from companion.onboard.failsafe import FailsafeStatus, Stage
 from companion.protocol.codec import Directive
 
 ARRIVAL_SHARE = 0.8
-"""A target may have moved since it was heard of: arriving means being within this share of the arrival radius of where
-it was, and stays true until outside the whole of it."""
+"""Share of the arrival radius within which a vehicle arrives; it stays arrived until it leaves the whole radius. The
+rest is for a target that has moved since it was heard of."""
 WAITING_SPACINGS = 2.0
-"""Who goes second waits this many loiter spacings outside the arrival radius."""
+"""Distance outside the arrival radius, in loiter spacings, from which a vehicle waits while another arrives first."""
 WAITING_LEAVE = 1.5
-"""Who waits goes on waiting until it is this many times as far as that, so that a loiter circle does not leave it."""
+"""Hysteresis: a vehicle goes on waiting until it is this many times as far from the target as where it began to, so
+that its own loiter circle does not end the waiting."""
 
 
 @dataclass(frozen=True)
 class LoiterGeometry:
-    """How wide a vehicle's loiter circle is and how far from another's loiter place it loiters."""
+    """Size of a vehicle's loiter circle and its distance from those of others."""
 
     radius_m: float
     spacing_m: float
-    """From a peer's loiter place; a peer that cannot stop is somewhere on its circle."""
+    """Least distance between this vehicle's loiter place and a peer's, which may be anywhere on its own circle."""
 
 
 class Situation(NamedTuple):
-    """What the goal is chosen by."""
+    """Everything that the goal of one tick is chosen by, beside what was latched before."""
 
     position_ned_m: tuple[float, float]
     home_ned_m: tuple[float, float]
@@ -42,7 +43,7 @@ class Situation(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """What to do now and why; the rest is remembered until the next tick."""
+    """What to do now and why, and the latches that the next tick needs (see Engagement)."""
 
     purpose: Purpose
     reason: str
@@ -51,11 +52,11 @@ class Goal(NamedTuple):
     at_home: bool = False
     arrived: bool = False
     giving_way: bool = False
-    """Whether another agent arrives first."""
+    """Whether the vehicle waits because another agent arrives at the target first."""
 
 
 def choose_goal(situation: Situation, before: Engagement, config: Config, loiter: LoiterGeometry) -> Goal:
-    """Return what to do now, by what was latched `before`."""
+    """Return what to do now; `before` holds the latches of the last tick."""
     arrived, giving_way = before.arrived, before.giving_way
     homing = _why_home(situation)
     if homing is not None:
@@ -100,7 +101,7 @@ def _why_wait(situation: Situation) -> str | None:
 def _first_to_arrive(
     to_target_m: float, target_ned_m: tuple[float, float], view: View, agent_id: int, spacing_m: float
 ) -> int | None:
-    """Return whom we let go first: who is nearer to our target, or of two about as near the lower id."""
+    """Return the id of a rival that goes first: it is nearer to the target, or about as near and has the lower id."""
     for identity, place in view.rivals:
         behind_m = to_target_m - math.dist(place, target_ned_m)
         abreast = abs(behind_m) <= spacing_m

@@ -1,4 +1,4 @@
-"""What arrives on the vehicle's links, sorted by whose it is, and handed to the companion and its logs."""
+"""Input from the vehicle's links: frames are sorted by their sender and handed to the companion and its logs."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from companion.protocol.frame import RawFrame, raw_frames
 from companion.protocol.v2_extension import unwrap
 
 ONEWAY_IDS = frozenset(oneway.mavlink_map) - {oneway.MAVLINK_MSG_ID_HEARTBEAT}
-"""Messages of our own dialect."""
+"""Message ids of the project's dialect; HEARTBEAT, which it includes, is not among them."""
 
 
 class BroadcastInput:
-    """Hears the broadcast link, and logs all of it, believed or not."""
+    """Receives from the broadcast link, and logs every frame, accepted or not."""
 
     def __init__(self, flight: RecordedCompanion, log: FlightLog, is_stream: bool) -> None:
-        """Hear for a flight; `is_stream` of a link that hands over bytes, such as a serial port's, not datagrams."""
+        """Receive for a flight; `is_stream`: the link delivers a stream of bytes (a serial port), not datagrams."""
         self._flight = flight
         self._log = log
         self._is_stream = is_stream
 
     def receive(self, datagram: bytes) -> None:
-        """Take in what the link hands over."""
+        """Take in bytes from the link."""
         if not self._is_stream:
             self._log.record(self._flight.clock.now_s(), datagram)
             self._flight.hear(datagram)
@@ -37,20 +37,19 @@ class BroadcastInput:
 
 
 class AutopilotInput:
-    """Hears the autopilot's link, on which others may speak too: a ground station, this companion's own echo.
+    """Receives from the autopilot's link, which may also carry frames of a ground station or this companion's own.
 
-    What the log keeps for the ground station's and for our own must not come from this link, or a replay would believe
-    it.
+    Such frames are dropped: a replay would take them in the log for the broadcast and for the companion's own records.
     """
 
     def __init__(self, flight: RecordedCompanion, broadcast: BroadcastInput | None, offboard: Offboard | None) -> None:
-        """Hear for a flight; `broadcast` takes what one radio carries for both, inside V2_EXTENSION."""
+        """Receive for a flight; `broadcast`, if given, takes the broadcast frames that come wrapped in V2_EXTENSION."""
         self._flight = flight
         self._broadcast = broadcast
         self._offboard = offboard
 
     def receive(self, datagram: bytes) -> None:
-        """Take in what the link hands over."""
+        """Take in bytes from the link."""
         frames = [frame for frame in raw_frames(datagram) if not self._is_others(frame)]
         if not frames:
             return
@@ -59,7 +58,7 @@ class AutopilotInput:
             self._offboard.receive(b"".join(frame.data for frame in frames))
 
     def _is_others(self, frame: RawFrame) -> bool:
-        """Return whether a frame is none of the autopilot's; hear it if it is the broadcast's."""
+        """Return whether a frame is not the autopilot's; pass it on if it wraps a frame of the broadcast."""
         if self._broadcast is not None and (inner := unwrap(frame)) is not None:
             self._broadcast.receive(inner)
             return True

@@ -1,4 +1,4 @@
-"""From a companion's configuration to the settings of its guidance law."""
+"""The settings of the guidance law, made from a companion's configuration."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from companion.surrogate.cost import Weights
 
 
 def law_settings(config: Config, limits: LimitsSection | None = None) -> LawSettings:
-    """Return the settings of the configured law; with `limits`, for a vehicle that can do less than configured."""
+    """Return the settings of the configured law, with `limits` in place of the configured ones if given."""
     limits = limits or config.limits
     return LawSettings(
         agent_id=config.agent_id,

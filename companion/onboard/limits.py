@@ -1,4 +1,4 @@
-"""What guidance and guard reckon with: the configured limits and the vehicle's abilities, whichever is less."""
+"""The limits that guidance and guard use: of configured limits and the vehicle's abilities the more cautious."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from companion.onboard.config import LimitsSection
 
 
 def within(configured: LimitsSection, abilities: Abilities) -> LimitsSection:
-    """Return the more cautious of both; what the vehicle strays from its path adds to the position's error.
+    """Return the more cautious of configured limits and abilities, with the tracking error added to the position error.
 
-    A vehicle that flies no slower than its `speed_min_m_s` is reckoned with as flying that, whatever is configured.
+    A configured speed below the least one that the vehicle can fly is raised to that.
     """
     speed_m_s = max(_least(configured.speed_m_s, abilities.speed_max_m_s), abilities.speed_min_m_s)
-    # A copy is not validated anew: that the wind may now be too strong is for the core to say.
+    # A copy is not validated anew: `steering.adapted` checks whether the wind is now too strong.
     return configured.model_copy(
         update={
             "speed_m_s": speed_m_s,

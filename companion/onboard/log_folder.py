@@ -1,4 +1,4 @@
-"""The files that one run of `companion run` leaves behind, in a folder of its own."""
+"""The folder of logs that one run of `companion run` writes."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from companion.onboard.flight_log import FlightLog, unused
 from companion.runtime.io_thread import IoThread, IoThreadFile
 
 BROADCAST_LOG_BYTES_PER_S = 20_000.0
-"""Several times what any radio in mind carries; a flood is logged no faster."""
+"""Greatest rate at which the broadcast is logged: several times that of any radio in use, and a bound in a flood."""
 
 
 @dataclass(frozen=True)
 class LogFolder:
-    """The logs of a run; without a folder they keep nothing."""
+    """The logs of a run; they write nothing where no folder is configured."""
 
     path: Path | None
     vehicle: FlightLog
-    """All that the companion was told, decided and sent: what a replay needs."""
+    """Log of the companion's inputs, decisions and sent frames, which a replay needs."""
     broadcast: FlightLog
-    """What came over the broadcast link, believed or not."""
+    """Log of all frames of the broadcast link, accepted or not."""
     decisions: DecisionTable | None
 
     def remove(self) -> None:
@@ -37,7 +37,7 @@ class LogFolder:
 
 
 def open_log_folder(config: Config, files: IoThread, stack: ExitStack) -> LogFolder:
-    """Open the logs of a run, which `stack` closes: a restart in flight shall not cost what was recorded before.
+    """Open the logs of a run in a new folder, so that a restart overwrites nothing; `stack` closes them.
 
     Raises:
         InputError: the folder cannot be written to.

@@ -1,4 +1,4 @@
-"""Where the vehicle is on the plane of the picture, where it heads, where home is, and how far it has flown."""
+"""Position, heading and home of the vehicle on the picture's plane, and the distance that it has flown."""
 
 from __future__ import annotations
 
@@ -15,52 +15,53 @@ from companion.onboard.config import Config, LimitsSection
 from companion.onboard.engagement import PositionFix
 
 COURSE_SPEED_M_S = 1.0
-"""Below this ground speed the course over ground says nothing and the yaw is used."""
+"""Ground speed below which the course over ground means nothing and the yaw is used as heading."""
 STEP_SHARE = 1.5
-"""No step between two positions is believed to be longer than this share of what speed limit and wind allow."""
+"""Longest step between two positions that counts as flown, as a share of what speed limit and wind allow."""
 
 
 class Home(NamedTuple):
-    """Where home is on the plane of the picture."""
+    """The place on the picture's plane that the vehicle returns to."""
 
     position_ned_m: tuple[float, float]
     too_far: bool
-    """Whether the autopilot's home is out of the vehicle's range, so that where it was first steered counts."""
+    """Whether the autopilot's home is out of range, so that home is where the companion first steered."""
     told_deg: tuple[float, float] | None
-    """The autopilot's home that this was found for."""
+    """The autopilot's home (latitude, longitude) that this was computed from; None: it was not known."""
 
 
 @dataclass(frozen=True)
 class Navigation:
-    """What is known of the flight so far, whoever had the vehicle."""
+    """What is known of the flight up to a tick, over all engagements."""
 
     plane: LocalFrame | None = None
-    """That of the picture; None until the companion first steers."""
+    """The picture's plane; None until the companion first steers."""
     start_deg: tuple[float, float] | None = None
-    """Where the companion first steered: latitude and longitude."""
+    """Latitude and longitude at which the companion first steered."""
     heading_rad: float = 0.0
-    """From true north: the course over ground, or the yaw of a vehicle that hardly moves."""
+    """Heading from true north: the course over ground, or the yaw of a vehicle that hardly moves."""
     flown_m: float = 0.0
     """Distance flown under guidance."""
     out_of_range: bool = False
-    """Whether it is time to turn home so as to get there; stays true."""
+    """Whether the vehicle had to turn home to get there on its range; once true, it stays true."""
     home: Home | None = None
-    """On this plane."""
+    """Home on `plane`."""
 
 
 class Located(NamedTuple):
-    """Where one tick finds the vehicle, on the plane of the picture."""
+    """The vehicle at one tick, on the picture's plane."""
 
     fix: PositionFix
-    """As its telemetry tells it, which is a little old."""
+    """The newest position of the telemetry, which is a little old."""
     motion: Motion
-    """By now."""
+    """Position and velocity now: the fix carried on to the time of the tick."""
     convergence_rad: float
+    """Meridian convergence at the fix: true heading minus grid heading."""
     home: Home
 
 
 def plane_of(origin_deg: tuple[float, float] | None, before: LocalFrame | None, telemetry: Telemetry) -> LocalFrame:
-    """Return the plane of a picture's origin; without a picture the plane of before, or one about the vehicle."""
+    """Return the plane about the picture's origin; without a picture the plane of before, or one about the vehicle."""
     if before is not None and (origin_deg is None or origin_deg == (before.lat_deg, before.lon_deg)):
         return before
     return LocalFrame(*(origin_deg or (telemetry.lat_deg, telemetry.lon_deg)))
@@ -74,15 +75,15 @@ def navigate(
     config: Config,
     now_s: float,
 ) -> tuple[Navigation, Located]:
-    """Return what is known of the flight by now, and where the vehicle is.
+    """Return what is known of the flight now, and where the vehicle is.
 
     Args:
-        before: What was known of the flight by the last tick.
-        plane: The plane of the picture.
-        last_fix: Where the last tick of this engagement found the vehicle on that plane.
-        telemetry: With a position.
-        config: With limits within what the vehicle can do.
-        now_s: This vehicle's clock.
+        before: What was known of the flight at the last tick.
+        plane: The picture's plane.
+        last_fix: Position of the vehicle on that plane at the last tick of this engagement, if any.
+        telemetry: The newest telemetry; it has a position.
+        config: The configuration, with limits that the vehicle can keep.
+        now_s: Time by this vehicle's clock.
 
     """
     north_m, east_m, convergence_rad = plane.to_local_with_convergence(telemetry.lat_deg, telemetry.lon_deg)
@@ -113,7 +114,7 @@ def navigate(
 
 
 def outside_fence(telemetry: Telemetry, origin_deg: tuple[float, float] | None, config: Config) -> bool:
-    """Return whether the vehicle is outside the fence; without a picture's origin nobody knows where that is."""
+    """Return whether the vehicle is outside the fence; False without a picture and so without an origin."""
     if config.limits.fence is None or origin_deg is None:
         return False
     north_m, east_m, _ = LocalFrame(*origin_deg).to_local_with_convergence(telemetry.lat_deg, telemetry.lon_deg)
@@ -127,14 +128,14 @@ def _true_heading_rad(telemetry: Telemetry, speed_m_s: float, before_rad: float)
 
 
 def _longest_step_m(elapsed_s: float, limits: LimitsSection) -> float:
-    """Return how far the vehicle can have flown meanwhile: one wrong position is not to use up its range."""
+    """Return the longest way that counts as flown in a time, so that one wrong position does not use up the range."""
     return STEP_SHARE * (limits.speed_m_s + limits.wind_m_s) * max(0.0, elapsed_s) + limits.position_error_m
 
 
 def _home(
     plane: LocalFrame, told_deg: tuple[float, float] | None, start_deg: tuple[float, float], range_m: float
 ) -> Home:
-    """Return the autopilot's home, or where the companion first steered if that is unknown or out of range."""
+    """Return the autopilot's home, or, if that is unknown or out of range, where the companion first steered."""
     start_ned_m = plane.to_local(*start_deg)
     if told_deg is None:
         return Home(start_ned_m, False, told_deg)
@@ -145,11 +146,11 @@ def _home(
 
 
 def _is_out_of_range(home_m: float, flown_m: float, config: Config) -> bool:
-    """Return whether it is time to turn home so as to get there."""
+    """Return whether the vehicle must turn home now to get there on its range."""
     if config.range_policy != "return":
         return False
-    # Beyond the budget there is no way home any more: then the target is as good as anywhere. A step of margin,
-    # so that the moment cannot fall between two decisions, however near home is.
+    # If the range does not reach home any more, the vehicle goes on to its target. The margin of one step keeps the
+    # moment to turn from falling between two decisions, however near home is.
     range_m = config.limits.range_m
     step_m = config.limits.speed_m_s * config.guidance_step_s
     short = range_m < flown_m + RANGE_RESERVE * home_m + step_m

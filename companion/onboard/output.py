@@ -1,4 +1,4 @@
-"""What leaves for the autopilot: through MAVSDK where it is in charge of the setpoints, straight on otherwise."""
+"""Output to the autopilot: setpoints go through MAVSDK where it is configured, all other frames directly."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from companion.transport.endpoints import Duplex
 
 
 class AutopilotOutput:
-    """Logs and sends what the companion wants sent, and measures how evenly setpoints really leave."""
+    """Logs and sends the companion's frames, and measures the gaps between the setpoints as they are sent."""
 
     def __init__(self, companion: Companion, link: Duplex, log: FlightLog, offboard: Offboard | None) -> None:
         self._companion = companion
@@ -21,15 +21,15 @@ class AutopilotOutput:
         self._log = log
         self._offboard = offboard
         self._wanted: Velocity | None = None
-        """What MAVSDK is to send."""
+        """Velocity that MAVSDK sends as setpoint; None: it sends none."""
         self.gaps = SetpointGaps()
-        """Over the whole flight, and since the last named values were sent."""
+        """Gaps of the whole flight; the named values take the longest since they were last sent."""
         self.decision_gaps = SetpointGaps()
-        """For the table of decisions, which takes the longest since the last decision."""
+        """Gaps for the table of decisions, which takes the longest since the last decision."""
 
     @property
     def waits_for_mavsdk(self) -> bool:
-        """Whether there is a setpoint that MAVSDK cannot send yet."""
+        """Whether there is a setpoint that MAVSDK cannot send yet as it is still starting."""
         return self._offboard is not None and self._wanted is not None and not self._offboard.ready
 
     @property
@@ -38,7 +38,7 @@ class AutopilotOutput:
         return self._offboard is not None and self._offboard.silent
 
     def send(self, frames: list[bytes], now_s: float) -> None:
-        """Log and send the frames of one slot."""
+        """Log and send the frames of one slot of the setpoint loop, at `now_s` by the flight's clock."""
         self._wanted = None
         steers = False
         for frame in frames:
@@ -55,7 +55,7 @@ class AutopilotOutput:
             self.decision_gaps.end()
 
     def transmit(self, frame: bytes) -> None:
-        """Send a frame as it is."""
+        """Send a frame on the link, and note the gap if it is a setpoint."""
         self._link.send(frame)
         if is_setpoint(frame):
             now_s = time.monotonic()
@@ -63,5 +63,5 @@ class AutopilotOutput:
             self.decision_gaps.note(now_s)
 
     def send_status(self, frame: bytes) -> None:
-        """Send a frame that tells of the companion; it is no part of a decision, and so not logged."""
+        """Send a status frame; it is no part of a decision and is not logged."""
         self._link.send(frame)

@@ -1,6 +1,6 @@
-"""Whether a vehicle is fit to be steered, and to be left safe by a dead companion: the rules of `companion check`.
+"""The rules of `companion check`: whether a vehicle is fit to be steered, and safe if the companion dies in flight.
 
-Pure: what was heard is an argument, and each finding says what is wrong and what to do about it.
+The rules are pure functions of what was heard; each finding says what is wrong and what to do about it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from companion.onboard.config import Config
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at: whether it will do, what was found, and what to do if it will not."""
+    """The result of one check: whether it passed, what was found, and what to do if it did not pass."""
 
     passed: bool
     text: str
@@ -26,10 +26,10 @@ class Finding:
 def findings(
     config: Config, adapter: LinkedAdapter, *, link_heard: bool, broadcast_heard: bool, now_s: float
 ) -> list[Finding]:
-    """Return what there is to say of a vehicle, the most fundamental first.
+    """Return the findings about a vehicle, the most fundamental first.
 
-    `link_heard`: whether anything at all came over the autopilot link; `broadcast_heard`: whether a frame of the
-    broadcast was believed. What rests on an autopilot that is not heard, or not the right one, is left out.
+    `link_heard`: whether anything at all came over the autopilot link. `broadcast_heard`: whether a frame of the
+    broadcast was accepted. Checks of the autopilot are left out if it is not heard or is not the right one.
     """
     found = list(_identity(config, adapter, link_heard, now_s))
     if all(finding.passed for finding in found):
@@ -78,7 +78,7 @@ def _abilities(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
         names = ", ".join(abilities.assumed)
         yield Finding(False, f"not told, so assumed: {names}", "check the link; these are the autopilot's defaults")
     low_m_s, high_m_s = abilities.speed_min_m_s, abilities.speed_max_m_s
-    # Rounded inwards, so that what is advised is within what it can.
+    # Rounded inwards, so that the advised speed is one that the vehicle can fly.
     span = f"{_rounded(low_m_s, math.ceil)} to {_rounded(high_m_s, math.floor)}"
     yield Finding(
         low_m_s <= limits.speed_m_s <= high_m_s,

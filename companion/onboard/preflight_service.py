@@ -1,6 +1,7 @@
-"""Shell of `companion check`: opens the links, listens and asks for a while, and says what it found.
+"""Shell of `companion check`: opens the links, listens and asks for a while, and prints its findings.
 
-It sends what a companion sends before it may steer, heartbeats and questions, and never a setpoint.
+It sends what a companion sends before it may steer (heartbeats, requests for parameters and messages), never a
+setpoint.
 """
 
 from __future__ import annotations
@@ -28,15 +29,16 @@ from companion.runtime.clock import SteadyClock, wait
 from companion.transport.endpoints import Duplex, open_duplex, open_receiver, open_sender, parse_link
 
 ASK_PERIOD_S = 0.1
+"""Time between two rounds of asking the autopilot and of checking whether all is known."""
 SETTLING_S = 3.0
-"""Shortest time that is listened for: slow messages, such as the battery's, come once a second or less often."""
+"""Shortest time of listening: slow messages, such as the battery's, come once a second or less often."""
 
 
 async def check_vehicle(config: Config, wait_s: float, stop: asyncio.Event) -> int:
-    """Listen for `wait_s` at most, or until all is known; print the findings and return the exit status.
+    """Listen for at most `wait_s` seconds, or until all is known; print the findings and return the exit status.
 
     Raises:
-        InputError: a link cannot be opened, or a key or state file not used.
+        InputError: a link cannot be opened, or a key or state file cannot be used.
 
     """
     if config.autopilot is None or config.broadcast is None:
@@ -68,7 +70,7 @@ class _Checker:
         one_radio = config.broadcast.link == ONE_RADIO
         self._broadcast_link = None if one_radio else parse_link(config.broadcast.link)
         is_stream = self._broadcast_link is not None and self._broadcast_link.scheme == "serial"
-        # Without a state: what a companion that ran before has heard is no less genuine for that.
+        # Without the saved state: a frame that an earlier companion accepted is genuine, too.
         self._authenticator = Authenticator(trust_of(config.broadcast), is_stream=is_stream)
         self._clock = SteadyClock()
         self._link_heard = self._broadcast_heard = False
@@ -76,7 +78,7 @@ class _Checker:
         self._link: Duplex
 
     async def open(self) -> None:
-        """Open what `companion run` would open; raises InputError."""
+        """Open the links that `companion run` would open; raises InputError."""
         _, warning = saved_authority(self._autopilot)
         self._authority_warning = warning if self._adapter.resumes_on_stream else None
         if self._autopilot.kind == "px4-copter" and self._autopilot.offboard == "mavsdk":
@@ -90,7 +92,7 @@ class _Checker:
             self._stack.callback((await open_sender(parse_link(self._config.uplink.link))).close)
 
     async def listen(self, wait_s: float, stop: asyncio.Event) -> None:
-        """Ask and listen until all is known, the time is over or `stop` is set."""
+        """Ask and listen until all is known, `wait_s` seconds have passed or `stop` is set."""
         began_s, heartbeat_s = time.monotonic(), -math.inf
         while not stop.is_set() and time.monotonic() - began_s < wait_s:
             now_s = self._clock.now_s()
@@ -105,7 +107,7 @@ class _Checker:
             await wait(stop, ASK_PERIOD_S)
 
     def findings(self) -> list[Finding]:
-        """Return what was found."""
+        """Return the findings on all that was heard."""
         found = findings(
             self._config,
             self._adapter,

@@ -1,4 +1,4 @@
-"""Why the vehicle is not steered now: is the autopilot heard, may it be steered, is it fit, is it ready to begin."""
+"""Reasons not to steer the vehicle now: the autopilot is not heard, or the vehicle not handed over, fit or ready."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NOT_HANDED_OVER = "not armed and in the guided mode"
 
 
 def not_steerable(adapter: Adapter, authority: Authority, config: Config, now_s: float) -> str | None:
-    """Return why a vehicle is not steered, whether or not it was steered so far; None if it may be."""
+    """Return why the vehicle must not be steered, whether or not it was steered so far; None if it may be."""
     reason = unheard(adapter, now_s)
     if reason is not None:
         return reason
@@ -26,25 +26,25 @@ def not_steerable(adapter: Adapter, authority: Authority, config: Config, now_s:
 
 
 def not_reachable(adapter: Adapter, config: Config, now_s: float) -> str | None:
-    """Return why nothing at all may be asked of the autopilot, whoever has the vehicle; None if it may be asked."""
+    """Return why no setpoint, not even to hold, may go to the autopilot, whoever controls it; None if one may."""
     return unheard(adapter, now_s) or unfit(adapter, config, now_s)
 
 
 def unheard(adapter: Adapter, now_s: float) -> str | None:
-    """Return why it is not known who has the vehicle, or which vehicle it is; None if it is known."""
+    """Return why the autopilot is not heard, or is one that cannot be steered at all; None if it is heard and right."""
     if adapter.refusal is not None:
         return adapter.refusal
     telemetry = adapter.telemetry
     if telemetry.system_id is None:
         return "no autopilot heard"
     if telemetry.heartbeat_at_s is None or now_s - telemetry.heartbeat_at_s > HEARTBEAT_TIMEOUT_S:
-        # What it said of arming and mode may no longer be so.
+        # Arming and mode may have changed since.
         return "autopilot's heartbeat lost"
     return None
 
 
 def unfit(adapter: Adapter, config: Config, now_s: float) -> str | None:
-    """Return why the vehicle cannot be steered even by who has it; None if it can be."""
+    """Return why the vehicle's state does not allow steering, even if it was handed over; None if it does."""
     telemetry = adapter.telemetry
     if telemetry.system_status in FAILSAFE_STATES:
         return FAILSAFE
@@ -56,7 +56,7 @@ def unfit(adapter: Adapter, config: Config, now_s: float) -> str | None:
         return "no GPS fix"
     if adapter.missing_telemetry is not None:
         return adapter.missing_telemetry
-    # A setpoint would end a take-off under way; whoever took off finishes it.
+    # A setpoint would end a take-off under way, which the safety pilot or the autopilot must finish.
     if telemetry.in_air is False:
         return "not in the air yet, or landing"
     return None
@@ -65,14 +65,14 @@ def unfit(adapter: Adapter, config: Config, now_s: float) -> str | None:
 def not_ready(
     adapter: Adapter, unable: str | None, status: FailsafeStatus, outside_fence: bool, config: Config
 ) -> str | None:
-    """Return what must come before the vehicle is steered for the first time since it was handed over; None if nothing.
+    """Return why an engagement must not begin yet; None if it may. During an engagement these reasons do not count.
 
     Args:
-        adapter: The autopilot's, which knows where the vehicle is.
-        unable: Why what the vehicle can do is not enough to be steered.
-        status: How far picture and vehicle can be trusted.
+        adapter: Adapter of the autopilot, whose telemetry has a position.
+        unable: Why the vehicle's abilities are not enough to be steered, if they are not.
+        status: The failsafe's stage and triggers.
         outside_fence: Whether the vehicle is outside the fence.
-        config: With limits within what the vehicle can do.
+        config: The configuration, with limits that the vehicle can keep.
 
     """
     if not adapter.parameters_known:
@@ -90,10 +90,10 @@ def not_ready(
 
 
 def may_hold(adapter: Adapter, authority: Authority, config: Config, stream_ended: bool, now_s: float) -> bool:
-    """Return whether a stream of "stay as you are" may flow, where one must flow before the safety pilot hands over."""
+    """Return whether to stream setpoints that hold the vehicle, as a PX4 needs before it can be put into OFFBOARD."""
     if not adapter.resumes_on_stream or authority.locked or not adapter.telemetry.in_air:
-        # Not known to be in the air yet: on the ground nothing is streamed.
+        # On the ground, or before the vehicle is known to be in the air, nothing is streamed.
         return False
-    # An engagement whose stream has ended is over, which the next tick says.
+    # An engagement whose stream has ended is over; the next tick locks it.
     over = authority.state is State.ENGAGED and stream_ended
     return not over and not_reachable(adapter, config, now_s) is None

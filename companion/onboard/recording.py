@@ -1,6 +1,7 @@
-"""The companion with its flight log: all that it is told stands in the log with the time it was told at.
+"""The companion with its flight log: every input of the companion is logged with the time that it was given at.
 
-So `companion replay` can tell another companion the same. The shell tells the companion nothing but through this.
+So `companion replay` can give the same inputs to another companion. The shell reaches the companion's inputs only
+through this module.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from companion.protocol.frame import RawFrame
 from companion.runtime.clock import SteadyClock
 
 BEGINNINGS = {State.ENGAGED: Mark.RESUMED, State.LOCKED: Mark.LOCKED}
-"""What a log begins with after a companion that left the vehicle so."""
+"""The mark that a log begins with, by the state that the companion before left; none after State.WAITING."""
 
 
 class RecordedCompanion:
-    """A companion that flies, the clock it flies by, and the log of what it was told, decided and wanted sent."""
+    """A companion in flight, its clock, and the log of its inputs and decisions."""
 
     def __init__(self, companion: Companion, clock: SteadyClock, log: FlightLog) -> None:
         self.companion = companion
@@ -31,24 +32,24 @@ class RecordedCompanion:
         self._decision_writer = FrameWriter()
 
     def begin(self, authority_before: State) -> None:
-        """Log who had the vehicle when the companion before this one ended."""
+        """Log who controlled the vehicle when the companion before this one ended."""
         if authority_before in BEGINNINGS:
             self._mark(BEGINNINGS[authority_before], self.clock.now_s())
 
     def hear(self, datagram: bytes) -> None:
-        """Take in bytes from the broadcast link; what of them is believed is logged."""
+        """Take in bytes from the broadcast link, and log the accepted frames."""
         self._believe(lambda now_s: self.companion.hear(datagram, now_s))
 
     def hear_frames(self, frames: Sequence[RawFrame]) -> None:
-        """Take in frames of the broadcast link that the authenticator has deframed; what is believed is logged."""
+        """Take in frames of the broadcast link that the authenticator has deframed, and log the accepted ones."""
         self._believe(lambda now_s: self.companion.hear_frames(frames, now_s))
 
     def hear_waiting(self) -> None:
-        """Take in what waited for the check of its signature in a flood."""
+        """Take in frames that waited in a flood for the check of their signature, and log the accepted ones."""
         self._believe(self.companion.hear_waiting)
 
     def receive(self, frames: Sequence[RawFrame]) -> None:
-        """Take in frames of the autopilot's."""
+        """Take in frames from the autopilot, and log them."""
         now_s = self.clock.now_s()
         for frame in frames:
             self.companion.receive(frame.data, now_s)
@@ -56,13 +57,13 @@ class RecordedCompanion:
             self._log.record_frame(now_s, frame)
 
     def note_clock(self, now_s: float) -> None:
-        """Tell how far the computer's clock is from the one that times are told by."""
+        """Pass on the offset of the computer's system clock from the flight's clock, and log it if it changed."""
         offset_s = time.time() - now_s
         if self.companion.note_clock(offset_s):
             self._log.record(now_s, clock_frame(self._system_id, now_s, offset_s))
 
     def note_stream_gap(self) -> bool:
-        """Tell that MAVSDK's stream had a gap; return whether it may begin again, as it may while a person flies."""
+        """Pass on that MAVSDK's stream had a gap; log it if that locks the companion. Return whether it may resume."""
         authority = self.companion.authority
         may_go_on = not authority.locked
         authority.note_gap(MAVSDK_SILENT)
@@ -71,19 +72,19 @@ class RecordedCompanion:
         return not authority.locked
 
     def clear(self) -> None:
-        """Let a vehicle that was taken over be handed over again."""
+        """Clear a take-over, and log that: the vehicle may be handed over again."""
         now_s = self.clock.now_s()
         self.companion.clear(now_s)
         self._mark(Mark.CLEARED, now_s)
 
     def decide(self, now_s: float) -> tuple[Decision, list[bytes]]:
-        """Decide for the next guidance step; return the decision and the frames for the autopilot."""
+        """Decide for the next guidance step, and log that; return the decision and the frames for the autopilot."""
         decision, frames = self.companion.tick(now_s)
         self._log.record(now_s, self._decision_writer.encode(decision_frame(decision)))
         return decision, frames
 
     def repeat(self, now_s: float) -> list[bytes]:
-        """Return the frames that keep the last decision standing between guidance steps."""
+        """Return the frames that repeat the last setpoint between guidance steps; log if it was withdrawn."""
         steered = self.companion.steers
         frames = self.companion.repeat(now_s)
         if steered and not self.companion.steers:

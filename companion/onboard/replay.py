@@ -1,7 +1,7 @@
-"""The on-board decisions again, from a recording: `companion replay`.
+"""Replay of a recorded flight (`companion replay`): the on-board code makes its decisions again.
 
-A flight's log holds what the on-board code was told, in order and with its times, and what it decided. The same code
-fed with the same decides the same, to the bit; where it does not, the recording says where.
+A flight's log holds the inputs of the on-board code, in order and with their times, and its decisions. The same code
+with the same inputs decides the same, to the bit; a replay shows every decision that differs.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ _GROUND = (GROUND_SYSTEM, GROUND_COMPONENT)
 
 @dataclass(frozen=True)
 class Replayed:
-    """A decision made again, and whether it is the one that was made in flight."""
+    """A decision made again, and whether it is the same as the one made in flight."""
 
     decision: Decision
     same: bool
 
 
 def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[Replayed]:
-    """Return the decisions of a companion that is told what a flight's log says, (t_unix_s, frame) each.
+    """Yield the decisions of a new companion that is given the inputs in a flight's log.
 
-    What the log holds of the broadcast was believed in flight, so it is not asked for signatures again.
+    `records`: the log's (t_unix_s, frame). Its broadcast frames were accepted in flight and are not checked again.
     """
     companion = _told(config)
     writer = FrameWriter()
@@ -69,13 +69,13 @@ def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[R
         elif (offset_s := clock_offset_s(frame, t_s)) is not None:
             companion.note_clock(offset_s)
         elif t_s != decided_s and frame.message_id != STATUSTEXT_ID:
-            # Sent between two decisions: the last one was repeated, or withdrawn.
+            # A frame that was sent between two decisions: the last decision was repeated, or withdrawn.
             companion.repeat(t_s)
             decided_s = t_s
 
 
 def _told(config: Config, was: State = State.WAITING) -> Companion:
     agreed = config.broadcast is None or config.broadcast.clock == "checked"
-    # Whatever is in the log was in time by the settings of the flight.
+    # Every broadcast frame in the log was in time by the settings of the flight, so its age is not checked again.
     authenticator = Authenticator(Trust(max_age_s=math.inf, ahead_s=math.inf, clock_checked=agreed))
     return Companion(config, authenticator=authenticator, was=was)

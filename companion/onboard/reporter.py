@@ -1,4 +1,4 @@
-"""The vehicle's reports for the uplink: where it is and how far it has flown."""
+"""The vehicle's position reports for the uplink, with the distance flown."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from companion.protocol.codec import FrameWriter, ReportFrame
 
 
 class Reporter:
-    """Writes the reports of one agent when they are due."""
+    """Writes the position reports of one agent when they are due."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
@@ -18,7 +18,7 @@ class Reporter:
         self._writer: FrameWriter | None = None
 
     def due(self, telemetry: Telemetry, flown_m: float, now_s: float) -> list[bytes]:
-        """Return the report if one is due and the vehicle knows where it is."""
+        """Return the report as a frame if one is due and the position is not too old; otherwise an empty list."""
         config = self._config
         known = telemetry.position_at_s is not None and now_s - telemetry.position_at_s <= config.telemetry_timeout_s
         if config.report_period_s == 0.0 or now_s < self._next_s or not known:

@@ -1,9 +1,9 @@
 """Shell of `companion run`: sockets, the clock and the log files around the core.
 
-One autopilot link, which goes both ways, and the broadcast link, which is only ever heard (or the same link, where one
-radio carries both); an uplink for reports where there is one. Setpoints leave on a fixed grid of the monotonic clock;
-the time given to the core is Unix time as it was at the start, carried on by the monotonic clock, so that a step of the
-system clock in flight changes no age. Disks and the terminal are waited for on threads of their own.
+It opens the autopilot link, which goes both ways; the broadcast link, which is only ever received (or is the same link,
+where one radio carries both); and an uplink for reports, if configured. Setpoints are sent on a fixed grid of the
+monotonic clock. The core gets the Unix time of the start carried on by the monotonic clock, so that a step of the
+system clock in flight changes no age. Threads of their own wait for disks and the terminal.
 """
 
 from __future__ import annotations
@@ -45,23 +45,23 @@ LOGGER = program_logger("companion")
 
 
 async def run_companion(config: Config, stop: asyncio.Event) -> None:
-    """Steer until `stop` is set. Prints one line whenever what it does changes, and now and then how well it hears.
+    """Steer until `stop` is set; print a line when the decision changes, and regularly how well the broadcast is heard.
 
     Raises:
-        InputError: a link cannot be opened, a key or state file not used, or a log not written.
+        InputError: a link cannot be opened, a key or state file cannot be used, or a log cannot be written.
 
     """
     if config.autopilot is None or config.broadcast is None:
         raise InputError("companion: autopilot and broadcast links are needed")
     with ExitStack() as stack:
-        # Closed last, after all that still has something to say or to write.
+        # Opened first and so closed last, after everything that still has messages to print or bytes to write.
         stack.enter_context(messages_written_by("companion", _io_thread("words", stack).do))
         files = _io_thread("files", stack)
         vehicle = _prepare(config, config.autopilot, config.broadcast, files, stack)
         try:
             output, uplink = await _open_links(vehicle, config.autopilot, stack)
         except InputError:
-            # Whoever starts it again and again until a port is there shall not find a folder for each time.
+            # A program that is restarted again and again until a port is there must not leave a folder each time.
             vehicle.logs.remove()
             raise
         LOGGER.info(
@@ -77,13 +77,13 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
 
 @dataclass(frozen=True)
 class _Vehicle:
-    """What a flight needs beside its links."""
+    """Everything of a flight beside its links: core, logs, state files and the notifier to systemd."""
 
     config: Config
     flight: RecordedCompanion
     logs: LogFolder
     broadcast_link: Link | None
-    """None where one radio carries both."""
+    """Link of the broadcast; None where it comes over the autopilot's link."""
     authority_file: AuthorityStateFile
     authenticator_file: AuthenticatorStateFile
     notifier: Notifier
@@ -92,7 +92,7 @@ class _Vehicle:
 def _prepare(
     config: Config, autopilot: AutopilotSection, broadcast: BroadcastSection, files: IoThread, stack: ExitStack
 ) -> _Vehicle:
-    """Read keys and states and open the logs, which `stack` closes; raises InputError."""
+    """Read keys and state files, make the companion and open the logs, which `stack` closes; raises InputError."""
     link = None if broadcast.link == ONE_RADIO else parse_link(broadcast.link)
     trust, state = trust_of(broadcast), saved_authenticator_state(broadcast)
     authenticator = Authenticator(trust, state, is_stream=_is_stream(link))
@@ -122,7 +122,7 @@ def _prepare(
 async def _open_links(
     vehicle: _Vehicle, autopilot: AutopilotSection, stack: ExitStack
 ) -> tuple[AutopilotOutput, Sender | None]:
-    """Open the links, and return what leaves for the autopilot and the uplink; raises InputError."""
+    """Open the links; return the output to the autopilot and the uplink, if there is one. Raises InputError."""
     flight, logs, uplink = vehicle.flight, vehicle.logs, vehicle.config.uplink
     broadcast = BroadcastInput(flight, logs.broadcast, is_stream=_is_stream(vehicle.broadcast_link))
     if vehicle.broadcast_link is not None:
@@ -130,7 +130,7 @@ async def _open_links(
         stack.callback(receiver.close)
     offboard = None
     if autopilot.kind == "px4-copter" and autopilot.offboard == "mavsdk":
-        # Nothing comes from MAVSDK before the loop ticks; by then the link is there.
+        # MAVSDK sends nothing before the loop ticks; by then `output` is set.
         offboard = Offboard(lambda frame: output.transmit(frame), flight.note_stream_gap)
         stack.callback(offboard.close)
     shared = broadcast if vehicle.broadcast_link is None else None
@@ -145,7 +145,7 @@ async def _open_links(
 
 
 class SetpointLoop:
-    """The grid of slots on which a flight is decided and its setpoints leave."""
+    """The loop of a flight: in each slot of a fixed grid it decides, or repeats the last decision, and sends it."""
 
     def __init__(self, vehicle: _Vehicle, output: AutopilotOutput, uplink: Sender | None) -> None:
         self._vehicle = vehicle
@@ -153,7 +153,7 @@ class SetpointLoop:
         self._output = output
         self._reporter = DecisionReporter(vehicle.flight.companion, output, vehicle.logs, vehicle.notifier, uplink)
         self._handover_awaited = False
-        """Whether an armed vehicle may be handed over at any moment: then there is a decision in every slot."""
+        """Whether an armed vehicle may be handed over at any moment, so that a decision is made in every slot."""
 
     async def run(self, stop: asyncio.Event) -> None:
         """Decide and send on the grid until `stop` is set."""
@@ -166,7 +166,7 @@ class SetpointLoop:
         with _garbage_between_slots() as collect:
             while not stop.is_set():
                 if time.monotonic() - rate.due_s > period_s:
-                    # A person may have taken over meanwhile.
+                    # The loop is late; the safety pilot may have taken over meanwhile.
                     await drain_sockets()
                 # A decision falls into the slot nearest to when it is due.
                 decides = self._handover_awaited or rate.due_s >= decide_s - 0.5 * period_s
@@ -179,9 +179,9 @@ class SetpointLoop:
         LOGGER.info("%s", self._output.gaps.summary)
 
     def _slot(self, decides: bool) -> None:
-        """Do what one slot of the grid is for: decide, or repeat what was decided, and send it."""
+        """Decide, or repeat the last decision, and send the frames; then save and report the state."""
         flight = self._flight
-        # What waited for its check in a flood is heard of here where nothing else arrives.
+        # Frames that waited for their check in a flood are taken in here, as perhaps nothing else arrives.
         flight.hear_waiting()
         now_s = flight.clock.now_s()
         flight.note_clock(now_s)
@@ -203,7 +203,7 @@ class SetpointLoop:
         self._handover_awaited = decision.purpose is Purpose.IDLE and self._flight.companion.adapter.telemetry.armed
 
     def _clear(self) -> None:
-        """Give the vehicle back to the companion after a take-over, at a person's signal."""
+        """Clear a take-over at the safety pilot's signal (SIGUSR1), if the configuration allows that."""
         autopilot = self._vehicle.config.autopilot
         if autopilot is None or autopilot.clear != "signal":
             LOGGER.info("warning: SIGUSR1 ignored; it counts only with autopilot.clear: signal")
@@ -224,9 +224,9 @@ def _io_thread(name: str, stack: ExitStack) -> IoThread:
 
 @contextmanager
 def _garbage_between_slots() -> Iterator[Callable[[], object]]:
-    """Keep Python's search for garbage out of the loop but where it is called: between two slots.
+    """Turn Python's garbage collection off, and yield the function that runs it, to be called between two slots.
 
-    What is there when the loop begins (modules, tables) stays, and is not searched again.
+    Objects that exist when the loop begins (modules, tables) stay, and are not searched again.
     """
     gc.collect()
     gc.freeze()

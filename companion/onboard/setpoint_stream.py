@@ -1,4 +1,4 @@
-"""What goes to the autopilot: the heartbeat, and the setpoints that must not stop."""
+"""The frames for the autopilot: heartbeat, requests, and the stream of setpoints, which must not stop."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from companion.onboard.engagement import GridSetpoint
 
 
 class AutopilotStream:
-    """Puts together what is sent to one autopilot, and knows whether it has missed setpoints."""
+    """Makes the frames for one autopilot, and knows whether its stream of setpoints had a gap."""
 
     def __init__(self, adapter: Adapter) -> None:
         self._adapter = adapter
         self._next_heartbeat_s = -math.inf
         self._setpoint_at_s: float | None = None
-        """When a stream of setpoints last had one."""
+        """Time of the last setpoint to an autopilot that resumes on a stream; None before the first."""
 
     def ended(self, now_s: float) -> bool:
-        """Return whether the autopilot may have stopped obeying because setpoints did not come for a while."""
+        """Return whether an autopilot that wants a stream may have stopped obeying as no setpoint came for a while."""
         return (
             self._adapter.resumes_on_stream
             and self._setpoint_at_s is not None
@@ -31,10 +31,10 @@ class AutopilotStream:
         """Return the frames that are due now.
 
         Args:
-            requests: What is asked of the autopilot, as frames.
-            setpoint: The setpoint that stands.
-            hold: Whether to ask the autopilot to stay as it is where no setpoint stands.
-            now_s: This vehicle's clock.
+            requests: Frames that request parameters or messages of the autopilot.
+            setpoint: The setpoint in force, if any.
+            hold: Whether to stream setpoints that hold the vehicle where no setpoint is in force.
+            now_s: Time by this vehicle's clock.
 
         """
         datagrams = []

@@ -1,4 +1,4 @@
-"""What a companion leaves on disk for the one that is started after it: what it heard last, and who has the vehicle."""
+"""State files that a restarted companion reads: the last accepted frames, and who controls the vehicle."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from companion.runtime.io_thread import IoThread
 
 LOGGER = program_logger("companion")
 STATE_PERIOD_S = 1.0
-"""How often at most what was accepted last is written to disk."""
+"""Shortest time between two writes of the authenticator's state."""
 
 
 def saved_authenticator_state(section: BroadcastSection) -> AuthenticatorState | None:
-    """Return what the companion before this one accepted last; None if there was none, or it keeps no state.
+    """Return the authenticator's state that the companion before this one saved; None without a file or a saved state.
 
     Raises:
         InputError: the state file cannot be read or could not be written.
@@ -38,9 +38,10 @@ def saved_authenticator_state(section: BroadcastSection) -> AuthenticatorState |
 
 
 def saved_authority(section: AutopilotSection) -> tuple[State, str | None]:
-    """Return who had the vehicle when the companion before this one ended, by its state file, and a warning, if any.
+    """Return who controlled the vehicle when the companion before this one ended, by its state file, and a warning.
 
-    A file that does not tell is no reason not to start in flight: it counts as locked, which lets a person decide.
+    The warning is None unless the file is damaged. A damaged file counts as LOCKED and does not keep the companion from
+    starting in flight: the safety pilot then decides.
 
     Raises:
         InputError: the state file could not be written.
@@ -58,7 +59,7 @@ def saved_authority(section: AutopilotSection) -> tuple[State, str | None]:
 
 
 class AuthenticatorStateFile:
-    """Keeps what was accepted last on disk; a full disk is no reason to stop steering."""
+    """Saves the authenticator's state; an error of the disk is a warning, and the steering goes on."""
 
     def __init__(self, path: str | None, authenticator: Authenticator, files: IoThread) -> None:
         self._path = None if path is None else Path(path)
@@ -68,13 +69,13 @@ class AuthenticatorStateFile:
         self._next_s = 0.0
 
     def write_if_due(self, now_s: float) -> None:
-        """Write what is new, unless it was written a moment ago."""
+        """Save the state if it changed, unless it was saved less than STATE_PERIOD_S ago."""
         if now_s >= self._next_s:
             self._next_s = now_s + STATE_PERIOD_S
             self.write()
 
     def write(self) -> None:
-        """Write what is new."""
+        """Save the state if it changed."""
         state = self._authenticator.state
         if self._path is not None and state != self._written:
             _write_in_background(self._path, state.to_json(), self._files)
@@ -82,16 +83,16 @@ class AuthenticatorStateFile:
 
 
 class AuthorityStateFile:
-    """Keeps on disk who has the vehicle."""
+    """Saves who controls the vehicle; an error of the disk is a warning, and the steering goes on."""
 
     def __init__(self, path: str | None, before: State, files: IoThread) -> None:
-        """Keep it at a path, or nowhere; `before` is what the file says already."""
+        """Save the state at a path, or nowhere if that is None; `before` is the state in the file already."""
         self._path = None if path is None else Path(path)
         self._written = before
         self._files = files
 
     def write(self, state: State) -> None:
-        """Write it if it changed."""
+        """Save the state if it changed."""
         if state is not self._written and self._path is not None:
             _write_in_background(self._path, json.dumps({"engagement": state.value}), self._files)
         self._written = state

@@ -1,7 +1,7 @@
-"""What the companion says of itself on the autopilot link, in the messages that ground-control programs show.
+"""Status messages of the companion on the autopilot link, in the form that ground-control programs show.
 
-Text when the line changes, and a set of named values every few seconds. The autopilot sends them on by its own radio,
-so there is a limit on their rate, and nothing at all where the vehicle shall be silent.
+These are a text when the line changes, and a set of named values every few seconds. The autopilot forwards them by its
+own radio, so their rate is limited, and none are sent where the vehicle must keep radio silence.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
 
 TEXT_PERIOD_S = 2.0
-"""At most one text in this time; of several lines meanwhile the newest is said."""
+"""Shortest time between two texts; of several lines that come meanwhile the newest is sent."""
 MOST_CHUNKS = 4
-"""A line longer than this many texts of 50 bytes is cut."""
+"""Most STATUSTEXT messages of CHUNK_BYTES that one line takes; a longer line is cut."""
 CHUNK_BYTES = 50
+"""Length of the text field of STATUSTEXT."""
 SEVERITIES = {
     Stage.FRESH: common.MAV_SEVERITY_INFO,
     Stage.COASTING: common.MAV_SEVERITY_NOTICE,
@@ -26,16 +27,16 @@ SEVERITIES = {
     Stage.RETURNING: common.MAV_SEVERITY_WARNING,
 }
 UNCERTIFIED_SEVERITY = common.MAV_SEVERITY_CRITICAL
-"""Of a decision for which the guard had no certified back-up."""
+"""Severity of a decision for which the guard had no certified back-up, whatever the stage."""
 _UINT32 = 2**32
 _ID_MAX = 65_535
 
 
 class StatusReporter:
-    """Decides what is to be said and when; packs it. Times are given by the caller."""
+    """Decides which status messages are sent and when, and packs them; the caller gives the times."""
 
     def __init__(self, period_s: float, quiet: bool) -> None:
-        """Tell the values every `period_s` seconds; nothing at all if `quiet`."""
+        """Send the named values every `period_s` seconds, and a text when it changes; nothing at all if `quiet`."""
         self._period_s = period_s
         self._quiet = quiet
         self._mav = common.MAVLink(None, srcComponent=COMPANION_COMPONENT)
@@ -46,12 +47,12 @@ class StatusReporter:
         self._text_id = 0
 
     def note(self, decision: Decision, line: str) -> None:
-        """Note a decision and the line that tells of it."""
+        """Note the severity of a decision and the line that describes it."""
         self._line = line
         self._severity = UNCERTIFIED_SEVERITY if decision.uncertified else SEVERITIES[decision.stage]
 
     def text(self, now_s: float, system_id: int | None) -> list[bytes]:
-        """Return the newest line as STATUSTEXT frames if it is new and its time has come."""
+        """Return the newest line as STATUSTEXT frames if it changed and the last text was TEXT_PERIOD_S ago."""
         waits = now_s - self._text_s < TEXT_PERIOD_S
         if self._quiet or system_id is None or waits or self._line == self._said:
             return []
@@ -60,9 +61,9 @@ class StatusReporter:
         return [self._pack(message) for message in self._texts(self._line.encode(errors="replace"))]
 
     def values(self, now_s: float, system_id: int | None, decision: Decision, gap_s: float) -> list[bytes]:
-        """Return the named values; `gap_s` is the longest time between two setpoints since the last call's.
+        """Return the named values as frames if they are due (`values_due`), else an empty list.
 
-        Nothing is returned before their time has come: see `values_due`.
+        `gap_s`: the longest gap between two setpoints since the named values were last sent.
         """
         if system_id is None or not self.values_due(now_s):
             return []
@@ -87,14 +88,14 @@ class StatusReporter:
         return [self._pack(message) for message in messages]
 
     def values_due(self, now_s: float) -> bool:
-        """Return whether the named values are to be told now."""
+        """Return whether it is time to send the named values."""
         return not self._quiet and now_s - self._values_s >= self._period_s
 
     def _texts(self, text: bytes) -> list[common.MAVLink_statustext_message]:
         if len(text) <= CHUNK_BYTES:
             return [common.MAVLink_statustext_message(self._severity, text)]
         self._text_id = self._text_id % _ID_MAX + 1
-        # A text that is no longer than its chunk ends the line, so the last one is left a byte short.
+        # A chunk that is not full ends the line (STATUSTEXT), so the last chunk must be at least one byte short.
         text = text[: MOST_CHUNKS * CHUNK_BYTES - 1]
         chunks = [text[start : start + CHUNK_BYTES] for start in range(0, len(text), CHUNK_BYTES)]
         if len(chunks[-1]) == CHUNK_BYTES:

@@ -1,4 +1,4 @@
-"""From the goal to the setpoint: law, right of way, turn limit, guard."""
+"""The stages of one tick from the goal to the setpoint: law, right of way, turn limit, guard."""
 
 from __future__ import annotations
 
@@ -30,34 +30,37 @@ from companion.onboard.law_settings import law_settings
 from companion.onboard.limits import within
 
 STANDING_WITHIN_M = 1.0
-"""A vehicle that can stop stands still within this distance of its loiter place."""
+"""Distance from its loiter place within which a vehicle that can stop stands still."""
 
 
 @dataclass(frozen=True)
 class Steering:
-    """What steers a vehicle within its limits. Guard and law remember; all else is made anew when the limits change."""
+    """Law, right of way and guard of one vehicle, made for its limits.
+
+    Guard and law have a state of their own; when the limits change, a new Steering is made (`adapted`).
+    """
 
     config: Config
-    """With limits within what the vehicle can do."""
+    """The configuration, with limits that the vehicle can keep."""
     can_stop: bool
     """Whether the vehicle can stand still in the air."""
     guard: Guard
     law: SteeringLaw
     own_law: bool
-    """Whether the law is the caller's, which stays the same whatever the limits."""
+    """Whether the caller gave the law, which then stays when the limits change."""
     rules: Rules | None
-    """Of the right of way; None for a law that flies without it."""
+    """Rules of the right of way; None for a law that flies without it."""
     interaction_m: float
-    """Within this distance another vehicle matters to the right of way."""
+    """Distance within which another vehicle matters to the right of way."""
     loiter: LoiterGeometry
     abilities: Abilities | None = None
-    """What of the vehicle the limits are within; None before that is known."""
+    """Abilities that the limits were adapted to; None while they are not known."""
     unable: str | None = None
-    """Why these abilities are not enough to be steered; the limits are then those of before."""
+    """Why these abilities are not enough to be steered, while the limits stay as before; None if they are enough."""
 
 
 class Moment(NamedTuple):
-    """What the stages of one tick's steering share."""
+    """The situation of one tick, which all stages of the steering share."""
 
     motion: Motion
     view: View
@@ -66,27 +69,29 @@ class Moment(NamedTuple):
 
 
 class Steered(NamedTuple):
-    """What one tick's goal came to."""
+    """The result of one tick's steering."""
 
     purpose: Purpose
-    """The goal's, or to loiter where the law can do no better."""
+    """Purpose of the goal, or LOITER if the law cannot bring the vehicle nearer to the goal's place."""
     reason: str
     demand: SteeringDemand
     stay: str | None
-    """Why the law could do no better than to loiter."""
+    """Why the law loiters instead of going to the goal's place; None if it does not."""
     note: str | None
-    """What else the law says of the goal."""
+    """Remark of the law on its demand, if any."""
     loiter_place_ned_m: tuple[float, float] | None
-    """None unless it loiters."""
+    """Where the vehicle loiters; None for any other purpose."""
     wanted_heading_rad: float
-    """Before the right of way."""
+    """Heading that the law wants, before the right of way."""
     gave_way: str | None
+    """Why the right of way changed heading or speed; None if it did not."""
     turn_limited: bool
     verdict: Verdict
+    """The guard's verdict, with the setpoint that may be sent."""
 
 
 class _Intent(NamedTuple):
-    """What the law wants for a goal, and the speed that goes with it."""
+    """The law's demand for a goal, with the speed to fly at; the fields are as in Steered."""
 
     purpose: Purpose
     reason: str
@@ -98,10 +103,10 @@ class _Intent(NamedTuple):
 
 
 def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) -> Steering:
-    """Return what steers by a configuration's limits; without a law of the caller's the configured one.
+    """Return the steering by a configuration's limits, with the configured law unless the caller gives one.
 
     Raises:
-        ValueError: nothing can hold these limits.
+        ValueError: the guard cannot hold these limits.
 
     """
     limits = config.limits
@@ -122,7 +127,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
 
 
 def adapted(steering: Steering, configured: LimitsSection, abilities: Abilities) -> Steering:
-    """Return what steers a vehicle of these abilities; where nothing can, what it was and why it does not serve."""
+    """Return the steering for a vehicle of these abilities; if they are not enough, the old one with the reason."""
     if abilities == steering.abilities:
         return steering
     limits = within(configured, abilities)
@@ -139,12 +144,12 @@ def adapted(steering: Steering, configured: LimitsSection, abilities: Abilities)
 
 
 def outgrown(steering: Steering, configured: LimitsSection, abilities: Abilities) -> bool:
-    """Return whether a vehicle of these abilities has other limits than it is steered by."""
+    """Return whether the vehicle's abilities now give other limits than those that it is steered by."""
     return abilities != steering.abilities and within(configured, abilities) != steering.config.limits
 
 
 def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) -> Steered:
-    """Return the setpoint that a goal comes to, and why; `before` holds what the last tick latched."""
+    """Pass the stages from the goal to the guarded setpoint; `before` holds the latches of the last tick."""
     motion, limits, dt_s = moment.motion, steering.config.limits, steering.config.guidance_step_s
     crowded = _is_crowded(motion, moment.view, steering.interaction_m)
     intent = _intent(steering, goal, moment, before.loiter_place_ned_m, crowded)
@@ -156,7 +161,7 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     faster_m_s = max(motion.speed_m_s, speed_m_s)
     from_rad = motion.heading_rad
     if at_effect_rad is not None:
-        # By the time this decision begins to act, the last one has had its reaction time.
+        # When this decision begins to act, the vehicle has turned by the last setpoint for the reaction time.
         from_rad = limit_turn(from_rad, at_effect_rad, faster_m_s, limits.n_max, limits.reaction_s)[0]
     heading_rad, limited = limit_turn(from_rad, steered_rad, faster_m_s, limits.n_max, dt_s)
     setpoint = Setpoint(heading_rad, speed_m_s, steering.config.height_m)
@@ -177,7 +182,10 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
 def _intent(
     steering: Steering, goal: Goal, moment: Moment, place_ned_m: tuple[float, float] | None, crowded: bool
 ) -> _Intent:
-    """Ask the law for the goal; where it can do no better than to loiter, to loiter at a place, old or new."""
+    """Return the law's demand for the goal; if the law stays, its demand for loitering.
+
+    `place_ned_m`: where the vehicle has loitered up to now, if it has; otherwise a loiter place is chosen.
+    """
     purpose, reason = goal.purpose, goal.reason
     if goal.place_ned_m is None:
         place_ned_m = _place_to_loiter(steering, moment, place_ned_m)
@@ -196,7 +204,7 @@ def _intent(
 def _place_to_loiter(
     steering: Steering, moment: Moment, place_ned_m: tuple[float, float] | None
 ) -> tuple[float, float]:
-    """Return where it loiters already, or else a place that keeps its distance from those that go before it."""
+    """Return the present loiter place, or a new one that keeps its distance from those of vehicles that go first."""
     if place_ned_m is not None:
         return place_ned_m
     return loiter_place(moment.motion.position_ned_m, moment.view.loitering_ned_m, steering.loiter.spacing_m)
@@ -205,7 +213,7 @@ def _place_to_loiter(
 def _go(
     steering: Steering, place_ned_m: tuple[float, float], purpose: Purpose, moment: Moment, crowded: bool
 ) -> tuple[SteeringDemand, float]:
-    """Return what the law wants of a vehicle that is to go to a place, and the speed it shall have, m/s."""
+    """Return the law's demand for going to a place, and the speed to fly at in m/s."""
     pull = attraction(moment.motion.position_ned_m, place_ned_m)
     task = Task(
         place_ned_m=place_ned_m,
@@ -222,7 +230,7 @@ def _go(
 def _loiter(
     steering: Steering, place_ned_m: tuple[float, float], moment: Moment, crowded: bool
 ) -> tuple[SteeringDemand, float]:
-    """Return what the law wants of a vehicle that loiters at a place, and the speed it shall have, m/s."""
+    """Return the law's demand for loitering at a place, and the speed to fly at in m/s."""
     here_ned_m = moment.motion.position_ned_m
     speed_m_s = steering.config.limits.speed_m_s
     if steering.can_stop:
@@ -243,7 +251,7 @@ def _loiter(
 
 
 def _wanted(steering: Steering, intent: _Intent, motion: Motion) -> tuple[float, float]:
-    """Return the heading and the speed, rad and m/s, that a law's demand amounts to."""
+    """Return the heading (rad) and speed (m/s) that follow from the law's demand."""
     pull, speed_m_s = intent.demand.pull, intent.speed_m_s
     strength_m = pull.strength_m
     stands = steering.can_stop and speed_m_s == 0.0 and strength_m <= STANDING_WITHIN_M
@@ -257,7 +265,7 @@ def _wanted(steering: Steering, intent: _Intent, motion: Motion) -> tuple[float,
 def _right_of_way(
     steering: Steering, wanted_rad: float, speed_m_s: float, moment: Moment, at_effect_rad: float | None
 ) -> tuple[float, float, str | None]:
-    """Return the heading, the speed and what the right of way changed, if it did."""
+    """Return heading (rad) and speed (m/s) by the right of way, and why it changed them, or None."""
     if steering.rules is None:
         return wanted_rad, speed_m_s, None
     given = give_way(

@@ -1,4 +1,4 @@
-"""Who is near by the vehicle's own detector, and where by now on the plane of the picture."""
+"""The traffic that the vehicle's own detector shows, with positions carried on to now, on the picture's plane."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from companion.guidance.view import Traffic
 from companion.onboard.config import Config
 
 OWN_TRANSPONDER_S = 3.0
-"""What calls itself as this vehicle does and is nearer than it flies in this time is its own transponder."""
+"""Time of flight within which a neighbour with this vehicle's callsign is taken for its own transponder."""
 
 
 class Detected(NamedTuple):
-    """What the detector sees at one tick."""
+    """The traffic of one tick."""
 
     traffic: tuple[Traffic, ...] = ()
     duplicate_agent_id: bool = False
-    """Whether another vehicle calls itself by this vehicle's agent id."""
+    """Whether another vehicle uses this vehicle's agent id in its callsign."""
 
 
 def detected(
@@ -32,15 +32,15 @@ def detected(
     config: Config,
     now_s: float,
 ) -> Detected:
-    """Return who is within the detector's range and not at another height.
+    """Return the neighbours within `detector_range_m`, without those that `vertical_separation_m` keeps apart.
 
     Args:
-        neighbours: What the detector has seen, however long ago.
-        plane: The plane of the picture.
-        motion: The vehicle's own.
-        altitude_m: The vehicle's own, above sea level.
-        config: With limits within what the vehicle can do.
-        now_s: This vehicle's clock.
+        neighbours: All that the detector has reported, however long ago.
+        plane: The picture's plane.
+        motion: Motion of this vehicle on that plane.
+        altitude_m: Altitude of this vehicle above sea level.
+        config: The configuration, with limits that the vehicle can keep.
+        now_s: Time by this vehicle's clock.
 
     """
     traffic: list[Traffic] = []

@@ -1,4 +1,4 @@
-"""Whom a vehicle's configuration believes, with the keys read from their files."""
+"""The authenticator's trust settings, made from a vehicle's configuration and its key files."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from companion.protocol.keys import load_mavlink_key, load_public
 
 
 def trust_of(section: BroadcastSection) -> Trust:
-    """Return whom a configuration believes.
+    """Return the trust settings of a configuration, with the keys read from their files.
 
     Raises:
-        InputError: a key file is missing, no key, or readable by others.
+        InputError: a key file is missing, is not a key, or can be read by other users.
 
     """
     return Trust(

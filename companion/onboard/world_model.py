@@ -1,7 +1,7 @@
-"""What the vehicle believes: the newest of each thing heard, with ages.
+"""The picture of fleet, targets and threats on board: the newest entry heard of each, with its age.
 
-State frames are self-contained, idempotent and newest-wins. A thing is forgotten only when a broadcast that was heard
-whole no longer holds it; a threat not heard of again is never dropped, its disc only grows.
+State frames are self-contained and idempotent, and the newest wins. An entry is forgotten only when it is missing in a
+broadcast of which every frame was heard; a threat that is merely not heard of again stays, and its disc only grows.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ from companion.protocol.freshness import SenderClock
 
 @dataclass(frozen=True)
 class _MissionTold:
-    """What mission frames told, of any epoch."""
+    """The mission that the last mission frame named."""
 
     digest: bytes | None = None
-    """Of the last mission frame."""
+    """Digest of the mission; None before any mission frame."""
     epochs: frozenset[int] = frozenset()
-    """Epochs that told this digest: what was heard in them, and in no others, is of that mission."""
+    """Epochs whose mission frames named this digest: only what was heard in them is of this mission."""
     threats: int = 0
-    """How many threats that mission has, 0 once a state frame told of what may be another."""
+    """Number of the mission's threats; 0 once a state frame came in an epoch that may be of another mission."""
 
 
 class WorldModel:
-    """Merges frames for one agent; all times are this vehicle's clock in seconds, given by the caller."""
+    """Merges the broadcast's frames for one agent; the caller gives all times, in seconds by this vehicle's clock."""
 
     def __init__(self, agent_id: int, peer_memory_s: float = 30.0, *, clocks_agree: bool = True) -> None:
-        """`clocks_agree`: the sender's clock shows the same time as this vehicle's."""
+        """Begin without a picture; `clocks_agree`: the sender's clock shows the same time as this vehicle's."""
         self.agent_id = agent_id
         self.peer_memory_s = peer_memory_s
-        """A peer heard of longer ago than this is somewhere else by now and is left out."""
+        """Age above which a peer's position is left out of views: it is somewhere else by now."""
         self.origin_deg: tuple[float, float] | None = None
         self.directive = Directive.NORMAL
         self.order = FrameOrder()
@@ -65,19 +65,19 @@ class WorldModel:
         self._assembly = FleetAssembly()
         self._mission = _MissionTold()
         self._tables: tuple[ThreatTable, PeerTable] | None = None
-        """Of the beliefs, until they change."""
+        """Tables of the entries heard, kept until an entry changes."""
 
     @property
     def target_id(self) -> int | None:
-        """The target that the vehicle was sent to."""
+        """Id of the target that is assigned to the vehicle; None if there is none."""
         return self._beliefs.target_of(self.agent_id)
 
     def age_s(self, now_s: float) -> float | None:
-        """Return the age of the newest state heard, None if none ever was."""
+        """Return the age of the newest state or fleet frame that was merged; None before the first."""
         return None if self._state_true_at_s is None else max(0.0, now_s - self._state_true_at_s)
 
     def take(self, frame: Frame, now_s: float) -> bool:
-        """Merge a frame received at `now_s`; return whether it was one of a broadcast's, and new."""
+        """Merge a frame received at `now_s`; return whether it was new and of a kind that the broadcast consists of."""
         if isinstance(frame, StateFrame):
             return self.take_state(frame, now_s)
         if isinstance(frame, FleetFrame):
@@ -109,8 +109,8 @@ class WorldModel:
     def take_fleet(self, frame: FleetFrame, now_s: float) -> bool:
         """Merge a fleet frame received at `now_s`; return whether it was new.
 
-        A threat is believed once its radii are known as well. Until the epoch's origin is known only the directive is
-        obeyed and the frame waits: what was believed of an epoch before stands.
+        A threat enters the picture once its radii are known as well. Until the epoch's origin is known, only the
+        frame's directive counts and the frame waits; the picture of the epoch before stays in force.
         """
         if not self._follow(self.order.take_part(frame.stamp, now_s)):
             return False
@@ -132,7 +132,7 @@ class WorldModel:
         return True
 
     def take_mission(self, frame: MissionFrame, now_s: float) -> bool:
-        """Take what holds for this epoch; return whether the frame was of the newest epoch."""
+        """Take the origin and the mission that hold for an epoch; return whether it was the newest epoch."""
         if not self._follow(self.order.take_constant(frame.stamp, now_s)):
             return False
         self._take_origin((frame.origin_lat_deg, frame.origin_lon_deg))
@@ -145,7 +145,7 @@ class WorldModel:
         return True
 
     def take_motion(self, frame: MotionFrame) -> bool:
-        """Merge a motion frame; return whether it belonged to the broadcasts of this epoch and was not overtaken."""
+        """Merge a motion frame; return whether it was of this epoch and not older than the last one."""
         if not self.order.take_motion(frame.stamp):
             return False
         self._beliefs.take_motion(frame)
@@ -153,9 +153,9 @@ class WorldModel:
         return True
 
     def take_bands(self, frame: BandsFrame) -> bool:
-        """Merge the heights that threats reach; return whether the frame belonged to this epoch and was not overtaken.
+        """Merge threats' floors and ceilings; return whether the frame was of this epoch and not older than the last.
 
-        A threat keeps its band until a newer frame names it anew, or it leaves the picture.
+        A threat keeps its band until a newer frame gives it another, or the threat leaves the picture.
         """
         if not self.order.take_bands(frame.stamp):
             return False
@@ -164,10 +164,10 @@ class WorldModel:
         return True
 
     def view(self, now_s: float, band_m: tuple[float, float] | None = None) -> View:
-        """Return the picture as it must be believed at `now_s`.
+        """Return the picture at `now_s`, with discs grown and peers moved on by their age.
 
-        With a band, least and greatest height above sea level that the vehicle may be at, threats known to reach no
-        height of it are left out; one whose floor and ceiling were never heard of is not.
+        `band_m`: least and greatest altitude above sea level that the vehicle may be at. Threats that are known to
+        reach no altitude of it are left out; a threat whose floor and ceiling were never heard is not.
         """
         if self._tables is None:
             self._tables = (threat_table(self._beliefs), peer_table(self._beliefs, self.agent_id))
@@ -177,12 +177,12 @@ class WorldModel:
         return view_of(threats, peers, self._assigned(), self.peer_memory_s, now_s)
 
     def with_traffic(self, view: View, seen: Sequence[Traffic]) -> View:
-        """Return the view with what the vehicle's own detector sees."""
+        """Return the view with the traffic that the vehicle's own detector shows."""
         return with_traffic(view, seen, self._beliefs, self.agent_id)
 
     def _assigned(self) -> tuple[TargetEntry, Heard] | None:
-        """Return the target that the vehicle is to go to, if it was sent to one that is known."""
-        # Who does not know of all threats yet cannot go past them: it has nowhere to go.
+        """Return the assigned target; None if there is none, its place was not heard or a threat is still unknown."""
+        # A vehicle that does not know all threats yet cannot keep clear of them, so it goes nowhere.
         known = sum(heard.broadcast[0] in self._mission.epochs for _, heard in self._beliefs.threats.values())
         target_id = self.target_id
         if target_id is None or known < self._mission.threats:
@@ -190,7 +190,7 @@ class WorldModel:
         return self._beliefs.targets.get(target_id)
 
     def _follow(self, acceptance: Acceptance) -> bool:
-        """Return whether a frame is new; where it begins an epoch, what was told of the last one is over."""
+        """Return whether a frame is new; if it begins an epoch, drop bands, radii and places of the last one."""
         if acceptance is Acceptance.ANEW:
             self._beliefs.bands.clear()
             self._assembly = FleetAssembly()
@@ -205,7 +205,7 @@ class WorldModel:
             self.origin_deg = origin_deg
 
     def _merge(self, frame: StateFrame | FleetFrame, received_s: float) -> Heard:
-        """Take what state and fleet frames tell alike; return when it was true."""
+        """Take agents and targets of a state or fleet frame; return when they were true."""
         true_at_s = self._sender_clock.true_at_s(frame.stamp, received_s)
         heard = Heard(true_at_s, (frame.stamp.epoch_s, frame.stamp.sequence))
         self._state_true_at_s = true_at_s
@@ -224,7 +224,7 @@ class WorldModel:
             self._forget_absent()
 
     def _join(self, identity: int) -> None:
-        """Believe in a threat whose place and radii are both known."""
+        """Put a threat into the picture if its place and radii are both known."""
         joined = self._assembly.joined(identity)
         if joined is None:
             return
@@ -233,18 +233,18 @@ class WorldModel:
             self._beliefs.bands[identity] = joined.band
 
     def _forget_absent(self) -> None:
-        """Forget what the newest broadcast, heard whole, no longer holds."""
+        """Forget what is not in the newest broadcast, of which every frame was heard."""
         newest = (self.order.epoch_s, self.order.sequence)
 
         def is_absent(heard: Heard) -> bool:
             return heard.broadcast != newest
 
         self._assembly.forget_placed(is_absent)
-        # A threat whose new radii are still to come is believed where and as large as it was before.
+        # A threat whose new radii are still to come stays as it was before.
         self._beliefs.forget(is_absent, kept_threats=self._assembly.placed)
 
     def _forget_epochs(self, epochs: frozenset[int]) -> None:
-        """Forget what was heard in some epochs."""
+        """Forget everything that was heard in the given epochs."""
 
         def is_gone(heard: Heard) -> bool:
             return heard.broadcast[0] in epochs

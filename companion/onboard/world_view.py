@@ -1,4 +1,4 @@
-"""From what is believed to what a guidance law sees: pure functions of tables and time."""
+"""The view of the picture that a guidance law gets, made by pure functions of tables and time."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from companion.protocol.codec import BandEntry, TargetEntry
 
 @dataclass(frozen=True)
 class ThreatTable:
-    """The threats as last heard, by rising id."""
+    """The M threats as last heard, in order of their ids."""
 
     centres_ned_m: np.ndarray  # (M, 2) m
     detection_m: np.ndarray  # (M,) m
     attack_m: np.ndarray  # (M,) m
-    speed_m_s: np.ndarray  # (M,) m/s, bounds
-    velocity_m_s: np.ndarray  # (M, 2) m/s
-    true_at_s: np.ndarray  # (M,) s
+    speed_m_s: np.ndarray  # (M,) m/s, bounds on the speeds
+    velocity_m_s: np.ndarray  # (M, 2) m/s, zero where not heard
+    true_at_s: np.ndarray  # (M,) s, when the entry was true
     ids: np.ndarray  # (M,) int
-    floor_m: np.ndarray  # (M,) m above sea level, -inf: none heard of
-    ceiling_m: np.ndarray  # (M,) m above sea level, inf: none heard of
+    floor_m: np.ndarray  # (M,) m above sea level, -inf where none was heard
+    ceiling_m: np.ndarray  # (M,) m above sea level, inf where none was heard
 
 
 @dataclass(frozen=True)
 class PeerTable:
-    """The other agents as last heard, by rising id; those whose place was not broadcast are not in it."""
+    """The P other agents whose positions were broadcast, as last heard, in order of their ids."""
 
     ids: np.ndarray  # (P,) int
-    traffic_ned_m: np.ndarray  # (P, 2) m
-    velocity_m_s: np.ndarray  # (P, 2) m/s
-    true_at_s: np.ndarray  # (P,) s
-    loiters_first: np.ndarray  # (P,) bool
+    traffic_ned_m: np.ndarray  # (P, 2) m, positions as broadcast
+    velocity_m_s: np.ndarray  # (P, 2) m/s, zero where not heard
+    true_at_s: np.ndarray  # (P,) s, when the entry was true
+    loiters_first: np.ndarray  # (P,) bool, see Beliefs.loiters_first
 
 
 def threat_table(beliefs: Beliefs) -> ThreatTable:
-    """Return the threats that are believed in."""
+    """Return the table of all threats in the picture."""
     entries = [beliefs.threats[identity] for identity in sorted(beliefs.threats)]
     velocities = [beliefs.threat_velocities_m_s.get(threat.id, (0.0, 0.0)) for threat, _ in entries]
     bands = [beliefs.bands.get(threat.id) for threat, _ in entries]
@@ -58,7 +58,7 @@ def threat_table(beliefs: Beliefs) -> ThreatTable:
 
 
 def peer_table(beliefs: Beliefs, agent_id: int) -> PeerTable:
-    """Return the agents that are known of besides one's own."""
+    """Return the table of all agents in the picture but `agent_id`, the vehicle's own."""
     others = sorted(beliefs.agents.keys() - {agent_id})
     ids = [identity for identity in others if beliefs.agents[identity][0].position_ned_m is not None]
     entries = [beliefs.agents[identity] for identity in ids]
@@ -79,14 +79,14 @@ def view_of(
     peer_memory_s: float,
     now_s: float,
 ) -> View:
-    """Return what must be believed at a time.
+    """Return the view at a time: discs grown by their age times the speed bound, peers carried on by their velocity.
 
     Args:
-        threats: Those that matter to the vehicle.
+        threats: The threats that reach the vehicle's height.
         peers: The other agents.
-        assigned: The target that the vehicle is to go to, if it has one.
-        peer_memory_s: A peer heard of longer ago than this is left out.
-        now_s: This vehicle's clock.
+        assigned: The target assigned to the vehicle, if any.
+        peer_memory_s: Age above which a peer is left out.
+        now_s: Time by this vehicle's clock.
 
     """
     threat_age_s = np.maximum(0.0, now_s - threats.true_at_s)
@@ -111,9 +111,9 @@ def view_of(
 
 
 def with_traffic(view: View, seen: Sequence[Traffic], beliefs: Beliefs, agent_id: int) -> View:
-    """Return a view with what the vehicle's own detector sees as well.
+    """Return a view with the traffic that the vehicle's own detector shows.
 
-    A peer that is seen needs no word of the broadcast's about where it is.
+    A peer that is detected takes its position from the detector, not from the broadcast.
     """
     if not seen:
         return view
@@ -140,7 +140,7 @@ def with_traffic(view: View, seen: Sequence[Traffic], beliefs: Beliefs, agent_id
 
 
 def reaching(threats: ThreatTable, low_m: float, high_m: float) -> ThreatTable:
-    """Return the threats that may reach a height between two above sea level: all that are not known not to."""
+    """Return the threats that may reach an altitude between two above sea level; an unknown band reaches all."""
     kept = ~((threats.ceiling_m < low_m) | (threats.floor_m > high_m))
     if kept.all():
         return threats

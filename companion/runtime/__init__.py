@@ -1,1 +1,1 @@
-"""What the programs' shells share: clock, loop rate, a thread for input and output, systemd."""
+"""Services that all programs share: the clock, the loop rate, the console, a thread for slow writes, and systemd."""

@@ -1,4 +1,4 @@
-"""What the shells of all three programs share: a clock that never steps, waiting, and running until a signal."""
+"""A clock that never steps, waiting in the event loop, and running a program until a signal ends it."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ Result = TypeVar("Result")
 
 _MICROSECONDS = 1e6
 BACKLOG_DATAGRAMS = 256
-"""Several seconds of an autopilot's telemetry: what a program that hung finds waiting."""
+"""Datagrams read at most from each socket after a hang of the program: several seconds of an autopilot's telemetry."""
 
 
 def logged_s(t_unix_s: float) -> float:
-    """Return a time as a log gives it back: who acts on it acts the same again in a replay."""
+    """Return a time rounded to the microsecond, as a log stores it: a replay then computes with the flight's times."""
     return round(t_unix_s * _MICROSECONDS) / _MICROSECONDS
 
 
 class SteadyClock:
-    """Unix time that never steps, in whole microseconds: as logs hold it, so that a replay has the very same times."""
+    """A clock of Unix time that never steps, in whole microseconds (see `logged_s`)."""
 
     def __init__(self) -> None:
         self._offset_s = time.time() - time.monotonic()
 
     def now_s(self) -> float:
-        """Return seconds since 1970 by the system clock at the start plus what the monotonic clock has counted."""
+        """Return seconds since 1970: the system clock at the start, carried on by the monotonic clock."""
         return logged_s(self._offset_s + time.monotonic())
 
 
 async def drain_sockets() -> None:
-    """Let every socket hand over what came while the program hung, before anything is decided on what is older."""
+    """Let every socket deliver the datagrams that came while the program hung, so that the next decision has them."""
     for _ in range(BACKLOG_DATAGRAMS):
         # A socket hands over one datagram in a round of the loop.
         await asyncio.sleep(0.0)
@@ -43,12 +43,12 @@ async def wait(stop: asyncio.Event, wait_s: float) -> None:
     try:
         await asyncio.wait_for(stop.wait(), max(wait_s, 0.0))
     except TimeoutError:
-        # Late or not, the sockets get their turn.
+        # With no time left wait_for returns at once; a loop that is always late must still let the sockets be read.
         await asyncio.sleep(0.0)
 
 
 def run_until_signal(program: Callable[[asyncio.Event], Coroutine[None, None, Result]]) -> Result:
-    """Run a program that ends when its event is set, set it on SIGINT or SIGTERM, and return what it returns."""
+    """Run a program until it ends; SIGINT and SIGTERM set its stop event. Return the program's result."""
 
     async def run() -> Result:
         stop = asyncio.Event()

@@ -1,4 +1,4 @@
-"""How the programs' messages reach the terminal: one logger per program, one line per message, nothing else in it."""
+"""The programs' messages on the terminal: one logger per program, and one line `program: text` per message."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ Job = Callable[[], None]
 class ConsoleHandler(logging.Handler):
     """Writes information to standard output, warnings and errors to standard error, as `program: message`.
 
-    What a terminal or pipe raises is raised where the message is given: a reader that has gone away ends a program.
+    An error of the terminal or pipe is raised by the call that logs the message, unless `do` writes on another thread:
+    a program whose reader has gone away ends.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.do: Callable[[Job], object] = _do_at_once
-        """Does the writing of each message."""
+        """Callable that is given the writing of each message as a job, to run it now or on another thread."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one message."""
+        """Write a message as one line."""
         warning = "warning: " if record.levelno == logging.WARNING else ""
         line, is_error = f"{record.name}: {warning}{record.getMessage()}", record.levelno >= logging.WARNING
         self.do(lambda: click.echo(line, err=is_error))
@@ -35,7 +36,7 @@ def program_logger(program: str) -> logging.Logger:
     if not logger.handlers:
         logger.addHandler(ConsoleHandler())
         logger.setLevel(logging.INFO)
-        # Whatever a library does with the root logger, a message is told once.
+        # Each message is printed once, whatever handlers a library gives to the root logger.
         logger.propagate = False
     return logger
 
@@ -44,7 +45,7 @@ def program_logger(program: str) -> logging.Logger:
 def messages_written_by(program: str, do: Callable[[Job], object]) -> Iterator[None]:
     """Have another thread write a program's messages until the context ends: its loop never waits for the terminal.
 
-    `do` is given the writing of each as a job (IoThread.do).
+    `do` is given the writing of each message as a job, e.g. IoThread.do.
     """
     handlers = [handler for handler in program_logger(program).handlers if isinstance(handler, ConsoleHandler)]
     for handler in handlers:

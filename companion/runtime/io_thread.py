@@ -1,4 +1,4 @@
-"""What may be slow (disks, a full pipe) done on a thread of its own, in order: the setpoint loop never waits for it."""
+"""A thread for writes that may be slow (a disk, a full pipe), so that the setpoint loop never waits for them."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from contextlib import suppress
 from pathlib import Path
 
 MAX_WAITING_JOBS = 1_000
-"""Jobs that may wait; a disk that hangs for longer loses what comes then, not the loop."""
+"""Greatest number of waiting jobs; while a disk hangs, further jobs are dropped and the setpoint loop goes on."""
 FILE_CHUNK_BYTES = 65_536
-"""A background file hands on what it was given in pieces of about this size, or when it is flushed."""
+"""Number of buffered bytes from which an IoThreadFile hands them to the thread without being flushed."""
 CLOSE_TIMEOUT_S = 5.0
+"""Longest wait for a place in the queue, and then for the thread to end, when an IoThread is closed."""
 
 
 class IoThread:
-    """One thread that does jobs one after the other. A job must not raise anything but OSError, which is dropped."""
+    """A thread that does jobs one after the other. A job must not raise anything but OSError, which is ignored."""
 
     def __init__(self, name: str) -> None:
         self._jobs: queue.Queue[Callable[[], None] | None] = queue.Queue(MAX_WAITING_JOBS)
@@ -25,7 +26,7 @@ class IoThread:
         self._thread.start()
 
     def do(self, job: Callable[[], None]) -> bool:
-        """Have a job done; return False, and drop it, if too many wait already."""
+        """Queue a job for the thread; return False, and drop the job, if MAX_WAITING_JOBS wait already."""
         try:
             self._jobs.put_nowait(job)
         except queue.Full:
@@ -33,7 +34,7 @@ class IoThread:
         return True
 
     def close(self) -> None:
-        """Wait until everything is done, but not for ever."""
+        """Wait until all queued jobs are done, but no longer than twice CLOSE_TIMEOUT_S."""
         with suppress(queue.Full):
             self._jobs.put(None, timeout=CLOSE_TIMEOUT_S)
             self._thread.join(CLOSE_TIMEOUT_S)
@@ -45,7 +46,7 @@ class IoThread:
 
 
 class IoThreadFile:
-    """A binary file for writing whose disk is waited for elsewhere; its errors are raised at the next write."""
+    """A binary file that an IoThread writes; an error of the disk is raised by the next call of `write`."""
 
     def __init__(self, path: Path, background: IoThread) -> None:
         """Open the file, replacing an older one; raises OSError."""
@@ -56,7 +57,7 @@ class IoThreadFile:
         self._closed = False
 
     def write(self, content: bytes) -> None:
-        """Keep bytes for the next flush; raises OSError for what went wrong before."""
+        """Buffer bytes for the next flush; raises the OSError of an earlier write that failed."""
         if self._error is not None:
             raise self._error
         self._pending += content
@@ -64,7 +65,7 @@ class IoThreadFile:
             self.flush()
 
     def flush(self) -> None:
-        """Hand what is kept to the thread; raises OSError if the disk has been too slow for too long."""
+        """Hand the buffered bytes to the thread; raises OSError if its queue is full because the disk is too slow."""
         if self._closed or not self._pending:
             return
         content, self._pending = bytes(self._pending), bytearray()
@@ -72,7 +73,7 @@ class IoThreadFile:
             raise OSError(0, "the disk is too slow")
 
     def close(self) -> None:
-        """Write out and close, when the thread comes to it."""
+        """Flush, and have the thread close the file after its last write."""
         if not self._closed:
             self.flush()
             self._closed = True

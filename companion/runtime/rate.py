@@ -1,4 +1,4 @@
-"""The beat of the setpoint loop: slots on a fixed grid of the monotonic clock, and how evenly setpoints really left."""
+"""The rate of the setpoint loop: slots on a fixed grid of the monotonic clock, and measured gaps between setpoints."""
 
 from __future__ import annotations
 
@@ -8,21 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 
 LONG_GAP_S = 0.5
-"""An autopilot that hears no setpoint for longer may begin to give the companion up (docs/autopilots.md)."""
+"""Gap between two setpoints after which an autopilot may begin to give the companion up (docs/autopilots.md)."""
 STEERING_ENDED_S = 3.0
-"""After this time without a setpoint the next one begins another stretch of steering."""
+"""Pause that counts as the end of the steering, not as a gap between two setpoints."""
 _BIN_S = 1e-3
+"""Width of a bin of the histogram of gaps."""
 
 
 @dataclass(slots=True)
 class LoopRate:
-    """Slots every `period_s` from the first on. A slot that was slept through is left out, never made up for."""
+    """Slots every `period_s` seconds from the first one on. A slot that was missed is left out, never made up for."""
 
     period_s: float
     due_s: float
+    """Time of the current slot, by the monotonic clock."""
 
     def next_after(self, now_s: float) -> float:
-        """Move on to the first slot that is still to come, and return its time."""
+        """Move on to the next slot that is later than `now_s`, and return its time."""
         self.due_s += self.period_s * max(1, math.floor((now_s - self.due_s) / self.period_s) + 1)
         return self.due_s
 
@@ -30,14 +32,18 @@ class LoopRate:
 def next_due_s(due_s: float, done_s: float, step_s: float) -> float:
     """Return when the next decision is due, after one that was due at `due_s` and was made in the slot at `done_s`.
 
-    One made out of turn, or later than its successor's time, begins the steps anew.
+    It is due a step after `due_s`, or a step after `done_s` where the decision was made more than half a step early or
+    at least a whole step late. Times are of the monotonic clock.
     """
     in_turn = due_s - 0.5 * step_s <= done_s < due_s + step_s
     return (due_s if in_turn else done_s) + step_s
 
 
 class SetpointGaps:
-    """How long it took from each setpoint to the next, counted to the millisecond up to `STEERING_ENDED_S`."""
+    """Statistics of the gaps between successive setpoints, to the millisecond.
+
+    A pause of `STEERING_ENDED_S` or more is not counted.
+    """
 
     def __init__(self) -> None:
         self._counts = np.zeros(round(STEERING_ENDED_S / _BIN_S) + 1, dtype=np.int64)
@@ -45,10 +51,10 @@ class SetpointGaps:
         self._recent_max_s = 0.0
         self.max_s = 0.0
         self.long = 0
-        """How many were over `LONG_GAP_S`."""
+        """Number of gaps longer than `LONG_GAP_S`."""
 
     def note(self, now_s: float) -> None:
-        """Note that a setpoint left."""
+        """Note that a setpoint was sent at `now_s`."""
         last_s, self._last_s = self._last_s, now_s
         if last_s is None or now_s - last_s >= STEERING_ENDED_S:
             return
@@ -59,28 +65,28 @@ class SetpointGaps:
         self.long += gap_s > LONG_GAP_S
 
     def end(self) -> None:
-        """Note that the steering ended: what comes next is no gap."""
+        """Note that the steering ended: the time until the next setpoint is no gap."""
         self._last_s = None
 
     @property
     def count(self) -> int:
-        """How many gaps were noted."""
+        """Number of gaps noted."""
         return int(self._counts.sum())
 
     def quantile_s(self, share: float) -> float:
-        """Return the gap that this share of all did not exceed, to the millisecond; NaN without any."""
+        """Return the gap that a share (0 to 1) of all gaps did not exceed, to the millisecond; NaN without any gap."""
         if not self.count:
             return math.nan
         return float(np.searchsorted(np.cumsum(self._counts), share * self.count)) * _BIN_S
 
     def take_recent_max_s(self) -> float:
-        """Return the longest gap since the last call, 0 without any."""
+        """Return the longest gap noted since the last call of this method, or 0 if there was none."""
         longest_s, self._recent_max_s = self._recent_max_s, 0.0
         return longest_s
 
     @property
     def summary(self) -> str:
-        """All of it in a line."""
+        """The statistics as one line of text."""
         if not self.count:
             return "no setpoints sent"
         return (

@@ -1,6 +1,6 @@
-"""What systemd is told: that the service is ready, that its loop still runs, and what it does (sd_notify(3)).
+"""Notifications to systemd (sd_notify(3)): that the service is ready, that its loop still runs, and what it does.
 
-The watchdog is fed by the setpoint loop alone, so that a hung loop is restarted even while other threads go on.
+Only the setpoint loop feeds the watchdog, so that systemd restarts a program whose loop hangs while its threads go on.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from contextlib import suppress
 
 
 class Notifier:
-    """Tells systemd, or nobody where the program was not started by it."""
+    """Sends notifications to systemd; does nothing in a program that systemd did not start."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         address = environment.get("NOTIFY_SOCKET", "")
@@ -24,19 +24,19 @@ class Notifier:
             self._address = address.replace("@", "\0", 1) if address[0] == "@" else address
 
     def ready(self) -> None:
-        """Say that everything is open and the loop begins."""
+        """Tell systemd that links and files are open and the loop begins."""
         self._tell("READY=1")
 
     def alive(self) -> None:
-        """Feed the watchdog."""
+        """Feed systemd's watchdog: the loop still runs."""
         self._tell("WATCHDOG=1")
 
     def status(self, line: str) -> None:
-        """Say what the program does, for `systemctl status`."""
+        """Tell systemd what the program does, in the line that `systemctl status` shows."""
         self._tell(f"STATUS={line}")
 
     def close(self) -> None:
-        """Say that the program is ending, and free the socket."""
+        """Tell systemd that the program is ending, and close the socket."""
         self._tell("STOPPING=1")
         if self._socket is not None:
             self._socket.close()

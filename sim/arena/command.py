@@ -1,4 +1,4 @@
-"""`sim arena`: our laws and published methods side by side, and the folder that is left of it."""
+"""`sim arena`: flies our laws and published methods side by side, and writes a folder of results."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from sim.arena.run import OWN_LAWS, Run, check_installed, fly_all, jobs_of
 from sim.terminal import chosen_names, job_progress, rendered, writable_folder
 
 MAX_WORKERS = 8
-"""Processes at most; more would cost their memory and save seconds."""
+"""Greatest number of worker processes; more would cost memory and save only seconds."""
 
 
 @click.command("arena")

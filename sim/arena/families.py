@@ -1,8 +1,8 @@
 """The scenes in which guidance laws are compared: families of missions, each drawn from a seed.
 
-What is drawn depends on family, seed and index alone, and is a resolved mission that `sim fly` can fly. Places are
-chosen so that most missions are feasible, by geometry only: no route and no law is asked. Whether a mission really is
-feasible is the planner's to say (`sim.arena.planner`).
+A mission depends on its family, seed and index alone; it is resolved, and `sim fly` can fly it. Places are chosen by
+geometry only, so that most missions are feasible; no route is planned and no law is flown for it. Whether a mission is
+feasible is decided by the planner (`sim.arena.planner`).
 
 Lengths are modest so that one flight takes a few hundred guidance steps: vehicles of 25 m/s, discs of 200 to 1000 m.
 """
@@ -39,48 +39,53 @@ from companion.mission.resolve import check_start, resolve
 from sim.arena.planner import ground_turn_radius_m, target_stays_clear
 
 ARENA_STREAM = 11
-"""The seed's random stream for arena scenes."""
+"""Number of the random stream, among those of the seed, that arena scenes are drawn from."""
 SPEED_M_S = 25.0
 GUIDANCE_STEP_S = 0.5
 GREATEST_TURN_RAD = 0.25
-"""In one guidance step: a law that looks once a step must be able to follow an arc."""
+"""Greatest turn in one guidance step: a law that decides once a step must be able to follow an arc."""
 N_MAX = (0.5, 1.25)
-"""Load factors: turn radii of 51 to 127 m at 25 m/s, which 0.5 s steps can follow."""
+"""Least and greatest load factor: turn radii of 127 to 51 m at 25 m/s, which steps of 0.5 s can follow."""
 RANGE_M = 500_000.0
-"""So much that no flight ends for want of it."""
+"""Range of every agent, so great that no flight ends because it is used up."""
 TIME_SHARE = 2.5
-"""Of the time of the straight line: what a flight may take."""
+"""Time limit of a flight, as a multiple of the time that the straight line to the target takes."""
 LEAST_TIME_SHARE = 1.3
-"""Where fast threats would otherwise come to the target before the end: whoever dawdles there is late."""
+"""Least time limit, as a multiple of the straight line's time, of a flight whose limit is lowered so that fast threats
+do not come to the target before the end; an agent that loses time there arrives too late."""
 GROWTH_SHARE = 0.55
-"""Of the straight line: how far a threat at its bound may come in a flight, unless that leaves less than
-LEAST_TIME_SHARE. All threats begin farther from the target than that; with more, none could be in the way."""
+"""Greatest distance that a threat may cover in a flight, as a share of the straight line; the time limit is lowered for
+it, but not below LEAST_TIME_SHARE. All threats begin farther from the target than they can come, so that with a greater
+share none could be in the agent's way."""
 SWARM_TIME_SHARE = 5.0
-"""In a roundabout some agents go round several times (docs/separation.md)."""
+"""Time limit of a swarm, as a multiple of the straight line's time: in a roundabout some agents go round several times
+(docs/separation.md)."""
 TRAP_TIME_SHARE = 5.0
-"""The way out of a spiral alone takes more than twice the straight line."""
+"""Time limit among traps, as a multiple of the straight line's time: the way out of a spiral alone takes more than
+twice that time."""
 ATTACK_SHARE = 0.5
 """R_a / R_d, as in the paper."""
 CLEARANCE_SHARE = 0.1
-"""Starts, targets and the circles beside them keep this share of R_d clear of every disc."""
+"""Distance, as a share of R_d, that starts, targets and the turning circles beside them keep from every disc."""
 PAPER_RADIUS_M = 10_000.0
-"""The paper's R_d; its weights are areas and are scaled by the square of the scene's radius over this one."""
+"""The paper's R_d. The paper's weights are areas and are scaled by the square of the scene's radius over this one."""
 SEPARATION_M = 40.0
-"""The paper's 100 m at 60 m/s, for 25 m/s."""
+"""Separation of the scenes, for 25 m/s; the paper has 100 m for 60 m/s."""
 TARGET_GAP_M = 300.0
-"""Between targets of a swarm: who has arrived loiters there, and nearer circles would close the way to the next (1.2
-times
-a separation and three turn radii at the swarm's load factor is 230 m)."""
+"""Least distance between two targets of a swarm: an agent that has arrived loiters there, and nearer loiter circles
+would close the way to the next target (1.2 times the sum of a separation and three turn radii at the swarm's load
+factor is 230 m)."""
 START_GAP = 1.05
-"""Of the interaction radius of the right-of-way rule: how far apart agents start at least."""
+"""Least distance between two agents' starts, as a multiple of the interaction radius of the right-of-way rule."""
 GREATEST_CROSSING_M = 4_950.0
-"""Of a swarm: 400 guidance steps."""
+"""Greatest distance that an agent of a swarm has to cross: about 400 guidance steps."""
 PAPER_TIME_S = 2_400.0
-"""Paper scenes: 144 km at 60 m/s, while a threat of 10 m/s comes 24 km at most. To the default of 20 000 s every disc
-would cover the whole square."""
+"""Time limit of the paper's scenes: in it an agent flies 144 km at 60 m/s, and a threat of 10 m/s at most 24 km. Within
+the default of 20 000 s every disc would grow over the whole square."""
 PAPER_THREAT_M_S = 10.0
 PAPER_WALK_M = 2_000.0
-"""Kept clear for a walking target: 480 steps of 50 m in random directions come 1.1 km (rms) from where they began."""
+"""Distance around a walking target's start that is kept clear of every disc: 480 steps of 50 m in random directions
+lead 1.1 km (rms) away from the start."""
 PAPER_STEP_S = 1.0
 TRIES = 2_000
 """Draws of one place, or of one scene, before giving up."""
@@ -90,25 +95,26 @@ DECIMALS = 1
 
 @dataclass(frozen=True)
 class Family:
-    """A family of scenes."""
+    """A family of scenes: how its missions are drawn, and what they test."""
 
     title: str
     description: str
     knowledge: str
-    """What a law must know or do to pass, which others leave out."""
+    """What a law must know or do to succeed in this family, and what simpler laws leave out."""
     share: float
-    """Of an arena's runs unless asked otherwise; all families' shares sum to 1."""
+    """Share of a full arena's missions that belong to the family; the shares of all families sum to 1."""
     static: bool
-    """Whether no threat moves in any of its missions."""
+    """Whether no threat moves in any mission of the family."""
     single: bool
-    """Whether all its missions have one agent."""
+    """Whether every mission of the family has a single agent."""
     draw: Callable[[np.random.Generator, str, float | None], Mission]
-    """From a generator, a name and the radius that starts keep apart, None for the right-of-way rule's own."""
+    """Function that draws a mission from a generator, the mission's name and the least distance between starts in m
+    (None: the interaction radius of the right-of-way rule)."""
 
 
 @dataclass(frozen=True)
 class _Disc:
-    """A threat to be: where it starts and how far it may come."""
+    """A threat before it becomes part of a mission: where it starts, its radius R_d and how it moves."""
 
     north_m: float
     east_m: float
@@ -128,7 +134,8 @@ def draw(family: str, seed: int, index: int, interaction_radius_m: float | None 
     """Return mission `index` of a family: resolved, its start legal, the same for the same arguments.
 
     Where a family has several agents they start at least the interaction radius apart: that of the right-of-way rule at
-    their own load factor, or the given one. Where it leaves too little room for a short flight, there are fewer agents.
+    their own load factor, or the given one. Where the scene would grow too wide for a short flight, there are fewer
+    agents.
 
     Raises KeyError for an unknown family, RuntimeError if no scene was found within TRIES draws.
     """
@@ -144,7 +151,7 @@ def draw(family: str, seed: int, index: int, interaction_radius_m: float | None 
 
 
 class _NoRoomError(Exception):
-    """A place was not found; another scene may have one."""
+    """Raised where a scene has no room for another place; another draw of the scene may have it."""
 
 
 def _paper(generator: np.random.Generator, name: str, radius_m: float | None) -> Mission:
@@ -191,7 +198,7 @@ def _traps(generator: np.random.Generator, name: str, radius_m: float | None) ->
     kind = str(generator.choice(["u", "spiral", "corridor"]))
     trap = {"u": _u_trap, "spiral": _spiral_trap, "corridor": _corridor_trap}[kind]
     discs_m, start_m, target_m, heading_rad = trap(generator, _radius_m(n_max))
-    # Seen from any side and in a mirror.
+    # Turned to a random side, and mirrored in half of the draws.
     turn_rad, mirror = generator.uniform(0.0, math.tau), generator.choice([-1.0, 1.0])
 
     def placed(point_m: np.ndarray) -> tuple[float, float]:
@@ -209,7 +216,10 @@ def _traps(generator: np.random.Generator, name: str, radius_m: float | None) ->
 def _u_trap(
     generator: np.random.Generator, turn_radius_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:  # (M, 3) m, (2,) m, (2,) m
-    """Return discs on an arc open to the south, a start in or before it, a target behind it and a heading."""
+    """Return discs on an arc open to the south, with a start, a target and a heading in rad.
+
+    The start lies within the arc or south of it, the target north of it.
+    """
     radius_m = generator.uniform(200.0, 300.0)
     bow_m = radius_m * generator.uniform(2.6, 3.4)
     half_rad = generator.uniform(math.radians(100), math.radians(140))
@@ -224,7 +234,10 @@ def _u_trap(
 def _spiral_trap(
     generator: np.random.Generator, turn_radius_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:  # (M, 3) m, (2,) m, (2,) m
-    """Return discs along a spiral of a turn and more, a start within it and a target outside, away from its mouth."""
+    """Return discs along a spiral of more than one turn, with a start, a target and a heading in rad.
+
+    The start is the spiral's centre; the target lies outside, on another side than the spiral's mouth.
+    """
     radius_m = 200.0
     lane_m = 5.0 * turn_radius_m + generator.uniform(0.0, 100.0)
     pitch_m = lane_m + 2 * radius_m
@@ -246,7 +259,10 @@ def _spiral_trap(
 def _corridor_trap(
     generator: np.random.Generator, turn_radius_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:  # (M, 3) m, (2,) m, (2,) m
-    """Return two walls and the end that closes them, maybe with a door, a start in or before it, a target behind it."""
+    """Return discs along two walls and the end that closes them, with a start, a target and a heading in rad.
+
+    In half of the draws one wall has a door. The start lies between or before the walls, the target behind the end.
+    """
     radius_m = generator.uniform(200.0, 260.0)
     half_m = 2.6 * turn_radius_m + radius_m + generator.uniform(0.0, 150.0)
     depth_m = generator.uniform(1000.0, 1700.0)
@@ -329,7 +345,7 @@ def _swarm(generator: np.random.Generator, name: str, radius_m: float | None) ->
 def _few_discs(
     generator: np.random.Generator, number: int, starts_m: np.ndarray, targets_m: np.ndarray, clear_m: float
 ) -> list[_Disc]:
-    """Return discs near the middle of starts and targets (N, 2) that leave all of these clear."""
+    """Return `number` discs near the middle of the starts and targets, (N, 2) each, all of which they leave clear."""
     ends_m = np.vstack([starts_m, targets_m])
     discs: list[_Disc] = []
     for _ in range(TRIES):
@@ -345,7 +361,7 @@ def _few_discs(
 def _circle_swarm(
     generator: np.random.Generator, count: int, spacing_m: float
 ) -> tuple[np.ndarray, np.ndarray]:  # (N, 2) m, (N, 2) m
-    """Return starts on a circle and nearly their antipodes; as many as a circle of GREATEST_CROSSING_M has room for."""
+    """Return starts on a circle and targets near their antipodes; fewer than `count` if the circle gets too wide."""
     count = max(10, min(count, int(math.pi * GREATEST_CROSSING_M / spacing_m)))
     bow_m = max(800.0, count * spacing_m / math.tau)
     # Turned a little off the antipode, so that no target is another's start when the count is even.
@@ -359,8 +375,8 @@ def _circle_swarm(
 def _stream_swarm(
     generator: np.random.Generator, count: int, spacing_m: float
 ) -> tuple[np.ndarray, np.ndarray]:  # (N, 2) m, (N, 2) m
-    """Return two blocks in rows that fly through each other, head-on or crossing at an angle."""
-    # Blocks that are through each other in time.
+    """Return starts and targets of two blocks of agents that fly through each other head-on or at an angle."""
+    # The blocks are small enough to have passed through each other in time.
     half = min(math.ceil(count / 2), max(5, int((0.5 * GREATEST_CROSSING_M / spacing_m) ** 2)))
     count = min(count, 2 * half)
     rows = math.ceil(math.sqrt(half))
@@ -423,7 +439,7 @@ def _team(
 ) -> Mission:
     """Return a mission of several agents from one side to targets on the other, among static discs.
 
-    The counts are least and one more than greatest.
+    `agents`, `targets` and `discs` each give the least number and the greatest plus one.
     """
     n_max = generator.uniform(0.8, N_MAX[1])
     spacing_m = START_GAP * (radius_m or _interaction_m(SEPARATION_M, n_max, SPEED_M_S, GUIDANCE_STEP_S))
@@ -444,7 +460,7 @@ def _team(
 def _among_movers(
     generator: np.random.Generator, name: str, kinds: Sequence[str], speeds_m_s: Sequence[float]
 ) -> Mission:
-    """Return a single agent among threats that move as the kinds say, none of which can come to the target in time."""
+    """Return a single agent's mission among threats of the given kinds, none of which can reach the target in time."""
     n_max = generator.uniform(0.8, N_MAX[1])
     length_m = generator.uniform(3000.0, 4500.0)
     bearing_rad = generator.uniform(0.0, math.tau)
@@ -458,7 +474,7 @@ def _among_movers(
         clear_of_start_m = radius_m * (1 + CLEARANCE_SHARE) + 2 * _radius_m(n_max) + 5.0 * speed_m_s
         clear_of_target_m = radius_m * (1 + CLEARANCE_SHARE) + 100.0 + speed_m_s * max_time_s
         for attempt in range(TRIES):
-            # Where none can be in the way, as among the fastest, it begins anywhere.
+            # Where a threat cannot begin in the way, as among the fastest, it begins anywhere.
             spread = 0.8 if attempt < TRIES // 4 else 10.0
             place_m, course_rad = _in_the_way(generator, kind, speed_m_s, radius_m, spread, line_m)
             if np.hypot(*place_m) >= clear_of_start_m and np.hypot(*(place_m - line_m)) >= clear_of_target_m:
@@ -476,9 +492,10 @@ def _among_movers(
 def _in_the_way(
     generator: np.random.Generator, kind: str, speed_m_s: float, radius_m: float, spread: float, line_m: np.ndarray
 ) -> tuple[np.ndarray, float]:  # (2,) m, rad
-    """Return where a threat begins and its course: over a point of the line from the origin when the agent comes there.
+    """Return where a threat begins and its course, such that it is in the way of an agent on a line from the origin.
 
-    Up to `spread` radii aside of the line. One that does not fly straight begins at the point.
+    One that flies straight is at a point of the line when the agent comes there; one of another kind begins at that
+    point. The point lies up to `spread` radii aside of the line; a chasing threat begins up to 3 radii farther aside.
     """
     share, aside = generator.uniform((0.1, -spread), (0.9, spread))
     across = np.array([-line_m[1], line_m[0]]) / np.hypot(*line_m)
@@ -510,7 +527,7 @@ def _motion(
 def _circling(
     generator: np.random.Generator, place_m: tuple[float, float], speed_m_s: float, until_s: float
 ) -> PathMotion:
-    """Return a polygon of chords of a 24th of a turn, flown just below the bound, to the end of the run."""
+    """Return a circle as a polygon of 24 chords a turn, flown just below the speed bound to the end of the run."""
     bow_m = generator.uniform(200.0, 700.0)
     chord_rad = math.copysign(math.tau / 24, generator.uniform(-1.0, 1.0))
     first_rad = generator.uniform(0.0, math.tau)
@@ -531,7 +548,7 @@ def _circling(
 def _scattered(
     generator: np.random.Generator, count: int, coverage: float, limits_m: tuple[float, float]
 ) -> list[_Disc]:
-    """Return static discs that cover about a share of a box of 5 km, overlaps counted twice."""
+    """Return static discs that cover about the share `coverage` of a box of 5 km, overlaps counted twice."""
     side_m = 5000.0
     mean_m = math.sqrt(coverage * side_m**2 / (count * math.pi))
     radii_m = np.clip(mean_m * generator.uniform(0.6, 1.4, count), *limits_m)
@@ -580,7 +597,7 @@ def _mission(
     n_max: float,
     crossing: bool = False,
 ) -> Mission:
-    """Return a mission; one that is crossing gives agent i target i, as no assignment of least sum would."""
+    """Return a mission; if `crossing`, agent i must fly to target i, which no assignment of least sum would choose."""
     radius_m = float(np.median([disc.radius_m for disc in discs])) if discs else 300.0
     scale = (radius_m / PAPER_RADIUS_M) ** 2
     paper = CostWeights()
@@ -634,7 +651,7 @@ def _mission(
 
 
 def _covers(disc: _Disc, points_m: np.ndarray, clear_m: float) -> bool:
-    """Return whether a point (P, 2) is nearer to a disc than CLEARANCE_SHARE of its radius and `clear_m`."""
+    """Return whether any point (P, 2) is within a disc widened by CLEARANCE_SHARE of its radius and by `clear_m`."""
     gap_m = np.hypot(points_m[:, 0] - disc.north_m, points_m[:, 1] - disc.east_m)
     return bool((gap_m < (1.0 + CLEARANCE_SHARE) * disc.radius_m + clear_m).any())
 
@@ -642,7 +659,7 @@ def _covers(disc: _Disc, points_m: np.ndarray, clear_m: float) -> bool:
 def _apart(
     generator: np.random.Generator, count: int, box_m: float | tuple[float, float], gap_m: float
 ) -> np.ndarray:  # (N, 2) m
-    """Return places in a box from the origin that lie at least a gap apart."""
+    """Return `count` places in a box with a corner at the origin, at least `gap_m` from each other."""
     size_m = np.broadcast_to(np.asarray(box_m, dtype=float), 2)
     places_m = np.empty((0, 2))
     for _ in range(TRIES):
@@ -773,4 +790,4 @@ FAMILIES: dict[str, Family] = {
         _case_two,
     ),
 }
-"""By name, in the order of tables."""
+"""The families by name, in the order in which tables list them."""

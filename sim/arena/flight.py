@@ -1,9 +1,10 @@
-"""Flies a mission with any law, on the programs' own decisions but without the autopilot's frames.
+"""Flies a mission with any law on the programs' own decisions, without frames between companion and autopilot.
 
-Ground station, broadcast frames, lossy links and companions are those of `sim.lockstep`; between a companion and its
-vehicle no bytes are packed, and the sensor's looks reach the centre's picture directly. That is three quarters of a
-flight's cost, and thousands of flights need it. What differs is the rounding of telemetry, centimetres. Kinematic:
-the vehicles are points that turn at a bounded rate and crab in the wind.
+Ground station, broadcast frames, lossy links and companions are those of `sim.lockstep`. Between a companion and its
+vehicle no bytes are packed, and the sensor's detections reach the ground station's tracks directly: this saves three
+quarters of a flight's cost, which matters for thousands of flights. The flights differ from lockstep's only by the
+rounding of telemetry, which is centimetres. The simulator is kinematic: the vehicles are points that turn at a bounded
+rate and crab in the wind.
 """
 
 from __future__ import annotations
@@ -41,34 +42,36 @@ from sim.world import World
 
 @dataclass(frozen=True)
 class ArenaFlight:
-    """What a flight left behind."""
+    """The trajectory of a flight, and figures of its decisions."""
 
     trajectory: Trajectory
     decision_us: np.ndarray  # (D,) us, wall-clock time of each companion's whole decision
     guarded: int
-    """Decisions that the guard changed."""
+    """Number of decisions that the guard changed."""
     certified: bool
     """Whether the guard had a certified back-up for every agent's first decision on a picture."""
     uncertified: int
-    """Decisions for which the guard had no certified back-up."""
+    """Number of decisions for which the guard had no certified back-up."""
     broken: dict[str, int]
-    """How often the guard named which of its assumptions."""
+    """How often the guard found each of its assumptions broken, by the assumption's name."""
     stays: dict[str, int]
-    """How often the law could do no better than to loiter, by why."""
+    """How often the law could only loiter, by reason."""
     gave_way: int
+    """Number of decisions that the right of way changed."""
     opposed: int
+    """Number of decisions for which the part of the surrogate against the route was dropped."""
 
 
 @dataclass(frozen=True)
 class _Snapshot:
-    """Where all vehicles alive are at one moment, as their detectors see one another."""
+    """All vehicles alive at one moment, as their detectors see one another."""
 
     neighbours: list[Neighbour]
     places_m: np.ndarray  # (A, 2) north, east
 
 
 class _PointVehicle:
-    """A point in the wind, coupled to its companion directly: what is told and asked crosses no wire."""
+    """A point in the wind that is coupled to its companion directly: telemetry and setpoints cross no wire."""
 
     def __init__(
         self,
@@ -92,20 +95,20 @@ class _PointVehicle:
         self._air = air
 
     def row(self) -> tuple[float, float, float, float]:
-        """Return north m, east m, heading deg, speed m/s; a lost vehicle stands where it was lost."""
+        """Return north m, east m, heading deg, speed m/s; a lost vehicle stands still where it was lost."""
         heading_deg = math.degrees(self.heading_rad) % 360.0
         return self.north_m, self.east_m, heading_deg, self.spec.speed_m_s if self.alive else 0.0
 
     def detection(self) -> Detection:
-        """Return what the centre's sensor sees of it."""
+        """Return the vehicle as the ground station's sensor detects it."""
         return Detection(Kind.AGENT, self.spec.id, self.north_m, self.east_m, *self._velocity_m_s())
 
     def set_wind(self, wind_m_s: tuple[float, float]) -> None:
-        """Let the air move (north, east) from now on."""
+        """Set the wind (north, east) in m/s from now on."""
         self._wind_m_s = wind_m_s
 
     def move(self, t_s: float) -> None:
-        """Fly on by the last setpoint for a step."""
+        """Fly for one integration step towards the heading of the last setpoint."""
         dt_s = self._mission.integration_step_s
         pose = (self.north_m, self.east_m, self.heading_rad, self.spec.speed_m_s)
         if self._adapter.setpoint is None:
@@ -118,11 +121,11 @@ class _PointVehicle:
         self.east_m += self._wind_m_s[1] * dt_s
 
     def transmitted(self, datagram: bytes, t_s: float) -> None:
-        """Put a datagram on its way through the air."""
+        """Send a datagram of the broadcast on its way through the air to this vehicle."""
         self._air.send(datagram, t_s)
 
     def observe(self, now_s: float) -> Neighbour:
-        """Refresh the telemetry; return the vehicle as a neighbour's detector sees it."""
+        """Pass fresh telemetry to the companion; return the vehicle as a neighbour's detector sees it."""
         lat_deg, lon_deg, convergence_rad = self._frame.to_global_with_convergence(self.north_m, self.east_m)
         north_m_s, east_m_s = self._velocity_m_s()
         cosine, sine = math.cos(convergence_rad), math.sin(convergence_rad)
@@ -133,7 +136,7 @@ class _PointVehicle:
         return here
 
     def guide(self, t_s: float, snapshot: _Snapshot) -> Outcome:
-        """Let the companion see its neighbours, hear and decide."""
+        """Let the companion detect its neighbours, receive what has arrived, and decide; return the decision."""
         places_m = snapshot.places_m
         apart_m = np.hypot(places_m[:, 0] - self.north_m, places_m[:, 1] - self.east_m)
         near = [snapshot.neighbours[index] for index in np.flatnonzero(apart_m <= self._mission.detector_range_m)]
@@ -148,11 +151,11 @@ class _PointVehicle:
         """Do nothing: a point flies by its last setpoint until the next."""
 
     def report(self, now_s: float) -> list[bytes]:
-        """Return what the companion reports to the centre."""
+        """Return the datagrams of the companion's position report, none if none is due."""
         return self._companion.report(now_s)
 
     def _velocity_m_s(self) -> tuple[float, float]:
-        """Return (north, east) over the ground, along the grid."""
+        """Return the velocity (north, east) over the ground in m/s, along the axes of the mission's plane."""
         speed_m_s = self.spec.speed_m_s
         return (
             speed_m_s * math.cos(self.heading_rad) + self._wind_m_s[0],
@@ -161,19 +164,20 @@ class _PointVehicle:
 
 
 class _Record(FlightRecord):
-    """The truth of a flight and what its decisions came to."""
+    """Records the true trajectory of a flight, and counts what its companions decided."""
 
     def __init__(self, mission: Mission) -> None:
         super().__init__(mission)
         self.decision_us: list[float] = []
         self.guarded = self.uncertified = self.gave_way = self.opposed = 0
         self.first: dict[int, bool] = {}
-        """Agents that have a picture, and whether they were certified on the first."""
+        """Whether each agent was certified on its first picture, by agent id; agents without a picture yet are
+        missing."""
         self.broken: Counter[str] = Counter()
         self.stays: Counter[str] = Counter()
 
     def decided(self, agent_id: int, outcome: Outcome) -> None:
-        """Count what a companion decided."""
+        """Add a companion's decision to the counts."""
         decision = outcome.decision
         self.decision_us.append(outcome.decision_us)
         if decision.picture_age_s is not None:
@@ -187,7 +191,7 @@ class _Record(FlightRecord):
             self.stays[decision.stay] += 1
 
     def flight(self) -> ArenaFlight:
-        """Return what the flight left behind."""
+        """Return the flight as it was recorded."""
         return ArenaFlight(
             trajectory=self.trajectory(),
             decision_us=np.array(self.decision_us),
@@ -204,7 +208,7 @@ class _Record(FlightRecord):
 def fly_arena(mission: Mission, seed: int, law: LawName = "routed", steering: SteeringOf | None = None) -> ArenaFlight:
     """Fly a resolved mission until every target is reached, nobody is left, or its time is up.
 
-    `law` configures the companions; `steering` makes another law for each of them in its place.
+    `law` configures the companions; `steering`, if given, makes another law for each of them, which flies in its place.
     """
     frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
     fleet = [_point(mission, index, seed, frame, law, steering) for index in range(len(mission.agents))]

@@ -1,19 +1,21 @@
-"""How short a flight could have been, and whether there is one at all: the arena's yardstick.
+"""The arena's yardstick: the shortest path that an agent could have flown, or the proof that there is none.
 
-The planner knows everything, the true motion of every threat to the end of the run included, and plans for one agent
-alone: other agents are not in its way, and a chasing threat chases nobody else. It shares no code with the companion's
-route. Every way comes with a lower bound of its length, and `verify` checks it by numbers alone.
+The planner knows everything, including the true motion of every threat to the end of the run, and plans for one agent
+alone: other agents are not in its way, and a chasing threat chases only this agent. It shares no code with the
+companion's route. Every path (a `way` in the code) comes with a lower bound of the length that any path needs, and
+`verify` checks the path numerically.
 
-What a way must keep: the agent's constant speed v over the ground and its turn radius (v + W)^2/(n_max g), which the
-strongest wind W, gusts included, makes that of the widest circle over the ground; MARGIN_M more than every R_d at every
-moment; and the time. It begins at the agent's pose and ends, at any heading, within the arrival radius.
+A path is legal if it keeps the agent's constant speed v over the ground and a turn radius of at least (v + W)^2/(n_max
+g), that of the widest circle over the ground in the strongest wind W, gusts included; if it stays MARGIN_M outside
+every R_d at every moment; and if it arrives in time. It begins at the agent's pose and ends, at any heading, within the
+arrival radius.
 
-Three ways are tried, from cheap to dear. Among discs that stand still: lines and circles (`sim.shortest_path`). Among
-discs that move: the same around copies of them at the moments when a way would have entered, each way tried against the
-true motion, until one is clear. Where that fails, or is more than GOOD_GAP above the lower bound: a search over pieces
-of arcs and lines with time as a part of the state, which tries a turn and a line to the target from every place it
-comes to. The search is neither exhaustive nor optimal, and is bounded in steps, not in seconds: plans do not depend on
-the machine.
+Three methods are tried, the cheapest first. Among discs that stand still: lines and circles (`sim.shortest_path`).
+Among discs that move: lines and circles around copies of the discs, each where its disc was when an earlier path
+entered it; every path is tried against the true motion, and copies are added until one is clear. Where that fails, or
+the path is more than GOOD_GAP longer than the lower bound: a search over pieces of arcs and lines with time as a part
+of the state, which also tries a turn and a line to the target from the poses that it opens. The search is neither
+exhaustive nor optimal. It is bounded in steps, not in seconds, so that plans do not depend on the machine.
 """
 
 from __future__ import annotations
@@ -36,50 +38,53 @@ from sim.shortest_path import Departure, PathPiece, shortest_path_length, turnin
 from sim.world import World
 
 MARGIN_M = 2.0
-"""Beyond R_d, so that no way grazes a disc that the guard must keep out of."""
+"""Distance that a path keeps from every R_d, so that none grazes a disc that the guard must keep out of."""
 TOLERANCE_M = 0.05
-"""Of the margin: what the check of a way forgives for the interpolation between its samples."""
+"""Part of MARGIN_M that the check of a path forgives, for the interpolation between its samples."""
 GOOD_GAP = 0.05
-"""A way this near to the lower bound is not searched for any better."""
+"""Excess over the lower bound, as a share of it, up to which no better path is searched for."""
 REPAIRS = 20
-"""Copies of moving discs added to one plan before it is given up."""
+"""Rounds in which copies of moving discs are added to one plan before it is given up."""
 SEARCHES = ((2.0, 3_000), (1.2, 2_500))
-"""Weight of the remaining distance and greatest number of poses opened: for a way soon, then for a short one. A
-thousand poses take 0.3 to 0.8 s."""
+"""Weight of the remaining distance and greatest number of poses opened, for each of the two searches: the first finds a
+path soon, the second a short one. A thousand poses take 0.3 to 0.8 s."""
 NEAR_SHARE = 0.5
-"""A way found by search is pulled tight around the threats that it passes within this share of their radii."""
+"""A path found by search is pulled tight around the moving threats that it passes within this share of their radii."""
 SHOT_EVERY = 20
-"""Poses from one try of a turn and a line to the next, where threats chase: they must be flown along all the way."""
+"""Where threats chase, a turn and a line to the target are tried from only one of this many opened poses, because the
+chase must be simulated all along the try."""
 PIECE_TURN_RAD = 0.8
-"""By which the sharpest piece of the search turns, where its length allows."""
+"""Turn of the sharpest piece of the search; where a hundredth of the distance to the target makes the pieces longer,
+they turn by more, at most 1.2 rad."""
 HEADING_BINS = 24
 TIME_BIN_S = 8.0
-"""Two poses at the same place, this far apart in time, are different where threats move."""
+"""Width of a bin in time: where threats move, poses at the same place in different bins count as different."""
 WAY_TURN_RAD = 0.2
-"""Greatest turn between two points of a way."""
+"""Greatest turn between two consecutive points of a path."""
 CHECK_STEP_M = 2.0
-"""Between two samples of the check; the sagitta of an arc of 10 m radius over it is 0.05 m."""
+"""Greatest distance between two samples of the check; over such a chord an arc of 10 m radius rises by 0.05 m."""
 
 Method = Literal["tangents", "repaired", "search", "none", "impossible"]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A way for one agent, or why there is none."""
+    """A path for one agent, or the reason why there is none."""
 
     length_m: float
-    """Infinite where no way was found."""
+    """Length of the path; infinite where none was found."""
     lower_bound_m: float
-    """No way is shorter; infinite where it is proven that there is none in the time."""
+    """Length that no path undercuts; infinite where it is proven that none arrives in time."""
     way: np.ndarray  # (W, 3) north m, east m, heading rad; arcs of constant curvature join them
     method: Method
-    """`none`: not found, which proves nothing; `impossible`: proven."""
+    """How the path was found. `none`: no path was found, which proves nothing; `impossible`: it is proven that none
+    exists."""
     seconds: float
-    """Wall-clock time of the planning."""
+    """Wall-clock time that the planning took."""
 
     @property
     def gap(self) -> float:
-        """How much longer the way may be than the shortest, as a share of the lower bound; infinite if unknown."""
+        """Excess of the length over the lower bound, as a share of that bound; infinite where no path was found."""
         if math.isinf(self.length_m):
             return math.inf
         return self.length_m / self.lower_bound_m - 1.0 if self.lower_bound_m > 0.0 else 0.0
@@ -87,7 +92,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class _Task:
-    """What is to be planned, from a mission."""
+    """One agent's planning problem, taken from a mission."""
 
     start_ned_m: np.ndarray  # (2,) m
     heading_rad: float
@@ -107,9 +112,9 @@ class _Task:
 def plan(
     mission: Mission, agent_id: int, target_ned_m: Sequence[float] | np.ndarray, until_s: float, seed: int
 ) -> Plan:
-    """Return the shortest way found for an agent of a resolved mission to a place (2,) in m, before `until_s`.
+    """Return the shortest path found that takes an agent of a resolved mission to a place (2,) in m before `until_s`.
 
-    The seed is that of the flight: it moves what moves at random.
+    The seed is that of the flight, because the threats that move at random move by it.
 
     Raises ValueError for a mission with a fence, which is not planned for, and for an unknown agent.
     """
@@ -133,7 +138,11 @@ def plan(
 
 
 def target_stays_clear(mission: Mission, target_ned_m: Sequence[float] | np.ndarray, until_s: float) -> bool:
-    """Return whether a place (2,) in m lies outside every disc of radius R_d + MARGIN_M + w until_s about its start."""
+    """Return whether a place (2,) in m stays clear of every threat until `until_s`, wherever the threats go.
+
+    It does if it lies outside every disc of radius R_d + MARGIN_M + w until_s about a threat's start, where w is the
+    threat's speed bound.
+    """
     places_m = np.array([threat.position_ned_m for threat in mission.threats]).reshape(-1, 2)
     radii_m = np.array([t.detection_radius_m + MARGIN_M + t.speed_bound_m_s * until_s for t in mission.threats])
     return bool((np.linalg.norm(places_m - np.asarray(target_ned_m), axis=-1) > radii_m).all())
@@ -152,10 +161,10 @@ def verify(
     seed: int,
     planned: Plan,
 ) -> list[str]:
-    """Return what is wrong with a plan's way, found numerically from mission and way alone: nothing where it is legal.
+    """Return the faults of a plan's path, found numerically from mission and path alone; none where it is legal.
 
     Checked are where it begins and ends, its length and time, the curvature and smoothness of each piece, and the
-    clearance from every threat where `sim.world` has it at that moment, between samples of CHECK_STEP_M.
+    clearance from every threat at its position in `sim.world` at that moment, between samples of CHECK_STEP_M.
     """
     task = _task(mission, agent_id, target_ned_m, until_s)
     way = planned.way
@@ -201,7 +210,7 @@ def _does_move(threat: ThreatSpec) -> bool:
 
 
 class _Motion:
-    """Where the threats really are at every multiple of the integration step; who chases is flown along."""
+    """True positions of the threats at every multiple of the integration step; chasers are simulated along a path."""
 
     def __init__(self, mission: Mission, seed: int, until_s: float) -> None:
         self.step_s = mission.integration_step_s
@@ -222,7 +231,10 @@ class _Motion:
     def along(
         self, first: int, chasers_m: np.ndarray, points_m: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:  # (C, 2) m, (B, S, 2) m -> (B or 1, S or 1, M, 2) m, (B, C, 2) m
-        """Return the threats at the steps after `first` while the agent flies each of B ways, and where chasers end."""
+        """Return where the threats are at the steps after `first` while the agent flies each of B paths.
+
+        The second array holds where the chasing threats are at the end of each path.
+        """
         steps = points_m.shape[1]
         if self.still:
             return self.places_m[None], np.empty((len(points_m), 0, 2))
@@ -242,13 +254,17 @@ class _Motion:
 
 
 def _lower_bound_m(task: _Task, places_m: np.ndarray) -> float:  # (M, 2) m at the start
-    """Return a length that no way undercuts: without turn limit around what stands still, and with it without discs."""
+    """Return a length that no path undercuts.
+
+    It is the greater of two lengths: the shortest path without turn limit around the discs that stand still, and the
+    shortest path with turn limit without any disc.
+    """
     straight_m = float(np.linalg.norm(task.target_ned_m - task.start_ned_m))
     still = ~task.moves
     around_m = shortest_path_length(task.start_ned_m, task.target_ned_m, places_m[still], task.radii_m[still])
     gap_m = np.linalg.norm(places_m[still] - task.target_ned_m, axis=-1) - task.radii_m[still]
     bound_m = straight_m - task.arrival_m
-    # With the arrival circle free, whoever reaches it can go on to its centre.
+    # If the arrival circle is free of discs, an agent that reaches it can fly on to its centre.
     if (gap_m >= task.arrival_m).all():
         bound_m = around_m - task.arrival_m
     sides = [_turn_and_line(task, task.pose, side) for side in (1.0, -1.0)]
@@ -258,10 +274,10 @@ def _lower_bound_m(task: _Task, places_m: np.ndarray) -> float:  # (M, 2) m at t
 
 
 def _turn_and_line(task: _Task, pose: tuple[float, float, float], side: float) -> list[PathPiece] | None:
-    """Return the turn to one side and the line to the arrival circle, or None if the target is within that turn.
+    """Return the turn to one side and the line to the arrival circle, or None if that circle meets the turning circle.
 
-    The shortest way of a vehicle of limited turn to a circle that meets neither turning circle is one of the two
-    (relaxed Dubins problem, whose last line points at the centre).
+    If the arrival circle meets neither of a vehicle's turning circles, the shortest path of limited turn to it is one
+    of these two (relaxed Dubins problem, whose last line points at the centre).
     """
     north_m, east_m, heading_rad = pose
     radius_m = task.turn_radius_m
@@ -294,7 +310,7 @@ def _around(task: _Task, places_m: np.ndarray, radii_m: np.ndarray) -> list[Path
 
 
 def _repaired(task: _Task, motion: _Motion) -> list[PathPiece] | None:
-    """Return the shortest clear way around copies of the discs that move, or None if no rule to copy finds one."""
+    """Return the shortest clear path around copies of the discs that move, or None if no rule for copying finds one."""
     best: list[PathPiece] | None = None
     for rule in _RULES:
         pieces = _repaired_by(rule, task, motion)
@@ -304,10 +320,11 @@ def _repaired(task: _Task, motion: _Motion) -> list[PathPiece] | None:
 
 
 def _repaired_by(rule: _Rule, task: _Task, motion: _Motion, first: Sequence[_Copy] = ()) -> list[PathPiece] | None:
-    """Return a way around copies of discs, added where and when a way would have entered, until one is clear, or None.
+    """Return a clear path around copies of the discs that move, or None if REPAIRS rounds of copying find none.
 
-    A copy that holds start or target cannot be planned around; then this gives up. Copies that the clear way does not
-    need are taken away again, the first ones first: they were made for ways long given up.
+    It begins with the copies `first`; each round adds copies of the discs that the path enters, chosen by the rule. A
+    copy that holds the start or the target cannot be planned around: then the function gives up. Copies that the clear
+    path does not need are removed again, the oldest first: they were made for paths given up since.
     """
     copies = list(first)
     for _ in range(REPAIRS):
@@ -339,7 +356,7 @@ def _around_copies(task: _Task, motion: _Motion, copies: Sequence[_Copy]) -> lis
 def _copies(
     task: _Task, motion: _Motion, threats_m: np.ndarray, entries: Sequence[tuple[int, int]]
 ) -> list[_Copy]:  # (S, M, 2) m
-    """Return the discs of the given steps and threats, a little larger, so that what touches them passes the check."""
+    """Return copies of the discs at (step, threat) pairs, enlarged so that a path that touches one passes the check."""
     wider_m = 2 * _slack_m(task, motion)
     return [
         (float(threats_m[step, threat, 0]), float(threats_m[step, threat, 1]), float(task.radii_m[threat]) + wider_m)
@@ -350,7 +367,7 @@ def _copies(
 def _depths_m(
     task: _Task, motion: _Motion, pieces: Sequence[PathPiece]
 ) -> tuple[np.ndarray, np.ndarray]:  # (S, M) m, (S, M, 2) m
-    """Return how deep a way is inside each threat at every step after the first, and where the threats are then."""
+    """Return how deep a path is inside each threat at every step after the first, and where the threats are then."""
     points_m = _at_steps(task, task.pose, pieces, motion.step_s)[1:]
     threats_m = motion.along(0, motion.start_m, points_m[None])[0][0]
     depth_m = task.radii_m + _slack_m(task, motion) - np.linalg.norm(threats_m - points_m[:, None], axis=-1)
@@ -358,17 +375,17 @@ def _depths_m(
 
 
 def _deepest_of_each(depth_m: np.ndarray) -> list[tuple[int, int]]:  # (S, M) m
-    """Return step and threat of the deepest place in each threat that is entered."""
+    """Return the (step, threat) of the deepest place in each threat that is entered."""
     return [(int(depth_m[:, threat].argmax()), int(threat)) for threat in _entered(depth_m)]
 
 
 def _first_of_each(depth_m: np.ndarray) -> list[tuple[int, int]]:  # (S, M) m
-    """Return step and threat of the first moment in each threat that is entered."""
+    """Return the (step, threat) of the first moment in each threat that is entered."""
     return [(int((depth_m[:, threat] > 0.0).argmax()), int(threat)) for threat in _entered(depth_m)]
 
 
 def _deepest_of_first(depth_m: np.ndarray) -> list[tuple[int, int]]:  # (S, M) m
-    """Return step and threat of the deepest place in the threat that is entered first."""
+    """Return the (step, threat) of the deepest place in the threat that is entered first."""
     _, threat = min(_first_of_each(depth_m))
     return [(int(depth_m[:, threat].argmax()), threat)]
 
@@ -378,21 +395,21 @@ def _entered(depth_m: np.ndarray) -> np.ndarray:  # (S, M) m -> (E,)
 
 
 _Copy = tuple[float, float, float]
-"""North m, east m and radius m of a disc where it is at one moment."""
+"""Copy of a moving disc as it is at one moment: north m, east m and radius m."""
 _Rule = Callable[[np.ndarray], list[tuple[int, int]]]
-"""From how deep a way is in each threat at each step (S, M) to the steps and threats that are copied."""
+"""Rule for copying: from the depths (S, M) of a path inside each threat at each step to the (step, threat) to copy."""
 _RULES: tuple[_Rule, ...] = (_deepest_of_each, _first_of_each, _deepest_of_first)
 
 
 def _slack_m(task: _Task, motion: _Motion) -> float:
-    """Return how much nearer a disc may be between two steps than at both: sagittas of the motions, and a little."""
+    """Return how much nearer a disc may come between two steps than at both: the sagitta of the motions, and 0.1 m."""
     chord_m = 2 * task.speed_m_s * motion.step_s
     least_m = min(task.turn_radius_m, float(task.radii_m.min(initial=math.inf)))
     return chord_m**2 / (8 * least_m) + 0.1
 
 
 def _searched(task: _Task, motion: _Motion, known_m: float) -> list[PathPiece] | None:
-    """Return a way shorter than the known one, by search and pulled tight around what moves, or None."""
+    """Return a path shorter than `known_m`, found by search and pulled tight around the moving threats, or None."""
     best: list[PathPiece] | None = None
     for weight, steps in SEARCHES:
         found = _Search(task, motion, weight, min(known_m, task.speed_m_s * task.until_s)).run(steps)
@@ -417,7 +434,7 @@ class _Node:
 
 
 class _Search:
-    """Weighted A* over poses in time, joined by pieces of equal length and five curvatures."""
+    """Weighted A* over poses in time; pieces of equal length and five curvatures join the poses."""
 
     def __init__(self, task: _Task, motion: _Motion, weight: float, limit_m: float) -> None:
         self._task, self._motion, self._weight, self._limit_m = task, motion, weight, limit_m
@@ -437,7 +454,7 @@ class _Search:
         self._far = _Far(task, motion, self._cell_m)
 
     def run(self, steps: int) -> list[PathPiece] | None:
-        """Return a way shorter than the limit, bettered as far as `steps` opened poses allow, or None."""
+        """Return a path shorter than the limit, improved as far as `steps` opened poses allow, or None."""
         task, order = self._task, count()
         root = _Node(task.pose, 0, self._motion.start_m, None, None)
         queue = [(0.0, next(order), root)]
@@ -495,7 +512,7 @@ class _Search:
         return children
 
     def _shot(self, node: _Node) -> list[PathPiece] | None:
-        """Return the shorter clear turn and line from a node to the target, if it keeps the limit."""
+        """Return the shorter clear turn and line from a node to the target that keeps to the length limit, or None."""
         flown_m = node.step * self._length_per_step_m
         found: list[PathPiece] | None = None
         for side in (1.0, -1.0):
@@ -517,7 +534,7 @@ class _Search:
 
 
 class _Far:
-    """How far it still is, at least nearly: the straight line, or a walk over a grid around what stands still."""
+    """Estimate of the distance to the target: the straight line, or a walk on a grid around discs that stand still."""
 
     def __init__(self, task: _Task, motion: _Motion, cell_m: float) -> None:
         self._task = task
@@ -527,7 +544,7 @@ class _Far:
             self._build(motion.places_m[0][still], task.radii_m[still], cell_m)
 
     def at_m(self, pose: tuple[float, float, float]) -> float:
-        """Return the distance in m from a pose to the arrival circle; infinite from where no cell leads there."""
+        """Return the estimate in m from a pose to the arrival circle; infinite where no walk on the grid leads on."""
         north_m, east_m = pose[0] - self._task.target_ned_m[0], pose[1] - self._task.target_ned_m[1]
         straight_m = max(0.0, math.hypot(north_m, east_m) - self._task.arrival_m)
         if self._grid is None:
@@ -555,13 +572,13 @@ class _Far:
                 free &= np.hypot(north_m[:, None] - place_m[0], east_m - place_m[1]) > reach_m
         goal = tuple(((self._task.target_ned_m - low_m) / cell_m).astype(int))
         self._low_m, self._cell_m = low_m, cell_m
-        # A walk in eight directions is up to 8 % too long, and from centre to centre; both are taken off.
+        # A walk in eight directions is up to 8 % too long and joins centres of cells; both are subtracted.
         walk_m = _grid_distance(free, (int(goal[0]), int(goal[1]))) * cell_m
         self._grid = np.maximum(walk_m / 1.083 - cell_m * math.sqrt(2.0) - self._task.arrival_m, 0.0)
 
 
 def _grid_distance(free: np.ndarray, goal: tuple[int, int]) -> np.ndarray:  # (R, C) bool -> (R, C) cells
-    """Return the walk in eight directions from every free cell to the goal; infinite where there is none."""
+    """Return the length of the eight-direction walk from each free cell to the goal; infinite if none exists."""
     ids = np.arange(free.size).reshape(free.shape)
     begin, end, length = [], [], []
     height, width = free.shape
@@ -593,7 +610,7 @@ def _length_m(pieces: Sequence[PathPiece]) -> float:
 def _at_steps(
     task: _Task, pose: tuple[float, float, float], pieces: Sequence[PathPiece], step_s: float
 ) -> np.ndarray:  # (S, 2) m
-    """Return the places on a way at every step, to the first at or after its end, where it goes on straight."""
+    """Return the points of a path at every step, to the first at or after its end, past which it goes straight on."""
     step_m = task.speed_m_s * step_s
     ends_m = np.cumsum([piece.length_m for piece in pieces])
     total_m = float(ends_m[-1]) if len(pieces) else 0.0
@@ -656,7 +673,7 @@ def _shape_faults(task: _Task, way: np.ndarray, length_m: float) -> list[str]:
 
 
 def _measured(way: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # (W, 3) -> (W - 1,) each
-    """Return each piece's length m and turn rad, and by how much its chord misses the middle heading, in rad."""
+    """Return each piece's length m and turn rad, and by how much its chord is off the middle heading, in rad."""
     offset_m = np.diff(way[:, :2], axis=0)
     chord_m = np.linalg.norm(offset_m, axis=-1)
     turn_rad = np.remainder(np.diff(way[:, 2]) + math.pi, math.tau) - math.pi
@@ -668,7 +685,7 @@ def _measured(way: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # 
 
 
 def _samples(way: np.ndarray) -> np.ndarray:  # (S, 3) flown m, north m, east m
-    """Return points of a way at most CHECK_STEP_M apart, both ends included."""
+    """Return points of a path at most CHECK_STEP_M apart, both ends included."""
     lengths_m, turns_rad, _ = _measured(way)
     rows = [np.array([[0.0, *way[0, :2]]])]
     flown_m = 0.0
@@ -691,7 +708,10 @@ def _samples(way: np.ndarray) -> np.ndarray:  # (S, 3) flown m, north m, east m
 
 
 def _clearance_m(mission: Mission, seed: int, times_s: np.ndarray, points_m: np.ndarray) -> float:  # (S,) s, (S, 2) m
-    """Return the least distance in m to a disc's edge, each where `sim.world` has it, straight between its steps."""
+    """Return the least distance in m from points of a path to the edges of the discs, negative inside.
+
+    The threats are where `sim.world` has them, interpolated linearly between its steps.
+    """
     if not mission.threats:
         return math.inf
     radii_m = np.array([threat.detection_radius_m for threat in mission.threats])  # (M,) m

@@ -19,12 +19,12 @@ RATES_NAME = "arena-rates.png"
 RATIOS_NAME = "arena-ratios.png"
 PLOT_NAMES = (RATES_NAME, RATIOS_NAME)
 RATIO_AXIS = (0.98, 1.5)
-"""Longer paths than this are counted at the right edge."""
+"""Path ratios shown on the axis; greater ones are counted at its right edge."""
 COLUMNS = 5
 
 
 def draw_plots(folder: Path, found: Sequence[Summary], runs: Sequence[Run]) -> None:
-    """Write the plots, PLOT_NAMES, into a folder."""
+    """Write the plots, named PLOT_NAMES, into a folder."""
     (folder / RATES_NAME).write_bytes(_rates_png(found))
     (folder / RATIOS_NAME).write_bytes(_ratios_png(runs))
 

@@ -1,4 +1,4 @@
-"""Writes what the arena found: `arena.json`, `arena.md` with a table a family, and the worst runs as missions."""
+"""Writes the arena's results: `arena.json`, `arena.md` with a table for each family, and the worst runs as missions."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def failures(runs: Sequence[Run]) -> list[tuple[Run, str]]:
 
 
 def worst(runs: Sequence[Run]) -> list[tuple[Run, str]]:
-    """Return what is saved: every failure, and of each family the runs of `routed` with the longest way."""
+    """Return the runs to save, each with the reason: every failure, and each family's longest paths of `routed`."""
     chosen = dict(((run.family, run.index), (run, why)) for run, why in failures(runs))
     for family in FAMILIES:
         flown = [run for run in runs if run.family == family and run.law == "routed" and run.path_ratios]
@@ -67,7 +67,7 @@ def worst(runs: Sequence[Run]) -> list[tuple[Run, str]]:
 
 
 def write_worst(folder: Path, runs: Sequence[Run], seed: int) -> list[tuple[Run, str, str]]:
-    """Save the worst runs as missions; return each with what is wrong and the call that replays it."""
+    """Save the worst runs as missions; return each with the reason and the call that replays it."""
     (folder / WORST_FOLDER).mkdir(exist_ok=True)
     saved = []
     for run, why in worst(runs):
@@ -80,13 +80,13 @@ def write_worst(folder: Path, runs: Sequence[Run], seed: int) -> list[tuple[Run,
 
 @dataclass(frozen=True)
 class ArenaOutcome:
-    """An arena that has been flown."""
+    """The runs of an arena that has been flown, with its seed and its duration."""
 
     runs: Sequence[Run]
     seed: int
     wall_s: float
     saved: Sequence[tuple[Run, str, str]]
-    """The worst runs, as `write_worst` returns them."""
+    """The worst runs with reason and call, as `write_worst` returns them."""
 
     @property
     def missions(self) -> int:
@@ -137,7 +137,7 @@ def markdown(outcome: ArenaOutcome, found: Sequence[Summary], figures: Sequence[
 
 
 def _census(runs: Sequence[Run], family: str) -> str:
-    """Return how many missions of a family can be flown, and why not the others."""
+    """Return a sentence on how many missions of a family can be flown, and why the others cannot."""
     first = {run.index: run for run in runs if run.family == family}
     reasons: dict[str, int] = {}
     for run in first.values():

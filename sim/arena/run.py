@@ -1,7 +1,7 @@
-"""What the arena flies: every law on every mission, and the figures of each flight.
+"""Flies every law on every mission of an arena, and collects the figures of each flight.
 
-A mission's flights share nothing with another's, so they run on as many processes as there are cores; what comes out
-depends on seed and runs alone, but for the decision times.
+Flights of different missions share nothing, so they run on as many processes as there are cores. The results depend on
+the seed and the number of runs alone, except for the decision times.
 """
 
 from __future__ import annotations
@@ -25,38 +25,41 @@ from sim.score import AgentScore, Score, score
 from sim.worker_pool import outcomes
 
 OWN_LAWS: tuple[LawName, ...] = ("routed", "seed")
-"""Ours and the paper's; `ramp` and `step` are the paper's contrast, not contestants."""
+"""This project's law and the paper's; `ramp` and `step`, which the paper only contrasts with its own, are left out."""
 FULL_RUNS = 500
-"""Missions of a full arena."""
+"""Missions of a full arena, over all families."""
 SLOW_RUNS = 20
-"""Single-agent missions of a family that a slow method flies, where the family has as many."""
+"""Greatest number of missions of a family that a slow method flies; it flies only families with a single agent."""
 FLEET_SHARE = 0.25
-"""Of the missions asked for, what a family of fleets flies: one of its flights costs as much as dozens of others."""
+"""Share of the missions asked for that a family with several agents flies, because one of its flights costs as much as
+dozens of others."""
 TIME_BINS_US = np.geomspace(1.0, 1e7, 281)
-"""Edges of the bins in which decision times are counted, so that those of many flights add up: 6 % wide."""
+"""Edges of the bins in which decision times are counted, 6 % wide, so that the counts of many flights can be added."""
 
 
 @dataclass(frozen=True)
 class Feasibility:
-    """Whether a mission can be flown at all, by means that no law shares (docs/arena.md)."""
+    """Whether a mission can be flown at all, as found without any of the laws (docs/arena.md)."""
 
     feasible: bool
     why_not: str | None = None
     gap: float | None = None
-    """Of the planner's length over its lower bound, the worst of its agents."""
+    """Excess of the planner's length over its lower bound, as a share, for the worst agent; None where unknown."""
     seconds: float = 0.0
+    """Wall-clock time that finding it out took."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One law on one mission. Lengths in metres, times in seconds unless said."""
+    """The figures of one flight: one law on one mission."""
 
     family: str
     index: int
     law: str
     feasibility: Feasibility
     certified: bool
-    """Whether the guard certified every start, on the first picture (known from the flight of `routed`)."""
+    """Whether the guard certified every start on the first picture, as known from the flight of `routed`; True if
+    `routed` is not flown."""
     agents: int
     targets: int
     reached: int
@@ -66,10 +69,10 @@ class Run:
     breaches: int
     min_separation_m: float | None
     path_ratios: tuple[float, ...]
-    """Flown over planned, of every agent that arrived and that the planner has a length for."""
+    """Flown length over planned length of every agent that arrived and for which the planner found a path."""
     flight_time_s: float
     decision_counts: tuple[int, ...] = field(repr=False, default=())
-    """Decisions by TIME_BINS_US."""
+    """Number of decisions in each bin of TIME_BINS_US."""
     decision_max_us: float = 0.0
     guarded: int = 0
     uncertified: int = 0
@@ -87,7 +90,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Job:
-    """All the laws that fly one mission."""
+    """One mission, and the laws that fly it."""
 
     family: str
     seed: int
@@ -117,8 +120,8 @@ def check_installed(jobs: Sequence[Job]) -> None:
 
 
 def fly_all(jobs: Sequence[Job], workers: int, progress: Callable[[int, int], None]) -> list[Run]:
-    """Fly every job, on `workers` processes (0: in this one); return the runs in order of family, index and law."""
-    # Fleets last as long as many single agents: first, so that no core waits for one of them at the end.
+    """Fly every job on `workers` processes (0: in this process); return the runs in order of family, index and law."""
+    # A fleet takes as long as many single agents: fleets go first, so that no core waits for one at the end.
     ordered = sorted(jobs, key=lambda job: FAMILIES[job.family].single)
     runs: list[Run] = []
     for done, (_, flown) in enumerate(outcomes(fly_job, ordered, workers), start=1):
@@ -129,7 +132,7 @@ def fly_all(jobs: Sequence[Job], workers: int, progress: Callable[[int, int], No
 
 
 def law_order(law: str) -> int:
-    """Return where a law stands in tables: ours, the paper's, the peers."""
+    """Return the position of a law in tables: this project's laws first, then the published methods."""
     return [*LAWS, *PEERS].index(law)
 
 
@@ -179,7 +182,7 @@ def fly_job(job: Job) -> list[Run]:
 
 
 def flight_seed(seed: int, index: int) -> int:
-    """Return the seed that a mission is flown with: `sim fly --seed`."""
+    """Return the seed that a mission is flown with, which `sim fly --seed` takes to repeat the flight."""
     return seed * 100_000 + index
 
 
@@ -208,7 +211,7 @@ class _Planned:
         self._plan = functools.cache(functools.partial(plan, mission, seed=seed))
 
     def length_m(self, agent_id: int, target_ned_m: tuple[float, float]) -> float:
-        """Return the turn-feasible length to within the arrival radius of a place; infinite where there is no way."""
+        """Return the length of the path, within the turn limit, to the arrival radius of a place; infinite if none."""
         found = self._plan(agent_id, target_ned_m, until_s=self._mission.max_time_s)
         if math.isfinite(found.length_m) and found.lower_bound_m > 0.0:
             self.worst_gap = max(self.worst_gap or 0.0, found.gap)
@@ -216,9 +219,9 @@ class _Planned:
 
 
 def _feasibility(mission: Mission, planned: _Planned) -> Feasibility:
-    """Say whether a mission can be flown: targets clear to the end, and for each the planner finds somebody's way.
+    """Return whether a mission can be flown: targets stay clear, and the planner finds some agent's path to each.
 
-    The third condition, a certified start, is the guard's to say: see Run.certified.
+    The third condition of docs/arena.md, a start that the guard certifies, is found by flying: see Run.certified.
     """
     began_s = time.perf_counter()
 
@@ -243,7 +246,7 @@ def _feasibility(mission: Mission, planned: _Planned) -> Feasibility:
 
 
 def _ratios(scored: Score, flight: ArenaFlight, mission: Mission, planned: _Planned) -> tuple[float, ...]:
-    """Return flown over planned lengths; to a target that moves, planned to where it was reached."""
+    """Return flown over planned lengths; to a target that moves, the path is planned to where it was reached."""
     static = {target.id: target.position_ned_m for target in mission.targets if target.motion == "static"}
     ratios = []
     for agent in scored.per_agent:

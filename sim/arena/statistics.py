@@ -1,4 +1,4 @@
-"""What many flights say together: rates and quantiles with 95 % intervals that assume no distribution."""
+"""Rates and quantiles over many flights, with 95 % intervals that assume no distribution."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from sim.arena.run import TIME_BINS_US, Run
 
 CONFIDENCE = 0.95
 Z = 1.959964
-"""Normal quantile of CONFIDENCE, both sides. Rounded: with the exact one, as scipy has it, one interval in a thousand
-would be written with another sixth decimal than those that were published."""
+"""Two-sided normal quantile of CONFIDENCE. It is rounded: with the exact value, as scipy has it, one interval in a
+thousand would differ in its sixth decimal from those that were published."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A figure and the ends of its interval; all NaN where there is nothing to go by."""
+    """A figure and the ends of its interval; all three are NaN where there are no data."""
 
     value: float
     low: float
@@ -28,21 +28,21 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Summary:
-    """One law over one family."""
+    """The figures of all flights of one law in one family."""
 
     family: str
     law: str
     flights: int
     feasible: int
-    """Of these, flights of missions that can be flown: the arrival rate is theirs."""
+    """Number of flights of feasible missions from certified starts, which the arrival rate and path ratios are of."""
     arrivals: Estimate
     """Share of the feasible missions in which every target was reached."""
     entered: Estimate
     """Share of the flights from certified starts with an entry into any R_d."""
     entries: int
-    """From certified starts."""
+    """Number of entries into an R_d in flights from certified starts."""
     entries_uncertified: int
-    """From starts that the guard could not certify: nothing is promised of them."""
+    """Number of entries in flights from starts that the guard could not certify, for which nothing is promised."""
     worst_depth_m: float
     breaches: int
     min_separation_m: float
@@ -54,7 +54,7 @@ class Summary:
 
 
 def summarise(runs: Sequence[Run]) -> Summary:
-    """Return what the runs of one law over one family, at least one, say together."""
+    """Return the summary of the runs, at least one, of one law over one family."""
     feasible = [run for run in runs if run.feasibility.feasible and run.certified]
     certified = [run for run in runs if run.certified]
     ratios = np.array([ratio for run in feasible for ratio in run.path_ratios])
@@ -117,7 +117,7 @@ def binned_quantile_us(counts: np.ndarray, share: float) -> float:  # (bins,)
 
 
 def behind(one: Summary, other: Summary) -> list[str]:
-    """Return in what `one` is behind another law over the same family by more than their intervals."""
+    """Return the figures in which `one` is worse than another law over the same family, beyond both their intervals."""
     found = []
     if one.arrivals.high < other.arrivals.low:
         found.append("arrivals")

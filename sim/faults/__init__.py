@@ -1,1 +1,1 @@
-"""Faults: one vehicle in flight, what can go wrong with it, and what then happens."""
+"""Fault injection: one vehicle in flight, the faults of it and of its surroundings, and what each leads to."""

@@ -1,4 +1,4 @@
-"""The broadcast of a flight with faults: the ground station's, none, or somebody else's in its place."""
+"""The broadcast of a flight with faults: the ground station's, none, or an impostor's in its place."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from sim.loop import START_S
 
 
 class ContestedBroadcast:
-    """What is on the air."""
+    """The frames on the broadcast link: the ground station's, and those of an impostor."""
 
     def __init__(self, setting: Setting, ground: GroundStation) -> None:
-        """Let the ground station alone transmit."""
+        """Begin with the ground station as the only transmitter."""
         self._mission = setting.mission
         self._broadcaster = Broadcaster(ground, None, frame_signer(FLEET_KEY if setting.signed else None))
         self._is_silent = False
@@ -25,14 +25,14 @@ class ContestedBroadcast:
         self._replayed: list[bytes] = []
 
     def silence(self, silent: bool) -> None:
-        """Let the broadcast end, or begin again."""
+        """Stop the ground station's broadcast, or let it go on."""
         self._is_silent = silent
 
     def replace(self, how: str | None, t_s: float) -> None:
-        """Let another transmit in the ground station's place from now on, by how he does it; None ends it.
+        """Let an impostor transmit in the ground station's place from now on; None for `how` ends that.
 
-        `unsigned` and `of another key` say that there are no discs and that the target is elsewhere, `replayed` repeats
-        what was broadcast until now.
+        `unsigned` and `of another key` are broadcasts of a mission without discs and with its target elsewhere, which
+        are not signed or signed with OTHER_KEY; `replayed` repeats the frames that were broadcast until now.
         """
         self._is_silent = how is not None
         self._impostor, self._replayed = None, []
@@ -43,7 +43,7 @@ class ContestedBroadcast:
             self._impostor = Broadcaster(station, None, frame_signer(OTHER_KEY if how == "of another key" else None))
 
     def transmit(self, t_s: float) -> Iterator[tuple[float, bytes]]:
-        """Yield what is on the air at a time of the flight."""
+        """Yield the frames that are transmitted at a time of the flight, each with that time."""
         true_s = START_S + t_s
         frames = self._broadcaster.tick(true_s)
         if self._is_silent:
@@ -52,14 +52,14 @@ class ContestedBroadcast:
         if self._impostor is not None:
             frames += self._impostor.tick(true_s)
         if self._replayed:
-            # In their own rhythm and over and over, as a recorder would.
+            # One recorded frame per turn of the loop, over and over.
             frames.append(self._replayed[round(t_s / LOOP_PERIOD_S) % len(self._replayed)])
         for frame in frames:
             yield t_s, frame
 
 
 def _lure(mission: Mission) -> Mission:
-    """Return a mission without discs and with its target elsewhere."""
+    """Return the impostor's mission: without discs, and with its target elsewhere."""
     (target,) = mission.targets
     north_m, east_m = target.position_ned_m
     elsewhere = target.model_copy(update={"north_m": 0.3 * north_m, "east_m": east_m - 0.3 * north_m})

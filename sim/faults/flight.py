@@ -1,9 +1,10 @@
 """One vehicle, its companion and everything that can fail around them, on one virtual clock.
 
-What a fault does must be seen before it happens to a real vehicle: at which stage the companion ends, when, how near a
-disc or the fence it came, and what brings it back. The companion's core, the ground station, the frames and the
-stand-in autopilots are those of the real programs; of the process around the core there is what a fault can reach: its
-datagrams' queue, its state files, its clock, and MAVSDK's child, which outlives a hung parent for half a second.
+A flight shows what a fault does before it happens to a real vehicle: which failsafe stage the companion reaches and
+when, how near a disc or the fence the vehicle comes, and what restores normal flight. The companion's core, the ground
+station, the frames and the stand-in autopilots are those of the real programs. Of the process around the core only that
+is modelled which a fault can affect: the queue of datagrams, the state files, the clock, and MAVSDK's child process,
+which survives a hung parent for half a second.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ from sim.world import World
 
 
 class Flight:
-    """One vehicle in flight. Deterministic; `at` plans what is done to its parts, `run` flies."""
+    """A deterministic flight of one vehicle: `at` plans actions, such as faults, and `run` flies."""
 
     def __init__(self, setting: Setting) -> None:
-        """Put the vehicle into the air, in its holding mode, with a safety pilot who hands it over."""
+        """Begin in the air, in the holding mode, with a safety pilot who hands the vehicle over to the companion."""
         mission = setting.mission
         self.setting = setting
         self.cruise_m_s = CRUISE_M_S[setting.kind]
@@ -59,28 +60,28 @@ class Flight:
         self._moments: list[Moment] = []
 
     def at(self, t_s: float, action: Callable[[Flight], None]) -> Flight:
-        """Plan an action; return the flight, so that plans can be written one behind the other."""
+        """Plan an action for a time of the flight; return the flight, so that calls can be chained."""
         self._actions.append((t_s, action))
         self._actions.sort(key=lambda planned: planned[0])
         return self
 
     @property
     def t_s(self) -> float:
-        """The time of the flight."""
+        """The time of the flight, from its beginning."""
         return self._loop.t_s
 
     @property
     def vehicle(self) -> StandIn:
-        """The vehicle's autopilot."""
+        """The stand-in of the vehicle's autopilot."""
         return self.faulty.stand_in
 
     @property
     def guided(self) -> bool:
-        """Whether the autopilot is in the mode that obeys the companion."""
+        """Whether the autopilot is in its guided mode, in which it obeys the companion."""
         return self.vehicle.mode == self.faulty.pilot.guided_mode
 
     def run(self, until_s: float) -> Log:
-        """Fly on until a time and return all of the flight so far."""
+        """Fly on until a time of the flight and return the log of the flight from its beginning."""
         while self.t_s < until_s - TOLERANCE_S:
             while self._actions and self._actions[0][0] <= self.t_s + TOLERANCE_S:
                 self._actions.pop(0)[1](self)
@@ -90,7 +91,7 @@ class Flight:
         return Log(tuple(self._moments))
 
     def _moment(self, t_s: float) -> Moment:
-        """Return what is so after the companion's turn."""
+        """Return the state of vehicle and companion at `t_s`, after the companion's turn."""
         truth, mission, faulty = self.vehicle.truth, self.setting.mission, self.faulty
         place_m = (truth.north_m, truth.east_m)
         _, threats = self._world.rows()
@@ -120,27 +121,27 @@ class Flight:
 
 
 class _Endless:
-    """Writes nothing down and lets the flight go on: its owner notes what it needs after each tick."""
+    """A recorder that records nothing and never ends the flight: `Flight.run` takes a `Moment` after each tick."""
 
     def record(
         self, t_s: float, agents: np.ndarray, alive: Sequence[bool], things: tuple[np.ndarray, np.ndarray]
     ) -> bool:
-        """Go on."""
+        """Ignore the sample; return False, so that the flight goes on."""
         return False
 
     def decided(self, agent_id: int, outcome: Outcome) -> None:
-        """Take no note."""
+        """Ignore the decision."""
 
 
 def _within_box_m(place_m: tuple[float, float], config: Config) -> float:
-    """Return how far a place is from the vehicle's fence, a box along the axes; negative outside."""
+    """Return the distance of a place (north, east) to the vehicle's fence, a box along the axes; negative outside."""
     corners_m = np.array(config.limits.fence)
     (south_m, west_m), (north_m, east_m) = corners_m.min(axis=0).tolist(), corners_m.max(axis=0).tolist()
     return float(min(place_m[0] - south_m, north_m - place_m[0], place_m[1] - west_m, east_m - place_m[1]))
 
 
 def _words(is_dead: bool, decision: Decision | None) -> str:
-    """Return in a few words what the companion did and why."""
+    """Return in a few words what the companion did and why, as docs/faults.md shows it."""
     if is_dead:
         return "dead"
     if decision is None:

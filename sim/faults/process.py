@@ -1,4 +1,4 @@
-"""The companion's process as far as a fault can reach it: queued datagrams, state files, clock and life."""
+"""What a fault can affect of the companion's process: its life, its clock, its queued datagrams, its state files."""
 
 from __future__ import annotations
 
@@ -24,31 +24,33 @@ class _Program:
 
     companion: Companion
     clock_ahead_s: float
-    """Of its clock over the true one: read once, at its start."""
+    """How much the computer's clock was ahead of the true time at the program's start, when it was read."""
     last: Decision | None = None
     setpoints: list[bytes] = field(default_factory=list)
-    """The newest that it sent: what MAVSDK's child repeats."""
+    """The newest setpoints that the program sent, which MAVSDK's child process repeats."""
     waiting: list[bytes] = field(default_factory=list)
     """Datagrams of the autopilot that a hung program has not read yet."""
     waiting_broadcasts: list[bytes] = field(default_factory=list)
+    """Datagrams of the broadcast that a hung program has not read yet."""
     due_s: float = -math.inf
+    """Time of the flight at which the next decision is due."""
 
 
 @dataclass
 class _StateFiles:
-    """What a process leaves on disk for the next."""
+    """The state files on disk, which a process reads from the one before."""
 
     authority: State = State.WAITING
     authenticator: AuthenticatorState | None = None
 
 
 class CompanionProcess:
-    """`companion run` on one vehicle, which can be killed, started, hung, and be wrong about the time."""
+    """`companion run` on one vehicle, which can be killed, started and hung, and whose clock can be stepped."""
 
     def __init__(
         self, setting: Setting, config: Config, t_s: Callable[[], float], autopilot: Callable[[bytes], list[bytes]]
     ) -> None:
-        """Start the process; `t_s` tells the time of the flight, `autopilot` takes a frame and returns its replies."""
+        """Start the process; `t_s` returns the time of the flight, `autopilot` takes a frame and returns replies."""
         self._setting = setting
         self._config = config
         self._t_s = t_s
@@ -61,15 +63,15 @@ class CompanionProcess:
         """Setpoints that reached the autopilot since the last turn began."""
         self.start()
 
-    # What is done to it
+    # Faults
 
     def kill(self) -> None:
-        """End the process, as a crash does, or its machine's death: what is not on disk is lost."""
+        """End the process, as a crash or a loss of power does: whatever is not on disk is lost."""
         self._program = None
         self._hung_since_s = None
 
     def start(self, with_state: bool = True) -> None:
-        """Start a process, with the state files of the one before or without any."""
+        """Start a process, with the state files of the one before, or without them."""
         if not with_state:
             self._files = _StateFiles()
         trust = Trust(mavlink_key=FLEET_KEY if self._setting.signed else None)
@@ -79,7 +81,7 @@ class CompanionProcess:
         self._program = _Program(companion, self._clock_ahead_s)
 
     def hang(self, hung: bool) -> None:
-        """Stop the process where it is, with what arrives waiting in its sockets; or let it go on."""
+        """Hang the process, while arriving datagrams wait in its sockets; or let it go on."""
         if hung:
             self._hung_since_s = self._t_s()
             return
@@ -87,35 +89,35 @@ class CompanionProcess:
         self._catch_up()
 
     def step_clock(self, ahead_s: float) -> None:
-        """Set the computer's clock to another time; what is timed by the steady one goes on."""
+        """Step the computer's clock by `ahead_s`; the monotonic clock is not affected."""
         self._clock_ahead_s += ahead_s
 
     def clear(self) -> None:
-        """Tell the companion that its vehicle is its own again (a signal to the process)."""
+        """Clear the companion's lock by a signal to the process, so that the vehicle can be handed over again."""
         if self._program is not None:
             self._program.companion.clear(self._now_s())
 
-    # What it is
+    # State
 
     @property
     def is_dead(self) -> bool:
-        """Whether there is no process."""
+        """Whether no process is running."""
         return self._program is None
 
     @property
     def listens(self) -> bool:
-        """Whether there is a process and it is not hung."""
+        """Whether a process is running and is not hung."""
         return self._program is not None and self._hung_since_s is None
 
     @property
     def decision(self) -> Decision | None:
-        """The last decision of a process that listens."""
+        """The last decision of the process; None if it is dead or hung, or has not decided yet."""
         return None if self._program is None or self._hung_since_s is not None else self._program.last
 
-    # What it does
+    # Behaviour
 
     def turn(self, broadcasts: Sequence[bytes], frames: Sequence[bytes]) -> None:
-        """Give it its turn, with what has arrived from the ground station and on the autopilot's link."""
+        """Run the process's loop once, with the datagrams of the broadcast and the frames of the autopilot's link."""
         self.sent = 0
         program = self._program
         if program is None:
@@ -146,7 +148,7 @@ class CompanionProcess:
         self._files = _StateFiles(companion.authority.kept, companion.authenticator.state)
 
     def _catch_up(self) -> None:
-        """Go on after a hang: the loop's turn comes before all but the first datagram that waits in the socket."""
+        """Go on after a hang: one waiting datagram is read before the loop runs once, the others after it."""
         program = self._program
         if program is None:
             return
@@ -172,5 +174,5 @@ class CompanionProcess:
                     program.waiting.append(reply)
 
     def _now_s(self) -> float:
-        """Return the time by the companion's clock, which it reads once."""
+        """Return the companion's time: the computer's clock read at its start, and the monotonic clock since."""
         return START_S + self._t_s() + (0.0 if self._program is None else self._program.clock_ahead_s)

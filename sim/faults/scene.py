@@ -1,4 +1,4 @@
-"""The scene of the fault table: where one vehicle flies to, past what, and what each flight begins with."""
+"""The scene of the fault table: the mission of its one vehicle, and the settings with which each flight begins."""
 
 from __future__ import annotations
 
@@ -17,56 +17,60 @@ from sim.scaling import CRUISE_M_S, scaled
 from sim.vehicles import CRAFTS, DEFAULT_RATES_HZ, Home, Setup, StandIn
 
 KINDS = tuple(CRUISE_M_S)
+"""Autopilot kinds with which the faults are flown."""
 LOOP_PERIOD_S = 0.1
-"""Of setpoints, telemetry and looks at the truth."""
+"""Period of setpoints, telemetry and records of the truth."""
 AGENT_ID = 1
 SYSTEM_ID = 1
 SEED = 1
 WAY_M = 3600.0
-"""To the target, for 60 m/s."""
+"""Distance to the target, for a vehicle of 60 m/s."""
 HEIGHT_M = 60.0
-"""A plane that circles needs room below."""
+"""Height above the ground: a plane that circles needs room below it."""
 FLEET_KEY = bytes(range(32))
-"""Of a fleet that exists nowhere else."""
+"""Signing key of the fleet, used in this scene alone."""
 OTHER_KEY = bytes(range(1, 33))
+"""Signing key of an impostor."""
 HOLDING_MODES = {"arducopter": 17, "arduplane": 12, "px4-copter": 4 << 16 | 3 << 24, "px4-plane": 4 << 16 | 3 << 24}
-"""What a safety pilot chooses who takes over: BRAKE (ArduCopter's LOITER without a stick sinks), LOITER, HOLD."""
+"""custom_mode that a safety pilot chooses to take over, by kind: BRAKE, LOITER or HOLD. (ArduCopter's LOITER sinks
+without radio control.)"""
 DEMANDED: Mapping[str, Mapping[str, float]] = {
     "arducopter": {"GUID_TIMEOUT": 1.0},
     "arduplane": {},
     "px4-copter": {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 5.0},
     "px4-plane": {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 5.0},
 }
-"""What `companion check` has an operator set (PARAMETER_CHECKS), where the default is another value."""
+"""Parameters that `companion check` demands (PARAMETER_CHECKS) with other values than the defaults, by kind."""
 STALENESS = StalenessSection(coasting_after_s=3.0, loitering_after_s=6.0, blind_after_s=12.0, recover_after_s=1.0)
-"""A broadcast a second; short, so that all stages fit into a short flight."""
+"""Thresholds of the failsafe stages for one broadcast a second, short so that all stages fit into a short flight."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a flight begins with."""
+    """The settings with which a flight begins."""
 
     kind: str
     mission: Mission
     signed: bool = True
-    """Whether the broadcast is, and must be, signed by the fleet's key."""
+    """Whether the broadcast is signed with FLEET_KEY, and the companion accepts only frames signed so."""
     child: bool = False
     """Whether setpoints leave through MAVSDK's child process, which ends half a second after its parent's last tick."""
     range_m: float | None = None
+    """The vehicle's range; None: as the mission says."""
     start_ned_m: tuple[float, float] = (0.0, 0.0)
     heading_deg: float = 0.0
     fence_ahead_s: float | None = None
-    """Seconds of flight ahead at which the vehicle's own fence ends; None: where the mission's does."""
+    """Seconds of flight to the north end of the vehicle's own fence; None: its fence is the mission's."""
     parameters: Mapping[str, float] | None = None
-    """Of the autopilot, those that it has; None for those demanded."""
+    """The autopilot's parameters by name (others than its own are ignored); None: those of DEMANDED."""
 
 
 def fault_mission(kind: str, target_deg: float = 0.0, discs: bool = True) -> Mission:
     """Return the scene of the fault table, scaled to a kind's cruise speed; lengths here are for 60 m/s.
 
-    The target is 60 s away in the direction `target_deg` from the vehicle's heading, north. A standing disc lies on the
-    way after 15 s, a moving one comes near it after 30 s. The fence leaves 15 s of room around way and vehicle, 20 s at
-    the sides.
+    The target is 60 s away in the direction `target_deg` from the vehicle's heading, north. With `discs`, a static disc
+    is on the way after 15 s of flight, and a moving one comes near the way after 30 s. The fence leaves 15 s of flight
+    to the north and south of vehicle and target, 20 s to the east and west.
     """
     target_rad = math.radians(target_deg)
     target_m = (WAY_M * math.cos(target_rad), WAY_M * math.sin(target_rad))
@@ -95,7 +99,7 @@ def fault_mission(kind: str, target_deg: float = 0.0, discs: bool = True) -> Mis
 
 
 def fault_config(setting: Setting) -> Config:
-    """Return the configuration of the companion of a flight."""
+    """Return the companion's configuration for a flight."""
     mission, kind = setting.mission, setting.kind
     config = config_for_agent(mission, AGENT_ID, "routed")
     limits = config.limits
@@ -109,7 +113,10 @@ def fault_config(setting: Setting) -> Config:
 
 
 def fault_stand_in(setting: Setting, place_m: tuple[float, float], start_s: float, guided: bool = False) -> StandIn:
-    """Return the autopilot of a flight at a place (north, east), whose clock begins at `start_s`, Unix seconds."""
+    """Return a stand-in of the flight's kind, armed in the air at a place (north, east); its clock begins at `start_s`.
+
+    `start_s` is in Unix seconds; with `guided` it begins in the guided mode, else in the holding mode.
+    """
     mission, kind = setting.mission, setting.kind
     return StandIn(
         CRAFTS[kind],
@@ -132,5 +139,5 @@ def fault_stand_in(setting: Setting, place_m: tuple[float, float], start_s: floa
 
 
 def frame_signer(key: bytes | None) -> FrameSigner:
-    """Return what signs a broadcast by a fleet's key, or leaves it unsigned."""
+    """Return the signer of a broadcast with a MAVLink signing key; None leaves the frames unsigned."""
     return FrameSigner(None, None if key is None else MavlinkSigner(key, 0))

@@ -1,4 +1,4 @@
-"""The faults that are flown and what comes of each: the same for the tests, the benchmark and docs/faults.md."""
+"""The table of faults, each flown with each kind, and the results, as in the tests, benchmark and docs/faults.md."""
 
 from __future__ import annotations
 
@@ -13,38 +13,44 @@ from sim.loop import START_S
 from sim.scaling import CRUISE_M_S, PAPER_SPEED_M_S
 
 ON_S = 10.0
-"""When a fault begins: the vehicle is under way for six seconds, a standing disc is five ahead."""
+"""Time of the flight at which a fault begins: after 6 s under guidance, 5 s before the static disc."""
 WATCHDOG_S = 2.0
-"""WatchdogSec of companion/onboard/deploy: a loop that does not ping within it is killed."""
+"""WatchdogSec of companion/onboard/deploy: systemd kills a process that does not notify it within this time."""
 RESTART_S = 3.0
-"""From the end of a process to the first decision of the next: what it may take at most."""
+"""Longest time that a restart may take, from the end of a process to the first decision of the next."""
 STOPPED_M_S = 0.5
+"""Speed over the ground below which a vehicle counts as stopped."""
 AFTERMATH_S = 40.0
-"""How long a vehicle is watched after its companion died."""
+"""Time for which a vehicle is observed after its companion died."""
 TURNED_RAD = math.radians(45.0)
-"""How far a vehicle has turned when its companion dies in a turn."""
+"""Turn from the first course under guidance after which the companion dies in a turn."""
 OFF_ITS_WAY_RAD = math.radians(90.0)
+"""Change of course after which a vehicle without a companion counts as turned off its way."""
 
 Action = Callable[[Flight], None]
+"""Something that is done to a flight, such as a fault or its end."""
 Plan = tuple[tuple[float, Action], ...]
+"""Actions, each with its time of the flight in seconds."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault: what is done when. The flight ends at `until_s`."""
+    """One fault: a plan of actions by time of the flight, which ends at `until_s`."""
 
     title: str
     plan: Plan
     until_s: float
     setting: Callable[[str], Setting] | None = None
-    """What another flight than the ordinary one begins with, by kind."""
+    """Function from a kind to the flight's settings; None: those of `fault_mission` alone."""
     kinds: tuple[str, ...] = KINDS
+    """Kinds with which the fault is flown."""
     on_s: float = ON_S
+    """Time of the flight at which the fault begins."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """What a fault did to one kind."""
+    """One fault flown with one kind, and the log of that flight."""
 
     fault: Fault
     kind: str
@@ -52,28 +58,28 @@ class Row:
 
     @property
     def events(self) -> tuple[tuple[float, str], ...]:
-        """What the companion did from the fault on, each with the seconds since the fault began."""
+        """What the companion did in words from the fault on, each with its time in seconds since the fault began."""
         return tuple((t_s - self.fault.on_s, words) for t_s, words in self.log.course_of_events(self.fault.on_s))
 
     @property
     def disc_m(self) -> float:
-        """How near a disc the vehicle came from the fault on."""
+        """Least distance to a detection disc's edge from the fault on; negative if the vehicle was inside."""
         return self.log.nearest_disc_m(self.fault.on_s)
 
     @property
     def fence_m(self) -> float:
-        """How near the fence the vehicle came from the fault on."""
+        """Least distance to the fence from the fault on; negative if the vehicle was outside."""
         return self.log.nearest_fence_m(self.fault.on_s)
 
     @property
     def normal_after_s(self) -> float | None:
-        """How long after the fault began the companion was back at its task for good; None: not within the flight."""
+        """Time from the fault's beginning until flight is normal to the end; None: it is not normal at the end."""
         normal_s = self.log.normal_from_s(self.fault.on_s)
         return None if normal_s is None else normal_s - self.fault.on_s
 
 
 def fly(fault: Fault, kind: str) -> Row:
-    """Fly one fault with one kind."""
+    """Fly one fault with one autopilot kind and return its row of the table."""
     setting = Setting(kind, fault_mission(kind)) if fault.setting is None else fault.setting(kind)
     flight = Flight(setting)
     for t_s, action in fault.plan:
@@ -86,10 +92,10 @@ def _lasting(on: Action, off: Action, seconds: float) -> Plan:
 
 
 def _handed_back(after_s: float) -> Plan:
-    """Plan what the safety pilot does after a fault whose vehicle has left the mode that obeys the companion.
+    """Plan how the safety pilot hands the vehicle back, `after_s` after the fault, if it has left the guided mode.
 
-    He chooses the mode that holds it, which ends a PX4's failsafe, clears the companion, and hands over. A vehicle that
-    is still in that mode he leaves alone.
+    The pilot chooses the holding mode, which ends a PX4's failsafe, clears the companion's lock, and chooses the guided
+    mode again. A vehicle that is still in the guided mode is left alone.
     """
     at_s = ON_S + after_s
     return (
@@ -146,13 +152,16 @@ def _hour_ahead_and_restarted(flight: Flight) -> None:
 
 
 def _ahead(flight: Flight, seconds: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the place some seconds ahead on the vehicle's course, and the velocity of who comes from there."""
+    """Return a place ahead, by seconds of flight on the present course, and the velocity of a vehicle coming from it.
+
+    Both are north and east, in m and m/s.
+    """
     truth, (north_m_s, east_m_s) = flight.vehicle.truth, flight.vehicle.ground_velocity_m_s
     return (truth.north_m + seconds * north_m_s, truth.east_m + seconds * east_m_s), (-north_m_s, -east_m_s)
 
 
 def _meet_namesake(flight: Flight) -> None:
-    """Let somebody with our own id come towards us, from ten seconds ahead."""
+    """Let a vehicle that uses our agent id come towards us, from ten seconds of flight ahead."""
     began_s = flight.t_s
     (north_m, east_m), (north_m_s, east_m_s) = _ahead(flight, 10.0)
     flight.faulty.encounter.meet(
@@ -164,7 +173,7 @@ def _meet_namesake(flight: Flight) -> None:
 
 
 def _meet_echo(flight: Flight) -> None:
-    """Let our own transponder be heard back, half a second late."""
+    """Let our own detector receive our own transponder, half a second late."""
     vehicle = flight.vehicle
 
     def echo(_t_s: float) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -175,18 +184,18 @@ def _meet_echo(flight: Flight) -> None:
 
 
 def _target_outside(kind: str) -> Setting:
-    """Begin twenty seconds from the fence; the target is behind it."""
+    """Return settings with the fence 20 s of flight ahead, the target behind it."""
     return Setting(kind, fault_mission(kind, discs=False), fence_ahead_s=20.0)
 
 
 def _outside_fence(kind: str) -> Setting:
-    """Begin fifteen seconds outside the fence, flying along it."""
+    """Return settings that begin 15 s of flight outside the fence, flying along it."""
     outside_m = 1800.0 * CRUISE_M_S[kind] / PAPER_SPEED_M_S
     return Setting(kind, fault_mission(kind), start_ned_m=(-outside_m, 0.0), heading_deg=90.0)
 
 
 def _minds_ground_control(kind: str) -> Setting:
-    """Set what `companion check` refuses: the autopilot returns when the ground station is not heard."""
+    """Return settings that `companion check` refuses: without a ground station's heartbeat the autopilot returns."""
     return Setting(
         kind, fault_mission(kind), parameters={"FS_GCS_ENABLE": 1.0, "FS_GCS_ENABL": 1.0, "FS_LONG_ACTN": 1.0}
     )
@@ -201,7 +210,7 @@ def _through_child(kind: str) -> Setting:
 
 
 def _blow(north: float, east: float) -> Action:
-    """Return what lets the wind blow that way, in shares of the cruise speed."""
+    """Return the action that sets the wind to (north, east), in shares of the cruise speed."""
 
     def blow(flight: Flight) -> None:
         flight.vehicle.wind_m_s = (north * flight.cruise_m_s, east * flight.cruise_m_s)
@@ -361,24 +370,24 @@ FAULTS = (
         kinds=("arducopter", "arduplane"),
     ),
 )
-"""In the order of the table."""
+"""The faults, in the order of the table in docs/faults.md."""
 
 
 @dataclass(frozen=True)
 class Dead:
-    """What a vehicle does whose companion died, from that moment on. Lengths over the ground, from where it was."""
+    """What a vehicle does after its companion's death; times count from it, lengths over the ground from its place."""
 
     last_setpoint_s: float
     off_mode_s: float | None
-    """When the autopilot left the mode; None: it stays in it."""
+    """When the autopilot left the guided mode; None: it did not."""
     turned_off_s: float | None
-    """When it was off its course by a right angle, or stopped; None: not within AFTERMATH_S."""
+    """When its course was off by OFF_ITS_WAY_RAD, or it had stopped; None: not within AFTERMATH_S."""
     farthest_m: float
     lost_height_m: float
     speed_m_s: float
-    """At the end."""
+    """Speed over the ground at the end."""
     resumed_s: float | None
-    """When the next companion began to steer; then `farthest_m` is measured until then."""
+    """When a restarted companion began to steer, at which the other figures end; None: none did."""
 
 
 def dies(
@@ -390,9 +399,11 @@ def dies(
     turning: bool = False,
     restarts: bool = False,
 ) -> Dead:
-    """Let a companion die at cruise speed: on a straight way, or in a turn; it may be restarted RESTART_S later.
+    """Fly until a companion dies at cruise speed, and return what the vehicle then does.
 
-    `parameters` are the autopilot's; None for those demanded.
+    It is killed or, with `hangs`, hung: in straight flight or, with `turning`, in a turn. With `child` setpoints leave
+    through MAVSDK's child process; with `restarts` the process is restarted RESTART_S later. `parameters` are the
+    autopilot's; None: those of DEMANDED.
     """
     target_deg = 179.0 if turning else 0.0
     mission = fault_mission(kind, target_deg=target_deg, discs=False)
@@ -410,7 +421,7 @@ def dies(
 
 
 def _fly_into_a_turn(flight: Flight) -> None:
-    """Fly until the vehicle has turned under guidance and is still at speed."""
+    """Fly until the vehicle has turned by TURNED_RAD under guidance and is at 0.8 of its cruise speed or more."""
     engaged_s: float | None = None
     course_rad = 0.0
     while flight.t_s < AFTERMATH_S:
@@ -463,5 +474,5 @@ DEAD_PARAMETERS: Mapping[str, tuple[Mapping[str, float], ...]] = {
         {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0.0},
     ),
 }
-"""By kind, the autopilot's parameters for which a dead companion is shown; the last of PX4's are its defaults, which
-`companion check` refuses."""
+"""By kind, the sets of autopilot parameters with which a companion's death is flown. The last set of each PX4 kind is
+PX4's defaults, which `companion check` refuses."""

@@ -1,1 +1,1 @@
-"""The paper's experiments again, each number measured when it is run: `sim reproduce`."""
+"""`sim reproduce`: runs the paper's experiments again and measures every number anew."""

@@ -1,7 +1,7 @@
 """The paper's claims beside what was measured, and a verdict on each.
 
-A verdict follows from the measured figures by the rule written here, never from what we expect. It can go either way,
-and where the paper leaves out what a comparison needs, it says so instead.
+A verdict follows from the measured figures by the rule written here, never from what we expect, and can go either way.
+Where the paper leaves out what a comparison needs, the verdict is that the claim cannot be compared.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ PAPER_MAX_MS = 12.5
 SQUARE_KILOMETRE_M2 = 1e6
 
 LEARNED_SHARE = 0.9
-"""A network whose test MSE is at least this share of its target's variance has learnt nothing worth the name: the mean
-alone would do as well."""
+"""Share of its target's variance from which on a network's test MSE means that it has learnt nothing: always predicting
+the mean would do as well."""
 
 
 class Verdict(Enum):
-    """What can be said of a claim."""
+    """Outcome of setting a claim beside the measured figures."""
 
     HOLDS = "holds"
     FAILS = "does not hold"
@@ -41,7 +41,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Claim:
-    """One row of the table."""
+    """A claim, what the paper and this run have on it, and the verdict: one row of the table."""
 
     key: str
     claim: str
@@ -49,9 +49,9 @@ class Claim:
     here: str
     verdict: Verdict
     reason: str
-    """One sentence."""
+    """Reason of the verdict, in one sentence."""
     ours: bool = False
-    """Whether it is this project that claims it, of the paper."""
+    """Whether this project claims it about the paper; otherwise the paper claims it."""
 
 
 def all_claims(results: Results) -> tuple[Claim, ...]:
@@ -169,7 +169,10 @@ def _greatest_time(core_us: np.ndarray, wire_us: np.ndarray) -> Claim:
 
 
 def _time(key: str, claim: str, paper_ms: float, core_ms: float, wire_ms: float) -> Claim:
-    """Judge by the pure core, which computes what the paper's program did and no frames."""
+    """Return a claim on the time of a step.
+
+    The verdict is by the pure core, which computes what the paper's program computed, without frames.
+    """
     holds = core_ms <= paper_ms
     return Claim(
         key,
@@ -267,5 +270,5 @@ def _weights(mission: Mission) -> Claim:
 
 
 def complete_steps(flights: Sequence[FlightFigures]) -> np.ndarray:
-    """Return the steps of the flights that reached every target, (C,)."""
+    """Return the numbers of steps, (C,), of the flights that reached every target."""
     return np.array([flight.steps for flight in flights if flight.targets_reached == flight.targets], dtype=int)

@@ -1,4 +1,4 @@
-"""`sim reproduce`: the paper's experiments run again, and what is measured beside what it claims."""
+"""`sim reproduce`: runs the paper's experiments again and sets what is measured beside what the paper claims."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from sim.reproduction.report import JSON_NAME, MARKDOWN_NAME, is_paper_sized, wr
 from sim.terminal import job_progress, rendered, writable_folder
 
 MAX_WORKERS = 8
-"""Processes at most; more would cost their memory and save seconds."""
+"""Greatest number of worker processes; more would cost memory and save only seconds."""
 MIN_SAMPLES = 100
-"""Fewer leave no validation set worth the name."""
+"""Least number of training samples; fewer leave too small a validation set."""
 
 
 @click.command("reproduce")

@@ -1,11 +1,11 @@
-"""Flies a mission on the decisions alone: the same functions as on the vehicles and on the ground, without a frame.
+"""Flies a mission with the decision functions of vehicles and ground station alone, without frames: the pure core.
 
-`sim.lockstep` flies the programs over the wire, a few seconds per flight; hundreds of seeds need this. Everything
-happens in lockstep's order: the world moves, arrivals are noted, the centre looks once a second, assigns and
-broadcasts, then the agents decide. What is left out is what only the wire or the flying system has: rounding of
-positions to the frame's resolution and of radii upwards, the guard, the stages of staleness, the budget of range.
-Peers are seen where they are, not extrapolated from the last broadcast. Kinematic: the vehicles are points that turn at
-a bounded rate.
+`sim.lockstep` flies the programs over the wire, which takes a few seconds per flight; hundreds of seeds need something
+faster. Everything happens in lockstep's order: the world moves, arrivals are noted, the ground station looks once a
+second, assigns and broadcasts, then the agents decide. Left out is what only the wire or the flying system has: the
+rounding of positions to the frame's resolution and of radii upwards, the guard, the failsafe stages, the budget of
+range. Peers are seen where they are, not extrapolated from the last broadcast. The simulator is kinematic: the vehicles
+are points that turn at a bounded rate.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from sim.trajectory import POSITION_DECIMALS, Trajectory, TrajectoryBuilder
 from sim.world import World
 
 CoreLaw = Literal["seed", "step"]
-"""The paper's law on its surrogate F*, and on F itself, whose gradient is nothing."""
+"""The paper's law on its surrogate F* (`seed`), or on F itself, whose gradient is zero wherever it exists (`step`)."""
 PERFECT_LINK = LinkSpec(delay_s=0.0)
 _TOLERANCE_S = 1e-6
 _NO_TARGET = -1
@@ -51,19 +51,19 @@ _NO_TARGET = -1
 
 @dataclass(frozen=True)
 class CoreFlight:
-    """What a flight on the pure core left behind."""
+    """The trajectory and the figures of a flight on the pure core."""
 
     trajectory: Trajectory
     steps: int
-    """Guidance steps."""
+    """Number of guidance steps."""
     step_us: np.ndarray  # (steps,) us, wall-clock time of the centre's and all agents' decisions in each step
     turn_limited_steps: int
-    """Decisions, over all agents, in which the turn limit was active."""
+    """Number of decisions, over all agents, in which the turn limit was active."""
 
 
 @dataclass(frozen=True)
 class _Heard:
-    """The last broadcast."""
+    """Content of the last broadcast."""
 
     t_s: float
     targets_ned_m: np.ndarray  # (K, 2) m
@@ -72,7 +72,10 @@ class _Heard:
 
 
 class _Arrivals:
-    """Who is still on the way to what: the first arrival completes a target (docs/method.md section 1, point 5)."""
+    """Agents still on their way and targets still open.
+
+    The first arrival completes a target (docs/method.md section 1, point 5).
+    """
 
     def __init__(self, agents: int, targets: int) -> None:
         self.flying = np.ones(agents, dtype=bool)
@@ -80,11 +83,11 @@ class _Arrivals:
 
     @property
     def over(self) -> bool:
-        """Whether every target is reached, or nobody is left to reach one."""
+        """Whether every target is reached, or no agent is left to reach one."""
         return not (self.open.any() and self.flying.any())
 
     def update(self, near: np.ndarray) -> bool:
-        """Note who has arrived, targets in file order, and return whether anybody has.
+        """Note which agents have arrived, targets in file order, and return whether any has.
 
         `near` (N, K) says which agents are within the arrival radius of which targets.
         """
@@ -100,7 +103,7 @@ class _Arrivals:
 
 
 def fly_core(mission: Mission, seed: int, law: CoreLaw = "seed") -> CoreFlight:
-    """Fly a resolved mission until every target is reached, nobody is left to reach one, or its time is up.
+    """Fly a resolved mission until every target is reached, no agent is left to reach one, or its time is up.
 
     Raises ValueError where the mission asks for what is not modelled here: a link that delays or loses, losses of
     agents, wind, Case II, a broadcast between two looks of the sensor, a range policy other than `arrive`, the
@@ -130,7 +133,7 @@ def _check_modelled(mission: Mission) -> None:
 
 @dataclass(frozen=True)
 class _Threats:
-    """What the mission says of the threats, in file order, and what they weigh."""
+    """The threats' radii and speed bounds from the mission, in file order, and the weights of their penalties."""
 
     detection_radius_m: np.ndarray  # (M,) m
     attack_radius_m: np.ndarray  # (M,) m
@@ -139,7 +142,7 @@ class _Threats:
 
     @classmethod
     def of(cls, mission: Mission) -> _Threats:
-        """Return those of a mission."""
+        """Return the threats of a mission."""
         return cls(
             np.array([threat.detection_radius_m for threat in mission.threats]),
             np.array([threat.attack_radius_m for threat in mission.threats]),
@@ -148,13 +151,13 @@ class _Threats:
         )
 
     def discs(self, centres_ned_m: np.ndarray, age_s: float) -> ThreatDiscs:  # (M, 2) m
-        """Return the discs where they were heard, grown by what the threats may have moved since."""
+        """Return the discs where the threats were at the last broadcast, grown by what they may have moved since."""
         growth_m = self.speed_bound_m_s * age_s  # (M,)
         return ThreatDiscs(centres_ned_m, self.detection_radius_m + growth_m, self.attack_radius_m + growth_m)
 
 
 class _Agents:
-    """The agents of a flight, in file order: what they can do, where they are and where they head."""
+    """The agents of a flight, in file order: their limits, where they are and where they head."""
 
     def __init__(self, mission: Mission) -> None:
         self.ids = np.array([agent.id for agent in mission.agents])  # (N,)
@@ -167,14 +170,14 @@ class _Agents:
         self.commanded_rad = [pose[2] for pose in self.poses]
 
     def rows(self) -> np.ndarray:  # (N, 4) north m, east m, heading deg, speed m/s
-        """Return the truth as a trajectory has it."""
+        """Return the agents' true states as a trajectory has them."""
         rows = np.array([(*pose, 0.0) for pose in self.poses])
         rows[:, 2] = np.degrees(rows[:, 2]) % 360.0
         rows[:, 3] = self.speed_m_s
         return rows
 
     def fly(self, dt_s: float) -> None:
-        """Turn towards the commanded headings along exact arcs."""
+        """Fly for a time, turning towards the commanded headings along exact arcs."""
         self.poses = [
             turn_towards(*pose, speed_m_s, commanded_rad, rate_rad_s, dt_s)
             for pose, speed_m_s, commanded_rad, rate_rad_s in zip(
@@ -185,7 +188,7 @@ class _Agents:
 
 
 class _Loitering:
-    """Who is at its target or has none, and where each loiters, as on board."""
+    """Which agents are at their targets or have none, and where each of them loiters, as on board."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
@@ -196,7 +199,7 @@ class _Loitering:
     def pull(
         self, agents: _Agents, agent: int, target_ned_m: tuple[float, float] | None, heard: _Heard
     ) -> SteeringVector:
-        """Return what attracts an agent: its target until it is there, then its loiter circle."""
+        """Return the pull on an agent: towards its target until it is there, then around its loiter circle."""
         position = agents.poses[agent][:2]
         radius_m = self._mission.arrival_radius_m * (1.0 if self._latched[agent] else ARRIVAL_SHARE)
         self._latched[agent] = target_ned_m is not None and math.dist(position, target_ned_m) <= radius_m
@@ -213,14 +216,14 @@ class _Loitering:
 
 
 def _settled(ids: np.ndarray, agent: int, heard: _Heard) -> np.ndarray:
-    """Return which peers' loiter places go before an agent's, (N,) bool, by the rule of the world model."""
+    """Return which peers' loiter places have priority over an agent's, (N,) bool, by the rule of the world model."""
     settled: np.ndarray = (heard.assigned == _NO_TARGET) | (ids < ids[agent])
     settled[agent] = False
     return settled
 
 
 class _Flying:
-    """A flight under way; N agents, K targets, M threats in file order."""
+    """A flight in progress; N agents, K targets, M threats in file order."""
 
     def __init__(self, mission: Mission, seed: int, profile: RadialProfile) -> None:
         self._mission = mission
@@ -241,7 +244,7 @@ class _Flying:
         )
 
     def run(self) -> CoreFlight:
-        """Fly to the end."""
+        """Fly to the end and return the flight."""
         mission = self._mission
         dt_s = mission.integration_step_s
         guide_every = round(mission.guidance_step_s / dt_s)
@@ -279,7 +282,10 @@ class _Flying:
         return CoreFlight(self._trajectory.build(), len(step_us), np.array(step_us), self._turn_limited)
 
     def _record(self, t_s: float, targets: np.ndarray, threats: np.ndarray) -> np.ndarray:  # (N, K) bool
-        """Log the truth; return which agents are within the arrival radius of which targets, as `sim.score` sees it."""
+        """Record the true positions; return which agents are within the arrival radius of which targets.
+
+        Positions are rounded as in the trajectory, so that `sim.score` finds the same arrivals.
+        """
         rows = self._agents.rows()
         self._trajectory.append(t_s, rows, targets, threats)
         traffic_ned_m = np.round(rows[:, :2], POSITION_DECIMALS)
@@ -288,7 +294,7 @@ class _Flying:
         return near
 
     def _assign(self, targets_ned_m: np.ndarray) -> None:
-        """Give every agent on its way one of the open targets (K, 2), as far as there are any."""
+        """Assign one of the open targets (K, 2) to every agent on its way, as far as there are enough."""
         flying, open_targets = np.flatnonzero(self._seen_arrivals.flying), np.flatnonzero(self._seen_arrivals.open)
         objective: Objective = "inverse-distance" if self._mission.objective == "inverse-distance" else "distance"
         chosen = assign(self._agents.ned_m[flying], targets_ned_m[open_targets], objective)

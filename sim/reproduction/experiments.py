@@ -1,7 +1,8 @@
-"""What is run: the paper's static contrast and dynamic run, less agile vehicles, training, the wire beside the core.
+"""Runs the paper's static contrast and dynamic run, less agile vehicles, the training, and flights over the wire.
 
-Every experiment is a list of jobs that share nothing, so they are run in any order on as many processes as there are
-cores; what comes out depends on the settings alone, but for the times.
+Every experiment is a list of jobs that share nothing, so they run in any order on as many processes as there are cores;
+the results depend on the settings alone, except for the times. A flight on the pure core (`core_flight`) computes the
+decisions only; one over the wire (`sim.lockstep`) exchanges encoded frames between the programs.
 """
 
 from __future__ import annotations
@@ -24,33 +25,34 @@ from sim.trajectory import Trajectory
 from sim.worker_pool import outcomes
 
 PAPER_STEP_S = 5.0
-"""Paper, section Simulation: "each iteration is chosen to be 5 s"."""
+"""Time of one iteration (paper, section Simulation: "each iteration is chosen to be 5 s")."""
 SAMPLE_S = 1.0
-"""Integration and sampling at the paper's step: the sensor's period. Arcs are exact, so it bounds only what is seen."""
+"""Integration step and sampling period of flights at the paper's step: the sensor's period. Arcs are exact, so it
+limits only what the samples show."""
 FINE_STEP_S = 0.5
-"""Guidance and integration of the packaged missions."""
+"""Guidance and integration step of the packaged missions, for the flights at a fine step."""
 N_MAX = (10.0, 2.0, 1.0, 0.5)
-"""Load factors of the sweep: the paper's, and what fixed wings have (docs/method.md section 2, point 6)."""
+"""Load factors of the sweep: the paper's, and those that fixed wings have (docs/method.md section 2, point 6)."""
 MIN_SEEDS = 5
-"""As many fly over the wire too."""
+"""Least number of flights of an experiment, and how many dynamic flights are flown over the wire too."""
 STATIC_SEED, STATIC_STEP, DYNAMIC = "static-seed", "static-step", "dynamic-10"
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How much is run; the defaults are the paper's where it has any."""
+    """How much is run; the defaults are the paper's where it states them."""
 
     seeds: int = 200
     """Flights of each experiment at the paper's step; their seeds count from 1."""
     wire_seeds: int = MIN_SEEDS
-    """Of these, as many fly over the wire too."""
+    """Number of the dynamic flights that are flown over the wire too, the first seeds."""
     fine_seeds: int = 40
-    """Flights at the fine step, ten times as long to compute; never more than `seeds`."""
+    """Flights of each experiment at the fine step, which take ten times as long to compute; never more than `seeds`."""
     samples: int = 100_000
     epochs: int = 1_000
     training_seed: int = 0
     time_limit_s: float | None = None
-    """Ends flights earlier than the range of the agents does."""
+    """Time limit of a flight where it is shorter than the agents' range allows; None for no other limit."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class Series:
 
 @dataclass(frozen=True)
 class FlightFigures:
-    """One flight on the pure core."""
+    """Figures of one flight on the pure core."""
 
     seed: int
     steps: int
@@ -80,21 +82,22 @@ class FlightFigures:
     entries_detection: int
     entries_attack: int
     entered: tuple[int, ...]
-    """Agents that entered a detection radius."""
+    """Ids of the agents that entered a detection radius."""
     worst_depth_m: float
     breaches: int
-    """Separation, interpolated between samples."""
+    """Breaches of the separation, with positions interpolated between the samples."""
     breaches_at_steps: int
-    """Those that are seen when looking at the guidance steps alone, as the paper does."""
+    """Breaches that are seen when looking at the guidance steps alone, as the paper does."""
     min_separation_m: float | None
-    """None for fewer than two agents."""
+    """Least distance between two agents; None for fewer than two agents."""
     turn_limited: int
+    """Number of decisions in which the turn limit was active."""
     decisions: int
 
 
 @dataclass(frozen=True)
 class Training:
-    """A training run, in figures that both networks have."""
+    """Figures of a training run that both networks have."""
 
     neurons: int
     samples: int
@@ -124,27 +127,27 @@ class WireComparison:
 
     seed: int
     targets_core: tuple[int, ...]
-    """Ids of the targets reached."""
+    """Ids of the targets reached on the pure core."""
     targets_wire: tuple[int, ...]
     entries_core: tuple[int, int]
-    """Into detection and attack radii."""
+    """Entries into detection radii and into attack radii on the pure core."""
     entries_wire: tuple[int, int]
     steps_core: int
     steps_wire: int
     apart_m: float
-    """Greatest distance of an agent from itself, until it arrived or all was over."""
+    """Greatest distance between the two positions of an agent at the same time, until it arrived or a flight ended."""
     apart_agent: int
     apart_t_s: float
     typical_apart_m: float
-    """Median over the agents of their greatest distances."""
+    """Median over the agents of the greatest distance of each."""
     guard_interventions: int
-    """Decisions over the wire that the guard changed; the core has none."""
+    """Decisions over the wire that the guard changed; the pure core has no guard."""
     core_us: np.ndarray  # (steps_core,) us, each step's decisions, the centre's included
     wire_us: np.ndarray  # (steps_wire,) us, each step's decisions of all companions, frames included
 
     @property
     def agrees(self) -> bool:
-        """Same targets reached, same entries, and as many steps within one."""
+        """Whether both reached the same targets with the same entries, in numbers of steps that differ by at most 1."""
         return (
             self.targets_core == self.targets_wire
             and self.entries_core == self.entries_wire
@@ -154,7 +157,7 @@ class WireComparison:
 
 @dataclass(frozen=True)
 class Results:
-    """Everything that was measured."""
+    """Everything that was measured in a reproduction."""
 
     settings: Settings
     torch_version: str
@@ -162,10 +165,10 @@ class Results:
     pairwise: Training
     series: tuple[Series, ...]
     flights: dict[str, tuple[FlightFigures, ...]]
-    """By the series' key, in the order of its seeds."""
+    """Flights of each series, by its key, in the order of its seeds."""
     wire: tuple[WireComparison, ...]
     static_pair: tuple[Flown, Flown]
-    """One static scene under F* and under F."""
+    """The same static scene flown with F* and with F."""
     dynamic: Flown
     """The dynamic flight of median length."""
 
@@ -226,11 +229,11 @@ class _TrainingJob:
 _Job = _FlightJob | _TrainingJob
 _Outcome = FlightFigures | tuple[Training, str]
 Progress = Callable[[int, int], None]
-"""Called with how many flights and trainings are done, and how many there are."""
+"""Function that is called with the number of flights and trainings done and the number of all."""
 
 
 def all_series(settings: Settings) -> tuple[Series, ...]:
-    """Return every experiment on the pure core; the n sweep at the paper's step begins with the dynamic run."""
+    """Return every experiment on the pure core; the sweep of load factors begins with the paper's dynamic run."""
     seeds = tuple(range(1, settings.seeds + 1))
     fine = seeds[: settings.fine_seeds]
     paper, finer = (PAPER_STEP_S, SAMPLE_S), (FINE_STEP_S, FINE_STEP_S)
@@ -245,8 +248,8 @@ def all_series(settings: Settings) -> tuple[Series, ...]:
 def paper_mission(series: Series, seed: int, limit_s: float | None = None) -> Mission:
     """Return a series' mission as drawn from the seed.
 
-    It ends when the agents' range is flown, if not earlier: beyond, the paper's f4 forbids everything. The link is
-    perfect, and nobody turns back for its range.
+    It ends when the agents' range is flown, if not earlier: beyond it the paper's f4 forbids everything. The link is
+    perfect, and no agent turns back because of its range.
     """
     drawn = resolve(_packaged(series.mission), seed)
     range_s = min(agent.range_m / agent.speed_m_s for agent in drawn.agents)
@@ -265,18 +268,18 @@ def paper_mission(series: Series, seed: int, limit_s: float | None = None) -> Mi
 
 @functools.cache
 def _packaged(name: str) -> Mission:
-    """Return a packaged mission; parsing it anew would cost each flight a tenth of its time."""
+    """Return a packaged mission, cached, because parsing it anew would cost each flight a tenth of its time."""
     return load_mission(name)
 
 
 def check_trainable() -> None:
-    """Raise InputError if torch is missing, before minutes are spent."""
+    """Raise InputError if torch is not installed, before minutes are spent on flights."""
     if importlib.util.find_spec("torch") is None:
         raise InputError("training needs torch, which is not installed: pip install '.[train]'")
 
 
 def run_all(settings: Settings, workers: int, progress: Progress = lambda done, total: None) -> Results:
-    """Run every experiment on that many processes, or within this one if `workers` is 0.
+    """Run every experiment on `workers` processes, or within this one if `workers` is 0.
 
     Raises:
         InputError: torch is missing.
@@ -288,7 +291,7 @@ def run_all(settings: Settings, workers: int, progress: Progress = lambda done, 
     wire_seeds = dynamic.seeds[: settings.wire_seeds]
     limit_s = settings.time_limit_s
     jobs: list[_Job] = [
-        # The longest first, so that no process is left with one at the end.
+        # The longest jobs first, so that no process is left with one at the end.
         _TrainingJob(True, settings.training_seed, settings.samples, settings.epochs),
         _TrainingJob(False, settings.training_seed, settings.samples, settings.epochs),
         *(_FlightJob(each, seed, limit_s) for each in reversed(series) for seed in each.seeds),
@@ -303,7 +306,7 @@ def run_all(settings: Settings, workers: int, progress: Progress = lambda done, 
             flights[job.series.key][job.seed] = outcome
         progress(done, len(jobs) + len(wire_seeds))
     ordered = {each.key: tuple(flights[each.key][seed] for seed in each.seeds) for each in series}
-    # Alone, now that the other processes are done: a time measured beside them would be theirs too.
+    # Alone, now that the other processes are done: they would disturb the times that are measured here.
     wire = []
     for seed in wire_seeds:
         wire.append(compare_with_wire(paper_mission(dynamic, seed, limit_s), seed))
@@ -370,7 +373,7 @@ def _figures(mission: Mission, seed: int, flight: CoreFlight) -> FlightFigures:
 
 
 def _breaches_at(agents_ned_m: np.ndarray, separation_m: float) -> int:
-    """Return in how many runs of samples (S, N, 2) a pair of agents is closer than the separation."""
+    """Return how many runs of consecutive samples (S, N, 2) have a pair of agents closer than the separation."""
     first, second = np.triu_indices(agents_ned_m.shape[1], k=1)
     offset_m = agents_ned_m[:, first] - agents_ned_m[:, second]
     below = np.hypot(offset_m[..., 0], offset_m[..., 1]) < separation_m  # (S, P)
@@ -378,7 +381,7 @@ def _breaches_at(agents_ned_m: np.ndarray, separation_m: float) -> int:
 
 
 def compare_with_wire(mission: Mission, seed: int) -> WireComparison:
-    """Fly a mission both ways with the law `seed`, and compare."""
+    """Fly a mission with the law `seed` on the pure core and over the wire, and compare the two flights."""
     core, wire = fly_core(mission, seed), fly(mission, seed)
     scores = score(core.trajectory, mission), score(wire.trajectory, mission)
     samples = min(len(core.trajectory.t_s), len(wire.trajectory.t_s))

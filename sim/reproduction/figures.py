@@ -1,4 +1,4 @@
-"""The figures of the reproduction, in the paper's manner where it has one."""
+"""Draws the figures of the reproduction, like the paper's where the paper has such a figure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sim.score import score
 from sim.trajectory import Trajectory
 
 SNAPSHOT_STEPS = 100
-"""Between two pictures of the dynamic run (paper, figure paths)."""
+"""Guidance steps between two pictures of the dynamic run (paper, figure paths)."""
 _COLUMNS = 3
 _KINEMATIC = "kinematic simulator: points that turn at a bounded rate, not aircraft"
 _NETWORK_COLOUR = "#1b7a5a"
@@ -130,7 +130,7 @@ def _static_paths(flown: Flown, path: Path, law: str, title: str) -> None:
 
 
 def _snapshots_png(flown: Flown) -> bytes:
-    """Draw the run up to every SNAPSHOT_STEPS steps, and whole, on one ground."""
+    """Draw the run up to each multiple of SNAPSHOT_STEPS and up to its end, each in a panel of its own."""
     every = round(PAPER_STEP_S / flown.mission.integration_step_s)
     steps = [*range(SNAPSHOT_STEPS, flown.steps, SNAPSHOT_STEPS), flown.steps]
     rows = -(-len(steps) // _COLUMNS)
@@ -161,7 +161,7 @@ def _snapshots_png(flown: Flown) -> bytes:
 
 
 def _until(trajectory: Trajectory, sample: int) -> Trajectory:
-    """Return the samples up to and including one, or all if there are fewer."""
+    """Return a trajectory's samples up to and including one, or all if there are fewer."""
     names = ("agents", "targets", "threats")
     parts = ("ned_m", "heading_deg", "speed_m_s")
     cut = {f"{name}_{part}": getattr(trajectory, f"{name}_{part}")[: sample + 1] for name in names for part in parts}

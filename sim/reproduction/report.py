@@ -1,4 +1,4 @@
-"""Writes what was measured: `reproduce.json` with every number, and `reproduce.md`, made from it and nothing else."""
+"""Writes what was measured: `reproduce.json` with every number, and `reproduce.md`, made from its content alone."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def _mission(mission: Mission) -> dict[str, Any]:
 
 
 def _series(series: Series, results: Results) -> dict[str, Any]:
-    """Return a series' settings, its figures in all, and those of each flight as columns."""
+    """Return a series' settings, the totals of its figures, and the figures of each flight as columns."""
     flights = results.of(series.key)
     agent = paper_mission(series, series.seeds[0]).agents[0]
     rate_rad_s = turn_rate_rad_s(agent.speed_m_s, agent.n_max)
@@ -418,6 +418,6 @@ def _figures(content: Content, *names: str) -> str:
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a Markdown table; a bar within a cell would end it."""
+    """Return a Markdown table; bars within cells are escaped, because they would end the cell."""
     lines = [heads, ["---"] * len(heads), *rows]
     return "\n".join("| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines)

@@ -1,4 +1,4 @@
-"""Stand-in autopilots: what a companion meets before it meets the real ones."""
+"""Stand-in autopilots: simulated ArduPilot and PX4 vehicles that speak MAVLink to a companion."""
 
 from __future__ import annotations
 
@@ -35,4 +35,4 @@ CRAFTS: dict[str, Callable[[Start], Craft]] = {
     "px4-copter": Px4Copter,
     "px4-plane": Px4Plane,
 }
-"""What makes a craft of each autopilot kind."""
+"""The constructor of the craft of each autopilot kind, by the kind's name."""

@@ -1,11 +1,11 @@
 """ArduCopter as measured in its own simulator with default parameters (docs/autopilots.md; V4.7.0-dev, October 2025).
 
-A velocity demand shapes a reference (acceleration and jerk limited), which the copter follows with a lag as far as its
-lean against the drag allows. The reference does not know of the top speed, so who asks for more than is reachable winds
-it up and waits longer for a reversal, as on the real one.
+A velocity setpoint shapes a reference velocity (limited in acceleration and jerk), which the copter follows with a lag
+and up to the top speed at which its lean balances the drag. The reference is not limited by that top speed, so a
+setpoint above it winds the reference up and makes a reversal slower, as on the real autopilot.
 
-Not modelled: the drift of STABILIZE and ALT_HOLD (they hold their place), and the disarming of a copter left armed on
-the ground.
+Not modelled: the drift of STABILIZE and ALT_HOLD (here they hold their horizontal position), and the automatic
+disarming of a copter that stays armed on the ground.
 """
 
 from __future__ import annotations
@@ -23,36 +23,49 @@ from sim.vehicles.setpoint import SANE_POSITION_M, Setpoint, clip, global_place_
 
 _SHAPING_LAG_S = 0.54
 _FOLLOWING_LAG_S = 0.08
-"""Together they lag 0.62 s behind a vector that turns at 10 deg/s, as measured."""
+"""Time constants of the reference behind the setpoint and of the copter behind the reference. Together they lag 0.62 s
+behind a velocity vector that turns at 10 deg/s, as measured."""
 _JERK_M_S3 = 5.0
-"""PSC_JERK_XY (code, default). With it a step to 5 m/s is 90 % done after 2.3 s; measured 2.35 s."""
+"""PSC_JERK_XY's default, read in the source. With it a step to 5 m/s is 90 % done after 2.3 s; measured 2.35 s."""
 _BRAKING_SHARE = 1.25
-"""Of WPNAV_ACCEL when no setpoint comes any more: from 10 m/s it was seen to stop within 18 m and 3.6 s."""
+"""Deceleration when braking, as a share of WPNAV_ACCEL: from 10 m/s the copter was measured to stop within 18 m and
+3.6 s once setpoints had ended."""
 _SETPOINT_GRACE_S = 0.5
-"""Added to GUID_TIMEOUT before a silent companion is given up."""
+"""Time beyond GUID_TIMEOUT, after the last setpoint, at which the copter brakes (measured)."""
 _TOP_SPEED_AT_45_DEG_M_S = 15.0
 _TOP_SPEED_EXPONENT = math.log(_TOP_SPEED_AT_45_DEG_M_S / 10.3) / math.log(1.0 / math.tan(math.radians(30.0)))
-"""Drag against lean angle, through the two measured points: 10.3 m/s at 30 degrees and 15.0 m/s at 45."""
+"""Top speed is 15.0 m/s times tan(lean angle) to this exponent: it passes through the two measured points, 10.3 m/s at
+30 degrees and 15.0 m/s at 45 degrees."""
 _CLIMB_M_S = 2.5
 _DESCENT_M_S = 1.5
+"""Greatest climb and descent rate, except in the modes that are flown by sticks."""
 _STICK_SINK_M_S = 2.5
-"""LOITER and its like without a radio-control stick sink this fast."""
+"""Sink rate of the modes that are flown by sticks (LOITER and others) when there is no radio control (measured)."""
 _VERTICAL_ACCELERATION_M_S2 = 1.0
+"""Greatest vertical acceleration."""
 _LAND_FINAL_M = 10.0
+"""Height above home below which a landing descends at _LAND_FINAL_M_S."""
 _LAND_FINAL_M_S = 0.5
 _RTL_HEIGHT_M = 15.0
+"""Height above home to which RTL climbs before it flies home."""
 _RTL_ARRIVED_M = 0.5
+"""Distance from home at which RTL begins to land, and by which its height may be too low."""
 _YAW_RATE_RAD_S = math.radians(60.0)
+"""Greatest yaw rate."""
 _YAW_TRACK_MIN_M_S = 0.5
-"""Below this a velocity demand has no track to turn the nose to."""
+"""Wanted horizontal speed below which the nose does not turn to the track."""
 _POSITION_GAIN_1_S = 0.5
+"""Gain from a small distance to the speed towards the place."""
 _ALTITUDE_GAIN_1_S = 1.0
+"""Gain from a small altitude error to the climb rate."""
 _TAKEOFF_DONE_M = 0.05
+"""Height below the take-off altitude at which a take-off is complete."""
 _STEP_S = 0.1
+"""Longest step of the motion."""
 
 
 class ArduCopter(ArduPilot):
-    """One copter."""
+    """A copter with ArduCopter: its modes, commands, setpoints and motion."""
 
     kind = "arducopter"
     mav_type = mavlink.MAV_TYPE_QUADROTOR
@@ -78,11 +91,11 @@ class ArduCopter(ArduPilot):
     gcs_failsafe = "FS_GCS_ENABLE"
 
     def __init__(self, start: Start) -> None:
-        """Begin as told; on the ground it stands."""
+        """Begin with the position, velocity and mode of `start`."""
         super().__init__(start)
         self._setpoint: Setpoint | None = None
         self._takeoff_altitude_m: float | None = None
-        # North and east along the grid, what the velocity controller wants now, and its rate of change.
+        # The velocity controller's reference (north, east along the grid) and its rate of change.
         self._reference_m_s = self.body.velocity_north_m_s, self.body.velocity_east_m_s
         self._acceleration_m_s2 = (0.0, 0.0)
         self._commands |= {
@@ -90,7 +103,7 @@ class ArduCopter(ArduPilot):
             mavlink.MAV_CMD_NAV_LAND: partial(self._change, LAND),
             mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: partial(self._change, RTL),
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
-            # Accepted; a velocity setpoint's speed is none of its business.
+            # Accepted without effect: a velocity setpoint has its own speed.
             mavlink.MAV_CMD_DO_CHANGE_SPEED: lambda _command, _around, _now_s: ACCEPTED,
         }
 
@@ -103,7 +116,7 @@ class ArduCopter(ArduPilot):
         return int(mavlink.MAV_LANDED_STATE_LANDING if self.mode == LAND else mavlink.MAV_LANDED_STATE_IN_AIR)
 
     def setpoint(self, message: Message, around: Surroundings, now_s: float) -> None:
-        """Mind velocities and places in GUIDED; a setpoint that makes no sense stops."""
+        """Obey a velocity or a position in GUIDED; an invalid setpoint brakes the copter to a stop."""
         if self.mode != GUIDED or not self.in_air or not self.armed:
             return
         if message.get_type() != "SET_POSITION_TARGET_LOCAL_NED":
@@ -113,11 +126,11 @@ class ArduCopter(ArduPilot):
         self._setpoint = understood(message, self.body, around, now_s) or Setpoint(now_s, (0.0, 0.0, 0.0))
 
     def blow(self, wind_m_s: tuple[float, float]) -> None:
-        """Keep the velocity over the ground: the lean works against the wind."""
+        """Change the airspeed only: the copter leans against the wind and keeps its velocity over the ground."""
         self._note_airspeed(wind_m_s)
 
     def step(self, now_s: float, dt_s: float, around: Surroundings) -> None:
-        """Fly what the mode wants."""
+        """Advance by `dt_s` as the mode demands; a setpoint that expires within the step counts until then."""
         self._mind_time(now_s, around)
         expires_s = self._expires_s()
         if now_s < expires_s < now_s + dt_s:
@@ -129,7 +142,7 @@ class ArduCopter(ArduPilot):
     def _expires_s(self) -> float:
         if self._setpoint is None:
             return -math.inf
-        # A place to fly to does not go stale on ArduCopter; a velocity does.
+        # A position setpoint does not expire on ArduCopter; a velocity does.
         if self._setpoint.place_m is not None:
             return math.inf
         return self._setpoint.t_s + self.values["GUID_TIMEOUT"] + _SETPOINT_GRACE_S
@@ -153,7 +166,7 @@ class ArduCopter(ArduPilot):
     def _followed(
         self, wanted_m_s: tuple[float, float, float], braking: bool, wind_m_s: tuple[float, float], dt_s: float
     ) -> tuple[float, float]:
-        """Return the next velocity (north, east) on the way to the wanted one."""
+        """Return the velocity (north, east, m/s over the ground) after `dt_s` on the way to the wanted one."""
         brakes = braking or self.mode == BRAKE
         limit_m_s2 = self.values["WPNAV_ACCEL"] / 100.0 * (_BRAKING_SHARE if brakes else 1.0)
         north_m_s, east_m_s = self._reference_m_s
@@ -179,7 +192,7 @@ class ArduCopter(ArduPilot):
         return float(_TOP_SPEED_AT_45_DEG_M_S * math.tan(lean_rad) ** _TOP_SPEED_EXPONENT)
 
     def _wanted_velocity(self, asked: Setpoint | None, around: Surroundings) -> tuple[float, float, float]:
-        """Return what the mode wants: (north, east) along the grid and up, m/s."""
+        """Return the velocity that the mode demands: (north, east) along the grid and up, m/s."""
         body, home = self.body, around.home
         height_m = body.altitude_m - home.altitude_m
         if self.mode in STICK_MODES:
@@ -224,7 +237,7 @@ class ArduCopter(ArduPilot):
     def _turn_nose(
         self, asked: Setpoint | None, around: Surroundings, wanted_m_s: tuple[float, float, float], dt_s: float
     ) -> None:
-        """Turn to the yaw asked for, at the rate asked for, or along the wanted track."""
+        """Turn the nose to the setpoint's yaw, else at its yaw rate, else along the wanted track."""
         limit_rad = _YAW_RATE_RAD_S * dt_s
         turn_rad = 0.0
         if asked is not None and asked.yaw_rad is not None:
@@ -269,7 +282,7 @@ class ArduCopter(ArduPilot):
     def _forget(self) -> None:
         self._setpoint = None
         self._takeoff_altitude_m = None
-        # The next mode's controllers begin from what flies.
+        # The next mode's controllers begin from the present velocity.
         self._reference_m_s = self.body.velocity_north_m_s, self.body.velocity_east_m_s
         self._acceleration_m_s2 = (0.0, 0.0)
 
@@ -288,7 +301,10 @@ class ArduCopter(ArduPilot):
         return ACCEPTED
 
     def _reposition(self, command: Command, around: Surroundings, now_s: float) -> Answer:
-        """Fly to a place, as a map's 'go to' asks. Not measured; the plane does not take it as COMMAND_LONG either."""
+        """Fly to a place, as a map's "go to" asks.
+
+        Not measured on the copter: COMMAND_LONG is refused because ArduPlane refuses it.
+        """
         if not command.int_frame:
             return UNSUPPORTED
         place_m = global_place_m(command, around)
@@ -310,7 +326,7 @@ def _share(dt_s: float, lag_s: float) -> float:
 
 
 def _within(north: float, east: float, limit: float) -> tuple[float, float]:
-    """Return a vector cut to a length."""
+    """Return a horizontal vector (north, east), shortened to the length `limit` if it is longer."""
     length = math.hypot(north, east)
     return (north, east) if length <= limit else (north * limit / length, east * limit / length)
 
@@ -320,7 +336,10 @@ def _landing_climb_m_s(height_m: float) -> float:
 
 
 def _approach_speed_m_s(distance_m: float, top_m_s: float, acceleration_m_s2: float, gain_1_s: float) -> float:
-    """Return the speed from which the vehicle can still stop at the place: proportional near it, a root further out."""
+    """Return the speed from which the vehicle can still stop at a place at this distance.
+
+    It is proportional to the distance near the place, and grows with its square root further out.
+    """
     near_m = acceleration_m_s2 / gain_1_s**2
     if distance_m <= near_m:
         return min(top_m_s, gain_1_s * distance_m)

@@ -1,6 +1,6 @@
-"""What the ArduPilot kinds share: modes, arming, the ground station failsafe and the seconds until it is ready.
+"""What the ArduPilot kinds share: modes, arming, the ground station failsafe and the time from power-on until ready.
 
-As measured (docs/autopilots.md) unless a comment says otherwise. The stand-in of the paper's point borrows it.
+As measured (docs/autopilots.md) unless a comment says otherwise. The paper's point (`kinematic.py`) derives from it.
 """
 
 from __future__ import annotations
@@ -13,14 +13,16 @@ from pymavlink.dialects.v20 import common as mavlink
 from sim.vehicles.craft import Answer, Body, Command, Home, Message, Parameter, Start, Surroundings
 
 FORCE_DISARM = 21196.0
-"""The magic second parameter of MAV_CMD_COMPONENT_ARM_DISARM that stops motors in flight."""
+"""Second parameter of MAV_CMD_COMPONENT_ARM_DISARM that stops the motors even in flight (as MAVLink defines it)."""
 READY_TEXT = "ArduPilot Ready"
+"""STATUSTEXT that is sent when start-up has ended."""
 READY_AFTER_S = 3.0
-"""From power to the text; chosen: it was seen to matter, not timed."""
+"""Time from power-on to READY_TEXT. Chosen: the effect was measured, its duration was not."""
 GROUND_STATION_SYSTEM = 255
-"""MYGCS: whose heartbeats the ground station failsafe minds."""
+"""System id whose heartbeats the ground station failsafe watches (ArduPilot's default)."""
 GCS_TIMEOUT_S = 5.0
-"""FS_GCS_TIMEOUT, FS_LONG_TIMEOUT (code, defaults)."""
+"""Time without a ground station heartbeat before its failsafe: FS_GCS_TIMEOUT and FS_LONG_TIMEOUT's defaults, from
+ArduPilot's source."""
 
 ACCEPTED = Answer((mavlink.MAV_RESULT_ACCEPTED,))
 DENIED = Answer((mavlink.MAV_RESULT_DENIED,))
@@ -28,10 +30,11 @@ FAILED = Answer((mavlink.MAV_RESULT_FAILED,))
 UNSUPPORTED = Answer((mavlink.MAV_RESULT_UNSUPPORTED,))
 
 OnCommand = Callable[[Command, Surroundings, float], Answer]
+"""Handler of a command, given the surroundings and the time in seconds."""
 
 
 class ArduPilot:
-    """The base of a craft: a kind adds its modes, commands, setpoints and motion."""
+    """The base class of the ArduPilot crafts: a subclass adds its modes, commands, setpoints and motion."""
 
     kind: str
     mav_type: int
@@ -40,21 +43,21 @@ class ArduPilot:
     longest_step_s: float
     parameters: tuple[Parameter, ...]
     modes: Mapping[int, str]
-    """By custom_mode."""
+    """The modes' names, by custom_mode."""
     first_mode: int
-    """After power on."""
+    """The mode (custom_mode) after power-on."""
     guided_mode: int
     holding_mode: int
-    """In which it stays where it is, without sticks."""
+    """The mode that keeps the vehicle where it is without a pilot's sticks."""
     stick_modes: frozenset[int]
-    """Modes that are flown by the pilot's sticks."""
+    """The modes that are flown by the pilot's sticks."""
     return_mode: int
     armable: frozenset[int]
     gcs_failsafe: str
-    """The parameter that is not 0 where the ground station failsafe returns the vehicle."""
+    """The name of the parameter that enables the ground station failsafe when it is not 0."""
 
     def __init__(self, start: Start) -> None:
-        """Begin in the guided mode if asked to, else holding in the air and in the first mode on the ground."""
+        """Begin in the guided mode if `start` says so, else in the holding mode (in the air) or the first mode."""
         self.body: Body = start.body
         self.home: Home = start.home
         self.armed = start.armed
@@ -82,20 +85,20 @@ class ArduPilot:
         return int(base_mode)
 
     def command(self, command: Command, around: Surroundings, now_s: float) -> Answer | None:
-        """Answer a command; None if it is none of this kind's."""
+        """Answer a command; return None for a command that this kind does not handle."""
         handler = self._commands.get(command.command)
         return None if handler is None else handler(command, around, now_s)
 
     def setpoint(self, message: Message, around: Surroundings, now_s: float) -> None:
-        """Mind a setpoint: a kind that obeys any says which."""
+        """Ignore a setpoint; a kind that obeys setpoints overrides this."""
 
     def heartbeat_heard(self, system: int, component: int, mav_type: int, now_s: float) -> None:
-        """Remember when the ground station was heard; a failsafe ends by a mode change, not by its return."""
+        """Note when the ground station was last heard; only a mode change ends its failsafe, not a new heartbeat."""
         if system == GROUND_STATION_SYSTEM:
             self._ground_station_at_s = now_s
 
     def reboot(self, now_s: float) -> None:
-        """Begin anew: what was asked is forgotten. A vehicle in the air stays armed, as after a watchdog reset."""
+        """Restart in the first mode without setpoints; a vehicle in the air stays armed, as after a watchdog reset."""
         self.mode = self.first_mode
         self.failsafe = False
         self._ground_station_at_s = None
@@ -103,19 +106,19 @@ class ArduPilot:
         self.boot(now_s)
 
     def boot(self, now_s: float) -> None:
-        """Be as freshly powered: a mode that is set before it is ready is acknowledged, and then lost."""
+        """Begin start-up: until the vehicle is ready, a mode that is set is acknowledged, and then lost."""
         self._ready_at_s = now_s + READY_AFTER_S
 
     @property
     def ready(self) -> bool:
-        """Whether it has come up, and would arm."""
+        """Whether start-up has ended, so that the vehicle can be armed."""
         return self._ready_at_s is None
 
     def _forget(self) -> None:
-        """Drop what was asked in the mode that ends."""
+        """Drop the setpoints and targets of the mode that ends."""
 
     def _mind_time(self, now_s: float, around: Surroundings) -> None:
-        """Do what the time alone makes due: coming up, the ground station's failsafe."""
+        """Do what is due by time alone: end start-up, and trigger the ground station failsafe."""
         if self._ready_at_s is not None and now_s >= self._ready_at_s:
             self._ready_at_s = None
             if self.mode != self.first_mode:
@@ -150,7 +153,7 @@ class ArduPilot:
         return ACCEPTED
 
     def _enter(self, mode: int, around: Surroundings) -> None:
-        # Entering any mode, the guided one again included, forgets the setpoint and a take-off under way.
+        # Entering any mode, even the guided one again, drops the setpoint and a take-off under way.
         self._forget()
         self.failsafe = False
         self.mode = mode
@@ -173,14 +176,14 @@ class ArduPilot:
         return ACCEPTED
 
     def _can_fall(self) -> bool:
-        """Whether its motors can be cut off in the air: whether there is a fall to fly."""
+        """Return whether the motors can be stopped in the air: only where the kind models the fall."""
         return False
 
     def _on_armed(self, around: Surroundings) -> None:
-        """Do what arming or disarming begins or ends."""
+        """Reset what depends on arming, after the vehicle was armed or disarmed; a kind may override it."""
 
 
 def changes_mode(command: Command) -> bool:
-    """Return whether a DO_REPOSITION may change the mode."""
+    """Return whether a DO_REPOSITION has the flag that lets it change the mode."""
     flags = command.param2
     return math.isfinite(flags) and bool(int(flags) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)

@@ -1,11 +1,11 @@
 """ArduPlane as measured in its own simulator with default parameters (docs/autopilots.md; V4.7.0-dev, October 2025).
 
 It has no velocity setpoint. In GUIDED it circles a place, holds a course or heading that a command gave, or holds a
-bank for as long as it is told to; altitude and airspeed are kept by themselves.
+bank while setpoints for it come; it keeps its altitude and airspeed by itself.
 
-"(code)" is as its source says; "(chosen)" was neither measured nor read. Not modelled: radio control and its loss
-(modes that want sticks fly straight and level), the seconds of oscillation on entering 65 degrees of bank, landing,
-missions, what hitting the ground does.
+"(code)" marks what was read in its source, "(chosen)" what was neither measured nor read. Not modelled: radio control
+and its loss (modes flown by sticks fly straight and level), the seconds of oscillation on entering 65 degrees of bank,
+landing, missions, damage on hitting the ground.
 """
 
 from __future__ import annotations
@@ -34,11 +34,12 @@ MODES: Mapping[int, str] = {
     TAKEOFF: "TAKEOFF",
     GUIDED: "GUIDED",
 }
-"""By ArduPlane's custom_mode numbers (ArduPlane/mode.h)."""
+"""The modes' names, by ArduPlane's custom_mode numbers (ArduPlane/mode.h)."""
 _STICK_MODES = frozenset({MANUAL, STABILIZE, FBWA, FBWB, CRUISE})
+"""Modes that are flown by the pilot's sticks."""
 
 AIRFRAME = Airframe(
-    # From 0 to 45 degrees it was seen to reach 40 degrees in 0.7 s.
+    # On the way from 0 to 45 degrees of bank it reached 40 degrees in 0.7 s (measured).
     roll_lag_s=0.32,
     roll_rate_rad_s=math.radians(180.0),
     # Measured: 0.73 to 0.76 of g tan(bank) / V.
@@ -49,50 +50,57 @@ AIRFRAME = Airframe(
     climb_lag_s=1.0,
 )
 _ATTITUDE_LIFE_S = 3.0
-"""How long a bank from SET_ATTITUDE_TARGET is held after the last one."""
+"""Time for which the bank of the last SET_ATTITUDE_TARGET is held (measured)."""
 _ALTITUDE_GAIN_1_S = 0.3
+"""Gain from an altitude error to the climb rate."""
 _CLIMB_M_S, _SINK_M_S = 5.0, 5.0
-"""TECS_CLMB_MAX and TECS_SINK_MAX (code, defaults)."""
+"""Greatest climb and sink rate: TECS_CLMB_MAX and TECS_SINK_MAX (code, defaults)."""
 _CLIMB_SHARE_S = 0.03
-"""GUIDED_CHANGE_ALTITUDE with a third parameter climbs this share of it, in m/s."""
+"""Climb rate in m/s per unit of the third parameter of GUIDED_CHANGE_ALTITUDE (measured)."""
 _HEADING_GAIN_DEG = 0.01
-"""Of bank per GUIDED_P and radian of heading error: GUIDED_P counts centidegrees (code)."""
+"""Degrees of bank per unit of GUIDED_P and radian of heading error: GUIDED_P counts centidegrees (code)."""
 _L1_DAMPING = 0.75
-"""NAVL1_DAMPING (code, default)."""
+"""Damping of the L1 controller: NAVL1_DAMPING (code, default)."""
 _TAKEOFF_CLIMB_M_S = 3.0
+"""Climb rate in TAKEOFF; the same number of metres below its altitude, the climb ends and the plane circles."""
 _TAKEOFF_SPEED_M_S = 12.0
+"""Airspeed at which TAKEOFF leaves the ground."""
 _RADIUS_MAX_M = 32767.0
+"""Greatest loiter radius, of either sign."""
 _STEP_S = 0.1
+"""Longest step of the motion."""
 # SET_ATTITUDE_TARGET's type_mask: of the measured 0xC6 only the roll is taken.
 _ROLL_ONLY = 0xC6
 # SET_POSITION_TARGET_GLOBAL_INT's type_mask: altitude only.
 _ALTITUDE_ONLY = 0x0DFB
 _ALTITUDE_IGNORED = 0x004
 _OFFSET_FRAME = 7
+"""MAV_FRAME_LOCAL_OFFSET_NED, in which a setpoint's z is a step of the altitude (measured)."""
 _AIRSPEED = 0
+"""SPEED_TYPE_AIRSPEED, the first parameter of a speed command that is obeyed."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Course:
-    """GUIDED_CHANGE_HEADING: from local true north, held until something else is asked."""
+    """The demand of a GUIDED_CHANGE_HEADING, which never expires; its angle is from true north."""
 
     angle_rad: float
     is_course: bool
-    """Over the ground; else the nose's."""
+    """Whether the angle is the course over the ground, rather than the nose's heading."""
     bank_rad: float
-    """Greatest bank."""
+    """Greatest bank on the way to the angle."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Bank:
-    """SET_ATTITUDE_TARGET's roll."""
+    """The roll that a SET_ATTITUDE_TARGET asked for, and when it came."""
 
     t_s: float
     roll_rad: float
 
 
 class ArduPlane(ArduPilot):
-    """One plane."""
+    """A plane with ArduPlane: its modes, commands, setpoints and motion."""
 
     kind = "arduplane"
     mav_type = mavlink.MAV_TYPE_FIXED_WING
@@ -124,7 +132,7 @@ class ArduPlane(ArduPilot):
     gcs_failsafe = "FS_GCS_ENABL"
 
     def __init__(self, start: Start) -> None:
-        """Begin as told; in the air it circles where it is."""
+        """Begin as `start` says; a plane in the air without airspeed gets AIRSPEED_CRUISE and circles where it is."""
         super().__init__(start)
         body = self.body
         if start.in_air and body.airspeed_m_s <= 0.0:
@@ -135,11 +143,11 @@ class ArduPlane(ArduPilot):
         self._climb_m_s = _CLIMB_M_S
         self._centre_m = body.north_m, body.east_m
         self._radius_m = 0.0
-        """Of the circle in GUIDED, signed as WP_LOITER_RAD; 0 for that."""
+        """Radius of the circle in GUIDED, signed like WP_LOITER_RAD; 0 stands for WP_LOITER_RAD itself."""
         self._course: _Course | None = None
         self._bank: _Bank | None = None
         self._altitude_commanded = False
-        """By GUIDED_CHANGE_ALTITUDE: a DO_REPOSITION's altitude then counts no more."""
+        """Whether GUIDED_CHANGE_ALTITUDE set the altitude: a DO_REPOSITION then no longer changes it."""
         self._commands |= {
             mavlink.MAV_CMD_NAV_TAKEOFF: lambda _command, _around, _now_s: FAILED,
             mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: self._return,
@@ -162,7 +170,7 @@ class ArduPlane(ArduPilot):
         return int(mavlink.MAV_LANDED_STATE_IN_AIR)
 
     def setpoint(self, message: Message, around: Surroundings, now_s: float) -> None:
-        """Mind a bank, and altitudes; velocities and places are ignored in silence."""
+        """Obey a bank or an altitude in GUIDED; ignore velocities and positions without an answer."""
         if self.mode != GUIDED or not self.armed or not self.in_air:
             return
         name = message.get_type()
@@ -177,16 +185,16 @@ class ArduPlane(ArduPilot):
                 elif message.coordinate_frame in ABSOLUTE_FRAMES:
                     self._altitude_m = message.alt
         elif message.coordinate_frame == _OFFSET_FRAME and not message.type_mask & _ALTITUDE_IGNORED:
-            # A step per message, whatever else the message asks for.
+            # Each message steps the altitude once, whatever else it asks for.
             if abs(message.z) < SANE_POSITION_M:
                 self._altitude_m = clip(self._altitude_m - message.z, -SANE_POSITION_M, SANE_POSITION_M)
 
     def blow(self, wind_m_s: tuple[float, float]) -> None:
-        """Move over the ground with the air."""
+        """Change the velocity over the ground at once: the air carries the plane."""
         self._wing.blow(wind_m_s)
 
     def step(self, now_s: float, dt_s: float, around: Surroundings) -> None:
-        """Fly what the mode wants."""
+        """Advance by `dt_s` as the mode demands."""
         self._mind_time(now_s, around)
         if not self.in_air:
             if not (self.armed and self.mode == TAKEOFF):
@@ -195,7 +203,7 @@ class ArduPlane(ArduPilot):
         body = self.body
         altitude_m, climb_m_s = self._altitude_m, self._climb_m_s
         if not self.armed:
-            # Nothing drives it: it glides down straight.
+            # A disarmed plane glides down straight ahead.
             altitude_m, climb_m_s = around.home.altitude_m, _CLIMB_M_S
         climb_m_s = climb_towards_m_s(altitude_m - body.altitude_m, _ALTITUDE_GAIN_1_S, climb_m_s, _SINK_M_S)
         self._wing.fly(self._wanted_bank_rad(now_s, around), self._airspeed_m_s, climb_m_s, around.wind_m_s, dt_s)
@@ -203,7 +211,7 @@ class ArduPlane(ArduPilot):
             self._touch_down(around)
 
     def _run_up(self) -> None:
-        """Leave the ground at once along the heading: the run is not modelled."""
+        """Leave the ground at once along the heading: the take-off run is not modelled."""
         self.in_air = True
         self.body.airspeed_m_s = _TAKEOFF_SPEED_M_S
         self.body.climb_m_s = _TAKEOFF_CLIMB_M_S
@@ -245,7 +253,7 @@ class ArduPlane(ArduPilot):
         return clip(bank_rad, -limit_rad, limit_rad)
 
     def _circling_bank_rad(self, radius_m: float, limit_rad: float) -> float:
-        """Return the bank that leads onto a circle about the centre, by the right if the radius is positive."""
+        """Return the bank that leads onto a circle about the centre, clockwise if the radius is positive."""
         body = self.body
         north_m, east_m = self._centre_m[0] - body.north_m, self._centre_m[1] - body.east_m
         right = radius_m >= 0.0
@@ -293,7 +301,7 @@ class ArduPlane(ArduPilot):
         return ACCEPTED
 
     def _reposition(self, command: Command, around: Surroundings, now_s: float) -> Answer:
-        """Circle about a place. The last of this and of a heading command counts (chosen)."""
+        """Circle about a place. Of this and a heading command, the later one counts (chosen)."""
         if not command.int_frame:
             return UNSUPPORTED
         place_m = global_place_m(command, around)
@@ -366,7 +374,7 @@ class ArduPlane(ArduPilot):
 
 
 def _roll_rad(q: list[float]) -> float:
-    """Return the roll of an attitude's quaternion; NaN of what is none."""
+    """Return the roll of an attitude quaternion (w, x, y, z); NaN if it does not have unit length."""
     w, x, y, z = q
     if not abs(w * w + x * x + y * y + z * z - 1.0) < 0.1:
         return math.nan

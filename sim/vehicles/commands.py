@@ -13,17 +13,17 @@ from sim.vehicles.telemetry import Telemetry
 
 
 class CommandProtocol:
-    """Lets the craft answer commands, and answers itself what every autopilot answers."""
+    """Passes commands to the craft, and answers by itself those that every autopilot answers alike."""
 
     def __init__(self, dynamics: FlightDynamics, telemetry: Telemetry, sender: MavlinkSender) -> None:
-        """Take commands for a vehicle."""
+        """Handle the commands for the vehicle of `dynamics`, with replies made by `telemetry` and `sender`."""
         self._dynamics = dynamics
         self._craft = dynamics.craft
         self._telemetry = telemetry
         self._sender = sender
 
     def on_command_long(self, message: Message, t_s: float) -> list[bytes]:
-        """Answer a COMMAND_LONG."""
+        """Execute a COMMAND_LONG at the time `t_s`; return the replies as frames."""
         command = Command(
             message.command,
             *(message.param1, message.param2, message.param3, message.param4),
@@ -33,7 +33,7 @@ class CommandProtocol:
         return self._answer(command, message, t_s)
 
     def on_command_int(self, message: Message, t_s: float) -> list[bytes]:
-        """Answer a COMMAND_INT."""
+        """Execute a COMMAND_INT at the time `t_s`; return the replies as frames."""
         command = Command(
             message.command,
             *(message.param1, message.param2, message.param3, message.param4),
@@ -58,13 +58,13 @@ class CommandProtocol:
         return frames + told
 
     def _obey(self, command: Command, t_s: float) -> tuple[Answer | None, list[bytes]]:
-        """Let the craft answer; return that and what a change has to be told by at once."""
+        """Let the craft execute a command; return its answer, and the heartbeat that announces a new state, if any."""
         before = self._telemetry.heartbeat_state()
         answer = self._craft.command(command, self._dynamics.surroundings(), t_s)
         return answer, self._telemetry.announce_change(before, t_s)
 
     def _serve(self, command: Command, t_s: float) -> tuple[int, list[bytes]]:
-        """Answer what every autopilot answers."""
+        """Execute a command that every autopilot handles alike; return the MAV_RESULT and the messages requested."""
         if command.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
             known = math.isfinite(command.param1) and self._telemetry.encoder.knows(int(command.param1))
             if not known:
@@ -80,13 +80,13 @@ class CommandProtocol:
         message_id, interval_us = command.param1, command.param2
         if not (math.isfinite(message_id) and math.isfinite(interval_us)):
             return int(mavlink.MAV_RESULT_DENIED)
-        # An unknown message is accepted too: a ground station asks for much that it can do without.
+        # Accepted for an unknown message too: ground stations request streams that not every autopilot has.
         if message_id.is_integer() and self._telemetry.encoder.knows(int(message_id)):
             self._telemetry.streams.set_interval(int(message_id), interval_us, t_s)
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
     def on_set_mode(self, message: Message, t_s: float) -> list[bytes]:
-        """Obey a SET_MODE, which is not acknowledged."""
+        """Execute a SET_MODE, which is not acknowledged; return the heartbeat that announces a new mode, if any."""
         if not message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return []
         mode, sub_mode = message.custom_mode, 0

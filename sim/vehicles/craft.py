@@ -1,10 +1,11 @@
-"""What a stand-in autopilot's kind is made of: the part that differs between ArduCopter, ArduPlane, PX4 and a point.
+"""The interface of a craft: the part of a stand-in that differs between ArduCopter, ArduPlane, PX4 and a point.
 
-`StandIn` speaks MAVLink for all of them; a craft answers commands, minds setpoints and moves. It knows no clock and no
-sockets: the time is an argument, and what it was given determines where it is.
+`StandIn` speaks MAVLink for all of them; a craft answers commands, obeys setpoints and moves. It has no clock and no
+sockets: the time is an argument, so that the same inputs lead to the same motion.
 
-Positions are the mission's plane, headings and velocities are along its grid; what comes from the wire is along local
-true north, so a craft turns it by the convergence that it is told.
+Positions are in the mission's plane. Headings and velocities are along its axes, the grid, whose north differs from
+true north by an angle that grows with the distance from the origin. What comes over MAVLink is relative to true north
+where the vehicle is, so a craft turns it by `Surroundings.convergence_rad`.
 """
 
 from __future__ import annotations
@@ -14,23 +15,24 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 Message = Any
-"""A message of the generated module, which carries no types."""
+"""A message of pymavlink's generated module, which has no type annotations."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One entry of the parameter table. PX4 sends its integers' bytes in the place of the float."""
+    """One entry of the autopilot's parameter table, with its allowed range."""
 
     name: str
     default: float
     least: float
     greatest: float
     integer: bool = False
+    """Whether PX4 has it as an integer, whose bytes it sends in the place of the float."""
 
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """Where the vehicle was armed: a point of the plane and its height above sea level, which is also the ground."""
+    """The home position in the mission's plane; its altitude above sea level is also that of the ground everywhere."""
 
     north_m: float
     east_m: float
@@ -39,44 +41,47 @@ class Home:
 
 @dataclass(slots=True)
 class Body:
-    """Where the vehicle is and how it moves. The heading is the nose's, clockwise from grid north."""
+    """Where the vehicle is and how it moves, in the mission's plane.
+
+    The heading is the nose's, clockwise from grid north; positive roll and turn rate are to the right.
+    """
 
     north_m: float = 0.0
     east_m: float = 0.0
     altitude_m: float = 0.0
-    """Above sea level."""
+    """Altitude above sea level."""
     heading_rad: float = 0.0
     velocity_north_m_s: float = 0.0
-    """Over the ground, along the grid."""
+    """Velocity over the ground along grid north."""
     velocity_east_m_s: float = 0.0
+    """Velocity over the ground along grid east."""
     climb_m_s: float = 0.0
     roll_rad: float = 0.0
-    """To the right."""
     turn_rate_rad_s: float = 0.0
     airspeed_m_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What a craft must know of the world at one moment."""
+    """What a craft needs from the world around it at one moment."""
 
     wind_m_s: tuple[float, float]
-    """North and east along the grid: where the air moves to, not where it comes from."""
+    """Velocity of the air (north, east) along the grid: where the wind blows to, not where it comes from."""
     home: Home
     convergence_rad: float
-    """Add it to a grid heading to get the heading from local true north, where the vehicle is."""
+    """Angle to add to a grid heading to get the heading from true north where the vehicle is."""
     to_plane: Callable[[float, float], tuple[float, float]]
-    """From latitude and longitude in degrees to the plane's north and east in metres."""
+    """Function from latitude and longitude in degrees to the plane's north and east in metres."""
     local_to_plane: Callable[[float, float], tuple[float, float]]
-    """From the autopilot's own local frame (metres true north and east of home) to the plane's north and east."""
+    """Function from the autopilot's local frame (metres true north and east of home) to the plane's north and east."""
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """How a vehicle begins. In the air and not guided it is in the mode that holds it there."""
+    """The state in which a vehicle begins. In the air and not guided it is in its kind's holding mode."""
 
     body: Body
-    """Its velocity is as its heading and speed say, without wind."""
+    """Position and motion; the velocity is along the heading, without wind."""
     home: Home
     in_air: bool = False
     armed: bool = False
@@ -85,7 +90,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A COMMAND_LONG or COMMAND_INT that is for this vehicle; anything in it may be NaN or out of range."""
+    """A COMMAND_LONG or COMMAND_INT for this vehicle, unchecked: any of its numbers may be NaN or out of range."""
 
     command: int
     param1: float
@@ -93,59 +98,59 @@ class Command:
     param3: float
     param4: float
     x: float
-    """The fifth parameter: a float of COMMAND_LONG; latitude in degE7 (frames global) of COMMAND_INT."""
+    """The fifth parameter: param5 of COMMAND_LONG; of COMMAND_INT the latitude in degE7 in a global frame."""
     y: float
-    """The sixth parameter, likewise: longitude in degE7 of COMMAND_INT."""
+    """The sixth parameter: param6 of COMMAND_LONG; of COMMAND_INT the longitude in degE7 in a global frame."""
     z: float
-    """The seventh parameter."""
+    """The seventh parameter, usually an altitude in metres: param7 of COMMAND_LONG, z of COMMAND_INT."""
     int_frame: bool
-    """Whether it came as COMMAND_INT."""
+    """Whether the command came as COMMAND_INT."""
     frame: int = 0
-    """MAV_FRAME of a COMMAND_INT."""
+    """MAV_FRAME of a COMMAND_INT; 0 for a COMMAND_LONG."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the autopilot says to a command."""
+    """The autopilot's answer to a command."""
 
     results: tuple[int, ...]
-    """MAV_RESULT, one acknowledgement each: PX4 sends two for DO_SET_MODE."""
+    """A MAV_RESULT for each COMMAND_ACK that is sent: PX4 sends two for DO_SET_MODE."""
     texts: tuple[str, ...] = ()
-    """Sent as STATUSTEXT to who asked, critical."""
+    """Texts that go to the sender of the command as STATUSTEXT of severity critical."""
 
 
 class Craft(Protocol):
-    """One kind of vehicle with its autopilot: modes, answers and motion. Nothing that it is given makes it raise."""
+    """One kind of vehicle with its autopilot: modes, answers and motion. No message makes it raise."""
 
     kind: str
     mav_type: int
-    """MAV_TYPE."""
+    """MAV_TYPE in HEARTBEAT."""
     mav_autopilot: int
-    """MAV_AUTOPILOT."""
+    """MAV_AUTOPILOT in HEARTBEAT."""
     values: dict[str, float]
-    """The parameters as they are now, by name; the stand-in writes what is set over the wire into it."""
+    """The parameters' present values, by name; the stand-in writes into it what a PARAM_SET sets."""
     announces: bool
-    """Whether a changed mode or arming is told by a HEARTBEAT at once, and not only when the next is due."""
+    """Whether a changed mode or arming is announced by a HEARTBEAT at once, rather than by the next one due."""
     longest_step_s: float
-    """The stand-in cuts longer steps into pieces; infinity where the motion does not depend on the step."""
+    """Longest `dt_s` that `step` takes: the caller cuts longer ones. Infinity if the motion is exact for any step."""
     body: Body
     mode: int
-    """As in HEARTBEAT.custom_mode."""
+    """The mode's number, as in HEARTBEAT.custom_mode."""
     armed: bool
     in_air: bool
     failsafe: bool
-    """Whether HEARTBEAT says critical."""
+    """Whether a failsafe is active: HEARTBEAT's state is then MAV_STATE_CRITICAL."""
     texts: list[str]
-    """What it has to say by itself; the stand-in takes it and sends it to everybody as STATUSTEXT, informational."""
+    """Texts that wait to be sent to everybody as STATUSTEXT of severity info; the stand-in sends and removes them."""
 
     @property
     def ready(self) -> bool:
-        """Whether the autopilot has come up, and would arm."""
+        """Whether the autopilot's start-up has ended, so that the vehicle can be armed."""
         ...
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameter table."""
+        """The autopilot's parameters with their defaults and ranges."""
         ...
 
     def base_mode(self) -> int:
@@ -157,25 +162,25 @@ class Craft(Protocol):
         ...
 
     def command(self, command: Command, around: Surroundings, now_s: float) -> Answer | None:
-        """Answer a command; None if it is none of this kind's: the stand-in then answers it."""
+        """Answer a command; return None for a command that the kind does not handle: the stand-in then answers it."""
         ...
 
     def setpoint(self, message: Message, around: Surroundings, now_s: float) -> None:
-        """Mind a SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or SET_ATTITUDE_TARGET."""
+        """Take a SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or SET_ATTITUDE_TARGET."""
         ...
 
     def heartbeat_heard(self, system: int, component: int, mav_type: int, now_s: float) -> None:
-        """Mind a heartbeat of another: a ground station's, a companion's."""
+        """Note the heartbeat of another MAVLink component, such as a ground station or a companion."""
         ...
 
     def blow(self, wind_m_s: tuple[float, float]) -> None:
-        """Feel another wind from now on: what flies through the air moves over the ground with it at once."""
+        """Adapt the motion to a new wind: a craft that flies through the air changes its ground velocity at once."""
         ...
 
     def step(self, now_s: float, dt_s: float, around: Surroundings) -> None:
-        """Advance from `now_s` to `now_s + dt_s`, at most `longest_step_s`; mode logic included."""
+        """Advance motion and mode logic from `now_s` to `now_s + dt_s`; `dt_s` is at most `longest_step_s`."""
         ...
 
     def reboot(self, now_s: float) -> None:
-        """Start the autopilot anew, in flight or not: parameters stay, mode and setpoints are lost."""
+        """Restart the autopilot, in flight or on the ground: parameters stay, mode and setpoints are lost."""
         ...

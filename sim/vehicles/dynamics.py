@@ -1,4 +1,4 @@
-"""The true vehicle of a stand-in: its craft in its surroundings, its sensors and its battery, on one clock."""
+"""The true state of a stand-in's vehicle: its craft in its surroundings, its sensors and its battery, on one clock."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from sim.vehicles.sensors import Sensors
 from sim.vehicles.setpoint import clip
 
 CELLS = 3
+"""Number of cells of the battery, in series."""
 _FULL_CELL_MV, _EMPTY_CELL_MV = 4200, 3500
+"""Voltage of one LiPo cell at 100 and at 0 percent of its charge."""
 
 
 @dataclass(frozen=True, slots=True)
 class Truth:
     """Where the vehicle really is, in the mission's plane. The heading is the nose's, clockwise from grid north.
 
-    The speed is over the ground, where the wind makes the course another than the nose's.
+    The speed is over the ground; in wind the course differs from the heading.
     """
 
     north_m: float
@@ -30,31 +32,31 @@ class Truth:
 
 @dataclass(slots=True)
 class Battery:
-    """A battery whose voltage is proportional to its charge."""
+    """A battery whose voltage falls linearly with its charge."""
 
     percent: float = 100.0
     drain_percent_s: float = 0.0
-    """While the vehicle is armed."""
+    """Discharge rate while the vehicle is armed, in percent of the full charge per second."""
 
     def discharge(self, duration_s: float) -> None:
-        """Drain for a while; an empty battery stays empty."""
+        """Drain the battery for a time; an empty one stays at 0."""
         self.percent = max(0.0, self.percent - self.drain_percent_s * duration_s)
 
     def voltage_mv(self) -> int:
-        """Return the voltage of all cells."""
+        """Return the voltage of all cells in series."""
         cell_mv = _EMPTY_CELL_MV + (_FULL_CELL_MV - _EMPTY_CELL_MV) * clip(self.percent, 0.0, 100.0) / 100.0
         return round(CELLS * cell_mv)
 
 
 class FlightDynamics:
-    """Where the vehicle is and what moves it. Wind is what the owner sets; it stays constant within a step."""
+    """Where the vehicle is and what moves it. The owner sets the wind, which stays constant within a step."""
 
     def __init__(self, craft: Craft, home: Home, frame: LocalFrame, sensors: Sensors, start_s: float) -> None:
-        """Begin at `start_s` with the craft as it is, in still air; `frame` is the mission's plane."""
+        """Begin at `start_s` with the craft's present state, in still air; `frame` is the mission's plane."""
         self.craft = craft
         self.home = home
         self.home_frame = LocalFrame(*frame.to_global(home.north_m, home.east_m))
-        """The autopilot's own local frame."""
+        """The autopilot's own local frame, whose origin is home."""
         self.sensors = sensors
         self.battery = Battery()
         self._frame = frame
@@ -64,14 +66,14 @@ class FlightDynamics:
 
     @property
     def truth(self) -> Truth:
-        """Where the vehicle really is after the last step."""
+        """Where the vehicle really is, after the last step."""
         body = self.craft.body
         speed_m_s = math.hypot(body.velocity_north_m_s, body.velocity_east_m_s)
         return Truth(body.north_m, body.east_m, body.altitude_m, body.heading_rad, speed_m_s)
 
     @property
     def wind_m_s(self) -> tuple[float, float]:
-        """North and east along the grid: where the air moves to, not where it comes from."""
+        """Velocity of the air (north, east) along the grid: where the wind blows to, not where it comes from."""
         return self._wind_m_s
 
     @wind_m_s.setter
@@ -81,7 +83,7 @@ class FlightDynamics:
             self.craft.blow(wind_m_s)
 
     def step_to(self, t_s: float) -> None:
-        """Advance the truth to the time `t_s`, which is later than the last."""
+        """Advance the vehicle to the time `t_s`, which is later than the last."""
         around = self.surroundings()
         if self.craft.armed:
             self.battery.discharge(t_s - self.now_s)
@@ -93,7 +95,7 @@ class FlightDynamics:
         self._geodetic = None
 
     def surroundings(self) -> Surroundings:
-        """Return what the craft must know of the world now."""
+        """Return what the craft needs from the world around it now."""
         convergence_rad = self.geodetic()[2]
         return Surroundings(self._wind_m_s, self.home, convergence_rad, self._frame.to_local, self._local_to_plane)
 
@@ -105,7 +107,7 @@ class FlightDynamics:
         return self._geodetic
 
     def geodetic_of(self, north_m: float, east_m: float) -> tuple[float, float, float]:
-        """Return the same of a place of the plane."""
+        """Return latitude and longitude in degrees and the grid's convergence in radians at a place of the plane."""
         return self._frame.to_global_with_convergence(north_m, east_m)
 
     def _local_to_plane(self, north_m: float, east_m: float) -> tuple[float, float]:

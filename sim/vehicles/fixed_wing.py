@@ -1,7 +1,7 @@
-"""How a plane moves: bank with a lag, a turn that the bank makes, airspeed and climb with lags, wind that carries it.
+"""How a plane moves: bank, airspeed and climb follow their demands with lags, the bank makes the turn, the wind drifts.
 
-Shared by the ArduPlane and PX4 planes, whose autopilots differ in what they ask of it. What is not modelled: pitch,
-throttle, angle of attack, the speed lost in a turn, and what the ground does to a plane that flies into it.
+The ArduPlane and the PX4 plane share it; they differ in the bank, airspeed and climb that they demand. Not modelled:
+pitch, throttle, angle of attack, the speed lost in a turn, and damage when the plane flies into the ground.
 """
 
 from __future__ import annotations
@@ -15,32 +15,34 @@ from sim.vehicles.craft import Body
 
 @dataclass(frozen=True, slots=True)
 class Airframe:
-    """What one airframe with its inner loops does."""
+    """How an airframe with its inner control loops responds."""
 
     roll_lag_s: float
-    """Time constant of the bank."""
+    """Time constant with which the bank follows its demand."""
     roll_rate_rad_s: float
-    """Greatest rate of roll."""
+    """Greatest roll rate."""
     turn_share: float
-    """The turn rate it sustains as a share of g tan(bank) / V, that of a level coordinated turn."""
+    """Sustained turn rate as a share of g tan(bank) / V, the rate of a level coordinated turn."""
     acceleration_m_s2: float
-    """Greatest change of airspeed."""
+    """Greatest rate of change of the airspeed."""
     airspeed_lag_s: float
+    """Time constant with which the airspeed follows its demand."""
     climb_lag_s: float
+    """Time constant with which the climb rate follows its demand."""
 
 
 class FixedWing:
-    """Moves a body that flies through the air. The body's velocity over the ground follows from it and the wind."""
+    """Moves a `Body` through the air; its velocity over the ground is that through the air plus the wind."""
 
     def __init__(self, airframe: Airframe, body: Body) -> None:
-        """Take the body as it is; its airspeed is along its heading."""
+        """Move `body`, in place, as `airframe` responds; the body's airspeed is along its heading."""
         self.airframe = airframe
         self.body = body
 
     def fly(
         self, bank_rad: float, airspeed_m_s: float, climb_m_s: float, wind_m_s: tuple[float, float], dt_s: float
     ) -> None:
-        """Advance by `dt_s` towards a bank, an airspeed (positive) and a climb, in a wind along the grid."""
+        """Advance by `dt_s` towards a demanded bank, airspeed (positive) and climb, in a wind (north, east; grid)."""
         airframe, body = self.airframe, self.body
         roll_rad = (bank_rad - body.roll_rad) * _share(dt_s, airframe.roll_lag_s)
         limit_rad = airframe.roll_rate_rad_s * dt_s
@@ -61,21 +63,21 @@ class FixedWing:
         self.blow(wind_m_s)
 
     def turn_rate_rad_s(self, bank_rad: float, airspeed_m_s: float) -> float:
-        """Return the turn rate that a bank sustains."""
+        """Return the turn rate that a bank sustains at an airspeed."""
         return self.airframe.turn_share * GRAVITY_M_S2 * math.tan(bank_rad) / airspeed_m_s
 
     def bank_rad(self, turn_rate_rad_s: float, airspeed_m_s: float) -> float:
-        """Return the bank that sustains a turn rate."""
+        """Return the bank that sustains a turn rate at an airspeed."""
         return math.atan(turn_rate_rad_s * airspeed_m_s / (self.airframe.turn_share * GRAVITY_M_S2))
 
     def blow(self, wind_m_s: tuple[float, float]) -> None:
-        """Let the velocity over the ground be the one through the air and the wind's."""
+        """Set the velocity over the ground to that through the air plus the wind."""
         body = self.body
         body.velocity_north_m_s = body.airspeed_m_s * math.cos(body.heading_rad) + wind_m_s[0]
         body.velocity_east_m_s = body.airspeed_m_s * math.sin(body.heading_rad) + wind_m_s[1]
 
     def course_rad(self) -> float:
-        """Return where it moves to over the ground, from grid north; its heading where it hardly moves."""
+        """Return the course over the ground, from grid north; below a ground speed of 1 m/s return the heading."""
         body = self.body
         if math.hypot(body.velocity_north_m_s, body.velocity_east_m_s) < 1.0:
             return body.heading_rad
@@ -83,14 +85,18 @@ class FixedWing:
 
 
 def climb_towards_m_s(away_m: float, gain_1_s: float, climb_m_s: float, sink_m_s: float) -> float:
-    """Return the climb that takes an altitude error away: proportional to it, within the greatest climb and sink."""
+    """Return the climb rate that removes an altitude error `away_m`.
+
+    It is proportional to the error, and at most `climb_m_s` up and `sink_m_s` (positive) down.
+    """
     return min(max(gain_1_s * away_m, -sink_m_s), climb_m_s)
 
 
 def loiter_course_rad(north_m: float, east_m: float, radius_m: float, right: bool) -> float:
-    """Return the course (from grid north) onto a circle about a point that lies (north, east) metres away.
+    """Return the course (from grid north) onto a circle about a point (north, east) metres away from the vehicle.
 
-    From afar towards the circle's near side, on the circle along it, from within outwards again.
+    From far away it leads towards the centre, on the circle along the tangent, from within outwards. `right` means
+    clockwise.
     """
     outside = (math.hypot(north_m, east_m) - radius_m) / radius_m
     away_rad = math.pi / 2.0 - math.atan(outside)

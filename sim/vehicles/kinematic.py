@@ -1,8 +1,8 @@
-"""The paper's vehicle as an autopilot: a point that flies exact arcs, obeys speed at once and cannot stop.
+"""The paper's vehicle as an autopilot: a point that flies exact arcs, changes speed at once and cannot stop.
 
-It speaks like ArduCopter (modes, GUIDED velocity setpoints and their time-out), but its heartbeat says that it is a
-generic autopilot, so that no real plane is ever taken for it. Its velocity is through the air, which carries it along:
-it crabs to hold the course asked for, and drifts with the wind where it only circles.
+It has ArduCopter's MAVLink interface (modes, GUIDED velocity setpoints and their time-out), but its heartbeat says
+that it is a generic autopilot, so that no real plane is ever taken for it. It flies through the air: it crabs to hold
+the course of a setpoint, and drifts with the wind while it circles without one.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from sim.vehicles.setpoint import Setpoint, clip, understood
 from sim.wind import crabbed
 
 _CLIMB_M_S, _DESCENT_M_S = 2.5, 1.5
+"""Greatest climb and descent rate, as in `arducopter.py`."""
 
 
 class Kinematic(ArduPilot):
-    """A point whose turn rate is at most n_max g / v; speeds and turns are through the air."""
+    """A point whose turn rate is at most n_max g / v; speeds and turn rates are relative to the air."""
 
     kind = "kinematic"
     mav_type = mavlink.MAV_TYPE_FIXED_WING
@@ -41,7 +42,12 @@ class Kinematic(ArduPilot):
     gcs_failsafe = "FS_GCS_ENABLE"
 
     def __init__(self, start: Start, n_max: float, min_speed_m_s: float, max_speed_m_s: float) -> None:
-        """Begin in the air. Raises ValueError on the ground: it cannot stop."""
+        """Begin in the air.
+
+        Raises:
+            ValueError: `start` is on the ground, where a vehicle that cannot stop cannot be.
+
+        """
         if not start.in_air:
             raise ValueError("a kinematic vehicle cannot stop, so it begins in the air")
         super().__init__(start)
@@ -61,20 +67,20 @@ class Kinematic(ArduPilot):
         return int(mavlink.MAV_LANDED_STATE_LANDING if self.mode == LAND else mavlink.MAV_LANDED_STATE_IN_AIR)
 
     def setpoint(self, message: Message, around: Surroundings, now_s: float) -> None:
-        """Mind velocities in GUIDED; whatever else it is sent there, it circles."""
+        """Obey a velocity in GUIDED; any other SET_POSITION_TARGET_LOCAL_NED makes the point circle."""
         if self.mode != GUIDED or not self.armed or message.get_type() != "SET_POSITION_TARGET_LOCAL_NED":
             return
         self._setpoint = understood(message, self.body, around, now_s)
 
     def blow(self, wind_m_s: tuple[float, float]) -> None:
-        """Let the velocity over the ground be the one through the air and the wind's."""
+        """Set the velocity over the ground to that through the air plus the wind."""
         body = self.body
         body.velocity_north_m_s = self._air_m_s[0] + wind_m_s[0]
         body.velocity_east_m_s = self._air_m_s[1] + wind_m_s[1]
         body.airspeed_m_s = math.hypot(*self._air_m_s)
 
     def step(self, now_s: float, dt_s: float, around: Surroundings) -> None:
-        """Fly arcs and straight lines, exact however long the step."""
+        """Advance by `dt_s` along exact arcs and straight lines; a setpoint expires after GUID_TIMEOUT."""
         self._mind_time(now_s, around)
         until_s = now_s + dt_s
         asked = self._setpoint
@@ -101,7 +107,7 @@ class Kinematic(ArduPilot):
                 body.climb_m_s = clip(up_m_s, -_DESCENT_M_S, _CLIMB_M_S)
         rate_rad_s = self._n_max * GRAVITY_M_S2 / speed_m_s
         if wanted_rad is None:
-            # Nobody says where to: the tightest circle to the right keeps it near, but for the wind.
+            # Without a setpoint the tightest circle to the right keeps it near, but for the wind.
             body.north_m, body.east_m, body.heading_rad = advance(
                 body.north_m, body.east_m, body.heading_rad, speed_m_s, rate_rad_s, dt_s
             )
@@ -128,9 +134,11 @@ class Kinematic(ArduPilot):
 
 
 def kinematic_profile(n_max: float, min_speed_m_s: float, max_speed_m_s: float) -> Callable[[Start], Kinematic]:
-    """Return what makes points that cannot stop, obey speed at once and turn at most at n_max g / v.
+    """Return the constructor of a `Kinematic` with these speed bounds and a turn rate of at most n_max g / v.
 
-    Raises ValueError unless n_max > 0 and 0 < min_speed_m_s <= max_speed_m_s.
+    Raises:
+        ValueError: n_max is not positive, or the speeds are not 0 < min_speed_m_s <= max_speed_m_s < infinity.
+
     """
     if not (n_max > 0.0 and 0.0 < min_speed_m_s <= max_speed_m_s < math.inf):
         raise ValueError("a kinematic profile needs n_max > 0 and 0 < min_speed_m_s <= max_speed_m_s")

@@ -1,4 +1,4 @@
-"""What a stand-in autopilot says of itself, message by message, and what can go wrong with it."""
+"""The telemetry messages of a stand-in autopilot, one by one, and the faults that telemetry can have."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ _SENSORS = (
     | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
     | mavlink.MAV_SYS_STATUS_PREARM_CHECK
 )
+"""Sensors that SYS_STATUS shows as present and enabled."""
 _CAPABILITIES = (
     mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
     | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
@@ -30,16 +31,19 @@ _CAPABILITIES = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
     | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
 )
+"""Capabilities in AUTOPILOT_VERSION."""
 _VERSION = (4 << 24) | (7 << 16)
-"""Of ArduPilot's development tree of October 2025, which was measured."""
+"""ArduPilot's version in AUTOPILOT_VERSION: 4.7.0-dev of October 2025, on which the measurements were made."""
 _PX4_VERSION = (1 << 24) | (16 << 16) | (1 << 8) | 255
+"""PX4's version in AUTOPILOT_VERSION: the release 1.16.1, on which the measurements were made."""
 _INT16_MAX, _INT32_MAX, _UINT16_MAX = 2**15 - 1, 2**31 - 1, 2**16 - 1
 _NO_DILUTION = _UINT16_MAX
+"""Dilution of precision in GPS_RAW_INT without a fix: unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Report:
-    """What positions and attitudes of one moment are made of: the estimate, where that is on the earth, the clock."""
+    """What position and attitude messages of one moment are made from: the estimate, its geodetic place, the clock."""
 
     estimate: Estimate
     lat_deg: float
@@ -49,10 +53,10 @@ class _Report:
 
 
 class MessageEncoder:
-    """Makes the messages that one autopilot streams or is asked for."""
+    """Makes the messages that one autopilot streams or sends on request."""
 
     def __init__(self, dynamics: FlightDynamics, sender: MavlinkSender, boot_s: float) -> None:
-        """Speak for a vehicle whose clock of `time_boot_ms` began at `boot_s`."""
+        """Encode the state of the vehicle of `dynamics`; its `time_boot_ms` counts from `boot_s`."""
         self.boot_s = boot_s
         self._dynamics = dynamics
         self._craft = dynamics.craft
@@ -75,19 +79,19 @@ class MessageEncoder:
         }
 
     def knows(self, message_id: int) -> bool:
-        """Return whether there is such a message."""
+        """Return whether `encode` can make the message with this id."""
         return message_id in self._encoders
 
     def encode(self, message_id: int, t_s: float) -> Message:
-        """Return a message as of a time; KeyError for one that is not known."""
+        """Return the message with this id, as of the time `t_s`; raise KeyError for an unknown id."""
         return self._encoders[message_id](t_s)
 
     def freeze(self, frozen: bool) -> None:
-        """Let positions and attitude repeat what they are now, clock included; or end that."""
+        """Make position and attitude messages repeat their present content, `time_boot_ms` included; or end that."""
         self._frozen = self._reported(self._dynamics.now_s) if frozen else None
 
     def corrupt(self, corrupt: bool) -> None:
-        """Let the floats of ATTITUDE, LOCAL_POSITION_NED and VFR_HUD be NaN; or end that."""
+        """Make the floats of ATTITUDE, LOCAL_POSITION_NED and VFR_HUD NaN; or end that."""
         self._floats_are_nan = corrupt
 
     def _reported(self, t_s: float) -> _Report:
@@ -152,7 +156,7 @@ class MessageEncoder:
         return self._mav.extended_sys_state_encode(mavlink.MAV_VTOL_STATE_UNDEFINED, self._craft.landed_state())
 
     def _height_mm(self, body: Body) -> tuple[int, int]:
-        """Return (above sea level, above home) as the wire counts them."""
+        """Return the heights above sea level and above home in millimetres, clipped to MAVLink's 32 bits."""
         above_home_m = body.altitude_m - self._dynamics.home.altitude_m
         return (
             round(clip(body.altitude_m * 1000.0, -_INT32_MAX, _INT32_MAX)),

@@ -1,4 +1,4 @@
-"""Modes by ArduCopter's custom_mode numbers (ArduCopter/mode.h), which the paper's point borrows."""
+"""ArduCopter's modes by custom_mode number (ArduCopter/mode.h); the paper's point has the same ones."""
 
 from __future__ import annotations
 
@@ -13,4 +13,6 @@ COPTER_MODES = {
     BRAKE: "BRAKE",
 }
 STICK_MODES = frozenset({STABILIZE, ALT_HOLD, LOITER})
+"""Modes that are flown by the pilot's sticks."""
 ARMABLE_MODES = frozenset({STABILIZE, ALT_HOLD, GUIDED, LOITER})
+"""Modes in which the vehicle can be armed."""

@@ -11,16 +11,16 @@ from sim.vehicles.craft import Craft, Message, Parameter
 
 
 class ParameterProtocol:
-    """Reads and sets a craft's parameters, and answers PARAM_VALUE."""
+    """Reads and sets a craft's parameters on request, and answers with PARAM_VALUE."""
 
     def __init__(self, craft: Craft, sender: MavlinkSender) -> None:
-        """Serve a craft's parameters."""
+        """Serve the parameters of `craft`, with replies packed by `sender`."""
         self._craft = craft
         self._sender = sender
         self._ranges = {parameter.name: parameter for parameter in craft.parameters}
 
     def on_param_set(self, message: Message, t_s: float) -> list[bytes]:
-        """Set a parameter. A refusal shows, as on the real one, in the old value coming back."""
+        """Set a parameter and return its PARAM_VALUE; a value out of range is refused, and the old one is returned."""
         allowed = self._ranges.get(message.param_id)
         if allowed is None:
             return []
@@ -32,7 +32,7 @@ class ParameterProtocol:
         return [self._param_value(allowed.name)]
 
     def on_param_request_read(self, message: Message, t_s: float) -> list[bytes]:
-        """Tell one parameter, by its index or its name."""
+        """Return the PARAM_VALUE of the parameter with the requested index or name; nothing if there is none."""
         names = list(self._craft.values)
         name = message.param_id
         if 0 <= message.param_index < len(names):
@@ -40,11 +40,11 @@ class ParameterProtocol:
         return [self._param_value(name)] if name in self._craft.values else []
 
     def on_param_request_list(self, message: Message, t_s: float) -> list[bytes]:
-        """Tell all parameters."""
+        """Return the PARAM_VALUE of every parameter."""
         return [self._param_value(name) for name in self._craft.values]
 
     def _is_bytewise(self, parameter: Parameter) -> bool:
-        """Whether the value's bytes travel as an integer's: PX4's way; ArduPilot sends every number as a float."""
+        """Return whether the float field holds the bytes of an integer: only in PX4; ArduPilot sends floats alone."""
         return parameter.integer and self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_PX4
 
     def _param_value(self, name: str) -> bytes:

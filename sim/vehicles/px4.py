@@ -1,11 +1,11 @@
 """What the PX4 kinds share: modes, OFFBOARD and what follows when its stream is lost, arming, answers to commands.
 
-As measured on PX4 v1.16.1 (docs/autopilots.md). "(code)" is as its source says; "(chosen)" was neither measured nor
-read. What the pilot asked for (the intended mode) is kept apart from the mode that is flown, as PX4 does: a lost stream
-changes only the latter, which is why OFFBOARD comes back by itself.
+As measured on PX4 v1.16.1 (docs/autopilots.md). "(code)" marks what was read in its source, "(chosen)" what was neither
+measured nor read. As in PX4, the mode that the pilot chose (the intended mode) is kept apart from the mode that is
+flown: a lost setpoint stream changes only the latter, so OFFBOARD resumes by itself when the stream returns.
 
-Not modelled: radio control and its loss (there is none, as there was none when it was measured), geofence, battery
-failsafe and data link loss (their parameters are only there to be read), missions, attitude setpoints.
+Not modelled: radio control and its loss (the measurements were made without it), geofence, battery failsafe and data
+link loss (their parameters have no effect), missions, attitude setpoints.
 """
 
 from __future__ import annotations
@@ -23,29 +23,35 @@ from sim.vehicles.setpoint import SANE_POSITION_M, rotated
 # custom_mode: main mode << 16 | sub mode << 24 (px4_custom_mode.h).
 MANUAL, ALTITUDE, POSITION, OFFBOARD, STABILIZED = 1 << 16, 2 << 16, 3 << 16, 6 << 16, 7 << 16
 _AUTO = 4 << 16
+"""PX4's main mode AUTO, of which the next four are sub modes."""
 TAKE_OFF, HOLD, RETURN, LAND = _AUTO | 2 << 24, _AUTO | 3 << 24, _AUTO | 5 << 24, _AUTO | 6 << 24
 STICK_MODES = frozenset({MANUAL, ALTITUDE, POSITION, STABILIZED})
+"""Modes that are flown by the pilot's sticks."""
 MODES = STICK_MODES | {OFFBOARD, TAKE_OFF, HOLD, RETURN, LAND}
+"""All modes, each by its custom_mode."""
 _MAIN_MODE_FACTOR, _SUB_MODE_FACTOR = 1 << 16, 1 << 24
 
-# COM_OBL_RC_ACT by value (parameter reference); 6 terminates and 7 disarms, which nobody should fly.
+# The mode after a lost stream, by COM_OBL_RC_ACT (parameter reference). 6 (terminate) and 7 (disarm) are not modelled.
 _LOSS_MODES = {0: POSITION, 1: ALTITUDE, 2: STABILIZED, 3: RETURN, 4: LAND, 5: HOLD}
 
 STREAM_NEEDED_S = 1.0
-"""How long setpoints must have come before OFFBOARD is entered. Asked for with a younger stream, the mode is entered
-once it is that old (chosen: one that asks at once was not measured); without any it is refused."""
-_STREAM_TOLERANCE_S = 0.05
-_FORCE = 21196.0
-"""The magic second parameter of MAV_CMD_COMPONENT_ARM_DISARM that skips every check."""
-_CHANGE_MODE = 1
-"""The flag in DO_REPOSITION's second parameter without which it is unsupported (code)."""
-_COMING_MOST = 64
-"""Setpoints under way at most; at 50 Hz there are five."""
-_TIME_TOLERANCE_S = 1e-6
-LANDED_AFTER_S = 1.0
-"""On the ground without climbing before it counts as landed (chosen; about what the land detector takes)."""
+"""Time for which setpoints must have come before OFFBOARD is entered. Asked for earlier, the mode is entered once this
+time is over (chosen: that case was not measured); without any setpoint it is refused."""
 
-# POSITION_TARGET_TYPEMASK: the bit says "ignore", by field.
+_STREAM_TOLERANCE_S = 0.05
+"""Time by which a stream may be younger than STREAM_NEEDED_S when OFFBOARD is entered."""
+_FORCE = 21196.0
+"""Second parameter of MAV_CMD_COMPONENT_ARM_DISARM that skips every check (as MAVLink defines it)."""
+_CHANGE_MODE = 1
+"""Value of DO_REPOSITION's second parameter (change the mode) without which the command is unsupported (code)."""
+_COMING_MOST = 64
+"""Greatest number of setpoints that wait to take effect; at 50 Hz there are five."""
+_TIME_TOLERANCE_S = 1e-6
+"""Time by which a setpoint may be early and still takes effect."""
+LANDED_AFTER_S = 1.0
+"""Time on the ground before the vehicle counts as landed (chosen; about what PX4's land detector takes)."""
+
+# POSITION_TARGET_TYPEMASK: by field, the bit that says to ignore it.
 _FIELDS = (
     *(("x", 0x001), ("y", 0x002), ("z", 0x004), ("vx", 0x008), ("vy", 0x010), ("vz", 0x020)),
     *(("afx", 0x040), ("afy", 0x080), ("afz", 0x100), ("yaw", 0x400), ("yaw_rate", 0x800)),
@@ -75,19 +81,19 @@ COMMON_PARAMETERS = (
     Parameter("NAV_DLL_ACT", 0.0, 0.0, 6.0, True),
     Parameter("NAV_RCL_ACT", 2.0, 1.0, 6.0, True),
 )
-"""Defaults and ranges: PX4's parameter reference."""
+"""Parameters of both PX4 kinds, with defaults and ranges from PX4's parameter reference."""
 
 
 @dataclass(frozen=True, slots=True)
 class Offboard:
-    """What a setpoint asks, along the plane's grid; None stands for what it ignores, or gives as NaN."""
+    """What a setpoint asks for, along the plane's grid; None stands for a field that it ignores or gives as NaN."""
 
     north_m: float | None = None
     east_m: float | None = None
     altitude_m: float | None = None
-    """Above sea level."""
+    """Altitude above sea level."""
     velocity_m_s: tuple[float, float] | None = None
-    """North and east over the ground."""
+    """Velocity (north, east) over the ground."""
     climb_m_s: float | None = None
     acceleration_m_s2: tuple[float, float] | None = None
     yaw_rad: float | None = None
@@ -95,10 +101,10 @@ class Offboard:
 
 
 def understood(message: Message, body: Body, around: Surroundings) -> Offboard | None:
-    """Return what a SET_POSITION_TARGET_* asks for; None if PX4 drops it, so that it keeps no stream alive.
+    """Return what a SET_POSITION_TARGET_* asks for; None if PX4 drops it, so that it does not count for the stream.
 
-    It drops unknown frames and what asks for neither a position nor a velocity (an acceleration alone would do on the
-    real one; not modelled).
+    PX4 drops unknown frames and setpoints with neither a position nor a velocity. (A real one accepts an acceleration
+    alone, which is not modelled.)
     """
     given = {
         name: float(getattr(message, name))
@@ -119,7 +125,7 @@ def understood(message: Message, body: Body, around: Surroundings) -> Offboard |
     velocity = _pair(given, "vx", "vy")
     if (north_m is None or east_m is None) and altitude_m is None and velocity is None and "vz" not in given:
         return None
-    # Body velocities are along the nose; the rest is along true north, and the plane's grid is turned against it.
+    # Body velocities are relative to the nose, the others to true north; here they become relative to the plane's grid.
     turn_rad = body.heading_rad if frame == mavlink.MAV_FRAME_BODY_NED else -around.convergence_rad
     acceleration = _pair(given, "afx", "afy")
     yaw_rad = given.get("yaw")
@@ -138,7 +144,7 @@ def understood(message: Message, body: Body, around: Surroundings) -> Offboard |
 def _local_place(
     given: Mapping[str, float], frame: int, body: Body, around: Surroundings
 ) -> tuple[float | None, float | None, float | None]:
-    """Return the plane's north and east and the altitude; a body frame has no place (code)."""
+    """Return the plane's north and east and the altitude; all None in a body frame, whose place PX4 ignores (code)."""
     if frame != mavlink.MAV_FRAME_LOCAL_NED:
         return None, None, None
     altitude_m = None if "z" not in given else around.home.altitude_m - given["z"]
@@ -163,43 +169,43 @@ def _pair(given: Mapping[str, float], first: str, second: str) -> tuple[float, f
 
 @dataclass(frozen=True, slots=True)
 class Reposition:
-    """Where HOLD holds: a place of the plane and an altitude above sea level."""
+    """The place at which HOLD loiters: in the plane, with an altitude above sea level."""
 
     north_m: float
     east_m: float
     altitude_m: float
     radius_m: float | None = None
-    """Of a plane's loiter, where one was asked for."""
+    """Loiter radius of a plane; None: NAV_LOITER_RAD."""
 
 
 @dataclass(slots=True)
 class Hold:
-    """What HOLD and its like fly."""
+    """What the modes other than OFFBOARD fly to: a place, and at which speed."""
 
     place: Reposition
     is_repositioned: bool = False
-    """Whether the place was asked for; else it is where the mode began."""
+    """Whether a DO_REPOSITION gave the place, rather than the vehicle's position when the mode began."""
     speed_m_s: float | None = None
-    """What was asked for; None: the cruise speed."""
+    """Speed that a command asked for; None: the cruise speed."""
 
 
 @dataclass(slots=True)
 class _GroundTime:
-    """How long an armed vehicle has stood on the ground, and whether it has flown since it was armed."""
+    """Since when an armed vehicle stands on the ground, and whether it has flown since it was armed."""
 
     has_flown: bool
     since_s: float | None = None
 
 
 class OffboardStream:
-    """The setpoints that OFFBOARD lives on: since when they come, and which one is flown."""
+    """The stream of setpoints for OFFBOARD: when it began, when the last one came, and which one is flown."""
 
     def __init__(self, reaction_s: float, begins_streamed: bool) -> None:
-        """Take effect after `reaction_s`; with `begins_streamed` as if setpoints had come until the first step."""
+        """Begin without a stream, or with one that is old enough; setpoints take effect after `reaction_s`."""
         self.asked: Offboard | None = None
-        """The newest that has taken effect."""
+        """The newest setpoint that has taken effect."""
         self.is_awaited = False
-        """Whether OFFBOARD was asked for and is entered once the stream is old enough."""
+        """Whether OFFBOARD was asked for and will be entered once the stream is old enough."""
         self._reaction_s = reaction_s
         self._begins_streamed = begins_streamed
         self._coming: deque[tuple[float, Offboard]] = deque(maxlen=_COMING_MOST)
@@ -207,17 +213,17 @@ class OffboardStream:
         self._heard_s: float | None = None
 
     def take(self, asked: Offboard, now_s: float, loss_s: float) -> None:
-        """Take a setpoint, which begins a new stream if the last came longer than `loss_s` ago."""
+        """Take a setpoint; it begins a new stream if the one before came more than `loss_s` ago."""
         if self._began_s is None or self.is_lost(now_s, loss_s):
             self._began_s = now_s
-            # What the stream before asked for must not be flown while the new one is under way.
+            # Setpoints of the stream before must not be flown while the new one's wait.
             self._coming.clear()
             self.asked = asked
         self._heard_s = now_s
         self._coming.append((now_s + self._reaction_s, asked))
 
     def step(self, now_s: float) -> None:
-        """Let take effect what is due."""
+        """Let the setpoints that are due at `now_s` take effect."""
         while self._coming and self._coming[0][0] <= now_s + _TIME_TOLERANCE_S:
             self.asked = self._coming.popleft()[1]
         if self._begins_streamed:
@@ -230,13 +236,13 @@ class OffboardStream:
         return self._heard_s is None or now_s - self._heard_s > loss_s
 
     def is_old_enough(self) -> bool:
-        """Return whether setpoints have come for long enough to enter OFFBOARD."""
+        """Return whether setpoints have come for STREAM_NEEDED_S, so that OFFBOARD can be entered."""
         if self._began_s is None or self._heard_s is None:
             return False
         return self._heard_s - self._began_s >= STREAM_NEEDED_S - _STREAM_TOLERANCE_S
 
     def forget(self) -> None:
-        """Forget every setpoint."""
+        """Forget every setpoint, and that OFFBOARD was asked for."""
         self.asked = None
         self._coming.clear()
         self._began_s = self._heard_s = None
@@ -244,25 +250,26 @@ class OffboardStream:
 
 
 OnCommand = Callable[[Command, Surroundings, float], Answer]
+"""Handler of a command, given the surroundings and the time in seconds."""
 
 
 class Px4:
-    """The base of a craft: a kind adds its motion."""
+    """The base class of the PX4 crafts: a subclass adds its motion."""
 
     kind: str
     mav_type: int
     mav_autopilot: int = mavlink.MAV_AUTOPILOT_PX4
     announces = False
-    """HEARTBEAT comes once a second whatever happens: a changed mode shows up to a second late."""
+    """PX4 sends HEARTBEAT once a second in any case, so a changed mode shows up to a second late."""
     ready = True
-    """Only the ArduPilot kinds take their time to come up."""
+    """Start-up is modelled for the ArduPilot kinds alone."""
     longest_step_s: float
     reaction_s: float
-    """From a setpoint to the first that comes of it."""
+    """Dead time from a setpoint to its first effect."""
     parameters: tuple[Parameter, ...]
 
     def __init__(self, start: Start) -> None:
-        """Begin in OFFBOARD, as if the stream had come until now, if asked to; else in HOLD."""
+        """Begin in OFFBOARD, as if setpoints had come until now, if `start` says guided; else in HOLD."""
         self.body: Body = start.body
         self.armed = start.armed
         self.in_air = start.in_air
@@ -285,7 +292,7 @@ class Px4:
         }
 
     def base_mode(self) -> int:
-        """Return HEARTBEAT.base_mode (code: by the mode that is flown)."""
+        """Return HEARTBEAT.base_mode, which follows from the mode that is flown (code)."""
         flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         if self.mode in STICK_MODES:
             flags |= mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
@@ -306,12 +313,12 @@ class Px4:
         return int(mavlink.MAV_LANDED_STATE_LANDING if self.mode == LAND else mavlink.MAV_LANDED_STATE_IN_AIR)
 
     def command(self, command: Command, around: Surroundings, now_s: float) -> Answer | None:
-        """Answer a command; None if it is none of this kind's."""
+        """Answer a command; return None for a command that this kind does not handle."""
         handler = self._commands.get(command.command)
         return None if handler is None else handler(command, around, now_s)
 
     def setpoint(self, message: Message, around: Surroundings, now_s: float) -> None:
-        """Mind a setpoint in any mode: OFFBOARD needs a stream before it is entered, and returns with it."""
+        """Take a setpoint in any mode: OFFBOARD needs a stream before it is entered, and resumes with it."""
         if message.get_type() == "SET_ATTITUDE_TARGET":
             return
         asked = understood(message, self.body, around)
@@ -319,10 +326,10 @@ class Px4:
             self._stream.take(asked, now_s, self.values["COM_OF_LOSS_T"])
 
     def heartbeat_heard(self, system: int, component: int, mav_type: int, now_s: float) -> None:
-        """Mind nobody's: the data link loss failsafe (NAV_DLL_ACT) is off by default and not modelled."""
+        """Ignore a heartbeat: the data link loss failsafe (NAV_DLL_ACT) is off by default and not modelled."""
 
     def reboot(self, now_s: float) -> None:
-        """Begin anew in HOLD: what was asked is forgotten. A vehicle in the air stays armed (chosen)."""
+        """Restart in HOLD without setpoints; a vehicle in the air stays armed (chosen)."""
         self._stream.forget()
         self.failsafe = False
         self._intended = HOLD
@@ -331,7 +338,7 @@ class Px4:
     # Modes
 
     def _mind_time(self, now_s: float) -> None:
-        """Do what the time alone makes due: OFFBOARD and its failsafe, landing, disarming on the ground."""
+        """Do what is due by time alone: enter OFFBOARD, its failsafe, disarming on the ground."""
         self._stream.step(now_s)
         if self._stream.is_awaited:
             if self._stream_lost(now_s):
@@ -354,7 +361,7 @@ class Px4:
             return
         if self._ground.since_s is None:
             self._ground.since_s = now_s
-        # As on the real one the mode still reads what it was, and a landing leaves it so.
+        # As on the real one, neither landing nor disarming changes the mode.
         name = "COM_DISARM_LAND" if self._ground.has_flown else "COM_DISARM_PRFLT"
         waited_s = now_s - self._ground.since_s - (LANDED_AFTER_S if self._ground.has_flown else 0.0)
         if waited_s >= self.values[name] > 0.0 and self.mode != TAKE_OFF:
@@ -367,12 +374,12 @@ class Px4:
         return Reposition(self.body.north_m, self.body.east_m, self.body.altitude_m)
 
     def _fly_mode(self, mode: int) -> None:
-        """Fly another mode from now on; HOLD and its like begin from here."""
+        """Fly another mode from now on; its hold position is the present one."""
         self.mode = mode
         self._hold = Hold(self._here())
 
     def _intend(self, mode: int, now_s: float) -> Answer:
-        """Change the mode that the pilot wants flown."""
+        """Change the intended mode, the one that the pilot chose."""
         self._stream.is_awaited = False
         if mode == OFFBOARD and (self.armed or self.in_air):
             if self._stream_lost(now_s):
@@ -381,7 +388,7 @@ class Px4:
                 self._stream.is_awaited = True
                 return ACCEPTED
         if mode in STICK_MODES and self.armed:
-            # There is no stick to fly it by.
+            # There is no radio control to fly it by.
             return REJECTED
         self._intended = mode
         self.failsafe = False
@@ -419,7 +426,7 @@ class Px4:
         return ACCEPTED
 
     def _armable(self, now_s: float) -> bool:
-        """Whether the mode allows it: neither one that lands, nor OFFBOARD that has no stream."""
+        """Return whether the mode allows arming: not in LAND or RETURN, nor in OFFBOARD without a stream."""
         if self.mode == OFFBOARD:
             return not self._stream_lost(now_s)
         return self.mode not in (LAND, RETURN)
@@ -439,7 +446,7 @@ class Px4:
         return answer
 
     def _reposition(self, command: Command, around: Surroundings, now_s: float) -> Answer:
-        """Fly to a place and hold there; what is NaN stays as it is."""
+        """Fly to a place and hold there; a coordinate that is NaN stays as it is."""
         if not math.isfinite(command.param2) or int(command.param2) != _CHANGE_MODE:
             return UNSUPPORTED
         scale = 1e-7 if command.int_frame else 1.0
@@ -463,7 +470,7 @@ class Px4:
         return ACCEPTED
 
     def _change_speed(self, command: Command, around: Surroundings, now_s: float) -> Answer:
-        """Acknowledge in every mode, and mind in HOLD alone."""
+        """Acknowledge in every mode, and change the speed in HOLD alone."""
         if self.mode == HOLD:
             self._hold.speed_m_s = command.param2 if 0.0 < command.param2 < SANE_POSITION_M else None
         return ACCEPTED
@@ -477,5 +484,5 @@ class Px4:
 
 
 def _twice(answer: Answer) -> Answer:
-    """Acknowledge a DO_SET_MODE twice, as PX4 does: the first says only that it came, the last one counts."""
+    """Acknowledge a DO_SET_MODE twice, as PX4 does: the first answer confirms receipt, the second is the result."""
     return Answer((mavlink.MAV_RESULT_ACCEPTED, *answer.results), answer.texts)

@@ -1,6 +1,7 @@
-"""A copter with PX4: its answers to OFFBOARD setpoints, and what it does when they stop.
+"""A copter with PX4: its response to OFFBOARD setpoints, and what it does when they stop.
 
-As measured on PX4 v1.16.1 with realistic drag (docs/autopilots.md). "(chosen)" was neither measured nor read.
+As measured on PX4 v1.16.1 with realistic drag (docs/autopilots.md). "(code)" marks what was read in its source,
+"(chosen)" what was neither measured nor read.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from sim.vehicles.craft import Parameter, Start, Surroundings
 from sim.vehicles.px4 import Offboard, Px4
 from sim.vehicles.setpoint import clip, rotated
 
-# These five fit 0 to 5 m/s (3.9 at 1 s, 5.1 at 2 s), 0 to 10 m/s (6.3, 9.4 and 9.95 at 1, 2 and 3 s) and 10 to 0
-# (3.0 and 0.4 left at 1 and 2 s) within 0.25 m/s, and the first motion after 0.2 s.
+# These five are fitted to the measured steps from 0 to 5 m/s (3.9 m/s after 1 s, 5.1 after 2 s), from 0 to 10 m/s (6.3,
+# 9.4 and 9.95 m/s after 1, 2 and 3 s) and from 10 m/s to 0 (3.0 and 0.4 m/s after 1 and 2 s) within 0.25 m/s, and to
+# the first motion after 0.2 s.
 _REACTION_S = 0.1
 _VELOCITY_GAIN_1_S = 1.481
 _ACCELERATION_LAG_S = 0.103
@@ -24,19 +26,23 @@ _ACCELERATION_M_S2 = 8.155
 _DRAG_1_M = 0.0228
 
 _SINK_WITHOUT_STICK_M_S = 0.7
-"""In the position mode that COM_OBL_RC_ACT 0 chooses."""
+"""Sink rate in POSITION, the mode that COM_OBL_RC_ACT 0 chooses, without radio control."""
 _POSITION_GAIN_1_S = 0.95
-"""MPC_XY_P (code, default)."""
+"""Gain from a position error to a velocity: MPC_XY_P (code, default)."""
 _ALTITUDE_GAIN_1_S = 1.0
-"""MPC_Z_P (code, default)."""
+"""Gain from an altitude error to a climb rate: MPC_Z_P (code, default)."""
 _VERTICAL_LAG_S = 0.5
-"""(chosen)"""
+"""Time constant with which the climb rate follows its demand (chosen)."""
 _BRAKING_M_S2 = 5.0
-"""In HOLD: from 10 m/s it stops in 3 s, as measured."""
+"""Deceleration in HOLD: from 10 m/s the copter stops in 3 s, as measured."""
 _LAND_FINAL_M, _RETURN_ARRIVED_M = 10.0, 1.0
+"""Height above home below which a landing slows down; distance within which RETURN has reached home, or its height."""
 _TAKE_OFF_DONE_M = 0.1
+"""Height below the take-off altitude at which a take-off is complete."""
 _STOPPED_M_S = 0.3
+"""Speed below which a braking copter counts as stopped and holds its place."""
 _STEP_S = 0.05
+"""Longest step of the motion."""
 
 _PARAMETERS = (
     *px4.COMMON_PARAMETERS,
@@ -61,7 +67,7 @@ _PARAMETERS = (
 
 
 class Px4Copter(Px4):
-    """A quadrotor: what it wants is a velocity over the ground, which it leans to reach against the drag of the air."""
+    """A quadrotor with PX4: it leans to reach the velocity over the ground that its mode demands, against the drag."""
 
     kind = "px4-copter"
     mav_type = mavlink.MAV_TYPE_QUADROTOR
@@ -70,19 +76,19 @@ class Px4Copter(Px4):
     parameters = _PARAMETERS
 
     def __init__(self, start: Start) -> None:
-        """Begin on the ground, or flying with the body's velocity."""
+        """Begin on the ground, or flying with the velocity of `start`."""
         super().__init__(start)
         self._acceleration_m_s2 = (0.0, 0.0)
         self._wanted_m_s = (start.body.velocity_north_m_s, start.body.velocity_east_m_s)
         self._stopped_at_m: tuple[float, float] | None = None
         self._has_climbed = False
-        """To the height at which RETURN flies home."""
+        """Whether RETURN has climbed to the height at which it flies home."""
 
     def blow(self, wind_m_s: tuple[float, float]) -> None:
-        """Feel nothing at once: it keeps its velocity over the ground until the drag has worked."""
+        """Change nothing at once: the velocity over the ground changes only as the drag acts."""
 
     def step(self, now_s: float, dt_s: float, around: Surroundings) -> None:
-        """Advance by `dt_s`."""
+        """Advance by `dt_s` as the mode demands."""
         self._mind_time(now_s)
         body = self.body
         if not self.in_air and not (self.armed and self._wants_up(around)):
@@ -110,7 +116,7 @@ class Px4Copter(Px4):
 
     def _fly(self, dt_s: float, around: Surroundings) -> None:
         if self.mode in px4.STICK_MODES:
-            # Without a stick it is level: the air carries it and brakes it.
+            # Without radio control it flies level, and drag alone changes its velocity.
             wanted_m_s2 = 0.0, 0.0
             climb_m_s = -_SINK_WITHOUT_STICK_M_S if self.mode == px4.POSITION else 0.0
         else:
@@ -134,7 +140,7 @@ class Px4Copter(Px4):
         )
 
     def _leaning(self, north_m_s: float, east_m_s: float, wind_m_s: tuple[float, float]) -> tuple[float, float]:
-        """Return the pull (north, east; m/s^2) towards a velocity, against the drag that it will meet there."""
+        """Return the acceleration (north, east; m/s^2) towards a velocity, with the drag at that velocity added."""
         body = self.body
         drag_north, drag_east = _drag(north_m_s, east_m_s, wind_m_s)
         pull_north = _VELOCITY_GAIN_1_S * (north_m_s - body.velocity_north_m_s) + drag_north
@@ -145,7 +151,7 @@ class Px4Copter(Px4):
         return GRAVITY_M_S2 * math.tan(math.radians(self.values["MPC_TILTMAX_AIR"]))
 
     def _wanted(self, around: Surroundings, dt_s: float) -> tuple[tuple[float, float], float]:
-        """Return the velocity over the ground (north, east) and the climb that the mode wants, m/s."""
+        """Return the velocity over the ground (north, east) and the climb rate that the mode demands, in m/s."""
         home, body, mode = around.home, self.body, self.mode
         height_m = body.altitude_m - home.altitude_m
         if mode == px4.OFFBOARD:
@@ -175,7 +181,7 @@ class Px4Copter(Px4):
         self._has_climbed = False
 
     def _asked_velocity(self) -> tuple[tuple[float, float], float]:
-        """Return what the newest setpoint wants; without a vertical or a horizontal part it is invalid and stops."""
+        """Return the newest setpoint's velocity and climb rate, 0 unless it has a horizontal and a vertical part."""
         asked = self._stream.asked
         if asked is None:
             return (0.0, 0.0), 0.0
@@ -187,7 +193,7 @@ class Px4Copter(Px4):
         return _within(*horizontal, self.values["MPC_XY_VEL_MAX"]), self._climb_within(climb_m_s)
 
     def _asked_horizontal(self, asked: Offboard) -> tuple[float, float] | None:
-        """Return the velocity that a position, a velocity or both ask for, north and east."""
+        """Return the velocity (north, east) for a setpoint's position, velocity or both; None if it has neither."""
         if asked.north_m is None or asked.east_m is None:
             return asked.velocity_m_s
         ahead_m_s = asked.velocity_m_s or (0.0, 0.0)
@@ -197,7 +203,7 @@ class Px4Copter(Px4):
         )
 
     def _halting(self, dt_s: float) -> tuple[float, float]:
-        """Return a velocity that dies away evenly, and then one that keeps the place where it has stopped."""
+        """Return a velocity that falls evenly to 0, and then the one that holds the place of the stop."""
         if self._stopped_at_m is not None:
             north_m, east_m = self._stopped_at_m
             return (
@@ -213,7 +219,7 @@ class Px4Copter(Px4):
         return self._wanted_m_s
 
     def _towards(self, north_m: float, east_m: float, top_m_s: float, dt_s: float) -> tuple[float, float]:
-        """Return the velocity to a place: from no further than it can stop, and begun no faster than it can start."""
+        """Return the velocity towards a place, from which the copter can still stop there, limited in acceleration."""
         away_north_m, away_east_m = north_m - self.body.north_m, east_m - self.body.east_m
         distance_m = math.hypot(away_north_m, away_east_m)
         braking_m_s2 = self.values["MPC_ACC_HOR"]
@@ -228,7 +234,7 @@ class Px4Copter(Px4):
         return self._wanted_m_s
 
     def _returning(self, around: Surroundings, dt_s: float, height_m: float) -> tuple[tuple[float, float], float]:
-        """Return what RETURN wants: up, home, down (code: no cone, no delay before landing)."""
+        """Return the velocity and climb rate of RETURN: up, home, down (code: no cone, no delay before landing)."""
         home, body = around.home, self.body
         if math.hypot(home.north_m - body.north_m, home.east_m - body.east_m) <= _RETURN_ARRIVED_M:
             return self._towards(home.north_m, home.east_m, 1.0, dt_s), self._landing_climb_m_s(height_m)
@@ -249,7 +255,7 @@ class Px4Copter(Px4):
         return clip(climb_m_s, -self.values["MPC_Z_VEL_MAX_DN"], self.values["MPC_Z_VEL_MAX_UP"])
 
     def _turn_nose(self, dt_s: float) -> None:
-        """Turn to the yaw or at the rate that OFFBOARD asks for; else the nose stays."""
+        """Turn the nose to the yaw, else at the yaw rate, of the OFFBOARD setpoint; otherwise leave it."""
         asked = self._stream.asked if self.mode == px4.OFFBOARD else None
         limit_rad = math.radians(self.values["MPC_YAWRAUTO_MAX"]) * dt_s
         turn_rad = 0.0
@@ -269,14 +275,14 @@ class Px4Copter(Px4):
 
 
 def _drag(north_m_s: float, east_m_s: float, wind_m_s: tuple[float, float]) -> tuple[float, float]:
-    """Return the pull (north, east; m/s^2) that balances the drag at a velocity over the ground."""
+    """Return the acceleration (north, east; m/s^2) that balances the drag at a velocity over the ground."""
     air_north_m_s, air_east_m_s = north_m_s - wind_m_s[0], east_m_s - wind_m_s[1]
     share_1_s = _DRAG_1_M * math.hypot(air_north_m_s, air_east_m_s)
     return air_north_m_s * share_1_s, air_east_m_s * share_1_s
 
 
 def _within(north: float, east: float, greatest: float) -> tuple[float, float]:
-    """Return a horizontal vector shortened to a length."""
+    """Return a horizontal vector (north, east), shortened to the length `greatest` if it is longer."""
     length = math.hypot(north, east)
     share = greatest / length if length > greatest else 1.0
     return north * share, east * share

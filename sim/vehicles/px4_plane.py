@@ -1,9 +1,9 @@
-"""A plane with PX4: what it makes of OFFBOARD setpoints, of which one kind alone steers it, and what it does without.
+"""A plane with PX4: its response to OFFBOARD setpoints, and what it does when they stop.
 
-As measured on PX4 v1.16.1 at 15 m/s (docs/autopilots.md). "(chosen)" was neither measured nor read. The bank limit is
-all that limits a turn: the course asked for is flown to as fast as it lets it.
+As measured on PX4 v1.16.1 at 15 m/s (docs/autopilots.md). "(chosen)" marks what was neither measured nor read. A
+setpoint steers the plane only if it has a position. Turns are limited by the bank alone.
 
-Not modelled: the approach to a landing (it circles down), the roll on the runway, stall.
+Not modelled: the approach to a landing (the plane circles down), the roll on the runway, stall.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from sim.vehicles.px4 import Offboard, Px4, Reposition
 from sim.vehicles.setpoint import clip
 
 _COURSE_LAG_S = 1.07
-"""By how much a course that changes evenly is followed late; sent at 5 Hz it is the 1.17 s measured, within 3 %."""
+"""Delay with which an evenly changing course is followed. With setpoints at 5 Hz it gives the measured 1.17 s within
+3 %."""
 _AIRFRAME = Airframe(
     roll_lag_s=0.3,
     roll_rate_rad_s=math.radians(70.0),
@@ -29,23 +30,27 @@ _AIRFRAME = Airframe(
     airspeed_lag_s=1.5,
     climb_lag_s=1.0,
 )
-"""Bank: fits the 90 degree step done in 5 s; the rate is FW_R_RMAX's default. The rest is chosen: a level coordinated
-turn, as was not contradicted."""
+"""How the airframe responds. The bank's lag fits the measured 90 degree turn in 5 s, the roll rate is FW_R_RMAX's
+default. The rest is chosen: a level coordinated turn, which no measurement contradicts."""
 _ALTITUDE_GAIN_1_S = 0.5
-"""(chosen)"""
+"""Gain from an altitude error to a climb rate (chosen)."""
 _NEAR_CARROT_M = 70.0
-"""A bare position nearer than this, and higher or lower by more than the next, is circled until it is level: measured
-at 60 m and above 10 m."""
+"""Distance below which a setpoint's position without a velocity is circled while its altitude differs by more than
+_CARROT_ALTITUDE_M (measured at 60 m)."""
 _CARROT_ALTITUDE_M = 10.0
+"""Altitude difference above which a near position without a velocity is circled (measured)."""
 _SMALL_SPEED_M_S = 0.1
-"""A wanted velocity below this has no direction."""
+"""Speed below which a setpoint's velocity counts as none."""
 _TAKE_OFF_ALTITUDE_M = 30.0
-"""MIS_TAKEOFF_ALT (chosen: a plane's is set by its airframe)."""
+"""Default of MIS_TAKEOFF_ALT (chosen: PX4 sets a plane's by its airframe)."""
 _TAKE_OFF_DONE_M = 2.0
+"""Height below the take-off altitude at which a take-off is complete."""
 _TAKE_OFF_SPEED_M_S = 1.0
+"""Airspeed with which the plane is launched by hand."""
 _LAND_SINK_M_S = 1.5
-"""(chosen)"""
+"""Sink rate in LAND (chosen)."""
 _STEP_S = 0.05
+"""Longest step of the motion."""
 
 _PARAMETERS = (
     *px4.COMMON_PARAMETERS,
@@ -63,7 +68,7 @@ _PARAMETERS = (
 
 
 class Px4Plane(Px4):
-    """A fixed wing: it banks towards a course over the ground."""
+    """A fixed-wing vehicle with PX4: it banks towards the course over the ground that its mode demands."""
 
     kind = "px4-plane"
     mav_type = mavlink.MAV_TYPE_FIXED_WING
@@ -72,7 +77,7 @@ class Px4Plane(Px4):
     parameters = _PARAMETERS
 
     def __init__(self, start: Start) -> None:
-        """Begin on the ground, or flying at the body's speed: at FW_AIRSPD_TRIM if it has none."""
+        """Begin on the ground, or flying at the airspeed of `start`, or at FW_AIRSPD_TRIM if that is 0."""
         super().__init__(start)
         if start.in_air and start.body.airspeed_m_s <= 0.0:
             start.body.airspeed_m_s = self.values["FW_AIRSPD_TRIM"]
@@ -81,17 +86,17 @@ class Px4Plane(Px4):
         self._straight_rad = start.body.heading_rad
 
     def blow(self, wind_m_s: tuple[float, float]) -> None:
-        """Be carried along at once."""
+        """Change the velocity over the ground at once: the air carries the plane."""
         if self.in_air:
             self._wing.blow(wind_m_s)
 
     def step(self, now_s: float, dt_s: float, around: Surroundings) -> None:
-        """Advance by `dt_s`."""
+        """Advance by `dt_s` as the mode demands."""
         self._mind_time(now_s)
         if not self.in_air:
             if not (self.armed and self.mode == px4.TAKE_OFF):
                 return
-            # It is thrown.
+            # A hand launch: it flies at once.
             self.in_air = True
             self.body.airspeed_m_s = max(self.body.airspeed_m_s, _TAKE_OFF_SPEED_M_S)
         bank_rad, climb_m_s = self._wanted(around)
@@ -103,10 +108,10 @@ class Px4Plane(Px4):
             self._touch_down(around.home)
 
     def _wanted(self, around: Surroundings) -> tuple[float, float]:
-        """Return the bank and the climb that the mode wants."""
+        """Return the bank (rad) and the climb rate (m/s) that the mode demands."""
         home = around.home
         if not self.armed or self.mode in px4.STICK_MODES:
-            # Without a stick it goes straight on at its height for ever.
+            # Without radio control it flies straight on at its altitude.
             return self._towards(self._straight_rad), self._climb_to(self._hold.place.altitude_m)
         if self.mode == px4.OFFBOARD:
             return self._asked_bank_and_climb()
@@ -133,17 +138,21 @@ class Px4Plane(Px4):
         radius_m = place.radius_m or self.values["NAV_LOITER_RAD"]
         north_m, east_m = place.north_m - self.body.north_m, place.east_m - self.body.east_m
         course_rad = loiter_course_rad(north_m, east_m, radius_m, right=True)
-        # On the circle the course changes all the time: without the lead it would run wide by its lag.
+        # On the circle the course turns steadily: without this turn rate the plane would fly wide by its lag.
         near = abs(math.hypot(north_m, east_m) - radius_m) < 0.5 * radius_m
         return self._towards(course_rad, self.body.airspeed_m_s / radius_m if near else 0.0), self._climb_to(
             place.altitude_m
         )
 
     def _asked_bank_and_climb(self) -> tuple[float, float]:
-        """Return what the newest setpoint does: by a position with a velocity, by a bare position, or by neither."""
+        """Return the bank (rad) and the climb rate (m/s) that the newest setpoint leads to.
+
+        A position with a velocity steers along the velocity, one without is flown to or circled. A setpoint without a
+        position keeps the stream alive, but leaves bank and climb as they are.
+        """
         asked = self._stream.asked
         if asked is None or asked.north_m is None or asked.east_m is None:
-            # Alive, and ignored: the attitude stays as it was.
+            # The stream is alive, but the setpoint is ignored: bank and climb stay as they are.
             if self._frozen_climb_m_s is None:
                 self._frozen_climb_m_s = self.body.climb_m_s
             return self.body.roll_rad, self._frozen_climb_m_s
@@ -159,7 +168,7 @@ class Px4Plane(Px4):
         return self._towards(math.atan2(east_m, north_m)), self._climb_to(altitude_m)
 
     def _curvature_rate_rad_s(self, asked: Offboard, course_rad: float) -> float:
-        """Return the turn rate that an acceleration across the course adds: to the wrong side."""
+        """Return the turn rate that a setpoint's acceleration across the course adds: PX4 turns to the wrong side."""
         if asked.acceleration_m_s2 is None:
             return 0.0
         north_m_s2, east_m_s2 = asked.acceleration_m_s2
@@ -167,7 +176,7 @@ class Px4Plane(Px4):
         return -across_m_s2 / self.body.airspeed_m_s
 
     def _towards(self, course_rad: float, rate_rad_s: float = 0.0) -> float:
-        """Return the bank towards a course over the ground that turns at a rate."""
+        """Return the bank that leads to a course over the ground which itself turns at `rate_rad_s`."""
         error_rad = shorter_turn_rad(self._wing.course_rad(), course_rad)
         bank_rad = self._wing.bank_rad(error_rad / _COURSE_LAG_S + rate_rad_s, self.body.airspeed_m_s)
         limit_rad = math.radians(self.values["FW_R_LIM"])

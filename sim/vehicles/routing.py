@@ -1,9 +1,9 @@
-"""Which messages an autopilot passes on between its links: the rule on which a one-radio deployment rests.
+"""Which messages an autopilot forwards between its links: a deployment with one radio relies on this rule.
 
-As measured on ArduPilot and PX4 (docs/autopilots.md): what the autopilot does not know is dropped; what it knows and is
-for everybody goes to every other link, with the sender's ids kept; what is for one system goes only where that system
-was heard. A link on which nothing was ever heard gets nothing. PX4's loss above some 200 messages a second is not
-modelled.
+As measured on ArduPilot and PX4 (docs/autopilots.md): a message that the autopilot does not know is dropped; a known
+one without a target system goes to every other link, with the sender's ids kept; one for a target system goes only to
+the links on which that system was heard. A link on which nothing was ever heard gets nothing. PX4's loss above some 200
+messages a second is not modelled.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from sim.vehicles.craft import Message
 
 _AUTOPILOT_COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _NEVER_FORWARDED = frozenset({"RADIO_STATUS"})
-"""A radio's word to the autopilot that it is plugged into (code)."""
+"""Messages that stay on their link: a radio's status is for the autopilot it is connected to (read in the source)."""
 
 
 class Router:
-    """Knows who was heard on which of one autopilot's links."""
+    """Forwards messages between an autopilot's links by the systems and components that were heard on each."""
 
     def __init__(self, system_id: int) -> None:
-        """Route for the autopilot with that system id."""
+        """Route for the autopilot with this MAVLink system id."""
         self._system_id = system_id
         self._routes: dict[tuple[int, int], set[int]] = {}
 
     def route(self, link: int, messages: Sequence[Message]) -> list[tuple[int, bytes]]:
-        """Take parsed messages that came on a link, and return which frames leave on which others."""
+        """Take parsed messages that came on a link; return the frames to forward, each with the link it leaves on."""
         forwarded: list[tuple[int, bytes]] = []
         for message in messages:
             name = message.get_type()
@@ -36,7 +36,7 @@ class Router:
                 continue
             source = message.get_srcSystem(), message.get_srcComponent()
             if source == (self._system_id, _AUTOPILOT_COMPONENT):
-                continue  # our own words, come back over a loop of links
+                continue  # a message of this autopilot, returned over a loop of links
             self._routes.setdefault(source, set()).add(link)
             if name in _NEVER_FORWARDED:
                 continue

@@ -1,6 +1,6 @@
-"""What the autopilot estimates: the truth, made worse by its satellite receiver as far as its owner asks for.
+"""What the autopilot estimates: the truth, degraded by the GPS noise, delay and loss of fix that the owner sets.
 
-Attitude, airspeed and climb come from other sensors and stay true.
+Attitude, airspeed and climb come from other sensors and are exact.
 """
 
 from __future__ import annotations
@@ -15,35 +15,38 @@ from companion.mission.random_streams import random_stream
 from sim.vehicles.craft import Body
 
 GPS_STREAM = 12
-"""The seed's random stream for the receiver's noise."""
+"""Number of the seed's random stream from which the GPS noise is drawn."""
 _ACCURACY_M = 0.8
-"""Said of a receiver without noise."""
+"""Horizontal accuracy in metres that a receiver without noise reports."""
 _KNOT_S = 1.0
+"""Time between two drawn noise values; the noise is linear in between."""
 _CORRELATION_S = 10.0
-"""A receiver's error wanders: chosen, as a first-order process with this time constant."""
+"""Time constant of the GPS error, a first-order Gauss-Markov process (chosen)."""
 _DRIFT_M_S = 1.0
-"""How fast the estimate leaves the truth once there is no fix; chosen."""
+"""Speed at which the estimate drifts away from the truth without a fix (chosen)."""
 _DRIFT_ACCURACY_M = 2.0
+"""Metres by which the reported accuracy grows per second without a fix."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What telemetry is made of at one moment."""
+    """The autopilot's estimate of the vehicle at one moment, of which telemetry is made."""
 
     body: Body
     accuracy_m: float
-    """Horizontal, as the receiver or the estimator says."""
+    """Horizontal accuracy that is reported with the position."""
     has_fix: bool
 
 
 class Sensors:
-    """One vehicle's receiver. Deterministic by its seed; times must not run backwards."""
+    """One vehicle's GPS receiver. The seed determines its errors; the times that it is given must not decrease."""
 
     def __init__(self, seed: int, system_id: int) -> None:
-        """Begin perfect: no noise, no delay, a fix."""
+        """Begin without noise or delay and with a fix."""
         self.noise_m = 0.0
-        """Standard deviation of north and of east."""
+        """Standard deviation of the position error, north and east each."""
         self.delay_s = 0.0
+        """Age of the reported position and velocity."""
         self._stream = random_stream(seed, GPS_STREAM, system_id)
         self._knots = self._stream.standard_normal((2, 2))  # (2 knots, north and east) of unit variance
         self._knot = 0
@@ -55,16 +58,16 @@ class Sensors:
 
     @property
     def perfect(self) -> bool:
-        """Whether telemetry is the truth."""
+        """Whether the estimate equals the truth: no noise, no delay, and a fix."""
         return self.noise_m == 0.0 and self.delay_s == 0.0 and self._lost_at_s is None
 
     def lose_fix(self, lost: bool, now_s: float) -> None:
-        """Let the receiver lose its fix, or find it again."""
+        """Make the receiver lose its fix at `now_s`, or find it again."""
         if lost != (self._lost_at_s is not None):
             self._lost_at_s = now_s if lost else None
 
     def remember(self, body: Body, now_s: float) -> None:
-        """Note where the vehicle is now, for who asks later."""
+        """Keep the vehicle's present state for later delayed estimates."""
         if self.delay_s <= 0.0:
             return
         self._past.append((now_s, replace(body)))
@@ -72,7 +75,7 @@ class Sensors:
             self._past.popleft()
 
     def estimate(self, body: Body, now_s: float) -> Estimate:
-        """Return the autopilot's estimate."""
+        """Return the autopilot's estimate at `now_s` of the true state `body`."""
         if self.perfect:
             return Estimate(body, _ACCURACY_M, True)
         estimated = replace(body)
@@ -93,7 +96,7 @@ class Sensors:
         return Estimate(estimated, accuracy_m, self._lost_at_s is None)
 
     def _at(self, t_s: float) -> Body:
-        """Return the remembered body at a time, linear in between."""
+        """Return the remembered state at a time, interpolated linearly."""
         for (early_s, early), (late_s, late) in zip(self._past, list(self._past)[1:], strict=False):
             if early_s <= t_s <= late_s and late_s > early_s:
                 share = (t_s - early_s) / (late_s - early_s)
@@ -105,7 +108,7 @@ class Sensors:
         return self._past[0][1] if t_s < self._past[0][0] else self._past[-1][1]
 
     def _noise(self, now_s: float) -> tuple[float, float]:
-        """Return the receiver's error in standard deviations, linear between knots."""
+        """Return the receiver's error (north, east) in standard deviations, linear between the values drawn."""
         if self._began_s is None:
             self._began_s = now_s
         keep = math.exp(-_KNOT_S / _CORRELATION_S)

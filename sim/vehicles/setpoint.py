@@ -1,4 +1,4 @@
-"""SET_POSITION_TARGET_LOCAL_NED as ArduCopter understands it, for the kinds that obey its velocities and places."""
+"""SET_POSITION_TARGET_LOCAL_NED as ArduCopter interprets it, for the kinds that obey its velocities and positions."""
 
 from __future__ import annotations
 
@@ -14,31 +14,35 @@ YAW_IGNORED = 0x400
 YAW_RATE_IGNORED = 0x800
 _FRAME_LOCAL, _FRAME_LOCAL_OFFSET, _FRAME_BODY, _FRAME_BODY_OFFSET = 1, 7, 8, 9
 _WORLD_FRAMES = frozenset({_FRAME_LOCAL, _FRAME_LOCAL_OFFSET})
+"""Frames in which vectors are relative to true north."""
 _BODY_FRAMES = frozenset({_FRAME_BODY, _FRAME_BODY_OFFSET})
+"""Frames in which vectors are relative to the nose."""
 _SANE_VELOCITY_M_S = 1000.0
+"""Velocity components of this size or more are refused as invalid."""
 SANE_POSITION_M = 1e6
+"""Lengths and altitudes of this size or more are refused as invalid."""
 _LAT_MAX_E7, _LON_MAX_E7 = 900_000_000, 1_800_000_000
 ABSOLUTE_FRAMES = frozenset({0, 5})
-"""MAV_FRAME_GLOBAL and _INT: above sea level."""
+"""MAV_FRAME_GLOBAL and MAV_FRAME_GLOBAL_INT: the altitude is above sea level."""
 RELATIVE_FRAMES = frozenset({3, 6})
-"""MAV_FRAME_GLOBAL_RELATIVE_ALT and _INT: above home."""
+"""MAV_FRAME_GLOBAL_RELATIVE_ALT and MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: the altitude is above home."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """What the companion asked: a velocity along local true north (north, east, up), or a place in the plane."""
+    """What a setpoint asks for: a velocity (north, east, up; along true north), or a place in the mission's plane."""
 
     t_s: float
     velocity_m_s: tuple[float, float, float]
     place_m: tuple[float, float, float] | None = None
-    """North, east, altitude above sea level."""
+    """Place in the plane (north, east) and altitude above sea level; None: the velocity counts."""
     yaw_rad: float | None = None
-    """From local true north."""
+    """Yaw from true north; None: not asked for."""
     yaw_rate_rad_s: float | None = None
 
 
 def understood(message: Message, body: Body, around: Surroundings, now_s: float) -> Setpoint | None:
-    """Return what a SET_POSITION_TARGET_LOCAL_NED asks for; None if it makes no sense or asks for no motion."""
+    """Return what a SET_POSITION_TARGET_LOCAL_NED asks for; None if it is invalid or asks for no motion."""
     frame, mask = message.coordinate_frame, message.type_mask
     if frame not in _WORLD_FRAMES and frame not in _BODY_FRAMES:
         return None
@@ -67,7 +71,7 @@ def understood(message: Message, body: Body, around: Surroundings, now_s: float)
 
 
 def global_place_m(command: Command, around: Surroundings) -> tuple[float, float, float] | None:
-    """Return the plane's (north, east, altitude) of the place in a COMMAND_INT; None if it makes no sense."""
+    """Return the place in a COMMAND_INT as (north, east) of the plane and altitude; None if it is invalid."""
     if not (abs(command.z) < SANE_POSITION_M and abs(command.x) <= _LAT_MAX_E7 and abs(command.y) <= _LON_MAX_E7):
         return None
     if command.frame in RELATIVE_FRAMES:
@@ -81,18 +85,21 @@ def global_place_m(command: Command, around: Surroundings) -> tuple[float, float
 
 
 def rotated(north: float, east: float, angle_rad: float) -> tuple[float, float]:
-    """Return a horizontal vector turned clockwise."""
+    """Return a horizontal vector (north, east), turned clockwise by an angle."""
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
     return north * cosine - east * sine, north * sine + east * cosine
 
 
 def clip(value: float, least: float, greatest: float) -> float:
-    """Return the nearest value within the bounds."""
+    """Return the value, limited to the bounds."""
     return min(max(value, least), greatest)
 
 
 def _place(message: Message, body: Body, around: Surroundings) -> tuple[float, float, float] | None:
-    """Return the plane's (north, east, altitude) of a position: from home in frame 1, else from the vehicle."""
+    """Return a setpoint's position as (north, east) of the plane and altitude; None if it is invalid.
+
+    The position is relative to home in frame 1, and to the vehicle in the other frames.
+    """
     x_m, y_m, z_m = message.x, message.y, message.z
     if not all(abs(metres) < SANE_POSITION_M for metres in (x_m, y_m, z_m)):
         return None

@@ -1,11 +1,11 @@
 """The stand-in autopilot: MAVLink `common` in and out on a given clock, without sockets.
 
-The companion must be tested against an autopilot that says no, brakes on silence and lies late, long before a real one
-is at hand. This one behaves as the real ones were measured to (docs/autopilots.md): what they share on the wire is
-here, what differs is the craft's. The truth lives in the mission's plane; whatever goes over the wire is relative to
-local true north, so everything is turned by the plane's convergence on its way in and out.
+The companion must be tested against an autopilot that refuses commands, brakes when setpoints stop and reports late,
+long before it meets a real one. This one behaves as the real ones were measured to (docs/autopilots.md): what they
+share on the MAVLink side is here, what differs is in the craft. The true state is in the mission's plane; MAVLink
+messages are relative to true north, so everything is turned by the plane's convergence on its way in and out.
 
-Wind is what the owner sets before each step and stays constant within it.
+The owner sets the wind before each step; it stays constant within the step.
 """
 
 from __future__ import annotations
@@ -28,38 +28,40 @@ from sim.vehicles.telemetry import DEFAULT_RATES_HZ, Streams, Telemetry
 
 _AUTOPILOT_COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _SILENT_AFTER_REBOOT_S = 2.0
-"""Chosen: a real one is as long without a word, or longer."""
+"""Time after a reboot in which nothing is sent or received (chosen: a real one takes at least this time)."""
 _SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
+"""Messages that the craft gets as setpoints."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """How a stand-in begins: plane metres, altitude above sea level, heading from grid north.
+    """How a stand-in begins: metres in the plane, altitude above sea level, heading from grid north.
 
-    In the air and not guided it holds where it is. The speed of what flies through the air is through the air.
+    In the air and not guided it is in its kind's holding mode. The speed is relative to the air.
     """
 
     system_id: int
     frame: LocalFrame
-    """The mission's plane."""
+    """The local frame of the mission's plane."""
     north_m: float = 0.0
     east_m: float = 0.0
     altitude_m: float = 0.0
     heading_rad: float = 0.0
     speed_m_s: float = 0.0
     home: Home | None = None
-    """None: where it begins."""
+    """Home position; None: where the vehicle begins."""
     in_air: bool = False
     armed: bool = False
     guided: bool = False
     start_s: float = 0.0
-    """When its clock begins, that of `time_boot_ms` too."""
+    """Time at which the stand-in begins, and from which `time_boot_ms` counts."""
     rates_hz: Mapping[int, float] = field(default_factory=lambda: DEFAULT_RATES_HZ)
+    """Stream rates by message id."""
     seed: int = 1
-    """Draws the receiver's noise."""
+    """Seed of the GPS noise."""
 
     def start(self) -> Start:
-        """Return what the craft is told."""
+        """Return the part of this that the craft needs."""
         body = Body(
             north_m=self.north_m,
             east_m=self.east_m,
@@ -74,18 +76,23 @@ class Setup:
 
 
 def parse(datagram: bytes) -> list[Message]:
-    """Return the MAVLink messages of one datagram, damaged and unknown ones included as the parser names them."""
-    # A parser of its own for each datagram: a damaged one must not swallow the next.
+    """Return the MAVLink messages of one datagram; damaged ones are of type BAD_DATA, unknown ones UNKNOWN_*."""
+    # Each datagram has a parser of its own, so that a damaged one does not spoil the next.
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
     return list(parser.parse_buffer(datagram) or ())
 
 
 class StandIn:
-    """One stand-in autopilot. Deterministic: its state follows from what it was given and when."""
+    """One stand-in autopilot. Deterministic: the same inputs at the same times lead to the same state."""
 
     def __init__(self, build: Callable[[Start], Craft], setup: Setup) -> None:
-        """Place a vehicle of a kind. Raises ValueError for a point on the ground: it cannot stop."""
+        """Place a vehicle whose kind is that of the craft that `build` makes.
+
+        Raises:
+            ValueError: a kinematic vehicle, which cannot stop, would begin on the ground.
+
+        """
         start = setup.start()
         sender = MavlinkSender(setup.system_id, _AUTOPILOT_COMPONENT)
         self.system_id = setup.system_id
@@ -112,51 +119,51 @@ class StandIn:
             **dict.fromkeys(_SETPOINTS, self._on_setpoint),
         }
 
-    # What it is and does
+    # State
 
     @property
     def kind(self) -> str:
-        """Which autopilot it stands in for."""
+        """The kind of autopilot that it stands in for."""
         return self.craft.kind
 
     @property
     def mode(self) -> int:
-        """As in HEARTBEAT.custom_mode."""
+        """The mode's number, as in HEARTBEAT.custom_mode."""
         return self.craft.mode
 
     @property
     def armed(self) -> bool:
-        """Whether its motors may run."""
+        """Whether the vehicle is armed."""
         return self.craft.armed
 
     @property
     def in_air(self) -> bool:
-        """Whether it flies."""
+        """Whether the vehicle is off the ground."""
         return self.craft.in_air
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The parameters as they are now, by name; the owner may write into them."""
+        """The parameters' present values, by name; the owner may write into them."""
         return self.craft.values
 
     @property
     def battery(self) -> Battery:
-        """The battery, whose charge and drain are the owner's to set."""
+        """The battery; the owner may set its charge and drain."""
         return self._dynamics.battery
 
     @property
     def truth(self) -> Truth:
-        """Where the vehicle really is after the last step."""
+        """Where the vehicle really is, after the last step."""
         return self._dynamics.truth
 
     @property
     def ground_velocity_m_s(self) -> tuple[float, float]:
-        """Velocity (north, east) over the ground along the grid, in the wind as it is set now."""
+        """Velocity (north, east) over the ground along the grid, in the present wind."""
         return self.craft.body.velocity_north_m_s, self.craft.body.velocity_east_m_s
 
     @property
     def wind_m_s(self) -> tuple[float, float]:
-        """North and east along the grid: where the air moves to, not where it comes from. The owner's to set."""
+        """Velocity of the air (north, east) along the grid: where the wind blows to. The owner sets it."""
         return self._dynamics.wind_m_s
 
     @wind_m_s.setter
@@ -166,31 +173,31 @@ class StandIn:
     # Faults, for tests
 
     def freeze_telemetry(self, frozen: bool) -> None:
-        """Let positions and attitude repeat what they are now, clock included, while heartbeats go on; or end that."""
+        """Make position and attitude messages repeat their present content while heartbeats go on; or end that."""
         self._telemetry.encoder.freeze(frozen)
 
     def corrupt_telemetry(self, corrupt: bool) -> None:
-        """Let the floats of ATTITUDE, LOCAL_POSITION_NED and VFR_HUD be NaN."""
+        """Make the floats of ATTITUDE, LOCAL_POSITION_NED and VFR_HUD NaN; or end that."""
         self._telemetry.encoder.corrupt(corrupt)
 
     def lose_gps(self, lost: bool) -> None:
-        """Let the receiver lose its fix: positions go on and leave the truth slowly; or find it again."""
+        """Make the GPS receiver lose its fix, so that positions drift away from the truth; or find it again."""
         self.sensors.lose_fix(lost, self._dynamics.now_s)
 
     def reboot(self, t_s: float) -> None:
-        """Start the autopilot anew: a while without a word, the clock from 0, what was asked forgotten."""
+        """Reboot the autopilot: it is silent for a while, its clock restarts at 0, mode and setpoints are lost."""
         self.step_to(t_s)
         self.craft.reboot(t_s)
         self._telemetry.reboot(t_s, _SILENT_AFTER_REBOOT_S)
 
-    # In
+    # Input
 
     def receive(self, datagram: bytes, t_s: float) -> list[bytes]:
-        """Take one datagram at the time `t_s` and return the replies as frames. Never raises, whatever the bytes."""
+        """Take one datagram at the time `t_s` and return the replies as frames. No content makes it raise."""
         return self.take(parse(datagram), t_s)
 
     def take(self, messages: Sequence[Message], t_s: float) -> list[bytes]:
-        """Take parsed messages at the time `t_s` and return the replies, for the link they came from, as frames."""
+        """Take parsed messages at the time `t_s`; return the replies as frames, for the link that they came from."""
         if self._telemetry.is_silent(t_s):
             return []
         replies: list[bytes] = []
@@ -199,7 +206,7 @@ class StandIn:
             if name == "HEARTBEAT":
                 self.craft.heartbeat_heard(message.get_srcSystem(), message.get_srcComponent(), message.type, t_s)
                 continue
-            # Bad data and unknown messages, which the parser returns unchecked, have no handler.
+            # BAD_DATA and UNKNOWN_* messages have no handler.
             handler = self._handlers.get(name)
             if (
                 handler is not None
@@ -220,7 +227,7 @@ class StandIn:
     # Motion and telemetry
 
     def step_to(self, t_s: float) -> None:
-        """Advance the truth to the time `t_s`; an earlier time than the last changes nothing."""
+        """Advance the vehicle to the time `t_s`; a time that is not later than the last changes nothing."""
         if t_s <= self._dynamics.now_s:
             return
         before = self._telemetry.heartbeat_state()

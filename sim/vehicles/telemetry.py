@@ -1,4 +1,4 @@
-"""What a stand-in autopilot sends by itself: streams at their rates, texts, and a heartbeat where something changed."""
+"""What a stand-in sends unasked: message streams at their rates, texts, and a heartbeat when its state changes."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ from sim.vehicles.craft import Craft
 from sim.vehicles.messages import MessageEncoder
 
 _DUE_TOLERANCE_S = 1e-6
+"""Time by which a message may be early and still counts as due."""
 _SHORTEST_INTERVAL_S = 0.02
+"""Shortest stream interval that a SET_MESSAGE_INTERVAL can set."""
 _TEXT_BYTES = 50
+"""Length of the text field of STATUSTEXT."""
 
 DEFAULT_RATES_HZ: Mapping[int, float] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
@@ -28,7 +31,7 @@ DEFAULT_RATES_HZ: Mapping[int, float] = {
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.2,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.2,
 }
-"""What is streamed unless the owner or a SET_MESSAGE_INTERVAL says otherwise, by message id."""
+"""Default stream rates, by message id."""
 
 LOCKSTEP_RATES_HZ: Mapping[int, float] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
@@ -39,7 +42,8 @@ LOCKSTEP_RATES_HZ: Mapping[int, float] = {
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 1.0,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 1.0,
 }
-"""What a companion lives on at a guidance step of 0.5 s and a log is read by: packing is most of a step's cost."""
+"""Stream rates in lockstep, by message id: only what a companion needs at a guidance step of 0.5 s, and a log's reader.
+More would be slow, as packing messages is most of a step's computing time."""
 
 
 @dataclass(slots=True)
@@ -49,16 +53,16 @@ class _Stream:
 
 
 class Streams:
-    """When each message is due."""
+    """The schedule of the message streams: when each message is due."""
 
     def __init__(self, rates_hz: Mapping[int, float], start_s: float) -> None:
-        """Begin with the default rates, by message id; everything is due at `start_s`."""
+        """Begin with the default rates, by message id; every message is due at `start_s`."""
         self._default_rates_hz = dict(rates_hz)
         self._streams: dict[int, _Stream] = {}
         self.restart(start_s)
 
     def restart(self, t_s: float) -> None:
-        """Forget what was asked for; everything is due at a time."""
+        """Return to the default rates; every message is due at `t_s`."""
         self._streams = {
             message_id: _Stream(1.0 / rate_hz, t_s)
             for message_id, rate_hz in self._default_rates_hz.items()
@@ -66,7 +70,7 @@ class Streams:
         }
 
     def set_interval(self, message_id: int, interval_us: float, t_s: float) -> None:
-        """Obey a SET_MESSAGE_INTERVAL: 0 is the default rate, a negative interval ends the stream."""
+        """Set a stream's interval, as SET_MESSAGE_INTERVAL does: 0 restores the default, below 0 ends the stream."""
         rate_hz = 1e6 / interval_us if interval_us > 0.0 else 0.0
         if interval_us == 0.0:
             rate_hz = self._default_rates_hz.get(message_id, 0.0)
@@ -75,13 +79,13 @@ class Streams:
             self._streams[message_id] = _Stream(max(1.0 / rate_hz, _SHORTEST_INTERVAL_S), t_s)
 
     def make_due(self, message_id: int, t_s: float) -> None:
-        """Let a message be due at a time, if it is streamed at all."""
+        """Make a message due at `t_s`, if it is streamed."""
         stream = self._streams.get(message_id)
         if stream is not None:
             stream.due_s = t_s
 
     def take_due(self, t_s: float, held_back: int | None) -> list[int]:
-        """Return the messages that are due, but for one that is held back, and take them as sent."""
+        """Return the ids of the messages due at `t_s`, except `held_back`, and schedule the next of each."""
         due = []
         horizon_s = t_s + _DUE_TOLERANCE_S
         for message_id, stream in self._streams.items():
@@ -94,10 +98,10 @@ class Streams:
 
 
 class Telemetry:
-    """One autopilot's own words."""
+    """The messages that one autopilot sends unasked."""
 
     def __init__(self, craft: Craft, encoder: MessageEncoder, streams: Streams, sender: MavlinkSender) -> None:
-        """Speak for a craft."""
+        """Send for `craft` the messages that `encoder` makes, when `streams` has them due, packed by `sender`."""
         self.encoder = encoder
         self.streams = streams
         self._craft = craft
@@ -105,41 +109,44 @@ class Telemetry:
         self._silent_until_s = -math.inf
 
     def is_silent(self, t_s: float) -> bool:
-        """Return whether the autopilot is still starting and neither hears nor says anything."""
+        """Return whether the autopilot is still rebooting, so that it neither sends nor receives."""
         return t_s < self._silent_until_s
 
     def reboot(self, t_s: float, silent_s: float) -> None:
-        """Begin anew at a time, after a while without a word, the clock from 0."""
+        """Reboot: nothing is sent for `silent_s`, `time_boot_ms` restarts at 0, the streams at their defaults."""
         self.encoder.boot_s = t_s
         self._silent_until_s = t_s + silent_s
         self.streams.restart(self._silent_until_s)
 
     def due(self, t_s: float) -> list[bytes]:
-        """Return every frame that is due at `t_s`."""
+        """Return the frames of every text and message that is due at `t_s`."""
         if t_s < self._silent_until_s - _DUE_TOLERANCE_S:
             return []
         frames = [self.text(text, mavlink.MAV_SEVERITY_INFO) for text in self._craft.texts]
         self._craft.texts.clear()
-        # There is no home before the autopilot has come up.
+        # There is no home position before the autopilot is ready.
         held_back = None if self._craft.ready else mavlink.MAVLINK_MSG_ID_HOME_POSITION
         pack, encode = self._sender.pack, self.encoder.encode
         frames += [pack(encode(message_id, t_s)) for message_id in self.streams.take_due(t_s, held_back)]
         return frames
 
     def message(self, message_id: int, t_s: float) -> bytes:
-        """Return a message as of a time; KeyError for one that the autopilot does not know."""
+        """Return the frame of the message with this id, as of `t_s`; raise KeyError for an unknown id."""
         return self._sender.pack(self.encoder.encode(message_id, t_s))
 
     def text(self, text: str, severity: int) -> bytes:
-        """Return a STATUSTEXT."""
+        """Return the frame of a STATUSTEXT; a longer text is cut to 50 bytes."""
         return self._sender.pack(self._sender.mav.statustext_encode(severity, text.encode()[:_TEXT_BYTES]))
 
     def heartbeat_state(self) -> tuple[int, bool, bool]:
-        """Return what a HEARTBEAT is sent for at once where it changes: mode, arming, failsafe."""
+        """Return the state whose change is announced by a HEARTBEAT at once: mode, armed, failsafe."""
         return self._craft.mode, self._craft.armed, self._craft.failsafe
 
     def announce_change(self, before: tuple[int, bool, bool], t_s: float) -> list[bytes]:
-        """Return a heartbeat for whoever changed something, and make one due for everybody else."""
+        """Return a heartbeat if the state changed since `before`, and make the streamed one due as well.
+
+        The returned one goes to the link that the change came from, the streamed one to all.
+        """
         if before == self.heartbeat_state() or not self._craft.announces:
             return []
         self.streams.make_due(mavlink.MAVLINK_MSG_ID_HEARTBEAT, t_s)

@@ -1,7 +1,7 @@
 """How long an assignment around threats takes: `python tests/benchmarks/assignment.py [--scenes 20]`.
 
-Random scenes of 25 discs with the agents on their way somewhere; the paper's speeds at n = 1. For each it prints the
-median and greatest time of one assignment, and how many paths it searched of how many pairs.
+The scenes are random: 25 discs, and agents in flight with random headings, at the paper's speed and load factor 1. For
+each size it prints the median and greatest time of one assignment, and how many paths were searched, of how many pairs.
 """
 
 from __future__ import annotations
@@ -46,13 +46,16 @@ def scene(rng: np.random.Generator, agents: int, targets: int, discs: int) -> Sc
 
 
 def everything(there_m: np.ndarray) -> np.ndarray:
-    """Return that all is within range."""
+    """Return that every target is within range."""
     reachable: np.ndarray = np.isfinite(there_m)
     return reachable
 
 
 def measure(agents: int, targets: int, discs: int, objective: RouteObjective, again: bool, scenes: int) -> str:
-    """Return a line on assignments of one kind; `again`: of the second in a flight, with the first one present."""
+    """Return a line on assignments of one kind.
+
+    Measured is the first assignment of a flight, or if `again` the second, with the first as the present one.
+    """
     rng = np.random.default_rng(7)
     speeds_m_s = np.full(agents, SPEED_M_S)
     rule = AssignmentRule(objective, SWITCHING_SHARE)

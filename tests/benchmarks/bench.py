@@ -1,7 +1,8 @@
 """What a decision, a frame and a flight cost beside a yardstick: `python tests/benchmarks/bench.py`.
 
-Machines differ and are noisy, so each figure is processor time, the median of interleaved rounds, and comes with its
-ratio to a yardstick: packing and parsing one GLOBAL_POSITION_INT with pymavlink. Rounds that spread widely are marked.
+Machines differ and are noisy. Each figure is therefore processor time, the median of interleaved rounds, and comes with
+its ratio to a yardstick: packing and parsing one GLOBAL_POSITION_INT with pymavlink. Rows whose rounds differ widely
+are marked.
 """
 
 from __future__ import annotations
@@ -30,20 +31,20 @@ from sim.loop import START_S
 YARDSTICK = "yardstick: pack and parse GLOBAL_POSITION_INT"
 DECISION = "one decision of a companion, in that flight"
 NOISY = 3.0
-"""Greatest over least round; above it a row is marked."""
+"""Ratio of a row's greatest round to its least above which the row is marked as noisy."""
 
 Calls = dict[str, Callable[[], object]]
 
 
 def yardstick() -> Calls:
-    """Return what everything is compared with."""
+    """Return the call that all others are compared with."""
     vehicle = common.MAVLink(None, srcSystem=1, srcComponent=1)
     where = common.MAVLink_global_position_int_message(0, 470000000, 80000000, 530000, 30000, 6000, 0, 0, 0)
     return {YARDSTICK: lambda: common.MAVLink(None).parse_buffer(where.pack(vehicle))}
 
 
 def frame_calls() -> Calls:
-    """Return the making and the reading of the paper's whole mission in one frame."""
+    """Return the calls that encode, and that check and decode, the paper's whole mission in one frame."""
     mission = resolve(load_mission("paper-dynamic"), 1)
     station = GroundStation(mission, START_S)
     (datagram,) = station.tick(START_S)
@@ -57,7 +58,7 @@ def frame_calls() -> Calls:
 
 
 def part_calls() -> Calls:
-    """Return two parts of a decision by themselves."""
+    """Return the calls of two parts of a decision, each by itself."""
     profile, rng = profile_by_name("pairwise"), np.random.default_rng(0)
     threats, peers = rng.uniform(0.0, 2e5, (4, 2)), rng.uniform(0.0, 2e5, (9, 2))
     detection_m, attack_m = np.full(4, 1e4), np.full(4, 5e3)
@@ -73,7 +74,7 @@ def part_calls() -> Calls:
 
 
 def flight_us(flight_s: float) -> dict[str, float]:
-    """Fly `paper-dynamic` for some seconds; return what it took in all, and the median of its decisions."""
+    """Fly `paper-dynamic` for some seconds; return the flight's processor time and the median decision's, in us."""
     mission = resolve(load_mission("paper-dynamic"), 1).model_copy(update={"max_time_s": flight_s})
     decisions_us: list[float] = []
     tick = Companion.tick
@@ -95,7 +96,7 @@ def flight_us(flight_s: float) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print the table."""
+    """Time all calls in rounds and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=15, help="of which the median counts")
     parser.add_argument("--calls", type=int, default=200, help="in a round, of each row but the flight")

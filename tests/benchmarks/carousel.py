@@ -1,9 +1,9 @@
 """Whether an erasure code would bring the static parts of the broadcast to everybody sooner than sending them in turn.
 
 Prints, for K parts and independent losses, the expected number of carousel frames until a receiver that begins to
-listen at any moment knows all parts, and the number after which 99.9 % of receivers do: in turn, and for an ideal code
-of which any K frames suffice (no real code needs fewer). As the parts are useful alone, also the expected number until
-a given part is known. All numbers are computed exactly, nothing is drawn by lot.
+listen at any moment knows all parts, and the number after which 99.9 % of receivers do: for parts sent in turn, and for
+an ideal code of which any K frames suffice (no real code needs fewer). Because the parts are useful alone, it also
+prints the expected number until a given part is known. All numbers are computed exactly, none is drawn at random.
 
 Run: python tests/benchmarks/carousel.py
 """
@@ -26,20 +26,20 @@ NEGLIGIBLE = 1.0e-12
 
 
 def in_turn(sent: int, parts: int, loss: float) -> float:
-    """Return the probability that all parts are known after so many frames."""
+    """Return the probability that all parts are known after `sent` frames."""
     rounds, more = divmod(sent, parts)
     return float((1.0 - loss ** (rounds + 1)) ** more * (1.0 - loss**rounds) ** (parts - more))
 
 
 def coded(sent: int, parts: int, loss: float) -> float:
-    """Return the probability that any K of so many frames have arrived."""
+    """Return the probability that at least `parts` of `sent` frames have arrived."""
     return 1.0 - sum(
         math.comb(sent, heard) * (1.0 - loss) ** heard * loss ** (sent - heard) for heard in range(min(parts, sent + 1))
     )
 
 
 def expected(complete: Callable[[int], float]) -> float:
-    """Return the expected number of frames until complete, given the probability of it after so many."""
+    """Return the expected number of frames until complete, given the probability of it after a number of frames."""
     total, sent = 0.0, 0
     while (missing := 1.0 - complete(sent)) > NEGLIGIBLE:
         total, sent = total + missing, sent + 1
@@ -47,7 +47,7 @@ def expected(complete: Callable[[int], float]) -> float:
 
 
 def quantile(complete: Callable[[int], float]) -> int:
-    """Return after how many frames CURRENT_SHARE of the receivers are complete."""
+    """Return the number of frames after which CURRENT_SHARE of the receivers are complete."""
     sent = 0
     while complete(sent) < CURRENT_SHARE - NEGLIGIBLE:
         sent += 1
@@ -55,12 +55,15 @@ def quantile(complete: Callable[[int], float]) -> int:
 
 
 def until_one(parts: int, loss: float) -> float:
-    """Return the expected number of frames until a given part is known, sent in turn: half a round, and lost rounds."""
+    """Return the expected number of frames until a given part is known, if the parts are sent in turn.
+
+    It is half a round, and the rounds in which the part is lost.
+    """
     return (parts + 1) / 2.0 + parts * loss / (1.0 - loss)
 
 
 def needed_parts() -> dict[str, int]:
-    """Return how many parts the mission frame and the radii of 50 threats are, by how they are signed."""
+    """Return the number of parts of the mission frame and of the radii of 50 threats together, by kind of signature."""
     threats = tuple(
         ThreatSpec(id=k, north_m=0.0, east_m=0.0, detection_radius_m=10_000.0, attack_radius_m=5_000.0)
         for k in range(1, 51)

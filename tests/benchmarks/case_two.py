@@ -1,9 +1,9 @@
-"""Case II on `paper-dynamic`: how far off the reckoning is, and what becomes of the flights.
+"""Case II on `paper-dynamic`: how far off dead reckoning is, and how the flights end.
 
 `python tests/benchmarks/case_two.py [--seeds 20] [--error-seeds 5]` (kinematic simulator; a quarter of an hour on two
-cores). First
-the distance between where the centre reckons its agents and where they are, over the agents on their way, with and
-without wind, with reports never, every 300 s and every 60 s; then flights without wind and reports, seed by seed.
+cores). It prints first the distance between where the ground station reckons its agents and where they are, over the
+agents on their way, with and without wind, with reports never, every 300 s and every 60 s; then the flights without
+wind and reports, seed by seed.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ REPORT_PERIODS_S = (0.0, 300.0, 60.0)
 WINDS = (Wind(), Wind(from_deg=270.0, speed_m_s=10.0, gust_m_s=5.0))
 TIMES_S = (100.0, 200.0, 400.0, 600.0, 800.0, 1000.0)
 WINDOW_S = 25.0
-"""An error is shown for the samples within this of its time."""
+"""Greatest time between a sample and a time of TIMES_S at which the sample's error is counted."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One flight: its figures, and the reckoning's errors."""
+    """One flight: its figures, and the errors of dead reckoning."""
 
     seed: int
     targets_reached: int
@@ -44,7 +44,7 @@ class Outcome:
     mean_m: np.ndarray  # (S,) over the agents on their way
     worst_m: np.ndarray  # (S,)
     beyond_uncertainty: float
-    """Share of the errors that are greater than the uncertainty said."""
+    """Share of the errors that are greater than the uncertainty that the ground station states."""
 
 
 def case_two(seed: int, report_period_s: float, wind: Wind, limit_s: float) -> Mission:
@@ -55,7 +55,7 @@ def case_two(seed: int, report_period_s: float, wind: Wind, limit_s: float) -> M
 
 
 def flown(seed: int, report_period_s: float, wind: Wind, limit_s: float) -> Outcome:
-    """Fly one seed and compare belief with truth at every step."""
+    """Fly one seed and compare the reckoned positions with the true ones at every step."""
     mission = case_two(seed, report_period_s, wind, limit_s)
     rows: list[tuple[float, float, float]] = []
     beyond: list[bool] = []
@@ -88,7 +88,7 @@ def flown(seed: int, report_period_s: float, wind: Wind, limit_s: float) -> Outc
 
 
 def print_errors(outcomes: list[Outcome]) -> None:
-    """Print mean and worst error about each time, over the flights that lasted so long."""
+    """Print the mean and worst error about each time, over the flights that lasted until then."""
     cells = []
     for time_s in TIMES_S:
         near = [np.abs(outcome.t_s - time_s) <= WINDOW_S for outcome in outcomes]

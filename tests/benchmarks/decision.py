@@ -1,9 +1,10 @@
 """What one decision costs with 4, 25 and 100 threats, every law in the same run: `python tests/benchmarks/decision.py`.
 
-One agent flies through static and through moving threats, hearing a broadcast every five seconds; what is timed is the
-companion's whole tick (picture, law, right of way, turn limit, guard) and in it law and guard alone, the steps of a new
-broadcast among them. With the paper's law and the peers the guard has only R_a to keep, so it costs them little.
-Machines differ and are noisy: compare with the paper's law on the same row, timed in turn on the same missions.
+One agent flies through static and through moving threats and receives a broadcast every five seconds. Timed are the
+companion's whole tick (picture, law, right of way, turn limit, guard) and, within it, law and guard alone; the steps
+after a new broadcast are included. With the paper's law and the published methods the guard keeps only R_a, so it costs
+them little. Machines differ and are noisy: compare with the paper's law on the same row, timed in turn on the same
+missions.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ COVER = 0.25
 
 
 def scene(threats: int, speed_m_s: float, seed: int) -> Mission:
-    """Return one agent with its target across a square of threats."""
+    """Return the mission of one agent whose target lies across a square of threats."""
     radius_m = (COVER * SIDE_M**2 / (threats * np.pi)) ** 0.5
     mission = Mission(
         name=f"{threats} threats",
@@ -65,7 +66,7 @@ class Stopwatch:
         self.spent_ns = 0
 
     def timed(self, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a function that does the same and counts its time."""
+        """Return a function that does the same and adds its time to the sum."""
 
         def wrapped(*given: Any, **named: Any) -> Any:  # noqa: ANN401
             began_ns = time.perf_counter_ns()
@@ -78,7 +79,7 @@ class Stopwatch:
 
 
 def fly_timed(mission: Mission, seed: int, law: str) -> tuple[np.ndarray, np.ndarray]:  # (D,) us, (D,) us
-    """Return the times of every whole tick, and of law and guard in it."""
+    """Return the times of every whole tick, and those of law and guard within it."""
     watch = Stopwatch()
     parts_us: list[float] = []
     check, timed_check = Guard.check, watch.timed(Guard.check)
@@ -105,7 +106,7 @@ def fly_timed(mission: Mission, seed: int, law: str) -> tuple[np.ndarray, np.nda
 
 
 def main() -> None:
-    """Print the table."""
+    """Time every law in every scene and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("laws", nargs="*", metavar="LAW", help="only these; all but the slow ones if none is named")
     parser.add_argument("--threats", type=int, nargs="+", default=THREATS)

@@ -1,4 +1,4 @@
-"""Flies every fault and every death of a companion with every kind, and prints or writes the tables of docs/faults.md.
+"""Flies every fault and every death of a companion with every kind of autopilot, for the tables of docs/faults.md.
 
 python tests/benchmarks/faults.py [--write]
 """
@@ -16,9 +16,9 @@ from sim.faults.table import DEAD_PARAMETERS, FAULTS, RESTART_S, Dead, Row, dies
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 HEAD_ROWS = 2
-"""Of a table: titles, and the line under them."""
+"""Rows at the head of a Markdown table: the titles, and the line under them."""
 MOST_EVENTS = 6
-"""Told of one flight."""
+"""Greatest number of events that are printed for one flight."""
 _LOCKED = "; nothing is sent until it is disarmed or cleared by a signal"
 
 

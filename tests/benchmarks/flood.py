@@ -1,11 +1,11 @@
 """A flood on a real socket: `python -m tests.benchmarks.flood [--seconds 10] [--rate 10000]` from the root.
 
-A sender process floods a receiver process on 127.0.0.1, genuine frames at GENUINE_PER_S among the forged ones. The
-receiver has what a companion has: transport, authenticator, loop. First without the key (a CRC-correct, newer frame
-with a wrong MAVLink hash: the costliest of that kind), then by a holder of the shared MAVLink key, who can do all but
-the Ed25519 signature. Printed: the share of one core that the receiver used, what was accepted, and for the second
-flood how long a vehicle waits for a genuine frame. Exit status 1 if a forged frame was accepted or, in the first
-flood, a genuine one was not.
+A sender process floods a receiver process on 127.0.0.1, with genuine frames at GENUINE_PER_S among the forged ones. The
+receiver has what a companion has: transport, authenticator, loop. In the first flood the forger has no key and sends
+newer, CRC-correct frames with a wrong MAVLink hash, the costliest kind that it can make. In the second it holds the
+shared MAVLink key and can make everything but the Ed25519 signature. Printed are the share of one core that the
+receiver used, what was accepted, and for the second flood how long a vehicle waits for a genuine frame. The exit status
+is 1 if a forged frame was accepted or, in the first flood, a genuine one was not.
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ from tests.companion.protocol.hostile import Ground, forged_seal
 GENUINE_PER_S = 5.0
 PORT = 19_550
 TEMPLATES = 4096
-"""Forged frames made beforehand; the time of making them is not the sender's to spend while it floods."""
+"""Number of forged frames made beforehand, so that making them costs the sender no time while it floods."""
 SETTLING_S = 5.0
-"""Of virtual time, in which the checks saved up are used up."""
+"""Virtual time at the beginning that is left out, in which the checks saved up are used up."""
 CROWD_S = 0.02
-"""How close a forger that knows when the next frame comes can crowd its own about it."""
+"""Time about a genuine frame within which a forger that knows when it comes can send all its own frames."""
 SPARE_S = 1.0
-"""Before the flood starts, for both processes to be up."""
+"""Time that the forged stamps are ahead of the clock when they are made, and that the receiver goes on after the
+flood."""
 
 
 def main() -> int:
@@ -70,7 +71,7 @@ def main() -> int:
 
 
 def flood(seconds: float, rate: float, checks_per_s: float, *, has_key: bool) -> dict[str, float]:
-    """Run one flood; return what was found."""
+    """Run one flood; return the counts and times of both processes."""
     ground = Ground("both", random.Random(1), epoch_s=int(time.time()))
     trust = Trust(ground.trust.mavlink_key, ground.trust.public_key, checks_per_s=checks_per_s)
     ours, theirs = multiprocessing.Pipe()
@@ -97,7 +98,7 @@ def _line(found: dict[str, float]) -> str:
 
 
 def _send(ground: Ground, seconds: float, rate: float, *, has_key: bool) -> dict[str, float]:
-    """Flood, with genuine frames between; return the counts and when it was."""
+    """Flood the receiver, with genuine frames in between; return the counts and the times of begin and end."""
     rng = random.Random(2)
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     address = ("127.0.0.1", PORT)
@@ -129,7 +130,7 @@ def _forger(ground: Ground, rng: random.Random, *, has_key: bool) -> Callable[[f
 
 
 def _receive(trust: Trust, pipe: Connection) -> None:
-    """Be the vehicle, in a process of its own."""
+    """Receive as a vehicle does, in a process of its own."""
     asyncio.run(_listen(trust, pipe))
 
 
@@ -159,9 +160,9 @@ async def _listen(trust: Trust, pipe: Connection) -> None:
 
 
 def waits_s(rate: float, checks_per_s: float, seconds: float, crowd_s: float) -> list[float]:
-    """Return how long vehicles that begin to listen at any moment wait for a genuine frame, by the gate alone.
+    """Return how long vehicles that begin to listen at any moment wait for a genuine frame, by the check limiter alone.
 
-    In virtual time; the forger sends all its frames within `crowd_s` about each genuine one.
+    The time is virtual; the forger sends all its frames within `crowd_s` about each genuine one.
     """
     gate: CheckLimiter[bytes] = CheckLimiter(checks_per_s, random.Random(3))
     each = round(rate / GENUINE_PER_S)

@@ -1,8 +1,8 @@
 """The guard's theorem at length, its tracking in wind and its speed: `python -m tests.benchmarks.guard` from the root.
 
-Not collected by pytest: the worlds of tests/companion/guard/guard_flight.py, flown more often and a hundred times as
-long. Exit status 1 if any flight enters a disc, leaves the fence, lacks a path or sees an assumption called broken that
-holds.
+pytest does not collect it: it flies the worlds of tests/companion/guard/guard_flight.py more often and a hundred times
+as long. The exit status is 1 if any flight enters a disc, leaves the fence, lacks a path, or has an assumption reported
+as broken that holds.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ WIND_CASES = [
 
 
 def theorem(steps: int, seeds: int) -> int:
-    """Fly every world and print what happened; return how many flights failed."""
+    """Fly every world and print the outcome; return how many flights failed."""
     failed = 0
     print(f"{'world':34}{'flights':>8}{'steps':>9}{'refused':>9}{'least room m':>14}{'failed':>8}")
     for name, world in WORLDS.items():
@@ -71,14 +71,14 @@ def theorem(steps: int, seeds: int) -> int:
 
 
 def off_path_m(airspeed_m_s: float, n_max: float, dt_s: float, reaction_s: float, seed: int) -> float:
-    """Return how far the vehicle got from the path in hand, over 60 steps of it, in wind up to a third of its speed."""
+    """Return how far (m) wind up to a third of its speed takes a vehicle off its back-up path within 60 steps of it."""
     rng = np.random.default_rng(seed)
     limits = Limits(airspeed_m_s, airspeed_m_s, n_max, 50.0, 120.0, reaction_s=reaction_s, wind_m_s=airspeed_m_s / 3.0)
     vehicle = Vehicle(Motion(0.0, 0.0, float(rng.uniform(0, 6.28)), airspeed_m_s), limits, gusts(rng, limits.wind_m_s))
     guarded, elsewhere = Guard(limits), Discs(np.array([[1e6, 1e6]]), np.array([1.0]), np.array([0.0]))
     free, worst_m = int(rng.integers(3, 15)), 0.0
     with ExitStack() as patched:
-        # The disc is far away, and yet a path is wanted; later no other than the one in hand is to be had.
+        # The disc is far away, and yet the guard must hold a path; later it keeps it, as no other is accepted.
         patched.enter_context(patch.object(VehicleModel, "reach_m", return_value=math.inf))
         for step in range(free + 60):
             if step == free:
@@ -96,7 +96,7 @@ def off_path_m(airspeed_m_s: float, n_max: float, dt_s: float, reaction_s: float
 
 
 def tracking(seeds: int) -> int:
-    """Print how far wind blew vehicles off their paths, beside the allowance; return how often it was more."""
+    """Print how far wind took vehicles off their paths, beside the allowance; return how often it was more."""
     print("\nwind up to a third of the airspeed, gusts that change over 10 s:")
     print(f"{'v m/s':>6}{'n':>6}{'dt s':>6}{'reaction s':>12}{'off path m':>12}{'allowance m':>13}")
     more = 0
@@ -112,7 +112,7 @@ def tracking(seeds: int) -> int:
 
 
 def speed(checks: int) -> None:
-    """Print how much processor time a check takes: on a shared machine the clock tells less."""
+    """Print the processor time of a check; on a shared machine wall-clock time would say less."""
     rng = np.random.default_rng(1)
     bearings_rad, away_m = rng.uniform(0.0, math.tau, 25), rng.uniform(900.0, 2500.0, 25)
     around = np.column_stack([away_m * np.cos(bearings_rad), away_m * np.sin(bearings_rad)])
@@ -137,7 +137,7 @@ def speed(checks: int) -> None:
 
 
 def main() -> int:
-    """Run all; return the exit status."""
+    """Run all three parts; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("steps", type=int, nargs="?", default=STEPS, help="of each of the theorem's flights")
     parser.add_argument("seeds", type=int, nargs="?", default=SEEDS, help="flights through each world")

@@ -1,8 +1,8 @@
 """The hostile-traffic bench at length: `python -m tests.benchmarks.hostile 10000000` from the root.
 
-A third of the datagrams under each strength: MAVLink signing, Ed25519, both. Prints progress, what was sent and why it
-was refused. Exit status 1 if anything that is not genuine was accepted, a genuine frame sent in its order was not, or
-memory grew by more than GROWTH_MB; an exception ends it with a traceback.
+A third of the datagrams is sent under each kind of trust: MAVLink signing, Ed25519, both. Prints progress, what was
+sent and why it was refused. The exit status is 1 if anything that is not genuine was accepted, if a genuine frame sent
+in its order was not, or if memory grew by more than GROWTH_MB; an exception ends the run with a traceback.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections import Counter
 from tests.companion.protocol.hostile import AUTHENTICATIONS, run
 
 GROWTH_MB = 8.0
-"""Of the resident size, after the first WARM datagrams of a strength."""
+"""Growth of the resident memory that is allowed after the first WARM datagrams of a kind of trust."""
 WARM = 50_000
 PROGRESS_S = 10.0
 
@@ -49,7 +49,7 @@ def main() -> int:
 
 
 def _one(authentication: str, count: int, seed: int, sent: Counter[str], totals: Counter[str], began_s: float) -> float:
-    """Run one strength, add to the counts, and return by how many MB memory grew."""
+    """Run one kind of trust, add to the counts, and return by how many MB memory grew."""
     warm_mb: float | None = None
     said_s = time.monotonic()
     for outcome in run(count, authentication, seed):

@@ -1,8 +1,8 @@
-"""How far each stand-in strays from what guidance and guard reckon with: `python -m tests.benchmarks.lags`.
+"""How far each stand-in strays from the path that guidance and guard assume: `python -m tests.benchmarks.lags`.
 
-For each kind this flies turns at the greatest rate through its adapter at 10 Hz, decisions every 0.5 s, and prints the
-reaction with which the reckoning is nearest to what was flown, and how far it is off with the adapter's own figure.
-The adapters' `REACTION_S`, `LEAD_S` and `TRACKING_M` come from here.
+For each kind of autopilot this flies turns at the greatest rate through its adapter at 10 Hz, with decisions every 0.5
+s. It prints the reaction time with which the assumed path is nearest to the one flown, and how far it is off with the
+adapter's own reaction time. The adapters' `REACTION_S`, `LEAD_S` and `TRACKING_M` come from here.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FLIGHTS = (
     ("px4-copter", 10.0),
     ("px4-plane", 15.0),
 )
-"""Kind and speed."""
+"""Kind of autopilot and speed (m/s) of each flight."""
 
 
 def main() -> None:

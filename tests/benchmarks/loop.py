@@ -2,9 +2,10 @@
 
     python tests/benchmarks/loop.py --autopilot arducopter --seconds 300
 
-This script stands between the companion and `sim vehicle`, passes everything on, and notes when setpoints come by. It
-is also the person who chooses the guided mode, and it burns one core. With --restart it kills the companion in flight
-once and times how long the next one takes from its start to its first setpoint; --stop stops it for so long instead.
+This script stands between the companion and `sim vehicle`, passes everything on, and notes when setpoints pass. It also
+plays the safety pilot who chooses the guided mode, and it keeps one core busy. With --restart it kills the companion
+once in flight and times how long the next one takes from its start to its first setpoint; with --stop SECONDS it
+suspends the companion for that time instead.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ SPEEDS_M_S = {"arducopter": 8.0, "arduplane": 20.0, "px4-copter": 10.0, "px4-pla
 
 
 def free_port() -> int:
-    """Return a UDP port that nobody has."""
+    """Return a UDP port that was free a moment ago."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
         one.bind((HERE, 0))
         return int(one.getsockname()[1])
@@ -88,11 +89,11 @@ class Between:
 
     @property
     def port(self) -> int:
-        """Where the vehicle sends to."""
+        """UDP port that the vehicle sends to."""
         return int(self.vehicle.getsockname()[1])
 
     def pass_on(self, until_s: float) -> None:
-        """Pass on what comes until then, by the monotonic clock."""
+        """Pass on all datagrams until `until_s` on the monotonic clock."""
         while (left_s := until_s - time.monotonic()) > 0.0:
             for key, _ in self._selector.select(left_s):
                 try:
@@ -109,7 +110,7 @@ class Between:
                     continue
 
     def hand_over(self, safety_pilot: SafetyPilot, t_s: float) -> None:
-        """Let the person do what is due."""
+        """Send the heartbeat and the orders of the safety pilot that are due."""
         for frame in [safety_pilot.heartbeat(), *safety_pilot.orders(t_s, self.custom_mode)]:
             with suppress(ConnectionRefusedError):
                 self.safety_pilot.send(frame)
@@ -127,7 +128,7 @@ class Between:
 
 
 def start(log: Path, *arguments: str, nice: int = 0) -> subprocess.Popen[bytes]:
-    """Start one of the programs, its words in a file."""
+    """Start one of the programs, with its output in a file."""
     if nice:
         arguments = ("-c", NICED % nice, *arguments)
     with log.open("ab") as file:
@@ -136,7 +137,7 @@ def start(log: Path, *arguments: str, nice: int = 0) -> subprocess.Popen[bytes]:
 
 
 def told(times_s: list[float], since_s: float) -> str:
-    """Return the gaps between setpoints in words."""
+    """Return statistics of the gaps between setpoints as text."""
     gaps_ms = 1e3 * np.diff(np.array([time_s for time_s in times_s if time_s >= since_s]))
     if not len(gaps_ms):
         return "no setpoints"
@@ -148,7 +149,7 @@ def told(times_s: list[float], since_s: float) -> str:
 
 
 def main() -> None:
-    """Run it and print the figures."""
+    """Run the programs and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--autopilot", choices=sorted(SPEEDS_M_S), default="arducopter")
     parser.add_argument("--seconds", type=float, default=120.0)
@@ -158,7 +159,7 @@ def main() -> None:
     parser.add_argument("--nice", type=int, default=0, help="of the companion; the unit's is -10, which needs root")
     options = parser.parse_args()
     if options.nice:
-        # The vehicle and the one who looks on stand for other computers.
+        # The vehicle and this script stand for other computers.
         os.nice(options.nice - 1)
     kind = options.autopilot
     safety_pilot = SafetyPilot(kind, 1)
@@ -262,7 +263,7 @@ def main() -> None:
 
 
 def reasons(folder: Path, since_unix_s: float) -> str:
-    """Return when the newest run first decided what, in seconds since a time."""
+    """Return when the newest run first decided for each reason, in seconds since a time."""
     newest = max((folder / "logs").iterdir())
     with (newest / "decisions-1.csv").open() as file:
         firsts = {row["reason"]: row["time_unix_s"] for row in reversed(list(csv.DictReader(file)))}
@@ -271,7 +272,7 @@ def reasons(folder: Path, since_unix_s: float) -> str:
 
 
 def said(folder: Path) -> str:
-    """Return what the companion said."""
+    """Return the companion's output."""
     return (folder / "companion.txt").read_text()
 
 

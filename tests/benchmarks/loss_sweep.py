@@ -1,8 +1,9 @@
 """What the radio's losses cost a flight: `python tests/benchmarks/loss_sweep.py [--runs 4] [--mission paper-dynamic]`.
 
-`sim fly` at 0 to 95 % loss, independent and in bursts (Gilbert-Elliott; kinematic simulator). Per level: how long an
-agent waits for its first whole picture, how old a picture became, in which stages the companions were, whether every
-target was reached, and how often an agent entered a detection disc. Several minutes on two cores.
+It flies `sim fly` at 0 to 95 % loss, independent and in bursts (Gilbert-Elliott; kinematic simulator). For each level
+it prints how long an agent waits for its first whole picture, how old a picture became, in which stages the companions
+were, whether every target was reached, and how often an agent entered a detection disc. It takes several minutes on two
+cores.
 """
 
 from __future__ import annotations
@@ -25,16 +26,17 @@ from sim.loop import START_S
 from sim.score import score
 
 MEAN_BURST_FRAMES = 20.0
-"""Bursts of this mean length in which everything is lost, as often as the wanted share needs."""
+"""Mean length of the bursts, in which every frame is lost; they begin as often as the share of losses asked for
+needs."""
 LEVELS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.95)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One flight at one level of loss."""
+    """Figures of one flight at one level of loss."""
 
     current_s: tuple[float, ...]
-    """Per agent: time of its first picture, inf for never."""
+    """Time of each agent's first picture, infinite where it never had one."""
     oldest_s: float
     stages: Counter[Stage]
     reached: int
@@ -43,7 +45,7 @@ class Outcome:
 
 
 def link(loss: float, bursty: bool) -> LinkSpec:
-    """Return a link that loses a share of the frames in the mean."""
+    """Return a link that loses a share `loss` of the frames on average."""
     if not bursty or loss == 0.0:
         return LinkSpec(loss=loss)
     leave = 1.0 / MEAN_BURST_FRAMES
@@ -51,7 +53,7 @@ def link(loss: float, bursty: bool) -> LinkSpec:
 
 
 def flown(name: str, seed: int, limit_s: float, loss: float, bursty: bool) -> Outcome:
-    """Fly one seed at one level."""
+    """Fly one seed at one level of loss."""
     mission = resolve(load_mission(name), seed)
     changes = {"link": link(loss, bursty), "max_time_s": min(limit_s, mission.max_time_s)}
     mission = mission.model_copy(update=changes)
@@ -85,7 +87,7 @@ def flown(name: str, seed: int, limit_s: float, loss: float, bursty: bool) -> Ou
 
 
 def main() -> None:
-    """Print the table."""
+    """Fly every level and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--mission", default="paper-dynamic")

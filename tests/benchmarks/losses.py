@@ -1,9 +1,9 @@
-"""Losing 1 to 6 agents at random times in `paper-dynamic`: targets stay covered while there are agents for all.
+"""Losing 1 to 6 agents at random times in `paper-dynamic`: targets stay covered while there are enough agents.
 
 `python tests/benchmarks/losses.py [--runs 100]` (kinematic simulator; about ten minutes on two cores). At every step of
-every flight, once the ground station knows of a loss, the rule is checked on what it would broadcast: with at least as
-many agents on their way as open targets each target has an agent; with fewer, each agent has a target, and the targets
-without one are named.
+every flight, once the ground station knows of a loss, the rule is checked on the broadcast that it would send: with at
+least as many agents on their way as open targets each target has an agent; with fewer, each agent has a target, and the
+targets without one are named.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from sim.lockstep import FlightOptions, fly
 from sim.score import score
 
 LOSS_STREAM = 5
-"""The seed's random stream for who is lost when."""
+"""Number of the random stream, among those of the seed, that decides which agents are lost when."""
 LATEST_LOSS_S = 1000.0
-"""Most flights are over after 1000 to 1500 s."""
+"""Latest time at which an agent is lost; most flights are over after 1000 to 1500 s."""
 MOST_LOST = 6
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One flight with losses."""
+    """Figures of one flight with losses."""
 
     lost: int
     known: int
     steps_checked: int
     steps_short: int
-    """Steps with fewer agents on their way than open targets."""
+    """Number of steps with fewer agents on their way than open targets."""
     broken: tuple[str, ...]
     targets_reached: int
 
@@ -83,7 +83,7 @@ def flown(seed: int, limit_s: float) -> Outcome:
 
 
 def main() -> None:
-    """Print the table."""
+    """Fly all runs and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--time-limit", type=float, default=math.inf, help="s of virtual time, of each flight")

@@ -1,8 +1,9 @@
-"""Flies a mission in real time with every program a process of its own, and judges what came out.
+"""Flies a mission in real time with every program as a process of its own, and judges the result.
 
-Ground station, one companion and one stand-in per agent talk over the loopback interface, the broadcast by multicast.
-This program is what is around them: the world, the centre's sensor, the ADS-B receivers on board, the person who hands
-the vehicles over, and the judge, who knows of the vehicles only what their autopilots tell.
+The ground station, and one companion and one stand-in per agent, talk over the loopback interface, with the broadcast
+by multicast. This program plays everything around them: the world, the ground station's sensor, the ADS-B receivers on
+board, the safety pilot who hands the vehicles over, and the judge, who knows about the vehicles only what their
+autopilots send.
 
 Run: python tests/benchmarks/processes.py paper-dynamic arduplane --seed 1 --out DIR
 """
@@ -44,12 +45,12 @@ from sim.world import World
 GROUP = "239.255.77.66"
 TICK_S = 0.02
 READY_S = 240.0
-"""So long may the programs take to start, all at once on a small machine."""
+"""Longest time that the programs may take to start, all at once on a small machine."""
 HEARTBEAT_PERIOD_S = 1.0
 GAP_S = 0.5
-"""No gap between setpoints may be longer."""
+"""Longest gap between two setpoints that passes."""
 ENGAGED_GAP_S = 5.0
-"""Setpoints so far apart belong to two engagements."""
+"""Least gap between two setpoints that counts as the end of one engagement and the start of another."""
 _SETPOINTS = frozenset(
     {
         mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
@@ -62,7 +63,7 @@ _CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 
 
 def free_ports(count: int) -> list[int]:
-    """Return ports that nobody had a moment ago."""
+    """Return UDP ports that were free a moment ago."""
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
     for one in sockets:
         one.bind(("127.0.0.1", 0))
@@ -73,7 +74,7 @@ def free_ports(count: int) -> list[int]:
 
 
 class Program:
-    """One child process, its lines in a file."""
+    """One child process, with its output in a file."""
 
     def __init__(self, folder: Path, name: str, *arguments: str) -> None:
         self.output = folder / f"{name}.txt"
@@ -87,7 +88,7 @@ class Program:
             )
 
     def cpu_s(self) -> float:
-        """Return the CPU time that it and the children it waited for have used."""
+        """Return the CPU time that the process and the children it waited for have used."""
         text = Path(f"/proc/{self.process.pid}/stat").read_text()
         return sum(map(int, text.rsplit(")", 1)[1].split()[11:15])) / _CLOCK_TICKS
 
@@ -105,7 +106,7 @@ class Program:
 
 @dataclass
 class Vehicle:
-    """What the judge knows of one vehicle, by what its autopilot says on the second link."""
+    """What the judge knows about one vehicle, from what its autopilot sends on the second link."""
 
     socket: socket.socket
     safety_pilot: SafetyPilot
@@ -113,13 +114,13 @@ class Vehicle:
     frame: LocalFrame
     mode: int | None = None
     row: tuple[float, float, float, float] | None = None
-    """North m, east m, heading deg, speed m/s."""
+    """Position, heading and speed: north m, east m, heading deg, speed m/s; None before the first position."""
     velocity_m_s: tuple[float, float] = (0.0, 0.0)
     altitude_m: float = 0.0
     _parser: Any = field(default_factory=lambda: mavlink.MAVLink(None))
 
     def listen(self) -> None:
-        """Take in what came."""
+        """Read all messages that have arrived."""
         self._parser.robust_parsing = True
         while True:
             try:
@@ -154,7 +155,7 @@ class Vehicle:
 def start(
     mission: Mission, kind: str, folder: Path, offboard: str
 ) -> tuple[dict[str, Program], list[Vehicle], tuple[str, int]]:
-    """Start every program; return them by name, the judge's vehicles, and where the sensor reports to."""
+    """Start every program; return them by name, the judge's vehicles, and the address of the sensor's reports."""
     frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
     count = len(mission.agents)
     broadcast_port, sensor_port, *ports = free_ports(2 + 2 * count)
@@ -205,7 +206,7 @@ def start(
 
 
 def wait_until_heard(vehicles: list[Vehicle], programs: dict[str, Program]) -> None:
-    """Wait until every autopilot has said where it is."""
+    """Wait until every autopilot has sent its position."""
     gives_up_s = time.monotonic() + READY_S
     while any(vehicle.row is None for vehicle in vehicles):
         ended = [name for name, program in programs.items() if program.process.poll() is not None]
@@ -221,7 +222,7 @@ def wait_until_heard(vehicles: list[Vehicle], programs: dict[str, Program]) -> N
 def fly(
     mission: Mission, seed: int, vehicles: list[Vehicle], sensor_at: tuple[str, int], limit_s: float
 ) -> TrajectoryBuilder:
-    """Be the world until every target is reached or time is up; return the truth."""
+    """Play the world until every target is reached or time is up; return the true trajectory."""
     world, arrivals = World(mission, seed), Arrivals(mission)
     sensor = mission_sensor(mission, int(time.time()))
     to_ground = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -276,7 +277,7 @@ def fly(
 
 
 def setpoint_gaps_s(folder: Path) -> np.ndarray:  # (G,) s
-    """Return the times between the setpoints that the companions logged as sent, within an engagement."""
+    """Return the gaps between the setpoints that the companions logged as sent, within each engagement."""
     gaps: list[float] = []
     for path in sorted((folder / "logs").rglob("vehicle-*.tlog")):
         times_s = [t_s for t_s, raw in read_tlog(path) if int.from_bytes(raw[7:10], "little") in _SETPOINTS]
@@ -285,7 +286,7 @@ def setpoint_gaps_s(folder: Path) -> np.ndarray:  # (G,) s
 
 
 def cpu_shares(programs: dict[str, Program], wall_s: float) -> dict[str, float]:
-    """Return the share of one core that each sort of program used, all its processes together."""
+    """Return the share of one core that each kind of program used, all its processes together."""
     shares: dict[str, float] = {}
     for name, program in programs.items():
         sort = name.split("-")[0]
@@ -331,7 +332,7 @@ def run(mission: Mission, kind: str, seed: int, folder: Path, limit_s: float, of
 
 
 def main() -> int:
-    """Fly what the command line says; exit status 0 if all targets were reached without entry, breach or long gap."""
+    """Fly what the command line asks; return 0 if all targets were reached without entry, breach or long gap."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("mission")
     parser.add_argument("kind", choices=CRUISE_M_S)

@@ -1,7 +1,7 @@
 """The route over a thousand scenes, flown, and timed: `python -m tests.benchmarks.route [--scenes 1000]`.
 
-Correctness is that of test_route.py over many more scenes. Times are processor time of one thread, and
-each stands beside the yardstick, the independent planner of sim/shortest_path.py, run on the same scenes in turn.
+It repeats the correctness checks of test_route.py over many more scenes. Times are processor time of one thread, and
+each stands beside a yardstick: the independent planner of sim/shortest_path.py, run on the same scenes in turn.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from sim.shortest_path import shortest_path_length
 from tests.companion.guidance.test_route import FAMILIES, Scene, arrival, disagreement, misdirection, scenes
 
 SIDE_M = 200_000.0
-"""Scenes that are timed fill the paper's square with discs of 0.5 to 1.5 times the paper's radius."""
+"""Side of the paper's square, which the timed scenes fill with discs of 0.5 to 1.5 times the paper's radius."""
 RADIUS_M = 10_000.0
 SHARES = (0.05, 0.2, 0.5, 0.75, 1.0)
-"""Turn radius over the median radius, flown."""
+"""Turn radii of the flights, as shares of the discs' median radius."""
 
 
 def timed_scene(count: int, rng: np.random.Generator) -> Scene:
-    """Return a scene of as much disc area whatever the number of discs."""
+    """Return a scene whose discs have the same expected area in total whatever their number."""
     while True:
         centres = rng.uniform(0.0, SIDE_M, (count, 2))
         radii = RADIUS_M * rng.uniform(0.5, 1.5, count) * math.sqrt(25.0 / count)
@@ -36,7 +36,7 @@ def timed_scene(count: int, rng: np.random.Generator) -> Scene:
 
 
 def spent_us(call: Callable[[], object], repeat: int) -> float:
-    """Return the processor time of a call, the least of some."""
+    """Return the processor time of a call in us, the least of `repeat` tries."""
     best_s = math.inf
     for _ in range(repeat):
         begin_s = time.thread_time()
@@ -46,12 +46,12 @@ def spent_us(call: Callable[[], object], repeat: int) -> float:
 
 
 def quantiles(values: list[float]) -> str:
-    """Return median, 99th percentile and maximum of microseconds."""
+    """Return the median, 99th percentile and maximum of times in us as text."""
     return "median {:7.0f}  p99 {:7.0f}  max {:7.0f} us".format(*np.quantile(values, (0.5, 0.99, 1.0)))
 
 
 def report_correctness(count: int) -> None:
-    """Print what differs from the independent planner and which first directions are wrong."""
+    """Print the lengths that differ from the independent planner's, and how many first directions are wrong."""
     for family in FAMILIES:
         share = -(-count // len(FAMILIES))
         drawn = list(scenes(family, share, seed=100))
@@ -89,7 +89,7 @@ def report_flights(count: int) -> None:
 
 
 def report_times(count: int, repeat: int) -> None:
-    """Print times from nothing, from step to step, and of the yardstick."""
+    """Print the times of a route from nothing, of routes from step to step, and of the yardstick."""
     for discs, many in ((25, count), (100, count // 4)):
         rng = np.random.default_rng(discs)
         fresh, limited, kept, moving, yardstick = [], [], [], [], []
@@ -113,7 +113,10 @@ def report_times(count: int, repeat: int) -> None:
 
 
 def steps_us(scene: Scene, heading_rad: float, ids: np.ndarray, growth_m: float) -> list[float]:
-    """Return the times of 20 steps of 30 m by a router; discs grow for ten steps and fall back, as ages do."""
+    """Return the times in us of 20 steps of 30 m by one router.
+
+    The discs grow for ten steps and fall back, as those of threats do with the age of a broadcast.
+    """
     start, goal, centres, radii = scene
     router, place, times = Router(), np.array(start), []
     for step in range(21):

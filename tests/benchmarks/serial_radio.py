@@ -1,7 +1,8 @@
 """The real ground station on a pseudo-terminal that stands in for a 57600-baud radio: bytes, budget, deepest backlog.
 
-Run as `python tests/benchmarks/serial_radio.py` (about 70 s). The radio takes in at once what comes, sends it on at its
-rate, and reports its buffer once a second. `--air` makes it slower than the ground station was told.
+Run as `python tests/benchmarks/serial_radio.py` (about 70 s). The radio takes in at once what the ground station
+writes, sends it on at its own rate, and reports its buffer once a second. `--air` makes it slower than the ground
+station was told.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from pymavlink.dialects.v20 import common
 from companion.protocol.dialect import oneway
 
 LINE_BYTES_PER_S = 5760.0
-"""57600 baud, ten bits a byte."""
+"""Rate of the serial line: 57600 baud at ten bits a byte."""
 READ_PERIOD_S = 0.005
 REPORT_PERIOD_S = 1.0
 MISSION = """
@@ -36,7 +37,7 @@ defaults: {{agent: {{speed_m_s: 25, n_max: 2}}, threat: {{detection_radius_m: 20
 
 @dataclass
 class Radio:
-    """The modem: a buffer that fills as bytes come and empties at the rate of the air."""
+    """The radio's modem: a buffer that fills with the bytes written and empties at the rate of the air."""
 
     air_bytes_per_s: float
     buffer_bytes: int
@@ -45,7 +46,8 @@ class Radio:
     overrun_bytes: float = 0.0
     taken: list[tuple[float, bytes]] = field(default_factory=list)
     longest_pause_s: float = 0.0
-    """Between two looks: what piled up meanwhile looks like a burst though it may have come evenly."""
+    """Longest time between two looks at the line: what piled up meanwhile looks like a burst, though it may have come
+    evenly."""
     _last_s: float | None = None
 
     def step(self, now_s: float, chunk: bytes) -> None:
@@ -63,14 +65,14 @@ class Radio:
         self.backlog_bytes = min(self.backlog_bytes, self.buffer_bytes)
 
     def report(self) -> bytes:
-        """Return RADIO_STATUS."""
+        """Return a RADIO_STATUS message with the free share of the buffer."""
         free_percent = round(100.0 * (1.0 - self.backlog_bytes / self.buffer_bytes))
         message = common.MAVLink_radio_status_message(200, 200, free_percent, 30, 30, 0, 0)
         return bytes(message.pack(common.MAVLink(None, srcSystem=51, srcComponent=68)))
 
 
 def main() -> None:
-    """Measure, and print one table."""
+    """Run the ground station on the radio, and print what was measured."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--settle", type=float, default=2.0, help="before anything is counted")
@@ -101,7 +103,10 @@ def main() -> None:
 
 
 def listen(process: subprocess.Popen[bytes], far: int, radio: Radio, settle_s: float, seconds: float) -> float:
-    """Be the radio until so many seconds after the first byte and the settling; return when counting began."""
+    """Act as the radio from the first byte for `settle_s` and then `seconds`; return when the counting began.
+
+    Bytes count only after the time to settle.
+    """
     first_s: float | None = None
     report_due_s = 0.0
     while first_s is None or time.monotonic() < first_s + settle_s + seconds:

@@ -1,8 +1,8 @@
-"""What a frame costs to send and to believe, beside pymavlink: `python -m tests.benchmarks.signing` from the root.
+"""What it costs to sign and to verify a frame, beside pymavlink: `python -m tests.benchmarks.signing` from the root.
 
-The frame is the paper's state frame. pymavlink's own pack and parse with signing, of the same message, are the
-yardstick in the same rounds: machines differ and are noisy, so each figure is the median of interleaved rounds, in
-processor time of one core, and stands with its ratio to that yardstick.
+The frame is the paper's state frame. The yardstick is pymavlink's own pack and parse with signing, of the same message
+in the same rounds. Machines differ and are noisy, so each figure is the median of interleaved rounds, in processor time
+of one core, and stands with its ratio to that yardstick.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from groundstation.ground_station import GroundStation
 from tests.companion.protocol.hostile import START_S, Ground
 
 Batch = Callable[[], Callable[[], object]]
-"""Prepares a round, outside its time, and returns what is timed: all frames once."""
+"""Function that prepares a round, outside the time measured, and returns the function to time, which handles all frames
+once."""
 
 
 def main() -> None:
@@ -93,7 +94,7 @@ def _paper_frame() -> StateFrame:
 
 
 def _pymavlink_packs(frames: list[StateFrame], mavlink_key: bytes) -> Batch:
-    """Return the making of the same messages as pymavlink does it: its encode from the fields, and its pack."""
+    """Return a batch in which pymavlink makes the same messages: its encode from the fields, and its pack."""
     fields = [_fields_of(FrameWriter().encode(frame)) for frame in frames]
 
     def batch() -> Callable[[], object]:

@@ -1,7 +1,8 @@
 """Swarms that keep the right of way, in a kinematic loop of their own: `python tests/benchmarks/swarm.py [SCENE]`.
 
 Every vehicle decides alone and at the same time as all others, from what its own detector sees at that moment, and
-flies the exact arc to the heading that it chose. Nothing else keeps them apart: no guard, no surrogate, no broadcast.
+flies the exact arc to the heading that it chose. Nothing else keeps the vehicles apart: no guard, no surrogate, no
+broadcast.
 """
 
 from __future__ import annotations
@@ -22,18 +23,18 @@ from companion.guidance.steering import loiter_attraction, loiter_place, loiter_
 
 DT_S = 0.5
 PIECES = 5
-"""Samples of a step between which the separation is interpolated."""
+"""Number of parts that a step is sampled in; the separation is interpolated between the samples."""
 ARRIVAL_RADIUS_M = 300.0
 DETECTOR_RANGE_M = 2000.0
 ATTEMPTS = 100
-"""How often the drawing of a scene is begun again..."""
+"""Number of attempts to draw a scene before giving up."""
 DRAWS = 4000
-"""...and how many draws each attempt has."""
+"""Number of random places drawn in each attempt."""
 
 
 @dataclass
 class Craft:
-    """One vehicle of a swarm and what it is after."""
+    """One vehicle of a swarm: its state, its target and its decisions."""
 
     north_m: float
     east_m: float
@@ -52,7 +53,7 @@ class Craft:
 
 @dataclass
 class Outcome:
-    """What a flight came to."""
+    """Figures of one flight of a swarm."""
 
     vehicles: int
     bound: int  # vehicles that had a target
@@ -73,9 +74,10 @@ def fly(
     give: bool = True,
     noise: Callable[[tuple[int, ...]], np.ndarray] | None = None,
 ) -> Outcome:
-    """Fly until all have arrived and `after_s` more, or to the time limit.
+    """Fly until all vehicles have arrived and for `after_s` more, or to the time limit.
 
-    Without `give` nobody gives way. `noise` returns position errors of a shape, m. Changes the crafts.
+    Without `give` no vehicle gives way. `noise` returns position errors in m for an array of the given shape. The
+    crafts are changed in place.
     """
     for craft in crafts:
         craft.cruise_m_s = craft.speed_m_s
@@ -126,7 +128,7 @@ def fly(
 
 
 def _heading_at_effect_rad(craft: Craft, rules: Rules) -> float:
-    """Return the heading after the decisions on their way."""
+    """Return the heading of a craft once its decisions that are still on their way have taken effect."""
     heading_rad = craft.heading_rad
     for wanted_rad, speed_m_s in craft.pending:
         rate_rad_s = turn_rate_rad_s(speed_m_s, rules.n_max)
@@ -135,14 +137,17 @@ def _heading_at_effect_rad(craft: Craft, rules: Rules) -> float:
 
 
 def _wanted_m_s(craft: Craft, rules: Rules) -> float:
-    """Return cruise speed, or for a craft that can stop and loiters what its distance to the place allows."""
+    """Return the cruise speed, or for a loitering craft that can stop, what its distance to the place allows."""
     if not rules.can_stop or craft.place_ned_m is None:
         return craft.cruise_m_s
     return min(craft.cruise_m_s, 0.3 * math.dist((craft.north_m, craft.east_m), craft.place_ned_m))
 
 
 def _wanted_rad(craft: Craft, loitering_ned_m: np.ndarray, rules: Rules, arrival_radius_m: float) -> float:
-    """Return the heading of plain attraction or loitering; straight on where the target is inside a turning circle."""
+    """Return the heading of plain attraction or of loitering.
+
+    A craft whose target lies inside one of its turning circles flies straight on.
+    """
     here = (craft.north_m, craft.east_m)
     if craft.done_s is not None or craft.target_ned_m is None:
         if rules.can_stop:
@@ -164,10 +169,10 @@ def _wanted_rad(craft: Craft, loitering_ned_m: np.ndarray, rules: Rules, arrival
 
 
 def _step(craft: Craft, heading_rad: float, speed_m_s: float, rules: Rules) -> list[tuple[float, float]]:
-    """Move a craft by a step and return where it was at the samples, its start first."""
+    """Move a craft by a step; return its positions at the samples, the first at the step's start."""
     places = [(craft.north_m, craft.east_m)]
     if rules.braking_m_s2 is not None and craft.speed_m_s == 0.0:
-        craft.heading_rad = heading_rad  # who stands has no course to turn from
+        craft.heading_rad = heading_rad  # a craft that stands has no course to turn from
     start = (craft.north_m, craft.east_m, craft.heading_rad)
     for piece in range(1, PIECES + 1):
         before_m_s = craft.speed_m_s
@@ -205,7 +210,7 @@ def _score(samples: np.ndarray, rules: Rules, close: np.ndarray, outcome: Outcom
 
 
 def _arrive(crafts: Sequence[Craft], now_s: float, arrival_radius_m: float) -> None:
-    """Complete the targets that somebody has reached; all who had one of them are done."""
+    """Complete the targets that a craft has reached; every craft with such a target is done."""
     reached = set()
     for craft in crafts:
         if craft.done_s is None and craft.target_ned_m is not None:
@@ -223,12 +228,12 @@ def facing_rad(here: tuple[float, float], there: tuple[float, float]) -> float:
 
 
 def bound(here: tuple[float, float], there: tuple[float, float], speed_m_s: float, target_id: int) -> Craft:
-    """Return a craft at a place, heading for another."""
+    """Return a craft at one place that heads for another."""
     return Craft(*here, facing_rad(here, there), speed_m_s, there, target_id)
 
 
 def circle(count: int, free: float, rules: Rules, rng: np.random.Generator, jitter: float = 0.0) -> list[Craft]:
-    """Return crafts on a circle, each bound for the opposite point; the circle has `free` reserved areas for each."""
+    """Return crafts on a circle, each bound for the opposite point; its area is `free` reserved areas per craft."""
     radius_m = math.sqrt(count * free) * reserved_radius_m(rules.speed_m_s, rules, DT_S)
     crafts = []
     for k in range(count):
@@ -239,7 +244,7 @@ def circle(count: int, free: float, rules: Rules, rng: np.random.Generator, jitt
 
 
 def scattered(count: int, side_m: float, apart_m: float, rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Return that many places in a square that are so far apart; raise ValueError if they do not fit."""
+    """Return `count` places in a square, at least `apart_m` from each other; raise ValueError if they do not fit."""
     for _ in range(ATTEMPTS):
         places: list[tuple[float, float]] = []
         for north_m, east_m in rng.uniform(0.0, side_m, (DRAWS, 2)).tolist():
@@ -251,16 +256,16 @@ def scattered(count: int, side_m: float, apart_m: float, rng: np.random.Generato
 
 
 def target_spacing_m(rules: Rules) -> float:
-    """Return how far apart targets must be for all to be reached while others loiter at theirs."""
+    """Return the distance between targets at which all can be reached while other crafts loiter at theirs."""
     if rules.can_stop:
         return 3.0 * rules.separation_m
     return 1.2 * loiter_spacing_m(rules.separation_m, loiter_radius_m(rules.speed_m_s, rules.n_max, DT_S))
 
 
 def random_pairs(count: int, free: float, rules: Rules, rng: np.random.Generator) -> list[Craft]:
-    """Return crafts at random places of a square of `free` reserved areas for each, bound for random places of it.
+    """Return crafts at random places of a square, bound for random places of it.
 
-    Their reserved discs do not overlap at the start.
+    The square's area is `free` reserved areas for each craft. Their reserved discs do not overlap at the start.
     """
     radius_m = reserved_radius_m(rules.speed_m_s, rules, DT_S)
     side_m = math.sqrt(count * free * math.pi) * radius_m
@@ -278,7 +283,7 @@ def random_pairs(count: int, free: float, rules: Rules, rng: np.random.Generator
 
 
 def spread_pairs(count: int, free: float, rules: Rules, rng: np.random.Generator) -> list[Craft]:
-    """Return random pairs whose starts are so far apart that they may have any heading and circle where they are."""
+    """Return random pairs whose starts leave room to circle there at any heading."""
     radius_m = reserved_radius_m(rules.speed_m_s, rules, DT_S)
     side_m = math.sqrt(count * free * math.pi) * radius_m
     starts = scattered(count, side_m, (2.0 if rules.can_stop else 4.0) * radius_m, rng)
@@ -323,7 +328,7 @@ def among_loiterers(count: int, free: float, rules: Rules, rng: np.random.Genera
 
 
 def converging(count: int, free: float, rules: Rules, rng: np.random.Generator) -> list[Craft]:
-    """Return groups of five with one target each."""
+    """Return crafts in groups of five that have one target in common."""
     crafts = spread_pairs(count, free, rules, rng)
     for k, craft in enumerate(crafts):
         leader = crafts[k - k % 5]
@@ -352,7 +357,7 @@ def measure(
     detector_range_m: float,
     arrival_radius_m: float,
 ) -> str:
-    """Fly a scene once per seed and return a line of the table."""
+    """Fly a scene once per seed and return its line of the table."""
     started_s = time.perf_counter()
     outcomes = [
         fly(
@@ -376,7 +381,7 @@ def measure(
 
 
 def main() -> None:
-    """Print a line per scene, size and density."""
+    """Print a line for each scene, size and density."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--count", type=int, nargs="+", default=[10, 20, 30, 50])

@@ -1,4 +1,4 @@
-"""Finds what the code and the pages cite of the project's pages: `docs/method.md section 2, point 4` and the like."""
+"""Finds the places in the project's pages that code and pages cite, such as `docs/method.md section 2, point 4`."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ PLACE = re.compile(
     rf"[,:;]? ?(?:and |or )?"
     rf"(?:sections? (?P<sections>{NUMBERS})(?:[,;:] ?points? (?P<points>{NUMBERS}))?|rules? (?P<rules>{NUMBERS}))"
 )
-"""One place behind a page's name; several may follow each other."""
+"""Pattern of one cited place after a page's name; several may follow one another."""
 PAGE = re.compile(r"(?:\bdocs/|(?<=[\s(\"'`\[]))(?P<page>[A-Za-z][A-Za-z0-9_-]*\.md)\b(?:\]\([^)]*\))?")
+"""Pattern of a page's name, with or without its folder or the target of a Markdown link."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def numbers(text: str | None) -> list[int]:
 
 
 def citations(source: str, text: str) -> list[Citation]:
-    """Return what a text cites.
+    """Return the citations in a text.
 
     Args:
         source: Where the text stands, for messages.

@@ -19,7 +19,7 @@ FOLDERS = (
     "groundstation",
     "sim",
 )
-"""The rooms in the order of their imports, the highest first; a folder that is not among them follows its parent."""
+"""The folders in the order of their imports, the highest first; a folder that is not among them follows its parent."""
 GENERATED = ROOT / "companion" / "protocol" / "dialect" / "oneway.py"
 
 
@@ -39,13 +39,13 @@ def first_line(path: Path) -> str:
 
 
 def folder_order(folder: str) -> tuple[int, str]:
-    """Return what to sort a folder by: the room that it is or lies in, then its name."""
+    """Return the sort key of a folder: the position in FOLDERS of itself or its nearest parent, then its name."""
     room = max((known for known in FOLDERS if f"{folder}/".startswith(f"{known}/")), key=len)
     return FOLDERS.index(room), folder
 
 
 def module_list() -> str:
-    """Return the list: a heading, the package's own line and a table of modules for each folder."""
+    """Return the list: for each folder a heading, its package's first line and a table of its modules."""
     folders: dict[str, list[Path]] = {}
     for path in module_paths():
         folders.setdefault(str(path.parent.relative_to(ROOT)), []).append(path)
@@ -62,7 +62,7 @@ def module_list() -> str:
 
 
 def page_with_list(page: str) -> str:
-    """Return the page with the list as the modules are now.
+    """Return the page with the list of the modules as they are now.
 
     Args:
         page: The page as it is; everything behind the mark is replaced.

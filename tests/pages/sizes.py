@@ -18,10 +18,10 @@ Definition = Function | ast.ClassDef
 
 @dataclass(frozen=True)
 class Size:
-    """A class or a function, and how large it is."""
+    """The size of a class or a function of the three programs."""
 
     name: str
-    """As `path::Class.method`."""
+    """Path and qualified name, as `path::Class.method`."""
     is_class: bool
     lines: int
     parameters: int

@@ -1,4 +1,4 @@
-"""The project's pages are true: what is cited exists, links lead somewhere, the list of modules is the modules'."""
+"""The project's pages are right: what they and the code cite exists, links work, the list of modules is up to date."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from tests.pages.modules import PAGE, module_paths, page_with_list
 PAGES = sorted(DOCS.glob("*.md"))
 AT_THE_ROOT = sorted(ROOT.glob("*.md"))
 NUMBERED = {"method.md": 5}
-"""Pages with numbered sections, and how many."""
+"""Number of sections of each page whose sections are numbered."""
 
 
 def cited() -> list[Citation]:
-    """Return all that the project's files cite."""
+    """Return every citation in the project's files."""
     return [each for path in cited_files() for each in citations(str(path.relative_to(ROOT)), path.read_text())]
 
 

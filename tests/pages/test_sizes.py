@@ -1,4 +1,4 @@
-"""The limits of docs/design.md, Sizes, hold: and what is larger than they allow stands there with its reason."""
+"""Functions and classes keep the limits of docs/design.md, Sizes, or stand there with their reason."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""Records flights and compares their digests: what a change that should change nothing must leave byte for byte.
+"""Records flights and compares the digests of what they write, byte for byte, with those of earlier flights.
 
-`python -m tests.recordings.record` flies every row of the table and compares it with `digests.json` beside this file;
-`--write` replaces that file, `--quick` flies the small missions on one seed only, `--only TEXT` the rows whose names
-hold it, `--keep DIR` leaves the recordings.
+A change that should change nothing must leave every digest equal. `python -m tests.recordings.record` flies every row
+of the table and compares it with `digests.json` beside this file; `--write` replaces that file, `--quick` flies the
+small missions on one seed only, `--only TEXT` the rows whose names hold it, `--keep DIR` leaves the recordings.
+
 The rows are flown by `sim fly` and `sim arena` as a user calls them, so that they outlive any change of modules.
 Floating point differs between processors and numpy builds: compare on the machine that wrote the digests.
 """
@@ -30,12 +31,14 @@ MISSIONS: dict[str, tuple[str, ...]] = {
     "poor-link": (str(OWN_MISSIONS / "poor-link.yaml"),),
     "one-radio": (str(OWN_MISSIONS / "one-radio.yaml"), "--radio", "sik-57600/v2ext", "--one-radio"),
 }
-"""By name: what follows `sim fly`."""
+"""Arguments of `sim fly`, by the mission's name."""
 QUICK = ("poor-link", "one-radio")
+"""Missions that `--quick` flies."""
 ARENA = "arena"
 TIMES = frozenset({"decision_us", "speedup"})
-"""Of result.json: what depends on the machine."""
+"""Keys of result.json whose values depend on the machine."""
 ARENA_TIMES = frozenset({"decision_median_us", "decision_p99_us", "decision_max_us", "seconds", "wall_s"})
+"""Keys of arena.json whose values depend on the machine."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Its key in digests.json and its folder."""
+        """Key of the row in digests.json, and name of its folder."""
         return f"{self.mission}-{self.autopilot}-{self.seed}"
 
 
@@ -66,7 +69,7 @@ def without(value: object, keys: frozenset[str]) -> object:
 
 
 def digests(folder: Path, keys: frozenset[str]) -> dict[str, str]:
-    """Return the SHA-256 of each recording in a folder, by file name; of JSON without what depends on the machine."""
+    """Return the SHA-256 of each recording in a folder, by file name; JSON is digested without the given keys."""
     found = {}
     for path in sorted(folder.glob("*")):
         if path.suffix in (".csv", ".tlog"):

@@ -1,1 +1,1 @@
-"""The shortest way around discs: the scene, the search in it, what can be reached at all, and the router."""
+"""The shortest route around discs: the scene, the search in it, reachability, and the router that plans every step."""

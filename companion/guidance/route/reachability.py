@@ -1,4 +1,4 @@
-"""Whether there is a way at all: the edges of all discs together, and which water they bound."""
+"""Whether there is a way between two points at all: the free region around all discs, split into connected waters."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from companion.guidance.route.scene import covered_stretches
 
 
 class Shores:
-    """The edges of all discs together: which of their free arcs bound the same water, and which point is nearest.
+    """The free arcs of all discs' edges, grouped by the water (connected free region) that they bound.
 
-    Says in M^2 operations what a search could only say after trying everything: that there is no way.
+    Whether two points lie in the same water takes M^2 operations; a search would have to try everything to find that
+    there is no way.
     """
 
     def __init__(self, centre: np.ndarray, radius_m: np.ndarray, tolerance_m: float) -> None:
-        """Trace the edges of M discs: centres (M,) complex, radii (M,), both in metres."""
+        """Trace the edges of M discs: centres (M,) complex, north + i east, and radii (M,), both in metres."""
         self._centre, self._radius_m = centre, radius_m
         self._entered_m = np.maximum(radius_m - tolerance_m, 0.0)
         self._arcs: list[tuple[int, float, float]] = []  # disc, begin and sweep in radians, from north towards east
@@ -27,15 +28,15 @@ class Shores:
         self._parent = list(range(self._sea + 1))  # a union-find over the arcs and the sea
         self._join_at_corners()
         for index, (disc, begin_rad, sweep_rad) in enumerate(self._arcs):
-            if (-begin_rad) % math.tau <= sweep_rad:  # the disc's northernmost point looks north over open water
+            if (-begin_rad) % math.tau <= sweep_rad:  # the disc's northernmost point lies on this arc
                 self._join(index, self._first_north_of(self._point(disc, 0.0), disc))
 
     def joined(self, first: complex, second: complex) -> bool:
-        """Whether two points outside all discs lie in the same water."""
+        """Return whether two points outside all discs lie in the same water, so that there is a way between them."""
         return self._face(self._first_north_of(first, None)) == self._face(self._first_north_of(second, None))
 
     def nearest(self, place: complex, start: complex | None) -> list[complex]:
-        """Return each arc's point nearest to a place, the nearest first; with a start, only of its water."""
+        """Return each arc's point nearest to a place, nearest first; with a start, only those of arcs in its water."""
         face = None if start is None else self._face(self._first_north_of(start, None))
         points = []
         for index, (disc, begin_rad, sweep_rad) in enumerate(self._arcs):
@@ -63,7 +64,7 @@ class Shores:
             self._join(index, after)
 
     def _first_north_of(self, point: complex, without: int | None) -> int:
-        """Return the arc that a line from a point to the north meets first, or the sea."""
+        """Return the index of the arc that a line from a point to the north meets first; that of the sea if none."""
         offset = self._centre - point
         half_m2 = self._entered_m**2 - offset.imag**2
         meets = (half_m2 > 0.0) & (offset.real > 0.0)
@@ -94,7 +95,7 @@ class Shores:
 
 
 def _gaps(covered: list[tuple[float, float, int]]) -> list[tuple[float, float]]:
-    """Return the stretches of a circle between covered ones: where each begins and how far it sweeps, radians."""
+    """Return the free stretches of a circle between the covered ones, as (angle of its beginning, sweep) in radians."""
     if not covered:
         return [(0.0, math.tau)]
     spans = sorted(((middle_rad - half_rad) % math.tau, 2.0 * half_rad) for middle_rad, half_rad, _ in covered)
@@ -104,7 +105,7 @@ def _gaps(covered: list[tuple[float, float, int]]) -> list[tuple[float, float]]:
         if begin_rad > reached_rad:
             gaps.append((reached_rad, begin_rad - reached_rad))
         reached_rad = max(reached_rad, begin_rad + width_rad)
-    # What reaches over north covers the beginning as well.
+    # A stretch that extends over north also covers the beginning.
     over_rad = max(begin_rad + width_rad for begin_rad, width_rad in spans) - math.tau
     return [
         (max(begin_rad, over_rad), begin_rad + sweep_rad - max(begin_rad, over_rad))

@@ -1,11 +1,11 @@
-"""The shortest way around discs, for the vehicle's computer: D_geo and its first direction (docs/method.md section 3).
+"""The shortest route around discs, planned on board: D_geo and its first direction (docs/method.md section 3).
 
-A shortest path is made of arcs on discs and of segments that touch two of them, so it is a path in the graph of
-tangents. The search builds that graph only where it must: it begins with the straight line and takes a disc in when
-that disc is found in the way. A shortest path around some of the discs that happens to be free of all is the shortest
-of all. A vehicle that cannot turn on the spot begins on one of its two turning circles, which are nodes like a disc's.
+A shortest path consists of arcs on discs and of segments that touch two of them, so it is a path in the graph of
+tangents. The search builds that graph only where it must: it begins with the straight line and adds a disc when it is
+found in the way. If the shortest path around some of the discs is free of all of them, it is the shortest of all. A
+vehicle that cannot turn on the spot begins on one of its two turning circles, which are nodes like the discs.
 
-Headings grow clockwise and a disc kept on the right is gone around clockwise: side +1, as a turn to the right.
+Headings grow clockwise. A disc that is kept on the right is passed clockwise: side +1, like a turn to the right.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from companion.guidance.route.scene import HALF_PI, Scene, State, tolerance_m_of
 from companion.guidance.route.search import Search, chain_free, chains
 
 SWITCH_SHARE = 0.02
-"""A fresh way around other sides must save more than this share of the kept one's length (docs/method.md section 3)."""
+"""Share of the kept route's length that a new route on other sides of discs must save (docs/method.md section 3)."""
 DEEP_SHARE = 0.05
-"""A vehicle this share of the radius inside a disc heads straight out of it; less deep, partly outwards."""
+"""Depth inside a disc, as a share of its radius, from which a vehicle heads straight out of it, and below it partly."""
 PATIENCE = 48
-"""After this many states the search asks whether there is a way at all, which costs as much as about twenty states."""
+"""Number of states after which the search checks whether there is a way at all; that costs as much as 20 states."""
 MAX_STATES = 1500
-"""After this many it gives up a path that keeps the turn limit; scenes of 100 discs need fewer than 300."""
+"""Number of states after which the search for a path within the turn limit gives up; 100 discs take fewer than 300."""
 NEAREST_TRIES = 8
-"""Nearest points that are tried where it is not known which of them there is a way to."""
+"""Number of points nearest to the goal that are tried where it is not known which of them can be reached."""
 REPLAN_STEPS = 10
-"""A kept way is compared with a fresh one at least once in this many calls."""
+"""Number of calls within which a kept route is compared with a new one at least once."""
 REPLAN_SHARE = 0.05
-"""A kept way is compared too when a disc's centre and radius together, or the goal, have changed by this share of a
-radius since then."""
+"""Share of a disc's radius: when the disc's centre and radius together have changed by more, or the goal by more than
+this share of the least radius, a kept route is compared with a new one."""
 
 
 class Reach(Enum):
-    """Where a route leads."""
+    """What a route leads to."""
 
     TARGET = "target"
     NEAREST = "nearest safe point"
@@ -51,31 +51,32 @@ class Reach(Enum):
 
 
 class Route(NamedTuple):
-    """A way, its length and where to head now."""
+    """A route around the discs: where it leads, its length, its first direction and its pieces."""
 
     reach: Reach
     goal_ned_m: tuple[float, float]
-    """The target, or the nearest safe point to it."""
+    """The target, or the safe point nearest to it."""
     length_m: float
-    """D_geo to `goal_ned_m`; infinite without a way."""
+    """D_geo, the length to `goal_ned_m`; infinite without a way."""
     heading_rad: float
-    """First direction, in [0, 2 pi); not a number without a way."""
+    """The first direction, in [0, 2 pi); NaN without a way."""
     turn: int
-    """+1 or -1: it begins with an arc of the vehicle's own turning circle to the right or left that ends at
-    `heading_rad`; 0: it does not."""
+    """+1 or -1 if the route begins with an arc of the vehicle's own turning circle, to the right or left, that ends on
+    `heading_rad`; else 0."""
     via: tuple[tuple[int, int], ...]
-    """Discs touched in order: index in the given arrays, and side, +1 clockwise (disc on the right)."""
+    """The discs touched, in order: index in the given arrays, and side (+1: clockwise, with the disc on the right)."""
     pieces: tuple[Piece, ...]
-    """The path in order."""
+    """The lines and arcs of the route, in order."""
 
 
 class Departure(NamedTuple):
-    """Where a vehicle is, and how it can leave from there."""
+    """The position that a route begins at, and how the vehicle can turn there."""
 
     position_ned_m: Sequence[float] | np.ndarray
     heading_rad: float | None = None
-    """None: it may leave in any direction."""
+    """The vehicle's heading; None if it may leave in any direction."""
     turn_radius_m: float = 0.0
+    """The vehicle's turn radius; 0 if it can turn on the spot."""
 
 
 def shortest_route(
@@ -86,11 +87,11 @@ def shortest_route(
     heading_rad: float | None = None,
     turn_radius_m: float = 0.0,
 ) -> Route:
-    """Return the shortest route from a position to a goal that enters none of M discs, planned from nothing.
+    """Return the shortest route from a position to a goal that enters none of M discs, without an earlier route.
 
-    With a turn radius and a heading it begins on one of the two turning circles, and all its arcs are flyable unless
-    start or goal lies nearer to a disc than that. docs/route.md says what is decided where start or goal is inside a
-    disc or walled off. Raises ValueError for what is not finite or shapes that do not fit.
+    With a turn radius and a heading the route begins on one of the two turning circles, and all its arcs are flyable
+    unless start or goal is too near to a disc for that. docs/route.md says what is returned where start or goal is
+    inside a disc or walled off. Raises ValueError for input that is not finite and for shapes that do not fit.
     """
     _check_finite(*position_ned_m, *goal_ned_m, heading_rad or 0.0, turn_radius_m)
     centres, radii_m = _checked(centres_ned_m, radii_m)
@@ -99,7 +100,7 @@ def shortest_route(
 
 
 class _Discs(NamedTuple):
-    """Discs of a call, known again in the next one by what was given: threats that stand still are checked once."""
+    """The checked discs of a call; the next call reuses them if its input is the same, as with standing threats."""
 
     given: tuple[bytes, bytes, bytes]
     ids: np.ndarray  # (M,) int
@@ -109,18 +110,18 @@ class _Discs(NamedTuple):
 
 @dataclass(frozen=True)
 class _Memory:
-    """What a router keeps of its last plan."""
+    """What a router stores of its last plan."""
 
     via: tuple[tuple[int, int], ...]  # index of the disc in `discs`, and side
     reach: Reach
     goal: complex
-    asked: complex  # the goal it was asked for; it is another one if that cannot be reached
+    asked: complex  # the goal that was asked for, which `goal` differs from where it cannot be reached
     discs: _Discs
-    limit_m: np.ndarray  # (M,) how far centre and radius together may change
-    goal_limit_m: float
+    limit_m: np.ndarray  # (M,) how far centre and radius together may change before `moved`
+    goal_limit_m: float  # how far the goal asked for may change before `moved`
 
     def moved(self, asked: complex, discs: _Discs) -> bool:
-        """Whether the scene differs so much from the one of the plan that another way may be the better one."""
+        """Return whether the scene has changed by more than the limits, so that another route may be better."""
         before = self.discs
         if discs is not before and (discs.ids.shape != before.ids.shape or np.count_nonzero(discs.ids != before.ids)):
             return True
@@ -133,15 +134,15 @@ class _Memory:
 
 
 class Router:
-    """The route of one vehicle from step to step: the way once chosen is mended, not sought again.
+    """Plans the route of one vehicle step by step, adapting the route chosen before where it can.
 
-    Between plans only the sides at which the discs are passed are kept and the tangents taken anew. A kept way that is
-    no longer free, or a scene that has changed, is planned from nothing; a way around other sides is taken only if it
-    is enough shorter, so that rounding and noise do not make the vehicle waver.
+    Between plans it keeps only on which side each disc is passed, and computes the tangents anew. If the kept route is
+    no longer free, or the scene has changed, a new one is planned. A route on other sides replaces the kept one only if
+    it saves enough, so that rounding and noise do not make the vehicle waver.
     """
 
     def __init__(self, switch_share: float = SWITCH_SHARE) -> None:
-        """Keep a way unless another saves more than this share of its length."""
+        """Keep a route unless another one saves more than `switch_share` of its length."""
         self._switch_share = switch_share
         self._memory: _Memory | None = None
         self._discs: _Discs | None = None
@@ -155,9 +156,9 @@ class Router:
         radii_m: np.ndarray,  # (M,) m
         ids: np.ndarray,  # (M,) int
     ) -> Route:
-        """Return the route from here; as `shortest_route`, but faithful to the side that was chosen before.
+        """Return the route as `shortest_route` does, but preferring the sides of the discs that were chosen before.
 
-        `ids` name the discs from call to call. Raises ValueError as `shortest_route` does.
+        `ids` identify the discs from call to call. Raises ValueError as `shortest_route` does.
         """
         position_ned_m, heading_rad, turn_radius_m = departure
         _check_finite(*position_ned_m, *goal_ned_m, heading_rad or 0.0, turn_radius_m)
@@ -192,7 +193,7 @@ class Router:
         return route
 
     def _known_discs(self, centres_ned_m: np.ndarray, radii_m: np.ndarray, ids: np.ndarray) -> _Discs:
-        """Return discs as the plan takes them, the last call's if nothing about them has changed."""
+        """Return the checked discs, those of the last call if the input has not changed."""
         table_m, radii_m = np.asarray(centres_ned_m, dtype=float), np.asarray(radii_m, dtype=float)
         ids = np.asarray(ids)
         if ids.shape != radii_m.shape:
@@ -206,7 +207,7 @@ class Router:
 
     @staticmethod
     def _kept(memory: _Memory, plan: _Plan, moved: bool, ids: np.ndarray) -> Route | None:
-        """Return the kept way as it is now, None if it is not free or no longer leads where it should."""
+        """Return the kept route from the present position, None if it is not free or no longer leads to the goal."""
         if memory.reach is not Reach.TARGET:
             if moved:
                 return None
@@ -220,7 +221,7 @@ class Router:
 
 
 class _Plan:
-    """One question: from here to there, around these discs."""
+    """The planning of one route: from a start to a goal around given discs."""
 
     def __init__(
         self,
@@ -235,12 +236,12 @@ class _Plan:
         self._heading_rad, self._turn_radius_m = heading_rad, turn_radius_m
 
     def route(self) -> Route:
-        """Return the route to the goal, else to the nearest point there is a way to."""
+        """Return the route to the goal, or else to the reachable point nearest to it."""
         centre, radii_m = self._centres - self._start, self._radii_m
         start_m = np.abs(centre)
         tolerance_m = tolerance_m_of(start_m, radii_m, self._goal - self._start)
         holding = start_m < radii_m - tolerance_m
-        # Discs that hold the start may close around it, shrunk as they are; to leave them is better than to stay.
+        # Discs around the start may enclose it even when shrunk; then they are left out, so that it can leave.
         free = not holding.any()
         obstacles_m = [radii_m] if free else [radii_m, np.where(holding, 0.0, radii_m)]
         if not (np.abs(self._centres - self._goal) < radii_m - tolerance_m).any():
@@ -257,11 +258,11 @@ class _Plan:
         return Route(Reach.NONE, _pair(self._goal), math.inf, math.nan, 0, (), ())
 
     def to(self, goal: complex) -> _Plan:
-        """Return the same question with another goal."""
+        """Return the same planning problem with another goal."""
         return _Plan(self._start, goal, self._centres, self._radii_m, self._heading_rad, self._turn_radius_m)
 
     def _to(self, goal: complex, reach: Reach, obstacle_m: np.ndarray) -> Route | None:
-        """Return the shortest route that keeps the turn limit, else the shortest, else None."""
+        """Return the shortest route within the turn limit, or else the shortest without it; None if there is no way."""
         limits_m = (self._turn_radius_m, 0.0) if self._heading_rad is not None and self._turn_radius_m > 0.0 else (0.0,)
         asked = reach is not Reach.TARGET
         for turn_radius_m in limits_m:
@@ -280,7 +281,7 @@ class _Plan:
         return None
 
     def along(self, via: tuple[tuple[int, int], ...], reach: Reach) -> Route | None:
-        """Return the route that touches these discs on these sides, the first perhaps no more; None if not free."""
+        """Return the route along (disc, side) pairs, with the first disc or without it; None if it is not free."""
         scene = Scene(self._start, self._goal, self._centres, self._radii_m, self._heading_rad, self._turn_radius_m)
         if abs(scene.goal) <= scene.tolerance_m or (scene.goal_inside and reach is Reach.TARGET):
             return None
@@ -291,7 +292,7 @@ class _Plan:
 
 
 def _as_route(scene: Scene, chain: list[State], reach: Reach, radii_m: np.ndarray) -> Route:
-    """Return the route along states from the start to the goal; `radii_m`, (M,), as they were given."""
+    """Return the route along states from the start to the goal; `radii_m`, (M,), are the radii before shrinking."""
     circles, start = scene.circles, scene.departure.place
     pieces: list[Piece] = []
     via: list[tuple[int, int]] = []
@@ -329,10 +330,10 @@ def _as_route(scene: Scene, chain: list[State], reach: Reach, radii_m: np.ndarra
 
 
 def _outwards(scene: Scene, radii_m: np.ndarray, heading_rad: float, turn: int) -> tuple[float, int]:
-    """Return the first direction turned out of the disc that the start lies deepest in, and the turn if it still holds.
+    """Return the first direction, turned out of the disc that the start is deepest inside, and the turn (0 if changed).
 
-    The deeper, the more directly outwards, so that a vehicle a little inside glides out along its way instead of
-    zigzagging, and one deep inside leaves by the shortest way.
+    The deeper the start is inside, the more directly the direction leads outwards: a vehicle slightly inside leaves
+    gradually along its route instead of zigzagging, and one deep inside leaves by the shortest way.
     """
     depth_m = radii_m - scene.start_m
     disc = int(depth_m.argmax())
@@ -353,14 +354,14 @@ def _pair(place: complex) -> tuple[float, float]:
 
 
 def _check_finite(*numbers: float) -> None:
-    """Raise ValueError for numbers of a question that are not finite."""
+    """Raise ValueError if any of the numbers is not finite."""
     # A sum is finite only if every term is; it costs a quarter of asking each one.
     if not math.isfinite(sum(numbers)):
         raise ValueError("position, goal, heading and turn radius must be finite")
 
 
 def _checked(centres_ned_m: np.ndarray, radii_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # (M,) complex, (M,)
-    """Return centres and radii as the plan takes them, or raise ValueError."""
+    """Return centres as complex numbers and radii of at least 0, or raise ValueError for unusable input."""
     table_m = np.asarray(centres_ned_m, dtype=float).reshape(-1, 2)
     radii_m = np.asarray(radii_m, dtype=float)
     if radii_m.shape != (len(table_m),):

@@ -1,4 +1,4 @@
-"""Discs, start and goal as one search sees them: circles to go along, the tangents between them, what covers them."""
+"""Discs, start and goal prepared for one search: circles to fly along, tangents between them, discs that cover them."""
 
 from __future__ import annotations
 
@@ -8,56 +8,59 @@ from typing import NamedTuple
 import numpy as np
 
 TOLERANCE = 1e-9
-"""Of the scene's size: how deep a path may seem to cut into a disc that it touches, for rounding."""
+"""Share of the scene's size by which, from rounding, a path may seem to cut into a disc that it touches."""
 TURN_SLACK = 1.02
-"""Arcs are this much wider than the turning circle: a vehicle a little outside an arc can still turn back onto it."""
+"""Least radius of an arc in turn radii; over 1, so that a vehicle a little outside an arc can turn back onto it."""
 SNAP_SHARE = 1e-6
-"""Of the radius: a vehicle or a goal this near to a disc's edge is on it."""
+"""Share of a disc's radius up to which a vehicle or a goal near the disc's edge counts as being on it."""
 SNAP_RAD = 1e-3
-"""A vehicle on an edge goes along it if its heading is this near to the edge's."""
+"""Angle up to which a vehicle on an edge counts as flying along it."""
 FULL_TURN_RAD = 1e-7
-"""An arc that lacks less than this to a full turn is no arc: the rounding of a zero."""
+"""Angle by which a computed arc may fall short of a full turn and still counts as no arc: a zero, rounded down."""
 HALF_PI = math.pi / 2.0
 NO_PARENT = -1
+"""Parent of a state at the start."""
 NOTHING = -1
+"""Blocker of a circle that no disc covers."""
 
 
 class State(NamedTuple):
-    """A way that has arrived on a circle: how long it is, where it is now and where it came from."""
+    """A way from the start that has arrived on a circle."""
 
-    length_m: float
-    circle: int
-    side: int
-    angle_rad: float  # where on the circle, from north towards east
-    free_rad: float  # how far along the circle, in its direction, until a disc covers it
-    blocker: int  # that disc, or NOTHING
-    parent: int  # state before it; NO_PARENT at the start
-    heading_rad: float  # of the segment by which it came
-    segment_m: float
+    length_m: float  # of the way
+    circle: int  # index of the circle
+    side: int  # direction along the circle: +1 clockwise, -1 counterclockwise
+    angle_rad: float  # of the arrival, seen from the circle's centre, from north towards east
+    free_rad: float  # sweep along the circle, in its direction, until a disc covers it
+    blocker: int  # index of that disc, or NOTHING
+    parent: int  # index of the state before it; NO_PARENT at the start
+    heading_rad: float  # of the segment by which the way arrived
+    segment_m: float  # length of that segment
 
 
 class _Departure(NamedTuple):
-    """Where a path begins and how."""
+    """The pose that a path begins with, and the vehicle's turn radius."""
 
     place: complex  # north + i east, m
     heading_rad: float
-    turn_radius_m: float  # 0: it may turn on the spot
+    turn_radius_m: float  # 0: the vehicle may turn on the spot
 
     @property
     def limited(self) -> bool:
-        """Whether it begins on one of two turning circles."""
+        """Whether the path must begin on one of the two turning circles."""
         return self.turn_radius_m > 0.0
 
     @property
     def right(self) -> complex:
-        """Centre of the right turning circle from the place; that of the left one is opposite."""
+        """Centre of the right turning circle, relative to the place; that of the left one is its negative."""
         return self.turn_radius_m * complex(-math.sin(self.heading_rad), math.cos(self.heading_rad))
 
 
 class _Circles:
-    """The circles that a path goes along, by index.
+    """The circles that a path may consist of, by index.
 
-    First M discs, then the goal, the right turning circle (or the start itself) and the left one.
+    The first M are the discs; then come the goal (radius 0), the right turning circle (or the start itself, radius 0)
+    and the left one.
     """
 
     def __init__(
@@ -68,7 +71,10 @@ class _Circles:
         self._tolerance_m = tolerance_m
 
     def tangent(self, circle: int, side: int, to: int, to_side: int) -> tuple[float, float] | None:
-        """Return heading (rad) and length (m) of the segment that leaves one circle and joins another; None if none."""
+        """Return heading (rad) and length (m) of the tangent from one circle to another; None if there is none.
+
+        A side of +1 is clockwise along the circle, -1 counterclockwise.
+        """
         north_m = self.north_m[to] - self.north_m[circle]
         east_m = self.east_m[to] - self.east_m[circle]
         across_m = to_side * self.radius_m[to] - side * self.radius_m[circle]
@@ -84,9 +90,10 @@ class _Circles:
 
 
 class Scene:
-    """Discs as one search sees them: about the start, shrunk where start or goal demand it, arcs wide enough to fly.
+    """The discs prepared for one search, with coordinates relative to the start.
 
-    `collide_m` is what no path may enter; the arcs around it, the radii of the discs' circles, are no narrower.
+    `collide_m`, (M,), are the radii that no path may enter: those given, shrunk where start or goal would lie inside.
+    The arcs around a disc, whose radii are in `circles`, are at least as wide, and wide enough to fly.
     """
 
     def __init__(
@@ -127,10 +134,10 @@ class Scene:
         self._covers: dict[int, list[tuple[float, float, int]]] = {}
 
     def _shrink_to_avoidable(self, arc_m: np.ndarray, radii_m: np.ndarray) -> None:  # (M,) m, (M,) m
-        """Let each disc that neither turning circle keeps out of reach only as far as the better one passes it.
+        """Shrink each disc that both turning circles enter until the better one of them just passes it.
 
-        A disc ahead that both turning circles enter before half a turn cannot be avoided whole: convex as it is,
-        nothing between the two sharpest turns passes it either.
+        A disc ahead that both turning circles enter before half a turn cannot be avoided whole: it is convex, so no
+        path between the two sharpest turns avoids it either.
         """
         radius_m, right = self.departure.turn_radius_m, self.departure.right
         for disc in self.near:
@@ -142,7 +149,7 @@ class Scene:
                 avoidable_m = max(avoidable_m, passes_m if side * offset.imag >= 0.0 else math.inf)
             wanted_m = float(arc_m[disc])
             if avoidable_m >= radii_m[disc]:
-                # What leaves the true disc avoidable is not worth an arc that cannot be flown.
+                # The disc itself can be avoided: then only its arc shrinks, and not to less than can be flown.
                 avoidable_m = max(avoidable_m, min(wanted_m, radius_m))
             if avoidable_m < wanted_m:
                 arc_m[disc] = avoidable_m
@@ -170,7 +177,10 @@ class Scene:
         return known
 
     def free_rad(self, circle: int, side: int, angle_rad: float) -> tuple[float, int]:
-        """Return how far (rad) one can go along a circle from an angle until a disc covers it, and which disc."""
+        """Return the sweep (rad) along a circle from an angle until a disc covers it, and that disc's index.
+
+        The index is NOTHING where no disc does.
+        """
         free_rad, blocker = math.tau, NOTHING
         for middle_rad, half_rad, disc in self.covered(circle):
             until_rad = (side * (middle_rad - angle_rad)) % math.tau - half_rad
@@ -179,9 +189,9 @@ class Scene:
         return free_rad, blocker
 
     def starts(self) -> list[State]:
-        """Return where a path can begin: at the start, or on a turning circle, or on the edge that is flown along.
+        """Return the states that a path can begin with: the start, or the turning circles and an edge flown along.
 
-        How far it may go along these circles is left open.
+        Their `free_rad` is not computed yet: it is a full turn.
         """
         circles, heading_rad = self.circles, self.departure.heading_rad
         if not self.departure.limited:
@@ -208,7 +218,7 @@ def _circles(
     departure: _Departure,
     tolerance_m: float,
 ) -> _Circles:
-    """Return the circles of discs with arcs of a radius, of a goal and of a departure."""
+    """Return the circles of the discs (arc radii `arc_m`), the goal and the departure, in the order of _Circles."""
     right, turn_radius_m = departure.right, departure.turn_radius_m
     return _Circles(
         [*centre.real.tolist(), goal.real, right.real, -right.real],
@@ -220,7 +230,7 @@ def _circles(
 
 
 def sweep_rad_of(state: State, heading_rad: float) -> float:
-    """Return how far a way goes along its circle until it heads so."""
+    """Return the sweep (rad) along a state's circle until the way has the given heading."""
     sweep_rad = (state.side * (heading_rad - state.angle_rad) - HALF_PI) % math.tau
     return 0.0 if sweep_rad > math.tau - FULL_TURN_RAD else sweep_rad
 
@@ -250,6 +260,6 @@ def covered_stretches(
 
 
 def tolerance_m_of(start_m: np.ndarray, radii_m: np.ndarray, goal: complex) -> float:
-    """Return how deep rounding may seem to cut, m: in proportion to the scene as seen from the start."""
+    """Return the depth, m, to which a path may seem to cut from rounding: TOLERANCE times the scene's size."""
     reach_m = start_m.item(start_m.argmax()) + radii_m.item(radii_m.argmax()) if len(radii_m) else 0.0
     return TOLERANCE * max(reach_m, abs(goal))

@@ -1,4 +1,4 @@
-"""The search for the shortest way in the graph of tangents, and the ways over circles that are given."""
+"""The A* search for the shortest way in the graph of tangents, and the ways along a given sequence of circles."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from companion.guidance.route.scene import FULL_TURN_RAD, HALF_PI, NO_PARENT, NO
 
 
 class Search:
-    """A* over states on circles, from the start to the goal, with discs taken in as they are found in the way."""
+    """A* over states on circles, from the start to the goal; discs join the graph once they are found in the way."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -30,7 +30,10 @@ class Search:
             self._enter(state)
 
     def run(self, max_states: int) -> int | None:
-        """Return the index of the state that stands at the goal, or None; `exhausted` says whether there is no way."""
+        """Return the index of the state at the goal, or None if none was found with `max_states` states.
+
+        If it is None and `exhausted` is true, there is no way; otherwise `run` may be called again with a higher limit.
+        """
         scene, goal_node = self.scene, self.scene.circles.goal_node
         while self._open and len(self.states) < max_states:
             _, length_m, parent, to, side, heading_rad, segment_m = heapq.heappop(self._open)
@@ -52,11 +55,11 @@ class Search:
 
     @property
     def exhausted(self) -> bool:
-        """Nothing is left to try."""
+        """Whether no candidate is left to try."""
         return not self._open
 
     def chain(self, state: int) -> list[State]:
-        """Return the states from the start to one of them."""
+        """Return the states from the start to the one with the given index, in order."""
         chain = []
         while state != NO_PARENT:
             chain.append(self.states[state])
@@ -91,7 +94,7 @@ class Search:
         heapq.heappush(self._open, (length_m + rest_m, length_m, index, to, to_side, heading_rad, segment_m))
 
     def _dominated(self, circle: int, side: int, angle_rad: float, length_m: float) -> bool:
-        """Whether an earlier way stands on the same circle and can go along it to here without being longer."""
+        """Return whether an earlier way on the same circle can reach this angle along it without being longer."""
         for other in self._on.get((circle, side), ()):
             sweep_rad = (side * (angle_rad - other.angle_rad)) % math.tau
             if sweep_rad > math.tau - FULL_TURN_RAD:
@@ -127,7 +130,10 @@ class Search:
 
 
 def chains(scene: Scene, via: tuple[tuple[int, int], ...]) -> list[list[State]]:
-    """Return the ways over given circles, from each start, with the first of them or without; the shortest first."""
+    """Return the ways along given circles, (index, side) in order, from each start to the goal, shortest first.
+
+    Where the first circle may have been passed already, the way without it is among them.
+    """
     nodes = [*via, (scene.circles.goal_node, 1)]
     between = [scene.circles.tangent(*first, *second) for first, second in itertools.pairwise(nodes)]
     ways = []
@@ -148,7 +154,7 @@ def _length_m(chain: list[State]) -> float:
 
 
 def _arc_rad(chain: list[State], node: tuple[int, int]) -> float:
-    """Return how far a way goes along a circle that is its first or second."""
+    """Return the sweep (rad) of a way along a circle, given as (index, side), that is its first or second."""
     index = 0 if (chain[0].circle, chain[0].side) == node else 1
     return sweep_rad_of(chain[index], chain[index + 1].heading_rad)
 
@@ -156,7 +162,7 @@ def _arc_rad(chain: list[State], node: tuple[int, int]) -> float:
 def _chain(
     scene: Scene, start: State, nodes: list[tuple[int, int]], between: list[tuple[float, float] | None]
 ) -> list[State] | None:
-    """Return the states of the way from a start over circles, given the tangents between these; None if one lacks."""
+    """Return the states of the way from a start along circles with given tangents; None where a tangent is missing."""
     if nodes[0] == (start.circle, start.side):
         nodes, legs = nodes[1:], between
     else:
@@ -177,7 +183,7 @@ def _chain(
 
 
 def chain_free(scene: Scene, chain: list[State]) -> bool:
-    """Whether no disc is entered on a way: every segment and every arc against every disc at once."""
+    """Return whether a way enters no disc; checks every segment and every arc against every disc at once."""
     circles = scene.circles
     if not circles.goal_node:
         return True
@@ -206,7 +212,7 @@ def chain_free(scene: Scene, chain: list[State]) -> bool:
         return False
     if not centre:
         return True
-    # A disc is nearest to an arc on its own bearing, or else at an end of the arc, where a segment was looked at.
+    # The point of an arc nearest to a disc is on the disc's bearing, or an end of the arc, which a segment covered.
     gap_m = np.abs(offset[segments:])
     off_m = gap_m - np.array(reach_m)[:, np.newaxis]
     near = off_m * off_m < scene.entered_m2

@@ -1,6 +1,7 @@
-"""Published methods that the arena flies beside our laws: the same picture, the same turn limit, a heading each.
+"""Published methods that the arena flies beside our laws: each sees the same picture and commands a heading.
 
-See docs/peers.md for what was implemented, with which parameters, and where each is disadvantaged here.
+The same turn limit applies to all. See docs/peers.md for what was implemented, with which parameters, and where each
+method is at a disadvantage here.
 """
 
 from __future__ import annotations
@@ -23,4 +24,4 @@ PEERS: dict[str, Callable[[LawSettings], SteeringLaw]] = {
     "horizon": RecedingHorizon,
 }
 SLOW: frozenset[str] = frozenset({"horizon"})
-"""Those that take tens of milliseconds for some decisions: they fly fewer missions."""
+"""Methods that take tens of milliseconds for some decisions; they fly fewer missions."""

@@ -1,6 +1,6 @@
 """Artificial potential field (Khatib 1986, Int. J. Robotics Research 5(1)): the oldest reactive method, as a baseline.
 
-The target attracts, every disc nearer than an influence distance repels, and the vehicle heads along the sum.
+The target attracts the vehicle, every disc nearer than an influence distance d0 repels it, and it heads along the sum.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from companion.guidance.view import View
 from sim.arena.peers.surroundings import discs_foreseen, distances_m, goal_of, scale_of
 
 INFLUENCE_TURN_RADII = 2.0
-"""d0 in turn radii: a vehicle turned back at d0 has room for its half circle."""
+"""Influence distance d0 in turn radii: a vehicle turned back at d0 has room for its half circle."""
 BALANCE_SHARE = 0.5
-"""Of d0: where the repulsion of one disc is as strong as the attraction; gives the gain eta."""
+"""Distance, as a share of d0, at which the repulsion of one disc equals the attraction; it gives the gain eta."""
 NEAREST_SHARE = 0.01
-"""Of d0: the repulsion grows no further than here, inside a disc either."""
+"""Distance from a disc's edge, as a share of d0, below which the repulsion grows no further, nor inside the disc."""
 
 
 class PotentialField:
-    """Conic attraction, quadratic near the target; Khatib's repulsion from the edge of every disc."""
+    """Conic attraction, quadratic near the target, and Khatib's repulsion from the edge of every disc."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class PotentialField:
         )
 
     def _repulsion(self, motion: Motion, view: View) -> np.ndarray:  # (2,), attraction = 1
-        """Return sum of eta (1/rho - 1/d0) / rho^2 away from each disc, rho being the distance to its edge."""
+        """Return the sum of eta (1/rho - 1/d0) / rho^2 away from each disc, where rho is the distance to its edge."""
         discs = discs_foreseen(view, motion, self._scale)
         offset_m, apart_m = distances_m(discs, motion.position_ned_m)
         edge_m = np.maximum(apart_m - discs.radius_m, NEAREST_SHARE * self._influence_m)

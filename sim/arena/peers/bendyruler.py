@@ -1,8 +1,8 @@
 """BendyRuler, ArduPilot's path planning around obstacles, after the description that its wiki publishes.
 
-It probes straight rays in many directions, takes the one nearest to the target's bearing that is open for the
-look-ahead and from whose end a second ray is open too, and resists large changes of a bearing once chosen. Written anew
-for one-way pictures; a planner for copters and rovers, which can stop.
+It probes straight rays in many directions, and takes the one nearest to the target's bearing that is open over the
+look-ahead and from whose end a second ray is open too. It resists large changes of a bearing once chosen. The code is
+written anew, for pictures of one-way broadcasts. The original is a planner for copters and rovers, which can stop.
 """
 
 from __future__ import annotations
@@ -20,22 +20,23 @@ from sim.arena.peers.surroundings import Discs, discs_foreseen, goal_of, heading
 BEARING_STEP_RAD = math.radians(5.0)
 GREATEST_BEARING_RAD = math.radians(170.0)
 SECOND_BEARINGS_RAD = np.radians([0.0, 45.0, -45.0])
-"""Of the second ray, off the bearing of the target from the end of the first."""
+"""Bearings of the second ray, relative to the bearing of the target from the end of the first ray."""
 LOOK_AHEAD_TURN_RADII = 8.0
-"""OA_BR_LOOKAHEAD, scaled: it shall show obstacles early enough to turn away from them."""
+"""ArduPilot's OA_BR_LOOKAHEAD in turn radii: it must show obstacles early enough to turn away from them."""
 MARGIN_TURN_RADII = 0.0
-"""OA_MARGIN_MAX beyond the margin common to all methods, scaled."""
+"""ArduPilot's OA_MARGIN_MAX in turn radii, added to the margin common to all methods."""
 CHANGE_RAD = math.radians(75.0)
-"""OA_BR_CONT_ANGLE: a change of more than this..."""
+"""ArduPilot's OA_BR_CONT_ANGLE: a change of bearing by more than this must be justified by CHANGE_RATIO."""
 CHANGE_RATIO = 1.5
-"""...needs this many times the margin of the bearing held so far (OA_BR_CONT_RATIO)."""
+"""ArduPilot's OA_BR_CONT_RATIO: a new bearing after a large change needs this many times the margin of the held one."""
 SHRINK, GROW, LEAST_SHARE = 0.9, 1.1, 0.5
-"""The look-ahead while nothing is open shrinks to a share, and grows again after it."""
+"""Factors of the look-ahead: it shrinks at each step while nothing is open, down to a least share of its full length,
+and grows again at each step after that."""
 _TIE_M = 1e-6
 
 
 def _offsets_rad() -> np.ndarray:  # (B,) rad
-    """Return the bearings to try off the target's: the nearest first, left before right."""
+    """Return the bearings to try, relative to the target's: the nearest first, left before right."""
     sides = BEARING_STEP_RAD * np.arange(1, round(GREATEST_BEARING_RAD / BEARING_STEP_RAD) + 1)
     return np.concatenate(([0.0], np.column_stack((-sides, sides)).ravel()))
 
@@ -44,7 +45,7 @@ OFFSETS_RAD = _offsets_rad()
 
 
 class BendyRuler:
-    """Plans anew at every guidance step; the original does once a second."""
+    """Plans anew at every guidance step; ArduPilot does so once a second."""
 
     def __init__(
         self,
@@ -78,7 +79,7 @@ class BendyRuler:
     def _choose(
         self, discs: Discs, task: Task, motion: Motion, goal_rad: float, ahead_m: float
     ) -> tuple[float, float, bool]:
-        """Return the bearing, the margin on its first ray, m, and whether it is one that obstacles dictate."""
+        """Return the bearing, the margin on its first ray in m, and whether it differs from the target's bearing."""
         bearings_rad = goal_rad + OFFSETS_RAD
         here = np.array(motion.position_ned_m)
         ends_m = here + ahead_m * np.column_stack((np.cos(bearings_rad), np.sin(bearings_rad)))
@@ -104,7 +105,7 @@ class BendyRuler:
         return opened
 
     def _resist(self, discs: Discs, motion: Motion, bearing_rad: float, margin_m: float, ahead_m: float) -> float:
-        """Return the bearing held so far instead of a very different one that is not much more open."""
+        """Return the bearing held so far in place of a very different one that is not much more open."""
         if self._held_rad is None or abs(math.remainder(bearing_rad - self._held_rad, math.tau)) <= CHANGE_RAD:
             return bearing_rad
         here = np.array([motion.position_ned_m])

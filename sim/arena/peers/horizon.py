@@ -1,7 +1,7 @@
 """Receding-horizon planning: BIT* (Gammell, Srinivasa & Barfoot 2015, ICRA) of OMPL, anew every two seconds.
 
-The planner knows the whole way to the target, as our route does, but searches it by sampling the plane; the turn limit
-is not in its plan. Between plans the vehicle heads for the farthest point of the last plan that it sees.
+The planner knows the whole path to the target, as our route does, but searches for it by sampling the plane; its plan
+ignores the turn limit. Between plans the vehicle heads for the farthest point of the last plan in its line of sight.
 """
 
 from __future__ import annotations
@@ -30,20 +30,24 @@ from sim.arena.peers.surroundings import (
 )
 
 REPLAN_S = 2.0
-"""As often a plan is made."""
+"""Time between two plans."""
 ITERATIONS = 3000
-"""Of BIT*: 23 to 76 ms with 14 to 60 discs. A budget in iterations gives the same plan on every machine."""
+"""Iterations of BIT* for one plan: 23 to 76 ms with 14 to 60 discs. A budget in iterations gives the same plan on every
+machine."""
 CLEARANCE_TURN_RADII = 0.1
-"""The plan keeps this much more from the discs than the common margin, for corners that the vehicle cannot turn."""
+"""Distance in turn radii that the plan keeps from the discs beyond the common margin, because the vehicle cannot turn
+at its corners."""
 NEAR_SHARE = 0.999
-"""A disc about the vehicle itself is planned with as this share of the distance of its centre."""
+"""Greatest radius of a disc in a plan, as a share of the distance from the vehicle to the disc's centre, so that the
+vehicle is never inside."""
 BOX_SHARE = 1.5
-"""The sampled box reaches this many greatest radii beyond vehicle, target and discs."""
+"""Distance by which the sampled box reaches beyond vehicle, target and centres of discs, in radii of the largest
+disc."""
 SEED = 1
 
 
 class RecedingHorizon:
-    """Plans are the same for the same inputs: the sampler is seeded before each."""
+    """Follows plans that are the same for the same inputs, because the sampler is seeded before each."""
 
     def __init__(
         self, settings: LawSettings, clearance_turn_radii: float = CLEARANCE_TURN_RADII, iterations: int = ITERATIONS
@@ -72,7 +76,7 @@ class RecedingHorizon:
         return SteeringDemand(heading_for(self._follow(motion, discs), goal_of(task, motion)[0]))
 
     def _plan(self, task: Task, motion: Motion, discs: Discs) -> None:
-        """Plan from here; the last plan stays where there is no new one."""
+        """Plan from the vehicle's position; keep the last plan where no new one is found."""
         swept = self._swept(discs)
         apart_m = distances_m(swept, motion.position_ned_m)[1]
         radius_m = np.minimum(swept.radius_m + self._clearance_m, NEAR_SHARE * apart_m)
@@ -87,9 +91,9 @@ class RecedingHorizon:
             self._way_ned_m = way_ned_m
 
     def _swept(self, discs: Discs) -> Discs:
-        """Return the discs and once more those that move, where they will be when the vehicle has passed them.
+        """Return the discs, and a second time those that move, where they will be when the vehicle has passed them.
 
-        Each is as much larger as it may move before the next plan.
+        Each disc is enlarged by the distance that it may move before the next plan.
         """
         moving = discs.velocity_m_s.any(axis=1)
         radius_m = discs.radius_m + REPLAN_S * np.hypot(discs.velocity_m_s[:, 0], discs.velocity_m_s[:, 1])
@@ -103,7 +107,7 @@ class RecedingHorizon:
         )
 
     def _follow(self, motion: Motion, discs: Discs) -> float:
-        """Return the heading of the farthest point of the way in sight, and forget those before it."""
+        """Return the heading of the farthest visible point of the path, and drop the points before it."""
         here_m = np.broadcast_to(np.array(motion.position_ned_m), self._way_ned_m.shape)
         visible = np.flatnonzero(ray_margins_m(discs, here_m, self._way_ned_m) >= 0.0)
         if visible.size:
@@ -115,7 +119,7 @@ class RecedingHorizon:
 
 
 def check_installed() -> None:
-    """Raise InputError if the library that plans is not installed."""
+    """Raise InputError if OMPL, the library that plans, is not installed."""
     _ompl("base")
 
 
@@ -147,7 +151,7 @@ class BatchPlanner:
         radius_m: np.ndarray,  # (D,) m
         seed: int,
     ) -> np.ndarray:  # (W, 2) m
-        """Return the corners of the way after the start, the goal last; none if none was found."""
+        """Return the corners of the path after the start, the goal last; no corners if no path was found."""
         discs = [(*centre, radius**2) for centre, radius in zip(centres_ned_m.tolist(), radius_m.tolist(), strict=True)]
         if not _clear(discs, *goal_ned_m, *goal_ned_m):
             return np.zeros((0, 2))
@@ -206,10 +210,10 @@ class BatchPlanner:
 
 
 def _motion_validator(base: ModuleType) -> Callable[[object, list[tuple[float, float, float]]], object]:
-    """Return the class of the motion test; its parent is known only once OMPL is loaded."""
+    """Return the class of the motion test, whose parent class is known only once OMPL is loaded."""
 
     class Straight(base.MotionValidator):  # type: ignore[misc, name-defined]
-        """A straight motion is valid if it keeps out of every disc."""
+        """Accepts a straight motion if it keeps out of every disc."""
 
         def __init__(self, information: object, discs: list[tuple[float, float, float]]) -> None:
             super().__init__(information)
@@ -226,7 +230,8 @@ def _clear(
 ) -> bool:
     """Return whether a straight motion keeps out of discs (north m, east m, radius squared m^2).
 
-    Plain floats: called some hundreds of times a plan, each time with a few tens of discs, where arrays cost more.
+    It computes with plain floats: it is called some hundreds of times a plan, each time with a few tens of discs, where
+    arrays cost more.
     """
     along_north_m, along_east_m = to_north_m - north_m, to_east_m - east_m
     length2_m2 = along_north_m**2 + along_east_m**2

@@ -1,7 +1,8 @@
 """Optimal reciprocal collision avoidance, ORCA (van den Berg, Guy, Lin & Manocha 2011, Robotics Research, STAR 70).
 
-Every other agent permits a half plane of velocities, half the change being ours to make; every threat one with the
-whole change. The vehicle keeps its speed, so the velocities to choose from are a circle, not the paper's disc.
+Every other agent and every threat permits a half plane of velocities. Towards an agent the vehicle makes half of the
+change of velocity that is needed, towards a threat the whole. The vehicle keeps its speed, so the velocities to choose
+from are a circle, not the paper's disc.
 """
 
 from __future__ import annotations
@@ -26,11 +27,12 @@ from sim.arena.peers.surroundings import (
 )
 
 AGENT_HORIZON_S = 10.0
-"""tau towards agents."""
+"""Time horizon tau towards other agents."""
 THREAT_HORIZON_TURN_RADII = 3.0
-"""tau towards threats, as the turn radii flown in it (the paper's tau for static obstacles is a time too)."""
+"""Time horizon tau towards threats, as the number of turn radii flown in it."""
 TRACKING_SHARE = 0.1
-"""Of the turn radius: added to every radius, since a course is not changed at once (NH-ORCA adds a tracking error)."""
+"""Share of the turn radius that is added to every disc's radius, because a course is not changed at once (NH-ORCA adds
+a tracking error)."""
 RECIPROCAL_SHARE, WHOLE_SHARE = 0.5, 1.0
 _TOLERANCE_M_S = 1e-6
 _LENGTH_M_S = 1e-9
@@ -38,7 +40,7 @@ _GRID_RAD = np.radians(np.arange(360.0))
 
 
 class ReciprocalAvoidance:
-    """Has no memory: what it does follows from positions and velocities."""
+    """Steers by the present positions and velocities alone, without memory."""
 
     def __init__(
         self,
@@ -63,7 +65,7 @@ class ReciprocalAvoidance:
         return SteeringDemand(heading_for(nearest_heading_rad(goal_rad, normals, least_m_s, self._scale), distance_m))
 
     def _half_planes(self, discs: Discs, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return normals (D, 2) and least components along them (D,) m/s of the permitted velocities."""
+        """Return the half planes of permitted velocities: normals (D, 2) and least components along them (D,) m/s."""
         ours_m_s = motion.speed_m_s * np.array([math.cos(motion.heading_rad), math.sin(motion.heading_rad)])
         is_threat = np.arange(len(discs.radius_m)) < discs.threats
         horizon_s = np.where(is_threat, self._threat_horizon_s, self._agent_horizon_s)
@@ -83,10 +85,10 @@ def leave_velocity_obstacle(
     horizon_s: np.ndarray,  # (D,) s
     step_s: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the outward normals (D, 2) of the velocity obstacles at their edges' nearest points, and the way there.
+    """Return the outward normals (D, 2) of the velocity obstacles at their edges' nearest points, and distances.
 
-    The way (D,) in m/s is positive where the relative velocity lies in the obstacle (u of the paper, along n). An
-    obstacle that is already too near is to be left within a step.
+    The distance (D,) to that point in m/s is positive where the relative velocity lies in the obstacle (u of the paper,
+    along n). An obstacle whose disc the vehicle is already in is to be left within a step.
     """
     inside = apart_m <= radius_m
     cut_s = np.where(inside, step_s, horizon_s)
@@ -115,7 +117,7 @@ def nearest_heading_rad(
 ) -> float:
     """Return the heading nearest to the goal's whose velocity every half plane permits.
 
-    If there is none, the one whose greatest violation is least (the paper's "safest possible" velocity).
+    If there is none, it is the heading whose greatest violation is least (the paper's "safest possible" velocity).
     """
     normal_rad = np.arctan2(normals[:, 1], normals[:, 0])
     cuts = np.abs(least_m_s) < scale.speed_m_s
@@ -135,7 +137,7 @@ def _violation_m_s(
     least_m_s: np.ndarray,  # (D,) m/s
     scale: Scale,
 ) -> np.ndarray:  # (H,) m/s
-    """Return by how much each heading's velocity misses the half plane that it misses most."""
+    """Return by how much the velocity of each heading misses the half plane that it misses most."""
     reached_m_s = scale.speed_m_s * np.cos(headings_rad[:, np.newaxis] - normal_rad)
     worst_m_s: np.ndarray = (least_m_s - reached_m_s).max(axis=1, initial=-math.inf)
     return worst_m_s

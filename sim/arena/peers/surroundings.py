@@ -1,7 +1,7 @@
-"""What the published methods steer among, taken from the same picture as our laws' (`companion.guidance.view.View`).
+"""The discs that the published methods steer among, from the picture that our laws have too (`guidance.view.View`).
 
-None of the methods knows of old reports: here a threat becomes a disc that holds it now, and another agent becomes a
-disc of the separation to keep.
+None of the methods takes the age of a report into account: here a threat becomes a disc that holds it now, and another
+agent becomes a disc of the separation to keep.
 """
 
 from __future__ import annotations
@@ -19,36 +19,37 @@ from companion.guidance.steering import SteeringVector
 from companion.guidance.view import View
 
 _NEAREST_M = 1e-6
-"""Distances are not taken as less than this, so that nothing divides by zero."""
+"""Least distance that is used in a division, so that nothing divides by zero."""
 
 
 @dataclass(frozen=True)
 class Discs:
-    """Moving discs to keep out of, the margin included: the threats, and after them the other agents."""
+    """Moving discs to keep out of, the margin included: first the threats, then the other agents."""
 
     centres_ned_m: np.ndarray  # (D, 2) m, now
     radius_m: np.ndarray  # (D,) m
     velocity_m_s: np.ndarray  # (D, 2) m/s
     threats: int
-    """How many of them are threats."""
+    """Number of the discs that are threats."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Lengths of a vehicle that the methods' parameters are scaled with."""
+    """Lengths of a vehicle by which the methods' parameters are scaled."""
 
     speed_m_s: float
     step_m: float
-    """Flown in a guidance step."""
+    """Distance flown in a guidance step."""
     turn_radius_m: float
-    """At the least turn rate and the greatest ground speed that the configuration allows for, as in RoutedLaw."""
+    """Turn radius at the least turn rate and the greatest ground speed that the configuration allows for, as in
+    RoutedLaw."""
     margin_m: float
-    """What every method is given outside the discs: that of our route."""
+    """Margin outside the discs that every method is given: that of our route."""
     separation_m: float
 
 
 def scale_of(settings: LawSettings) -> Scale:
-    """Return the lengths that a configuration implies."""
+    """Return the lengths that a law's settings imply."""
     limits = settings.limits
     step_m = limits.speed_m_s * settings.guidance_step_s
     ground_m_s = limits.speed_m_s + limits.wind_m_s
@@ -63,10 +64,11 @@ def scale_of(settings: LawSettings) -> Scale:
 
 
 def discs_around(view: View, scale: Scale) -> Discs:
-    """Return the discs that hold the threats now, and those of the agents.
+    """Return the discs that hold the threats now, and those of the other agents.
 
-    A threat has gone on with the velocity it was last heard of with; what it may have done beyond that, up to its
-    bound, stays in the radius. Agents that the own detector does not see are taken as standing where they are reckoned.
+    A threat is taken to have flown on with its last reported velocity; how far it may be from there, within its speed
+    bound, stays in the radius. Agents that the vehicle's own detector does not see are taken to stand still where dead
+    reckoning has them.
     """
     heard_m_s = np.hypot(view.threat_velocity_m_s[:, 0], view.threat_velocity_m_s[:, 1])
     explained_m = np.minimum(heard_m_s, view.threat_speed_m_s) * view.threat_age_s
@@ -88,9 +90,10 @@ def discs_around(view: View, scale: Scale) -> Discs:
 
 
 def discs_foreseen(view: View, motion: Motion, scale: Scale) -> Discs:
-    """Return the discs each where it will be when the vehicle could be at it.
+    """Return each disc where it will be when the vehicle could be there.
 
-    As our route foresees them (`foreseen` in guidance/laws.py), for methods that know only of standing obstacles.
+    They are predicted as our route predicts them (`foreseen` in guidance/laws.py), for methods that know only of
+    obstacles that stand still.
     """
     discs = discs_around(view, scale)
     gap_m = distances_m(discs, motion.position_ned_m)[1] - discs.radius_m
@@ -105,18 +108,18 @@ def distances_m(discs: Discs, position_ned_m: tuple[float, float]) -> tuple[np.n
 
 
 def goal_of(task: Task, motion: Motion) -> tuple[float, float]:
-    """Return the distance to where the vehicle is to be, m, and the bearing, rad."""
+    """Return the distance in m and the bearing in rad to the place where the vehicle is to be."""
     north_m, east_m = task.place_ned_m[0] - motion.north_m, task.place_ned_m[1] - motion.east_m
     return math.hypot(north_m, east_m), math.atan2(east_m, north_m)
 
 
 def heading_for(heading_rad: float, strength_m: float) -> SteeringVector:
-    """Return the pull along a heading, as strong as the way that is left."""
+    """Return the steering vector along a heading, as long as the distance left."""
     return SteeringVector(strength_m * math.cos(heading_rad), strength_m * math.sin(heading_rad))
 
 
 def wrapped(angle_rad: np.ndarray) -> np.ndarray:  # (...) rad
-    """Return angles in [-pi, pi)."""
+    """Return angles wrapped to [-pi, pi)."""
     turned: np.ndarray = (angle_rad + math.pi) % math.tau - math.pi
     return turned
 

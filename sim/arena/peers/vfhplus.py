@@ -1,7 +1,7 @@
 """VFH+ (Ulrich & Borenstein 1998, ICRA): the vector field histogram with the vehicle's size and turning circles.
 
-The discs block sectors about the vehicle; sectors that its turning circles cannot reach are blocked too; among the
-openings that are left, the candidate of least cost is taken.
+The discs block sectors of direction about the vehicle, and so do their overlaps with its turning circles; among the
+openings that are left, the candidate direction of least cost is taken.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from companion.guidance.view import View
 from sim.arena.peers.surroundings import Discs, discs_foreseen, distances_m, goal_of, heading_for, scale_of, wrapped
 
 SECTORS = 72
-"""The paper's angular resolution of 5 degrees."""
+"""Number of sectors, at the paper's angular resolution of 5 degrees."""
 SECTOR_RAD = math.tau / SECTORS
 WIDE_SECTORS = 8
-"""s_max: an opening of more sectors is wide, and its sides are candidates."""
+"""The paper's s_max: an opening of more sectors is wide, and both its sides give candidates."""
 GOAL_COST, HEADING_COST, PREVIOUS_COST = 5.0, 2.0, 2.0
-"""mu_1, mu_2, mu_3 of the paper, for a robot that is to reach a goal."""
+"""The paper's mu_1, mu_2, mu_3, for a robot that is to reach a goal."""
 BLOCKED_ABOVE, FREE_BELOW = 0.10, 0.05
-"""tau_high and tau_low for magnitudes that fall from 1 at the disc's edge to 0 at the window's."""
+"""The paper's tau_high and tau_low, for magnitudes that fall from 1 at a disc's edge to 0 at the window's."""
 WINDOW_TURN_RADII = 8.0
-"""Active window, in turn radii."""
+"""Radius of the active window, in turn radii."""
 _ARC_RAD = math.radians(5.0) * np.arange(1, 37)
-"""Turns at which the turning circles are tested, up to half a circle."""
+"""Turns at which the turning circles are tested for a disc, up to half a circle."""
 
 
 class VectorFieldHistogram:
-    """Remembers the binary histogram and the direction chosen last, as the method does."""
+    """Steers by VFH+, whose memory is the binary histogram and the direction chosen last."""
 
     def __init__(
         self, settings: LawSettings, window_turn_radii: float = WINDOW_TURN_RADII, wide_sectors: int = WIDE_SECTORS
@@ -64,7 +64,7 @@ class VectorFieldHistogram:
         return SteeringDemand(heading_for(chosen_rad, distance_m))
 
     def _binary(self, discs: Discs, motion: Motion, window_m: float) -> np.ndarray:  # (SECTORS,)
-        """Return the binary polar histogram: blocked, free, or as before in between."""
+        """Return the binary polar histogram: True where blocked; between the thresholds a sector stays as it was."""
         offset_m, apart_m = distances_m(discs, motion.position_ned_m)
         edge_m = np.maximum(apart_m - discs.radius_m, 0.0)
         magnitude = np.maximum(0.0, 1.0 - (edge_m / window_m) ** 2)
@@ -77,7 +77,7 @@ class VectorFieldHistogram:
         return held
 
     def _reach(self, discs: Discs, motion: Motion) -> tuple[float, float]:
-        """Return how far the vehicle can turn left and right before its turning circle meets a disc, rad."""
+        """Return how far in rad the vehicle can turn left and right before its turning circle meets a disc."""
         radius_m = self._scale.turn_radius_m
         ahead_m, aside_m = radius_m * np.sin(_ARC_RAD), radius_m * (1.0 - np.cos(_ARC_RAD))
         reach_rad = []
@@ -108,15 +108,15 @@ class VectorFieldHistogram:
 
 
 def sector_headings_rad() -> np.ndarray:  # (SECTORS,) rad
-    """Return the headings of the sectors' middles."""
+    """Return the headings of the middles of the sectors."""
     return SECTOR_RAD * np.arange(SECTORS)
 
 
 def candidates_rad(masked: np.ndarray, goal_rad: float, wide_sectors: int) -> list[float]:
-    """Return the candidate directions of the openings between masked sectors (SECTORS,).
+    """Return the candidate directions in rad of the openings between masked sectors (SECTORS,).
 
-    The middle of a narrow opening; of a wide one a direction half of `wide_sectors` inside each edge, and the goal's
-    own if it lies between them.
+    A narrow opening gives its middle; a wide one gives a direction half of `wide_sectors` inside each edge, and the
+    goal's own if it lies between them.
     """
     if masked.all():
         return []

@@ -1,4 +1,4 @@
-"""A vehicle as the guard assumes it, reaction and wind included, and the scenes that the guard's tests share."""
+"""A vehicle that behaves as the guard assumes, reaction and wind included, and the scenes of the guard's tests."""
 
 from __future__ import annotations
 
@@ -30,10 +30,11 @@ G_M_S2 = 9.80665
 BAD = [math.nan, math.inf, -math.inf]
 
 HAIR = 1e-8
-"""Far under the guard's own rounding allowance of 1e-6 m, far over what doubles lose here."""
+"""Length between just allowed and just refused: far below the guard's own rounding allowance of 1e-6 m, far above the
+rounding errors here."""
 
 PLANE = Limits(20.0, 20.0, 1.0, 50.0, 120.0)
-"""Cannot stop; its turning circle is 40.8 m, its step 10 m."""
+"""Limits of a vehicle that cannot stop; its turning radius is 40.8 m, its step 10 m."""
 
 COPTER = Limits(0.0, 20.0, 1.0, 50.0, 120.0, braking_m_s2=2.0)
 
@@ -49,7 +50,7 @@ SPARE_M = 1e-6
 
 
 def discs(*entries: tuple[float, float, float], speed_m_s: float = 0.0) -> Discs:
-    """Return discs of (north, east, radius), all with one speed."""
+    """Return discs of (north, east, radius) in m, all with one speed."""
     table = np.array(entries, dtype=float).reshape(-1, 3)
     return Discs(table[:, :2], table[:, 2], np.full(len(table), speed_m_s))
 
@@ -58,7 +59,7 @@ NOTHING = discs()
 
 
 def check(wanted: Setpoint, motion: Motion, around: Discs, limits: Limits, dt_s: float = DT_S) -> Verdict:
-    """Return what a guard that was asked nothing before says."""
+    """Return the verdict of a new guard on a setpoint."""
     return Guard(limits).check(wanted, motion, around, 0.0, dt_s)
 
 
@@ -85,17 +86,17 @@ def calm(_t_s: float) -> tuple[float, float]:
 
 @dataclass
 class Vehicle:
-    """Obeys a setpoint after the reaction time; the air carries it, and it crabs to hold its course against that.
+    """A vehicle that obeys a setpoint after the reaction time, drifts with the wind, and crabs to hold its course.
 
-    It turns at the rate of the greater of its speeds before and after. One that can stop slows at its braking; any
-    other speed is there at once.
+    It turns at the rate of the greater of its speeds before and after the setpoint. A vehicle that can stop slows down
+    at its braking; any other change of speed is immediate.
     """
 
     start: Motion
     limits: Limits
     wind: Callable[[float], tuple[float, float]] = calm
     share: float = 1.0
-    """Of the turn rate that the guard was told."""
+    """Share of the guard's assumed turn rate at which the vehicle turns."""
     t_s: float = 0.0
     coming: list[tuple[float, Setpoint]] = field(default_factory=list)
 
@@ -123,7 +124,7 @@ class Vehicle:
         self.coming.append((self.limits.reaction_s, setpoint))
 
     def fly(self, dt_s: float) -> np.ndarray:  # (MOMENTS, 2) m
-        """Fly on, and return where it was at evenly spaced moments."""
+        """Fly for `dt_s`, and return the positions at evenly spaced moments."""
         places = []
         for _ in range(MOMENTS):
             left_s = dt_s / MOMENTS
@@ -179,7 +180,7 @@ def gusts(rng: np.random.Generator, bound_m_s: float) -> Callable[[float], tuple
 
 
 def apart_m(places: np.ndarray, scene: Discs) -> float:
-    """Return the least distance from the edge of a disc."""
+    """Return the least distance of any place from the edge of a disc, in m."""
     away = places[:, None, :] - scene.centres_ned_m
     return float(np.min(np.hypot(away[..., 0], away[..., 1]) - scene.radii_m, initial=math.inf))
 
@@ -187,18 +188,18 @@ def apart_m(places: np.ndarray, scene: Discs) -> float:
 def assert_refused_from(
     edge_m: float, scene: Callable[[float], Verdict], reason: str = KEEP_OUT, hair_m: float = HAIR
 ) -> None:
-    """Assert that a scene of one growing length is accepted up to an edge and refused beyond it for the reason."""
+    """Assert that a scene of variable length is accepted below an edge and refused for the reason above it."""
     assert scene(edge_m - hair_m).changes == ()
     assert scene(edge_m + hair_m).changes[:1] == (reason,)
 
 
 def lone(north_m: float, east_m: float, limits: Limits = PLANE, **wanted: float) -> Callable[[float], Verdict]:
-    """Return the verdict on a step northward as a function of the radius of one still disc."""
+    """Return the verdict on a step northward as a function of the radius of a single disc that stands still."""
     return lambda radius_m: check(replace(AHEAD, **wanted), NORTHWARD, discs((north_m, east_m, radius_m)), limits)
 
 
 def box(north_m: float, east_m: float = 1e3) -> tuple[tuple[float, float], ...]:
-    """Return a box that ends this far ahead and to the right of the origin, and far off elsewhere."""
+    """Return a box that ends `north_m` ahead and `east_m` to the right of the origin, and 1 km off elsewhere."""
     return ((-1e3, -1e3), (north_m, -1e3), (north_m, east_m), (-1e3, east_m))
 
 
@@ -213,7 +214,7 @@ PIECES = st.builds(
 
 
 def along(piece: Piece, count: int = 2001) -> np.ndarray:
-    """Return points of a piece by summing its chords: not the guard's own way."""
+    """Return points of a piece by summing its chords, independently of the guard's own method."""
     shares = (np.arange(count - 1) + 0.5) / (count - 1)
     headings_rad = piece.heading_rad + piece.curvature_1_m * piece.length_m * shares
     steps = np.column_stack([np.cos(headings_rad), np.sin(headings_rad)]) * piece.length_m / (count - 1)
@@ -221,7 +222,7 @@ def along(piece: Piece, count: int = 2001) -> np.ndarray:
 
 
 def inside_polygon(places: np.ndarray, fence: Sequence[tuple[float, float]]) -> bool:
-    """Return whether all places are inside, by winding number: not the guard's own way."""
+    """Return whether all places are inside a fence, by winding number, independently of the guard's own method."""
     corners = np.array(fence)[None, :, :] - places[:, None, :]
     ahead = np.roll(corners, -1, axis=1)
     cross = corners[..., 0] * ahead[..., 1] - corners[..., 1] * ahead[..., 0]
@@ -230,7 +231,7 @@ def inside_polygon(places: np.ndarray, fence: Sequence[tuple[float, float]]) -> 
 
 
 def wicked(rng: np.random.Generator, motion: Motion, limits: Limits, at: np.ndarray) -> Setpoint:
-    """Return a setpoint from an adversary that makes for a disc or a place, grazes it, or wants anything at all."""
+    """Return an adversary's setpoint: towards a disc or a place, grazing it, or anything at all, NaN included."""
     kind = rng.integers(7)
     away = at - (motion.north_m, motion.east_m)
     bearing_rad = math.atan2(away[1], away[0])
@@ -255,17 +256,17 @@ class World:
     side_m: float
     discs: int
     radius_m: float
-    """The greatest; the least is a tenth of it."""
+    """Greatest radius of a disc; the least is a tenth of it."""
     threat_share: float = 0.0
-    """Of the vehicle's speed, at which each disc flies straight at the vehicle."""
+    """Speed at which each disc flies straight at the vehicle, as a share of the vehicle's greatest speed."""
     standing: int = 0
-    """So many of the discs stand still all the same."""
+    """Number of discs that stand still all the same."""
 
 
 FLAT_OUT = Limits(30.0, 30.0, 1.0, 50.0, 120.0)
 
 RHO_S = 30.0 / G_M_S2
-"""Radius over speed of FLAT_OUT: how long it takes to turn by a radian."""
+"""Turning radius over speed of FLAT_OUT: the time in which it turns by one radian."""
 
 STAR = ((-700.0, -700.0), (-100.0, 0.0), (-700.0, 700.0), (0.0, 150.0), (700.0, 700.0), (500.0, 0.0), (700.0, -700.0))
 
@@ -296,10 +297,11 @@ WORLDS = {
 
 
 def flown_against(world: World, seed: int, steps: int) -> tuple[int, int, float]:
-    """Fly steps against an adversary in one random scene; return how many were refused, flown, and the least room.
+    """Fly steps against an adversary in one random scene; return the steps refused, the steps flown and the least room.
 
-    Asserts that a path is never lacking, that no assumption is called broken, and that no moment of the flight is
-    inside a disc or outside the fence. None are flown where twenty random starts were not certified.
+    The room is the distance to a disc's edge in m. Asserts that the guard never lacks a path, that it reports no
+    assumption as broken, and that no moment of the flight is inside a disc or outside the fence. No steps are flown
+    where twenty random starts were not certified.
     """
     rng = np.random.default_rng(seed)
     limits = world.limits
@@ -337,7 +339,7 @@ def flown_against(world: World, seed: int, steps: int) -> tuple[int, int, float]
 
 
 def chased(scene: Discs, places: np.ndarray, dt_s: float) -> tuple[Discs, float]:
-    """Return the discs after each flew at the vehicle all the while, and how near the nearest edge came."""
+    """Return the discs after each chased the vehicle along its places, and how near the nearest edge came, in m."""
     centres, room_m = scene.centres_ned_m, math.inf
     for place in places:
         towards = place - centres
@@ -349,7 +351,7 @@ def chased(scene: Discs, places: np.ndarray, dt_s: float) -> tuple[Discs, float]
 
 
 def assert_hangs_together(path: Path | None) -> None:
-    """Assert that each piece of a path begins where the one before it ends, and its loop where the loop ends."""
+    """Assert that each piece of a path begins where the one before it ends, and that its loop closes."""
     if path is None:
         return
     after = [*path.pieces[1:], *path.pieces[len(path.pieces) - path.loops :][: path.loops and 1]]

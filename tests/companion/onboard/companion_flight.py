@@ -1,4 +1,4 @@
-"""A companion, and what the world tells it: real frames, and the setpoints and reasons that come of them."""
+"""A companion under test: real frames go in; decisions, setpoints and reasons come out."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ CONFIG = Config(
 
 
 class ObedientCopter(ArduCopterAdapter):
-    """A copter without limits or lag of its own, so that what comes out is the core's doing."""
+    """An ArduCopter adapter without limits or lag of its own, so that the setpoints show the companion's doing."""
 
     wanted = ()
     rates_hz: dict[int, float] = {}
@@ -62,7 +62,7 @@ class ObedientCopter(ArduCopterAdapter):
 
 
 class ObedientPx4(Px4CopterAdapter):
-    """The same, which begins to obey again by itself when a stream of setpoints comes back."""
+    """A PX4 adapter without limits or lag, whose vehicle obeys again by itself when setpoints come back."""
 
     wanted = ()
     rates_hz: dict[int, float] = {}
@@ -80,11 +80,11 @@ def adapter_of(kind: str) -> LinkedAdapter:
 
 
 KINDS = ("arducopter", "kinematic")
-"""One that can stop, and one that cannot."""
+"""A kind of autopilot that can stop, and one that cannot."""
 
 
 class Flight:
-    """A companion, and what the world tells it."""
+    """A companion whose autopilot and broadcast the test plays."""
 
     def __init__(self, config: Config = CONFIG, kind: str = "arducopter", was: State = State.WAITING) -> None:
         adapter = adapter_of(kind)
@@ -100,7 +100,7 @@ class Flight:
     def heartbeat(
         self, base_mode: int = GUIDED, custom_mode: int | None = None, state: int = common.MAV_STATE_ACTIVE
     ) -> None:
-        """Say mode and state; in the guided mode unless told otherwise."""
+        """Send a heartbeat with mode and state; it shows the guided mode unless told otherwise."""
         custom_mode = self.identity.guided_mode if custom_mode is None else custom_mode
         self._modes = (base_mode, custom_mode, state)
         self.tell(
@@ -172,7 +172,7 @@ class Flight:
             self.hear(self._writer.encode(frame))
 
     def bands(self, *bands: BandEntry) -> None:
-        """Tell the heights of the threats of the last broadcast."""
+        """Broadcast the heights of the threats of the last state frame."""
         stamp = Stamp(EPOCH_S, round((self.now_s - EPOCH_S) * 1000), self.sequence)
         self.hear(self._writer.encode(BandsFrame(stamp, bands)))
 
@@ -186,7 +186,7 @@ class Flight:
         address: int = 0xABC,
         above_m: float | None = None,
     ) -> None:
-        """Let the vehicle's own detector see somebody; velocity from true north."""
+        """Let the vehicle's own detector report another vehicle, with a velocity relative to true north."""
         lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
         course_rad, speed_m_s = math.atan2(velocity[1], velocity[0]), math.hypot(*velocity)
         valid = (
@@ -204,7 +204,7 @@ class Flight:
         self.tell(common.MAVLink_adsb_vehicle_message(*place, *motion, callsign, 14, 0, valid, 0))
 
     def tick(self) -> tuple[Decision, common.MAVLink_message | None]:
-        """Return the decision and the setpoint sent with it."""
+        """Let the companion decide; return the decision and the setpoint sent with it, if any."""
         decision, datagrams = self.companion.tick(self.now_s)
         messages = [common.MAVLink(None).parse_buffer(bytearray(datagram))[0] for datagram in datagrams]
         setpoints = [m for m in messages if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
@@ -215,7 +215,7 @@ class Flight:
     def at(
         self, north_m: float = 0.0, east_m: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0), hdg: int = 0
     ) -> tuple[Decision, common.MAVLink_message | None]:
-        """Be at a place and decide."""
+        """Send a position, then let the companion decide."""
         self.position(north_m, east_m, velocity, hdg)
         return self.tick()
 
@@ -233,7 +233,7 @@ class Flight:
 
 
 def guided(config: Config = CONFIG, kind: str = "arducopter") -> Flight:
-    """Return a flight whose vehicle a person has armed, flown and handed over."""
+    """Return a flight whose vehicle the safety pilot has armed, flown and handed over."""
     flight = Flight(config, kind)
     flight.heartbeat()
     flight.position()

@@ -1,7 +1,8 @@
-"""Hostile traffic of every kind, and genuine frames among it: what the CI test and the long benchmark both send.
+"""Hostile traffic of every kind with genuine frames in between, as the CI test and the long benchmark send it.
 
-The forger has heard all that was on the air. Of the keys it has none, except where a kind says otherwise: a captured
-vehicle holds the shared MAVLink key, and a faulty ground station signs nonsense with the right ones.
+The forger has received everything that was on the air. It has none of the keys, except where a kind of datagram says
+otherwise: a captured vehicle holds the shared MAVLink key, and a faulty ground station signs nonsense with the right
+keys.
 """
 
 from __future__ import annotations
@@ -37,23 +38,26 @@ from companion.protocol.mavlink_signing import MavlinkSigner, strip_signature
 
 START_S = 1_800_000_000.0
 STEP_S = 0.001
-"""One datagram each; fast, yet few enough that are worth an Ed25519 check to stay below its bound."""
+"""Time from one datagram to the next; short, but long enough that the rate of datagrams that need an Ed25519 check
+stays below its bound."""
 GENUINE_EVERY = 100
+"""Of this many datagrams one is a genuine frame."""
 LATE_EVERY = 20
+"""Of this many genuine frames one is held back until the next one was sent."""
 TWICE_EVERY = 20
-"""Of the genuine frames, one is held back until the next is through, and another one comes twice."""
+"""Of this many genuine frames one is sent a second time at once."""
 RECENT = 64
-"""Genuine frames that the forger works on."""
+"""Number of the newest genuine frames from which the forger makes its own."""
 ARCHIVE = 512
-"""Old genuine frames that it replays."""
+"""Number of old genuine frames that the forger keeps to replay them."""
 AUTHENTICATIONS = ("mavlink", "ed25519", "both")
-"""The strengths that keep forgers out; "unsigned" is a fourth one that does not."""
+"""Kinds of trust that keep forgers out; the fourth, "unsigned", does not."""
 
 _STAMP = struct.Struct("<III")
 
 
 class Ground:
-    """A ground station's broadcasts, sealed; also what a faulty one might send with the right keys."""
+    """A ground station that signs its broadcasts, and with the right keys also what a faulty one might send."""
 
     def __init__(self, authentication: str, rng: random.Random, epoch_s: int = int(START_S)) -> None:
         self._epoch_s = epoch_s
@@ -70,13 +74,13 @@ class Ground:
         self._sequence = 0
 
     def sealer_with(self, private_key: Ed25519PrivateKey, mavlink_key: bytes) -> FrameSigner:
-        """Return a frame signer of the same strength with other keys."""
+        """Return a frame signer with the same kinds of signature and other keys."""
         return FrameSigner(
             private_key if self.has_ed25519 else None, MavlinkSigner(mavlink_key, 0) if self.has_mavlink else None
         )
 
     def unsealed(self, now_s: float, sequence: int | None = None) -> bytes:
-        """Return the next frame of the broadcast, or one of a given sequence: states, with a motion now and then."""
+        """Return the next broadcast frame, or that of a sequence, unsigned; every fourth is a motion frame."""
         if sequence is None:
             self._sequence += 1
             sequence = self._sequence
@@ -97,12 +101,12 @@ class Ground:
         )
 
     def frame(self, now_s: float) -> bytes:
-        """Return the next genuine frame, ready for the air."""
+        """Return the next genuine frame, signed and ready to be sent."""
         return self.frame_signer.sign(self.unsealed(now_s), now_s)
 
 
 class Forger:
-    """Makes one hostile datagram of any kind."""
+    """Makes hostile datagrams of every kind."""
 
     def __init__(self, ground: Ground, rng: random.Random) -> None:
         self._ground = ground
@@ -114,7 +118,7 @@ class Forger:
         self._wrong = ground.sealer_with(self._stranger, rng.randbytes(32))
         self._captured = MavlinkSigner(ground.mavlink_key, 0) if ground.has_mavlink else None
         self._kinds: dict[str, tuple[int, Callable[[float], bytes]]] = {
-            # Weights: those that cost an Ed25519 check stay below a tenth in all.
+            # Weights: the kinds that cost an Ed25519 check stay below a tenth of the total.
             "random bytes": (12, lambda now_s: rng.randbytes(rng.randrange(1, 300))),
             "random payload, right CRC": (10, self._framed_noise),
             "mutated": (18, self._mutated),
@@ -138,7 +142,7 @@ class Forger:
         self._weights = [weight for weight, _ in self._kinds.values()]
 
     def hear(self, raw: bytes) -> None:
-        """Take note of a frame that was on the air."""
+        """Remember a genuine frame that was on the air."""
         self._recent.append(raw)
         if len(self._archive) < ARCHIVE:
             self._archive.append(raw)
@@ -146,15 +150,15 @@ class Forger:
             self._archive[self._rng.randrange(ARCHIVE)] = raw
 
     def kinds_of(self, count: int) -> list[str]:
-        """Return kinds at random, by their weights."""
+        """Return `count` kinds at random, by their weights."""
         return self._rng.choices(self.kinds, self._weights, k=count)
 
     def datagram(self, kind: str, now_s: float) -> bytes:
-        """Return a datagram of a kind."""
+        """Return a hostile datagram of a kind."""
         return self._kinds[kind][1](now_s)
 
     def _bumped(self, now_s: float) -> bytes:
-        """Return a frame that was heard, stamped newer, without a MAVLink signature and with a right CRC."""
+        """Return a recent frame with a newer stamp, without MAVLink signature and with a right CRC."""
         raw = bytearray(strip_signature(raw_frame(self._rng.choice(self._recent))))
         epoch_s, _, sequence = _STAMP.unpack_from(raw, HEADER_V2_BYTES)
         newer = sequence + self._rng.randrange(1, 1 << 20)
@@ -192,7 +196,10 @@ class Forger:
         return self._wrong.sign(self._unsigned(now_s), now_s)
 
     def _captured_key(self, now_s: float) -> bytes:
-        """Return what a vehicle in wrong hands can make: without Ed25519 it would be genuine, so never that."""
+        """Return a frame that somebody who holds a captured vehicle's keys can make.
+
+        Without Ed25519 such a frame would be genuine, and one with the wrong key is returned instead.
+        """
         if not self._ground.has_ed25519:
             return self._wrong_key(now_s)
         raw = forged_seal(self._bumped(now_s), self._rng.randbytes(ED25519_BYTES))
@@ -214,7 +221,7 @@ class Forger:
         return bytes(raw)
 
     def _out_of_range(self, now_s: float) -> bytes:
-        """Return nonsense with the right keys: fields that no ground station in its right mind would send."""
+        """Return a frame signed with the right keys whose fields no sound ground station would send."""
         number, nonsense = self._rng.choice(NONSENSE)
         payload = bytearray(nonsense)
         epoch_s = int(START_S)
@@ -222,7 +229,7 @@ class Forger:
         return self._right.sign(_frame(number, bytes(payload)), now_s)
 
     def _nan(self, now_s: float) -> bytes:
-        """Return floats that are no numbers, in a message that has floats and in one that has none."""
+        """Return NaN as the payload of a message that has floats, or of one that has none."""
         nan = struct.pack("<f", float("nan"))
         number = self._rng.choice((oneway.MAVLINK_MSG_ID_ONEWAY_DECISION, oneway.MAVLINK_MSG_ID_ONEWAY_FLEET))
         raw = _frame(number, nan * self._rng.randrange(1, 16))
@@ -242,26 +249,26 @@ class Forger:
 
 @dataclass
 class Outcome:
-    """What came of a run."""
+    """The counts of a run."""
 
     sent: Counter[str] = field(default_factory=Counter)
-    """Hostile datagrams by kind."""
+    """Hostile datagrams sent, by kind."""
     genuine: int = 0
-    """Genuine frames sent in their order, once each time."""
+    """Genuine frames sent in their order; a second copy is not counted."""
     accepted: int = 0
-    """Those of them that were accepted."""
+    """Genuine frames that were accepted."""
     forged: int = 0
-    """Accepted frames that were none of them: must be 0."""
+    """Accepted frames that were not genuine; must be 0."""
     late: int = 0
-    """Genuine frames held back until a newer one was through; each must be refused."""
+    """Genuine frames held back until a newer one was sent; each must be refused."""
     twice: int = 0
-    """Genuine frames sent again at once; each copy must be refused."""
+    """Genuine frames sent a second time at once; each copy must be refused."""
     rejected: Counter[str] = field(default_factory=Counter)
-    """By reason, once the run is over."""
+    """Refused datagrams by reason, filled in at the end of the run."""
 
 
 def run(count: int, authentication: str, seed: int, *, is_stream: bool = False) -> Iterator[Outcome]:
-    """Send `count` datagrams to an authenticator and yield the one outcome after every thousandth, and at the end."""
+    """Send `count` datagrams to an authenticator; yield the same outcome after every thousandth and at the end."""
     rng = random.Random(seed)
     ground = Ground(authentication, rng)
     authenticator = Authenticator(ground.trust, is_stream=is_stream, rng=random.Random(seed))
@@ -313,7 +320,7 @@ def run(count: int, authentication: str, seed: int, *, is_stream: bool = False) 
 
 
 def forged_seal(raw: bytes, signature: bytes) -> bytes:
-    """Return an unsigned broadcast frame with any bytes for its Ed25519 signature."""
+    """Return an unsigned broadcast frame with the given bytes in place of its Ed25519 signature."""
     content = raw[HEADER_V2_BYTES:-2][: raw_frame(raw).content_length].ljust(raw_frame(raw).content_length, b"\0")
     return _frame(raw_frame(bytes(raw)).message_id, content + signature, raw[5], raw[6])
 
@@ -325,7 +332,7 @@ def _frame(number: int, payload: bytes, system: int = GROUND_SYSTEM, component: 
 
 
 def _with_crc(raw: bytearray) -> bytes:
-    """Return an unsigned frame whose last two bytes stand for its CRC, with length and CRC made right."""
+    """Return an unsigned frame with right length and CRC; the last two bytes given stand in for the CRC."""
     return _frame(raw_frame(bytes(raw)).message_id, bytes(raw[HEADER_V2_BYTES:-2]), raw[5], raw[6])
 
 
@@ -361,11 +368,12 @@ _FLEET_NONSENSE = (
     _FLEET_HEAD + b"\x04\xff\xff\xff\xff",
     _FLEET_HEAD + b"\xa0",
 )
-"""What stands behind the stamp: no resolution, an unknown directive, a part that is none, sections cut or unknown."""
+"""Payloads behind the stamp: resolution 0, an unknown directive, frame 1 of 1 counted from 0, and sections that are cut
+short or unknown."""
 
 
 def _nonsense() -> tuple[tuple[int, bytes], ...]:
-    """Return message ids and payloads that no ground station in its right mind would send; the stamp is to be set."""
+    """Return message ids and payloads that no sound ground station would send; their stamps are still to be set."""
     ground = Ground("unsigned", random.Random(0))
     states = ((ground.unsealed(START_S, 1), changes) for changes in _STATE_NONSENSE)
     motions = ((ground.unsealed(START_S, 4), changes) for changes in _MOTION_NONSENSE)

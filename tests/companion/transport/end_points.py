@@ -1,4 +1,4 @@
-"""What the tests of end points share: an event loop with a time limit, and waiting for what must come."""
+"""Helpers of the tests of end points: an event loop with a time limit, and waiting for a condition."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ WITHIN_S = 10.0
 
 
 def run(body: Callable[[], Awaitable[None]]) -> None:
-    """Run a test's body; one that hangs fails."""
+    """Run a test's body in an event loop; fail it if it takes longer than WITHIN_S."""
 
     async def within_time() -> None:
         await asyncio.wait_for(body(), WITHIN_S)
@@ -18,7 +18,7 @@ def run(body: Callable[[], Awaitable[None]]) -> None:
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    """Return as soon as the condition holds, which must be within about two seconds."""
+    """Return as soon as the condition holds; fail if it does not within about two seconds."""
     for _ in range(1000):
         if condition():
             return

@@ -1,4 +1,4 @@
-"""A person with a radio link to a stand-in, for the tables of facts: says things to it, and looks at what it does."""
+"""A client of one stand-in, for the tests of docs/autopilots.md: sends messages to it and reads what it does."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from companion.geo.local_frame import LocalFrame
 from sim.vehicles import CRAFTS, Home, Setup, StandIn
 
 Message = Any
-"""A message of the generated module, which carries no types."""
+"""Message of pymavlink's generated module, which carries no types."""
 
 FRAME = LocalFrame(47.0, 8.0)
 GROUND_M = 500.0
@@ -21,12 +21,12 @@ NAN = math.nan
 
 
 class Pilot:
-    """Flies one stand-in, in seconds of its own clock."""
+    """A client that sends messages to one stand-in and lets the stand-in's clock run."""
 
     def __init__(
         self, kind: str, *, flying: bool = True, guided: bool = True, speed_m_s: float = 0.0, seed: int = 1
     ) -> None:
-        """Begin at the plane's origin, heading north."""
+        """Put the vehicle at the plane's origin, heading north."""
         self.vehicle = StandIn(
             CRAFTS[kind],
             Setup(
@@ -43,21 +43,21 @@ class Pilot:
         )
         self.t_s = 0.0
         self.told: list[Any] = []
-        """Every message it has said in reply or by itself."""
+        """Every message that the vehicle has sent, in reply or by itself."""
         self._mav = common.MAVLink(None, srcSystem=255, srcComponent=190)
 
     def say(self, message: Message) -> list[Any]:
-        """Send a message and return the answers."""
+        """Send a message and return the vehicle's answers."""
         answers = [_parsed(frame) for frame in self.vehicle.receive(message.pack(self._mav), self.t_s)]
         self.told += answers
         return answers
 
     def results(self, message: Message) -> list[int]:
-        """Send a command and return the results that it is acknowledged with."""
+        """Send a command and return the results in its acknowledgements."""
         return [answer.result for answer in self.say(message) if answer.get_type() == "COMMAND_ACK"]
 
     def command(self, command: int, *parameters: float) -> list[int]:
-        """Send a COMMAND_LONG and return the results."""
+        """Send a COMMAND_LONG and return the results in its acknowledgements."""
         padded = [*parameters, *[0.0] * (7 - len(parameters))]
         return self.results(common.MAVLink_command_long_message(1, 1, command, 0, *padded))
 
@@ -69,7 +69,7 @@ class Pilot:
         height_m: float = 0.0,
         frame: int = 6,
     ) -> list[int]:
-        """Send a COMMAND_INT, at a place of the plane if given one, and return the results."""
+        """Send a COMMAND_INT, at a place (north, east) in m if given one, and return the results."""
         padded = [*parameters, *[0.0] * (4 - len(parameters))]
         lat_deg, lon_deg = (0.0, 0.0) if place is None else FRAME.to_global(*place)
         place_e7 = round(lat_deg * 1e7), round(lon_deg * 1e7)
@@ -86,7 +86,7 @@ class Pilot:
         frame: int = 1,
         z: float = 0.0,
     ) -> None:
-        """Send a SET_POSITION_TARGET_LOCAL_NED; the nose shall point along the velocity where the mask takes a yaw."""
+        """Send a SET_POSITION_TARGET_LOCAL_NED whose yaw, unless the mask ignores it, points along the velocity."""
         yaw_rad = math.atan2(east_m_s, north_m_s) if math.isfinite(north_m_s) else 0.0
         self.say(
             common.MAVLink_set_position_target_local_ned_message(
@@ -95,18 +95,18 @@ class Pilot:
         )
 
     def roll(self, roll_deg: float, mask: int = 0xC6) -> None:
-        """Send a SET_ATTITUDE_TARGET."""
+        """Send a SET_ATTITUDE_TARGET with a roll angle."""
         half_rad = math.radians(roll_deg) / 2.0
         q = [math.cos(half_rad), math.sin(half_rad), 0.0, 0.0]
         self.say(common.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, 0.0, 0.0, 0.0, 0.0))
 
     def set(self, name: str, value: float) -> None:
-        """Set a parameter over the wire."""
+        """Set a parameter with a PARAM_SET, and check the value in the reply."""
         (told,) = self.say(common.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
         assert told.param_value == value, f"{name} refused {value}"
 
     def wait(self, duration_s: float, each: Callable[[], None] | None = None, period_s: float = 0.1) -> None:
-        """Let time pass, doing something periodically; telemetry is listened to."""
+        """Let time pass, calling `each` every `period_s`, and keep the telemetry."""
         for _ in range(round(duration_s / period_s)):
             if each is not None:
                 each()
@@ -117,7 +117,7 @@ class Pilot:
     def until(
         self, condition: Callable[[], bool], each: Callable[[], None] | None = None, within_s: float = 60.0
     ) -> float:
-        """Let time pass until the condition holds, and return how long that was; infinity if it did not."""
+        """Let time pass until the condition holds; return how long it took, infinity if longer than `within_s`."""
         began_s = self.t_s
         while not condition():
             if self.t_s - began_s > within_s:
@@ -127,30 +127,30 @@ class Pilot:
 
     @property
     def heading_deg(self) -> float:
-        """The nose's, from north."""
+        """Heading of the nose, clockwise from north."""
         return math.degrees(self.vehicle.truth.heading_rad)
 
     @property
     def speed_m_s(self) -> float:
-        """Over the ground."""
+        """Speed over the ground."""
         return self.vehicle.truth.speed_m_s
 
     @property
     def height_m(self) -> float:
-        """Above home."""
+        """Height above home."""
         return self.vehicle.truth.altitude_m - GROUND_M
 
     @property
     def place_m(self) -> tuple[float, float]:
-        """North and east."""
+        """North and east of the plane's origin."""
         return self.vehicle.truth.north_m, self.vehicle.truth.east_m
 
     def off_deg(self, heading_deg: float) -> float:
-        """Return how far the nose is from a heading, signed: positive if it lies to the right."""
+        """Return the signed angle from the nose to a heading, positive if the heading lies to the right."""
         return math.degrees(math.remainder(math.radians(heading_deg - self.heading_deg), math.tau))
 
     def texts(self) -> list[str]:
-        """Return what it said in words."""
+        """Return the texts of the STATUSTEXT messages that it has sent."""
         return [message.text for message in self.told if message.get_type() == "STATUSTEXT"]
 
 

@@ -1,4 +1,4 @@
-"""A PX4 stand-in flown over its wire alone, as any client could: what it is sent and what it says to that."""
+"""Flies a PX4 stand-in with MAVLink messages alone, as any client could, and keeps what it answers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from companion.geo.local_frame import LocalFrame
 from sim.vehicles import Craft, Home, Setup, StandIn, Start
 
 Message = Any
-"""A message of the generated module, which carries no types."""
+"""Message of pymavlink's generated module, which carries no types."""
 
 OFFBOARD, POSITION, ALTITUDE, STABILIZED = (6, 0), (3, 0), (2, 0), (7, 0)
 TAKE_OFF, HOLD, RETURN, LAND = (4, 2), (4, 3), (4, 5), (4, 6)
@@ -34,10 +34,10 @@ Make = Callable[["Flight"], Message]
 
 
 class Flight:
-    """One vehicle with a client that remembers the newest of each message and every text."""
+    """One vehicle with a client that keeps the newest message of each type and every text."""
 
     def __init__(self, build: Callable[[Start], Craft], height_m: float = 100.0, speed_m_s: float = 0.0) -> None:
-        """Begin in HOLD at a height (m), flying north at a speed; height 0: disarmed on the ground."""
+        """Begin in HOLD at a height (m), flying north at a speed; with height 0 begin disarmed on the ground."""
         flies = height_m > 0.0
         self.vehicle = StandIn(
             build,
@@ -86,11 +86,11 @@ class Flight:
         return [answer.result for answer in self.send(message) if answer.get_type() == "COMMAND_ACK"]
 
     def set_mode(self, mode: tuple[int, int]) -> list[int]:
-        """Ask for a (main, sub) mode and return the results."""
+        """Ask for a (main, sub) mode and return the results of the acknowledgements."""
         return self.command(common.MAV_CMD_DO_SET_MODE, common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *mode)
 
     def set_parameter(self, name: str, value: float) -> None:
-        """Let the vehicle have another value from now on."""
+        """Change a parameter of the vehicle directly, without a message."""
         self.vehicle.parameters[name] = value
 
     def run(
@@ -112,7 +112,7 @@ class Flight:
             watch()
 
     def engage(self, make: Make) -> None:
-        """Stream a setpoint, set OFFBOARD after a second and a bit, and let the heartbeat say so."""
+        """Stream a setpoint, set OFFBOARD after 1.2 s, and wait as long again for the heartbeat to show it."""
         self.run(1.2, make)
         assert self.set_mode(OFFBOARD)[-1] == ACCEPTED
         self.run(1.2, make)
@@ -120,7 +120,7 @@ class Flight:
 
     @property
     def mode(self) -> tuple[int, int]:
-        """The (main, sub) mode as the newest heartbeat says."""
+        """Mode as (main, sub) according to the newest heartbeat."""
         custom_mode = self.heard["HEARTBEAT"].custom_mode
         return custom_mode >> 16 & 0xFF, custom_mode >> 24
 
@@ -178,7 +178,7 @@ class Flight:
 
 
 def local(mask: int, frame: int = common.MAV_FRAME_LOCAL_NED, /, **fields: float) -> Message:
-    """Return a SET_POSITION_TARGET_LOCAL_NED; what is not named is 0."""
+    """Return a SET_POSITION_TARGET_LOCAL_NED whose fields are 0 unless given."""
     names = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
     assert set(fields) <= set(names)
     values = (fields.get(name, 0.0) for name in names)

@@ -1,6 +1,6 @@
-"""A stand-in flown by its adapter, and how far it strays from the path that guidance and guard reckon with.
+"""A stand-in flown by its adapter, and how far it strays from the path that guidance and guard assume.
 
-They reckon with a vehicle that begins to obey `reaction_s` after a decision, turns at n_max g / v and flies straight.
+They assume a vehicle that begins to obey `reaction_s` after a decision, turns at n_max g / v and then flies straight.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ TURNS_RAD = {
 
 
 class Place(NamedTuple):
-    """Where the vehicle is at a time, over the ground."""
+    """Position of the vehicle at a time, and its course over the ground."""
 
     t_s: float
     north_m: float
@@ -43,7 +43,7 @@ class Place(NamedTuple):
 
 
 class Off(NamedTuple):
-    """How far flown and reckoned paths are apart at most."""
+    """The greatest distance and the greatest angle between the flown and the assumed path."""
 
     place_m: float
     course_deg: float
@@ -51,14 +51,14 @@ class Off(NamedTuple):
 
 @dataclass
 class Flight:
-    """A stand-in steered by its adapter, without anything between them."""
+    """A stand-in steered directly by its adapter, without companion or link."""
 
     kind: str
     speed_m_s: float
     wind_m_s: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Begin in the air, flying north, with the parameters read and a person having handed over."""
+        """Begin in the air, flying north, with the parameters read and the guided mode set by the safety pilot."""
         self.adapter = ADAPTERS[self.kind]()
         self.vehicle = StandIn(
             CRAFTS[self.kind],
@@ -82,7 +82,7 @@ class Flight:
                 self._hand_over()
 
     def decide(self, heading_rad: float, height_m: float = HEIGHT_M) -> None:
-        """Decide a heading and fly until the next decision is due."""
+        """Set a heading as a decision, and fly until the next decision is due."""
         self.decided.append((self.now_s, heading_rad))
         for _ in range(DECISION_STEPS):
             self._step(self.adapter.encode(Setpoint(heading_rad, self.speed_m_s, height_m), 0.0, self.now_s))
@@ -112,7 +112,7 @@ class Flight:
 
 
 def turned(flight: Flight, turns_rad: tuple[float, ...]) -> tuple[float, float]:
-    """Fly north and then the turns, each at the greatest rate; return when they began, and the rate (rad/s)."""
+    """Fly north and then the turns, each at the greatest rate; return their starting time (s) and the rate (rad/s)."""
     if not flight.adapter.steerable:
         raise RuntimeError(f"{flight.kind} was not handed over")
     rate_rad_s = flight.adapter.abilities.n_max * GRAVITY_M_S2 / flight.speed_m_s
@@ -131,7 +131,7 @@ def turned(flight: Flight, turns_rad: tuple[float, ...]) -> tuple[float, float]:
 
 
 def off(flight: Flight, start_s: float, rate_rad_s: float, reaction_s: float) -> Off:
-    """Return how far what was flown since a time is off what is reckoned with a reaction."""
+    """Return how far the path flown since `start_s` is off the path assumed with a reaction of `reaction_s`."""
     flown = [place for place in flight.flown if place.t_s >= start_s - 1e-9]
     north_m, east_m, heading_rad = flown[0].north_m, flown[0].east_m, flown[0].course_rad
     decided, wanted_rad = list(flight.decided), heading_rad
