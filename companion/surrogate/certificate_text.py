@@ -12,13 +12,13 @@ from rich.table import Column, Table
 from companion.surrogate.certificates import Certificate, Finding, SpeedGroup, ThreatDistance
 
 CERTIFICATE_COLUMNS = 140
-"""Width of the certificate's tables, in a pipe too."""
+"""Width of the certificate's tables, also in a pipe."""
 TEXT_COLUMNS = 120
-"""The text about them is wrapped at the console's width, and at this at most."""
+"""Greatest width of the text around the tables, which is wrapped at the console's width if that is less."""
 
 
 def certificate_text(certificate: Certificate) -> str:
-    """Return what `companion certify` prints of a certificate."""
+    """Return the text that `companion certify` prints of a certificate."""
     console = Console(soft_wrap=True, highlight=False, markup=False, width=CERTIFICATE_COLUMNS)
     with console.capture() as capture:
         console.print(
@@ -119,7 +119,7 @@ def _from_edge(at: ThreatDistance | None) -> float | str | None:
 
 
 def _anywhere(finding: Finding) -> str | None:
-    """Return where it holds if no distance can be told."""
+    """Return in words where a finding without a distance holds, None if it does not hold."""
     return None if not finding.holds else "everywhere" if finding.somewhere else "nowhere known"
 
 

@@ -1,6 +1,6 @@
-"""What the convergence theorem promises for a mission, with its assumptions checked: what `companion certify` prints.
+"""Certificate of a mission: the bounds that the convergence theorem promises, with its assumptions checked.
 
-Everything is values. The arithmetic is companion/surrogate/theorem.py, the proofs are docs/convergence.md.
+`companion certify` prints it. The arithmetic is in companion/surrogate/theorem.py, the proofs in docs/convergence.md.
 """
 
 from __future__ import annotations
@@ -32,108 +32,110 @@ from companion.surrogate.theorem import (
 )
 
 DEFAULT_SHARE = 0.5
-"""Share of the largest b at which each bound is stated: at the largest itself it is infinite, far below it the distance
-from the threats grows and the bound hardly shrinks."""
+"""Share of a condition's largest b at which its bound is stated: at the largest b itself the bound is infinite; far
+below it the distance from the threats grows and the bound hardly shrinks."""
 
 
 @dataclass(frozen=True)
 class ThreatDistance:
-    """Where a condition holds about the threats of one pair of radii, all m."""
+    """Distance beyond which a condition holds around the threats of one pair of radii."""
 
     detection_radius_m: float
     attack_radius_m: float
     threats: int
+    """Number of threats with these radii."""
     from_centre_m: float
+    """Distance from a threat's centre; 0: the condition holds everywhere."""
     from_edge_m: float
-    """The same from the edge of R_d; negative if it lies inside."""
+    """The same distance from the edge of R_d; negative if it is inside."""
     as_heard_m: float | None
-    """From the centre, with the threat heard as late as the broadcast allows without losses, and rounded, and at what
-    the targets' error leaves of b; None if it leaves nothing."""
+    """Distance from the centre for a threat as heard: as late as the broadcast allows without losses, and rounded, and
+    at the part of b that the targets' error leaves; None if it leaves nothing."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A condition at one speed: its numbers, and where it holds."""
+    """A condition applied at one speed: its figures, and where it holds."""
 
     condition: str
     title: str
     source: str
     largest_b_m: float
     b_m: float
-    """The b that the rest is stated at; 0 if no b satisfies the condition and none was asked for."""
+    """The b at which the rest is stated; 0 if no b satisfies the condition and none was asked for."""
     holds: bool
-    """Whether the condition is satisfied at it."""
+    """Whether the condition is satisfied at `b_m`."""
     why_not: str | None
     left_b_m: float | None
-    """What the error of the targets as heard leaves of b for F*; 0 if nothing: then the bound is void in flight."""
+    """Part of b that the error of the targets as heard leaves for F*; 0 if none: then the bound is void in flight."""
     decrease: float | None
     decrease_unit: str
     weights_suffice: bool
     """Whether the network's weights alone keep |dF*/dx| <= b everywhere (paper: corollary)."""
     somewhere: bool
-    """Whether it holds and a part of the plane is known where |dF*/dU| <= b."""
+    """Whether the condition holds and a part of the plane is known on which |dF*/dU| <= b."""
     threat_distances: tuple[ThreatDistance, ...]
     peer_distance_m: float | None
     turn_needed_deg: float | None
     bend_deg: float | None
-    """The most that F* can turn the path at any detection edge, were |dF*/dU| as much as sqrt(2) b there."""
+    """Greatest angle by which F* could turn the path at any detection edge if |dF*/dU| were sqrt(2) b there."""
 
 
 @dataclass(frozen=True)
 class SpeedGroup:
-    """The agents of one speed: the theorem has one v for all."""
+    """The agents of one speed, and their findings: the theorem has one v for all agents."""
 
     speed_m_s: float
     agents: tuple[int, ...]
     step_m: float
-    """v"""
+    """v, the distance that these agents fly in one step."""
     target_step_m: float
-    """delta"""
+    """delta, the greatest distance that a target moves in one step."""
     turn_limit_deg: float
-    """psi_max of the least agile of them, in one step."""
+    """psi_max, the greatest turn in one step, of the least agile of these agents."""
     findings: tuple[Finding, ...]
 
 
 @dataclass(frozen=True)
 class Corollary:
-    """The condition on the network's weights, for the agent with all threats and peers about it (paper: coro_condi)."""
+    """The condition on the network's weights, for an agent among all threats and peers (paper: coro_condi)."""
 
     weight_sum: float | None
-    """sum_j |lambda_j w_j| of the radial profile, dimensionless; none for the network of all positions."""
+    """sum_j |lambda_j w_j| of the radial profile, dimensionless; None for the monolithic network."""
     component_bound_m: float
-    """|dF*/dx| and |dF*/dy| are at most this anywhere: the corollary asks for at most b."""
+    """Bound on |dF*/dx| and |dF*/dy| at any position; the corollary asks for at most b."""
 
 
 @dataclass(frozen=True)
 class Assumption:
-    """What the bounds take for granted."""
+    """An assumption of the bounds, and whether the mission meets it."""
 
     name: str
     holds: bool | None
-    """None: it cannot be known before the flight."""
+    """Whether the assumption holds; None if that cannot be known before the flight."""
     text: str
     voids: tuple[str, ...] = ()
-    """Titles of the bounds that it voids in flight."""
+    """Titles of the bounds that are void in flight because the assumption does not hold."""
 
 
 @dataclass(frozen=True)
 class AgentBound:
-    """The promise to one agent for one target, from their places at the start."""
+    """Bounds for one agent on its way to one target, from their positions at the start."""
 
     agent: int
     target: int
     which: str
-    """nearest, farthest, or only: the ground station assigns, so an agent's target is between the two."""
+    """Which target this is: nearest, farthest or only; the one assigned in flight is at a distance between these."""
     distance_m: float
     steps: dict[str, int | None]
-    """By condition; None where it does not hold, or nowhere that is known."""
+    """Greatest number of steps by condition; None if the condition does not hold, or nowhere that is known."""
     line_clear: dict[str, bool | None]
-    """Whether the straight way keeps the condition's distance from every threat as it stands at the start."""
+    """Whether, by condition, the straight line keeps the condition's distance from every threat's start."""
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """All that `companion certify` prints."""
+    """The certificate of a mission, as `companion certify` prints it."""
 
     mission: str
     seed: int
@@ -141,7 +143,7 @@ class Certificate:
     guidance_step_s: float
     arrival_radius_m: float
     sources: int
-    """Threats and peers of an agent; each may contribute an equal share of b."""
+    """Number of threats and peers around an agent; each may contribute an equal share of b."""
     groups: tuple[SpeedGroup, ...]
     corollary: Corollary
     assumptions: tuple[Assumption, ...]
@@ -150,18 +152,19 @@ class Certificate:
 
     @property
     def certified(self) -> bool:
-        """Whether at every speed a condition holds somewhere that is known."""
+        """Whether at every speed some condition holds on a part of the plane that is known."""
         return all(any(finding.somewhere for finding in group.findings) for group in self.groups)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain values that JSON can hold."""
+        """Return the certificate as plain values that JSON can hold."""
         return {**asdict(self), "certified": self.certified}
 
 
 def certify(mission: Mission, seed: int, b_m: float | None = None) -> Certificate:
-    """Return the certificate of a resolved mission; `seed` is what it was resolved with, for the record.
+    """Return the certificate of a resolved mission; `seed` is the one it was resolved with, for the record.
 
-    `b_m`, positive and finite, is the b to state every bound at; by default DEFAULT_SHARE of each condition's largest.
+    `b_m`, positive and finite, is the b at which every bound is stated; by default it is DEFAULT_SHARE of each
+    condition's largest b.
 
     Raises:
         InputError: the weights file of the surrogate is missing or damaged, or a radius is too large for any broadcast.
@@ -187,14 +190,14 @@ def certify(mission: Mission, seed: int, b_m: float | None = None) -> Certificat
 
 @dataclass(frozen=True)
 class _Heard:
-    """How far from the truth a vehicle hears, when no frame is lost and nothing is farther off than at the start."""
+    """Errors of positions as heard, if no frame is lost and nothing is farther from the origin than at the start."""
 
     age_s: float
-    """The greatest age of a position."""
+    """Greatest age of a position."""
     resolution_m: float
-    """The broadcast's unit of length."""
+    """Unit of length of the broadcast."""
     target_error_m: float
-    """How far a target is at most from where it is heard, for its age and the rounding together."""
+    """Greatest distance between a target and its position as heard, from age and rounding together."""
 
     @classmethod
     def of(cls, mission: Mission) -> _Heard:
@@ -211,22 +214,22 @@ class _Heard:
 
     @property
     def rounding_m(self) -> float:
-        """Half a unit on each axis."""
+        """Greatest rounding error of a position: half a unit on each axis."""
         return self.resolution_m / SQRT2
 
     def left_b_m(self, b_m: float) -> float:
-        """Return what the targets' error leaves of b: the lengths add up, and that of the gradient is sqrt(2) b."""
+        """Return the part of b that the targets' error leaves, m: that error adds to a gradient of length sqrt(2) b."""
         return max(0.0, b_m - self.target_error_m / SQRT2)
 
 
 @dataclass(frozen=True)
 class _Field:
-    """F* as one agent of the mission has it about it."""
+    """F* around one agent of the mission, from all threats and all other agents."""
 
     mission: Mission
     weights: Weights
     sigmoids: Sigmoids | None
-    """None for the network of all positions: it has no distance beyond which it is quiet."""
+    """The profile's sigmoids; None for the monolithic network, whose gradient need not be small at any distance."""
     component_bound_m: float
     heard: _Heard
 
@@ -266,7 +269,7 @@ class _Field:
         left_m = self.heard.left_b_m(b_m)
         if self.sigmoids is None or left_m <= 0.0:
             return None
-        # Heard late it is that far off and believed that much larger; a radius is rounded up over both roundings.
+        # A threat heard late is off by this distance, and its radii are enlarged by as much and by both roundings.
         late_m = self.heard.age_s * max(threat.speed_bound_m_s for threat in like)
         growth_m = late_m + self.heard.rounding_m + self.heard.resolution_m
         quiet_m = quiet_distance_m(self.sigmoids, _discs(like[0], self.weights, growth_m), self._share_m(left_m))
@@ -278,7 +281,7 @@ class _Field:
         return quiet_distance_m(self.sigmoids, [_peer_disc(self.mission, self.weights)], self._share_m(b_m))
 
     def _share_m(self, b_m: float) -> float:
-        """Return what each threat and peer may contribute: no limit if all together cannot exceed b anywhere."""
+        """Return the part of b that each threat and peer may contribute, m; infinite if their sum never exceeds b."""
         return math.inf if self.component_bound_m <= b_m else b_m / self.sources
 
 
@@ -436,7 +439,7 @@ def _targets_known(mission: Mission, heard: _Heard, groups: Sequence[SpeedGroup]
 
 
 def _titles(groups: Sequence[SpeedGroup], findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return the titles of those of the findings that hold, with the speed if there are several."""
+    """Return the titles of those findings that hold, each with its speed if there are several."""
     return tuple(
         finding.title if len(groups) == 1 else f"{finding.title} at {group.speed_m_s:g} m/s"
         for group in groups
@@ -514,7 +517,7 @@ def _agent_bounds(mission: Mission, groups: Sequence[SpeedGroup]) -> tuple[Agent
 
 
 def _quiet_m(finding: Finding, threat: ThreatSpec) -> float:
-    """Return the finding's distance from the centre of a threat, m; 0 where it has none."""
+    """Return the distance from a threat's centre beyond which a finding holds, m; 0 if the finding has none."""
     radii_m = (threat.detection_radius_m, threat.attack_radius_m)
     return next(
         (
@@ -573,6 +576,6 @@ def _exclusion(mission: Mission, field: _Field, groups: Sequence[SpeedGroup]) ->
 
 
 def _span(figures: Sequence[float], form: str) -> str:
-    """Return the least and the greatest in words, or one if they read the same."""
+    """Return the least and the greatest figure as text, or one of them if both read the same."""
     ends = (f"{min(figures):{form}}", f"{max(figures):{form}}")
     return ends[0] if ends[0] == ends[1] else " to ".join(ends)

@@ -16,11 +16,11 @@ class Weights:
     """Penalty weights in m^2; the defaults are the paper's 1e5 and 1e4 km^2 (docs/method.md section 1)."""
 
     k_d: float = 1e11
-    """Detection: per threat within its detection radius."""
+    """Detection: for each threat whose detection radius the agent is within."""
     k_a: float = 1e11
-    """Attack: per threat within its attack radius."""
+    """Attack: for each threat whose attack radius the agent is within."""
     k_c: float = 1e10
-    """Collision: per other agent within the separation."""
+    """Collision: for each other agent within the separation."""
     k_l: float = 1e10
     """Length: for an agent whose flown and remaining distance exceed its range."""
 
@@ -91,7 +91,7 @@ def threat_penalty(scene: Scene, weights: Weights, half_width: float = 0.0) -> n
 def collision_penalty(scene: Scene, weights: Weights, half_width: float = 0.0) -> np.ndarray:
     """Return f3 of each agent, (N,), m^2 (paper: fun3); `half_width` as in `unit_disc_indicator`.
 
-    Over j != i: the paper's sum counts the agent itself (docs/method.md section 2, point 8).
+    The sum is over j != i, whereas the paper's counts the agent itself too (docs/method.md section 2, point 8).
     """
     ratio = _distances(scene.agents_ned_m, scene.agents_ned_m) / scene.separation_m  # (N, N)
     near = unit_disc_indicator(ratio, half_width)

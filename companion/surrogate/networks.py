@@ -30,15 +30,15 @@ class MonolithicNetwork:
     """
 
     agents: int
-    """N: an agent's place among the inputs is that of its id, 1 to N."""
+    """N, the number of agents; their order among the inputs is that of their ids, 1 to N."""
     threats: int
-    """M, likewise."""
+    """M, the number of threats; their order among the inputs is that of their ids, 1 to M."""
     area_m: float
-    """Side of the square that the training positions were drawn from."""
+    """Side of the square in which the training positions were drawn."""
     target_low_m2: float
-    """The least target in training."""
+    """Least value of F~ to which the network was trained."""
     target_high_m2: float
-    """The greatest target in training."""
+    """Greatest value of F~ to which the network was trained."""
     input_weight: np.ndarray  # (J, 2 (N + M)), omega
     input_bias: np.ndarray  # (J,), theta
     output_weight: np.ndarray  # (J,), lambda
@@ -51,7 +51,7 @@ class MonolithicNetwork:
     def gradient(self, agents_ned_m: np.ndarray, threats_ned_m: np.ndarray) -> np.ndarray:
         """Return dF*/dU of all agents, (N, 2), m (paper: the equations after direct1); arguments as `value`.
 
-        The row of an agent whose place was padded means nothing.
+        The row of an absent agent, whose position `slots` padded, means nothing.
         """
         inputs = self._inputs(agents_ned_m, threats_ned_m)
         hidden_slope = sigmoid_slope(self.input_weight @ inputs + self.input_bias)  # (J,)
@@ -62,8 +62,8 @@ class MonolithicNetwork:
     def component_bound_m(self) -> float:
         """Return a bound on every component of the gradient at any positions, m (paper: coro_condi, divided by 4).
 
-        The paper takes the threats' coordinates as well, and prints one of the two sums twice; the proof needs those of
-        the agents.
+        The paper sums over the threats' coordinates as well, and prints one of the two sums twice; the proof needs only
+        the agents' coordinates.
         """
         sums = np.abs(self.output_weight) @ np.abs(self.input_weight[:, : 2 * self.agents])  # (2 N,)
         return SIGMOID_SLOPE_MAX * self._m_per_scaled_slope * float(np.max(sums))
@@ -75,7 +75,7 @@ class MonolithicNetwork:
 
     @property
     def _m_per_scaled_slope(self) -> float:
-        """What one unit of the scaled output per unit of a scaled input is in m^2 per m."""
+        """Factor that converts a slope of the scaled output by a scaled input to m^2 per m."""
         return (self.target_high_m2 - self.target_low_m2) / self.area_m
 
     def _to_m2(self, scaled: np.ndarray) -> np.ndarray:
@@ -96,10 +96,10 @@ def scaled_inputs(agents_ned_m: np.ndarray, threats_ned_m: np.ndarray, area_m: f
 
 
 def slots(ids: Sequence[int] | np.ndarray, positions_ned_m: np.ndarray, count: int) -> np.ndarray:
-    """Return the positions (B, 2) of `ids` in the places of a fixed input, (count, 2), m: id k in row k - 1.
+    """Return the positions (B, 2) of `ids` arranged as a fixed input, (count, 2), m: id k in row k - 1.
 
-    Who is absent is padded with zeros, as the paper pads the lost: the network takes it to be in the area's south-west
-    corner. Raises ValueError for an id outside 1 to `count`.
+    The rows of absent ids are padded with zeros, as the paper pads lost agents: to the network they are in the area's
+    south-west corner. Raises ValueError for an id outside 1 to `count`.
     """
     places = np.asarray(ids, dtype=int)  # (B,)
     if np.any((places < 1) | (places > count)):

@@ -1,4 +1,4 @@
-"""F*, the differentiable stand-in for the step penalties, and the closed-form gradient that flies.
+"""F*, the differentiable surrogate of the step penalties, and its closed-form gradient, which steers the vehicle.
 
 Every penalty that depends on positions is a function of one distance over one radius, so a single network f(r) serves
 all pairs, any number of agents and threats, and mixed radii (docs/method.md section 2, point 2). The vehicle evaluates
@@ -20,10 +20,10 @@ from companion.files.weights import read_weights
 from companion.surrogate.cost import Weights, unit_disc_indicator
 
 HALF_WIDTH = 0.025
-"""Half-width of the polygon, as a fraction of the radius: law `seed` (docs/method.md section 2, point 2)."""
+"""Half-width of the polygon, as a fraction of the radius, in law `seed` (docs/method.md section 2, point 2)."""
 PROFILE_NAMES = ("pairwise", "analytic")
 _FLAT = 50.0
-"""Half-widths outside its edge where a logistic's slope is exp(-100) of its greatest: no weight can make it felt."""
+"""Distance outside the edge, in half-widths, where a logistic's slope is exp(-100) of its greatest: negligible."""
 _PACKAGED = "pairwise.json"
 
 
@@ -94,7 +94,7 @@ class PolygonProfile:
 
 @dataclass(frozen=True)
 class StepProfile:
-    """The indicator itself, the law that the paper compares with: its gradient is zero wherever it exists."""
+    """The indicator itself, for the law that the paper compares with; its gradient is zero wherever it exists."""
 
     def value(self, r: np.ndarray) -> np.ndarray:
         """See RadialProfile."""
@@ -186,9 +186,10 @@ def wall_gradient(
     weights: Weights,
     half_width_m: float,
 ) -> np.ndarray:
-    """Return dF*/dU_i of one agent, (2,), m, whose edges are logistics of one half-width in metres whatever the radius.
+    """Return dF*/dU_i of one agent, (2,), m, for logistic edges of the same half-width in metres at every radius.
 
-    What the route needs: so sharp that it does not reach where the route runs (docs/method.md section 3).
+    The law that follows the route uses it with edges so sharp that they do not reach the route (docs/method.md section
+    3).
     """
     count = len(threats.detection_radius_m)
     others_ned_m, outer_m = threats.centres_ned_m, threats.detection_radius_m
@@ -238,7 +239,8 @@ def range_gradient(
 ) -> np.ndarray:
     """Return the gradient of `range_cost` with respect to the position, (2,), m; arguments as there.
 
-    It points away from the target, so its descent shortens the way; on the target there is no direction and it is zero.
+    It points away from the target, so that descent shortens the path; at the target, where there is no direction, it is
+    zero.
     """
     distance_m = math.dist(position_ned_m, target_ned_m)
     if distance_m == 0.0 or math.isinf(range_m):
@@ -251,7 +253,7 @@ def range_gradient(
 
 
 def profile_by_name(name: str) -> RadialProfile:
-    """Return the flying profile of that name at HALF_WIDTH; raise InputError if there is none."""
+    """Return the profile of a name in PROFILE_NAMES, for HALF_WIDTH; raises InputError for any other name."""
     if name == "pairwise":
         return load_pairwise()
     if name == "analytic":
@@ -287,12 +289,12 @@ def sigmoid_slope(x: np.ndarray) -> np.ndarray:
 
 
 def _offsets(agents_ned_m: np.ndarray, others_ned_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vectors from each other to each agent, (N, B, 2), and their lengths, (N, B), m."""
+    """Return the vectors to each agent from each of B other positions, (N, B, 2), and their lengths, (N, B), m."""
     offset_m = agents_ned_m[:, np.newaxis, :] - others_ned_m[np.newaxis, :, :]
     return offset_m, np.sqrt(np.sum(offset_m**2, axis=2))
 
 
 def _nonzero(distance_m: np.ndarray) -> np.ndarray:
-    """Return the distances with 1 for 0: the offset is zero there, and zero is the direction we want."""
+    """Return the distances with 1 in place of 0, so that a zero offset divided by them stays zero."""
     nonzero: np.ndarray = distance_m + (distance_m == 0.0)
     return nonzero

@@ -1,10 +1,11 @@
 """The convergence theorem as arithmetic: four conditions on the surrogate's gradient, and the steps that each promises.
 
-The theorem as printed, with the sign of its derivation corrected, with its sharp constant, and the bound on the
-distance itself. Each allows the surrogate a gradient of at most b, and so holds only at a distance from every threat,
-computed here as well. docs/convergence.md has the proofs; `companion certify` applies all of it to a mission.
+The four are the theorem as printed, with the sign of its derivation corrected, with its sharp constant, and the bound
+on the distance itself. Each allows the surrogate a gradient with components of at most b, and so holds only beyond a
+distance from every threat, which is computed here as well. docs/convergence.md has the proofs; `companion certify`
+applies the conditions to a mission.
 
-Pure functions of lengths in metres per guidance step, as the theorem sets its time step to 1: v = speed times step,
+The functions take lengths in metres per guidance step, as the theorem sets its time step to 1: v = speed times step,
 delta = the targets' speed bound times step, b bounds each component of dF*/dU, and beta = sqrt(2) b its length.
 """
 
@@ -21,39 +22,39 @@ from companion.surrogate.profiles import AnalyticProfile, PairwiseNetwork, Radia
 
 SQRT2 = math.sqrt(2.0)
 BISECTIONS = 60
-"""Halvings of a bracket: more than a float has bits to tell."""
+"""Number of halvings of a bracket: more than the bits of a float can resolve."""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How far things move in one guidance step, and when an agent has arrived. All m, positive but for the target's."""
+    """Distances moved in one guidance step, and the arrival radius; all in m and positive, `target_m` may be 0."""
 
     speed_m: float
-    """v, the agent's way in one step."""
+    """v, the distance that an agent flies in one step."""
     target_m: float
-    """delta, the most a target moves in one step."""
+    """delta, the greatest distance that a target moves in one step."""
     arrival_m: float
-    """D_min, the mission's arrival radius. The theorem itself takes v for it."""
+    """D_min, the mission's arrival radius; the theorem itself takes v for it."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition on b, and what follows from it."""
+    """A condition on b, and the functions that give the bounds which follow from it."""
 
     name: str
     title: str
     source: str
     """Equation of the paper, or docs/convergence.md."""
     unit: str
-    """Of the decrease: m^2 of the squared distance, or m of the distance."""
+    """Unit of the decrease: m^2 if it is of the squared distance, m if of the distance."""
     largest_b_m: Callable[[Pace], float]
-    """Below this b the condition holds; 0 if it never does."""
+    """Returns the b below which the condition holds, m; 0 if it never does."""
     decrease: Callable[[Pace, float], float]
-    """The least decrease per step at b (m), in `unit`; -inf where the argument says nothing."""
+    """Returns the least decrease per step at b (m), in `unit`; -inf where the proof says nothing."""
     steps: Callable[[Pace, float, float], int]
-    """The greatest number of steps at b (m) from a distance (m) beyond the arrival radius; only where it holds."""
+    """Returns the greatest number of steps at b (m) from a distance (m) beyond the arrival radius, if it holds."""
     ends_at_v: bool
-    """Whether its agents have arrived when within v, so that the arrival radius must not be less."""
+    """Whether an agent counts as arrived within v of its target, so that the arrival radius must not be less than v."""
 
 
 def printed_decrease_m2(pace: Pace, b_m: float) -> float:
@@ -68,9 +69,10 @@ def corrected_decrease_m2(pace: Pace, b_m: float) -> float:
 
 
 def sharp_decrease_m2(pace: Pace, b_m: float) -> float:
-    """Return the least decrease of the squared distance that any step from beyond v makes, m^2.
+    """Return the least decrease of the squared distance in any step from beyond v, m^2.
 
-    v^2 - (delta + v sqrt(2 - 2c))^2 with c = sqrt(1 - 2 (b/v)^2): no greater epsilon is true (docs/convergence.md).
+    It is v^2 - (delta + v sqrt(2 - 2c))^2 with c = sqrt(1 - 2 (b/v)^2): no greater epsilon is true
+    (docs/convergence.md).
     """
     beta_m = SQRT2 * b_m
     if beta_m > pace.speed_m:
@@ -88,7 +90,8 @@ def tight_decrease_m(pace: Pace, b_m: float) -> float:
 def worst_next_distance_m(pace: Pace, b_m: float, distance_m: float) -> float:
     """Return the greatest distance after one step from a distance of at least sqrt(2) b, m.
 
-    The gradient is at right angles to the step, as long as it may be, and the target flees along the line to it.
+    In this worst case the gradient is perpendicular to the step and of its greatest length, and the target moves
+    straight away from the agent.
     """
     beta_m = SQRT2 * b_m
     along_m = math.sqrt(distance_m**2 - beta_m**2)
@@ -126,11 +129,11 @@ def tight_largest_b_m(pace: Pace) -> float:
 
 
 def turn_needed_rad(pace: Pace, b_m: float) -> float:
-    """Return the most that the wanted heading can turn from one step to the next before arrival, rad, at most pi.
+    """Return the greatest turn of the wanted heading from one step to the next before arrival, rad, at most pi.
 
-    Both headings are within asin(beta / D_min) of the bearing of the target, and the bearing itself turns by what the
-    agent and the target move across it (docs/convergence.md). If this is within the turn limit, then the limit is
-    inactive for good once it was inactive in one step.
+    Both headings are within asin(beta / D_min) of the bearing of the target, and the bearing itself turns by the motion
+    of agent and target across it (docs/convergence.md). If this turn is within the turn limit, then the limit stays
+    inactive once it was inactive in one step.
     """
     beta_m, arrival_m = SQRT2 * b_m, pace.arrival_m
     if arrival_m < pace.speed_m + pace.target_m or beta_m >= arrival_m:
@@ -140,9 +143,10 @@ def turn_needed_rad(pace: Pace, b_m: float) -> float:
 
 
 def bend_rad(b_m: float, attraction_m: float) -> float:
-    """Return the most that a gradient of length sqrt(2) b turns the direction off the target's, rad, at most pi / 2.
+    """Return the greatest angle by which a gradient of length sqrt(2) b turns the direction off the target's, rad.
 
-    `attraction_m` is the distance to the target, positive. From beta = D on, it can turn it by any angle.
+    `attraction_m` is the distance to the target, positive. The angle is at most pi / 2, which stands for any angle: a
+    gradient as long as the attraction can turn the direction arbitrarily.
     """
     return math.asin(min(1.0, SQRT2 * b_m / attraction_m))
 
@@ -224,7 +228,7 @@ class Sigmoids:
 
     @property
     def outermost(self) -> float:
-        """A scaled distance beyond which every bell falls, at least the disc's edge."""
+        """Scaled distance beyond which every bell falls; at least 1, the disc's edge."""
         return float(np.max(self.centre, initial=1.0))
 
     def slope_bound(self, r: float) -> float:
@@ -236,7 +240,7 @@ class Sigmoids:
 def sigmoids_of(profile: RadialProfile) -> Sigmoids:
     """Return a flying profile as a sum of sigmoids; the analytic one is a single sigmoid about r = 1.
 
-    Raises TypeError for a profile that is none.
+    Raises TypeError for a profile that is not a sum of sigmoids.
     """
     if isinstance(profile, AnalyticProfile):
         steepness = np.array([2.0 / profile.half_width])

@@ -1,6 +1,6 @@
-"""What the trainings of both networks share: the split, the fit with early stopping, the record, the weights file.
+"""Training code of both networks: the split of the samples, the fit with early stopping, the record, the weights file.
 
-`training_pairwise` and `training_monolithic` say what is fitted to what. These three modules alone need torch.
+`training_pairwise` and `training_monolithic` define each network and its samples. Only these three modules need torch.
 """
 
 from __future__ import annotations
@@ -21,50 +21,52 @@ from companion.surrogate.networks import MonolithicNetwork
 from companion.surrogate.profiles import HALF_WIDTH, PairwiseNetwork
 
 TRAIN_SHARE, VALIDATION_SHARE = 0.70, 0.15
-"""The paper's 70/15/15 split."""
+"""Shares of the samples for training and validation; the rest is for the test (the paper's 70/15/15 split)."""
 PATIENCE_EPOCHS = 100
-"""Early stopping: this many epochs without a better validation error end the training."""
+"""Number of epochs without a better validation error after which the training stops early."""
 CURVE_POINTS = 100
-"""At most this many points of the learning curve are written."""
+"""Greatest number of points of the learning curve that are written."""
 
 Part = tuple[np.ndarray, np.ndarray]
-"""Inputs (S,) or (S, inputs), and their targets (S,)."""
+"""Part of the samples: inputs (S,) or (S, inputs), and their targets (S,)."""
 Parameters = list[torch.Tensor]
+"""Free parameters of a network."""
 Forward = Callable[[Parameters, torch.Tensor], torch.Tensor]
+"""Maps parameters and inputs to outputs."""
 OnEpoch = Callable[[int, float], None]
-"""Called after each epoch with (epoch, validation MSE)."""
+"""Callback after each epoch, with (epoch, validation MSE)."""
 Network = PairwiseNetwork | MonolithicNetwork
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How Adam is to fit a network."""
+    """Settings with which Adam fits a network."""
 
     neurons: int
     learning_rate: float
     batch: int | None
-    """Samples per step; None: all of them, the full batch."""
+    """Samples per step; None: all samples, the full batch."""
 
     def __str__(self) -> str:
-        """Return what the record calls the optimiser."""
+        """Return the description of the optimiser for the record."""
         batch = "full batch" if self.batch is None else f"batches of {self.batch}"
         return f"Adam, {batch}, learning rate {self.learning_rate}"
 
 
 @dataclass(frozen=True)
 class Course:
-    """How long a fit may last, what its chance is drawn from and who hears of it."""
+    """Length, random generator and progress callback of a fit."""
 
     epochs: int
-    """At most."""
+    """Greatest number of epochs."""
     generator: torch.Generator
-    """Shuffles the batches."""
+    """Random generator that shuffles the batches."""
     on_epoch: OnEpoch
 
 
 @dataclass(frozen=True)
 class TrainingRecord:
-    """What a training run was and what it reached; the errors are those of the numpy network that is written."""
+    """Settings and results of a training run; the errors are those of the numpy network that is written."""
 
     seed: int
     samples: int
@@ -82,12 +84,12 @@ class TrainingRecord:
     learning_curve: list[tuple[int, float, float]]  # (epoch, train MSE, validation MSE), thinned
 
     def findings(self) -> dict[str, str]:
-        """Return what is to be told of this network beside what every training tells, name to text."""
+        """Return the results that only this kind of network has, name to text."""
         return {}
 
 
 Training = Callable[[int, int, int, OnEpoch], tuple[Network, TrainingRecord]]
-"""From seed, samples, epochs allowed and `on_epoch` to the network of the best validation error and its record."""
+"""Maps seed, samples, epochs allowed and `on_epoch` to the network of the best validation error and its record."""
 
 
 @dataclass(frozen=True)
@@ -95,15 +97,15 @@ class Fit:
     """The outcome of `fit`."""
 
     parameters: Parameters
-    """Those of the best validation error."""
+    """The parameters with the best validation error."""
     best_epoch: int
     curve: list[tuple[int, float, float]]  # (epoch, train MSE, validation MSE)
 
 
 def seeded(seed: int) -> torch.Generator:
-    """Return the source of all chance in a training, and make torch deterministic: one thread, for the whole process.
+    """Return the random generator of a training, and make torch deterministic and single-threaded in this process.
 
-    So the result depends on the arguments alone (on one machine with one torch).
+    So the result depends on the arguments alone (on one machine with one version of torch).
     """
     torch.use_deterministic_algorithms(True)
     torch.set_num_threads(1)
@@ -123,10 +125,9 @@ def fit(
     recipe: Recipe,
     course: Course,
 ) -> Fit:
-    """Fit the parameters to the first of the `parts`, in place, and return those that suit the second best.
+    """Fit the parameters, in place, to the first of the `parts` and return those with the least error on the second.
 
-    `forward` maps parameters and inputs to outputs. The training error of the curve is that before each step, as no
-    pass is spent on it.
+    The training errors of the curve are those before each step, so that they cost no pass of their own.
     """
     (inputs, targets), (validation_inputs, validation_targets) = (
         (torch.from_numpy(x), torch.from_numpy(y)) for x, y in parts[:2]
@@ -183,7 +184,7 @@ def record_of(
 
 
 def check_writable(path: Path) -> None:
-    """Raise InputError if the weights cannot be written there, before minutes are spent on them."""
+    """Raise InputError if a weights file cannot be written to the path, before minutes are spent on training."""
     if path.is_dir():
         raise InputError(f"--out {path}: is a directory, allowed: a file name")
     if not path.parent.is_dir():

@@ -1,11 +1,10 @@
-"""Trains the paper's network on the paper's case as it prescribes, to show by numbers that it cannot fly.
+"""Trains the paper's network on the paper's case as the paper prescribes, to show by numbers that it cannot fly.
 
-2 (N + M) coordinates -> 75 sigmoids -> 1, on F~ of uniformly drawn positions. A given agent is inside a given disc in
-one of 127 samples, and from absolute coordinates each of the 40 pairs of an agent and a threat is to be learnt on its
-own: what comes out is the mean and one percent of the variance (docs/method.md section 2, point 1). "14 input
-neurons" is
-not 2 N + 2 M for the paper's N = 10, M = 4; this has 28. f4 is left out, as it depends on the way flown and not on
-positions alone (docs/method.md section 2, point 8).
+The network has 2 (N + M) coordinates -> 75 sigmoids -> 1 output and is fitted to F~ of uniformly drawn positions. A
+given agent is inside a given disc in one of 127 samples, and from absolute coordinates each of the 40 pairs of an agent
+and a threat must be learnt separately: the result is the mean and one percent of the variance (docs/method.md section
+2, point 1). The paper's "14 input neurons" is not 2 N + 2 M for its N = 10, M = 4; this network has 28. f4 is left out,
+as it depends on the distance flown and not on positions alone (docs/method.md section 2, point 8).
 """
 
 from __future__ import annotations
@@ -31,27 +30,28 @@ from companion.surrogate.training import (
 )
 
 AGENTS, THREATS = 10, 4
-"""N and M (paper: section Simulation Results, like everything here that is in metres)."""
+"""N and M of the paper's case (paper: section Simulation Results, the source of all lengths below too)."""
 AREA_M = 200_000.0
-"""Side of the square."""
+"""Side of the square in which positions are drawn."""
 DETECTION_RADIUS_M, ATTACK_RADIUS_M = 10_000.0, 5_000.0
 SEPARATION_M = 100.0
 WEIGHTS = Weights()
-"""The paper's: k_d = k_a = 1e11 m^2, k_c = 1e10 m^2."""
+"""The paper's penalty weights: k_d = k_a = 1e11 m^2, k_c = 1e10 m^2."""
 NEURONS = 75
-"""J."""
+"""The paper's number of neurons, J."""
 LEARNING_RATE, BATCH = 0.001, 500
-"""Not for want of a better optimiser: with seed 0 the test MSE is 0.989 of the variance with these, 0.991 with batches
-of 250 or of 1000, 0.993 at a rate of 0.003, 1.000 with full batches at 0.01, and 0.990 with Levenberg-Marquardt, which
-has its best validation error after 5 steps and overfits from there."""
+"""Learning rate, and samples per step. Another optimiser fits no better: with seed 0 the test MSE is 0.989 of the
+variance with these, 0.991 with batches of 250 or of 1000, 0.993 at a rate of 0.003, 1.000 with full batches at 0.01,
+and 0.990 with Levenberg-Marquardt, which has its best validation error after 5 steps and then overfits."""
 WORSE_THAN_THE_MEAN = 1.1
+"""Test MSE, as a share of the target's variance, above which a network is worse than the mean of its target."""
 NO_BETTER_THAN_THE_MEAN = 0.9
-"""Share of the target's variance: with a test error above it a network has learnt nothing worth steering by."""
+"""Test MSE, as a share of the target's variance, above which a network predicts little but the mean."""
 
 
 @dataclass(frozen=True)
 class MonolithicRecord(TrainingRecord):
-    """The case, and the scaling of the errors: -1 and 1 are the least and the greatest target of the training part."""
+    """Record with the case and the scale of the errors: -1 and 1 are the least and greatest target in training."""
 
     agents: int
     threats: int
@@ -84,7 +84,7 @@ class MonolithicRecord(TrainingRecord):
 
 
 def draw_positions(samples: int, generator: torch.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return agents (samples, N, 2) and threats (samples, M, 2), uniform over the area, m."""
+    """Return positions of agents (samples, N, 2) and threats (samples, M, 2), drawn uniformly over the area, m."""
     positions_m = AREA_M * torch.rand(samples, AGENTS + THREATS, 2, generator=generator, dtype=torch.float64).numpy()
     return positions_m[:, :AGENTS], positions_m[:, AGENTS:]
 

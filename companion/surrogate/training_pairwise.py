@@ -1,7 +1,7 @@
 """Trains the pairwise network, the one that flies, on the polygon F~ of the unit disc.
 
 The network must not only fit: a slope of the wrong sign would attract agents to threats, and a ripple far outside would
-outweigh the attraction (docs/method.md section 2, point 2). Both are excluded by parametrisation, not by hope. In
+outweigh the attraction (docs/method.md section 2, point 2). The parametrisation excludes both. In
 `mu + sum lambda_j sigma(w_j r + theta_j)` every lambda_j is positive and they sum to 1 (softmax), every steepness -w_j
 lies between STEEPNESS_MIN and STEEPNESS_MAX, every centre theta_j / -w_j within CENTRE_REACH of the edge, and mu = 0.
 So f falls monotonically from 1 to 0, and beyond the centres |df/dr| is less than
@@ -30,31 +30,32 @@ from companion.surrogate.training import (
 )
 
 NEURONS = 8
-"""J. The bound on the steepness, not J, limits the fit: the test MSE is 4.1e-5 with 3 neurons, 4.0e-5 with 4, 3.93e-5
-with 8 and 3.94e-5 with the paper's 75, which would cost the vehicle nine times the exponentials."""
+"""Number of neurons, J. The bound on the steepness, not J, limits the fit: the test MSE is 4.1e-5 with 3 neurons,
+4.0e-5 with 4, 3.93e-5 with 8 and 3.94e-5 with the paper's 75, which would cost the vehicle nine times the
+exponentials."""
 STEEPNESS_MIN = 2.0 / HALF_WIDTH
-"""Per unit of r: the analytic profile's. It bounds how slowly the far field decays."""
+"""Least steepness of a neuron per unit of r, the analytic profile's: it bounds how slowly the far field decays."""
 STEEPNESS_MAX = 200.0
-"""Per unit of r. A sharper network fits better but repels too late for a step of 0.03 radii (the paper's 300 m against
-10 km): in 40 random scenes with threats at 10 m/s the least clearance was 250 m with 200 and 80 m with 400, and with
-800 one agent of 400 entered."""
+"""Greatest steepness of a neuron per unit of r. A sharper network fits better but repels too late for a step of 0.03
+radii (the paper's 300 m against 10 km): in 40 random scenes with threats at 10 m/s the least clearance was 250 m with
+200 and 80 m with 400, and with 800 one agent of 400 entered."""
 CENTRE_REACH = 3.0 * HALF_WIDTH
 """Greatest distance of a neuron's centre from the edge, in r."""
 SAMPLED_RANGE = 3.0
-"""Half of the samples are uniform in r on [0, SAMPLED_RANGE]; beyond, the slope is below 1e-60 by construction."""
+"""Greatest r of the half of the samples that is uniform from 0; beyond, the slope is below 1e-60 by construction."""
 EDGE_REACH = 4.0 * HALF_WIDTH
-"""The other half is uniform within this distance of the edge, where alone the target changes."""
+"""Greatest distance from the edge, in r, of the other half of the samples: only there does the target change."""
 FAR_FIELD = 1.5
-"""The far field of the record begins at this r."""
+"""Scaled distance r at which the record's far field begins."""
 LEARNING_RATE = 0.03
-"""Of full batches."""
+"""Learning rate of Adam with full batches."""
 CHECK_POINTS = 300_001
-"""Even grid on [0, SAMPLED_RANGE] for the worst error and the slopes: 2500 points inside half a band."""
+"""Points of an even grid on [0, SAMPLED_RANGE] for the worst error and the slopes: 2500 lie inside half a band."""
 
 
 @dataclass(frozen=True)
 class PairwiseRecord(TrainingRecord):
-    """What only the pairwise network is asked for."""
+    """Record with the checks that only the pairwise network must pass."""
 
     worst_error: float  # over [0, SAMPLED_RANGE]
     far_slope_max: float  # largest |df/dr| beyond FAR_FIELD
@@ -70,7 +71,7 @@ class PairwiseRecord(TrainingRecord):
 
 
 def draw_samples(samples: int, generator: torch.Generator) -> np.ndarray:
-    """Return scaled distances r, (samples,), in random order: half over the whole range, half at the edge."""
+    """Return scaled distances r, (samples,), in random order: half from the whole range, half from near the edge."""
     uniform = torch.rand(samples, generator=generator, dtype=torch.float64)
     everywhere = SAMPLED_RANGE * uniform
     at_edge = 1.0 + EDGE_REACH * (2.0 * uniform - 1.0)
