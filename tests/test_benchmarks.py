@@ -32,9 +32,10 @@ SMALLEST = {
     "signing": "--rounds 1 --frames 20",
     "swarm": "circle --count 4 --free 12 --seeds 1 --time-limit 100",
 }
-"""The arguments that make a benchmark short."""
+"""Arguments that make each benchmark short, by its name."""
 MAY_FAIL = {"processes"}
-"""Its status judges the gaps between setpoints, which a busy computer makes long."""
+"""Benchmarks whose exit status is not judged: it depends on gaps between setpoints, which a busy computer makes
+long."""
 NEAR = """
 name: near
 agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}]

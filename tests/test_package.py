@@ -1,4 +1,4 @@
-"""The project as a whole: imports point one way, the companion flies on its own libraries alone, documents are true."""
+"""The project as a whole: imports point one way, the companion flies on its own libraries, pages match the code."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from companion.protocol.dialect import oneway
 ROOT = Path(__file__).parents[1]
 FORBIDDEN = {"companion": {"groundstation", "sim"}, "groundstation": {"sim"}, "sim": set[str]()}
 COMPANION_NEEDS = ("numpy", "pymavlink", "cryptography", "fastcrc", "pydantic", "pyyaml", "pyproj", "click", "mavsdk")
-"""What the vehicle's computer must have: the project's base dependencies, and none of an extra's."""
+"""Libraries that the vehicle's computer must have: the project's base dependencies, and none of an extra's."""
 DECIDE = """
 import importlib.util, math
 for absent in ("torch", "scipy", "matplotlib", "rich", "jinja2", "groundstation", "sim"):
@@ -50,7 +50,7 @@ WIDTHS = {b"B": 1, b"b": 1, b"H": 2, b"h": 2, b"I": 4, b"i": 4, b"f": 4, b"Q": 8
 
 
 def format_of(message: type[oneway.MAVLink_message]) -> bytes:
-    """Return one struct letter per field on the wire."""
+    """Return the struct letter of each field of a message, in the order on the wire."""
     letters = re.findall(r"(\d*)([BbHhIifQ])", message.unpacker.format)
     runs = b"".join(letter.encode() * int(count or 1) for count, letter in letters)
     found, position = b"", 0

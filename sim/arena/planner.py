@@ -49,7 +49,8 @@ SEARCHES = ((2.0, 3_000), (1.2, 2_500))
 """Weight of the remaining distance and greatest number of poses opened, for each of the two searches: the first finds a
 path soon, the second a short one. A thousand poses take 0.3 to 0.8 s."""
 NEAR_SHARE = 0.5
-"""A path found by search is pulled tight around the moving threats that it passes within this share of their radii."""
+"""Distance from a moving threat's edge, as a share of its radius, within which a path found by search is pulled tight
+around the threat."""
 SHOT_EVERY = 20
 """Where threats chase, a turn and a line to the target are tried from only one of this many opened poses, because the
 chase must be simulated all along the try."""
@@ -57,6 +58,7 @@ PIECE_TURN_RAD = 0.8
 """Turn of the sharpest piece of the search; where a hundredth of the distance to the target makes the pieces longer,
 they turn by more, at most 1.2 rad."""
 HEADING_BINS = 24
+"""Number of heading bins: poses at the same place whose headings fall into one bin count as the same."""
 TIME_BIN_S = 8.0
 """Width of a bin in time: where threats move, poses at the same place in different bins count as different."""
 WAY_TURN_RAD = 0.2
@@ -77,8 +79,8 @@ class Plan:
     """Length that no path undercuts; infinite where it is proven that none arrives in time."""
     way: np.ndarray  # (W, 3) north m, east m, heading rad; arcs of constant curvature join them
     method: Method
-    """How the path was found. `none`: no path was found, which proves nothing; `impossible`: it is proven that none
-    exists."""
+    """How the path was found: by lines and circles (`tangents`), around copies of moving discs (`repaired`), or by
+    `search`. Without a path: `none`, which proves nothing, or `impossible`, which is proven."""
     seconds: float
     """Wall-clock time that the planning took."""
 

@@ -90,7 +90,7 @@ class ArenaOutcome:
 
     @property
     def missions(self) -> int:
-        """How many missions were flown, each by several laws."""
+        """Number of missions that were flown, each by several laws."""
         return len({(run.family, run.index) for run in self.runs})
 
 

@@ -187,7 +187,7 @@ def flight_seed(seed: int, index: int) -> int:
 
 
 def fly_law(mission: Mission, seed: int, law: str) -> ArenaFlight:
-    """Fly a mission with one of our laws or one of the peers."""
+    """Fly a mission with one of our laws or one of the published methods (PEERS)."""
     own = next((name for name in LAWS if name == law), None)
     if own is not None:
         return fly_arena(mission, seed, own)

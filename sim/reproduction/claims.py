@@ -27,12 +27,12 @@ PAPER_MAX_MS = 12.5
 SQUARE_KILOMETRE_M2 = 1e6
 
 LEARNED_SHARE = 0.9
-"""Share of its target's variance from which on a network's test MSE means that it has learnt nothing: always predicting
-the mean would do as well."""
+"""Least test MSE, as a share of the variance of its target, of a network that has learnt nothing: always predicting the
+mean has a share of 1."""
 
 
 class Verdict(Enum):
-    """Outcome of setting a claim beside the measured figures."""
+    """What the measured figures say about a claim."""
 
     HOLDS = "holds"
     FAILS = "does not hold"
@@ -41,7 +41,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim, what the paper and this run have on it, and the verdict: one row of the table."""
+    """A claim, the paper's figure and this run's, and the verdict: one row of the table."""
 
     key: str
     claim: str
@@ -51,7 +51,7 @@ class Claim:
     reason: str
     """Reason of the verdict, in one sentence."""
     ours: bool = False
-    """Whether this project claims it about the paper; otherwise the paper claims it."""
+    """Whether this project makes the claim, about the paper; otherwise the paper makes it."""
 
 
 def all_claims(results: Results) -> tuple[Claim, ...]:

@@ -36,6 +36,7 @@ N_MAX = (10.0, 2.0, 1.0, 0.5)
 MIN_SEEDS = 5
 """Least number of flights of an experiment, and how many dynamic flights are flown over the wire too."""
 STATIC_SEED, STATIC_STEP, DYNAMIC = "static-seed", "static-step", "dynamic-10"
+"""Keys of the series that the paper has: the static contrast under F* and under F, and the dynamic run."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Settings:
     seeds: int = 200
     """Flights of each experiment at the paper's step; their seeds count from 1."""
     wire_seeds: int = MIN_SEEDS
-    """Number of the dynamic flights that are flown over the wire too, the first seeds."""
+    """Number of dynamic flights, those of the first seeds, that are flown over the wire too."""
     fine_seeds: int = 40
     """Flights of each experiment at the fine step, which take ten times as long to compute; never more than `seeds`."""
     samples: int = 100_000
@@ -57,7 +58,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Series:
-    """Flights that differ in their seed alone."""
+    """Flights of one mission and law that differ in their seed alone."""
 
     key: str
     mission: str
@@ -183,7 +184,7 @@ class Results:
         return np.concatenate([comparison.wire_us for comparison in self.wire])
 
     def of(self, key: str) -> tuple[FlightFigures, ...]:
-        """Return a series' flights."""
+        """Return the flights of the series with a key, in the order of its seeds."""
         return self.flights[key]
 
 

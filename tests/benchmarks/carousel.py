@@ -20,9 +20,13 @@ from groundstation.broadcast import mission_frame, radii_frames
 
 LOSSES = (0.0, 0.1, 0.3, 0.5)
 PATH_BYTES = 252
+"""Greatest frame on the link."""
 OVERHEADS_BYTES = {"MAVLink signing": 13, "Ed25519": 64, "both": 77}
+"""Bytes that signatures add to a frame, by kind of signature."""
 CURRENT_SHARE = 0.999
+"""Share of the receivers whose number of frames is printed as a quantile."""
 NEGLIGIBLE = 1.0e-12
+"""Probability below which the sums end."""
 
 
 def in_turn(sent: int, parts: int, loss: float) -> float:

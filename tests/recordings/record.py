@@ -56,7 +56,7 @@ class Row:
 
 
 def rows(quick: bool) -> list[Row]:
-    """Return the table: four missions, five autopilots, three seeds; or its small part."""
+    """Return the table: four missions, five autopilots, three seeds; or the part of it that `--quick` flies."""
     missions, seeds = (QUICK, SEEDS[:1]) if quick else (tuple(MISSIONS), SEEDS)
     return [Row(mission, autopilot, seed) for mission in missions for autopilot in AUTOPILOTS for seed in seeds]
 
@@ -81,7 +81,7 @@ def digests(folder: Path, keys: frozenset[str]) -> dict[str, str]:
 
 
 def record(row: Row, folder: Path) -> dict[str, str]:
-    """Fly a row into a folder; return the digests of what it left."""
+    """Fly a row into a folder; return the digests of the files that it wrote."""
     folder.mkdir(parents=True)
     options = ["--seed", str(row.seed), "--autopilot", row.autopilot, "--out", str(folder)]
     subprocess.run(
@@ -105,7 +105,7 @@ def record_arena(folder: Path) -> dict[str, str]:
 
 
 def main() -> int:
-    """Record, and compare or write; exit status 1 where a digest differs."""
+    """Fly the rows, and compare or write their digests; exit status 1 where a digest differs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true", help="replace digests.json")
     parser.add_argument("--quick", action="store_true", help="the small missions on one seed only")

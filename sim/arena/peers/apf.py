@@ -21,7 +21,8 @@ INFLUENCE_TURN_RADII = 2.0
 BALANCE_SHARE = 0.5
 """Distance, as a share of d0, at which the repulsion of one disc equals the attraction; it gives the gain eta."""
 NEAREST_SHARE = 0.01
-"""Distance from a disc's edge, as a share of d0, below which the repulsion grows no further, nor inside the disc."""
+"""Least distance from a disc's edge that counts, as a share of d0: nearer, and inside the disc, the repulsion grows no
+further."""
 
 
 class PotentialField:
@@ -39,7 +40,7 @@ class PotentialField:
         self._gain = balance_m**2 / (1.0 / balance_m - 1.0 / self._influence_m)
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
-        """See SteeringLaw."""
+        """Return the steering demand of this method, as SteeringLaw defines it."""
         if task.loitering:
             return SteeringDemand(task.pull)
         distance_m, bearing_rad = goal_of(task, motion)

@@ -30,8 +30,8 @@ CHANGE_RAD = math.radians(75.0)
 CHANGE_RATIO = 1.5
 """ArduPilot's OA_BR_CONT_RATIO: a new bearing after a large change needs this many times the margin of the held one."""
 SHRINK, GROW, LEAST_SHARE = 0.9, 1.1, 0.5
-"""Factors of the look-ahead: it shrinks at each step while nothing is open, down to a least share of its full length,
-and grows again at each step after that."""
+"""Factors of the look-ahead per step: SHRINK while no ray is open, down to LEAST_SHARE of its full length, else GROW,
+up to the full length."""
 _TIE_M = 1e-6
 
 
@@ -45,7 +45,7 @@ OFFSETS_RAD = _offsets_rad()
 
 
 class BendyRuler:
-    """Plans anew at every guidance step; ArduPilot does so once a second."""
+    """Chooses a bearing at every guidance step; ArduPilot does so once a second."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class BendyRuler:
         self._held_for: tuple[float, float] | None = None
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
-        """See SteeringLaw."""
+        """Return the steering demand of this method, as SteeringLaw defines it."""
         if task.loitering:
             self._held_rad = None
             return SteeringDemand(task.pull)

@@ -1,4 +1,4 @@
-"""Receding-horizon planning: BIT* (Gammell, Srinivasa & Barfoot 2015, ICRA) of OMPL, anew every two seconds.
+"""Receding-horizon planning: BIT* (Gammell, Srinivasa & Barfoot 2015, ICRA) of OMPL, repeated every two seconds.
 
 The planner knows the whole path to the target, as our route does, but searches for it by sampling the plane; its plan
 ignores the turn limit. Between plans the vehicle heads for the farthest point of the last plan in its line of sight.
@@ -47,7 +47,7 @@ SEED = 1
 
 
 class RecedingHorizon:
-    """Follows plans that are the same for the same inputs, because the sampler is seeded before each."""
+    """Plans a path every REPLAN_S and follows it; the sampler is seeded, so that equal inputs give equal plans."""
 
     def __init__(
         self, settings: LawSettings, clearance_turn_radii: float = CLEARANCE_TURN_RADII, iterations: int = ITERATIONS
@@ -61,7 +61,7 @@ class RecedingHorizon:
         self._plans = 0
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
-        """See SteeringLaw."""
+        """Return the steering demand of this method, as SteeringLaw defines it."""
         if task.loitering:
             # It may be loitering for want of a plan: that is no reason to plan more often.
             return SteeringDemand(task.pull)

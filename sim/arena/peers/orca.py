@@ -34,6 +34,8 @@ TRACKING_SHARE = 0.1
 """Share of the turn radius that is added to every disc's radius, because a course is not changed at once (NH-ORCA adds
 a tracking error)."""
 RECIPROCAL_SHARE, WHOLE_SHARE = 0.5, 1.0
+"""Shares of the needed change of velocity that the vehicle makes: towards agents, which make the rest, and towards
+threats."""
 _TOLERANCE_M_S = 1e-6
 _LENGTH_M_S = 1e-9
 _GRID_RAD = np.radians(np.arange(360.0))
@@ -57,7 +59,7 @@ class ReciprocalAvoidance:
         self._tracking_m = tracking_share * self._scale.turn_radius_m
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
-        """See SteeringLaw."""
+        """Return the steering demand of this method, as SteeringLaw defines it."""
         if task.loitering:
             return SteeringDemand(task.pull)
         distance_m, goal_rad = goal_of(task, motion)

@@ -114,7 +114,7 @@ def goal_of(task: Task, motion: Motion) -> tuple[float, float]:
 
 
 def heading_for(heading_rad: float, strength_m: float) -> SteeringVector:
-    """Return the steering vector along a heading, as long as the distance left."""
+    """Return the steering vector along a heading, with `strength_m` as its length."""
     return SteeringVector(strength_m * math.cos(heading_rad), strength_m * math.sin(heading_rad))
 
 

@@ -1,7 +1,7 @@
 """VFH+ (Ulrich & Borenstein 1998, ICRA): the vector field histogram with the vehicle's size and turning circles.
 
-The discs block sectors of direction about the vehicle, and so do their overlaps with its turning circles; among the
-openings that are left, the candidate direction of least cost is taken.
+The discs block sectors of direction about the vehicle. Sectors that it cannot turn to before its turning circle meets a
+disc are blocked too. Among the openings that are left, the candidate direction of least cost is taken.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class VectorFieldHistogram:
         self._previous_rad: float | None = None
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
-        """See SteeringLaw."""
+        """Return the steering demand of this method, as SteeringLaw defines it."""
         if task.loitering:
             self._previous_rad = None
             return SteeringDemand(task.pull)

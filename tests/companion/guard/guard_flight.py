@@ -30,23 +30,26 @@ G_M_S2 = 9.80665
 BAD = [math.nan, math.inf, -math.inf]
 
 HAIR = 1e-8
-"""Length between just allowed and just refused: far below the guard's own rounding allowance of 1e-6 m, far above the
-rounding errors here."""
+"""Small length by which a scene is just allowed or just refused: far below the guard's own rounding allowance of 1e-6
+m, far above the rounding errors here."""
 
 PLANE = Limits(20.0, 20.0, 1.0, 50.0, 120.0)
 """Limits of a vehicle that cannot stop; its turning radius is 40.8 m, its step 10 m."""
 
 COPTER = Limits(0.0, 20.0, 1.0, 50.0, 120.0, braking_m_s2=2.0)
+"""Limits of a vehicle that can stop."""
 
 DT_S = 0.5
 
 RHO_M = 400.0 / G_M_S2
+"""Turning radius of PLANE and COPTER at 20 m/s."""
 
 NORTHWARD = Motion(0.0, 0.0, 0.0, 20.0)
 
 AHEAD = Setpoint(0.0, 20.0, 100.0)
 
 SPARE_M = 1e-6
+"""The guard's own rounding allowance."""
 
 
 def discs(*entries: tuple[float, float, float], speed_m_s: float = 0.0) -> Discs:
@@ -73,6 +76,7 @@ def turn_of(verdict: Verdict, motion: Motion) -> float:
 
 
 MOMENTS = 16
+"""Number of positions that a vehicle returns for each time that it flies."""
 
 
 def sent(verdict: Verdict) -> Setpoint:
@@ -264,6 +268,7 @@ class World:
 
 
 FLAT_OUT = Limits(30.0, 30.0, 1.0, 50.0, 120.0)
+"""Limits of a vehicle that flies at one speed."""
 
 RHO_S = 30.0 / G_M_S2
 """Turning radius over speed of FLAT_OUT: the time in which it turns by one radian."""

@@ -19,11 +19,17 @@ from sim.vehicles import CRAFTS, Home, Setup, StandIn
 
 HEIGHT_M = 100.0
 STEP_S = 0.1
+"""Time between two setpoints."""
 SUBSTEPS = 5
+"""Number of positions recorded in each STEP_S."""
 DECISION_STEPS = 5
+"""Number of setpoints sent for each decision."""
 SETTLING_S = 12.0
+"""Time at which the turns begin."""
 TAIL_S = 6.0
+"""Time flown after the turns."""
 LONGEST_S = 400.0
+"""Time at which the turns are broken off."""
 EIGHT_RAD = math.radians(8.0)
 TURNS_RAD = {
     "90": (math.pi / 2,),
