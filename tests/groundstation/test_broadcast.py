@@ -150,6 +150,7 @@ def test_a_broadcast_holds_everything_and_every_agent_once_beside_its_target(
     assert_whole(states(*world), *world)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(worlds())
 def test_every_frame_can_be_sent_and_is_accepted(world: tuple[Mission, dict[int, int]]) -> None:
@@ -164,6 +165,7 @@ def test_every_frame_can_be_sent_and_is_accepted(world: tuple[Mission, dict[int,
     assert reader.rejected.total() == 0
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(worlds())
 def test_the_frames_of_a_broadcast_are_numbered(world: tuple[Mission, dict[int, int]]) -> None:
@@ -173,6 +175,7 @@ def test_the_frames_of_a_broadcast_are_numbered(world: tuple[Mission, dict[int, 
         assert {frame.stamp.frame_count for frame in frames} <= {len(frames)}
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(worlds())
 def test_each_agent_believes_its_assignment_and_every_threat_after_one_broadcast(

@@ -164,6 +164,7 @@ draw: {agents: 1, targets: 1}
 # Writing back
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(seeds, st.sampled_from(["small", "paper-dynamic", "copter-demo"]))
 def test_a_mission_written_and_read_again_is_the_same(seed: int, name: str) -> None:
@@ -187,6 +188,7 @@ def test_a_name_returns_whatever_it_looks_like(name: str) -> None:
     assert parse_mission(dump_mission(mission), "again").name == name
 
 
+@pytest.mark.slow
 @given(
     st.recursive(
         st.none()

@@ -202,6 +202,7 @@ def test_no_step_ends_farther_off_than_the_worst_and_one_does_end_there(
     assert attained_m == pytest.approx(worst_m, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.name)
 @given(ratio=st.floats(0.0, 1.5), arrival=st.floats(0.3, 20.0))
 def test_a_condition_holds_just_below_its_largest_b_and_not_above(
