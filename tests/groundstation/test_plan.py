@@ -200,6 +200,7 @@ def test_the_more_is_lost_the_longer_it_takes() -> None:
     assert None not in dict(times).values()
 
 
+@pytest.mark.slow
 def test_a_plan_can_be_written_as_json() -> None:
     found = planned("sik-57600", "both", 0.5)
     again = json.loads(json.dumps(found.to_dict(), allow_nan=False))

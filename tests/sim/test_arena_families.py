@@ -61,6 +61,7 @@ def test_the_same_seed_and_index_draw_the_same_mission_and_others_another(family
     assert all(one != other for one, other in zip(names_apart, names_apart[1:], strict=False))
 
 
+@pytest.mark.slow
 @every_family
 def test_every_target_lies_outside_the_discs_grown_to_the_end_of_the_run(family: str) -> None:
     for mission in drawn(family):

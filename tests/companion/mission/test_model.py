@@ -482,6 +482,7 @@ def test_an_illegal_start_is_refused_in_one_line_that_says_what_is_wrong(what: s
     assert_one_line(str(caught.value), "bad.yaml", parts)
 
 
+@pytest.mark.slow
 @given(st.text(st.sampled_from("ab:[]{}&*!|>-?,#'\"%@`\n\t 01.~<=é\x00"), max_size=40) | st.text(max_size=40))
 def test_no_text_whatever_ends_in_anything_but_an_input_error(text: str) -> None:
     try:
