@@ -81,7 +81,7 @@ class ArduPlaneAdapter(LinkedAdapter):
     parameter_checks = PARAMETER_CHECKS
 
     def __init__(self, system_id: int | None = None) -> None:
-        """See LinkedAdapter."""
+        """Listen to the autopilot of this system id; None for whichever is heard first."""
         super().__init__(system_id)
         self._ramp = CourseRamp()
         self._height_m = math.nan

@@ -60,7 +60,7 @@ class Px4PlaneAdapter(LinkedAdapter):
     rates_hz = px4.RATES_HZ
 
     def __init__(self, system_id: int | None = None) -> None:
-        """See LinkedAdapter."""
+        """Listen to the autopilot of this system id; None for whichever is heard first."""
         super().__init__(system_id)
         self._ramp = CourseRamp()
 

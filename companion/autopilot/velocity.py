@@ -29,7 +29,7 @@ class VelocityAdapter(LinkedAdapter):
     """Time by which a turning velocity setpoint leads the course."""
 
     def __init__(self, system_id: int | None = None) -> None:
-        """See LinkedAdapter."""
+        """Listen to the autopilot of this system id; None for whichever is heard first."""
         super().__init__(system_id)
         self._ramp = CourseRamp()
 

@@ -119,7 +119,7 @@ class GradientLaw:
         self._surrogate = _surrogate(settings)
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
-        """See SteeringLaw."""
+        """Return the attraction minus the gradient of the surrogate at the vehicle's position."""
         gradient_m = self._surrogate.gradient_m(motion.position_ned_m, view)
         if task.to_target and self._settings.law == "seed":
             gradient_m = gradient_m + _range_gradient(task, motion, self._settings)
@@ -145,7 +145,7 @@ class RoutedLaw:
         self._onward: tuple[_OnwardFor, tuple[Piece, ...]] | None = None
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
-        """See SteeringLaw."""
+        """Return the direction of the route, bent by the surrogate's gradient where it does not oppose the route."""
         self._began_ned_m = self._began_ned_m or motion.position_ned_m
         wall_m = self._wall_gradient(motion, view)
         if task.loitering:

@@ -59,7 +59,7 @@ class PairSurrogate:
     weights: Weights
 
     def gradient_m(self, position_ned_m: tuple[float, float], view: View) -> np.ndarray:
-        """See Surrogate."""
+        """Return dF*/dU, (2,) m, summed over the threats' two radii and the peers of the view."""
         return gradient_for_agent(
             self.profile,
             np.array(position_ned_m),
@@ -78,7 +78,7 @@ class MonolithicSurrogate:
     agent_id: int
 
     def gradient_m(self, position_ned_m: tuple[float, float], view: View) -> np.ndarray:
-        """See Surrogate."""
+        """Return dF*/dU, (2,) m, as the network gives it for this agent among all those of the view."""
         known = view.peer_ids != NOBODY
         ids = np.append(view.peer_ids[known], self.agent_id)
         places_ned_m = np.vstack((view.peers_ned_m[known], position_ned_m))

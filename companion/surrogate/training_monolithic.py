@@ -66,7 +66,7 @@ class MonolithicRecord(TrainingRecord):
     target_high_m2: float
 
     def findings(self) -> dict[str, str]:
-        """See TrainingRecord."""
+        """Return, by name, the result that only this network has in words: how its error compares with the mean's."""
         ratio = self.test_mse / self.test_target_variance
         if ratio > WORSE_THAN_THE_MEAN:
             meaning = f"it is worse than the mean of its target: test MSE is {ratio:.2f} x the variance"
