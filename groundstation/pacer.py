@@ -5,10 +5,11 @@ from __future__ import annotations
 from groundstation.radio import Radio
 
 BURST_BYTES, BURST_S = 170.0, 0.03
-"""Bytes that may pass at once beside one frame: BURST_BYTES, or the budget of BURST_S if that is more.
+"""Bytes that may pass at once beside one frame, or the time whose budget may, whichever is more.
 
-A shell that is late by 30 ms then loses nothing. At 57600 baud more than half of a buffer of 1 KiB stays free, so that
-no radio has cause to slow the broadcast down."""
+So a shell that is late by 30 ms loses nothing. At 57600 baud more than half of a buffer of 1 KiB stays free, so that no
+radio has cause to slow the broadcast down.
+"""
 
 TXBUF_VERY_LOW, TXBUF_LOW, TXBUF_HIGH, TXBUF_VERY_HIGH = 20, 50, 90, 95
 """Free shares of the radio's buffer, in percent, at which the rate changes: those of ArduPilot's own flow control."""

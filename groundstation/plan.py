@@ -42,9 +42,8 @@ RECEIVERS = 20_000
 
 _START_S = 1_790_000_000.0
 _MOMENTS = 1_000
-"""Number of moments at which agents are switched on, spread evenly over a span of time.
-
-The span is _INTERVALS intervals of the frame that is needed and sent least often, at least _LEAST_SPAN_S."""
+"""Number of moments at which agents are switched on: evenly over _INTERVALS intervals of the rarest needed frame, or
+over _LEAST_SPAN_S if that is longer."""
 _INTERVALS = 5.0
 _LEAST_SPAN_S = 40.0
 _RESOLUTION_S = 0.01
