@@ -437,6 +437,7 @@ def test_an_agent_that_never_reported_is_lost_as_one_that_reported_at_the_start(
     assert run.to(80.5).station.tracks.progress.lost == {1, 2}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensed", [True, False])
 def test_without_reports_nobody_is_ever_known_to_be_lost(sensed: bool) -> None:
     run = Run("lost_after_s: 20\n", sensed).to(200.0)

@@ -343,6 +343,7 @@ def settle(table: Costs, latest: bool, present: np.ndarray | None, share: float)
     return assign_least_total(table.cost, table.reachable, table.blocked, present, share)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("latest", [False, True], ids=["total", "latest"])
 @settings(max_examples=25)
 @given(table=tables(least_cost=100), seed=st.integers(0, 2**32))

@@ -142,6 +142,7 @@ def test_sixty_agents_with_ids_all_over_arrive_whole() -> None:
     assert len(frames) > 6
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(worlds())
 def test_a_broadcast_holds_everything_and_every_agent_once_beside_its_target(
@@ -150,6 +151,7 @@ def test_a_broadcast_holds_everything_and_every_agent_once_beside_its_target(
     assert_whole(states(*world), *world)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(worlds())
 def test_every_frame_can_be_sent_and_is_accepted(world: tuple[Mission, dict[int, int]]) -> None:
@@ -164,6 +166,7 @@ def test_every_frame_can_be_sent_and_is_accepted(world: tuple[Mission, dict[int,
     assert reader.rejected.total() == 0
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(worlds())
 def test_the_frames_of_a_broadcast_are_numbered(world: tuple[Mission, dict[int, int]]) -> None:
@@ -173,6 +176,7 @@ def test_the_frames_of_a_broadcast_are_numbered(world: tuple[Mission, dict[int, 
         assert {frame.stamp.frame_count for frame in frames} <= {len(frames)}
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(worlds())
 def test_each_agent_believes_its_assignment_and_every_threat_after_one_broadcast(
@@ -292,6 +296,7 @@ def unseen(mission: Mission) -> Mission:
     return mission.model_copy(update={"case": "II"})
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(worlds())
 def test_in_case_ii_a_broadcast_tells_no_place_and_no_motion_of_any_agent(
@@ -413,6 +418,7 @@ def used_bytes(frame: Frame) -> int:
     return size
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(worlds(), st.randoms(use_true_random=False))
 def test_each_agent_knows_all_it_needs_after_a_packed_broadcast_in_any_order(
@@ -490,6 +496,7 @@ def test_the_bytes_per_second_of_the_wire_page_are_those_of_five_hundred_agents(
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 10, 100, 1_000])
 def test_any_number_of_agents_travels_packed(count: int) -> None:
     agents = {k: (20.0 * k, 7.0) for k in range(1, count + 1)}

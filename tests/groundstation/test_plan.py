@@ -155,6 +155,7 @@ def test_bursts_take_longer_than_the_same_loss_spread_evenly() -> None:
     assert bursts_s > 3.0 * evenly_s
 
 
+@pytest.mark.slow
 def test_a_bad_spell_is_outlasted_as_its_length_says() -> None:
     # All is lost in bad spells only: whoever is still waiting has been in the one it began in.
     one = air([(0.02 * k, A) for k in range(20_000)], {frozenset([A]): 1.0})
@@ -188,6 +189,7 @@ def test_on_half_a_radio_the_plan_says_which_refresh_fits() -> None:
     assert found.bytes_per_s == pytest.approx(sum(one.bytes_per_s for one in found.items))
 
 
+@pytest.mark.slow
 def test_the_more_is_lost_the_longer_it_takes() -> None:
     times = list(planned("sik-57600", "both", 0.5).current_after_s.items())
     assert [name for name, _ in times] == ["0%", "10%", "30%", "50%", "bursts"]
@@ -198,6 +200,7 @@ def test_the_more_is_lost_the_longer_it_takes() -> None:
     assert None not in dict(times).values()
 
 
+@pytest.mark.slow
 def test_a_plan_can_be_written_as_json() -> None:
     found = planned("sik-57600", "both", 0.5)
     again = json.loads(json.dumps(found.to_dict(), allow_nan=False))

@@ -147,6 +147,7 @@ def test_a_clock_that_steps_back_gives_a_pacer_nothing() -> None:
     assert pacer.take(100, START_S - 99.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     st.integers(1, 30),
@@ -267,6 +268,7 @@ def test_a_new_epoch_is_told_from_the_beginning() -> None:
     assert "StateFrame" not in later[: later.index("MissionFrame")]
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.integers(1, 40), st.floats(0.0, 10.0), st.sampled_from([400, 1_500, 5_760, 20_000]))
 def test_a_changed_directive_reaches_everybody_within_two_refreshes(states: int, after_s: float, rate: int) -> None:

@@ -52,6 +52,7 @@ def test_a_mission_written_to_yaml_and_read_again_is_the_same_mission(family: st
         assert parse_mission(dump_mission(mission), mission.name) == mission
 
 
+@pytest.mark.slow
 @every_family
 def test_the_same_seed_and_index_draw_the_same_mission_and_others_another(family: str) -> None:
     assert draw(family, 1, 3) == drawn(family)[3]
@@ -60,6 +61,7 @@ def test_the_same_seed_and_index_draw_the_same_mission_and_others_another(family
     assert all(one != other for one, other in zip(names_apart, names_apart[1:], strict=False))
 
 
+@pytest.mark.slow
 @every_family
 def test_every_target_lies_outside_the_discs_grown_to_the_end_of_the_run(family: str) -> None:
     for mission in drawn(family):

@@ -236,6 +236,7 @@ disc = st.tuples(st.floats(-200, 1400), st.floats(-500, 500), st.floats(50, 250)
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @example(discs=[(0.0, 96.0, 50.0), (0.0, -67.0, 61.0)], heading_deg=93.0)
 @given(discs=st.lists(disc, max_size=6), heading_deg=st.floats(-180, 180))

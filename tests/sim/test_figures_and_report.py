@@ -153,6 +153,7 @@ def test_the_pictures_carry_no_date_and_no_program_name(tmp_path: Path) -> None:
         assert chunk not in clearance_png(found, mission)
 
 
+@pytest.mark.slow
 def test_a_circle_is_drawn_in_blue_and_one_in_red_only_where_there_is_a_threat(tmp_path: Path) -> None:
     def coloured(threats: int) -> tuple[int, int]:
         trajectory, mission, found = run_of(1, 1, threats)
@@ -196,6 +197,7 @@ def test_a_title_that_looks_like_mathematics_is_drawn_as_it_is(tmp_path: Path) -
     assert plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "$\\frac{$")
 
 
+@pytest.mark.slow
 def test_ten_agents_and_five_thousand_samples_are_drawn_in_time(tmp_path: Path) -> None:
     trajectory, mission, found = run_of(10, 5, 4, steps=5_000)
     begin_s = time.process_time()

@@ -136,6 +136,7 @@ def test_the_pure_core_flies_as_the_wire_does(seed: int, n_max: float, guidance_
     assert compared.wire_us.shape == (compared.steps_wire,)
 
 
+@pytest.mark.slow
 def test_between_broadcasts_threats_grow_in_the_core_as_they_do_on_board() -> None:
     mission = resolve(parse_mission(BESIDE_A_THREAT, "scene"), 1)
     nearest_m = [

@@ -368,6 +368,7 @@ def by_plain_loops(path: Path, mission: Any) -> dict[str, Any]:  # noqa: ANN401
     }
 
 
+@pytest.mark.slow
 @settings(max_examples=120)
 @given(
     agents=st.integers(1, 4),

@@ -51,6 +51,7 @@ def fault(path: Path, lines: list[str]) -> str:
     return message
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(
     counts=st.tuples(st.integers(1, 3), st.integers(0, 2), st.integers(0, 2)),

@@ -51,6 +51,7 @@ def test_another_seed_has_other_gusts() -> None:
     assert WindField(wind, 1).at(3.0) != WindField(wind, 2).at(3.0)
 
 
+@pytest.mark.slow
 def test_the_wind_changes_no_faster_than_by_a_gusts_diameter_in_a_hold() -> None:
     field = WindField(Wind(gust_m_s=4.0), seed=3)
     step_s = 0.01

@@ -119,6 +119,7 @@ def test_pymavlink_reads_the_frames_and_their_times(tmp_path: Path) -> None:
     assert seen == [(T0_UNIX_S + index * 0.5, index) for index in range(3)]
 
 
+@pytest.mark.slow
 def test_mavlogdump_prints_every_frame(tmp_path: Path) -> None:
     path = write(tmp_path / "a.tlog", heartbeats(3))
     done = subprocess.run(

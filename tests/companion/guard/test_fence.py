@@ -116,6 +116,7 @@ def test_inside_a_fence_without_any_disc_call_follows_call() -> None:
         vehicle.fly(DT_S)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, derandomize=True)
 @given(north_m=st.floats(-60.0, 60.0), east_m=st.floats(-60.0, 60.0), turned=st.integers(0, 5), mirrored=st.booleans())
 def test_a_still_vehicle_is_inside_a_fence_of_any_shape_exactly_when_it_is(
@@ -158,6 +159,7 @@ def test_an_edge_of_half_a_metre_is_an_edge_like_any_other() -> None:
     assert Fence(spit[::-1]).depth_m(0.1, 0.0) == 2.0
 
 
+@pytest.mark.slow
 @settings(max_examples=300, derandomize=True)
 @given(piece=PIECES, north_m=st.floats(-90.0, 90.0), east_m=st.floats(-90.0, 90.0))
 def test_the_distance_from_a_piece_is_that_from_its_nearest_point(piece: Piece, north_m: float, east_m: float) -> None:

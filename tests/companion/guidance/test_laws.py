@@ -279,6 +279,7 @@ def test_where_no_way_leaves_room_for_a_circle_it_takes_the_one_there_is() -> No
 # The surrogate as a thin wall
 
 
+@pytest.mark.slow
 @given(
     st.tuples(st.floats(-30.0, 30.0), angles_rad),
     st.floats(10.0, 20_000.0),

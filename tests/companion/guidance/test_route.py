@@ -154,6 +154,7 @@ def test_a_disc_to_the_left_is_passed_with_side_minus_one() -> None:
     assert [math.copysign(1.0, piece.curvature_1_m) for piece in route.pieces if piece.curvature_1_m] == [-1.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_length_is_the_one_of_an_independent_planner(family: str) -> None:
     assert [fault for fault in map(disagreement, scenes(family, 25)) if fault] == []

@@ -198,6 +198,7 @@ def test_the_faster_of_two_on_one_course_overtakes() -> None:
     assert first_s < second_s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "count", "free", "rules"),
     [
@@ -306,6 +307,7 @@ def test_a_vehicle_that_can_stop_must_say_how_hard_it_brakes() -> None:
         decide(Motion(0.0, 0.0, 0.0, 5.0), 0.0, [Motion(50.0, 0.0, 0.0, 5.0)], replace(COPTERS, braking_m_s2=None))
 
 
+@pytest.mark.slow
 def test_an_exactly_symmetric_circle_resolves_only_because_shares_are_uneven(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(right_of_way, "UNEVENNESS", 0.0)
     outcome = swarm.fly(swarm.circle(10, 16.0, PLANES, np.random.default_rng(0)), PLANES, 240.0)

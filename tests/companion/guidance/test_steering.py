@@ -278,6 +278,7 @@ def test_loiter_places_are_two_separations_apart_or_as_far_as_their_circles_need
 PEERS = st.lists(st.tuples(st.floats(-400.0, 400.0), st.floats(-400.0, 400.0)), max_size=6)
 
 
+@pytest.mark.slow
 @given(peers=PEERS)
 def test_a_loiter_place_keeps_its_spacing_from_a_handful_of_peers(peers: list[tuple[float, float]]) -> None:
     """Six discs of one spacing cannot cover the rings, which reach out to four."""

@@ -164,6 +164,7 @@ draw: {agents: 1, targets: 1}
 # Writing back
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(seeds, st.sampled_from(["small", "paper-dynamic", "copter-demo"]))
 def test_a_mission_written_and_read_again_is_the_same(seed: int, name: str) -> None:
@@ -187,6 +188,7 @@ def test_a_name_returns_whatever_it_looks_like(name: str) -> None:
     assert parse_mission(dump_mission(mission), "again").name == name
 
 
+@pytest.mark.slow
 @given(
     st.recursive(
         st.none()
@@ -480,6 +482,7 @@ def test_an_illegal_start_is_refused_in_one_line_that_says_what_is_wrong(what: s
     assert_one_line(str(caught.value), "bad.yaml", parts)
 
 
+@pytest.mark.slow
 @given(st.text(st.sampled_from("ab:[]{}&*!|>-?,#'\"%@`\n\t 01.~<=é\x00"), max_size=40) | st.text(max_size=40))
 def test_no_text_whatever_ends_in_anything_but_an_input_error(text: str) -> None:
     try:

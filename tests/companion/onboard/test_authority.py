@@ -176,6 +176,7 @@ telemetries = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(telemetries, st.booleans()), max_size=30), st.sampled_from(State))
 def test_from_a_lock_nothing_but_disarming_leads_out(history: list[tuple[Telemetry, bool]], was: State) -> None:
     authority = px4(was)

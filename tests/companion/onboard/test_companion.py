@@ -149,6 +149,7 @@ def test_it_is_idle_below_the_height_where_steering_begins() -> None:
 # What it does
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_without_a_picture_it_is_idle_and_engages_with_the_first(kind: str) -> None:
     flight = guided(kind=kind)

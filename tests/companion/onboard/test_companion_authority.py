@@ -257,6 +257,7 @@ def test_a_take_over_that_is_taken_back_within_one_datagram_counts() -> None:
 events = st.sampled_from(["offboard", "hold", "disarm", "critical", "position", "picture", "wait", "reboot", "clear"])
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(st.lists(events, max_size=25), st.sampled_from(State))
 def test_whatever_happens_nothing_is_sent_outside_offboard_after_an_engagement_until_it_is_cleared(

@@ -194,6 +194,7 @@ inputs = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(inputs, st.floats(0.0, 3.0)), min_size=1, max_size=20))
 def test_whatever_happens_the_stage_is_never_milder_than_the_inputs_alone_ask_for(
     history: list[tuple[FailsafeInputs, float]],
@@ -208,6 +209,7 @@ def test_whatever_happens_the_stage_is_never_milder_than_the_inputs_alone_ask_fo
         )
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(inputs, st.floats(0.0, 3.0)), max_size=20))
 def test_whatever_happened_when_all_is_well_for_long_enough_nothing_stands(
     history: list[tuple[FailsafeInputs, float]],

@@ -484,6 +484,7 @@ def test_a_value_that_fits_no_field_is_a_wire_error(frame: Frame) -> None:
 numbers = st.one_of(st.floats(), st.floats(-1e3, 1e3))
 
 
+@pytest.mark.slow
 @given(
     st.builds(
         StateFrame,
@@ -540,6 +541,7 @@ def test_a_heading_returns_within_half_a_hundredth_of_a_degree_in_zero_to_a_full
     assert abs(math.remainder(agent.heading_rad - heading_rad, math.tau)) <= math.radians(0.005) + 1e-9
 
 
+@pytest.mark.slow
 @given(st.floats(0.0, 655.0), st.floats(-327.0, 327.0))
 def test_speeds_return_within_half_a_centimetre_per_second(speed_m_s: float, velocity_m_s: float) -> None:
     decoded = motion_through(

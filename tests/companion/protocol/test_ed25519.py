@@ -78,6 +78,7 @@ def test_a_sealed_state_has_these_bytes() -> None:
     assert len(sealed) == 235
 
 
+@pytest.mark.slow
 @given(name=st.sampled_from(sorted(FRAMES)), data=st.data())
 def test_no_byte_of_sender_message_or_content_can_be_changed(name: str, data: st.DataObject) -> None:
     sealed = bytearray(sign(FRAMES[name], PRIVATE))

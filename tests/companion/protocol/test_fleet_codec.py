@@ -230,6 +230,7 @@ def test_the_fleet_frame_that_the_wire_page_works_through_is_what_it_says() -> N
 # Places
 
 
+@pytest.mark.slow
 @given(fleets())
 def test_a_fleet_frame_returns_every_id_target_and_place_within_half_a_unit(frame: FleetFrame) -> None:
     decoded = fleet_through(frame)
@@ -246,12 +247,14 @@ def test_a_fleet_frame_returns_every_id_target_and_place_within_half_a_unit(fram
     assert [agent.target_id for agent in decoded.agents] == [agent.target_id for agent in frame.agents]
 
 
+@pytest.mark.slow
 @given(fleets(FAR_M))
 def test_what_was_decoded_encodes_to_what_was_heard(frame: FleetFrame) -> None:
     once = fleet_through(frame)
     assert fleet_through(once) == once
 
 
+@pytest.mark.slow
 @given(st.tuples(*[st.floats(-FAR_M, FAR_M)] * 2), st.lists(st.tuples(*[st.floats(0.0, 2_000.0)] * 2), min_size=1))
 def test_places_near_each_other_are_fine_however_far_the_origin_is(
     corner: tuple[float, float], points: list[tuple[float, float]]

@@ -147,6 +147,7 @@ def test_an_unsigned_frame_and_one_with_another_key_are_told_apart() -> None:
     assert verifier.check(raw_frame(MavlinkSigner(bytes(32), 1).sign(FRAME, START_S)), START_S) == WRONG_HASH
 
 
+@pytest.mark.slow
 @given(at=st.integers(0, len(FRAME) + 12), mask=st.integers(1, 255))
 def test_no_byte_of_a_signed_frame_can_be_changed(at: int, mask: int) -> None:
     raw = bytearray(MavlinkSigner(KEY, 1).sign(FRAME, START_S))

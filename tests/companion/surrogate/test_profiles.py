@@ -205,6 +205,7 @@ def test_an_unknown_profile_is_refused_with_the_nearest_name() -> None:
 # --- gradient
 
 
+@pytest.mark.slow
 def torch_gradient(profile: RadialProfile, geometry: Geometry) -> np.ndarray:
     """Return dF*/dU by autograd through an independent statement of F*: a sum over pairs, each counted as in F."""
     torch = pytest.importorskip("torch")
@@ -260,6 +261,7 @@ def test_the_gradient_is_the_one_central_differences_find(profile: RadialProfile
     assert np.max(np.abs(closed - numeric)) <= 1e-6 * np.max(np.abs(closed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", ALL, ids=lambda p: type(p).__name__)
 @settings(max_examples=40)
 @given(geometry=geometries())

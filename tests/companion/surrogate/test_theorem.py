@@ -174,6 +174,7 @@ def test_each_step_gains_what_is_promised_and_the_printed_promise_is_the_smaller
     assert corrected_decrease_m2(pace, b_m) <= printed_decrease_m2(pace, b_m) <= sharp_decrease_m2(pace, b_m) + slack_m2
 
 
+@pytest.mark.slow
 @given(ratio=ratios, arrival=st.floats(0.1, 20.0), share=st.floats(0.0, 1.0), factor=st.floats(1.0, 100.0))
 def test_the_distance_itself_shrinks_the_least_at_the_arrival_radius(
     ratio: float, arrival: float, share: float, factor: float
@@ -202,6 +203,7 @@ def test_no_step_ends_farther_off_than_the_worst_and_one_does_end_there(
     assert attained_m == pytest.approx(worst_m, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.name)
 @given(ratio=st.floats(0.0, 1.5), arrival=st.floats(0.3, 20.0))
 def test_a_condition_holds_just_below_its_largest_b_and_not_above(

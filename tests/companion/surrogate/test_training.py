@@ -72,6 +72,7 @@ def test_the_same_seed_writes_the_same_bytes(monkeypatch: pytest.MonkeyPatch, tm
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 @pytest.mark.parametrize("surrogate", BOTH)
 def test_another_seed_gives_another_network(surrogate: str) -> None:
@@ -79,6 +80,7 @@ def test_another_seed_gives_another_network(surrogate: str) -> None:
     assert not np.array_equal(three.input_bias, four.input_bias)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 @pytest.mark.parametrize("surrogate", BOTH)
 def test_what_is_written_loads_as_what_was_trained(tmp_path: Path, surrogate: str) -> None:
@@ -91,6 +93,7 @@ def test_what_is_written_loads_as_what_was_trained(tmp_path: Path, surrogate: st
         np.testing.assert_array_equal(getattr(loaded, key), value)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_a_short_training_already_beats_the_mean_a_hundredfold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     out = tmp_path / "w.json"
@@ -99,6 +102,7 @@ def test_a_short_training_already_beats_the_mean_a_hundredfold(monkeypatch: pyte
     assert record["test_mse"] < 0.01 * record["test_target_variance"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_training_improves_on_its_start(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     out = tmp_path / "w.json"
@@ -107,6 +111,7 @@ def test_training_improves_on_its_start(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert curve[-1][2] < 0.8 * curve[0][2]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_monotone_and_exponentially_small_far_away_before_any_fit(seed: int) -> None:
@@ -118,6 +123,7 @@ def test_monotone_and_exponentially_small_far_away_before_any_fit(seed: int) -> 
     assert (record.wrong_sign_slope_max, record.epochs_run) == (0.0, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 @pytest.mark.parametrize("surrogate", BOTH)
 def test_the_network_returned_is_the_best_on_validation(monkeypatch: pytest.MonkeyPatch, surrogate: str) -> None:
@@ -128,6 +134,7 @@ def test_the_network_returned_is_the_best_on_validation(monkeypatch: pytest.Monk
     assert record.validation_mse == pytest.approx(min(seen), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 @pytest.mark.parametrize("surrogate", BOTH)
 def test_training_stops_when_validation_no_longer_improves(monkeypatch: pytest.MonkeyPatch, surrogate: str) -> None:
@@ -139,6 +146,7 @@ def test_training_stops_when_validation_no_longer_improves(monkeypatch: pytest.M
     assert (record.best_epoch, record.epochs_run) == (1, 5)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_batches_hold_every_sample_once_with_its_own_target_in_a_new_order_each_time() -> None:
     import torch
@@ -153,6 +161,7 @@ def test_batches_hold_every_sample_once_with_its_own_target_in_a_new_order_each_
     assert not torch.equal(first[0][0], second[0][0])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_half_of_the_samples_lie_at_the_edge() -> None:
     import torch
@@ -164,6 +173,7 @@ def test_half_of_the_samples_lie_at_the_edge() -> None:
     assert (r.min() >= 0.0, r.max() <= SAMPLED_RANGE) == (True, True)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_train_reports_its_figures_and_is_quiet_on_stderr_in_a_pipe(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -180,6 +190,7 @@ def test_train_reports_its_figures_and_is_quiet_on_stderr_in_a_pipe(
     assert figures["epochs run"].startswith("5 of 5, best ")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_a_long_learning_curve_is_thinned() -> None:
     from companion.surrogate.training import CURVE_POINTS
@@ -188,6 +199,7 @@ def test_a_long_learning_curve_is_thinned() -> None:
     assert 0 < len(record.learning_curve) <= CURVE_POINTS
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 @pytest.mark.parametrize("place", ["missing/w.json", "."])
 def test_a_place_that_cannot_be_written_is_refused_in_one_line_before_training(
@@ -203,6 +215,7 @@ def test_a_place_that_cannot_be_written_is_refused_in_one_line_before_training(
     assert printed.err.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_a_write_that_fails_after_training_is_refused_in_one_line(tmp_path: Path) -> None:
     from companion.errors import InputError
@@ -232,6 +245,7 @@ def test_without_torch_the_user_is_told_what_to_install(
     assert "pip install '.[train]'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 @pytest.mark.parametrize("surrogate", BOTH)
 def test_the_weights_are_named_after_the_surrogate_unless_told_otherwise(
@@ -242,6 +256,7 @@ def test_the_weights_are_named_after_the_surrogate_unless_told_otherwise(
     assert [path.name for path in tmp_path.iterdir()] == [f"{surrogate}.json"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_train_says_what_the_errors_of_the_papers_network_mean(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -257,6 +272,7 @@ def test_train_says_what_the_errors_of_the_papers_network_mean(
     assert figures["meaning"].startswith("it predicts the mean")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_a_network_that_had_learnt_something_would_be_told_of_differently() -> None:
     _, record = train("monolithic", 0, samples=200, epochs=1)
@@ -264,6 +280,7 @@ def test_a_network_that_had_learnt_something_would_be_told_of_differently() -> N
     assert better.findings()["meaning"] == "it explains 75.0% of its target's variance"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_the_target_of_the_papers_network_is_the_polygon_of_the_penalties() -> None:
     import torch
@@ -291,6 +308,7 @@ def test_the_target_of_the_papers_network_is_the_polygon_of_the_penalties() -> N
     np.testing.assert_allclose(case.continuous_penalties(agents, threats), expected, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_the_positions_that_the_papers_network_learns_from_fill_its_area() -> None:
     import torch
@@ -350,6 +368,7 @@ def test_the_recorded_errors_of_the_papers_network_are_those_of_its_recorded_sam
     assert np.var(target[85_000:]) == pytest.approx(record["test_target_variance"], rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_torch")
 def test_on_fresh_samples_the_papers_network_is_hardly_better_than_the_mean() -> None:
     import torch

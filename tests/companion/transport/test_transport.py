@@ -135,6 +135,7 @@ def test_an_unknown_scheme_is_told_every_form() -> None:
     assert ALLOWED in str(caught.value)
 
 
+@pytest.mark.slow
 @given(st.text(max_size=40))
 def test_any_text_is_a_link_or_an_input_error(text: str) -> None:
     try:

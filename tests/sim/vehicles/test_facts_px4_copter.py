@@ -437,6 +437,7 @@ def test_it_keeps_its_velocity_over_the_ground_in_a_wind() -> None:
 anything = st.floats(width=32)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     mask=st.integers(0, 0xFFFF),

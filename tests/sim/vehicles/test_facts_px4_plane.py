@@ -330,6 +330,7 @@ def test_a_wind_carries_its_circle_nowhere() -> None:
     assert min(distances_m) > 50.0 and max(distances_m) < 110.0
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     mask=st.integers(0, 0xFFFF),

@@ -138,6 +138,7 @@ def test_the_receivers_noise_has_the_deviation_asked_for_and_leaves_the_truth_al
     assert said(noisy, GPS)[-1].h_acc == pytest.approx(3.0 * math.sqrt(2.0) * 1000.0, abs=1.0)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 1000))
 @settings(max_examples=10)
 def test_the_same_seed_makes_the_same_noise_and_another_another(seed: int) -> None:

@@ -290,6 +290,7 @@ def test_five_metres_a_second_is_ninety_per_cent_reached_after_two_point_three_f
     assert t90_s == pytest.approx(2.35, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lean_cdeg", "top_m_s"), [(3000.0, 10.3), (4500.0, 15.0)])
 @given(speed=st.floats(16.0, 999.0), course=st.floats(-math.pi, math.pi))
 @settings(max_examples=10)
