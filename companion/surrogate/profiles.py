@@ -49,13 +49,13 @@ class PairwiseNetwork:
     output_bias: float  # mu
 
     def value(self, r: np.ndarray) -> np.ndarray:
-        """See RadialProfile."""
+        """Return f(r); see RadialProfile."""
         hidden = sigmoid(np.asarray(r)[..., np.newaxis] * self.input_weight + self.input_bias)
         output: np.ndarray = hidden @ self.output_weight + self.output_bias
         return output
 
     def slope(self, r: np.ndarray) -> np.ndarray:
-        """See RadialProfile."""
+        """Return df/dr; see RadialProfile."""
         hidden_slope = sigmoid_slope(np.asarray(r)[..., np.newaxis] * self.input_weight + self.input_bias)
         slope: np.ndarray = hidden_slope @ (self.output_weight * self.input_weight)
         return slope
@@ -68,11 +68,11 @@ class AnalyticProfile:
     half_width: float = HALF_WIDTH  # fraction of the radius
 
     def value(self, r: np.ndarray) -> np.ndarray:
-        """See RadialProfile."""
+        """Return f(r); see RadialProfile."""
         return sigmoid((1.0 - r) * (2.0 / self.half_width))
 
     def slope(self, r: np.ndarray) -> np.ndarray:
-        """See RadialProfile."""
+        """Return df/dr; see RadialProfile."""
         steepness = 2.0 / self.half_width
         return -steepness * sigmoid_slope((1.0 - r) * steepness)
 
@@ -84,11 +84,11 @@ class PolygonProfile:
     half_width: float = HALF_WIDTH  # fraction of the radius
 
     def value(self, r: np.ndarray) -> np.ndarray:
-        """See RadialProfile."""
+        """Return f(r); see RadialProfile."""
         return unit_disc_indicator(r, self.half_width)
 
     def slope(self, r: np.ndarray) -> np.ndarray:
-        """See RadialProfile."""
+        """Return df/dr; see RadialProfile."""
         return np.where(np.abs(r - 1.0) < self.half_width, -0.5 / self.half_width, 0.0)
 
 
@@ -97,11 +97,11 @@ class StepProfile:
     """The indicator itself, for the law that the paper compares with; its gradient is zero wherever it exists."""
 
     def value(self, r: np.ndarray) -> np.ndarray:
-        """See RadialProfile."""
+        """Return f(r); see RadialProfile."""
         return unit_disc_indicator(r)
 
     def slope(self, r: np.ndarray) -> np.ndarray:
-        """See RadialProfile."""
+        """Return df/dr; see RadialProfile."""
         return np.zeros_like(r, dtype=float)
 
 

@@ -66,7 +66,7 @@ class MonolithicRecord(TrainingRecord):
     target_high_m2: float
 
     def findings(self) -> dict[str, str]:
-        """See TrainingRecord."""
+        """Return the results that only this kind of network has; see TrainingRecord."""
         ratio = self.test_mse / self.test_target_variance
         if ratio > WORSE_THAN_THE_MEAN:
             meaning = f"it is worse than the mean of its target: test MSE is {ratio:.2f} x the variance"

@@ -62,7 +62,7 @@ class PairwiseRecord(TrainingRecord):
     wrong_sign_slope_max: float  # largest df/dr anywhere, 0 if none is positive
 
     def findings(self) -> dict[str, str]:
-        """See TrainingRecord."""
+        """Return the results that only this kind of network has; see TrainingRecord."""
         return {
             "worst error": f"{self.worst_error:.4e}",
             f"largest |slope| beyond r = {FAR_FIELD}": f"{self.far_slope_max:.4e}",
