@@ -1,1 +1,1 @@
-"""The command centre: picture of the world, assignment, one-way broadcast."""
+"""The ground station: tracks, target assignment and the one-way broadcast."""

@@ -1,6 +1,6 @@
-"""Shows threats, and agents that are reckoned, on the field's own ground-control stations: as ADSB_VEHICLE.
+"""Shows threats and dead-reckoned agents as ADSB_VEHICLE on common ground-control programs.
 
-A display, on a port of its own: no vehicle of ours listens to it, and nothing depends on it.
+It is a display on a port of its own: no vehicle of ours listens to it, and nothing depends on it.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from companion.protocol.codec import GROUND_SYSTEM, Kind
 from groundstation.tracks import Track, TrackTable
 
 PERIOD_S = 1.0
-"""Ground-control stations let a contact fade after some seconds."""
+"""Period of the frames; ground-control programs drop a contact after some seconds without one."""
 THREAT_ADDRESS, AGENT_ADDRESS = 0xFE0000, 0xFD0000
-"""Added to an id to make the 24-bit address that a contact is told apart by; no state holds any so high."""
+"""Offsets added to an id to make a contact's 24-bit address; no state's block of addresses is that high."""
 _DUE_TOLERANCE_S = 1e-6
 _LONGEST_UNHEARD_S = 255
 _MOST_CM_S = 65_535
@@ -31,7 +31,7 @@ _KNOWN = (
 
 
 class AdsbMirror:
-    """Makes the frames of the display, once a second."""
+    """Makes the frames of the display once every PERIOD_S."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
@@ -40,7 +40,7 @@ class AdsbMirror:
         self._due_s = -math.inf
 
     def tick(self, picture: TrackTable, now_s: float) -> list[bytes]:
-        """Return a heartbeat and one frame for each contact, none unless they are due."""
+        """Return a heartbeat and one frame for each contact; nothing before they are due."""
         if now_s < self._due_s - _DUE_TOLERANCE_S:
             return []
         self._due_s = now_s + PERIOD_S
@@ -60,7 +60,7 @@ class AdsbMirror:
         course_rad = math.atan2(track.velocity_east_m_s, track.velocity_north_m_s) + convergence_rad
         speed_m_s = math.hypot(track.velocity_north_m_s, track.velocity_east_m_s)
         is_agent = kind is Kind.AGENT
-        # What a threat's height is nobody says; the origin's is sent without the flag that would vouch for it.
+        # A threat's height is unknown; the origin's is sent without the flag that would mark it as valid.
         height_m = agent_height_m(self._mission, identity) if is_agent else 0.0
         return common.MAVLink_adsb_vehicle_message(
             ICAO_address=(AGENT_ADDRESS if is_agent else THREAT_ADDRESS) + identity,

@@ -1,10 +1,10 @@
-"""Case II: where each agent must be by now, found by flying its own companion on what was broadcast to it.
+"""Dead reckoning of agents in Case II: each is simulated with its own companion, fed with the frames broadcast to it.
 
-The centre does not see its agents (docs/method.md section 1, point 7; paper: update2). It knows where they began, what
-each was told and what steers them, so it lets a companion of its own, the very code that flies, decide for each of
-them, and moves the agent as that says. How far off it may be is an uncertainty that grows with time, by the bound of
-the wind too, and shrinks when the agent is heard of. It is no bound where frames are lost or an autopilot lags: a
-vehicle that missed a broadcast flies on for a broadcast period as it did before.
+The ground station does not see its agents (docs/method.md section 1, point 7; paper: update2). It knows their starts,
+the frames sent to them and the law that steers them, so it runs one companion for each agent, the very code that flies,
+and moves the agent as that decides. The uncertainty of a position grows with time, also by the bound of the wind, and
+shrinks when the agent reports. It is no bound if frames are lost or an autopilot lags: a vehicle that missed a
+broadcast flies on for a broadcast period as it did before.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from companion.onboard.config import config_for_agent
 from companion.onboard.law_settings import law_settings
 
 DRIFT_SHARE = 0.01
-"""Of the distance that an agent may have flown: how much of it the reckoning may be wrong by in still air."""
+"""Error of dead reckoning in still air, as a share of the distance that an agent may have flown."""
 FIX_ERROR_M = 10.0
-"""What a report, or a place in the mission file, is wrong by: a satellite fix, and the step that it was made in."""
+"""Error of a position in a report or the mission file: that of a satellite fix and of the step in which it was made."""
 _TOLERANCE_S = 1e-6
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Where an agent must be, and how far off that may be."""
+    """Dead-reckoned state of an agent, and the uncertainty of its position."""
 
     north_m: float
     east_m: float
@@ -46,31 +46,31 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Fix:
-    """Where an agent said that it was."""
+    """Position and velocity that an agent reported."""
 
     position_ned_m: tuple[float, float]
     velocity_m_s: tuple[float, float]
-    """(north, east), from grid north."""
+    """Velocity (north, east) in the axes of the grid."""
     fixed_at_s: float
     flown_m: float | None = None
-    """None: the reckoned distance stands."""
+    """Distance flown; None keeps the dead-reckoned distance."""
 
 
 @dataclass(frozen=True)
 class VehicleModel:
-    """What the agents are reckoned to fly by."""
+    """Vehicle and guidance law that dead reckoning assumes for all agents."""
 
     law: LawName = "seed"
     can_stop: bool = False
     steering: SteeringOf | None = None
-    """Makes the law that they fly by, where it is not one of the companion's own."""
+    """Makes the steering law; None: the companion's own law named by `law`."""
 
 
 class DeadReckoner:
-    """Reckons all agents of one mission; times are Unix seconds given by the caller."""
+    """Dead-reckons all agents of one mission; times are Unix seconds given by the caller."""
 
     def __init__(self, mission: Mission, now_s: float, model: VehicleModel) -> None:
-        """Begin with the agents where the mission says."""
+        """Begin with the agents at the mission's positions."""
         self._delay_s = mission.link.delay_s
         self._step_s = mission.guidance_step_s
         self._detector_range_m = mission.detector_range_m
@@ -84,12 +84,12 @@ class DeadReckoner:
         self._heard = 0
 
     def hear(self, datagram: bytes, now_s: float) -> None:
-        """Take in a frame that was broadcast at `now_s`: the agents hear it when the link has carried it."""
+        """Queue a frame that was broadcast at `now_s`; the agents hear it after the link's delay."""
         self._heard += 1
         heapq.heappush(self._under_way, (now_s + self._delay_s, self._heard, datagram))
 
     def advance(self, now_s: float, flying: Collection[int]) -> None:
-        """Let the agents `flying`, by id, decide and move until `now_s`; the others stay where they are."""
+        """Let the agents whose ids are in `flying` decide and move until `now_s`; the others do not move."""
         moving = [self._agents[identity] for identity in self._agents if identity in flying]
         while self._at_s < now_s - _TOLERANCE_S:
             if not self._decided:
@@ -99,12 +99,12 @@ class DeadReckoner:
             for agent in moving:
                 agent.move(self._step_s)
             self._decided = False
-            # Counted, not summed: rounding must not creep over thousands of steps.
+            # Steps are counted, not summed, so that rounding does not creep over thousands of them.
             self._steps += 1
             self._at_s = self._start_s + self._steps * self._step_s
 
     def _decide(self, moving: Sequence[_ReckonedAgent]) -> None:
-        """Let the agents hear what has arrived by now, see each other, and decide."""
+        """Let the agents hear the frames that have arrived by now, see each other, and decide."""
         while self._under_way and self._under_way[0][0] <= self._at_s + _TOLERANCE_S:
             arrival_s, _, datagram = heapq.heappop(self._under_way)
             for agent in self._agents.values():
@@ -116,11 +116,11 @@ class DeadReckoner:
         self._decided = True
 
     def fix(self, agent_id: int, fix: Fix) -> None:
-        """Put an agent where it was heard or seen to be."""
+        """Move an agent to its reported position."""
         self._agents[agent_id].fix(fix, self._at_s)
 
     def estimate(self, agent_id: int, now_s: float) -> Estimate:
-        """Return where an agent must be by `now_s`, which is not before the last step."""
+        """Return an agent's dead-reckoned state at `now_s`, which is not before the last step."""
         agent = self._agents[agent_id]
         motion = agent.motion.ahead(agent.spec.n_max, now_s - self._at_s)
         rate_m_s = DRIFT_SHARE * agent.spec.speed_m_s + self._wind_bound_m_s
@@ -136,19 +136,19 @@ class DeadReckoner:
 
 @dataclass(frozen=True)
 class _Motion:
-    """Where a reckoned agent is, and how it flies on from there."""
+    """Position and motion of a dead-reckoned agent, as last decided."""
 
     north_m: float
     east_m: float
     heading_rad: float
     speed_m_s: float
     commanded_rad: float
-    """The heading that it turns to."""
+    """Heading to which the agent turns."""
     circles: bool = False
-    """It turns on and on instead."""
+    """Whether the agent circles instead of turning to that heading."""
 
     def ahead(self, n_max: float, dt_s: float) -> _Motion:
-        """Return the motion a time later, flown on as last decided."""
+        """Return the motion after `dt_s`, continued as last decided."""
         rate_rad_s = turn_rate_rad_s(self.speed_m_s, n_max)
         pose = (self.north_m, self.east_m, self.heading_rad, self.speed_m_s)
         if self.circles:
@@ -159,7 +159,7 @@ class _Motion:
 
 
 class _ReckonedAgent:
-    """One agent as it must be by now."""
+    """One dead-reckoned agent, with the companion that decides for it."""
 
     def __init__(self, mission: Mission, spec: AgentSpec, frame: LocalFrame, now_s: float, model: VehicleModel) -> None:
         config = config_for_agent(mission, spec.id, model.law)
@@ -175,7 +175,7 @@ class _ReckonedAgent:
         self._altitude_m = mission.origin.alt_m + config.height_m
 
     def look(self, others: Iterable[_ReckonedAgent], range_m: float, now_s: float) -> None:
-        """See who is near, as the vehicle's own detector would."""
+        """Give the companion the agents within range as neighbours, as the vehicle's own detector would."""
         here = self.motion
         self._adapter.neighbours = [
             other.as_neighbour(now_s)
@@ -193,7 +193,7 @@ class _ReckonedAgent:
         return Neighbour(self.spec.id, lat_deg, lon_deg, *velocity_m_s, now_s, self._altitude_m)
 
     def decide(self, now_s: float) -> None:
-        """Let the companion decide, and fly by that from now on."""
+        """Let the companion decide, and set the motion by its setpoint."""
         self._adapter.tell(self.as_neighbour(now_s), None, now_s)
         self._adapter.setpoint = None
         decision, _ = self.companion.tick(now_s)
@@ -201,15 +201,15 @@ class _ReckonedAgent:
         motion = self.motion
         if setpoint is not None:
             motion = replace(motion, commanded_rad=setpoint.heading_rad, speed_m_s=setpoint.speed_m_s)
-        # Until its companion has a picture, what cannot stop circles where it is.
+        # Until its companion has a picture, a vehicle that cannot stop circles.
         self.motion = replace(motion, circles=decision.setpoint is None and not self._adapter.can_stop)
 
     def move(self, dt_s: float) -> None:
-        """Fly on for a time."""
+        """Continue the motion for `dt_s`."""
         self.motion = self.motion.ahead(self.spec.n_max, dt_s)
 
     def fix(self, fix: Fix, reckoned_at_s: float) -> None:
-        """Go where the agent was heard to be, carried on by its velocity to the moment up to which it is reckoned."""
+        """Move the agent to a reported position, extrapolated by its velocity to the time of the dead reckoning."""
         since_s = reckoned_at_s - fix.fixed_at_s
         (north_m, east_m), (north_m_s, east_m_s) = fix.position_ned_m, fix.velocity_m_s
         self.motion = replace(self.motion, north_m=north_m + north_m_s * since_s, east_m=east_m + east_m_s * since_s)

@@ -1,15 +1,15 @@
-"""Who goes where: targets are copied in turn until there is one for every agent, then the assignment problem is solved.
+"""Target assignment: targets are copied in turn until every agent can have one, then the assignment problem is solved.
 
-docs/method.md section 1, point 6. The paper maximises the sum of lambda/D and calls that minimising the total
-distance; it is not (docs/method.md section 2, point 3), so both objectives exist; what a pair costs around the threats
-is for `route_cost.py` to say. The range budget takes part (docs/method.md section 2, point 8): an agent is sent only
-where it can arrive, because one that turns home half-way leaves its target without anybody.
+The source is docs/method.md section 1, point 6. The paper maximises the sum of lambda/D and calls that minimising the
+total distance; it is not (docs/method.md section 2, point 3), so both objectives exist; `route_cost.py` has the costs
+of pairs around the threats. The range budget takes part (docs/method.md section 2, point 8): an agent is sent only
+where it can arrive, because one that turns home half-way leaves its target without an agent.
 
-Assigning anew every period must not send agents back and forth. So the present pairs count `switching_share` less than
-they cost: agents change only where those that change save more than that share of what they cost together. Positions
-that are wrong by e each move the difference of two assignments by at most 2 e per agent that changes. While 2 e is less
-than the share of the mean cost of those that change, every change lowers the cost at the true positions, so none
-recurs.
+The assignment of every period must not send agents back and forth. So the costs of the present pairs are lowered by
+`switching_share`: agents change only if that saves more than this share of the joint cost of those that change.
+Positions that are wrong by e each move the difference of two assignments by at most 2 e per agent that changes. While
+2 e is less than the share of the mean cost of those that change, every change lowers the cost at the true positions, so
+none recurs.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import numpy as np
 
 Objective = Literal["distance", "inverse-distance"]
 OBJECTIVES: tuple[Objective, ...] = ("distance", "inverse-distance")
-"""Those that go by the straight distance; `route` and `latest` are in groundstation/route_cost.py."""
+"""Objectives that use the straight distance; `route` and `latest` are in groundstation/route_cost.py."""
 SWITCHING_SHARE = 0.02
-"""Of `route` and `latest` unless the mission says otherwise: twice the 1 % that a flown way is longer than the shortest
-(docs/method.md section 3), so that flying less than perfectly is no reason to change."""
+"""Default `switching_share` of `route` and `latest`: twice the 1 % by which a flown path is longer than the shortest
+(docs/method.md section 3), so that imperfect flying is no reason to change."""
 CLOSEST_M = 1.0
-"""Distances below this count as this, so that 1/D stays finite."""
+"""Least distance that counts; shorter ones count as this one, so that 1/D stays finite."""
 
 
 def assign(
@@ -41,8 +41,8 @@ def assign(
 
     Targets are copied in turn until there are N, so losing an agent deletes one copy; with N < K each agent gets one
     target. As many targets as possible have an agent, all of them if N >= K and everything is reachable; then as many
-    agents as possible have a target; then the objective decides. An agent is never sent where it is not `reachable`,
-    rather nowhere. Among equals the choice is arbitrary but always the same.
+    agents as possible have a target; then the objective decides. An agent without a `reachable` target gets none. Among
+    equals the choice is arbitrary but always the same.
 
     Raises ValueError if shapes do not agree.
     """
@@ -63,8 +63,8 @@ def assign_least_total(
 ) -> np.ndarray:  # (N,) index of each agent's target, -1 for none
     """Return the assignment of least total cost among those that `assign` allows.
 
-    A pair that is `blocked` is one where the agent would not arrive: before the cost decides, as few as possible of
-    them are used.
+    In a `blocked` pair the agent would not arrive at the target: as few of these pairs as possible are used, before the
+    cost decides.
 
     Raises ValueError if shapes do not agree, or the share is not in [0, 1).
     """
@@ -82,8 +82,8 @@ def assign_least_latest(
 ) -> np.ndarray:  # (N,) index of each agent's target, -1 for none
     """Return the assignment whose latest arrival is least, and then its total time.
 
-    The rest is as in `assign_least_total`; those that are blocked never arrive and set no latest time. The present
-    assignment's latest arrival stands unless it can fall by more than the share.
+    The rest is as in `assign_least_total`; agents of blocked pairs never arrive, so that they do not count for the
+    latest arrival. The present assignment's latest arrival stands unless it can fall by more than the share.
 
     Raises ValueError if shapes do not agree, or the share is not in [0, 1).
     """
@@ -108,11 +108,11 @@ def within_range(
     reserve: float,
     there_m: np.ndarray | None = None,  # (N, K) m, None: the straight distances
 ) -> np.ndarray:  # (N, K) bool
-    """Return which agent can go to which target on what is left of its range (docs/method.md section 2, point 8).
+    """Return which agent can reach which target with the rest of its range (docs/method.md section 2, point 8).
 
-    The way there must be in it. With homes (range policy `return`) the way home must be too, times `reserve`,
-    from the target and from here: otherwise the companion turns home before it arrives. Once home is out of reach it
-    flies on, so then the way there is enough.
+    The path to the target must be within it. With homes (range policy `return`) it must also hold `reserve` times the
+    path home, from the target after the path there, and from the present position: otherwise the companion turns home
+    before it arrives. Once home is out of reach the companion flies on, so that the path to the target is enough.
 
     Raises ValueError if shapes do not agree.
     """
@@ -138,7 +138,7 @@ def _tables(
     reachable: np.ndarray | None,  # (N, K) bool
     blocked: np.ndarray | None,  # (N, K) bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # (N, K) each
-    """Return the tables in full, nothing out of reach or blocked unless it is said to be."""
+    """Return the three tables; where one is None, everything is reachable or nothing is blocked."""
     shape = np.shape(cost)
     if len(shape) != 2:
         raise ValueError(f"cost has shape {shape}, not (N, K)")
@@ -165,10 +165,9 @@ def _present_cheaper(
     present: np.ndarray | None,  # (N,) index, -1 for none
     share: float,
 ) -> np.ndarray:  # (N, K)
-    """Return the costs with the present pairs cheaper by a share of their size, however cost is signed.
+    """Return the costs with those of the present pairs lowered by a share of their absolute values.
 
-    This is a cost of every other pair, and of none, for who has a target: a gain of what is kept orders assignments
-    as a price of what is not.
+    Assignments are then ordered as if an agent that has a target paid that amount for any other, or for none.
     """
     if not 0.0 <= share < 1.0:
         raise ValueError(f"switching_share is {share}; allowed: 0 to less than 1")
@@ -181,7 +180,7 @@ def _present_cheaper(
 
 
 def _blocked_last(cost: np.ndarray, blocked: np.ndarray) -> np.ndarray:  # (N, K) each
-    """Return the costs with each blocked pair dearer than anything that could be saved elsewhere for it."""
+    """Return the costs with each blocked pair raised by more than its use could save in all other pairs."""
     if not blocked.any():
         return cost
     dearer: np.ndarray = cost + blocked * (1.0 + len(cost) * (np.max(cost) - np.min(cost)))
@@ -194,9 +193,9 @@ def _least_latest(
     blocked: np.ndarray,  # (N, K) bool
     worth: np.ndarray,  # (N, K), blocked pairs last
 ) -> float:
-    """Return the least latest arrival of an assignment that is as good as any in who gets a target.
+    """Return the least latest arrival of the assignments that are best by `_best_rank`, s.
 
-    Found by bisection over the times that occur: with more time allowed an assignment can only become possible.
+    It is found by bisection over the times that occur: with more time allowed, further assignments become possible.
     """
     best = _best_rank(reachable, blocked, worth)
     levels_s = np.unique(arrival_s[reachable & ~blocked])
@@ -215,7 +214,7 @@ def _best_rank(
     blocked: np.ndarray,  # (N, K) bool
     worth: np.ndarray,  # (N, K), blocked pairs last
 ) -> tuple[int, int, int]:
-    """Return how many targets can have an agent, how many agents a target, and how few of these are blocked then."""
+    """Return the most targets that can have an agent, then the most agents with a target, then the fewest blocked."""
     if not reachable.any():
         return 0, 0, 0
     if (blocked & reachable).any():
@@ -227,7 +226,7 @@ def _best_rank(
 
 
 def _solve(cost: np.ndarray, reachable: np.ndarray) -> np.ndarray:
-    """Return each agent's target (N,), -1 for none, from tables (N, K) of what pairs cost and which are possible."""
+    """Return each agent's target (N,), -1 for none, from tables (N, K) of costs and of possible pairs."""
     number_of_agents, number_of_targets = cost.shape
     chosen = np.full(number_of_agents, -1)
     if number_of_agents == 0 or number_of_targets == 0:
@@ -260,7 +259,7 @@ def _solve_restricted(
     - as many extra rows as columns stay without an agent, free, for those columns only: the uncovered targets may be
       any column, the others further copies only. So no fewer targets are covered, and they cannot be more.
     """
-    # Agents that reach nothing and targets that nobody reaches take no part: the table would only grow.
+    # Agents that reach no target and targets that no agent reaches take no part: the table would only grow.
     able, open_to_some = np.flatnonzero(reachable.any(axis=1)), np.flatnonzero(reachable.any(axis=0))
     agents, columns = len(able), len(open_to_some)
     targets = int(np.count_nonzero(open_to_some < number_of_targets))
@@ -278,8 +277,8 @@ def _solve_restricted(
 
 
 def _cheapest_pairs(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows and columns (P,) each of the pairs of a table (A, B) that cost least together."""
-    # scipy takes longer to import than all else of the ground station: whoever assigns nothing goes without.
+    """Return rows and columns, (P,) each, of the pairs of a table (A, B) with the least total cost."""
+    # Imported here: scipy takes longer to import than the rest of the ground station, and not every command assigns.
     from scipy.optimize import linear_sum_assignment
 
     rows, columns = linear_sum_assignment(cost)
@@ -287,7 +286,7 @@ def _cheapest_pairs(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _matching_size(allowed: np.ndarray) -> int:
-    """Return how many disjoint pairs a table of allowed pairs (A, B) bool has at most."""
+    """Return the greatest number of disjoint pairs in a table of allowed pairs (A, B) bool."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import maximum_bipartite_matching
 

@@ -1,9 +1,9 @@
-"""Cuts the picture into frames that are each useful alone.
+"""Divides the tracks and the assignment into frames, each of which is useful alone.
 
-A state frame holds up to 10 agents with the (up to 5) targets they go to and the 4 threats nearest to them; whatever
-did not fit anywhere travels in frames of its own, so that a whole broadcast holds everything. The paper's mission fits
-one frame. A larger mission travels packed: places and assignments in fleet frames, what does not change in radii and
-mission frames beside them.
+A state frame holds up to 10 agents with the (up to 5) targets assigned to them and the 4 threats nearest to them;
+entries that fit none of these are sent in further frames, so that a whole broadcast holds everything. The paper's
+mission fits one frame. A larger mission is sent packed: positions and assignments in fleet frames, constant values in
+radii and mission frames beside them.
 """
 
 from __future__ import annotations
@@ -50,25 +50,26 @@ from groundstation.tracks import Track, TrackTable
 EntryT = TypeVar("EntryT", AgentEntry, TargetEntry, ThreatEntry, AgentMotion, PointMotion, BandEntry)
 PackedT = TypeVar("PackedT", bound=Entry)
 _UNTOLD: tuple[float | None, float | None] = (None, None)
+"""Position of an agent in Case II, which is not broadcast."""
 MOVING_M_S = 0.1
-"""Below this speed a heading means nothing."""
+"""Speed below which a heading means nothing."""
 DIGEST_BYTES = 8
 WHOLE_PLANE_M = 4.1e7
-"""A disc of this radius holds everything on Earth wherever its centre is: none grows further, and a frame holds it."""
+"""Radius up to which discs grow: such a disc contains the whole Earth wherever its centre is, and fits a frame."""
 _CURVE_CELLS = 2**16 - 1
-"""Cells on a side, for the order of nearness."""
+"""Number of cells on each axis by which `_along_a_curve` orders positions."""
 
 
 @dataclass
 class Unsendable:
-    """Frames that could not be made, so that what they would have told was not sent."""
+    """Count of the frames that could not be encoded, whose content was therefore not sent."""
 
     count: int = 0
     first: str = ""
-    """Why the first of them could not."""
+    """Reason of the first failure."""
 
     def add(self, error: WireError) -> None:
-        """Count one."""
+        """Count one frame that could not be encoded."""
         self.count += 1
         self.first = self.first or str(error)
 
@@ -82,8 +83,9 @@ def state_frames(
 ) -> list[StateFrame]:
     """Return the state frames of one broadcast; `stamp` gives epoch, time and sequence.
 
-    In Case II the agents' places only decide which threats travel with whom: what is reckoned is not broadcast. An
-    agent that has arrived by reckoning keeps its target: only it knows whether it is there.
+    In Case II the agents' positions only decide which threats are sent with which agents: dead-reckoned positions are
+    not broadcast. An agent that has arrived by dead reckoning keeps its target, as only the agent itself knows whether
+    it is there.
     """
     now_s = stamp.unix_s
     here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
@@ -106,7 +108,7 @@ def state_frames(
 
 @dataclass
 class _StateContent:
-    """What one state frame tells."""
+    """Entries of one state frame."""
 
     agents: list[AgentEntry] = field(default_factory=list)
     targets: list[TargetEntry] = field(default_factory=list)
@@ -119,7 +121,7 @@ def _state_contents(
     threats: Sequence[ThreatEntry],
     here: Mapping[int, tuple[float, float]],  # agent id -> m
 ) -> list[_StateContent]:
-    """Return what each state frame tells so that together they tell everything; at least one."""
+    """Return the entries of each state frame of a broadcast, which together are all entries; at least one frame."""
     contents = []
     for group in _agent_groups(agents):
         wanted = sorted({agent.target_id for agent in group if agent.target_id is not None})
@@ -130,7 +132,7 @@ def _state_contents(
     rest_targets = _chunks([t for t in targets.values() if t.id not in sent_targets], TARGETS_PER_FRAME)
     rest_threats = _chunks([t for t in threats if t.id not in sent_threats], THREATS_PER_FRAME)
     for content in contents:
-        # What is left over first fills frames that have room for all of a chunk.
+        # Targets that are left over first fill frames that have room for a whole chunk.
         if rest_targets and _fits(content.targets, rest_targets[0], TARGETS_PER_FRAME):
             content.targets.extend(rest_targets.pop(0))
     for index in range(max(len(rest_targets), len(rest_threats))):
@@ -161,7 +163,7 @@ def motion_frames(picture: TrackTable, mission: Mission, stamp: Stamp) -> list[M
 
 
 def band_frames(mission: Mission, stamp: Stamp) -> list[BandsFrame]:
-    """Return the frames that go with a state broadcast and tell which heights threats reach, none if all reach all."""
+    """Return the frames with the altitude limits of threats, sent with a state broadcast; none if no threat has any."""
     entries = [
         BandEntry(threat.id, threat.floor_m, threat.ceiling_m)
         for threat in mission.threats
@@ -184,7 +186,7 @@ def fleet_frames(
 ) -> list[FleetFrame]:
     """Return the fleet frames of one broadcast, each with at most `data_bytes` of data (fleet_codec.data_bytes).
 
-    In Case II no place of an agent is told, as in a state frame.
+    In Case II agents have no positions in them, as in state frames.
 
     Raises:
         WireError: a frame has no room for one entry, or there would be too many frames.
@@ -217,9 +219,9 @@ def radii_frames(
     data_bytes: int,
     growth_m: Mapping[int, float] | None = None,  # threat id -> m, 0 where it is not there
 ) -> list[RadiiFrame]:
-    """Return the frames that tell the radii of all threats, none if there are no threats.
+    """Return the frames with the radii of all threats, none if there are no threats.
 
-    `growth_m` is what `untold_growth_m` gives.
+    `growth_m` is the result of `untold_growth_m`, added to the radii.
 
     Raises:
         WireError: a frame has no room for one entry.
@@ -245,9 +247,9 @@ def radii_frames(
 
 
 def mission_frame(mission: Mission, surrogate_digest: bytes, stamp: Stamp, data_bytes: int) -> MissionFrame:
-    """Return the frame that tells what holds for the whole epoch; the name is cut to `data_bytes` of UTF-8.
+    """Return the frame with the values that hold for the whole epoch; the name is cut to `data_bytes` of UTF-8.
 
-    `surrogate_digest` is the first 8 bytes of the SHA-256 of the weights, all zero where there are none.
+    `surrogate_digest` is the first 8 bytes of the SHA-256 of the weights, all zero if there are none.
     """
     return MissionFrame(
         stamp=stamp,
@@ -266,13 +268,13 @@ def mission_frame(mission: Mission, surrogate_digest: bytes, stamp: Stamp, data_
 
 
 def mission_digest(mission: Mission) -> bytes:
-    """Return 8 bytes that are others for a mission with another origin, target or threat, such as for another seed."""
+    """Return 8 bytes that differ between missions with different origins, targets or threats, as from other seeds."""
     told = mission.model_dump(mode="json", include={"origin", "targets", "threats"})
     return sha256(json.dumps(told, sort_keys=True).encode()).digest()[:DIGEST_BYTES]
 
 
 def surrogate_digest(mission: Mission) -> bytes:
-    """Return the first 8 bytes of the SHA-256 of the packaged weights of a mission's surrogate; zeros: it has none."""
+    """Return the first 8 bytes of the SHA-256 of the weights of a mission's surrogate, all zero if it has none."""
     if mission.surrogate == "analytic":
         return bytes(DIGEST_BYTES)
     return _weights_digest(mission.surrogate)
@@ -285,13 +287,13 @@ def _weights_digest(surrogate: str) -> bytes:
 
 
 def _here(track: Track, now_s: float) -> tuple[float, float]:
-    """Return where an agent must be by now, its track extrapolated: the vehicles themselves never say."""
+    """Return an agent's position (north, east) in m, extrapolated from its track to `now_s`."""
     age_s = track.age_s(now_s)
     return track.north_m + track.velocity_north_m_s * age_s, track.east_m + track.velocity_east_m_s * age_s
 
 
 def grown(threat: ThreatSpec, track: Track, now_s: float) -> ThreatEntry:
-    """Return a threat where it was seen, its discs grown by what it may have moved since."""
+    """Return a threat at its last seen position, its radii grown by the distance that it may have moved since."""
     growth_m = threat.speed_bound_m_s * track.age_s(now_s)
     return ThreatEntry(
         id=threat.id,
@@ -304,9 +306,9 @@ def grown(threat: ThreatSpec, track: Track, now_s: float) -> ThreatEntry:
 
 
 def untold_growth_m(picture: TrackTable, mission: Mission, until_s: float) -> dict[int, float]:
-    """Return by how much each threat's discs grow until then beyond the greatest age that a fleet frame tells, by id.
+    """Return by threat id the growth of its radii until `until_s` from age beyond GREATEST_AGE_S, m.
 
-    Empty while no track is so old, which takes 58 days.
+    A fleet frame cannot hold a greater age than that, 58 days; the result is empty while no track is older.
     """
     ages_s = {threat.id: picture.tracks[Kind.THREAT, threat.id].age_s(until_s) for threat in mission.threats}
     return {
@@ -322,7 +324,7 @@ def _agents_and_targets(
     assignment: Mapping[int, int],  # agent id -> target id
     here: dict[int, tuple[float, float]],  # agent id -> m
 ) -> tuple[list[AgentEntry], dict[int, TargetEntry]]:
-    """Return the agents, and the targets that are open or that somebody is still sent to, by id."""
+    """Return the agents, and by id the targets that are open or still assigned to an agent."""
     if mission.case == "II":
         assignment = {**picture.progress.reached_by, **assignment}
     targets = {
@@ -337,12 +339,12 @@ def _agents_and_targets(
 
 
 def _threat_place(threat: ThreatSpec, track: Track, now_s: float) -> ThreatPlace:
-    # What the age cannot tell goes into the radii (`untold_growth_m`).
+    # An age beyond the greatest one enlarges the radii instead (`untold_growth_m`).
     return ThreatPlace(threat.id, track.north_m, track.east_m, min(track.age_s(now_s), GREATEST_AGE_S))
 
 
 def _filled(entries: Iterable[PackedT], data_bytes: int) -> list[list[PackedT]]:
-    """Return the entries dealt to frames in the order given, each frame as full as it gets; at least one frame."""
+    """Return the entries of each frame, filled one after the other in the order given; at least one frame."""
     contents: list[list[PackedT]] = [[]]
     layout = Layout[PackedT]()
     for entry in entries:
@@ -357,10 +359,10 @@ def _filled(entries: Iterable[PackedT], data_bytes: int) -> list[list[PackedT]]:
 
 
 def _along_a_curve(entries: Sequence[FleetEntry]) -> list[FleetEntry]:
-    """Return the entries so that those near each other in the order are near each other on the ground.
+    """Return the entries ordered so that neighbours in the order are near each other on the ground (Z-order curve).
 
-    What shares a section stays together, so that this costs no bytes. The order is that of the bits of north and east
-    of a section's first place, taken in turn; sections without places come first.
+    The entries of a section stay together, so that the order costs no bytes. Sections are ordered by the interleaved
+    bits of their first position's north and east; sections without positions come first.
     """
     points = [point for point in map(_place, entries) if point is not None]
     if not points:
@@ -389,7 +391,7 @@ def _resolution_cm(content: Sequence[FleetEntry]) -> int:
 
 
 def _load(contents: Sequence[Sequence[FleetEntry]]) -> tuple[int, int, int]:
-    """Return what to keep low, first things first: frames, bytes, and the coarsest resolution of any."""
+    """Return the figures to minimise, the most important first: frames, bytes, and the coarsest resolution in cm."""
     size = sum(_layout(content).size for content in contents)
     return len(contents), size, max(map(_resolution_cm, contents))
 
@@ -406,7 +408,7 @@ def _by_id(entries: Iterable[PackedT]) -> list[PackedT]:
 
 
 def _agent_groups(agents: Sequence[AgentEntry]) -> Iterator[list[AgentEntry]]:
-    """Yield the agents in groups that fit a frame with their targets; ids rise, so that a frame's span is small."""
+    """Yield groups of agents that fit a frame with their targets; ids rise, so that the span in a frame is small."""
     group: list[AgentEntry] = []
     for agent in sorted(agents, key=lambda agent: agent.id):
         together = {other.target_id for other in (*group, agent)} - {None}
@@ -424,7 +426,7 @@ def _agent_groups(agents: Sequence[AgentEntry]) -> Iterator[list[AgentEntry]]:
 
 
 def _nearest_threats(group_ned_m: Sequence[tuple[float, float]], threats: Sequence[ThreatEntry]) -> list[ThreatEntry]:
-    """Return up to four threats with the least clearance to any agent of the group, as far as their ids fit."""
+    """Return the threats of a frame: those with the least clearance to any agent of the group whose ids fit."""
 
     def clearance_m(threat: ThreatEntry) -> float:
         return min(

@@ -1,6 +1,6 @@
 """The `groundstation` command line.
 
-What a command needs is imported by that command, so that `--help` is there at once.
+Each command imports what it needs itself, so that `--help` prints at once.
 """
 
 from __future__ import annotations

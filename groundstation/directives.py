@@ -1,4 +1,4 @@
-"""Lines on standard input that set the directive to every vehicle."""
+"""Reader of lines on standard input that set the directive for all vehicles."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from groundstation.ground_station import GroundStation
 
 LOGGER = program_logger("groundstation")
 _LINE_BYTES = 4096
+"""Greatest number of bytes read at once, and kept of a line that is not complete."""
 
 
 def directive_from(line: str) -> Directive:
     """Return the directive that a line names.
 
     Raises:
-        InputError: it names none.
+        InputError: the line names no directive.
 
     """
     words = {directive.name.lower(): directive for directive in Directive}
@@ -31,13 +32,13 @@ def directive_from(line: str) -> Directive:
 
 
 class DirectiveInput:
-    """Lets lines on standard input set the directive of a ground station.
+    """Sets the directive of a ground station from lines on standard input.
 
-    Where nothing can be waited for, as with no input at all or in the background of a terminal, nothing is read.
+    Nothing is read if no input can be waited for, as without standard input or in the background of a terminal.
     """
 
     def __init__(self, station: GroundStation) -> None:
-        """Begin to read."""
+        """Begin to read on the running event loop."""
         self._station = station
         self._loop = asyncio.get_running_loop()
         self._descriptor: int | None = _standard_input()
@@ -51,7 +52,7 @@ class DirectiveInput:
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
 
     def close(self) -> None:
-        """Read no more."""
+        """Stop reading."""
         if self._descriptor is not None:
             self._loop.remove_reader(self._descriptor)
             self._descriptor = None

@@ -1,7 +1,8 @@
 """The ground station without sockets: detections, reports and time in, broadcast frames out.
 
-Where nothing limits the broadcast, `tick` gives what is due: state and motion frames alternate, each kind once per
-broadcast period, half a period apart. Where a radio does, groundstation/schedule.py asks for what it has room for.
+Without a radio that limits the broadcast, `tick` returns the frames that are due: state and motion frames alternate,
+each kind once per broadcast period, half a period apart. With one, groundstation/schedule.py asks for the frames that
+it has room for.
 """
 
 from __future__ import annotations
@@ -47,10 +48,10 @@ from groundstation.tracks import TrackTable
 
 _DUE_TOLERANCE_S = 1e-6
 MAX_EPOCH_S = 4.0e6
-"""After 46 days a new epoch begins: the time within one travels as 32 bits of milliseconds."""
+"""Length of an epoch, 46 days, after which a new one begins: the time in it is sent as 32 bits of milliseconds."""
 
 RADII_HOLD_S = 120.0
-"""The radii in a carousel must hold for this long, until they have been told again."""
+"""Time for which the radii in a carousel must hold, until they have been sent again."""
 
 _STATE_BYTES, _MOTION_BYTES, _BANDS_BYTES = (
     message.unpacker.size - ED25519_BYTES
@@ -60,11 +61,11 @@ _STATE_BYTES, _MOTION_BYTES, _BANDS_BYTES = (
         oneway.MAVLink_oneway_bands_message,
     )
 )
-"""Payloads without the Ed25519 signature, which always stands behind all of it."""
+"""Lengths of the payloads without the Ed25519 signature, which always follows the whole content."""
 
 
 def check_runnable(mission: Mission, source: str) -> None:
-    """Raise InputError if the mission asks for what the ground station cannot do; `source` names the file."""
+    """Raise InputError if the ground station cannot run the mission; `source` names the file."""
     wind_m_s = mission.wind.speed_m_s + mission.wind.gust_m_s
     slowest_m_s = min(agent.speed_m_s for agent in mission.agents)
     if wind_m_s >= slowest_m_s:
@@ -76,7 +77,7 @@ def check_runnable(mission: Mission, source: str) -> None:
 
 @dataclass
 class _DueTimes:
-    """When each thing that is done in periods is due next, Unix seconds."""
+    """Next due times of the periodic tasks, Unix seconds."""
 
     assignment_s: float
     state_s: float
@@ -84,23 +85,23 @@ class _DueTimes:
 
 
 class _Epoch:
-    """The epoch of what is broadcast, and the number of the last broadcast of the state in it."""
+    """The epoch of the broadcast, and the sequence number of its last state broadcast."""
 
     def __init__(self, began_s: int) -> None:
         self.began_s = began_s
         self._sequence = 0
 
     def follow(self, now_s: float) -> None:
-        """Begin a new epoch where the time within this one has become too long."""
+        """Begin a new epoch if this one is longer than MAX_EPOCH_S."""
         if now_s - self.began_s > MAX_EPOCH_S:
             self.began_s, self._sequence = int(now_s), 0
 
     def begin_state(self) -> None:
-        """Begin a broadcast of the state: what follows goes with it."""
+        """Begin a broadcast of the state: later stamps have its sequence number."""
         self._sequence += 1
 
     def stamp(self, now_s: float) -> Stamp:
-        """Return the stamp of a frame that is made now."""
+        """Return the stamp of a frame that is made at `now_s`."""
         return Stamp(self.began_s, max(0, round((now_s - self.began_s) * 1000.0)), self._sequence)
 
 
@@ -118,15 +119,15 @@ class GroundStation:
     ) -> None:
         """Begin a run, and with it an epoch.
 
-        The epoch is the second of `start_s` unless `epoch_s` says otherwise: one after the last run's. While it is
-        ahead of the clock, frames are stamped with its beginning. `began_s` is when the threats were where the mission
-        says, if that is not now: before a restart.
+        The epoch is the whole second of `start_s`, or `epoch_s` if that is given, such as one after the last run's.
+        While the epoch is ahead of the clock, frames are stamped with its beginning. `began_s` is the time at which the
+        threats were at the mission's positions, if that was earlier, before a restart.
 
-        Without a sensor (`sensed` false) nobody is detected. In Case II the vehicles are reckoned by `model`, which is
-        VehicleModel's default unless given.
+        Without a sensor (`sensed` false) nothing is detected. In Case II the vehicles are dead-reckoned by `model`, by
+        default `VehicleModel()`.
 
         Raises:
-            InputError: the mission asks for something the ground station cannot do.
+            InputError: the ground station cannot run the mission.
 
         """
         check_runnable(mission, mission.name)
@@ -135,7 +136,7 @@ class GroundStation:
         self._reckoner = DeadReckoner(mission, start_s, model or VehicleModel()) if mission.case == "II" else None
         self.tracks = TrackTable(mission, start_s, _silent_after_s(mission, sensed), began_s)
         self.unsendable = Unsendable()
-        """What `tick` could not send."""
+        """Frames that `tick` could not send."""
         self.reader = FrameReader()
         self._writer = FrameWriter()
         self._epoch = _Epoch(int(start_s) if epoch_s is None else epoch_s)
@@ -147,21 +148,21 @@ class GroundStation:
         except WireError as error:
             raise InputError(f"{mission.name}: cannot be broadcast: {error}") from error
         self._one_frame = len(self._states(start_s)) == 1
-        """Whether a state frame holds everything; what there is only becomes less."""
+        """Whether one state frame holds everything, now and later, as entries only become fewer."""
 
     @property
     def epoch_s(self) -> int:
-        """Unix time at which the epoch of what is broadcast began."""
+        """Unix time at which the epoch of the broadcast began."""
         return self._epoch.began_s
 
     @property
     def assignment(self) -> Mapping[int, int]:
-        """Agent id to the id of the target that it is sent to."""
+        """Id of the assigned target by agent id."""
         return self._assigned.targets
 
     @property
     def uncovered(self) -> tuple[int, ...]:
-        """Targets that no agent is left for, or none that can arrive there."""
+        """Ids of the targets without an agent, because none is left or none can arrive there."""
         return self._assigned.uncovered
 
     def sense(self, datagram: bytes, now_s: float) -> None:
@@ -171,7 +172,7 @@ class GroundStation:
                 self.tracks.take(frame, now_s)
 
     def hear_report(self, datagram: bytes, now_s: float) -> None:
-        """Take in bytes from the uplink; never raises, whatever the bytes. Case I has no use for reports."""
+        """Take in bytes from the uplink; never raises, whatever the bytes. In Case I reports are ignored."""
         for frame in self.reader.read(datagram):
             if isinstance(frame, ReportFrame) and self._reckoner is not None:
                 fix = self.tracks.take_report(frame, now_s)
@@ -179,7 +180,7 @@ class GroundStation:
                     self._reckoner.fix(frame.agent_id, fix)
 
     def advance(self, now_s: float) -> None:
-        """Bring the reckoning, the picture and the assignment up to now; `tick` does so itself."""
+        """Update dead reckoning, tracks and assignment to `now_s`; `tick` calls this itself."""
         self._epoch.follow(now_s)
         if self._reckoner is not None:
             self._reckoner.advance(now_s, self.tracks.present_agents)
@@ -191,9 +192,9 @@ class GroundStation:
             self._due.assignment_s = _after(self._due.assignment_s, self.mission.assignment_period_s, now_s)
 
     def tick(self, now_s: float) -> list[bytes]:
-        """Return the frames to broadcast now: none unless something is due.
+        """Return the frames to broadcast now; none if nothing is due.
 
-        A frame that cannot be made is counted in `unsendable` and left out.
+        A frame that cannot be encoded is counted in `unsendable` and left out.
         """
         self.advance(now_s)
         datagrams: list[bytes] = []
@@ -209,17 +210,18 @@ class GroundStation:
         return datagrams
 
     def overhear(self, datagram: bytes, now_s: float) -> None:
-        """Let the agents that are reckoned (Case II) hear an unsigned frame that is broadcast now."""
+        """Let the dead-reckoned agents (Case II) hear an unsigned frame that is broadcast now."""
         if self._reckoner is not None:
             self._reckoner.hear(datagram, now_s)
 
     def refresh(self, now_s: float, payload_bytes: int) -> list[StateFrame] | list[FleetFrame]:
         """Begin a broadcast of the state and return its frames, whose payloads hold at most `payload_bytes`.
 
-        One state frame if that holds everything, else fleet frames, which take the carousel to be read.
+        It is one state frame if that holds everything, else fleet frames, which receivers can only read with the frames
+        of the carousel.
 
         Raises:
-            WireError: a payload of `payload_bytes` holds nothing.
+            WireError: a payload of `payload_bytes` cannot hold one entry.
 
         """
         self._epoch.begin_state()
@@ -232,10 +234,10 @@ class GroundStation:
     def carousel(
         self, now_s: float, payload_bytes: int
     ) -> list[MissionFrame | RadiiFrame] | list[MotionFrame | BandsFrame]:
-        """Return what goes with the state and is worth telling less often, in frames stamped now.
+        """Return the frames, stamped now, that go with the state but are sent less often.
 
-        With state frames that is how things move and the heights that threats reach, as far as frames of
-        `payload_bytes` hold them; with fleet frames the mission and the radii of the threats, with their heights.
+        With state frames these are motion and bands frames, each kind if it fits `payload_bytes`; with fleet frames
+        they are the mission frame and the radii frames, which have the altitude limits too.
         """
         mission, stamp = self.mission, self._epoch.stamp(now_s)
         if self._tells_all(payload_bytes):
@@ -271,14 +273,17 @@ class GroundStation:
 
 
 def _silent_after_s(mission: Mission, sensed: bool) -> float | None:
-    """Return after how long without a word an agent counts as lost (docs/method.md section 1, point 7)."""
+    """Return the time without detection or report after which an agent is lost (docs/method.md section 1, point 7).
+
+    None: no agent is ever detected or reports, so that none counts as lost.
+    """
     if mission.case == "I":
         return mission.lost_after_s if sensed else None
     return mission.report_period_s + mission.lost_after_s if mission.report_period_s > 0.0 else None
 
 
 def _after(due_s: float, period_s: float, now_s: float) -> float:
-    """Return the next due time after now, on the same grid."""
+    """Return the next due time after `now_s` on the grid of a period."""
     while due_s <= now_s + _DUE_TOLERANCE_S:
         due_s += period_s
     return due_s

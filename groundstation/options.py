@@ -1,4 +1,4 @@
-"""The arguments of `groundstation run`: what may be given together, and what a run makes of them."""
+"""Arguments of `groundstation run`: which may be given together, and the options that follow from them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from groundstation.radio import Radio, parse_radio
 
 
 class RunArguments(TypedDict):
-    """What the command line gives: words as they were typed, None for what was left out."""
+    """Arguments of the command line as they were typed; None for one that was left out."""
 
     mission: str
     link: str
@@ -38,7 +38,7 @@ class RunArguments(TypedDict):
 
 @dataclass(frozen=True)
 class Options:
-    """How a mission is broadcast."""
+    """Options of a run, checked and parsed."""
 
     link: Link
     authentication: Authentication
@@ -50,14 +50,14 @@ class Options:
     log: Path | None = None
     state: Path | None = None
     can_stop: bool = False
-    """Case II: whether the agents that are reckoned can stand still."""
+    """Case II: whether the dead-reckoned agents can stand still."""
 
 
 def run_of(given: RunArguments) -> tuple[Mission, Options]:
-    """Return the resolved mission that is to be broadcast, and how.
+    """Return the resolved mission and the options of a run.
 
     Raises:
-        InputError: an argument, or the mission, is nothing to broadcast by.
+        InputError: an argument or the mission cannot be used, or arguments contradict each other.
 
     """
     one_of("--autopilot", given["autopilot"], tuple(KINDS))
@@ -142,5 +142,5 @@ def _radio(link: Link, name: str | None, share: float | None) -> Radio | None:
             "allowed: one address behind a radio"
         )
     radio = parse_radio(name, 1.0 if share is None else share)
-    # Whatever it is, it may listen for a heartbeat before it reports its buffer.
+    # Any radio on a serial line may wait for a heartbeat before it reports its buffer.
     return replace(radio, heartbeats=True) if link.scheme == "serial" and not radio.wrapped else radio

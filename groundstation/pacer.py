@@ -1,39 +1,43 @@
-"""How fast the broadcast may go out: a token bucket on a radio's budget, slowed down as that radio fills its buffer."""
+"""Rate limit of the broadcast: a token bucket on a radio's budget, slowed down as that radio's buffer fills."""
 
 from __future__ import annotations
 
 from groundstation.radio import Radio
 
 BURST_BYTES, BURST_S = 170.0, 0.03
-"""What a pacer lets through at once, beside one frame, whichever is more: a shell that is late by 30 ms loses nothing.
-At 57600 baud more than half of a buffer of 1 KiB stays free, so that no radio has cause to slow the broadcast down."""
+"""Bytes that may pass at once beside one frame, or the time whose budget may, whichever is more.
+
+So a shell that is late by 30 ms loses nothing. At 57600 baud more than half of a buffer of 1 KiB stays free, so that no
+radio has cause to slow the broadcast down.
+"""
 
 TXBUF_VERY_LOW, TXBUF_LOW, TXBUF_HIGH, TXBUF_VERY_HIGH = 20, 50, 90, 95
-"""Free percent of the radio's buffer, below or above which the rate changes: those of ArduPilot's own flow control."""
+"""Free shares of the radio's buffer, in percent, at which the rate changes: those of ArduPilot's own flow control."""
 TXBUF_PERIOD_S = 1.0
-"""The rate changes at most once in this time: radios report about once a second."""
+"""Least time between two changes of the rate; radios report about once a second."""
 _SLOWED_A_LOT, _SLOWED, _FASTER, _FASTER_A_LOT = 0.6, 0.85, 1.05, 1.25
+"""Factors by which the rate changes below and above these shares."""
 LEAST_PACE = 0.05
-"""Of the budget: a radio that says for ever that it is full is still sent something."""
+"""Least share of the budget that is used, so that a radio that always reports a full buffer is still sent something."""
 _TOLERANCE = 1e-6
-"""Seconds and bytes, for rounding."""
+"""Tolerance for rounding, in seconds and in bytes."""
 
 
 class Pacer:
     """A token bucket: over any time, no more bytes than rate times time plus one burst."""
 
     def __init__(self, bytes_per_s: float, burst_bytes: float) -> None:
-        """Begin full; nothing longer than `burst_bytes` can ever pass."""
+        """Begin with a full bucket; no frame longer than `burst_bytes` can ever pass."""
         self._budget_bytes_per_s = bytes_per_s
         self._burst_bytes = burst_bytes
         self._tokens_bytes = burst_bytes
         self._filled_at_s: float | None = None
         self._heard_at_s: float | None = None
         self.pace = 1.0
-        """Which part of the budget is used, in [LEAST_PACE, 1], as the radio's buffer allows."""
+        """Share of the budget that the radio's buffer allows, in [LEAST_PACE, 1]."""
 
     def take(self, count: int, now_s: float) -> bool:
-        """Return whether `count` bytes may go out now; if so, they count as gone."""
+        """Return whether `count` bytes may be sent now; if so, take them from the bucket."""
         self._fill(now_s)
         if count > self._tokens_bytes + _TOLERANCE:
             return False
@@ -41,7 +45,7 @@ class Pacer:
         return True
 
     def wait_s(self, count: int, now_s: float) -> float:
-        """Return after how long, from now, `count` bytes will have been let through at the present pace."""
+        """Return the time from `now_s` until `count` bytes may be sent at the present pace."""
         self._fill(now_s)
         return max(0.0, count - self._tokens_bytes) / (self._budget_bytes_per_s * self.pace)
 
@@ -52,7 +56,7 @@ class Pacer:
         self._filled_at_s = now_s
 
     def hear_txbuf(self, percent: int | None, now_s: float) -> None:
-        """Take in how much of the radio's buffer is free; None, nothing reported, lets the rate recover slowly."""
+        """Change the pace by the free share of the radio's buffer; without a report (None) it recovers slowly."""
         if self._heard_at_s is not None and now_s - self._heard_at_s < TXBUF_PERIOD_S - _TOLERANCE:
             return
         self._heard_at_s = now_s
@@ -72,6 +76,6 @@ class Pacer:
 
 
 def burst_bytes(radio: Radio) -> float:
-    """Return how many bytes more than rate times time a broadcast may send over any time."""
+    """Return the burst of a broadcast: the bytes that it may send beyond rate times time."""
     lateness_bytes = max(BURST_BYTES, BURST_S * radio.budget_bytes_per_s)
     return radio.max_frame_bytes + radio.outer_bytes + lateness_bytes

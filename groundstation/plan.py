@@ -1,8 +1,7 @@
-"""What a mission's broadcast over a given radio will be like, found by letting the broadcaster that flies make it.
+"""Plan of a mission's broadcast over a given radio, made by running the real broadcaster on a virtual clock.
 
-The broadcaster runs on a virtual clock over a world that stands still. From what it sends follows when agents switched
-on at any moment know all that they need: exactly where frames are lost independently, by drawn receivers where they are
-lost in bursts.
+No agent, target or threat moves in that run. The frames sent determine when agents that are switched on at any moment
+know all that they need: exactly for independent losses, by drawn receivers for losses in bursts.
 """
 
 from __future__ import annotations
@@ -35,44 +34,49 @@ from groundstation.radio import Radio
 from groundstation.schedule import SHORTEST_REFRESH_S, TICK_S, Broadcaster, BroadcastFrame, Sent
 
 LOSSES = (0.0, 0.1, 0.3, 0.5)
+"""Shares of frames lost independently for which the plan is computed."""
 CURRENT_SHARE = 0.999
-"""Of the agents: the share that knows all that it needs."""
+"""Share of the agents that must know all that they need."""
 RECEIVERS = 20_000
-"""Drawn where frames are lost in bursts."""
+"""Number of receivers drawn for losses in bursts."""
 
 _START_S = 1_790_000_000.0
 _MOMENTS = 1_000
-"""Of switching on, spread evenly over five intervals of what is needed and comes least often, or 40 s."""
+"""Number of moments at which agents are switched on: evenly over _INTERVALS intervals of the rarest needed frame, or
+over _LEAST_SPAN_S if that is longer."""
 _INTERVALS = 5.0
 _LEAST_SPAN_S = 40.0
 _RESOLUTION_S = 0.01
 _FIRST_HORIZON_S = 120.0
 _LONGEST_SPELL_S = 20.0
-"""A bad spell of the bursts is longer with a chance of 1 in 22 000."""
+"""Length that a bad spell of BURSTS exceeds with a probability of 1 in 22 000."""
 _LONGEST_S = 4_000.0
+"""Greatest time over which the broadcaster is run."""
 _SEED, _STREAM = 1, 50
-"""What the receivers are drawn from."""
+"""Seed and random stream from which the receivers are drawn."""
 
 
 @dataclass(frozen=True)
 class Bursts:
-    """Gilbert-Elliott in time: good spells and bad ones, of exponentially distributed length both."""
+    """Gilbert-Elliott loss model in time: good and bad spells, both of exponentially distributed length."""
 
     good_s: float
-    """Mean length."""
+    """Mean length of a good spell."""
     bad_s: float
+    """Mean length of a bad spell."""
     good_loss: float
-    """Of frames, while it is good."""
+    """Share of frames lost in a good spell."""
     bad_loss: float
+    """Share of frames lost in a bad spell."""
 
 
 BURSTS = Bursts(good_s=10.0, bad_s=2.0, good_loss=0.05, bad_loss=1.0)
-"""Such as a bank, or a ridge between, makes: every 12 s two seconds are lost, and one frame in twenty beside them."""
+"""Losses as from banking or a ridge in between: 2 s in every 12 s on average, and one frame in twenty otherwise."""
 
 Part = tuple[str, int]
-"""An item, and which of its frames: a receiver that has heard any sending of it has heard it."""
+"""Name of an item and index of one of its frames; to receive any sending of that frame is enough."""
 Progress = Callable[[float], None]
-"""Called now and then with the share of the work done."""
+"""Callback that takes the share of the work done."""
 
 
 @dataclass(frozen=True)
@@ -81,27 +85,28 @@ class Item:
 
     name: str
     frames: int
-    """In one refresh or turn."""
+    """Number of frames in one refresh of the state or turn of the carousel."""
     bytes_per_s: float
     interval_s: float | None
-    """Between two refreshes or turns; None: longer than the plan looks ahead."""
+    """Mean time between two refreshes or turns; None: longer than the plan looks ahead."""
     copies: float
-    """How often each frame goes out again within the interval, on average."""
+    """Mean number of times that a frame is repeated within the interval."""
 
 
 @dataclass(frozen=True)
 class Outage:
-    """For how long nothing needs to be heard without an entry into any R_d (docs/method.md section 3)."""
+    """Longest loss of the broadcast without an entry into any R_d (docs/method.md section 3)."""
 
     limit_s: float | None
-    """None: the threats stand still."""
+    """Length of that loss; None: no limit, as the threats stand still."""
     clearance_m: float | None
+    """Clearance from the threat that sets the limit."""
     why: str
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What the broadcast of a mission over a radio is like."""
+    """Figures of a mission's broadcast over a radio."""
 
     mission: str
     radio: str
@@ -110,18 +115,18 @@ class Plan:
     authentication: Authentication
     items: tuple[Item, ...]
     refresh_s: float
-    """Between two tellings of the whole state."""
+    """Mean time between two broadcasts of the whole state."""
     bytes_per_s: float
     utilisation: float
-    """Of the budget."""
+    """Share of the budget that is used."""
     largest_frame_bytes: int
-    """On the air."""
+    """Length of the longest frame on the air."""
     current_after_s: dict[str, float | None]
-    """Until 99.9 % of agents, switched on at any moment, know all that they need, by the loss; None: longer than the
-    plan looks ahead."""
+    """Time until 99.9 % of agents, switched on at any moment, know all that they need, by the share of frames lost;
+    None: longer than the plan looks ahead."""
     outage: Outage
     left_out: tuple[str, ...]
-    """What does not fit, or not as often as it would be told."""
+    """Descriptions of what does not fit, or is sent less often than without a limit."""
 
     def to_dict(self) -> dict[str, object]:
         """Return the plan as plain values, for JSON."""
@@ -156,7 +161,7 @@ def plan(
     current_after_s["bursts"] = air.current_after_bursts_s(BURSTS, lambda share: progress(0.5 + 0.5 * share))
     items = _items([(at_s, one) for at_s, one in sent if at_s >= air.switched_on_s[0]])
     state = next(item for item in items if item.name in _STATES)
-    # Else the broadcaster would have refused: it is told every LONGEST_REFRESH_S at least.
+    # Otherwise the broadcaster would have refused: the state is sent at least every LONGEST_REFRESH_S.
     assert state.interval_s is not None
     bytes_per_s = sum(item.bytes_per_s for item in items)
     return Plan(
@@ -177,10 +182,10 @@ def plan(
 
 
 def outage_limit(mission: Mission) -> Outage:
-    """Return for how long a resolved mission's agents may hear nothing without an entry: clearance over speed bound.
+    """Return the longest loss of a resolved mission's broadcast without an entry: clearance over speed bound.
 
-    The least over all threats that may move of the clearance of any start or target from their detection discs.
-    Threats that reach no agent's height do not count.
+    It is the least over all threats that may move; the clearance is that of the nearest start or target from the
+    detection disc. Threats that reach no agent's altitude do not count.
     """
     least: Outage | None = None
     points = [(f"the start of agent {agent.id}", agent.position_ned_m) for agent in mission.agents]
@@ -218,7 +223,7 @@ FrameT = TypeVar("FrameT", bound=BroadcastFrame)
 
 
 class _Standing:
-    """A ground station whose world stands still: what it says is made once, and stamped anew each time."""
+    """A ground station in whose world nothing moves: its frames are made once, and stamped anew each time."""
 
     def __init__(self, mission: Mission, start_s: float) -> None:
         self.directive = Directive.NORMAL
@@ -229,7 +234,7 @@ class _Standing:
         self._slow: Sequence[BroadcastFrame] = ()
 
     def advance(self, now_s: float) -> None:
-        """Nothing happens."""
+        """Do nothing: no track changes in a world that stands still."""
 
     def refresh(self, now_s: float, payload_bytes: int) -> list[BroadcastFrame]:
         self._sequence += 1
@@ -241,10 +246,10 @@ class _Standing:
         return [self._stamped(frame, now_s) for frame in self._slow]
 
     def overhear(self, datagram: bytes, now_s: float) -> None:
-        """Nobody is reckoned."""
+        """Do nothing: no agent is dead-reckoned."""
 
     def tick(self, now_s: float) -> list[bytes]:
-        """There is always a radio."""
+        """Return nothing: a plan always has a radio, for which `refresh` and `carousel` are called instead."""
         return []
 
     def _stamped(self, frame: FrameT, now_s: float) -> FrameT:
@@ -254,18 +259,18 @@ class _Standing:
 
 @dataclass(frozen=True)
 class Air:
-    """What went over the air, as far as somebody needs it, and who needs what."""
+    """The sent frames that agents need, and the shares of agents that need them."""
 
     sendings: tuple[tuple[float, Part], ...]
-    """In order of time."""
+    """Time and part of each sending, in order of time."""
     needs: dict[frozenset[Part], float]
-    """What an agent must have heard all of, to the share of the agents for which it is that."""
+    """Share of the agents that need all of a set of parts, by that set."""
     switched_on_s: np.ndarray  # (_MOMENTS,) s, rising
     end_s: float
 
     @classmethod
     def of(cls, sent: Sequence[tuple[float, Sent]], end_s: float) -> Air:
-        """Return what of a run of the broadcaster matters; agents are switched on once everything was said twice."""
+        """Return the needed frames of a broadcaster's run; agents are switched on after each was sent twice."""
         needs = _needs(one.frame for _, one in sent if one.frame is not None)
         wanted = frozenset[Part]().union(*needs)
         sendings = tuple((at_s, _part(one.frame)) for at_s, one in sent if one.frame and _part(one.frame) in wanted)
@@ -276,7 +281,7 @@ class Air:
         return cls(sendings, needs, np.linspace(begin_s, until_s, _MOMENTS, endpoint=False), end_s)
 
     def current_after_s(self, loss: float) -> float | None:
-        """Return after how long 99.9 % are current if each frame is lost independently; None: not before the end."""
+        """Return the time until 99.9 % of agents are current at independent losses; None: not before the end."""
         times_s = _times_s(self.sendings)
         before = {part: np.searchsorted(times, self.switched_on_s, "right") for part, times in times_s.items()}
 
@@ -299,12 +304,12 @@ class Air:
         return round(high_s, 2)
 
     def current_after_bursts_s(self, bursts: Bursts, progress: Progress = lambda share: None) -> float | None:
-        """Return after how long 99.9 % of RECEIVERS drawn ones are current; None: not before the end."""
+        """Return the time until 99.9 % of RECEIVERS drawn agents are current; None: not before the end."""
         draw = random_stream(_SEED, _STREAM)
         sets, shares = list(self.needs), np.array([*self.needs.values()])
         places = {part: place for place, part in enumerate(sorted(frozenset[Part]().union(*sets)))}
         wanted = np.array([[part in parts for part in places] for parts in sets])  # (sets, parts)
-        # Each receiver's row of what it still misses.
+        # Each receiver's row marks the parts that it still lacks.
         misses = wanted[draw.choice(len(sets), RECEIVERS, p=shares / shares.sum())]  # (RECEIVERS, parts)
         missing = misses.sum(axis=1)  # (RECEIVERS,)
         on_s = draw.choice(self.switched_on_s, RECEIVERS)
@@ -315,7 +320,7 @@ class Air:
         for count, (at_s, part) in enumerate(self.sendings):
             if at_s < self.switched_on_s[0]:
                 continue
-            # The chain between two frames: it forgets where it was at the sum of both rates.
+            # The Markov chain between two frames: its memory decays at the sum of both rates.
             kept = math.exp(-(at_s - last_s) * (1.0 / bursts.good_s + 1.0 / bursts.bad_s))
             bad = draw.random(RECEIVERS) < bad_share + (bad - bad_share) * kept
             got = (draw.random(RECEIVERS) >= np.where(bad, bursts.bad_loss, bursts.good_loss)) & (on_s < at_s)
@@ -347,7 +352,7 @@ def _times_s(sendings: Sequence[tuple[float, Part]]) -> dict[Part, np.ndarray]: 
 def _needs(frames: Iterable[BroadcastFrame]) -> dict[frozenset[Part], float]:
     """Return the sets of frames that agents need, each with the share of the agents that need it.
 
-    Everybody needs the mission, all radii and all threats' places; its own entry, and its target's.
+    Every agent needs the mission, all radii, all threats' positions, its own entry and that of its target.
     """
     everybody: set[Part] = set()
     own: dict[int, tuple[Part, int | None]] = {}
@@ -384,7 +389,7 @@ def _items(sent: Sequence[tuple[float, Sent]]) -> tuple[Item, ...]:
             Item(
                 name=name,
                 frames=len(first),
-                # The first sending is paid for by the time before it.
+                # The bytes of the first sending belong to the time before it.
                 bytes_per_s=sum(one.on_air_bytes for at_s, one in ones if at_s > first_s) / (last_s - first_s),
                 interval_s=float(gaps_s.mean()) if gaps_s.size else None,
                 copies=len(ones) / told - 1.0,
@@ -408,7 +413,7 @@ def _left_out(items: Sequence[Item], state: Item, radio: Radio) -> tuple[str, ..
 
 
 def _frame_signer(authentication: Authentication) -> FrameSigner:
-    """Return a frame signer with keys of its own: what they are changes no length but by chance."""
+    """Return a frame signer with fixed keys: their values change a frame's length only by chance, by cut zeros."""
     has_mavlink, has_ed25519 = authentication in ("mavlink", "both"), authentication in ("ed25519", "both")
     private_key = Ed25519PrivateKey.from_private_bytes(bytes(32)) if has_ed25519 else None
     return FrameSigner(private_key, MavlinkSigner(bytes(KEY_BYTES), 0) if has_mavlink else None)

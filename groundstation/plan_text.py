@@ -11,7 +11,7 @@ _TABLE_COLUMNS = 200
 
 
 def plan_text(found: Plan) -> str:
-    """Return the tables of a plan, and what does not fit it."""
+    """Return a plan as tables, with a line for each item that does not fit."""
     console = Console(soft_wrap=True, highlight=False, markup=False, width=_TABLE_COLUMNS)
     with console.capture() as capture:
         console.print(

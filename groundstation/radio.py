@@ -1,7 +1,8 @@
-"""What a radio gives the broadcast: bytes per second, of which a share, and the longest frame that it carries whole.
+"""Capacity of a radio for the broadcast: a share of its bytes per second, and the longest frame that it sends whole.
 
-A radio is named or given as a number of bytes per second. Behind it may stand an autopilot that passes on only what it
-knows: then every frame travels inside a V2_EXTENSION, which costs bytes (companion/protocol/v2_extension.py).
+A radio is named or given as a number of bytes per second. If the broadcast goes through an autopilot, which forwards
+only messages that it knows, every frame is wrapped in a V2_EXTENSION, which costs bytes
+(companion/protocol/v2_extension.py).
 """
 
 from __future__ import annotations
@@ -21,36 +22,36 @@ LEAST_BYTES_PER_S = 10.0
 MOST_BYTES_PER_S = 1.0e8
 
 _WRAPPED_BYTES = {"v2ext": WRAP_BYTES, "v2ext-signed": WRAP_BYTES + SIGNATURE_BYTES}
-"""What the outer frame adds; signed: by the autopilot's own key, after the ground station."""
+"""Bytes that wrapping adds, by the suffix of the radio's name; `v2ext-signed`: the outer frame is signed on its way."""
 _NUMBER = re.compile(r"(\d+(?:\.\d+)?) ?(?:B/s)?")
 
 
 @dataclass(frozen=True)
 class Radio:
-    """A radio as the broadcast may use it."""
+    """A radio, and how the broadcast may use it."""
 
     name: str
     bytes_per_s: float
     max_frame_bytes: int
-    """Of a frame with its signatures, before it is wrapped."""
+    """Greatest length of a frame with its signatures, before it is wrapped."""
     share: float
-    """Of the radio's bytes, for the broadcast; in (0, 1]."""
+    """Share of the radio's bytes for the broadcast, in (0, 1]."""
     wrapped: bool = False
-    """Every frame travels inside a V2_EXTENSION."""
+    """Whether every frame is wrapped in a V2_EXTENSION."""
     outer_bytes: int = 0
-    """What wrapping adds to each frame on the air."""
+    """Number of bytes that wrapping adds to each frame on the air."""
     heartbeats: bool = False
-    """A heartbeat of MAVLink's goes out every second: SiK firmware reports its buffer only once it has seen one. Never
-    where frames are wrapped: the radio would not find it inside, and the autopilot before it sends its own."""
+    """Whether a MAVLink heartbeat is sent every second: SiK firmware reports its buffer only once it has seen one. Not
+    if frames are wrapped: the radio would not find it inside, and the autopilot before it sends its own."""
 
     @property
     def budget_bytes_per_s(self) -> float:
-        """What the broadcast may send."""
+        """Bytes per second that the broadcast may send."""
         return self.bytes_per_s * self.share
 
     @property
     def added_bytes(self) -> int:
-        """What is added on the way to each frame that we send: the signature of the outer frame."""
+        """Number of bytes added to each sent frame on its way: those of the outer frame's signature, if it gets one."""
         return self.outer_bytes - WRAP_BYTES if self.wrapped else 0
 
 

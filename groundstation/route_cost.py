@@ -1,11 +1,10 @@
-"""Route costs: how long each agent's path to each target around the threats is, and the assignment by them.
+"""Route costs: the lengths of all agents' paths to all targets around the threats, and the assignment by them.
 
 An agent that is nearest to a target may have the longest path there, so the objectives `route` and `latest` count the
-turn-limited shortest paths around the discs (docs/method.md section 3) as the ground station has them now, grown by
-their age, as the vehicles are told. Such a path takes a millisecond or two, and there is one for every pair; so a pair
-is first given a length that it cannot be shorter than, that of the path around the worst single disc, and a path is
-only searched where an assignment would use the pair. Once all pairs that the best assignment uses are known, no other
-can be better.
+turn-limited shortest paths around the discs (docs/method.md section 3), grown by their age as they are broadcast. The
+search of such a path takes a millisecond or two, and there is one for every pair; so a pair is first given a lower
+bound, the length of the path around the worst single disc, and a path is only searched if an assignment would use the
+pair. Once all pairs that the best assignment uses are known, no other assignment can be better.
 """
 
 from __future__ import annotations
@@ -22,19 +21,19 @@ from groundstation.assignment import assign_least_latest, assign_least_total
 
 RouteObjective = Literal["route", "latest"]
 UNREACHED_PENALTY = 10.0
-"""Of what remains to a target that no path leads to: a metre nearer to it is worth this many metres flown."""
+"""Cost, in metres flown, of each metre that remains to a target that no path leads to."""
 MAX_ROUTES = 150
-"""Paths searched for one assignment at most, which bounds how long a broadcast can be late for it; pairs beyond count
-as what they cannot be shorter than."""
+"""Greatest number of paths searched for one assignment, to bound the delay of a broadcast; further pairs count with
+their lower bounds."""
 _TOUCH_SHARE = 1e-9
-"""Of a radius: a path that cuts no more than this off a disc only touches it."""
+"""Depth, as a share of a disc's radius, up to which a path that cuts the disc only touches it."""
 _FULL_TURN_RAD = math.tau - 1e-9
-"""An arc of more is none: the rounding of a zero."""
+"""Angle above which an arc counts as zero, because it is a zero with a rounding error."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Everybody who goes somewhere, everything that obstructs, at one moment."""
+    """The agents, the targets and the discs that obstruct their paths, at one moment."""
 
     agents_ned_m: np.ndarray  # (N, 2) m
     headings_rad: np.ndarray  # (N,) rad, nan: not known
@@ -46,11 +45,11 @@ class Scene:
 
 
 class RouteCosts:
-    """The lengths of all paths of a scene, as far as they are known.
+    """The lengths of the paths of all pairs of a scene, searched or bounded from below.
 
-    `length_m` (N, K) m is the path to the target, or to the nearest safe point to it, and `rest_m` (N, K) m the
-    straight line on from there; `blocked` (N, K) bool says where the path does not end at the target. Where not `known`
-    (N, K) bool, the length is at most the true one, and nothing is blocked.
+    `length_m` (N, K) m is the length of the path to the target, or to the nearest safe point to it, and `rest_m` (N, K)
+    m the straight distance from there to the target; `blocked` (N, K) bool is true where the path does not end at the
+    target. Where `known` (N, K) bool is false, the length is at most the true one, and the pair is not blocked.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -61,7 +60,7 @@ class RouteCosts:
         self.blocked = np.zeros(shape, dtype=bool)
         self.known = np.zeros(shape, dtype=bool)
         self.searched = 0
-        """Paths searched so far."""
+        """Number of paths searched so far."""
         for agent in range(shape[0]):
             self.length_m[agent], self.known[agent] = _unobstructed(scene, agent)
             around_m = np.where(self.known[agent], 0.0, _around_the_worst(scene, agent))
@@ -69,11 +68,11 @@ class RouteCosts:
 
     @property
     def cost_m(self) -> np.ndarray:  # (N, K) m
-        """What a pair costs by its path."""
+        """Cost of each pair by its path."""
         return self.length_m + UNREACHED_PENALTY * self.rest_m
 
     def search(self, agent: int, target: int) -> None:
-        """Find the path of one pair."""
+        """Search the path of one pair and store its length."""
         scene, there = self._scene, self._scene.obstructs[agent]
         heading_rad = float(scene.headings_rad[agent])
         goal_ned_m = scene.targets_ned_m[target]
@@ -90,7 +89,7 @@ class RouteCosts:
         self.known[pair] = True
         self.blocked[pair] = route.reach is not Reach.TARGET
         if route.reach is Reach.TARGET:
-            # A path may cut through a disc that the vehicle can no longer avoid; it is still counted around it.
+            # A path may cut through a disc that the vehicle can no longer avoid; it still counts as going around it.
             self.length_m[pair] = max(route.length_m, float(self.length_m[pair]))
         elif route.reach is Reach.NEAREST:
             self.length_m[pair] = route.length_m
@@ -102,14 +101,14 @@ class RouteCosts:
 
 @dataclass(frozen=True)
 class AssignmentRule:
-    """What an assignment by route costs makes least, and when it changes."""
+    """Objective of an assignment by route costs, and the saving for which agents change targets."""
 
     objective: RouteObjective
-    """`route`: the total length. `latest`: the latest arrival, and then the total time."""
+    """What is minimised; `route`: the total length, `latest`: the latest arrival, then the total time."""
     switching_share: float
-    """Agents change only where that saves more than this share of what they cost together."""
+    """Share of the joint cost of the agents that change which their change must save."""
     max_routes: int = MAX_ROUTES
-    """Paths searched at most."""
+    """Greatest number of paths searched."""
 
 
 def assign_by_route_cost(
@@ -119,14 +118,14 @@ def assign_by_route_cost(
     in_range: Callable[[np.ndarray], np.ndarray],
     present: np.ndarray,  # (N,) index of each agent's present target, -1 for none
 ) -> np.ndarray:  # (N,) index of each agent's target, -1 for none
-    """Return each agent's target by the paths around the threats, as `assign` otherwise does by the straight distance.
+    """Return each agent's target by the paths around the threats, as `assign` does by the straight distance.
 
-    A target that no path leads to has its agents all the same, but nobody is sent to one who could arrive elsewhere
-    instead. `in_range` says from the lengths of all paths (N, K) m which are within range (N, K) bool.
+    A target that no path leads to gets agents too, but none that could arrive at another target instead. `in_range`
+    maps the lengths of all paths (N, K) m to those within range (N, K) bool.
 
     Raises ValueError as the assignments do.
     """
-    # How late the present assignment would be decides whether it stands, so its paths must be known from the beginning.
+    # The latest arrival of the present assignment decides whether it stands, so its paths are searched first.
     wanted = _pairs(present) if rule.objective == "latest" else set()
     while True:
         for pair in sorted(pair for pair in wanted if not costs.known[pair]):
@@ -145,10 +144,10 @@ def assign_by_route_cost(
 
 
 def _unobstructed(scene: Scene, agent: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far an agent has to each target where nothing is in the way (K,) m, and where nothing is (K,) bool.
+    """Return the length of an agent's path to each target without discs (K,) m, and which are unobstructed (K,) bool.
 
     A vehicle that cannot turn on the spot flies an arc of its turning circle and then straight, the shortest path to a
-    point outside both circles whatever the heading there. Elsewhere the length is that of the straight line.
+    point outside both circles whatever the heading there. For other targets the length is that of the straight line.
     """
     start_ned_m, heading_rad = scene.agents_ned_m[agent], scene.headings_rad[agent]
     offset_m = scene.targets_ned_m - start_ned_m  # (K, 2)
@@ -165,7 +164,7 @@ def _unobstructed(scene: Scene, agent: int) -> tuple[np.ndarray, np.ndarray]:
     inside = ~np.isfinite(right.length_m) | ~np.isfinite(left.length_m)
     arc_m = np.where(shorter, right.arc_m, left.arc_m)
     leaves_ned_m = start_ned_m + np.where(shorter[:, np.newaxis], right.leaves_m, left.leaves_m)
-    # The arc stays within its length, and its circle's width, of the start.
+    # No point of the arc is farther from the start than the arc's length or the circle's diameter.
     apart_m = np.hypot(*(discs_ned_m - start_ned_m).T)  # (M,)
     free = np.all(apart_m >= discs_m + np.minimum(arc_m, 2.0 * radius_m)[:, np.newaxis], axis=1) | (arc_m == 0.0)
     free &= _segments_free(leaves_ned_m, scene.targets_ned_m, discs_ned_m, discs_m) & ~inside
@@ -173,15 +172,15 @@ def _unobstructed(scene: Scene, agent: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _around_the_worst(scene: Scene, agent: int) -> np.ndarray:  # (K,) m
-    """Return the longest of the shortest paths around each disc alone to each target, 0 where none is in between.
+    """Return for each target the longest of the shortest paths around each single disc, m; 0 if no disc is in between.
 
-    Around one disc that is two tangents and the arc between where they touch it.
+    The path around one disc is two tangents and the arc between their points of contact.
     """
     there = scene.obstructs[agent]
     from_m = scene.agents_ned_m[agent] - scene.centres_ned_m[there]  # (M, 2), from the centres
     to_m = scene.targets_ned_m[:, np.newaxis, :] - scene.centres_ned_m[there]  # (K, M, 2)
     radii_m, start_m, goal_m = scene.radii_m[there], np.hypot(*from_m.T), np.hypot(to_m[..., 0], to_m[..., 1])
-    # Who is inside a disc has no way around it; routes out of it and into it are not bounded by this.
+    # A point inside a disc has no path around it; routes out of a disc and into one are not bounded by this.
     outside = (start_m > radii_m) & (goal_m > radii_m)
     cross_m2 = from_m[:, 0] * to_m[..., 1] - from_m[:, 1] * to_m[..., 0]
     between_rad = np.abs(np.arctan2(cross_m2, np.einsum("mi,kmi->km", from_m, to_m)))
@@ -195,7 +194,7 @@ def _around_the_worst(scene: Scene, agent: int) -> np.ndarray:  # (K,) m
 
 @dataclass(frozen=True)
 class _ArcAndLine:
-    """Paths that begin on one turning circle and leave it straight for K points; infinite to those inside it."""
+    """Paths to K points, each an arc of one turning circle and then a line; infinite to points inside that circle."""
 
     length_m: np.ndarray  # (K,) m
     arc_m: np.ndarray  # (K,) m, how much of it is on the circle

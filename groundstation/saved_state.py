@@ -1,7 +1,8 @@
-"""What a run of the ground station leaves on disk for the next one.
+"""State that a run of the ground station saves on disk for the next one.
 
-The last epoch and signing time, so that vehicles that demand ever newer frames hear the next run; when the threats were
-where the mission says, so that they are not told as if they had not moved since; and the directive.
+It holds the last epoch and signing time, so that vehicles, which accept only newer frames, accept those of the next
+run; the time at which the threats were at the mission's positions, so that they are not broadcast as if they had not
+moved since; and the directive.
 """
 
 from __future__ import annotations
@@ -24,32 +25,33 @@ from groundstation.options import Options
 
 LOGGER = program_logger("groundstation")
 STATE_PERIOD_S = 1.0
-"""How often the signing time used last is written to disk: a crash loses less of it than receivers allow clocks to
-differ by."""
+"""Period at which the last signing time is written to disk: a crash loses less of it than the difference of clocks that
+receivers allow."""
 MOST_AHEAD_S = 1.5
-"""Most that an epoch or a signing time may be ahead of the clock: receivers refuse what is more than 2 s ahead of
-theirs (companion/protocol/authenticator.py), and theirs may be behind. A restart within the second needs 1 s."""
+"""Greatest time by which an epoch or a signing time may be ahead of the clock: receivers refuse frames more than 2 s
+ahead of their clocks (companion/protocol/authenticator.py), which may be behind. A restart within the second needs 1 s.
+"""
 
 
 @dataclass(frozen=True)
 class SavedState:
-    """What of a run must be known to the next one."""
+    """State of a run that the next run must know."""
 
     epoch_s: int
     signing_timestamp: int
-    """MAVLink's, of a frame sent STATE_PERIOD_S before the last one or later; 0 without MAVLink signing."""
+    """MAVLink signing time of a frame sent at most STATE_PERIOD_S before the last one; 0 without MAVLink signing."""
     threats: str
-    """The digest of the threats as the mission places them."""
+    """Digest of the threats as the mission places them (`threats_digest`)."""
     began_s: float
-    """When the first run with these threats began: they were there then."""
+    """Start of the first run with these threats, when they were at the mission's positions."""
     directive: Directive
 
 
 def saved_state_from(text: str, source: Path) -> SavedState:
-    """Return what a state file keeps.
+    """Return the state in the text of a state file.
 
     Raises:
-        InputError: the text is nothing of ours; `source` names it.
+        InputError: the text is no saved state; `source` names the file.
 
     """
     try:
@@ -72,7 +74,7 @@ def saved_state_from(text: str, source: Path) -> SavedState:
 
 
 def text_of(state: SavedState) -> str:
-    """Return what a state file holds."""
+    """Return the text of a state file."""
     return json.dumps(
         {
             "epoch_s": state.epoch_s,
@@ -85,10 +87,10 @@ def text_of(state: SavedState) -> str:
 
 
 def epoch_after(last: SavedState | None, now_s: float, source: Path | None) -> int:
-    """Return the epoch of a run that begins now: this second, but later than the last run's.
+    """Return the epoch of a run that begins now: the present second, but later than the last run's epoch.
 
     Raises:
-        InputError: that is farther ahead of the clock than receivers accept; `source` names the file.
+        InputError: the epoch is farther ahead of the clock than receivers accept; `source` names the file.
 
     """
     epoch_s = int(now_s) if last is None else max(int(now_s), last.epoch_s + 1)
@@ -98,11 +100,11 @@ def epoch_after(last: SavedState | None, now_s: float, source: Path | None) -> i
 
 
 def signing_after(last: SavedState | None, now_s: float, only_mavlink: bool, source: Path | None) -> int:
-    """Return the MAVLink signing time above which a run that begins now signs.
+    """Return the MAVLink signing time that all signing times of a run that begins now must exceed.
 
     Raises:
-        InputError: `only_mavlink`, that is without Ed25519, and the time is farther ahead of the clock than receivers
-            accept. Under both they do not look at it.
+        InputError: the time is farther ahead of the clock than receivers accept, and frames are signed by MAVLink alone
+            (`only_mavlink`); with Ed25519 receivers ignore it. `source` names the file.
 
     """
     if last is None:
@@ -122,26 +124,28 @@ def _behind(source: Path | None, by_s: float) -> InputError:
 
 
 def began_at_s(last: SavedState | None, threats: str, now_s: float) -> float:
-    """Return when the threats of a run that begins now were where the mission says; `threats` is their digest."""
+    """Return the time at which a new run's threats were at the mission's positions; `threats` is their digest."""
     return now_s if last is None or last.threats != threats else min(last.began_s, now_s)
 
 
 def threats_digest(mission: Mission) -> str:
-    """Return what tells whether two resolved missions place the same threats.
+    """Return a digest that is the same for two resolved missions with the same origin and threats.
 
-    Of nothing else in them: a restart with another target or period must not tell the threats as if they were new.
+    It covers nothing else: a restart with another target or period must not broadcast the threats as if they had just
+    been placed.
     """
     text = mission.model_dump_json(include={"origin", "threats"})
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 class RunStateFile:
-    """What the last run left, and the file in which this one leaves it."""
+    """The saved state of the last run, and the file in which this run saves its own."""
 
     def __init__(self, options: Options, mission: Mission, signer: MavlinkSigner | None, now_s: float) -> None:
-        """Read the file, if there is one to be read; raises InputError if this run cannot follow on it.
+        """Read the file, if it exists; raises InputError if this run cannot continue from it.
 
-        `signer` signs this run's frames by MAVLink, above the last run's times; None if nothing does.
+        `signer` is this run's MAVLink signer, whose times are set to exceed the last run's; None without MAVLink
+        signing.
         """
         self._path = self._read_from = options.state
         self._signer = signer
@@ -152,7 +156,7 @@ class RunStateFile:
         self.epoch_s = epoch_after(last, now_s, self._path)
         self.began_s = began_at_s(last, self._threats, now_s)
         self.directive = Directive.NORMAL if last is None else last.directive
-        """As the last run left it."""
+        """Directive of the last run."""
         self._written = last
         self._written_at_s = -math.inf
         self._signing_timestamp = 0 if last is None else last.signing_timestamp
@@ -160,7 +164,7 @@ class RunStateFile:
             signer.last_timestamp = signing_after(last, now_s, options.authentication == "mavlink", self._path)
 
     def news(self, now_s: float) -> list[str]:
-        """Return what this run has taken over."""
+        """Return the messages about what this run has taken over from the last one."""
         lines = []
         if self.directive is not Directive.NORMAL:
             lines.append(f"directive: {self.directive.name.lower()}, kept from the last run")
@@ -172,13 +176,13 @@ class RunStateFile:
         return lines
 
     def warnings(self) -> list[str]:
-        """Return what a restart will not know."""
+        """Return the warnings about what a restart will not know."""
         if self._path is not None or not self._can_move:
             return []
         return ["without --state a restart would tell the threats smaller than they may be by then, and no directive"]
 
     def write(self, station: GroundStation, now_s: float) -> None:
-        """Write what the next run must know; raises InputError if that fails."""
+        """Write the state for the next run; raises InputError if that fails."""
         if self._path is None:
             return
         if self._signer is not None:
@@ -188,14 +192,14 @@ class RunStateFile:
         self._written, self._written_at_s = state, now_s
 
     def write_if_due(self, station: GroundStation, now_s: float) -> None:
-        """Write it if the directive or the epoch is another, or a signing time was written long enough ago."""
+        """Write the state if the directive or epoch has changed, or the signing time was written STATE_PERIOD_S ago."""
         last = self._written
         changed = last is None or (last.directive, last.epoch_s) != (station.directive, station.epoch_s)
         if changed or (self._signer is not None and now_s - self._written_at_s >= STATE_PERIOD_S):
             self.write_if_possible(station, now_s)
 
     def write_if_possible(self, station: GroundStation, now_s: float) -> None:
-        """Write it; a disk that fails is warned of once, and given up: the broadcast goes on."""
+        """Write the state; if the disk fails, warn once and write no more, so that the broadcast goes on."""
         try:
             self.write(station, now_s)
         except InputError as error:

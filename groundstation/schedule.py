@@ -1,10 +1,11 @@
-"""What goes out next, and when: the broadcast fitted into what a radio gives it.
+"""Schedule of the broadcast: which frame is sent next, and when, within a radio's budget.
 
-The state is refreshed once a second, or as often as it fits. Where there is room left its frames are repeated, spread
-over the interval, so that a loss costs a fraction of it; what rarely changes goes round in a carousel on a small share.
-A radio that says that its buffer fills slows everything down. A changed directive begins a new refresh at once.
+The state is refreshed once a second, or as often as it fits. If there is room left its frames are repeated, spread over
+the interval, so that a lost frame costs only a fraction of it. Frames that rarely change are sent in a carousel on a
+small share of the budget. A radio that reports that its buffer fills slows everything down. A changed directive begins
+a new refresh at once.
 
-Time is the caller's; nothing here knows a clock or a socket.
+Times are arguments; there is no clock and no socket here.
 """
 
 from __future__ import annotations
@@ -35,86 +36,87 @@ from groundstation.radio import Radio
 BroadcastFrame = StateFrame | MotionFrame | BandsFrame | FleetFrame | RadiiFrame | MissionFrame
 
 SHORTEST_REFRESH_S = 1.0
-"""Nothing that the broadcast tells of is known or acted on faster."""
+"""Least time between two refreshes of the state: nothing in the broadcast is known or acted on faster."""
 LONGEST_REFRESH_S = 20.0
-"""How old its last frame may be when it leaves; receivers refuse what is older than 30 s (authenticator.py)."""
+"""Greatest age of a refresh when its last frame is sent; receivers refuse frames older than 30 s (authenticator.py)."""
 MOST_SENDS = 4
-"""Of one state frame in a refresh: two seconds of them are enough for 99.6 % at a loss of one half."""
+"""Greatest number of sends of a state frame in a refresh: two seconds of them give 99.6 % at a loss of one half."""
 CAROUSEL_SHARE = 0.1
-"""Of the budget. At a loss of one half whoever joins then waits about as long for the radii of 50 threats as for the
-state of 500 agents."""
+"""Share of the budget for the carousel. At a loss of one half, a vehicle that joins then waits about equally long for
+the radii of 50 threats and for the state of 500 agents."""
 LEAST_CAROUSEL_SHARE = 0.02
-"""Of the budget, where a greater share would keep the state from being refreshed every second."""
+"""Share of the budget down to which the carousel yields to a state that is refreshed every second."""
 SHORTEST_TURN_S = 1.0
-"""The carousel begins a turn no sooner after the one before."""
+"""Least time between the beginnings of two turns of the carousel."""
 ADVANCE_PERIOD_S = 1.0
-"""How often the station thinks; half of that before a refresh, so that not all the work falls in one tick."""
+"""Period of the station's `advance`, half a period apart from refreshes, so that not all work falls into one tick."""
 HEARTBEAT_PERIOD_S = 1.0
 _HEARTBEAT_BYTES = 21 + 13
-"""With a MAVLink signature."""
+"""Length of a heartbeat with a MAVLink signature."""
 TICK_S = 0.01
-"""How often the shell asks where there is a radio."""
+"""Period at which the shell calls the broadcaster if there is a radio."""
 _MAVLINK_BYTES = 12
+"""Bytes of a MAVLink 2 frame around its payload: header and CRC."""
 _DUE_TOLERANCE_S = 1e-6
 _ON_THE_GRID_S = 0.1
-"""What is later than this begins a new grid of due times: what was missed is not made good. A refresh may be this late
-for what is sent beside it."""
+"""Delay from which a new grid of due times begins, so that missed frames are not made up; also the greatest delay of a
+refresh that other frames may cause."""
 
 
 class Station(Protocol):
-    """What the broadcaster asks of a ground station; `payload_bytes` is what a frame's payload may hold unsigned."""
+    """Ground station as the broadcaster uses it; `payload_bytes` is the greatest payload of an unsigned frame."""
 
     directive: Directive
 
     def advance(self, now_s: float) -> None:
-        """Bring everything that is known up to now."""
+        """Update all tracks and the assignment to `now_s`."""
 
     def refresh(self, now_s: float, payload_bytes: int) -> Sequence[BroadcastFrame]:
         """Return the frames of a new broadcast of the state; at least one."""
 
     def carousel(self, now_s: float, payload_bytes: int) -> Sequence[BroadcastFrame]:
-        """Return the frames of a turn of what changes rarely, stamped now; one for each place in the turn."""
+        """Return the frames of one turn of the carousel, stamped now, in order of their places in the turn."""
 
     def overhear(self, datagram: bytes, now_s: float) -> None:
         """Take note of an unsigned frame that is being broadcast."""
 
     def tick(self, now_s: float) -> list[bytes]:
-        """Return the unsigned frames that are due where nothing limits them."""
+        """Return the unsigned frames that are due if no radio limits the broadcast."""
 
 
 @dataclass(frozen=True)
 class Sent:
-    """One frame as it goes on the air."""
+    """One frame as it is sent."""
 
     data: bytes
     frame: BroadcastFrame | None
-    """None: a heartbeat."""
+    """Content of the frame; None for a heartbeat."""
     copy: int
-    """How often the same frame went out before."""
+    """Number of times that the same frame was sent before."""
     added_bytes: int = 0
-    """What is added to it on its way (Radio.added_bytes)."""
+    """Number of bytes added to the frame on its way (Radio.added_bytes)."""
 
     @property
     def on_air_bytes(self) -> int:
-        """How long it is on the air."""
+        """Length of the frame on the air."""
         return len(self.data) + self.added_bytes
 
 
 class Broadcaster:
-    """Decides what a ground station's radio sends; without a radio, everything as soon as it is due."""
+    """Chooses the frames that a ground station's radio sends; without a radio, all frames as soon as they are due."""
 
     def __init__(self, station: Station, radio: Radio | None, frame_signer: FrameSigner | None = None) -> None:
         self._station = station
         self._signer = frame_signer or FrameSigner(None, None)
         self.unsendable = Unsendable()
-        """What could not be sent, where there is a radio."""
+        """Frames that could not be sent over the radio."""
         self._schedule = None if radio is None else _Schedule(station, radio, self._signer, self.unsendable)
 
     def begin(self, now_s: float) -> None:
-        """Make the first broadcast of the state, so that what can never be sent is known before anything is.
+        """Prepare the first broadcast of the state, so that a mission that cannot be sent is refused at the start.
 
         Raises:
-            InputError: the state does not fit the radio, or a frame of it cannot be made.
+            InputError: the state does not fit the radio, or one of its frames cannot be encoded.
 
         """
         if self._schedule is not None:
@@ -122,11 +124,11 @@ class Broadcaster:
 
     @property
     def pace(self) -> float:
-        """Which part of the budget the radio's buffer allows; 1 without a radio."""
+        """Share of the budget that the radio's buffer allows; 1 without a radio."""
         return 1.0 if self._schedule is None else self._schedule.pacer.pace
 
     def tick(self, now_s: float, txbuf_percent: int | None = None) -> list[bytes]:
-        """Return the signed frames to send now. Call often: what is let through is let through late, never early.
+        """Return the signed frames to send now; call it every TICK_S, as a frame may be sent late but never early.
 
         Raises:
             InputError: the state does not fit the radio.
@@ -137,25 +139,25 @@ class Broadcaster:
         return [sent.data for sent in self._schedule.step(now_s, txbuf_percent)]
 
     def step(self, now_s: float, txbuf_percent: int | None = None) -> list[Sent]:
-        """Return what `tick` returns, and what it is; for planning. Needs a radio."""
+        """Return the frames of `tick` with their contents, for planning; only with a radio."""
         assert self._schedule is not None
         return self._schedule.step(now_s, txbuf_percent)
 
 
 @dataclass(frozen=True)
 class _Offer:
-    """A frame that goes out as soon as the budget lets it, and what is to be noted then, with the time."""
+    """A frame to send as soon as the budget allows, and the function to call with the time when it is sent."""
 
     sent: Sent
     note: Callable[[float], None]
 
 
 class _Packer:
-    """Makes frames as they go on the air of one radio: encoded, signed, wrapped where an autopilot stands before it."""
+    """Makes frames ready for one radio: encoded, signed and, if an autopilot forwards them, wrapped."""
 
     def __init__(self, radio: Radio, frame_signer: FrameSigner) -> None:
         self.payload_bytes = radio.max_frame_bytes - _MAVLINK_BYTES - frame_signer.overhead_bytes
-        """What the payload of an unsigned frame may hold."""
+        """Greatest payload of an unsigned frame."""
         self.has_ed25519 = frame_signer.overhead_bytes > SIGNATURE_BYTES
         """Whether frames carry an Ed25519 signature."""
         self._radio = radio
@@ -164,15 +166,15 @@ class _Packer:
         self._wrapped = 0
 
     def encode(self, frame: BroadcastFrame) -> bytes:
-        """Return an unsigned frame; raises WireError if it cannot be made."""
+        """Return an unsigned frame; raises WireError if it cannot be encoded."""
         return self._writer.encode(frame)
 
     def on_air_bytes(self, raw: bytes, now_s: float) -> int:
-        """Return how long an unsigned frame will be on the air."""
+        """Return the length that an unsigned frame will have on the air."""
         return len(self._signer.sign(raw, now_s)) + self._radio.outer_bytes
 
     def pack(self, raw: bytes, frame: BroadcastFrame, copy: int, now_s: float) -> Sent:
-        """Return an unsigned frame as it goes on the air."""
+        """Return an unsigned frame made ready to send: signed and, if the radio needs it, wrapped."""
         signed = self._signer.sign(raw, now_s)
         if not self._radio.wrapped:
             return Sent(signed, frame, copy)
@@ -181,7 +183,7 @@ class _Packer:
 
 
 class _Heartbeat:
-    """MAVLink's heartbeat of a ground station, once a second where the radio wants one."""
+    """MAVLink's heartbeat of a ground station, once a second if the radio needs one."""
 
     def __init__(self, wanted: bool, frame_signer: FrameSigner) -> None:
         self._due_s = float("-inf") if wanted else float("inf")
@@ -204,76 +206,80 @@ class _Heartbeat:
 
 @dataclass
 class _Refresh:
-    """One broadcast of the state under way: its frames in the order in which they go out, and how many have."""
+    """One broadcast of the state in progress: its frames in order of sending, and the number of sends so far."""
 
     begun_at_s: float
     directive: Directive
     frames: list[tuple[BroadcastFrame, bytes]]
     longest_bytes: int
-    """Of a frame on the air."""
+    """Length on the air of the longest of the frames."""
     sends: int = 0
 
     @property
     def told(self) -> bool:
-        """Whether every frame has gone out once."""
+        """Whether every frame was sent once."""
         return self.sends >= len(self.frames)
 
     @property
     def rounds(self) -> int:
-        """How often every frame has gone out."""
+        """Number of times that every frame was sent."""
         return self.sends // len(self.frames)
 
 
 @dataclass
 class _RefreshPlace:
-    """Where one refresh leaves off and the next begins."""
+    """Times and indices with which a refresh continues from the one before."""
 
     due_s: float = float("-inf")
+    """Time at which the next refresh is due."""
     not_before_s: float = float("-inf")
-    """No refresh begins before, because the last one could not be made."""
+    """Earliest time of the next refresh after one that could not be encoded."""
     first_frame: int = 0
-    """Of the state, with which the refresh begins."""
+    """Index of the state frame with which a refresh begins."""
     next_copy: int = 0
+    """Index in the refresh of the frame that is repeated next."""
 
 
 @dataclass
 class _Carousel:
-    """Where the carousel is in its turn, and what it may spend."""
+    """The carousel's place in its turn, and the bytes that it may send."""
 
     place: int = 0
+    """Index in the turn of the next frame."""
     due_s: float = float("-inf")
-    """When a turn may begin."""
+    """Earliest time at which the next turn may begin."""
     credit_bytes: float = 0.0
+    """Number of bytes that the carousel has earned and not yet sent."""
     share: float = CAROUSEL_SHARE
-    """Of what goes out, that it earns."""
+    """Share of all bytes sent that the carousel earns."""
     is_needed: bool = False
-    """Nothing can be read without what the carousel says."""
+    """Whether receivers cannot read the state without the carousel's frames."""
     is_urgent: bool = False
-    """And nobody can have heard it yet: it goes first."""
+    """Whether these frames are needed and no receiver can have them yet, so that they are sent first."""
 
     def rewind(self) -> None:
-        """Begin a turn, now."""
+        """Let a new turn begin at once."""
         self.place, self.due_s = 0, float("-inf")
 
     def earn(self, on_air_bytes: int, most_bytes: float) -> None:
-        """Take its share of what went out; no more than `most_bytes` is kept."""
+        """Add the carousel's share of the bytes sent to its credit, which is at most `most_bytes`."""
         self.credit_bytes = min(self.credit_bytes + self.share * on_air_bytes, most_bytes)
 
     def is_due(self, now_s: float) -> bool:
-        """Return whether it is under way or may begin a turn."""
+        """Return whether a turn is in progress or may begin."""
         return self.place != 0 or now_s >= self.due_s - _DUE_TOLERANCE_S
 
     def pause(self, now_s: float) -> None:
-        """Begin the next turn later: there was nothing to say."""
+        """Postpone the next turn, because there were no frames."""
         self.due_s = now_s + SHORTEST_TURN_S
 
     def pass_over(self, place: int, frames: int, now_s: float) -> None:
-        """Go on behind a frame that could not be made."""
+        """Skip a frame that could not be encoded."""
         self.place, self.due_s = (place + 1) % frames, now_s + SHORTEST_TURN_S
         self.is_urgent = self.is_urgent and self.place > 0
 
     def told(self, place: int, frames: int, on_air_bytes: int, sent_at_s: float) -> None:
-        """Take note that the frame at a place of the turn went out."""
+        """Take note that the frame at a place of the turn was sent."""
         self.credit_bytes -= on_air_bytes
         if self.place == 0:
             self.due_s = _after(self.due_s, SHORTEST_TURN_S, sent_at_s)
@@ -283,7 +289,7 @@ class _Carousel:
 
 
 class _Schedule:
-    """What goes out over one radio, and when."""
+    """Chooses the frames that are sent over one radio, and when."""
 
     def __init__(self, station: Station, radio: Radio, frame_signer: FrameSigner, unsendable: Unsendable) -> None:
         self._station = station
@@ -302,7 +308,7 @@ class _Schedule:
     def step(self, now_s: float, txbuf_percent: int | None) -> list[Sent]:
         self.pacer.hear_txbuf(txbuf_percent, now_s)
         if self._worked(now_s):
-            # That took time which `now_s` knows nothing of: to send now would be to send at once what is due later.
+            # The work took time that `now_s` does not include: frames sent now would crowd those of the next call.
             return []
         out: list[Sent] = []
         while True:
@@ -319,7 +325,7 @@ class _Schedule:
             out.append(sent)
 
     def _worked(self, now_s: float) -> bool:
-        """Do what takes longer than choosing a frame, if it is due; return whether it was."""
+        """Do the work that takes longer than choosing a frame, if any is due; return whether it was."""
         if now_s >= self._advance_due_s - _DUE_TOLERANCE_S:
             self._station.advance(now_s)
             self._advance_due_s = max(self._advance_due_s, now_s - ADVANCE_PERIOD_S / 2.0) + ADVANCE_PERIOD_S
@@ -332,15 +338,15 @@ class _Schedule:
         return False
 
     def _must_restart(self, refresh: _Refresh, now_s: float) -> bool:
-        """Return whether the rest of a refresh is not worth sending: another directive holds, or it is too old."""
+        """Return whether the rest of a refresh is not worth sending: the directive has changed, or it is too old."""
         return refresh.directive is not self._station.directive or now_s - refresh.begun_at_s > LONGEST_REFRESH_S
 
     def _is_due(self, refresh: _Refresh, now_s: float) -> bool:
-        """Return whether it is time for the refresh that follows."""
+        """Return whether a refresh is complete and the next one is due."""
         return refresh.told and now_s >= self._refreshes.due_s - _DUE_TOLERANCE_S
 
     def _next(self, now_s: float) -> _Offer | None:
-        """Return what is most wanted now, None if nothing is."""
+        """Return the frame that is to be sent first now, None if there is none."""
         refresh = self._refresh
         assert refresh is not None
         if self._heartbeat.is_due(now_s):
@@ -353,7 +359,7 @@ class _Schedule:
         if not refresh.told:
             return self._state_offer(refresh, refresh.sends, now_s)
         if self.pacer.wait_s(2 * refresh.longest_bytes, now_s) > self._refreshes.due_s + _ON_THE_GRID_S - now_s:
-            return None  # the next refresh would have to wait for what else went out
+            return None  # any other frame would delay the next refresh
         if (carousel.is_needed or refresh.rounds > 1) and (slow := self._slow_offer(now_s)) is not None:
             return slow
         spread_s = SHORTEST_REFRESH_S / MOST_SENDS
@@ -374,7 +380,7 @@ class _Schedule:
         self._carousel.share = self._share_beside(sum(lengths))
         place = self._refreshes
         if aborted:
-            # Go on with what was not told: directives that change fast must not keep the last frames from the air.
+            # Begin with the frames not sent yet: fast changes of the directive must not keep the last ones off the air.
             assert self._refresh is not None
             place.first_frame += self._refresh.sends
         place.first_frame %= len(frames)
@@ -390,10 +396,10 @@ class _Schedule:
             self._carousel.is_needed = self._carousel.is_urgent = len(slow) > 0 and isinstance(slow[0], MissionFrame)
 
     def _made(self, now_s: float) -> list[tuple[BroadcastFrame, bytes]]:
-        """Return the frames of a new broadcast of the state; those that cannot be made are counted and left out.
+        """Return the frames of a new broadcast of the state; those that cannot be encoded are counted and left out.
 
         Raises:
-            InputError: nothing was sent yet, so that the mission itself asks for what no frame holds.
+            InputError: a frame cannot be encoded before anything was sent, so that the mission itself is the reason.
 
         """
         made = []
@@ -413,7 +419,7 @@ class _Schedule:
         self._unsendable.add(error)
 
     def _repeat_the_last(self, now_s: float) -> None:
-        """Tell the last state again: receivers know from its stamp how old it is."""
+        """Send the last state again; receivers know its age from its stamp."""
         assert self._refresh is not None
         self._refresh.sends, self._refresh.begun_at_s = 0, now_s
         self._refreshes.due_s = self._refreshes.not_before_s = now_s + SHORTEST_REFRESH_S
@@ -461,7 +467,7 @@ class _Schedule:
         return _Offer(self._packer.pack(raw, frame, refresh.rounds, now_s), note)
 
     def _slow_offer(self, now_s: float) -> _Offer | None:
-        """Return the next frame of the carousel, None if there is none now."""
+        """Return the next frame of the carousel, None if none is due."""
         carousel = self._carousel
         if not carousel.is_due(now_s):
             return None
@@ -487,5 +493,5 @@ class _Schedule:
 
 
 def _after(due_s: float, period_s: float, now_s: float) -> float:
-    """Return when a thing is due again that was due at `due_s` and goes out now."""
+    """Return the next due time of a periodic frame that was due at `due_s` and is sent now."""
     return (due_s if now_s - due_s < _ON_THE_GRID_S else now_s) + period_s

@@ -37,17 +37,18 @@ from groundstation.status import Status
 
 LOGGER = program_logger("groundstation")
 TICK_S = 0.05
-"""How often the core is asked what is due without a radio: fine against any broadcast period in use."""
+"""Period at which the core is asked for due frames without a radio: short against any broadcast period in use."""
 LINK_ID = 0
-"""Of our stream of MAVLink signatures."""
+"""Link id in the MAVLink signatures of the ground station."""
 _OTHERS = 0o077
+"""Permission bits of the group and of all others."""
 
 
 def load_frame_signer(authentication: Authentication, folder: Path | None) -> FrameSigner:
-    """Return what signs the frames, with the keys in a folder.
+    """Return the signer of frames with the keys in a folder; it signs nothing if the folder is None.
 
     Raises:
-        InputError: the folder or a key in it is missing, open to others, or no key.
+        InputError: the folder or a key in it is missing, open to others, or unusable.
 
     """
     if folder is None:
@@ -75,11 +76,11 @@ def load_frame_signer(authentication: Authentication, folder: Path | None) -> Fr
 async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Event) -> None:
     """Broadcast a resolved mission until `stop` is set.
 
-    Without a sensor the ground station knows no more than the mission file: threats that may move grow with age, and in
-    Case I nobody can be known to be lost or to have arrived.
+    Without a sensor the ground station knows only the mission file: the radii of threats that may move grow with age,
+    and in Case I no agent ever counts as lost or arrived.
 
     Raises:
-        InputError: a link cannot be opened, a file not used, or the mission asks for something that cannot be done.
+        InputError: a link cannot be opened, a file cannot be used, or the ground station cannot run the mission.
 
     """
     frame_signer = load_frame_signer(options.authentication, options.keys)
@@ -117,7 +118,7 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
 
 @dataclass(frozen=True)
 class _Run:
-    """What decides on one run of the ground station."""
+    """The objects that decide in one run of the ground station."""
 
     station: GroundStation
     broadcaster: Broadcaster
@@ -128,23 +129,23 @@ class _Run:
 
 @dataclass(frozen=True)
 class _Links:
-    """What the ground station sends on."""
+    """The links on which the ground station sends."""
 
     broadcast: Sender
     display: Sender | None
-    """Where the mirror is shown."""
+    """Link of the ADS-B mirror; None without one."""
 
 
 @dataclass(frozen=True)
 class _Hearing:
-    """Opens links that are heard; `log` keeps what comes, and `stack` closes them."""
+    """Opens receiving links; `log` records the frames received, and `stack` closes the links."""
 
     clock: SteadyClock
     log: FlightLog
     stack: ExitStack
 
     async def open(self, link: Link, take: Callable[[bytes, float], None]) -> None:
-        """Have a link's frames taken in; raises InputError."""
+        """Open a link whose datagrams, or frames of a stream, go to `take` with the time; raises InputError."""
         framer = StreamFramer() if link.scheme == "serial" else None
 
         def on_datagram(datagram: bytes) -> None:
@@ -177,7 +178,7 @@ async def _open_links(options: Options, station: GroundStation, hearing: _Hearin
 
 
 class BroadcastLoop:
-    """Sends what is due, and says and keeps what is new, until it is stopped."""
+    """Sends the frames that are due, logs messages and saves the state, until it is stopped."""
 
     def __init__(self, run: _Run, links: _Links, log: FlightLog, options: Options) -> None:
         self._run = run
@@ -185,7 +186,7 @@ class BroadcastLoop:
         self._log = log
         self._period_s = TICK_S if options.radio is None else RADIO_TICK_S
         self._added_bytes = 0 if options.radio is None else options.radio.added_bytes
-        """What the way to the radio adds to each frame."""
+        """Number of bytes added to each frame on its way (Radio.added_bytes)."""
 
     async def run(self, clock: SteadyClock, stop: asyncio.Event) -> None:
         """Broadcast until `stop` is set."""

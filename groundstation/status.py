@@ -1,4 +1,4 @@
-"""What `groundstation run` says of itself: who goes where, what was sent, what is wrong."""
+"""Status messages of `groundstation run`: the assignment, the frames sent, and warnings."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from groundstation.options import Options
 from groundstation.schedule import Broadcaster
 
 STATUS_PERIOD_S = 60.0
-"""How often what was sent is told."""
+"""Period of the message about the frames sent."""
 MOST_PAIRS = 20
-"""Agents up to which the status names each with its target."""
+"""Greatest number of assigned agents for which the status names each with its target."""
 
 _WORDS: dict[Authentication, str] = {
     "unsigned": "unsigned",
@@ -23,7 +23,7 @@ _WORDS: dict[Authentication, str] = {
 
 
 class Status:
-    """What is said of a run."""
+    """Makes the status messages of a run."""
 
     def __init__(self, station: GroundStation, broadcaster: Broadcaster, options: Options) -> None:
         self._station = station
@@ -36,7 +36,7 @@ class Status:
         self._told_bytes = 0
 
     def opening(self) -> str:
-        """Return the first line."""
+        """Return the first message of a run: its options."""
         options, mission = self._options, self._station.mission
         radio = options.radio
         over = f", radio {radio.name} at {radio.share:.0%}" if radio is not None else ""
@@ -47,7 +47,7 @@ class Status:
         )
 
     def news(self, now_s: float, frames: int) -> list[str]:
-        """Return the lines that are due: of the mission when they change, of the link every minute."""
+        """Return the messages that are due: of the mission if it changed, of the link every STATUS_PERIOD_S."""
         lines = []
         line = f"{self._mission_line()} ({_WORDS[self._options.authentication]})"
         if line != self._said:
@@ -70,7 +70,7 @@ class Status:
         return lines
 
     def warnings(self) -> list[str]:
-        """Return what is wrong, once."""
+        """Return a warning about frames that could not be sent, once in a run."""
         wrong = [one.first for one in self._unsendable() if one.count]
         if self._warned or not wrong:
             return []

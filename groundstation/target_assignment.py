@@ -1,8 +1,8 @@
-"""Which target each agent is sent to, from the tracks as they are now.
+"""Assignment of targets to agents from the present tracks.
 
-What goes into an assignment is gathered here: who takes part, what is in reach of whom and what lies in between. The
-assignment problems themselves are solved in assignment.py, by the straight distance, and in route_cost.py, by the paths
-around the threats.
+The inputs of an assignment are gathered here: the agents and targets that take part, the pairs within range and the
+threats in between. The assignment problems themselves are solved in assignment.py, by the straight distance, and in
+route_cost.py, by the paths around the threats.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from groundstation.tracks import Track, TrackTable
 
 @dataclass(frozen=True)
 class TargetAssignment:
-    """Who is sent where."""
+    """Targets assigned to agents, and the targets that no agent is assigned to."""
 
     targets: Mapping[int, int] = field(default_factory=dict)
-    """Agent id to target id; an agent that is sent nowhere is not in it."""
+    """Id of the target by agent id; an agent without a target is not in it."""
     uncovered: tuple[int, ...] = ()
-    """Targets that no agent is left for, or none that can arrive there."""
+    """Ids of the targets without an agent, because none is left or none can arrive there."""
 
 
 def assign_targets(
@@ -40,7 +40,7 @@ def assign_targets(
 ) -> TargetAssignment:
     """Return the assignment of the agents on their way to the targets not reached yet.
 
-    `present` is the assignment that holds, which is changed only where that is worth it (assignment.py).
+    `present` is the assignment until now, which is changed only where that saves enough (assignment.py).
     """
     agents, targets = tracks.active_agents, tracks.open_targets
     specs = {agent.id: agent for agent in mission.agents}
@@ -52,7 +52,7 @@ def assign_targets(
 
 @dataclass(frozen=True)
 class _Problem:
-    """The agents on their way and the targets not reached yet."""
+    """The assignment problem of the agents on their way and the targets not reached yet."""
 
     mission: Mission
     tracks: TrackTable
@@ -60,7 +60,7 @@ class _Problem:
     targets: Sequence[int]
 
     def solve(self, present: Mapping[int, int], now_s: float) -> np.ndarray:  # (N,) index of a target, -1 for none
-        """Return the target of each agent."""
+        """Return the target of each agent by the mission's objective."""
         mission = self.mission
         agents_ned_m = self._positions(Kind.AGENT, [agent.id for agent in self.agents])
         targets_ned_m = self._positions(Kind.TARGET, self.targets)
@@ -86,7 +86,7 @@ class _Problem:
         return assign_by_route_cost(costs, speeds_m_s, rule, in_range, held)
 
     def _allowed(self) -> np.ndarray:  # (N, K) bool
-        """Return which agent may be sent to which target: one that is kept for a target goes to no other."""
+        """Return which agent may be sent to which target: an agent with `only_target` goes to no other."""
         kept_for = [agent.only_target for agent in self.agents]
         allowed = np.array([[only in (None, target) for target in self.targets] for only in kept_for], dtype=bool)
         return allowed.reshape(len(self.agents), len(self.targets))
@@ -97,7 +97,7 @@ class _Problem:
         targets_ned_m: np.ndarray,  # (K, 2) m
         now_s: float,
     ) -> Scene:
-        """Return what lies between agents and targets: the discs as the vehicles are told of them."""
+        """Return the scene for the route costs, with the threats' discs as they are broadcast."""
         mission, tracks = self.mission, self.tracks.tracks
         discs = [grown(threat, tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
         floors_m = np.array([-np.inf if threat.floor_m is None else threat.floor_m for threat in mission.threats])
@@ -119,7 +119,7 @@ class _Problem:
 
 
 def _heading_rad(track: Track) -> float:
-    """Return where an agent flies, nan if it hardly does or nobody has seen it move yet."""
+    """Return an agent's heading, nan if its track moves slower than MOVING_M_S or has not been seen to move."""
     speed_m_s = math.hypot(track.velocity_north_m_s, track.velocity_east_m_s)
     return math.atan2(track.velocity_east_m_s, track.velocity_north_m_s) if speed_m_s >= MOVING_M_S else math.nan
 

@@ -1,10 +1,10 @@
 """The ground station's picture of the world: one track per agent, target and threat, with ages.
 
-It begins with what the mission says and lives on the detections of a sensor; in Case II agents are not detected but
-placed where they are reckoned to be. An agent not heard of for too long is lost (docs/method.md section 1, point 7);
-one that comes within the arrival radius of a target completes it, and both leave the problem. Where an agent's place is
-uncertain, its arrival is believed later, by the time that it takes to fly the uncertainty. Times are Unix seconds given
-by the caller.
+The tracks begin at the mission's positions and are updated by a sensor's detections; in Case II agents are not detected
+but placed by dead reckoning. An agent without detection or report for too long is lost (docs/method.md section 1, point
+7); one that comes within the arrival radius of a target completes it, and both leave the assignment. If an agent's
+position is uncertain, it counts as arrived later, by the time that it takes to fly the uncertainty. Times are Unix
+seconds given by the caller.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from companion.protocol.codec import DetectionsFrame, Kind, ReportFrame
 from groundstation.agents import Estimate, Fix
 
 FARTHEST_M = 2.0e7
-"""No detection is believed farther from the origin, along the ground: half the way round the Earth, and less than any
-frame can carry."""
+"""Greatest distance from the origin at which a detection is accepted, along the ground: half the way round the Earth,
+which any frame can carry."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """Where a thing was last seen and how it moved."""
+    """Position and velocity of an agent, target or threat when it was last seen."""
 
     north_m: float
     east_m: float
@@ -37,38 +37,38 @@ class Track:
 
     @property
     def position_ned_m(self) -> tuple[float, float]:
-        """(north, east) where it was seen."""
+        """Position (north, east) in m at which it was seen."""
         return self.north_m, self.east_m
 
     def age_s(self, now_s: float) -> float:
-        """Return how long ago that was."""
+        """Return the time since it was seen, at least 0."""
         return max(0.0, now_s - self.seen_at_s)
 
 
 @dataclass(frozen=True)
 class MissionProgress:
-    """What has become of agents and targets, by id."""
+    """Arrived and lost agents and completed targets, by id."""
 
     arrived: frozenset[int] = frozenset()
     lost: frozenset[int] = frozenset()
     completed: frozenset[int] = frozenset()
-    """Targets."""
+    """Ids of the completed targets."""
     reached_by: Mapping[int, int] = field(default_factory=dict)
-    """Agent that has arrived to the target that it completed."""
+    """Id of the target that an arrived agent completed, by agent id."""
     near_since: Mapping[int, tuple[int, float]] = field(default_factory=dict)
-    """Agent to the target that it is believed to be near, and since when."""
+    """Id of the target that an agent with an uncertain position came near, and the time of that, by agent id."""
 
 
 class TrackTable:
-    """Tracks by kind and id, and what has become of agents and targets."""
+    """Tracks by kind and id, and the progress of agents and targets."""
 
     def __init__(
         self, mission: Mission, now_s: float, silent_after_s: float | None, began_s: float | None = None
     ) -> None:
-        """Begin with a resolved mission's positions, which were true at `began_s`, now unless given.
+        """Begin with a resolved mission's positions, which were true at `began_s`, by default `now_s`.
 
-        An agent not heard of for `silent_after_s` is lost; None where nobody is heard of, so that nobody can be known
-        lost.
+        An agent without detection or report for `silent_after_s` is lost; None: agents are neither detected nor report,
+        so that none ever counts as lost.
         """
         self._mission = mission
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
@@ -76,7 +76,7 @@ class TrackTable:
         self._agents = {agent.id: agent for agent in mission.agents}
         placed_at_s = now_s if began_s is None else min(began_s, now_s)
         self.too_far = 0
-        """Detections refused because no frame could carry them."""
+        """Number of detections refused as farther away than FARTHEST_M."""
         self.tracks: dict[tuple[Kind, int], Track] = {}
         for kind, items in (
             (Kind.AGENT, mission.agents),
@@ -86,31 +86,31 @@ class TrackTable:
             for item in items:
                 self.tracks[kind, item.id] = Track(*item.position_ned_m, 0.0, 0.0, placed_at_s)
         self.heard_at_s = {agent.id: now_s for agent in mission.agents}
-        """When each agent was last detected (Case I) or reported (Case II)."""
+        """Time at which each agent was last detected (Case I) or reported (Case II), by id."""
         self.flown_m = {agent.id: 0.0 for agent in mission.agents}
         self.uncertainty_m = {agent.id: 0.0 for agent in mission.agents}
         self.progress = MissionProgress()
 
     @property
     def active_agents(self) -> list[int]:
-        """Agents still on their way, in file order."""
+        """Ids of the agents still on their way, in file order."""
         gone = self.progress.arrived | self.progress.lost
         return [agent.id for agent in self._mission.agents if agent.id not in gone]
 
     @property
     def present_agents(self) -> list[int]:
-        """Agents in the air as far as is known: on their way or arrived."""
+        """Ids of the agents that are not lost: on their way or arrived."""
         return [agent.id for agent in self._mission.agents if agent.id not in self.progress.lost]
 
     @property
     def open_targets(self) -> list[int]:
-        """Targets not reached yet, in file order."""
+        """Ids of the targets not reached yet, in file order."""
         return [target.id for target in self._mission.targets if target.id not in self.progress.completed]
 
     def take(self, frame: DetectionsFrame, now_s: float) -> None:
-        """Merge one look of a sensor; detections of unknown things, and older ones than the track, are ignored.
+        """Merge one scan of a sensor; detections of unknown ids, and those older than the track, are ignored.
 
-        Those beyond FARTHEST_M are counted in `too_far` and ignored.
+        Detections beyond FARTHEST_M are counted in `too_far` and ignored.
         """
         seen_at_s = min(now_s, frame.unix_s)
         same_plane = (frame.origin_lat_deg, frame.origin_lon_deg) == (self._frame.lat_deg, self._frame.lon_deg)
@@ -121,9 +121,9 @@ class TrackTable:
             if track is None or seen_at_s < track.seen_at_s:
                 continue
             if detection.kind is Kind.AGENT and self._mission.case == "II":
-                continue  # agents are reckoned, whatever a stray detection says of them
+                continue  # agents are dead-reckoned, and a stray detection of one is ignored
             north_m, east_m = detection.north_m, detection.east_m
-            # Before it is converted too: what is farther would come out somewhere else on the Earth.
+            # Tested before the conversion too, which would map a farther point to another place on the Earth.
             is_near = math.hypot(north_m, east_m) <= FARTHEST_M
             if is_near and sensor_frame is not None:
                 north_m, east_m = self._frame.to_local(*sensor_frame.to_global(north_m, east_m))
@@ -139,7 +139,7 @@ class TrackTable:
             )
 
     def place(self, agent_id: int, estimate: Estimate, now_s: float) -> None:
-        """Put an agent where it is reckoned to be now (Case II)."""
+        """Set an agent's track to its dead-reckoned state (Case II)."""
         self.tracks[Kind.AGENT, agent_id] = Track(
             estimate.north_m,
             estimate.east_m,
@@ -151,7 +151,7 @@ class TrackTable:
         self.uncertainty_m[agent_id] = estimate.uncertainty_m
 
     def take_report(self, report: ReportFrame, now_s: float) -> Fix | None:
-        """Take note that an agent was heard; return where it was, None for a stranger's report and for an old one."""
+        """Note that an agent reported and return its fix; None if its id is unknown or the report is an old one."""
         heard_at_s = self.heard_at_s.get(report.agent_id)
         fixed_at_s = min(now_s, report.unix_s)
         if heard_at_s is None or fixed_at_s < heard_at_s:
@@ -162,9 +162,9 @@ class TrackTable:
         return Fix((north_m, east_m), velocity_m_s, fixed_at_s, report.flown_m)
 
     def update(self, now_s: float, assignment: Mapping[int, int]) -> bool:
-        """Find who is lost and who has arrived by `now_s`; return whether anything changed.
+        """Update which agents are lost or have arrived by `now_s`; return whether anything changed.
 
-        `assignment` is of agent id to target id: an agent whose place is uncertain arrives only where it was sent.
+        `assignment` is target id by agent id: an agent whose position is uncertain arrives only at its assigned target.
         """
         before = self.progress
         if self._silent_after_s is not None:
@@ -175,7 +175,7 @@ class TrackTable:
         return (before.arrived, before.lost, before.completed) != (after.arrived, after.lost, after.completed)
 
     def _after_arrivals(self, now_s: float, assignment: Mapping[int, int]) -> MissionProgress:
-        """Return the progress once those have arrived who are near enough, for long enough."""
+        """Return the progress with the arrivals of the agents that are near enough to a target, for long enough."""
         progress = self.progress
         arrived, completed = set(progress.arrived), set(progress.completed)
         reached_by = dict(progress.reached_by)
@@ -189,7 +189,7 @@ class TrackTable:
             if wait_s != 0.0:
                 if assignment.get(agent_id) != target_id:
                     continue
-                # Once near it loiters there, by its own lights; it need not stay near by ours.
+                # Once near, it loiters there by its own position; by ours it need not stay near.
                 if is_near:
                     near_since.setdefault(agent_id, (target_id, now_s))
                 is_near = agent_id in near_since and now_s - near_since[agent_id][1] >= wait_s
@@ -201,12 +201,12 @@ class TrackTable:
         return MissionProgress(frozenset(arrived), progress.lost, frozenset(completed), reached_by, near_since)
 
     def _candidates(self, assignment: Mapping[int, int]) -> list[tuple[int, int]]:
-        """Return (target id, agent id) of all that can have arrived: who is near, or was sent there."""
+        """Return the pairs (target id, agent id) that can have met: the agent is near the target or was sent to it."""
         agents, targets = self.active_agents, self.open_targets
         agents_ned_m = np.array([self.tracks[Kind.AGENT, one].position_ned_m for one in agents]).reshape(-1, 2)
         targets_ned_m = np.array([self.tracks[Kind.TARGET, one].position_ned_m for one in targets]).reshape(-1, 2)
         apart_m = targets_ned_m[:, np.newaxis] - agents_ned_m  # (K, N, 2)
-        # A little farther, so that only the exact distance decides.
+        # A little more than the arrival radius, so that only the exact test of the distance decides.
         close = np.hypot(apart_m[..., 0], apart_m[..., 1]) <= self._mission.arrival_radius_m * (1.0 + 1e-9)
         sent = np.array(targets, dtype=int)[:, np.newaxis] == np.array([assignment.get(one, 0) for one in agents])
         return [(targets[row], agents[column]) for row, column in np.argwhere(close | sent)]

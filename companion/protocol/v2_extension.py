@@ -24,7 +24,7 @@ MESSAGE_TYPE = 0xA001
 """Message type of a wrapped frame. Chosen: types below 32768 are reserved for registered extensions."""
 
 _FIELDS = struct.Struct("<HBBB")
-"""Fields before the inner frame: message type, then target network, system and component (0 addresses everybody)."""
+"""Fields before the inner frame: message type, then target network, system and component (0: all)."""
 WRAP_BYTES = HEADER_V2_BYTES + _FIELDS.size + CRC_BYTES
 """Bytes that wrapping adds to a frame: MAVLink's header and CRC, and the fields before the inner frame."""
 INNER_AT = HEADER_V2_BYTES + _FIELDS.size

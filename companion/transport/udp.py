@@ -280,9 +280,9 @@ def _why(link: Link, error: OSError) -> str:
 
 
 def _require_broadcast(link: Link, host: str) -> None:
-    """Raise InputError unless an address is a broadcast address: with another, receivers would silently hear nothing.
+    """Raise InputError for an address that is no broadcast address of a network of this computer.
 
-    Only the computer that has the address, if any, would get what is sent to it.
+    With such an address no error would tell that at most the one computer that has it receives anything.
     """
     with _new_socket() as probe:
         try:
