@@ -47,6 +47,11 @@ COMMANDS = {
 class LazyGroup(click.Group):
     """A click group that imports a command only when it is called, and lists all of them without importing any."""
 
+    def __init__(self, **attributes: Any) -> None:  # noqa: ANN401 click's own
+        """Name the commands to click, which suggests the nearest of them for a name that is none."""
+        summaries = {name: click.Command(name, help=entry.summary) for name, entry in COMMANDS.items()}
+        super().__init__(commands=summaries, **attributes)
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the commands."""
         return list(COMMANDS)
@@ -62,10 +67,7 @@ class LazyGroup(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands, each with its summary, cut to the width as click does."""
         limit = formatter.width - 6 - max(map(len, COMMANDS))
-        rows = [
-            (name, click.Command(name, help=entry.summary).get_short_help_str(limit))
-            for name, entry in COMMANDS.items()
-        ]
+        rows = [(name, command.get_short_help_str(limit)) for name, command in self.commands.items()]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 

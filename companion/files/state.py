@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from companion.errors import InputError
 
 MAX_STATE_BYTES = 65_536
 """Greatest number of bytes that are read of a state file."""
+CANNOT_SYNC = frozenset({errno.EACCES, errno.EINVAL, errno.ENOTSUP})
+"""Errors of folders that nobody can sync: one that must not be read, or a file system that has no such call."""
 
 
 def read_state_file(path: Path) -> str | None:
@@ -65,12 +68,19 @@ def write_state_file(path: Path, text: str) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Write a folder's entries to disk: without that, after a crash the name may still stand for the old file."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    """Write a folder's entries to disk: without that, after a crash the name may still stand for the old file.
+
+    A folder that cannot be synced at all is left: its state files are written, as safe as they can be there.
+    """
     try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        if error.errno not in CANNOT_SYNC:
+            raise
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:

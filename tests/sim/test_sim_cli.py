@@ -35,6 +35,14 @@ def test_the_help_loads_none_of_the_libraries_that_the_commands_need() -> None:
     assert printed.rstrip().endswith("[]")
 
 
+@pytest.mark.parametrize(("wrong", "right"), [("flyy", "fly"), ("arean", "arena"), ("vehicel", "vehicle")])
+def test_a_command_that_is_none_is_refused_with_the_nearest_name(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], wrong: str, right: str
+) -> None:
+    status, _, told = sim(monkeypatch, capsys, wrong)
+    assert (status, told) == (2, f"sim: No such command '{wrong}'. Did you mean '{right}'?\n")
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_list_of_commands_gives_the_first_sentence_of_each_commands_own_help(name: str) -> None:
     command = cli.get_command(click.Context(cli), name)

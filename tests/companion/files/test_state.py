@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from pathlib import Path
@@ -67,6 +68,19 @@ def test_a_folder_that_cannot_be_synced_is_told_as_one_that_cannot_be_written(
     monkeypatch.setattr(os, "fsync", fails)
     with pytest.raises(InputError, match="flight.state: cannot write the state: Input/output error"):
         write_state_file(tmp_path / "flight.state", "text")
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EINVAL, errno.ENOTSUP])
+def test_where_folders_cannot_be_synced_a_state_is_written_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def opens_no_folder(path: Path, flags: int) -> int:
+        raise OSError(number, os.strerror(number))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "open", opens_no_folder)
+        write_state_file(tmp_path / "flight.state", "text")
+    assert read_state_file(tmp_path / "flight.state") == "text"
 
 
 def test_a_state_that_could_not_be_written_is_found_before_the_flight(tmp_path: Path) -> None:
