@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -36,8 +36,7 @@ Watch = Callable[[float, GroundStation, np.ndarray], None]
 """Function called at every tick with the virtual time in seconds, the ground station, and the agents' rows (N, 4)."""
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """A companion's decision in one tick, and how long it took."""
 
     decision: Decision

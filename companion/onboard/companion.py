@@ -9,7 +9,6 @@ of way, turn limit, guard (steering) -> adapter (setpoint_stream).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 from companion.autopilot.adapter import Adapter
 from companion.autopilot.registry import ADAPTERS
@@ -132,7 +131,7 @@ class Companion:
         """
         requests = self.adapter.requests(now_s)
         if self.engagement is not None and (self._stream.ended(now_s) or self._not_steerable(now_s) is not None):
-            self.engagement = replace(self.engagement, setpoint=None)
+            self.engagement = self.engagement._replace(setpoint=None)
         return self._frames(requests, now_s)
 
     def report(self, now_s: float) -> list[bytes]:
@@ -141,9 +140,9 @@ class Companion:
 
     def relocate(self, flown_m: float) -> None:
         """Set the distance flown, and do not count the way to the next position: a report has moved the vehicle."""
-        self.navigation = replace(self.navigation, flown_m=flown_m)
+        self.navigation = self.navigation._replace(flown_m=flown_m)
         if self.engagement is not None:
-            self.engagement = replace(self.engagement, last_fix=None)
+            self.engagement = self.engagement._replace(last_fix=None)
 
     def _believe(self, admitted: list[Authenticated], now_s: float) -> list[RawFrame]:
         for _, frame in admitted:
@@ -166,7 +165,7 @@ class Companion:
         # Guard and guidance keep the limits that they began with: a certified path is certified for those only.
         changed = outgrown(self.steering, self.config.limits, adapter.abilities)
         if changed != self.engagement.abilities_changed:
-            self.engagement = replace(self.engagement, abilities_changed=changed)
+            self.engagement = self.engagement._replace(abilities_changed=changed)
 
     def _not_steerable(self, now_s: float) -> str | None:
         return not_steerable(self.adapter, self.authority, self.config, now_s)
@@ -225,7 +224,7 @@ class Companion:
         plane = plane_of(world_model.origin_deg, self.navigation.plane, telemetry)
         if plane is not self.navigation.plane:
             # Loiter place, last position and certified path are coordinates on another plane.
-            before = replace(before, loiter_place_ned_m=None, last_fix=None)
+            before = before._replace(loiter_place_ned_m=None, last_fix=None)
             self.steering.guard.reset()
         self.engagement = before
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)

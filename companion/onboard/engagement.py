@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.guard.types import Setpoint
@@ -22,8 +21,7 @@ class GridSetpoint(NamedTuple):
     convergence_rad: float
 
 
-@dataclass(frozen=True)
-class Engagement:
+class Engagement(NamedTuple):
     """What one tick leaves to the next, from the first tick that steers to the first that does not."""
 
     arrived: bool = False

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.autopilot.telemetry import Telemetry
@@ -30,8 +29,7 @@ class Home(NamedTuple):
     """The autopilot's home (latitude, longitude) that this was computed from; None: it was not known."""
 
 
-@dataclass(frozen=True)
-class Navigation:
+class Navigation(NamedTuple):
     """What is known of the flight up to a tick, over all engagements."""
 
     plane: LocalFrame | None = None
