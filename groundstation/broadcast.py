@@ -22,6 +22,7 @@ from companion.mission.model import Mission, ThreatSpec
 from companion.protocol.codec import (
     AGENTS_PER_FRAME,
     BANDS_PER_FRAME,
+    DIGEST_BYTES,
     ID_SPAN,
     TARGETS_PER_FRAME,
     THREATS_PER_FRAME,
@@ -53,7 +54,6 @@ _UNTOLD: tuple[float | None, float | None] = (None, None)
 """Position of an agent in Case II, which is not broadcast."""
 MOVING_M_S = 0.1
 """Speed below which a heading means nothing."""
-DIGEST_BYTES = 8
 WHOLE_PLANE_M = 4.1e7
 """Radius up to which discs grow: such a disc contains the whole Earth wherever its centre is, and fits a frame."""
 _CURVE_CELLS = 2**16 - 1

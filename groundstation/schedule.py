@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from companion.errors import InputError
-from companion.files.mavlink_layout import SIGNATURE_BYTES
+from companion.files.mavlink_layout import OVERHEAD_BYTES, SIGNATURE_BYTES
 from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWriter, WireError
 from companion.protocol.dialect import oneway
 from companion.protocol.ed25519 import FrameSigner
@@ -55,8 +55,6 @@ _HEARTBEAT_BYTES = 21 + 13
 """Length of a heartbeat with a MAVLink signature."""
 TICK_S = 0.01
 """Period at which the shell calls the broadcaster if there is a radio."""
-_MAVLINK_BYTES = 12
-"""Bytes of a MAVLink 2 frame around its payload: header and CRC."""
 _DUE_TOLERANCE_S = 1e-6
 _ON_THE_GRID_S = 0.1
 """Delay from which a new grid of due times begins, so that missed frames are not made up; also the greatest delay of a
@@ -156,7 +154,7 @@ class _Packer:
     """Makes frames ready for one radio: encoded, signed and, if an autopilot forwards them, wrapped."""
 
     def __init__(self, radio: Radio, frame_signer: FrameSigner) -> None:
-        self.payload_bytes = radio.max_frame_bytes - _MAVLINK_BYTES - frame_signer.overhead_bytes
+        self.payload_bytes = radio.max_frame_bytes - OVERHEAD_BYTES - frame_signer.overhead_bytes
         """Greatest payload of an unsigned frame."""
         self.has_ed25519 = frame_signer.overhead_bytes > SIGNATURE_BYTES
         """Whether frames carry an Ed25519 signature."""

@@ -15,6 +15,8 @@ SIGNATURE_BYTES = 13
 """Length of the signature behind the CRC of a signed MAVLink 2 frame: link id, 48-bit time and 48 bits of hash."""
 SIGNED_FLAG = 0x01
 """Incompatibility flag of a signed MAVLink 2 frame; the standard defines no other."""
+OVERHEAD_BYTES = HEADER_V2_BYTES + CRC_BYTES
+"""Bytes of an unsigned MAVLink 2 frame beside its payload."""
 MAX_PAYLOAD_BYTES = 255
 MAX_FRAME_BYTES = HEADER_V2_BYTES + MAX_PAYLOAD_BYTES + CRC_BYTES + SIGNATURE_BYTES
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from companion.geo.kinematics import turn_rate_rad_s
-from companion.mission.model import RANGE_RESERVE, AgentSpec, Mission, ThreatSpec, agent_height_m
+from companion.mission.model import RANGE_RESERVE, Mission, is_obstacle
 
 APPROACH_SHARE = 0.1
 """Distance outside a detection disc, as a share of R_d, within which the surrogate's repulsion outweighs attraction.
@@ -49,7 +49,7 @@ def _unapproachable(mission: Mission) -> list[str]:
         f"{threat.detection_radius_m:g}: the law keeps agents farther off than it can be approached"
         for target in mission.targets
         for threat in mission.threats
-        if any(_reaches(threat, agent, mission) for agent in mission.agents)
+        if any(is_obstacle(mission, agent.id, threat) for agent in mission.agents)
         and (distance_m := math.dist(target.position_ned_m, threat.position_ned_m)) - mission.arrival_radius_m
         < threat.detection_radius_m * (1 + APPROACH_SHARE)
     ]
@@ -70,7 +70,7 @@ def _starts_inside(mission: Mission) -> list[str]:
         f"id {agent.id} starts inside detection_radius_m of threat {threat.id}; that is a depth, but no entry"
         for agent in mission.agents
         for threat in mission.threats
-        if _reaches(threat, agent, mission)
+        if is_obstacle(mission, agent.id, threat)
         and math.dist(agent.position_ned_m, threat.position_ned_m) < threat.detection_radius_m
     ]
 
@@ -80,14 +80,8 @@ def _reaches_nobody(mission: Mission) -> list[str]:
         f"id {threat.id} reaches no agent's height with its floor_m and ceiling_m, which count from sea level, so "
         "nobody keeps clear of it"
         for threat in mission.threats
-        if not any(_reaches(threat, agent, mission) for agent in mission.agents)
+        if not any(is_obstacle(mission, agent.id, threat) for agent in mission.agents)
     ]
-
-
-def _reaches(threat: ThreatSpec, agent: AgentSpec, mission: Mission) -> bool:
-    level_m = mission.origin.alt_m + agent_height_m(mission, agent.id)
-    above_floor = threat.floor_m is None or threat.floor_m <= level_m
-    return above_floor and (threat.ceiling_m is None or level_m <= threat.ceiling_m)
 
 
 def _too_wide_a_turn(mission: Mission) -> list[str]:

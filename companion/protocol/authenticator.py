@@ -25,6 +25,7 @@ from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, Frame, Wir
 from companion.protocol.deframer import MAX_DATAGRAM_BYTES, StreamFramer, frames_in
 from companion.protocol.dialect import oneway
 from companion.protocol.ed25519 import signed_part, verify
+from companion.protocol.fields import UINT32_MAX
 from companion.protocol.frame import BROADCAST_IDS, ED25519_BYTES, RawFrame
 from companion.protocol.freshness import off_the_clock, overtaken
 from companion.protocol.mavlink_signing import UNSIGNED, WRONG_HASH, MavlinkVerifier, StreamKey
@@ -51,7 +52,6 @@ MAX_REASONS = 64
 """Greatest number of reasons that are counted separately; any further one counts as OTHER_REASONS."""
 OTHER_REASONS = "other reasons"
 
-_UINT32_MAX = 0xFFFF_FFFF
 
 OfferedT = TypeVar("OfferedT")
 
@@ -111,7 +111,7 @@ class AuthenticatorState:
                 "the state of the broadcast is not readable; allowed: what companion wrote, or no file, after which "
                 "what was sent within the last seconds could be replayed once"
             ) from error
-        if not (0 <= (state.epoch_s or 0) <= _UINT32_MAX and -1 <= state.sequence <= _UINT32_MAX):
+        if not (0 <= (state.epoch_s or 0) <= UINT32_MAX and -1 <= state.sequence <= UINT32_MAX):
             raise InputError(f"the state of the broadcast has epoch {state.epoch_s}, sequence {state.sequence}")
         return state
 

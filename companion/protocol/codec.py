@@ -131,7 +131,7 @@ _UNKNOWN_POSITION = INT16_MIN
 _UNKNOWN_HEADING = UINT16_MAX
 """Value of the heading of an agent whose heading is unknown."""
 _MIN_RESOLUTION_CM = 1
-_DIGEST_BYTES = 8
+DIGEST_BYTES = 8
 _MISSION_NAME_BYTES = PAYLOAD_BYTES - MISSION_HEAD_BYTES
 _NO_SIGNATURE = [0] * ED25519_BYTES
 
@@ -553,8 +553,8 @@ def _mission_message(frame: MissionFrame) -> oneway.MAVLink_oneway_mission_messa
     if abs(origin_alt) > INT32_MAX:
         raise WireError(f"an origin {frame.origin_alt_m} m above the sea does not fit a frame")
     for digest in (frame.surrogate_digest, frame.mission_digest):
-        if len(digest) != _DIGEST_BYTES:
-            raise WireError(f"a digest of {len(digest)} bytes; allowed: {_DIGEST_BYTES}")
+        if len(digest) != DIGEST_BYTES:
+            raise WireError(f"a digest of {len(digest)} bytes; allowed: {DIGEST_BYTES}")
     name = frame.name.encode()
     if len(name) > _MISSION_NAME_BYTES:
         raise WireError(f"a name of {len(name)} bytes; a frame holds {_MISSION_NAME_BYTES}")

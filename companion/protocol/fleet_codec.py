@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Generic, TypeVar
 
+from companion.files.mavlink_layout import OVERHEAD_BYTES
 from companion.protocol.dialect import oneway
 from companion.protocol.fields import (
     INT16_MAX,
@@ -44,8 +45,6 @@ AGE_RATIO = 1.065
 """Ratio of the ages of two successive codes above FINE_AGES; the last code means 58 days."""
 GREATEST_AGE_S = AGE_RATIO ** (UINT8_MAX - FINE_AGES)
 
-_MAVLINK_BYTES = 12
-"""Bytes of a MAVLink 2 frame around its payload: header and CRC."""
 _SECTION_HEAD = struct.Struct("<BBH")
 """Head of a section: its kind, the number of its records and its first id."""
 _TARGET_BASE = struct.Struct("<H")
@@ -95,7 +94,7 @@ def data_bytes(head_bytes: int, max_frame_bytes: int, overhead_bytes: int) -> in
 
     `head_bytes` is the number of payload bytes before the data, `overhead_bytes` of those that signatures add.
     """
-    return min(PAYLOAD_BYTES, max_frame_bytes - _MAVLINK_BYTES - overhead_bytes) - head_bytes
+    return min(PAYLOAD_BYTES, max_frame_bytes - OVERHEAD_BYTES - overhead_bytes) - head_bytes
 
 
 def age_code(age_s: float) -> int:

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from companion.autopilot.offboard import SETPOINT_IDS
-from companion.files.tlog import whole_frames
+from companion.protocol.frame import raw_frames
 from sim.safety_pilot import SafetyPilot
 
 HERE = "127.0.0.1"
@@ -117,14 +117,14 @@ class Between:
 
     def _note_setpoints(self, datagram: bytes) -> None:
         now_s = time.monotonic()
-        for frame in whole_frames(datagram):
-            if frame[0] == 0xFD and int.from_bytes(frame[7:10], "little") in SETPOINT_IDS:
+        for frame in raw_frames(datagram):
+            if frame.version == 2 and frame.message_id in SETPOINT_IDS:
                 self.setpoints_s.append(now_s)
 
     def _note_mode(self, datagram: bytes) -> None:
-        for frame in whole_frames(datagram):
-            if frame[0] == 0xFD and frame[7:10] == b"\0\0\0" and frame[6] == 1:
-                self.custom_mode = int.from_bytes(frame[10:14], "little")
+        for frame in raw_frames(datagram):
+            if frame.version == 2 and frame.message_id == 0 and frame.component == 1:
+                self.custom_mode = int.from_bytes(frame.payload[:4], "little")
 
 
 def start(log: Path, *arguments: str, nice: int = 0) -> subprocess.Popen[bytes]:
