@@ -79,8 +79,8 @@ def fly(
 ) -> Outcome:
     """Fly until all vehicles have arrived and for `after_s` more, or to the time limit.
 
-    Without `give` no vehicle gives way. With `standing` all stand still at first. `noise` returns position errors in m for an array of the given shape. The
-    crafts are changed in place.
+    Without `give` no vehicle gives way. With `standing` all stand still at first. `noise` returns position errors in m
+    for an array of the given shape. The crafts are changed in place.
     """
     for craft in crafts:
         craft.cruise_m_s = craft.speed_m_s
