@@ -77,7 +77,7 @@ class Decision:
         """The certificate in words: "for ever", "until 12 s" (from now) or "none"."""
         if self.certificate is Certificate.UNTIL:
             return f"until {self.certified_s:.3g} s"
-        return self.certificate.value
+        return str(self.certificate.value)
 
     @property
     def uncertified(self) -> bool:
