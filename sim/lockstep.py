@@ -51,8 +51,8 @@ from sim.world import World
 AUTOPILOTS = ("kinematic", *CRUISE_M_S)
 """Autopilot kinds with which a mission can be flown."""
 KINEMATIC_REPEAT_S = 1.0
-"""Greatest time between two sendings of a kinematic vehicle's setpoint, below GUID_TIMEOUT, and between two positions of
-any vehicle, below `telemetry_timeout_s`: guidance and integration steps may be longer than either."""
+"""Greatest time between two sendings of a kinematic vehicle's setpoint, below GUID_TIMEOUT, and between two positions
+of any vehicle, below `telemetry_timeout_s`: guidance and integration steps may be longer than either."""
 LOOP_PERIOD_S = 0.1
 """Period of the companion's loop with the stand-in of a real autopilot: 10 Hz, as in `companion run`."""
 WHY_NOT_MONOLITHIC = "trained as the paper says it explains one percent of the penalties, so its gradient is noise"

@@ -417,7 +417,10 @@ def test_the_one_network_flies_nobody_that_it_has_no_inputs_for(changes: str, sa
 SLALOM = """
 agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0, n_max: 1}]
 targets: [{id: 1, north_m: 17000, east_m: 0}]
-threats: [{id: 1, north_m: 4500, east_m: 400}, {id: 2, north_m: 9000, east_m: -300}, {id: 3, north_m: 12800, east_m: 500}]
+threats:
+  - {id: 1, north_m: 4500, east_m: 400}
+  - {id: 2, north_m: 9000, east_m: -300}
+  - {id: 3, north_m: 12800, east_m: 500}
 """
 
 
