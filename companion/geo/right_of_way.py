@@ -5,9 +5,11 @@ The rule itself is companion/guidance/separation.py; the sizes stand here becaus
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from companion.geo.kinematics import GRAVITY_M_S2, turn_rate_rad_s
+from companion.guard.types import Motion
 
 GREATEST_STEP_TURN_RAD = 2.8
 """Greatest heading change by which a circle to the right is commanded: beyond pi it would be a turn to the left."""
@@ -110,3 +112,49 @@ def interaction_radius_m(rules: Rules, dt_s: float) -> float:
         return discs_m + (cruise_m_s * decided_s + turned_m) / LEAST_PART
     fits_m = cruise_m_s * dt_s / LEAST_PART
     return discs_m + 2.0 * (fits_m + cruise_m_s / rate_rad_s) + 4.0 * cruise_m_s * rules.reaction_s
+
+
+def least_spacing_m(rules: Rules, dt_s: float) -> float:
+    """Return the distance from which the rule keeps two vehicles apart, whatever their headings, m.
+
+    That is where nothing that they reserve can overlap: at cruise speed, or at rest for vehicles that can stop.
+    """
+    if rules.can_stop:
+        return 2.0 * reserved_radius_m(0.0, rules, dt_s)
+    cruise_m_s = rules.speed_m_s
+    rate_rad_s, _ = circle(cruise_m_s, rules, dt_s)
+    to_centre_m = cruise_m_s / rate_rad_s
+    return 2.0 * (reserved_radius_m(cruise_m_s, rules, dt_s) + to_centre_m + 2.0 * cruise_m_s * rules.reaction_s)
+
+
+def least_detector_range_m(rules: Rules, dt_s: float) -> float:
+    """Return the range from which a detector shows every neighbour before anything that two reserve overlaps, m.
+
+    In the worst geometry a neighbour crosses this distance just after a look, and comes nearer until the next.
+    """
+    cruise_m_s = rules.speed_m_s
+    if rules.can_stop:
+        return 2.0 * (reserved_radius_m(cruise_m_s, rules, dt_s) + cruise_m_s * dt_s)
+    return least_spacing_m(rules, dt_s) + 2.0 * cruise_m_s * dt_s
+
+
+def reserved_gap_m(first: Motion, second: Motion, rules: Rules, dt_s: float) -> float:
+    """Return the distance between what two vehicles reserve, m; below 0 the rule cannot promise to keep them apart.
+
+    For vehicles that can stop it is a lower bound, as if each braked towards the other.
+    """
+    radii_m = sum(reserved_radius_m(each.speed_m_s, rules, dt_s) for each in (first, second))
+    if rules.can_stop:
+        return math.dist(first.position_ned_m, second.position_ned_m) - radii_m
+    in_flight_m = 2.0 * rules.reaction_s * (first.speed_m_s + second.speed_m_s)
+    return math.dist(centre_ned_m(first, rules, dt_s), centre_ned_m(second, rules, dt_s)) - radii_m - in_flight_m
+
+
+def centre_ned_m(motion: Motion, rules: Rules, dt_s: float) -> tuple[float, float]:
+    """Return the centre of a vehicle's circle to the right, m."""
+    rate_rad_s, _ = circle(motion.speed_m_s, rules, dt_s)
+    radius_m = motion.speed_m_s / rate_rad_s
+    return (
+        motion.north_m - radius_m * math.sin(motion.heading_rad),
+        motion.east_m + radius_m * math.cos(motion.heading_rad),
+    )

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.geo.kinematics import shorter_turn_rad
-from companion.geo.right_of_way import LEAST_PART, UNEVENNESS, Rules, circle, reserved_radius_m
+from companion.geo.right_of_way import LEAST_PART, UNEVENNESS, Rules, centre_ned_m, circle, reserved_radius_m
 from companion.guard.types import Motion
 from companion.guidance.resolution import (
     CIRCLING,
@@ -215,9 +215,7 @@ def _circle_rate_rad_s(speed_m_s: float, rules: Rules, dt_s: float) -> float:
 def _neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float) -> list[_Neighbour]:
     """Return the peers near enough for the two reserved discs to meet within a step, with our share of each gap."""
     speed_m_s = motion.speed_m_s
-    radius_m = speed_m_s / _circle_rate_rad_s(speed_m_s, rules, dt_s)
-    north_m = motion.north_m - radius_m * math.sin(motion.heading_rad)
-    east_m = motion.east_m + radius_m * math.cos(motion.heading_rad)
+    north_m, east_m = centre_ned_m(motion, rules, dt_s)
     # Our disc, both margins, and how far commands that do not act yet may move a centre (leftwards at twice the speed).
     kept_m = 2.0 * reserved_radius_m(speed_m_s, rules, dt_s) - circle(speed_m_s, rules, dt_s)[1]
     kept_m += 2.0 * rules.reaction_s * speed_m_s
