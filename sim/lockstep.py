@@ -8,6 +8,7 @@ real autopilots move, receive setpoints and send telemetry ten times a second, a
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -260,7 +261,8 @@ class _Hangar:
         is_point = options.autopilot == "kinematic"
         has_detector = mission.case == "II" or options.law == "routed"
         step_s = mission.integration_step_s
-        loops = 1 if is_point else max(1, round(step_s / LOOP_PERIOD_S))
+        # A setpoint that is not repeated within a long step expires (GUID_TIMEOUT), and the point would circle.
+        loops = math.ceil(step_s / KINEMATIC_REPEAT_S) if is_point else max(1, round(step_s / LOOP_PERIOD_S))
         return Aircraft(
             spec,
             AutopilotLink(
