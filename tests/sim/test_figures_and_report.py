@@ -34,7 +34,10 @@ def mission_of(agents: int, targets: int, threats: int, name: str = "two by two"
         origin=SimpleNamespace(alt_m=500.0),
         layers=1,
         layer_spacing_m=0.0,
-        agents=tuple(SimpleNamespace(id=index + 1, height_m=30.0, only_target=None) for index in range(agents)),
+        agents=tuple(
+            SimpleNamespace(id=index + 1, height_m=30.0, only_target=None, speed_m_s=60.0, n_max=1.0)
+            for index in range(agents)
+        ),
         targets=tuple(SimpleNamespace(id=index + 1) for index in range(targets)),
         threats=tuple(
             SimpleNamespace(
