@@ -18,7 +18,7 @@ import numpy as np
 
 from companion.errors import InputError
 from companion.geo.kinematics import GRAVITY_M_S2, turn_rate_rad_s
-from companion.guidance.separation import Rules, interaction_radius_m
+from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.mission.model import (
     AgentSpec,
     Burst,
