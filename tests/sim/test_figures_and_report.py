@@ -285,7 +285,7 @@ def test_the_report_lists_every_agent_and_target_with_time_and_lengths(tmp_path:
     cells = [[cell for cell in row.split("|") if cell] for row in rows]
     assert ["1", "target 1", "28.8", "2.00", "1.95", "1.95", "1.000", "0"] in cells
     assert ["3", "–", "–", "2.00", "2.00", "2.00", "1.000", "0"] in cells
-    assert ["2", "29.0", "2"] in cells
+    assert ["2", "28.8", "2"] in cells
 
 
 def test_a_lost_agent_is_told_with_the_time_of_its_loss(tmp_path: Path) -> None:

@@ -169,7 +169,7 @@ def test_an_agent_that_has_arrived_still_enters() -> None:
 def test_the_path_counts_to_the_loss_and_the_path_to_the_end_without_the_loiter() -> None:
     track = [(0.0, 0.0), (30.0, 40.0), (30.0, 60.0), (30.0, 90.0)]
     arrived = score(flown([track], [[(30, 40)]]), mission_of(1, 1)).per_agent[0]
-    assert (arrived.path_length_m, arrived.path_to_end_m) == (100.0, pytest.approx(40.0))
+    assert (arrived.path_length_m, arrived.path_to_end_m) == pytest.approx((100.0, 40.0))
     lost = score(flown([track]), mission_of(1, 0, losses=[(1, 2.5)])).per_agent[0]
     assert (lost.path_length_m, lost.path_to_end_m, lost.end_ned_m) == (70.0, 70.0, (30.0, 60.0))
 
@@ -189,13 +189,13 @@ def test_the_shortest_path_goes_around_static_detection_discs_to_the_arrival() -
 @pytest.mark.parametrize("motion", ["random", SimpleNamespace(heading_deg=0.0, speed_m_s=1.0)])
 def test_the_shortest_path_leaves_out_threats_that_move(motion: object) -> None:
     run = flown([[(0.0, 0.0), (100.0, 0.0)]], [[(100, 0)]], [[(50, 0)]])
-    assert score(run, mission_of(1, 1, [(20, 10)], motion=motion)).shortest_path_m == (pytest.approx(90.0),)
+    assert score(run, mission_of(1, 1, [(20, 10)], motion=motion)).shortest_path_m == pytest.approx((90.0,))
 
 
 @pytest.mark.parametrize("centre", [(5.0, 5.0), (95.0, 5.0)])
 def test_the_shortest_path_leaves_out_a_disc_that_contains_either_end(centre: tuple[float, float]) -> None:
     run = flown([[(0.0, 0.0), (100.0, 0.0)]], [[(100, 0)]], [[centre]])
-    assert score(run, mission_of(1, 1, [(20, 10)])).shortest_path_m == (pytest.approx(90.0),)
+    assert score(run, mission_of(1, 1, [(20, 10)])).shortest_path_m == pytest.approx((90.0,))
 
 
 def test_separation_is_seen_between_samples() -> None:
@@ -427,7 +427,7 @@ def test_a_threat_above_the_agents_height_is_not_entered() -> None:
     across = [[(0, 0), (50, 0), (100, 0)]]
     above = score(flown(across, [[(100, 0)]], [[(50, 0)]]), mission_of(1, 1, [(20.0, 10.0)], floor_m=531.0))
     assert (above.threat_entries_detection, above.worst_depth_m) == (0, 0.0)
-    assert above.shortest_path_m == (pytest.approx(90.0),)
+    assert above.shortest_path_m == pytest.approx((90.0,))
     level = score(flown(across, [[(100, 0)]], [[(50, 0)]]), mission_of(1, 1, [(20.0, 10.0)], floor_m=530.0))
     assert level.threat_entries_detection == 1
 
