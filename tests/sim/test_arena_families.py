@@ -11,7 +11,8 @@ from companion.geo.kinematics import turn_rate_rad_s
 from companion.guidance.separation import Rules, interaction_radius_m
 from companion.mission.model import Mission, PathMotion, dump_mission, parse_mission
 from companion.mission.resolve import check_start
-from sim.arena.families import FAMILIES, GREATEST_TURN_RAD, draw
+from sim.arena.families import FAMILIES, draw
+from sim.arena.families.drawing import GREATEST_TURN_RAD
 from sim.arena.planner import target_stays_clear
 
 INDICES = range(20)
