@@ -218,7 +218,7 @@ def _free(segments_m: np.ndarray, obstacles: _Obstacles) -> np.ndarray:
     """
     begin_m, along_m = segments_m[:, 0], segments_m[:, 1] - segments_m[:, 0]
     length_m = np.linalg.norm(along_m, axis=-1)
-    unit = along_m / np.maximum(length_m, np.finfo(float).tiny)[:, None]
+    unit = np.where(length_m[:, None] > 0.0, along_m, (1.0, 0.0)) / np.where(length_m > 0.0, length_m, 1.0)[:, None]
     # Where the centre is along the segment, and how far aside.
     ahead_m = unit @ obstacles.centre_m.T - (unit * begin_m).sum(axis=-1)[:, None]  # (T, M)
     aside_m = np.column_stack((-unit[:, 1], unit[:, 0]))
@@ -341,12 +341,13 @@ class _Search:
         offset_m = np.vstack((circles.centre_m[_FIRST_DISC:], self._goal_m)) - circles.centre_m[circle]
         gap_m = np.linalg.norm(offset_m, axis=-1)
         difference_m = side * radius_m - end_signed_m
-        apart = (gap_m > np.abs(difference_m)) & (gap_m > self._obstacles.tolerance_m)
+        # Circles that touch have a tangent of no length.
+        apart = (gap_m >= np.abs(difference_m) - self._obstacles.tolerance_m) & (gap_m > self._obstacles.tolerance_m)
         ends, end_side, offset_m, gap_m, difference_m = (
             column[apart] for column in (ends, end_side, offset_m, gap_m, difference_m)
         )
-        course_rad = np.arctan2(offset_m[:, 1], offset_m[:, 0]) + np.arcsin(difference_m / gap_m)
-        length_m = np.sqrt(gap_m**2 - difference_m**2)
+        course_rad = np.arctan2(offset_m[:, 1], offset_m[:, 0]) + np.arcsin(np.clip(difference_m / gap_m, -1.0, 1.0))
+        length_m = np.sqrt(np.maximum(gap_m**2 - difference_m**2, 0.0))
         length_m = np.where(ends < 0, np.maximum(length_m - self._goal_radius_m, 0.0), length_m)
         along = np.column_stack((np.cos(course_rad), np.sin(course_rad)))
         begin_m = circles.centre_m[circle] + side * radius_m * np.column_stack((along[:, 1], -along[:, 0]))

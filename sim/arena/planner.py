@@ -58,6 +58,8 @@ EDGE_SHARE = 1e-6
 """Share of the start's distance from an edge by which the edge's clearance is less, for rounding."""
 LEAST_CLEARANCE_M = 1e-3
 """Least clearance from an edge: round a corner without any no path could turn."""
+STILL_STEP_RAD = 0.2
+"""Greatest turn between two points of a path among discs that stand still."""
 REPAIRS = 20
 """Rounds in which copies of moving discs are added to one plan before it is given up."""
 SEARCHES = ((2.0, 3_000), (1.2, 2_500))
@@ -157,7 +159,7 @@ def plan(
     """
     began_s = time.perf_counter()
     task = _task(mission, agent_id, target_ned_m, until_s, needs)
-    motion = _Motion(mission, seed, until_s)
+    motion = _Motion(mission, seed, task)
     bound_m = _lower_bound_m(task, motion.places_m[0])
     best: list[PathPiece] | None = None
     method: Method = "impossible"
@@ -260,10 +262,13 @@ def _walls(mission: Mission, start_ned_m: np.ndarray, margin_m: float) -> Walls:
 
 
 def _polygons(mission: Mission) -> list[np.ndarray]:
-    return [] if mission.fence is None else [np.array(mission.fence)]
+    fences = [] if mission.fence is None else [mission.fence]
+    return [np.array(polygon) for polygon in (*fences, *mission.exclusions)]
 
 
 def _inside(mission: Mission, point_ned_m: tuple[float, float]) -> bool:
+    if any(inside_polygon(point_ned_m, exclusion) for exclusion in mission.exclusions):
+        return False
     return mission.fence is None or inside_polygon(point_ned_m, mission.fence)
 
 
@@ -282,11 +287,13 @@ def _does_move(threat: ThreatSpec) -> bool:
 class _Motion:
     """True positions of the threats at every multiple of the integration step; chasers are simulated along a path."""
 
-    def __init__(self, mission: Mission, seed: int, until_s: float) -> None:
+    def __init__(self, mission: Mission, seed: int, task: _Task) -> None:
         self.step_s = mission.integration_step_s
         self.still = not any(_does_move(threat) for threat in mission.threats)
-        steps = 0 if self.still else math.ceil(until_s / self.step_s - 1e-9)
-        self.steps = math.ceil(until_s / self.step_s - 1e-9)
+        if self.still:
+            # Where nothing moves, a step is only the distance of two points of a path.
+            self.step_s = min(self.step_s, STILL_STEP_RAD * task.turn_radius_m / task.speed_m_s)
+        steps = 0 if self.still else math.ceil(task.until_s / self.step_s - 1e-9)
         world = World(mission, seed)
         table = []
         for step in range(steps + 1):
@@ -523,11 +530,10 @@ class _Search:
         half_rad = 0.5 * self._turns_rad[:, None] * share
         chord_m = self._length_m * share * np.sinc(half_rad / math.pi)
         self._ahead_m, self._right_m = chord_m * np.cos(half_rad), chord_m * np.sin(half_rad)  # (5, S) m
+        # What no point comes nearer to: discs, and walls, across which no step leads.
         self._clear_m2 = (task.radii_m + _slack_m(task, motion)) ** 2
-        # No step leads across a wall, nor nearer to it between two points than at both.
-        self._clear_of_walls_m = np.maximum(task.walls.clearance_m + _slack_m(task, motion), 0.5 * step_m)
-        self._cell_m = self._length_m / 2
-        self._far = _Far(task, motion, self._cell_m)
+        self._walls_m = np.maximum(task.walls.clearance_m + _slack_m(task, motion), 0.5 * step_m)
+        self._far = _Far(task, motion, self._length_m / 2)
 
     def run(self, steps: int) -> list[PathPiece] | None:
         """Return a path shorter than the limit, improved as far as `steps` opened poses allow, or None."""
@@ -565,7 +571,8 @@ class _Search:
         north_m, east_m, heading_rad = node.pose
         late = 0 if self._motion.still else int(node.step * self._motion.step_s / TIME_BIN_S)
         heading = int((heading_rad % math.tau) / math.tau * HEADING_BINS)
-        return math.floor(north_m / self._cell_m), math.floor(east_m / self._cell_m), heading, late
+        cell_m = self._length_m / 2
+        return math.floor(north_m / cell_m), math.floor(east_m / cell_m), heading, late
 
     def _children(self, node: _Node) -> list[_Node]:
         north_m, east_m, heading_rad = node.pose
@@ -609,8 +616,7 @@ class _Search:
         clear = (apart_m2 >= self._clear_m2).all(axis=(1, 2))
         if len(self._task.walls.begin_m):
             wall_m = wall_distance_m(points_m.reshape(-1, 2), self._task.walls)
-            near = (wall_m < self._clear_of_walls_m).any(axis=-1).reshape(points_m.shape[:2])
-            clear &= ~near.any(axis=1)
+            clear &= (wall_m >= self._walls_m).reshape(len(points_m), -1).all(axis=1)
         return clear, chasers_m
 
 

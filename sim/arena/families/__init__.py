@@ -1,10 +1,12 @@
 """The scenes in which guidance laws are compared: families of missions, each drawn from a seed.
 
 A mission depends on its family, seed and index alone; it is resolved, and `sim fly` can fly it. Places are chosen by
-geometry only, so that most missions are feasible; no route is planned and no law is flown for it. Whether a mission is
-feasible is decided by the planner (`sim.arena.planner`).
+geometry only; no route is planned and no law is flown for it. Whether a mission is feasible is decided by the planner
+(`sim.arena.planner`).
 
-Lengths are modest so that one flight takes a few hundred guidance steps: vehicles of 25 m/s, discs of 200 to 1000 m.
+Most missions of the CLASSIC families are feasible. Their lengths are modest so that one flight takes a few hundred
+guidance steps: vehicles of 25 m/s, discs of 200 to 1000 m. Those of the field (`sim.arena.families.field`) have every
+size, speed, step and link that a mission may have.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from companion.mission.random_streams import random_stream
 from companion.mission.resolve import check_start
 from sim.arena.families import fleets, movers, packaged, standing
 from sim.arena.families.drawing import TRIES, Family, NoRoomError
+from sim.arena.families.field import FIELD
 
 ARENA_STREAM = 11
 """Number of the random stream, among those of the seed, that arena scenes are drawn from."""
@@ -42,98 +45,111 @@ def draw(family: str, seed: int, index: int, interaction_radius_m: float | None 
     raise RuntimeError(f"{family}: no scene in {TRIES} draws")
 
 
-FAMILIES: dict[str, Family] = {
+CLASSIC: dict[str, Family] = {
     "paper": Family(
         "The paper's scenes",
         "200 km square, 10 agents, 5 targets, 4 threats of 10 km, as packaged, static or walking; targets clear of "
         "every disc grown to the end.",
         "the published setting: assignment, few obstacles, no turn limit that matters",
-        0.016,
+        8,
         False,
         False,
         packaged.paper,
+        True,
     ),
     "dense": Family(
         "Dense",
         "One agent among 10 to 60 static discs that may overlap and cover 15 to 60 % of a 5 km box.",
         "the whole map at once: where gaps close, local repulsion traps",
-        0.2,
+        100,
         True,
         True,
         standing.dense,
+        False,
     ),
     "traps": Family(
         "Traps",
         "A U, a spiral or a corridor with a dead end of overlapping static discs between one agent and its target.",
         "that the way out leads away from the target",
-        0.15,
+        75,
         True,
         True,
         standing.traps,
+        False,
     ),
     "moving": Family(
         "Moving threats",
         "One agent and 3 to 8 threats of 0.1 to 0.7 of its speed: straight, circling, random or chasing.",
         "the threats' speed bounds and ages, not only where they were",
-        0.2,
+        100,
         False,
         True,
         movers.moving,
+        False,
     ),
     "tight": Family(
         "Tight turns",
         "One agent whose turn radius is 0.05 to 1 of R_d, among 8 to 25 equal static discs.",
         "the turn limit before the obstacle is near",
-        0.15,
+        75,
         True,
         True,
         standing.tight,
+        False,
     ),
     "stale": Family(
         "Stale picture",
         "Broadcasts every 5 to 30 s over a link that loses in bursts; one agent, 4 to 10 threats of up to 0.2 of its "
         "speed.",
         "how old each position is",
-        0.13,
+        65,
         False,
         True,
         movers.stale,
+        False,
     ),
     "wind": Family(
         "Wind",
         "One agent in wind and gusts of 0.1 to a third of its speed, among 8 to 20 static discs.",
         "the wind's bound in the turn radius over the ground",
-        0.082,
+        41,
         True,
         True,
         standing.wind,
+        False,
     ),
     "swarm": Family(
         "Swarm",
         "10 to 50 agents crossing: around a circle, as two streams, at random; with no or a few discs.",
         "the other agents: who gives way to whom",
-        0.024,
+        12,
         True,
         False,
         fleets.swarm,
+        True,
     ),
     "losses": Family(
         "Losses",
         "6 to 12 agents for 3 or 4 targets among 2 to 6 static discs; 2 and more of them are lost at random times.",
         "that nobody else will cover the target of a lost agent",
-        0.024,
+        12,
         True,
         False,
         fleets.losses,
+        True,
     ),
     "caseII": Family(
         "Case II",
         "4 to 8 agents for 3 or 4 targets among static discs; the centre does not detect them, they may report.",
         "peers from the own detector alone",
-        0.024,
+        12,
         True,
         False,
         fleets.case_two,
+        True,
     ),
 }
-"""The families by name, in the order in which tables list them."""
+"""The families that are drawn to be feasible, by name: modest lengths, one speed, open ground."""
+
+FAMILIES: dict[str, Family] = {**CLASSIC, **FIELD}
+"""All families by name, in the order in which tables list them."""

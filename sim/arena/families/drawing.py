@@ -54,8 +54,8 @@ class Family:
     description: str
     knowledge: str
     """What a law must know or do to succeed in this family, and what simpler laws leave out."""
-    share: float
-    """Share of a full arena's missions that belong to the family; the shares of all families sum to 1."""
+    count: int
+    """Missions of the family in a full arena."""
     static: bool
     """Whether no threat moves in any mission of the family."""
     single: bool
@@ -63,6 +63,8 @@ class Family:
     draw: Callable[[np.random.Generator, str, float | None], Mission]
     """Function that draws a mission from a generator, the mission's name and the least distance between starts in m
     (None: the interaction radius of the right-of-way rule)."""
+    dear: bool
+    """Whether a flight costs so much that only a share of the missions asked for are flown."""
 
 
 @dataclass(frozen=True)

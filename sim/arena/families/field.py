@@ -9,7 +9,6 @@ disc. Whether a mission is feasible is for the planner to say (`sim.arena.planne
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,7 +18,6 @@ from companion.geo.kinematics import GRAVITY_M_S2
 from companion.mission.model import (
     MAX_COORDINATE_M,
     AgentSpec,
-    Area,
     Burst,
     CostWeights,
     LinkSpec,
@@ -33,6 +31,7 @@ from sim.arena.families.drawing import (
     ATTACK_SHARE,
     PAPER_RADIUS_M,
     START_GAP,
+    Family,
     NoRoomError,
     degrees,
     interaction_m,
@@ -43,10 +42,12 @@ from sim.arena.families.scenes import LEAST_DISC_M, SCENES, Scene, Size
 GRID_UNITS = 32_767
 """Positions travel as 16-bit numbers (docs/wire.md): the area over this number is about the grid's resolution."""
 LOAD_FACTORS = (0.1, 10.0)
+RANGE_M = 1.0e8
+"""Range of every agent, so great that no flight ends because it is used up."""
 LEAST_LENGTH_M = 300.0
 TURNS_AHEAD = 12.0
 """Least length of the way, in turn radii: with less no scene has room for a turn."""
-GREATEST_STEPS = 3_000
+GREATEST_STEPS = 1_500
 """Guidance steps after which a flight ends at the latest."""
 CIRCLES = 8.0
 """Turning circles that the time limit allows for beside the way."""
@@ -54,6 +55,8 @@ HEARD = 1e-3
 """Chance, at most, that a frame of the first picture is not heard within the time that the limit allows for it."""
 LOSSES = {"clear": 0.0, "loss30": 0.3, "loss60": 0.6, "loss90": 0.9, "burst": 0.0}
 """Share of frames lost, by the name of a link; `burst` loses in bursts."""
+FIELD_COUNT = 15
+"""Missions of each family of the field in a full arena."""
 DRAWS = 40
 """Draws of one scene, or of a fleet's places in it, before another vehicle is drawn."""
 
@@ -65,7 +68,7 @@ class Recipe:
     scenes: tuple[str, ...] = tuple(SCENES)
     speeds_m_s: tuple[float, float] = (3.0, 250.0)
     steps_s: tuple[float, ...] = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-    length_steps: tuple[float, float] = (80.0, 400.0)
+    length_steps: tuple[float, float] = (60.0, 250.0)
     """Length of the straight line in guidance steps."""
     areas_m: tuple[float, float] = (500.0, 2 * MAX_COORDINATE_M)
     """Side of the square in which the scene lies; at least the scene's own."""
@@ -103,6 +106,15 @@ class _Air(NamedTuple):
     """Time within which the whole of the first picture is heard, but for a chance of HEARD."""
 
 
+class _Parts(NamedTuple):
+    vehicle: _Vehicle
+    team: _Team
+    air: _Air
+    scene: Scene
+    threats: tuple[ThreatSpec, ...]
+    limit_s: float
+
+
 def drawn(generator: np.random.Generator, name: str, recipe: Recipe) -> Mission:
     """Return a mission drawn by a recipe; its name says the scene. Raise NoRoomError where the scene has no room."""
     vehicle = _vehicle(generator, recipe)
@@ -121,8 +133,8 @@ def drawn(generator: np.random.Generator, name: str, recipe: Recipe) -> Mission:
     way_s = scene.way_m / vehicle.speed_m_s
     air = _air(generator, str(generator.choice(recipe.links)), math.ceil(max(1, len(threats)) / 4), way_s)
     limit_s = way_s + CIRCLES * math.tau * vehicle.turn_m / vehicle.speed_m_s + air.wait_s
-    limit_s = min(limit_s, GREATEST_STEPS * vehicle.step_s)
-    return _mission(generator, f"{name}-{kind}", vehicle, team, air, scene, threats, limit_s)
+    parts = _Parts(vehicle, team, air, scene, threats, min(limit_s, GREATEST_STEPS * vehicle.step_s))
+    return _mission(generator, f"{name}-{kind}", parts)
 
 
 def _log_uniform(generator: np.random.Generator, bounds: tuple[float, float]) -> float:
@@ -233,29 +245,17 @@ def _air(generator: np.random.Generator, link: str, frames: int, way_s: float) -
     return _Air(LinkSpec(loss=LOSSES[link], burst=burst), period_s, (broadcasts + 1.0) * period_s)
 
 
-def _mission(
-    generator: np.random.Generator,
-    name: str,
-    vehicle: _Vehicle,
-    team: _Team,
-    air: _Air,
-    scene: Scene,
-    threats: Sequence[ThreatSpec],
-    limit_s: float,
-) -> Mission:
+def _mission(generator: np.random.Generator, name: str, parts: _Parts) -> Mission:
+    vehicle, team, air, scene = parts.vehicle, parts.team, parts.air, parts.scene
     step_m = vehicle.speed_m_s * vehicle.step_s
     arrival_m = _log_uniform(generator, (0.3, 4.0)) * max(step_m, 0.5 * vehicle.turn_m)
     radius_m = float(np.median(scene.discs_m[:, 2])) if len(scene.discs_m) else 300.0
-    scale = (radius_m / PAPER_RADIUS_M) ** 2
-    paper = CostWeights()
-    places_m = np.abs(np.vstack([team.starts_m, team.targets_m, scene.discs_m[:, :2]])).max()
+    scale, paper = (radius_m / PAPER_RADIUS_M) ** 2, CostWeights()
     single = len(team.starts_m) == 1
     return Mission(
         name=name,
-        area_m=Area(
-            north=rounded(min(places_m + 1.0, MAX_COORDINATE_M)), east=rounded(min(places_m + 1.0, MAX_COORDINATE_M))
-        ),
-        fence=None if scene.fence_m is None else tuple((float(n), float(e)) for n, e in scene.fence_m),
+        fence=None if scene.fence_m is None else _polygon(scene.fence_m),
+        exclusions=tuple(_polygon(outline_m) for outline_m in scene.exclusions_m),
         agents=tuple(
             AgentSpec(
                 id=index + 1,
@@ -264,7 +264,7 @@ def _mission(
                 heading_deg=degrees(scene.heading_rad),
                 speed_m_s=vehicle.speed_m_s,
                 n_max=vehicle.n_max,
-                range_m=1e8,
+                range_m=RANGE_M,
                 only_target=None if single else index + 1,
             )
             for index, (north_m, east_m) in enumerate(team.starts_m)
@@ -273,7 +273,7 @@ def _mission(
             TargetSpec(id=index + 1, north_m=float(north_m), east_m=float(east_m), speed_bound_m_s=0.0)
             for index, (north_m, east_m) in enumerate(team.targets_m)
         ),
-        threats=tuple(threats),
+        threats=parts.threats,
         weights=CostWeights(k_d=scale * paper.k_d, k_a=scale * paper.k_a, k_c=scale * paper.k_c, k_l=scale * paper.k_l),
         guidance_step_s=vehicle.step_s,
         integration_step_s=vehicle.integration_s,
@@ -284,5 +284,83 @@ def _mission(
         separation_m=team.separation_m,
         detector_range_m=team.detector_m,
         range_policy="arrive",
-        max_time_s=rounded(limit_s),
+        max_time_s=rounded(parts.limit_s),
     )
+
+
+def _polygon(outline_m: np.ndarray) -> tuple[tuple[float, float], ...]:  # (V, 2) m
+    return tuple((float(north_m), float(east_m)) for north_m, east_m in outline_m)
+
+
+def _family(title: str, description: str, knowledge: str, recipe: Recipe) -> Family:
+    def draw(generator: np.random.Generator, name: str, radius_m: float | None) -> Mission:
+        return drawn(generator, name, recipe)
+
+    return Family(
+        title, description, knowledge, FIELD_COUNT, recipe.movers == (0, 0), recipe.agents == (1, 1), draw, True
+    )
+
+
+FIELD: dict[str, Family] = {
+    "lattice": _family(
+        "Lattices",
+        "Equal discs on a square or honeycomb lattice, gaps from the grid's resolution up; the start before or in it.",
+        "that gaps which the broadcast's grid cannot tell stay closed, and that others stay open",
+        Recipe(scenes=("lattice",)),
+    ),
+    "rooms": _family(
+        "Rooms",
+        "One to three rooms of discs, joined by corridors of any length; start or target inside.",
+        "that a corridor longer than any look-ahead leads somewhere",
+        Recipe(scenes=("rooms",)),
+    ),
+    "gaps": _family(
+        "Rings and walls",
+        "A ring about start, target or both, or a wall, with one gap.",
+        "the one way in",
+        Recipe(scenes=("ring", "wall")),
+    ),
+    "crowd": _family(
+        "Crowds",
+        "100 to 400 small discs.",
+        "to decide in time",
+        Recipe(scenes=("crowd",)),
+    ),
+    "scales": _family(
+        "Mixed radii",
+        "8 to 60 discs whose radii differ by up to a thousand times, from 20 m to 20 km.",
+        "that a small disc in the shadow of a great one counts",
+        Recipe(scenes=("mixed",), length_steps=(100.0, 400.0)),
+    ),
+    "fences": _family(
+        "Fences",
+        "A fence, concave in most missions, with discs, with a wall that leaves a gap to it, or with exclusions.",
+        "that a fence is a wall with corners to go round",
+        Recipe(scenes=("fence",)),
+    ),
+    "frames": _family(
+        "Frames lost",
+        "Pictures of one or several frames over links that lose 30, 60 or 90 % of them, or in bursts.",
+        "what has not been heard",
+        Recipe(scenes=("scattered", "lattice", "rooms", "wall", "fence"), links=tuple(LOSSES)),
+    ),
+    "steps": _family(
+        "Long steps",
+        "Guidance steps of 2 and 5 s, integrated in one or several parts, among scattered discs.",
+        "what happens between two decisions",
+        Recipe(scenes=("open", "scattered", "wall", "fence"), steps_s=(2.0, 5.0)),
+    ),
+    "chasers": _family(
+        "Chasers",
+        "Four threats that chase the agent at 0.1 to 0.9 of its speed.",
+        "for how long a way is clear of what may surround it",
+        Recipe(scenes=("open", "scattered"), movers=(4, 4), motions=("chase",), shares=(0.1, 0.9)),
+    ),
+    "edges": _family(
+        "At the edge",
+        "A start near a disc, a target near another, a fence near one of them.",
+        "how near is too near",
+        Recipe(scenes=("edges",)),
+    ),
+}
+"""The families of the field by name, in the order in which tables list them."""
