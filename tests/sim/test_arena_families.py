@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.geo.kinematics import turn_rate_rad_s
-from companion.guidance.separation import Rules, interaction_radius_m
+from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.mission.model import Mission, PathMotion, dump_mission, parse_mission
 from companion.mission.resolve import check_start
 from sim.arena.families import CLASSIC, FAMILIES, draw

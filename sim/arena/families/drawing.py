@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.geo.kinematics import GRAVITY_M_S2, turn_rate_rad_s
-from companion.guidance.separation import Rules, interaction_radius_m
+from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.mission.model import (
     AgentSpec,
     CostWeights,
