@@ -292,7 +292,7 @@ class Router:
             except StopIteration as stop:
                 self._pending = None
                 way: Way | None = stop.value
-                if pending.plan is plan:
+                if pending.plan is plan or way is None:
                     return True, way
                 memory = _Memory(pending.question, way, 0.0, plan.pose.place)
                 again = memory.along(plan, question)
