@@ -6,7 +6,15 @@ import math
 from collections.abc import Sequence
 
 from companion.geo.polygon import inside_polygon
-from companion.mission.model import RANGE_RESERVE, Mission, PathMotion, TargetSpec, ThreatSpec, is_obstacle
+from companion.mission.model import (
+    RANGE_RESERVE,
+    Mission,
+    PathMotion,
+    TargetSpec,
+    ThreatSpec,
+    agent_height_m,
+    reaches,
+)
 
 
 def lint(mission: Mission) -> list[str]:
@@ -101,20 +109,26 @@ def _unseen_in_wind(mission: Mission) -> list[str]:
 def _starts_inside(mission: Mission) -> list[str]:
     return [
         f"id {agent.id} starts inside detection_radius_m of threat {threat.id}; that is a depth, but no entry"
-        for agent in mission.agents
+        for agent, altitude_m in zip(mission.agents, _altitudes_m(mission), strict=True)
         for threat in mission.threats
-        if is_obstacle(mission, agent.id, threat)
-        and math.dist(agent.position_ned_m, threat.position_ned_m) < threat.detection_radius_m
+        if math.dist(agent.position_ned_m, threat.position_ned_m) < threat.detection_radius_m
+        and reaches(threat, altitude_m)
     ]
 
 
 def _reaches_nobody(mission: Mission) -> list[str]:
+    altitudes_m = _altitudes_m(mission)
     return [
         f"id {threat.id} reaches no agent's height with its floor_m and ceiling_m, which count from sea level, so "
         "nobody keeps clear of it"
         for threat in mission.threats
-        if not any(is_obstacle(mission, agent.id, threat) for agent in mission.agents)
+        if not any(reaches(threat, altitude_m) for altitude_m in altitudes_m)
     ]
+
+
+def _altitudes_m(mission: Mission) -> list[float]:
+    """Return the altitudes above sea level at which the agents fly."""
+    return [mission.origin.alt_m + agent_height_m(mission, agent.id) for agent in mission.agents]
 
 
 def _too_short_a_range(mission: Mission) -> list[str]:

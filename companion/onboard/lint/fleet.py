@@ -11,7 +11,7 @@ from companion.errors import InputError, one_line
 from companion.geo.kinematics import turn_rate_rad_s
 from companion.guard.types import PIVOT_SPEED_M_S
 from companion.guidance.settings import LawName
-from companion.mission.model import AgentSpec, Mission, TargetSpec, agent_height_m
+from companion.mission.model import AgentSpec, Mission, TargetSpec
 from companion.onboard.config import config_for_agent
 from companion.onboard.limits import within
 from companion.onboard.steering import Steering, steering_of
@@ -22,6 +22,8 @@ class Flyer(NamedTuple):
 
     spec: AgentSpec
     height_m: float
+    altitude_m: float
+    """Height above sea level."""
     steering: Steering
 
     @property
@@ -57,7 +59,7 @@ def fleet_of(mission: Mission, law: LawName, kind: str, source: str) -> list[Fly
             steering = steering_of(config, can_stop)
         except ValueError as error:
             raise InputError(f"{where}: {one_line(str(error))}") from error
-        fleet.append(Flyer(spec, agent_height_m(mission, spec.id), steering))
+        fleet.append(Flyer(spec, config.height_m, mission.origin.alt_m + config.height_m, steering))
     return fleet
 
 

@@ -10,9 +10,12 @@ import numpy as np
 
 from companion.geo.kinematics import turn_rate_rad_s
 from companion.guard.fence import Fence
-from companion.guidance.route.reachability import Shores
+from companion.guidance.route.plan import Plan
+from companion.guidance.route.reachability import Shores, batches, free_of, nearest_points
 from companion.guidance.route.router import Reach, shortest_route
-from companion.mission.model import Mission, TargetSpec, is_obstacle
+from companion.guidance.route.scene import Aim, Pose
+from companion.guidance.route.walls import NO_WALLS, Walls, WallSet
+from companion.mission.model import Mission, TargetSpec, reaches
 from companion.onboard.lint.fleet import Flyer, nearest_target
 
 APPROACH_SHARE = 0.1
@@ -24,28 +27,36 @@ ROOM_SHARES = (-0.9, 0.0, 0.9)
 """How near such a circle passes the target: distances of its edge, as shares of the arrival radius."""
 LEAVING_HEADINGS = 8
 """Number of headings at a target on which a way on is looked for, where there is no room for a circle; it is even."""
-TOLERANCE_M = 1e-3
-"""Depth up to which a place inside a disc counts as on its edge: overlaps of less close no way."""
-MOST_SEARCHES = 24
-"""Most searches of a way on in one mission: with 400 discs one may take 50 ms."""
+MOST_DEAD_ENDS = 5
+"""Most targets of one mission for which that is done: with 400 discs it may take half a second each."""
+AHEAD_RAD = 0.01
+"""Difference of headings up to which a route begins with the vehicle's heading, and not with a turn on the spot."""
 
 
-class _Waters(NamedTuple):
-    """The free region around the standing discs that some of the vehicles avoid."""
+class _Scene(NamedTuple):
+    """What some of the vehicles avoid: the standing threats that reach their height, fence and exclusions."""
 
     fleet: tuple[Flyer, ...]
     centres_m: np.ndarray  # (M, 2)
     radii_m: np.ndarray  # (M,)
     ids: tuple[int, ...]
+    walls: Walls
+    plan: Plan
+    """A plan from the first vehicle's start, for the obstacles in it."""
     shores: Shores
 
-    def depth_m(self, place: complex) -> tuple[float, int]:
-        """Return how deep a place (north + i east) is inside a disc, negative outside of all, and the disc's index."""
-        if not self.ids:
-            return -math.inf, 0
-        depths_m = self.radii_m - np.hypot(self.centres_m[:, 0] - place.real, self.centres_m[:, 1] - place.imag)
+    def disc_about(self, place_ned_m: tuple[float, float]) -> str | None:
+        """Return how deep a place is inside which threat; None if it is outside all."""
+        depths_m = self.radii_m - np.hypot(*(self.centres_m - place_ned_m).T)
+        if depths_m.max(initial=0.0) <= 0.0:
+            return None
         index = int(np.argmax(depths_m))
-        return float(depths_m[index]), index
+        return f"{depths_m[index]:.0f} m inside threat {self.ids[index]}"
+
+    def are_safe(self, points: np.ndarray) -> np.ndarray:  # (P,) complex -> (P,) bool
+        """Return which points (north + i east) are outside all obstacles and on the right side of walls."""
+        safe = free_of(points, self.plan.obstacles, self.plan.tolerance_m)
+        return safe if self.plan.walls is None else safe & self.plan.walls.allowed(points)
 
 
 def out_of_reach(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
@@ -53,34 +64,34 @@ def out_of_reach(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
 
     Threats that may move are left out: where they will be is not known.
     """
-    waters = _waters(mission, fleet)
-    concerns, searches = [], MOST_SEARCHES
+    scenes = _scenes(mission, fleet)
+    concerns, dead_ends = [], 0
     for target in mission.targets:
         if target.motion != "static":
             continue
         reasons = []
-        for water in waters:
-            flyers = [flyer for flyer in water.fleet if flyer.spec.only_target in (None, target.id)]
+        for scene in scenes:
+            flyers = [flyer for flyer in scene.fleet if flyer.spec.only_target in (None, target.id)]
             if not flyers:
                 continue
-            reason = _walled_off(mission, water, flyers, target)
-            if reason is None and not _has_room(mission, water, flyers, target) and searches > 0:
-                searches -= LEAVING_HEADINGS
-                reason = _dead_end(mission, water, flyers, target)
+            reason = _walled_off(mission, scene, flyers, target)
+            if reason is None and dead_ends < MOST_DEAD_ENDS and not _has_room(mission, scene, flyers, target):
+                reason = _dead_end(mission, scene, flyers, target)
+                dead_ends += 1
             reasons.append(reason)
         if reasons and None not in reasons:
             concerns.append(f"id {target.id} {reasons[0]}")
     return concerns
 
 
-def repelled(mission: Mission) -> list[str]:
+def repelled(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
     """Return the targets so near to a threat that the surrogate's repulsion keeps vehicles away from them."""
     return [
         f"id {target.id} is {distance_m:.0f} m from threat {threat.id}, whose detection_radius_m is "
         f"{threat.detection_radius_m:g}: this law keeps agents farther off than it can be approached"
         for target in mission.targets
         for threat in mission.threats
-        if any(is_obstacle(mission, agent.id, threat) for agent in mission.agents)
+        if any(reaches(threat, flyer.altitude_m) for flyer in fleet)
         and (distance_m := math.dist(target.position_ned_m, threat.position_ned_m)) - mission.arrival_radius_m
         < threat.detection_radius_m * (1 + APPROACH_SHARE)
     ]
@@ -113,52 +124,54 @@ def circled_targets(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
     return concerns
 
 
-def _waters(mission: Mission, fleet: Sequence[Flyer]) -> list[_Waters]:
-    """Return the free regions, one for each set of standing threats that reach the heights of the same vehicles."""
+def _scenes(mission: Mission, fleet: Sequence[Flyer]) -> list[_Scene]:
+    """Return what is avoided, once for each set of standing threats that reach the heights of the same vehicles."""
     standing = [threat for threat in mission.threats if threat.speed_bound_m_s == 0.0]
     groups: dict[tuple[int, ...], list[Flyer]] = {}
     for flyer in fleet:
-        reaching = tuple(i for i, threat in enumerate(standing) if is_obstacle(mission, flyer.spec.id, threat))
+        reaching = tuple(i for i, threat in enumerate(standing) if reaches(threat, flyer.altitude_m))
         groups.setdefault(reaching, []).append(flyer)
+    walls = Walls(mission.fence or (), mission.exclusions)
     found = []
     for reaching, flyers in groups.items():
         threats = [standing[index] for index in reaching]
         centres_m = np.array([threat.position_ned_m for threat in threats]).reshape(-1, 2)
         radii_m = np.array([threat.detection_radius_m for threat in threats])
+        start, goal = complex(*flyers[0].spec.position_ned_m), complex(*mission.targets[0].position_ned_m)
         places = centres_m[:, 0] + 1j * centres_m[:, 1]
-        shores = Shores(places, radii_m, TOLERANCE_M)
-        found.append(_Waters(tuple(flyers), centres_m, radii_m, tuple(threat.id for threat in threats), shores))
+        plan = Plan(Pose(start), Aim(goal), places, radii_m, WallSet(walls) if walls != NO_WALLS else None)
+        shores = Shores(plan.obstacles, plan.tolerance_m)
+        ids = tuple(threat.id for threat in threats)
+        found.append(_Scene(tuple(flyers), centres_m, radii_m, ids, walls, plan, shores))
     return found
 
 
-def _walled_off(mission: Mission, water: _Waters, flyers: Sequence[Flyer], target: TargetSpec) -> str | None:
+def _walled_off(mission: Mission, scene: _Scene, flyers: Sequence[Flyer], target: TargetSpec) -> str | None:
     """Return why no place near a target can be flown to, however narrow the turns, or None if one can."""
-    place = complex(*target.position_ned_m)
-    depth_m, index = water.depth_m(place)
-    if depth_m > 0.0:
-        safe = water.shores.nearest(place, None)
-        off_m = abs(safe[0] - place) if safe else math.inf
-        if off_m > mission.arrival_radius_m:
-            return (
-                f"is {depth_m:.0f} m inside threat {water.ids[index]}: the nearest place outside all discs is "
-                f"{off_m:.0f} m from it, arrival_radius_m is {mission.arrival_radius_m:g}"
-            )
+    place = np.array([complex(*target.position_ned_m)])
+    starts = np.array([complex(*flyer.spec.position_ned_m) for flyer in flyers])
+    free = scene.are_safe(starts)
+    if not free.all():
+        return None  # who starts inside an obstacle leaves it somewhere
+    if scene.are_safe(place)[0] and scene.shores.joined(place.item(), starts).any():
+        return None
     nearest_m = math.inf
-    for flyer in flyers:
-        start = complex(*flyer.spec.position_ned_m)
-        if water.depth_m(start)[0] > 0.0 or (depth_m <= 0.0 and water.shores.joined(start, place)):
-            return None
-        reached = water.shores.nearest(place, start)
-        nearest_m = min(nearest_m, abs(reached[0] - place) if reached else math.inf)
-        if nearest_m <= mission.arrival_radius_m:
-            return None
+    for points in batches(nearest_points(place.item(), scene.plan.obstacles)):
+        safe = points[scene.are_safe(points)]
+        reached = [point for point in safe.tolist() if scene.shores.joined(point, starts).any()]
+        if reached:
+            nearest_m = abs(reached[0] - place.item())
+            break
+    if nearest_m <= mission.arrival_radius_m:
+        return None
+    inside = scene.disc_about(target.position_ned_m)
     return (
-        f"is walled off by discs that overlap: the nearest place that a way leads to is {nearest_m:.0f} m from it, "
-        f"arrival_radius_m is {mission.arrival_radius_m:g}"
+        f"is {inside or 'walled off by threats, fence or exclusions'}: the nearest place that a way leads to is "
+        f"{nearest_m:.0f} m from it, arrival_radius_m is {mission.arrival_radius_m:g}"
     )
 
 
-def _has_room(mission: Mission, water: _Waters, flyers: Sequence[Flyer], target: TargetSpec) -> bool:
+def _has_room(mission: Mission, scene: _Scene, flyers: Sequence[Flyer], target: TargetSpec) -> bool:
     """Return whether some turning circle within the arrival radius of a target is clear of discs and fence."""
     radius_m = min(flyer.turn_radius_m for flyer in flyers)
     if radius_m == 0.0:
@@ -167,8 +180,8 @@ def _has_room(mission: Mission, water: _Waters, flyers: Sequence[Flyer], target:
     away_m = np.maximum(radius_m + mission.arrival_radius_m * np.array(ROOM_SHARES), 0.0)
     norths_m = (target.position_ned_m[0] + np.outer(np.cos(bearings_rad), away_m)).ravel()
     easts_m = (target.position_ned_m[1] + np.outer(np.sin(bearings_rad), away_m)).ravel()
-    apart_m = np.hypot(norths_m[:, None] - water.centres_m[:, 0], easts_m[:, None] - water.centres_m[:, 1])
-    clear = np.all(apart_m >= water.radii_m + radius_m, axis=1)
+    apart_m = np.hypot(norths_m[:, None] - scene.centres_m[:, 0], easts_m[:, None] - scene.centres_m[:, 1])
+    clear = np.all(apart_m >= scene.radii_m + radius_m, axis=1)
     fence = None if mission.fence is None else Fence(mission.fence)
     exclusions = [Fence(exclusion) for exclusion in mission.exclusions]
     return any(
@@ -178,28 +191,31 @@ def _has_room(mission: Mission, water: _Waters, flyers: Sequence[Flyer], target:
     )
 
 
-def _dead_end(mission: Mission, water: _Waters, flyers: Sequence[Flyer], target: TargetSpec) -> str | None:
+def _dead_end(mission: Mission, scene: _Scene, flyers: Sequence[Flyer], target: TargetSpec) -> str | None:
     """Return why nobody can leave a target again that has no room for a circle, or None if somebody can."""
     flyer = min(flyers, key=lambda one: one.turn_radius_m)
-    radius_m = flyer.turn_radius_m
-    if mission.fence is None and not mission.exclusions:
-        # Who can leave on a heading can, the other way round, arrive on the opposite one.
-        half = LEAVING_HEADINGS // 2
-        leaves = [
-            shortest_route(
-                target.position_ned_m,
-                flyer.spec.position_ned_m,
-                water.centres_m,
-                water.radii_m,
-                math.tau * index / LEAVING_HEADINGS,
-                radius_m,
-            ).reach
-            is Reach.TARGET
-            for index in range(LEAVING_HEADINGS)
-        ]
-        if any(leaves[index] and leaves[index + half] for index in range(half)):
-            return None
+    # Who can leave on a heading can, the other way round, arrive on the opposite one.
+    half = LEAVING_HEADINGS // 2
+    leaves = [_leaves(scene, flyer, target, math.tau * index / LEAVING_HEADINGS) for index in range(LEAVING_HEADINGS)]
+    if any(leaves[index] and leaves[index + half] for index in range(half)):
+        return None
     return (
-        f"has no room about it: agent {flyer.spec.id} turns with a radius of {radius_m:.0f} m, and every such circle "
-        f"that passes within arrival_radius_m {mission.arrival_radius_m:g} of it meets a threat or the fence"
+        f"has no room about it: agent {flyer.spec.id} turns with a radius of {flyer.turn_radius_m:.0f} m, and every "
+        f"such circle within arrival_radius_m {mission.arrival_radius_m:g} of it meets a threat or the fence"
     )
+
+
+def _leaves(scene: _Scene, flyer: Flyer, target: TargetSpec, heading_rad: float) -> bool:
+    """Return whether a way within the turn limit leads from a target, on a heading, to where a vehicle starts."""
+    way = shortest_route(
+        target.position_ned_m,
+        flyer.spec.position_ned_m,
+        scene.centres_m,
+        scene.radii_m,
+        heading_rad,
+        flyer.turn_radius_m,
+        scene.walls,
+    )
+    if way.reach is not Reach.TARGET or not way.pieces:
+        return False
+    return abs(math.remainder(way.pieces[0].heading_rad - heading_rad, math.tau)) <= AHEAD_RAD

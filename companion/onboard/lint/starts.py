@@ -10,10 +10,11 @@ import numpy as np
 
 from companion.autopilot.kinds import KINEMATIC
 from companion.geo.kinematics import advance, turn_rate_rad_s
+from companion.geo.polygon import inside_polygon
 from companion.guard.fence import Fence
 from companion.guard.types import Motion
 from companion.guidance.view import View
-from companion.mission.model import Mission, ThreatSpec, is_obstacle
+from companion.mission.model import Mission, ThreatSpec, reaches
 from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
 from companion.onboard.goal import Goal
@@ -40,11 +41,11 @@ def uncertified_starts(mission: Mission, fleet: Sequence[Flyer], kind: str) -> l
     """
     concerns = []
     for flyer in fleet:
-        threats = [threat for threat in mission.threats if is_obstacle(mission, flyer.spec.id, threat)]
+        threats = [threat for threat in mission.threats if reaches(threat, flyer.altitude_m)]
         start = _start(mission, flyer, kind)
-        certified_s = _certified_s(mission, flyer, _view(threats, start.heard_s), start)
-        if any(_nearest_edge(mission, flyer, threats, place).clear_m < 0.0 for place in start.circled_m):
-            certified_s = 0.0
+        view = _view(threats, start.heard_s)
+        entered = _enters(mission, flyer, view, start.circled_m)
+        certified_s = 0.0 if entered else _certified_s(mission, flyer, view, start)
         if certified_s == 0.0:
             why = _why_uncertified(mission, flyer, threats, start)
             concerns.append(f"id {flyer.spec.id} has no certified back-up at its start, {why}")
@@ -92,6 +93,17 @@ def _view(threats: Sequence[ThreatSpec], age_s: float) -> View:
         peer_ids=np.zeros(0, dtype=int),
         loitering_ned_m=np.zeros((0, 2)),
     )
+
+
+def _enters(mission: Mission, flyer: Flyer, view: View, places_m: Sequence[tuple[float, float]]) -> bool:
+    """Return whether any of the places is inside a disc, outside the fence or inside an exclusion."""
+    radii_m = view.attack_radius_m if flyer.steering.config.keep_out == "attack" else view.detection_radius_m
+    table_m = np.array(places_m).reshape(-1, 1, 2) - view.threats_ned_m
+    if bool((np.hypot(table_m[..., 0], table_m[..., 1]) < radii_m).any()):
+        return True
+    if mission.fence is not None and not all(inside_polygon(place, mission.fence) for place in places_m):
+        return True
+    return any(inside_polygon(place, exclusion) for exclusion in mission.exclusions for place in places_m)
 
 
 def _certified_s(mission: Mission, flyer: Flyer, view: View, start: _Start) -> float:
