@@ -34,6 +34,8 @@ class View:
     """Detected agents that go to the same target as this vehicle: id, and (north, east) in metres."""
     traffic_ned_m: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m, all detected aircraft
     traffic_velocity_m_s: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m/s
+    whole: bool = True
+    """Whether every threat of the broadcast's picture was heard; if not, nothing can be certified."""
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ from groundstation.service import load_frame_signer, run_groundstation
 importlib.import_module("scipy.optimize")
 
 NOW_S = 1_790_000_000.0
-KEPT = SavedState(1, 0, "", 0.0, Directive.NORMAL)
+KEPT = SavedState(1, 0, "", 0.0, Directive.NORMAL, 1)
 SMALL = """
 name: small
 broadcast_period_s: 0.1
@@ -434,7 +434,7 @@ def test_a_state_that_is_none_is_refused(text: str) -> None:
 
 @pytest.mark.parametrize(
     ("line", "directive"),
-    [("hold", Directive.HOLD), (" Return \r", Directive.RETURN), ("NORMAL", Directive.NORMAL)],
+    [("hold", Directive.HOLD), (" Return \r", Directive.RETURN), ("NORMAL", Directive.NORMAL, 1)],
 )
 def test_a_line_names_a_directive(line: str, directive: Directive) -> None:
     assert directive_from(line) is directive

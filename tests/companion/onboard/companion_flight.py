@@ -168,7 +168,7 @@ class Flight:
         parts = [threats[k : k + THREATS_PER_FRAME] for k in range(0, max(1, len(threats)), THREATS_PER_FRAME)]
         for index, part in enumerate(parts):
             stamp = Stamp(EPOCH_S, round((self.now_s - EPOCH_S) * 1000), self.sequence, index, len(parts))
-            frame = StateFrame(stamp, *ORIGIN_DEG, directive, (me, *agents), targets, part)
+            frame = StateFrame(stamp, *ORIGIN_DEG, directive, 1, len(threats), 100, (me, *agents), targets, part)
             self.hear(self._writer.encode(frame))
 
     def bands(self, *bands: BandEntry) -> None:

@@ -351,7 +351,7 @@ def test_regaining_the_broadcast_walks_back() -> None:
 def test_where_clocks_need_not_agree_a_vehicles_clock_an_hour_ahead_ages_nothing(agreed: bool, age_s: float) -> None:
     trust = Trust(max_age_s=math.inf, clock_checked=agreed)
     companion = Companion(CONFIG, authenticator=Authenticator(trust))
-    frame = StateFrame(Stamp(1_800_000_000, 0, 1), 47.0, 8.0, Directive.NORMAL, (), (), ())
+    frame = StateFrame(Stamp(1_800_000_000, 0, 1), 47.0, 8.0, Directive.NORMAL, 1, 0, 100, (), (), ())
     ahead_s = 1_800_003_600.0
     companion.hear(FrameWriter().encode(frame), ahead_s)
     assert companion.world_model.age_s(ahead_s + 2.0) == pytest.approx(age_s)

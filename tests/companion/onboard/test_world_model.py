@@ -19,6 +19,7 @@ from companion.protocol.codec import (
     BandsFrame,
     Directive,
     FleetFrame,
+    Grid,
     MissionFrame,
     MotionFrame,
     PointMotion,
@@ -36,6 +37,8 @@ from companion.protocol.freshness import RESTART_AFTER_S
 ME = 5
 EPOCH_S = 1_790_000_000
 PERIOD_S = 5.0
+UNIT_CM = 200
+ROUNDING_M = math.sqrt(0.5) * UNIT_CM / 100.0
 THREAT = ThreatEntry(1, 1_000.0, 2_000.0, 500.0, 200.0, 10.0)
 
 
@@ -58,8 +61,12 @@ def state(
     epoch_s: int = EPOCH_S,
     directive: Directive = Directive.NORMAL,
     origin_deg: tuple[float, float] = (47.0, 8.0),
+    revision: int = 1,
+    picture_threats: int | None = None,
 ) -> StateFrame:
-    return StateFrame(stamp(sequence, index, count, epoch_s), *origin_deg, directive, agents, targets, threats)
+    told = len(threats) if picture_threats is None else picture_threats
+    its_stamp = stamp(sequence, index, count, epoch_s)
+    return StateFrame(its_stamp, *origin_deg, directive, revision, told, UNIT_CM, agents, targets, threats)
 
 
 def motion(sequence: int, *agents: AgentMotion, time_ms: int | None = None, epoch_s: int = EPOCH_S) -> MotionFrame:
@@ -666,8 +673,6 @@ def test_everybody_seen_is_a_peer_once_and_everybody_unseen_stays(
 
 PLACE = ThreatPlace(1, 1_000.0, 2_000.0, 0.0)
 RADII = RadiiEntry(1, 500.0, 200.0, 10.0)
-UNIT_CM = 200
-ROUNDING_M = math.sqrt(0.5) * UNIT_CM / 100.0
 
 
 def fleet(
@@ -680,12 +685,14 @@ def fleet(
     count: int = 1,
     epoch_s: int = EPOCH_S,
     directive: Directive = Directive.NORMAL,
+    revision: int = 1,
 ) -> FleetFrame:
-    return FleetFrame(stamp(sequence, index, count, epoch_s), directive, UNIT_CM, agents, targets, threats)
+    its_stamp = stamp(sequence, index, count, epoch_s)
+    return FleetFrame(its_stamp, directive, revision, Grid(UNIT_CM, 0, 0), agents, targets, threats)
 
 
-def radii(sequence: int, *entries: RadiiEntry, epoch_s: int = EPOCH_S) -> RadiiFrame:
-    return RadiiFrame(stamp(sequence, epoch_s=epoch_s), entries)
+def radii(sequence: int, *entries: RadiiEntry, epoch_s: int = EPOCH_S, revision: int = 1) -> RadiiFrame:
+    return RadiiFrame(stamp(sequence, epoch_s=epoch_s), revision, 1, entries)
 
 
 def mission(
@@ -695,9 +702,10 @@ def mission(
     epoch_s: int = EPOCH_S,
     origin_deg: tuple[float, float] = (47.0, 8.0),
     digest: bytes = b"mission1",
+    revision: int = 1,
 ) -> MissionFrame:
     its_stamp = stamp(sequence, epoch_s=epoch_s)
-    return MissionFrame(its_stamp, *origin_deg, 500.0, 100.0, 300.0, bytes(8), 1, 1, threats, "one", digest)
+    return MissionFrame(its_stamp, revision, *origin_deg, 500.0, 100.0, 300.0, bytes(8), 1, 1, threats, "one", digest)
 
 
 def heard(*frames: StateFrame | FleetFrame | RadiiFrame | MissionFrame) -> WorldModel:

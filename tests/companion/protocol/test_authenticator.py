@@ -67,7 +67,7 @@ def sealer_of(authentication: str, keys: Ground = KEYS) -> FrameSigner:
 
 def unsealed(sequence: int, at_s: float, *, epoch_s: int = EPOCH_S, index: int = 0, count: int = 1) -> bytes:
     stamp = Stamp(epoch_s, round((at_s - epoch_s) * 1000), sequence, index, count)
-    return FrameWriter().encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, (), (), ()))
+    return FrameWriter().encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, 1, 0, 100, (), (), ()))
 
 
 class Link:
@@ -358,7 +358,9 @@ def test_a_state_that_is_none_is_refused_with_the_remedy(text: str) -> None:
 
 def test_only_the_ground_stations_component_is_heard() -> None:
     link = Link("unsigned")
-    stranger = FrameWriter(system=1).encode(StateFrame(Stamp(EPOCH_S, 0, 1), 47.0, 8.0, Directive.NORMAL, (), (), ()))
+    stranger = FrameWriter(system=1).encode(
+        StateFrame(Stamp(EPOCH_S, 0, 1), 47.0, 8.0, Directive.NORMAL, 1, 0, 100, (), (), ())
+    )
     assert not link.hears(stranger, START_S)
     assert link.reason == OTHER_SENDER
 

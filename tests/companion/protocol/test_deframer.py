@@ -181,7 +181,7 @@ def test_frames_inside_v2_extensions_come_out_of_a_stream(size: int) -> None:
 def test_a_wrapped_frame_whose_last_zeros_were_cut_comes_out_whole() -> None:
     writer = FrameWriter()
     stamps = (Stamp(1_790_000_000, 0, sequence) for sequence in range(70_000))
-    frames = (writer.encode(RadiiFrame(stamp, ())) for stamp in stamps)
+    frames = (writer.encode(RadiiFrame(stamp, 1, 100, ())) for stamp in stamps)
     raw = next(frame for frame in frames if frame[-1] == 0)
     assert found(wrap(raw, 0)) == ([raw], Counter())
 

@@ -23,6 +23,7 @@ from companion.protocol.ed25519 import (
 )
 from companion.protocol.frame import BROADCAST_IDS, ED25519_BYTES, raw_frame
 from companion.protocol.mavlink_signing import MavlinkSigner, MavlinkVerifier, strip_signature
+from companion.protocol.messages import Grid
 from tests.companion.protocol.hostile import START_S, Ground
 
 PRIVATE = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
@@ -31,9 +32,19 @@ STAMP = Stamp(int(START_S), 1000, 7)
 STATE = Ground("unsigned", random.Random(1)).unsealed(START_S, 1)
 MOTION = Ground("unsigned", random.Random(1)).unsealed(START_S, 4)
 FLEET = FrameWriter().encode(
-    FleetFrame(STAMP, Directive.HOLD, 100, (AgentEntry(1, 10.0, -10.0, 3), AgentEntry(2, 0.0, 0.0, None)), (), ())
+    FleetFrame(
+        STAMP,
+        Directive.HOLD,
+        1,
+        Grid(100, -1, -1),
+        (AgentEntry(1, 10.0, -10.0, 3), AgentEntry(2, 0.0, 0.0, None)),
+        (),
+        (),
+    )
 )
-MISSION = FrameWriter().encode(MissionFrame(STAMP, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, "näher", bytes(8)))
+MISSION = FrameWriter().encode(
+    MissionFrame(STAMP, 1, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, "näher", bytes(8))
+)
 FRAMES = {"state": STATE, "motion": MOTION, "fleet": FLEET, "mission": MISSION}
 
 
@@ -165,7 +176,7 @@ def test_signatures_kept_for_copies_are_bounded(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_frame_without_room_for_the_signature_is_refused() -> None:
     name = "n" * 200
-    full = FrameWriter().encode(MissionFrame(STAMP, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, name, bytes(8)))
+    full = FrameWriter().encode(MissionFrame(STAMP, 1, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, name, bytes(8)))
     with pytest.raises(ValueError, match="leave no room for a signature of 64"):
         sign(full, PRIVATE)
 
