@@ -106,6 +106,7 @@ def state_frames(
             directive=broadcast.directive,
             revision=revision.number,
             picture_threats=len(threats),
+            picture_targets=len(targets),
             resolution_cm=revision.state_cm,
             agents=tuple(content.agents),
             targets=tuple(content.targets),

@@ -158,7 +158,7 @@ class GroundStation:
         self._due = _DueTimes(start_s, start_s, start_s + mission.broadcast_period_s / 2.0)
         self._assigned = assign_targets(mission, self.tracks, {}, start_s)
         try:
-            self._revision = first_revision(mission, self.tracks, resumed.revision)
+            self._revision = first_revision(mission, self.tracks, resumed.revision, self._grown_radii_m(start_s))
             for frame in self._state_and_bands(start_s):
                 self._writer.encode(frame)
         except WireError as error:
@@ -283,8 +283,11 @@ class GroundStation:
     def _begin_state(self, now_s: float) -> None:
         """Begin a broadcast of state frames, whose radii are grown by the ages of the threats' positions."""
         self._epoch.begin_state()
-        mission, tracks = self.mission, self.tracks.tracks
-        self._revise(grown(one, tracks[Kind.THREAT, one.id], now_s).detection_radius_m for one in mission.threats)
+        self._revise(self._grown_radii_m(now_s))
+
+    def _grown_radii_m(self, now_s: float) -> list[float]:
+        tracks = self.tracks.tracks
+        return [grown(one, tracks[Kind.THREAT, one.id], now_s).detection_radius_m for one in self.mission.threats]
 
     def _revise(self, radii_m: Iterable[float]) -> None:
         """Begin the next revision if the picture needs one; `radii_m` are the threats' radii as they are to be told."""

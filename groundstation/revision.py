@@ -34,14 +34,15 @@ class Revision:
     """Unit of radii frames."""
 
 
-def first_revision(mission: Mission, tracks: TrackTable, number: int) -> Revision:
-    """Return the revision with which a broadcast begins.
+def first_revision(mission: Mission, tracks: TrackTable, number: int, radii_m: Iterable[float] = ()) -> Revision:
+    """Return the revision with which a broadcast begins; `radii_m` as in `next_revision`.
 
     Raises:
         WireError: a position or radius of the mission does not fit any grid.
 
     """
-    return _revision(number, mission_extent(mission), moved_threats(mission, tracks))
+    extent = mission_extent(mission).widened((), max(radii_m, default=0.0))
+    return _revision(number, extent, moved_threats(mission, tracks))
 
 
 def next_revision(revision: Revision, mission: Mission, tracks: TrackTable, radii_m: Iterable[float]) -> Revision:

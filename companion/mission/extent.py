@@ -57,17 +57,21 @@ class Extent:
 
 
 def mission_extent(mission: Mission) -> Extent:
-    """Return the extent of a resolved mission: where everything stands, and can get to for a while."""
+    """Return the extent of a resolved mission: where everything stands, and can get to for a while.
+
+    In Case II no position of an agent is told, so that none needs room.
+    """
     reach_s = min(REACH_S, mission.max_time_s)
-    agents_m = max(map(_agent_reach_m, mission.agents))
-    boxes: list[tuple[Point, float]] = [(agent.position_ned_m, agents_m) for agent in mission.agents]
-    boxes += [(target.position_ned_m, agents_m + target.speed_bound_m_s * reach_s) for target in mission.targets]
-    # Agents fly round the discs.
-    boxes += [
-        (threat.position_ned_m, max(threat.detection_radius_m, threat.speed_bound_m_s * reach_s))
-        for threat in mission.threats
-    ]
-    boxes += [(vertex, 0.0) for vertex in mission.fence or ()]
+    things = (*mission.targets, *mission.threats)
+    boxes: list[tuple[Point, float]] = [(thing.position_ned_m, thing.speed_bound_m_s * reach_s) for thing in things]
+    if mission.case == "I":
+        agents_m = max(map(_agent_reach_m, mission.agents), default=0.0)
+        boxes += [(agent.position_ned_m, agents_m) for agent in mission.agents]
+        boxes += [(target.position_ned_m, agents_m) for target in mission.targets]
+        # Agents fly round the discs, and inside the fence.
+        boxes += [(threat.position_ned_m, threat.detection_radius_m) for threat in mission.threats]
+        boxes += [(vertex, 0.0) for vertex in mission.fence or ()]
+    boxes = boxes or [((0.0, 0.0), 0.0)]
     north_m, east_m = (
         (min(point[axis] - reach_m for point, reach_m in boxes), max(point[axis] + reach_m for point, reach_m in boxes))
         for axis in (0, 1)

@@ -17,6 +17,8 @@ class Picture:
     def __init__(self) -> None:
         self.revision: int | None = None
         """Number of the picture; None before any frame of the epoch."""
+        self._sequence = -1
+        """Sequence of the newest broadcast of the epoch of which a frame was followed."""
         self._threats: int | None = None
         """Number of its threats; None while that was not heard."""
         self._heard: set[int] = set()
@@ -47,20 +49,29 @@ class Picture:
     def begin_epoch(self) -> None:
         """Begin an epoch, whose revisions have nothing to do with those before."""
         self._begin(None)
+        self._sequence = -1
 
-    def follow(self, revision: int) -> bool:
-        """Note the revision of a frame of this epoch; return whether it is a new one.
+    def follow(self, revision: int, sequence: int) -> bool:
+        """Note revision and sequence of a frame of this epoch; return whether its picture is another one.
 
-        A frame of an old revision must not be given: see `is_old`.
+        A frame of an old picture must not be given: see `is_old`. Where so many broadcasts were missed that the number
+        of the revision may have come round, the picture counts as another one.
         """
-        if revision == self.revision:
+        missed = sequence - self._sequence
+        self._sequence = max(self._sequence, sequence)
+        if revision == self.revision and missed < REVISIONS:
             return False
         self._begin(revision)
         return True
 
-    def is_old(self, revision: int) -> bool:
-        """Return whether a revision was overtaken by the one in force; numbers wrap, so half of them are old."""
-        return self.revision is not None and 0 < (self.revision - revision) % REVISIONS < REVISIONS // 2
+    def is_old(self, revision: int, sequence: int) -> bool:
+        """Return whether the picture of a frame of this epoch was overtaken by the one in force.
+
+        All frames of a broadcast are of one revision, and at most one begins with each, so that the number is the same
+        only for the same revision unless REVISIONS broadcasts lie between.
+        """
+        behind = self._sequence - sequence
+        return behind > 0 and (revision != self.revision or behind >= REVISIONS)
 
     def count(self, threats: int) -> None:
         """Note how many threats the picture has."""

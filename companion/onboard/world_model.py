@@ -94,7 +94,7 @@ class WorldModel:
         acceptance = self.order.take_part(frame.stamp, now_s)
         if acceptance is not Acceptance.REFUSED:
             self.directive = frame.directive
-        if not self._follow(acceptance, frame.revision):
+        if not self._follow(acceptance, frame):
             return False
         self._take_origin((frame.origin_lat_deg, frame.origin_lon_deg))
         self._picture.count(frame.picture_threats)
@@ -117,17 +117,18 @@ class WorldModel:
         acceptance = self.order.take_part(frame.stamp, now_s)
         if acceptance is not Acceptance.REFUSED:
             self.directive = frame.directive
-        if not self._follow(acceptance, frame.revision):
+        if not self._follow(acceptance, frame):
             return False
         if self._assembly.origin_told:
             self._merge_fleet([(frame, now_s)])
+            self._forget_retired()
         else:
             self._assembly.wait(frame, now_s)
         return True
 
     def take_radii(self, frame: RadiiFrame, now_s: float) -> bool:
         """Merge the radii of some threats; return whether the frame was of the newest epoch and revision."""
-        if not self._follow(self.order.take_constant(frame.stamp, now_s), frame.revision):
+        if not self._follow(self.order.take_constant(frame.stamp, now_s), frame):
             return False
         for entry in frame.threats:
             self._assembly.radii[entry.id] = entry
@@ -138,7 +139,7 @@ class WorldModel:
 
     def take_mission(self, frame: MissionFrame, now_s: float) -> bool:
         """Take origin, number of threats and mission; return whether the frame was of the newest epoch and revision."""
-        if not self._follow(self.order.take_constant(frame.stamp, now_s), frame.revision):
+        if not self._follow(self.order.take_constant(frame.stamp, now_s), frame):
             return False
         self._take_origin((frame.origin_lat_deg, frame.origin_lon_deg))
         if self._picture.name(frame.mission_digest):
@@ -194,16 +195,16 @@ class WorldModel:
             return None
         return self._beliefs.targets.get(target_id)
 
-    def _follow(self, acceptance: Acceptance, revision: int) -> bool:
+    def _follow(self, acceptance: Acceptance, frame: StateFrame | FleetFrame | RadiiFrame | MissionFrame) -> bool:
         """Return whether a frame is new; if its picture is, drop bands, radii and places of the one before."""
         if acceptance is Acceptance.REFUSED:
             return False
         begins = acceptance is Acceptance.ANEW
         if begins:
             self._picture.begin_epoch()
-        elif self._picture.is_old(revision):
+        elif self._picture.is_old(frame.revision, frame.stamp.sequence):
             return False
-        if self._picture.follow(revision):
+        if self._picture.follow(frame.revision, frame.stamp.sequence):
             self._beliefs.bands.clear()
             self._assembly = FleetAssembly(self._assembly.origin_told and not begins)
             self._tables = None

@@ -247,8 +247,9 @@ def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
         agent_id_base=agent_base,
         target_id_base=target_base,
         threat_id_base=threat_base,
-        revision=whole(frame.revision, UINT16_MAX, "revision"),
+        revision=whole(frame.revision, UINT8_MAX, "revision"),
         picture_threats=whole(frame.picture_threats, UINT16_MAX, "picture_threats"),
+        picture_targets=min(frame.picture_targets, UINT8_MAX),
         directive=int(frame.directive),
         frame_index=frame_index,
         frame_count=frame_count,
@@ -290,7 +291,9 @@ def _coordinates(
 def _position_units(coordinate_m: float, unit_m: float) -> int:
     units = rounded(coordinate_m / unit_m)
     if abs(units) > INT16_MAX:
-        raise WireError(f"a position {abs(coordinate_m):.3g} m from the origin does not fit units of {unit_m:g} m")
+        raise WireError(
+            f"a position {abs(coordinate_m):.3g} m from the origin does not fit a frame in units of {unit_m:g} m"
+        )
     return units
 
 
@@ -422,6 +425,7 @@ def _state_frame(message: Fields) -> StateFrame:
         directive=directive,
         revision=message.revision,
         picture_threats=message.picture_threats,
+        picture_targets=message.picture_targets,
         resolution_cm=message.resolution,
         agents=tuple(
             AgentEntry(identity, *_position_m(north, east, unit_m), target_ids[place - 1] if place else None)
@@ -550,7 +554,7 @@ def _fleet_message(frame: FleetFrame) -> oneway.MAVLink_oneway_fleet_message:
         north_base=frame.grid.north_base,
         east_base=frame.grid.east_base,
         resolution=frame.grid.resolution_cm,
-        revision=whole(frame.revision, UINT16_MAX, "revision"),
+        revision=whole(frame.revision, UINT8_MAX, "revision"),
         directive=int(frame.directive),
         frame_index=frame_index,
         frame_count=frame_count,
@@ -564,7 +568,7 @@ def _radii_message(frame: RadiiFrame) -> oneway.MAVLink_oneway_radii_message:
     return oneway.MAVLink_oneway_radii_message(
         **_times(frame.stamp),
         resolution=frame.resolution_cm,
-        revision=whole(frame.revision, UINT16_MAX, "revision"),
+        revision=whole(frame.revision, UINT8_MAX, "revision"),
         frame_index=frame_index,
         frame_count=frame_count,
         **_data(data, RADII_HEAD_BYTES),
@@ -592,7 +596,7 @@ def _mission_message(frame: MissionFrame) -> oneway.MAVLink_oneway_mission_messa
         agent_count=whole(frame.agents, UINT16_MAX, "agent_count"),
         target_count=whole(frame.targets, UINT16_MAX, "target_count"),
         threat_count=whole(frame.threats, UINT16_MAX, "threat_count"),
-        revision=whole(frame.revision, UINT16_MAX, "revision"),
+        revision=whole(frame.revision, UINT8_MAX, "revision"),
         surrogate_digest=list(frame.surrogate_digest),
         mission_digest=list(frame.mission_digest),
         **_data(name, MISSION_HEAD_BYTES),

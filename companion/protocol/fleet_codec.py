@@ -31,11 +31,11 @@ from companion.protocol.messages import AgentEntry, Grid, RadiiEntry, TargetEntr
 
 PAYLOAD_BYTES = 255
 """Greatest length of a MAVLink 2 payload."""
-FLEET_HEAD_BYTES = 24
+FLEET_HEAD_BYTES = 23
 """Bytes of ONEWAY_FLEET's payload before its data."""
-RADII_HEAD_BYTES = 19
+RADII_HEAD_BYTES = 18
 """Bytes of ONEWAY_RADII's payload before its data."""
-MISSION_HEAD_BYTES = 53
+MISSION_HEAD_BYTES = 52
 """Bytes of ONEWAY_MISSION's payload before its data."""
 BASE_STEP_UNITS = 256
 """Unit of the base from which positions count: a 16-bit multiple of this number of position units."""

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from companion.protocol.dialect import oneway
 
-REVISIONS = 2**16
-"""Number of revisions of the picture after which their 16-bit numbers begin anew."""
+REVISIONS = 256
+"""Number of revisions of the picture after which their 8-bit numbers begin anew."""
 
 
 class Directive(IntEnum):
@@ -100,6 +100,8 @@ class StateFrame:
     """Number of the picture that the frame is a part of."""
     picture_threats: int
     """Number of threats in that picture, in all its frames together."""
+    picture_targets: int
+    """Number of targets in it; 255 means 255 or more."""
     resolution_cm: int
     """Length of the unit of positions and radii, the same for all frames of a revision."""
     agents: tuple[AgentEntry, ...]

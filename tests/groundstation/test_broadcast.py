@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 import groundstation
 from companion.files.mavlink_layout import SIGNATURE_BYTES
+from companion.mission.extent import REACH_S
 from companion.mission.model import AgentSpec, Mission, TargetSpec, ThreatSpec, load_mission
 from companion.mission.resolve import resolve
 from companion.onboard.world_model import WorldModel
@@ -35,6 +36,7 @@ from companion.protocol.codec import (
     StateFrame,
     WireError,
     decode_frame,
+    frame_resolution_cm,
 )
 from companion.protocol.dialect import oneway
 from companion.protocol.fleet_codec import (
@@ -141,7 +143,7 @@ def test_the_papers_mission_takes_one_frame() -> None:
     assignment = {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)}
     (frame,) = states(mission, assignment)
     assert (len(frame.agents), len(frame.targets), len(frame.threats)) == (10, 5, 4)
-    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 235
+    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 239
     assert len(motion_frames(ground(mission), mission, STAMP)) == 1
 
 
@@ -338,13 +340,15 @@ def test_in_case_ii_a_frame_is_as_fine_as_targets_and_threats_alone_allow() -> N
     (frame,) = states(mission, {1: 1})
     (decoded,) = FrameReader().read(FrameWriter().encode(frame))
     assert isinstance(decoded, StateFrame)
-    assert (decoded.targets[0].north_m, decoded.agents[0].position_ned_m) == (100.0, None)
+    reach_m = 10.0 * REACH_S  # as far as the target may get
+    assert decoded.resolution_cm == frame_resolution_cm([(100.0 + reach_m, 100.0 + reach_m)], [])
+    assert decoded.agents[0].position_ned_m is None
 
 
 def test_in_case_ii_the_papers_mission_takes_one_frame_of_the_same_size() -> None:
     mission = unseen(resolve(load_mission("paper-dynamic"), 1))
     (frame,) = states(mission, {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)})
-    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 235
+    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 239
 
 
 # Heights that threats reach
@@ -460,7 +464,7 @@ def test_each_agent_knows_all_it_needs_after_a_packed_broadcast_in_any_order(
 def on_air(frames: Sequence[Frame], overhead_bytes: int, typed_signature_bytes: int = 0) -> int:
     """Return the bytes of frames; a typed message carries its signature after all of its fields."""
     writer = FrameWriter()
-    sizes = [max(len(writer.encode(frame)), 171 if typed_signature_bytes else 0) + overhead_bytes for frame in frames]
+    sizes = [max(len(writer.encode(frame)), 175 if typed_signature_bytes else 0) + overhead_bytes for frame in frames]
     assert max(sizes) <= PATH_BYTES
     return sum(sizes)
 

@@ -66,7 +66,9 @@ def state(
 ) -> StateFrame:
     told = len(threats) if picture_threats is None else picture_threats
     its_stamp = stamp(sequence, index, count, epoch_s)
-    return StateFrame(its_stamp, *origin_deg, directive, revision, told, UNIT_CM, agents, targets, threats)
+    return StateFrame(
+        its_stamp, *origin_deg, directive, revision, told, len(targets), UNIT_CM, agents, targets, threats
+    )
 
 
 def motion(sequence: int, *agents: AgentMotion, time_ms: int | None = None, epoch_s: int = EPOCH_S) -> MotionFrame:
@@ -245,11 +247,13 @@ def test_half_of_each_of_two_broadcasts_is_no_whole_one() -> None:
     assert len(picture.view(time_of(3)).threats_ned_m) == 1
 
 
-def test_a_thing_vanishes_when_a_whole_later_broadcast_lacks_it() -> None:
+def test_a_threat_vanishes_only_once_a_whole_picture_of_a_later_revision_lacks_it() -> None:
     picture = picture_of(*halves(1, TargetEntry(2, 1.0, 1.0), TargetEntry(3, 2.0, 2.0)))
     picture.take_state(state(2, index=0, count=2), time_of(2))
     picture.take_state(state(2, agents=(), targets=(), index=1, count=2), time_of(2))
-    assert len(picture.view(time_of(2)).threats_ned_m) == 0
+    assert len(picture.view(time_of(2)).threats_ned_m) == 1
+    picture.take_state(state(3, revision=2), time_of(3))
+    assert len(picture.view(time_of(3)).threats_ned_m) == 0
 
 
 def test_an_agent_missing_from_a_whole_broadcast_has_no_target() -> None:
@@ -550,8 +554,10 @@ def test_a_new_epoch_forgets_the_bands_of_the_old_one() -> None:
 
 def test_a_threat_that_left_the_picture_comes_back_without_its_band() -> None:
     picture = banded(*BANDS)
-    picture.take_state(state(2, threats=(LOW,)), time_of(2))
-    picture.take_state(state(3, threats=(LOW, HIGH)), time_of(3))
+    picture.take_state(state(2, threats=(LOW,), revision=2), time_of(2))
+    picture.take_state(state(3, threats=(LOW, HIGH), revision=3), time_of(3))
+    assert ids_at(picture, 450.0, 550.0, time_of(3)) == [1, 2]
+    picture.take_bands(bands(3, BANDS[0]))
     assert ids_at(picture, 450.0, 550.0, time_of(3)) == [2]
 
 
@@ -782,11 +788,14 @@ def test_the_heights_that_radii_tell_are_those_of_the_threat() -> None:
     assert len(picture.view(time_of(1), (0.0, 1_000.0)).threat_ids) == 1
 
 
-def test_a_wholly_heard_fleet_broadcast_forgets_what_it_lacks() -> None:
+def test_a_threat_that_a_packed_picture_lacks_is_forgotten_once_that_is_whole() -> None:
     both = (PLACE, replace(PLACE, id=2))
-    picture = heard(mission(1), radii(1, RADII, replace(RADII, id=2)), fleet(1, threats=both))
+    picture = heard(mission(1, 2), radii(1, RADII, replace(RADII, id=2)), fleet(1, threats=both))
     assert picture.view(time_of(1)).threat_ids.tolist() == [1, 2]
-    picture.take(fleet(2, threats=both[:1]), time_of(2))
+    for frame in (fleet(2, threats=both[:1], revision=2), radii(2, RADII, revision=2)):
+        picture.take(frame, time_of(2))
+        assert picture.view(time_of(2)).threat_ids.tolist() == [1, 2]
+    picture.take(mission(2, 1, revision=2, digest=b"mission2"), time_of(2))
     assert picture.view(time_of(2)).threat_ids.tolist() == [1]
 
 
@@ -811,13 +820,15 @@ def test_a_threat_of_the_epoch_before_stands_until_it_is_known_anew() -> None:
     assert view.attack_radius_m[0] == pytest.approx(200.0 + ROUNDING_M)
 
 
-def test_until_a_new_epoch_tells_its_origin_the_picture_of_the_old_one_stands() -> None:
+def test_until_a_new_epoch_tells_its_origin_the_threats_of_the_old_one_stand_and_nobody_goes_anywhere() -> None:
     later = EPOCH_S + 100
-    picture = heard(mission(1), fleet(1, targets=target_at(1.0)))
+    picture = heard(mission(1, 1), radii(1, RADII), fleet(1, targets=target_at(1.0), threats=(PLACE,)))
     picture.take(fleet(1, targets=target_at(2.0), epoch_s=later), time_of(1, later))
-    assert picture.view(time_of(1, later)).target_ned_m == (1.0, 0.0)
+    assert picture.view(time_of(1, later)).target_ned_m is None
+    assert picture.view(time_of(1, later)).threat_ids.tolist() == [1]
+    assert picture.missing == "new revision: 0 threats heard, of how many is not known"
     assert picture.age_s(time_of(1, later)) == pytest.approx(100.0)
-    picture.take(mission(1, epoch_s=later), time_of(1, later))
+    picture.take(mission(1, 1, epoch_s=later), time_of(1, later))
     assert picture.view(time_of(1, later)).target_ned_m == (2.0, 0.0)
     assert picture.age_s(time_of(1, later)) == 0.0
 
@@ -866,8 +877,11 @@ def test_another_mission_holds_nothing_of_the_one_before(changed: dict[str, obje
     later = EPOCH_S + 100
     picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)))
     picture.take(mission(1, **{"threats": 1, **changed}, epoch_s=later), time_of(1, later))  # type: ignore[arg-type]
+    assert picture.view(time_of(1, later)).target_ned_m is None
+    picture.take(radii(1, replace(RADII, id=2), epoch_s=later), time_of(1, later))
+    picture.take(fleet(1, targets=(), threats=(replace(PLACE, id=2),), epoch_s=later), time_of(1, later))
     view = picture.view(time_of(1, later))
-    assert len(view.threat_ids) == 0
+    assert view.threat_ids.tolist() == [2]
     assert view.target_ned_m is None
 
 

@@ -49,6 +49,7 @@ STATE = StateFrame(
     directive=Directive.RETURN,
     revision=3,
     picture_threats=4,
+    picture_targets=5,
     resolution_cm=458,
     agents=tuple(
         AgentEntry(1_000 + k, 150_000.0 - 997.0 * k, -120_000.0 + 991.0 * k, 2_000 + k % 5) for k in range(10)

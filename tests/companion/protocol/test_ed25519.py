@@ -77,16 +77,16 @@ def test_what_is_signed_is_the_domain_the_sender_the_message_and_the_padded_cont
     part = signed_part(raw_frame(STATE))
     assert part[:17] == b"oneway-guidance/1"
     assert part[17:22] == bytes((254, 190)) + (0xA00100).to_bytes(3, "little")
-    assert part[22:] == STATE[10:-2].ljust(159, b"\0")
+    assert part[22:] == STATE[10:-2].ljust(163, b"\0")
     assert signed_part(raw_frame(FLEET))[22:] == FLEET[10:-2].ljust(raw_frame(FLEET).content_length, b"\0")
 
 
 def test_a_sealed_state_has_these_bytes() -> None:
     sealed = sign(STATE, PRIVATE)
-    assert sealed[10 + 159 : -2].hex() == (
-        PRIVATE.sign(b"oneway-guidance/1" + STATE[5:10] + STATE[10:-2].ljust(159, b"\0")).hex()
+    assert sealed[10 + 163 : -2].hex() == (
+        PRIVATE.sign(b"oneway-guidance/1" + STATE[5:10] + STATE[10:-2].ljust(163, b"\0")).hex()
     )
-    assert len(sealed) == 235
+    assert len(sealed) == 239
 
 
 @pytest.mark.slow

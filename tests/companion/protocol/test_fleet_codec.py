@@ -57,7 +57,7 @@ STAMP = Stamp(epoch_s=1_790_000_000, time_ms=12_345, sequence=7, frame_index=1, 
 SMALL_FLEET = FleetFrame(
     stamp=STAMP,
     directive=Directive.HOLD,
-    revision=0x0304,
+    revision=0x34,
     grid=Grid(300, -1, -3),
     agents=(
         AgentEntry(300, 1_000.0, -2_000.0, 42),
@@ -69,13 +69,13 @@ SMALL_FLEET = FleetFrame(
 )
 SMALL_RADII = RadiiFrame(
     stamp=STAMP,
-    revision=0x0304,
+    revision=0x34,
     resolution_cm=16,
     threats=(RadiiEntry(9, 10_000.0, 5_000.0, 9.5), RadiiEntry(10, 800.0, 800.0, 0.0, -3.5, None)),
 )
 SMALL_MISSION = MissionFrame(
     stamp=replace(STAMP, frame_index=0, frame_count=1),
-    revision=0x0304,
+    revision=0x34,
     origin_lat_deg=47.1234567,
     origin_lon_deg=-8.7654321,
     origin_alt_m=-12.3,
@@ -104,17 +104,17 @@ SMALL_DECISION = DecisionFrame(
 GOLDEN: list[tuple[Frame, str]] = [
     (
         SMALL_FLEET,
-        "fd47000000febe0501a0803bb16a3930000007000000fffffdff2c010101023101032c012a004d02650001ffffffff0050c4"
-        "409f00020107002b000103022a00e8043508ff000103040109005900c8031ce45c",
+        "fd48000000febe0501a0803bb16a3930000007000000fffffdff2c01340101023101032c012a004d02650001ffffffff0050"
+        "c4409f00020107002b000103022a00e8043508ff000103040109005900c8031c2f9d",
     ),
     (
         SMALL_RADII,
-        "fd27000000febe0601a0803bb16a393000000700000010000102160501090024f4127a0a06010a008813881300fcffff7f1c3f",
+        "fd28000000febe0601a0803bb16a39300000070000001000340102160501090024f4127a0a06010a008813881300fcffff7f8172",
     ),
     (
         SMALL_MISSION,
-        "fd39000000febe0701a0803bb16a39300000070000000778161c4f80c6fa85ffffffe803bd0bf40132003300000102030405"
-        "060708090a0b0c0d0e0f06c39c62756e67a7a8",
+        "fd3a000000febe0701a0803bb16a39300000070000000778161c4f80c6fa85ffffffe803bd0bf40132003300340001020304"
+        "05060708090a0b0c0d0e0f06c39c62756e6787d8",
     ),
     (
         SMALL_DECISION,
@@ -467,7 +467,7 @@ def test_two_hundred_agents_without_a_place_fit_one_frame() -> None:
 
 
 def test_more_than_a_frame_holds_is_refused() -> None:
-    with pytest.raises(WireError, match="a frame holds 233"):
+    with pytest.raises(WireError, match="a frame holds 232"):
         FrameWriter().encode(fleet_of(agents=tuple(agents_with(list(range(1, 47))))))
 
 
@@ -509,7 +509,7 @@ def test_only_the_bytes_in_use_travel() -> None:
 
 
 @pytest.mark.parametrize(
-    ("max_frame_bytes", "overhead_bytes", "expected"), [(252, 0, 218), (252, 13, 205), (252, 64, 154), (280, 13, 233)]
+    ("max_frame_bytes", "overhead_bytes", "expected"), [(252, 0, 217), (252, 13, 204), (252, 64, 153), (280, 13, 232)]
 )
 def test_the_room_for_data_is_what_the_path_leaves(max_frame_bytes: int, overhead_bytes: int, expected: int) -> None:
     assert data_bytes(FLEET_HEAD_BYTES, max_frame_bytes, overhead_bytes) == expected
@@ -595,11 +595,11 @@ def padded(data: bytes, length: int) -> list[int]:
 
 
 def fleet_data(data: bytes) -> dict[str, object]:
-    return {"size": len(data), "data": padded(data, 231)}
+    return {"size": len(data), "data": padded(data, 232)}
 
 
 def radii_data(data: bytes) -> dict[str, object]:
-    return {"size": len(data), "data": padded(data, 236)}
+    return {"size": len(data), "data": padded(data, 237)}
 
 
 def section(kind: int, count: int, first_id: int, body: bytes = b"") -> bytes:
@@ -615,7 +615,7 @@ AGENT = section(1, 1, 5, struct.pack("<HHHB", 9, 0, 0, 1))
         (SMALL_FLEET, {"directive": 3}, "unknown directive"),
         (SMALL_FLEET, {"resolution": 0}, "resolution is zero"),
         (SMALL_FLEET, {"frame_index": 2}, "frame index out of range"),
-        (SMALL_FLEET, {"size": 232}, "size out of range"),
+        (SMALL_FLEET, {"size": 233}, "size out of range"),
         (SMALL_FLEET, {"size": 255}, "size out of range"),
         (SMALL_FLEET, fleet_data(b"\x01"), "section cut short"),
         (SMALL_FLEET, fleet_data(AGENT[:-1]), "section cut short"),
@@ -640,7 +640,7 @@ AGENT = section(1, 1, 5, struct.pack("<HHHB", 9, 0, 0, 1))
         ),
         (SMALL_RADII, {"resolution": 0}, "resolution is zero"),
         (SMALL_RADII, {"frame_count": 0}, "frame index out of range"),
-        (SMALL_RADII, {"size": 237}, "size out of range"),
+        (SMALL_RADII, {"size": 238}, "size out of range"),
         (SMALL_RADII, radii_data(section(3, 1, 5, bytes(4))), "section out of place"),
         (SMALL_RADII, radii_data(section(5, 1, 5, struct.pack("<HHB", 5, 6, 0))), "radii out of range"),
         (SMALL_RADII, radii_data(section(5, 1, 5, struct.pack("<HHB", 5, 0, 0))), "radii out of range"),
@@ -648,8 +648,8 @@ AGENT = section(1, 1, 5, struct.pack("<HHHB", 9, 0, 0, 1))
         (SMALL_RADII, radii_data(section(5, 1, 5, b"\5\0\5\0\0") * 2), "an id is given twice"),
         (SMALL_MISSION, {"origin_lat": 900_000_001}, "origin out of range"),
         (SMALL_MISSION, {"origin_lon": -1_800_000_001}, "origin out of range"),
-        (SMALL_MISSION, {"size": 203}, "size out of range"),
-        (SMALL_MISSION, {"size": 1, "data": padded(b"\xff", 202)}, "name is not UTF-8"),
+        (SMALL_MISSION, {"size": 204}, "size out of range"),
+        (SMALL_MISSION, {"size": 1, "data": padded(b"\xff", 203)}, "name is not UTF-8"),
         (SMALL_DECISION, {"flags": 128}, "unknown flag"),
         (SMALL_DECISION, {"speed": math.inf}, "number out of range"),
         (SMALL_DECISION, {"picture_age": -math.inf}, "number out of range"),
