@@ -9,19 +9,23 @@ import numpy as np
 
 from companion.autopilot.adapter import Abilities
 from companion.geo.kinematics import limit_turn
+from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.guard.guard import Guard
 from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
-from companion.guidance.separation import Peers, Rules, give_way, interaction_radius_m
+from companion.guidance.resolution import Peers
+from companion.guidance.separation import give_way
 from companion.guidance.steering import (
     APPROACH_GAIN_1_S,
+    Occupied,
     attraction,
+    claim_m,
     loiter_attraction,
     loiter_place,
     loiter_radius_m,
     loiter_spacing_m,
 )
-from companion.guidance.view import View
+from companion.guidance.view import NOBODY, View
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
@@ -122,7 +126,11 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
         own_law=law is not None,
         rules=rules,
         interaction_m=0.0 if rules is None else interaction_radius_m(rules, config.guidance_step_s),
-        loiter=LoiterGeometry(radius_m, loiter_spacing_m(config.separation_m, circle_m) + circle_m),
+        loiter=LoiterGeometry(
+            radius_m,
+            loiter_spacing_m(config.separation_m, circle_m) + circle_m,
+            claim_m(config.separation_m, circle_m),
+        ),
     )
 
 
@@ -202,12 +210,12 @@ def _intent(
 
 
 def _place_to_loiter(
-    steering: Steering, moment: Moment, place_ned_m: tuple[float, float] | None
+    steering: Steering, moment: Moment, before_ned_m: tuple[float, float] | None
 ) -> tuple[float, float]:
-    """Return the present loiter place, or a new one that keeps its distance from those of vehicles that go first."""
-    if place_ned_m is not None:
-        return place_ned_m
-    return loiter_place(moment.motion.position_ned_m, moment.view.loitering_ned_m, steering.loiter.spacing_m)
+    """Return the present loiter place, or a new one that leaves room to those that go first or are on their way."""
+    view, loiter = moment.view, steering.loiter
+    occupied = Occupied(view.loitering_ned_m, loiter.spacing_m, view.claimed_ned_m, loiter.claim_m)
+    return loiter_place(moment.motion.position_ned_m, occupied, before_ned_m)
 
 
 def _go(
@@ -266,7 +274,8 @@ def _right_of_way(
     steering: Steering, wanted_rad: float, speed_m_s: float, moment: Moment, at_effect_rad: float | None
 ) -> tuple[float, float, str | None]:
     """Return heading (rad) and speed (m/s) by the right of way, and why it changed them, or None."""
-    if steering.rules is None:
+    # Standing still is always allowed to one that can stop.
+    if steering.rules is None or (steering.can_stop and speed_m_s == 0.0):
         return wanted_rad, speed_m_s, None
     given = give_way(
         wanted_rad,
@@ -276,9 +285,17 @@ def _right_of_way(
         steering.config.guidance_step_s,
         heading_at_effect_rad=at_effect_rad,
     )
-    if steering.can_stop and given.reason is not None:
+    if given.reason is None:
+        return given.heading_rad, speed_m_s, None
+    if steering.can_stop:
         speed_m_s = min(speed_m_s, given.speed_m_s)
-    return given.heading_rad, speed_m_s, given.reason
+    return given.heading_rad, speed_m_s, f"{given.reason} ({_named(given.peer, moment.view)})"
+
+
+def _named(peer: int | None, view: View) -> str:
+    """Return the words for a neighbour, given by its index among the detected traffic."""
+    identity = NOBODY if peer is None else int(view.peer_ids[len(view.peer_ids) - len(view.traffic_ned_m) + peer])
+    return "not of the fleet" if identity == NOBODY else f"agent {identity}"
 
 
 def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool) -> Verdict:
@@ -325,6 +342,7 @@ def _guard_limits(limits: LimitsSection, can_stop: bool) -> Limits:
         altitude_max_m=limits.height_max_m,
         braking_m_s2=limits.braking_m_s2 if can_stop else None,
         fence_ned_m=limits.fence,
+        exclusions_ned_m=limits.exclusions,
         reaction_s=limits.reaction_s,
         rate_share=limits.rate_share,
         wind_m_s=limits.wind_m_s,

@@ -36,7 +36,7 @@ MAX_WORKERS = 8
     "--runs",
     type=click.IntRange(1, 10_000),
     default=None,
-    help="Missions a family, a quarter of it for fleets; default: a full arena.",
+    help="Missions a family, a quarter of it for fleets and the field; default: a full arena.",
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True, help="Draws the missions.")
 @click.option(
@@ -89,7 +89,7 @@ def _arena_table(runs: Sequence[Run], folder: Path) -> str:
             f"{summary.decision_median_us:.0f}",
             end_section=place + 1 == len(found) or found[place + 1].family != summary.family,
         )
-    before = ["Arrivals of feasible missions, entries from certified starts; kinematic simulator"]
+    before = ["Arrivals of feasible missions, entries from starts certified for ever; kinematic simulator"]
     after = [f"{run.family} {run.index}: {why}" for run, why in failures(runs)]
     after.append(f"written to {folder}: {MARKDOWN_NAME}, {JSON_NAME}, plots, worst/*.yaml")
     return rendered(before, table, after, wide=True)

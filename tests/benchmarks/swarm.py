@@ -16,12 +16,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.geo.kinematics import turn_rate_rad_s, turn_towards
+from companion.geo.kinematics import PIVOT_SPEED_M_S, limit_turn, turn_rate_rad_s, turn_towards
+from companion.geo.right_of_way import Rules, reserved_radius_m
 from companion.guard.types import Motion
-from companion.guidance.separation import Peers, Rules, give_way, reserved_radius_m
-from companion.guidance.steering import loiter_attraction, loiter_place, loiter_radius_m, loiter_spacing_m
+from companion.guidance.resolution import Peers, Resolution
+from companion.guidance.separation import give_way
+from companion.guidance.steering import Occupied, loiter_attraction, loiter_place, loiter_radius_m, loiter_spacing_m
 
 DT_S = 0.5
+NOWHERE_NED_M = np.zeros((0, 2))
 PIECES = 5
 """Number of parts that a step is sampled in; the separation is interpolated between the samples."""
 ARRIVAL_RADIUS_M = 300.0
@@ -73,14 +76,16 @@ def fly(
     arrival_radius_m: float = ARRIVAL_RADIUS_M,
     give: bool = True,
     noise: Callable[[tuple[int, ...]], np.ndarray] | None = None,
+    standing: bool = False,
 ) -> Outcome:
     """Fly until all vehicles have arrived and for `after_s` more, or to the time limit.
 
-    Without `give` no vehicle gives way. `noise` returns position errors in m for an array of the given shape. The
-    crafts are changed in place.
+    Without `give` no vehicle gives way. With `standing` all stand still at first. `noise` returns position errors in m
+    for an array of the given shape. The crafts are changed in place.
     """
     for craft in crafts:
         craft.cruise_m_s = craft.speed_m_s
+        craft.speed_m_s = 0.0 if standing else craft.speed_m_s
         if craft.target_ned_m is None:
             craft.place_ned_m = (craft.north_m, craft.east_m)
         else:
@@ -108,7 +113,7 @@ def fly(
                     wanted_rad, motion, Peers(heard, velocities[seen]), rules, DT_S, heading_at_effect_rad=at_effect_rad
                 )
                 speed_m_s = min(chosen.speed_m_s, _wanted_m_s(craft, rules))
-                decisions.append((chosen.heading_rad, speed_m_s))
+                decisions.append((_reachable_rad(craft, at_effect_rad, chosen, rules), speed_m_s))
             else:
                 decisions.append((wanted_rad, craft.speed_m_s))
         for craft, decision in zip(crafts, decisions, strict=True):
@@ -136,6 +141,14 @@ def _heading_at_effect_rad(craft: Craft, rules: Rules) -> float:
     return heading_rad
 
 
+def _reachable_rad(craft: Craft, at_effect_rad: float, chosen: Resolution, rules: Rules) -> float:
+    """Return the chosen heading, for a craft that can stop as far as it can be turned to in a step."""
+    if not rules.can_stop:
+        return chosen.heading_rad
+    faster_m_s = max(craft.speed_m_s, chosen.speed_m_s)
+    return limit_turn(at_effect_rad, chosen.heading_rad, faster_m_s, rules.n_max, DT_S)[0]
+
+
 def _wanted_m_s(craft: Craft, rules: Rules) -> float:
     """Return the cruise speed, or for a loitering craft that can stop, what its distance to the place allows."""
     if not rules.can_stop or craft.place_ned_m is None:
@@ -151,13 +164,13 @@ def _wanted_rad(craft: Craft, loitering_ned_m: np.ndarray, rules: Rules, arrival
     here = (craft.north_m, craft.east_m)
     if craft.done_s is not None or craft.target_ned_m is None:
         if rules.can_stop:
-            craft.place_ned_m = craft.place_ned_m or loiter_place(here, loitering_ned_m, 2.0 * rules.separation_m)
+            occupied = Occupied(loitering_ned_m, 2.0 * rules.separation_m, NOWHERE_NED_M, 0.0)
+            craft.place_ned_m = craft.place_ned_m or loiter_place(here, occupied)
             return math.atan2(craft.place_ned_m[1] - here[1], craft.place_ned_m[0] - here[0])
         radius_m = loiter_radius_m(craft.cruise_m_s, rules.n_max, DT_S)
         if craft.place_ned_m is None:
-            craft.place_ned_m = loiter_place(
-                here, loitering_ned_m, loiter_spacing_m(rules.separation_m, radius_m) + radius_m
-            )
+            spacing_m = loiter_spacing_m(rules.separation_m, radius_m) + radius_m
+            craft.place_ned_m = loiter_place(here, Occupied(loitering_ned_m, spacing_m, NOWHERE_NED_M, 0.0))
         return loiter_attraction(here, craft.place_ned_m, radius_m).heading_rad
     rho_m = craft.speed_m_s / turn_rate_rad_s(craft.speed_m_s, rules.n_max)
     north_m, east_m = craft.target_ned_m[0] - here[0], craft.target_ned_m[1] - here[1]
@@ -171,8 +184,8 @@ def _wanted_rad(craft: Craft, loitering_ned_m: np.ndarray, rules: Rules, arrival
 def _step(craft: Craft, heading_rad: float, speed_m_s: float, rules: Rules) -> list[tuple[float, float]]:
     """Move a craft by a step; return its positions at the samples, the first at the step's start."""
     places = [(craft.north_m, craft.east_m)]
-    if rules.braking_m_s2 is not None and craft.speed_m_s == 0.0:
-        craft.heading_rad = heading_rad  # a craft that stands has no course to turn from
+    if rules.braking_m_s2 is not None and craft.speed_m_s < PIVOT_SPEED_M_S:
+        craft.heading_rad = heading_rad  # a craft that hardly moves has no course to turn from
     start = (craft.north_m, craft.east_m, craft.heading_rad)
     for piece in range(1, PIECES + 1):
         before_m_s = craft.speed_m_s

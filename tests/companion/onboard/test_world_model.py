@@ -417,6 +417,13 @@ def test_peers_that_loiter_or_have_a_lower_id_settle_first() -> None:
     assert view.peers_ned_m[:, 0].tolist() == [2.0, 8.0, 9.0]
 
 
+def test_the_targets_of_others_are_claimed_but_not_ones_own() -> None:
+    agents = (AgentEntry(ME, 0.0, 0.0, 1), AgentEntry(2, 2.0, 0.0, 1), AgentEntry(8, 8.0, 0.0, 3))
+    targets = tuple(TargetEntry(k, 100.0 * k, 0.0) for k in (1, 2, 3, 4))
+    view = picture_of(state(1, agents=agents, targets=targets)).view(time_of(1))
+    assert view.claimed_ned_m.tolist() == [[300.0, 0.0]]
+
+
 # Motion frames
 
 
