@@ -35,22 +35,22 @@ def target(north_m: float, east_m: float) -> list[dict[str, float]]:
     return [{"id": 1, "north_m": north_m, "east_m": east_m}]
 
 
-def disc(identity: int, north_m: float, east_m: float, radius_m: float, **more: Any) -> dict[str, Any]:
+def disc(identity: int, north_m: float, east_m: float, radius_m: float, **more: object) -> dict[str, Any]:
     return {
         "id": identity, "north_m": north_m, "east_m": east_m, "detection_radius_m": radius_m,
         "attack_radius_m": 0.5 * radius_m, **more,
     }  # fmt: skip
 
 
-def mission_of(**changes: Any) -> Mission:
+def mission_of(**changes: object) -> Mission:
     return resolve(parse_mission(yaml.safe_dump({**FINE, **changes}), "test"), 1)
 
 
-def warnings_of(*kinds: str, law: LawName = "routed", **changes: Any) -> list[str]:
+def warnings_of(*kinds: str, law: LawName = "routed", **changes: object) -> list[str]:
     return lint_flight(mission_of(**changes), law, kinds or ("kinematic",), "test")
 
 
-def the_warning(*kinds: str, law: LawName = "routed", **changes: Any) -> str:
+def the_warning(*kinds: str, law: LawName = "routed", **changes: object) -> str:
     (warning,) = warnings_of(*kinds, law=law, **changes)
     return warning
 
