@@ -157,7 +157,9 @@ def test_a_row_and_a_column_of_vehicles_on_one_heading_raise_no_doubt() -> None:
         assert warnings_of(agents=pair(101.0, heading_deg, heading_deg), targets=TWO, threats=[]) == []
 
 
-def test_layers_and_other_laws_need_no_spacing() -> None:
+def test_layers_other_laws_and_vehicles_that_can_stop_need_no_spacing() -> None:
+    slow = [{**each, "speed_m_s": 8.0} for each in pair(101.0)]
+    assert warnings_of("arducopter", agents=slow, targets=TWO, threats=[]) == []
     assert warnings_of(agents=pair(101.0), targets=TWO, threats=[], layers=2, layer_spacing_m=50.0) == []
     assert warnings_of(agents=pair(101.0), targets=TWO, threats=[], law="seed") == []
 
