@@ -8,6 +8,7 @@ real autopilots move, receive setpoints and send telemetry ten times a second, a
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -36,7 +37,7 @@ from sim.air_link import LINK_STREAM, LossyLink, Tamper
 from sim.aircraft import Aircraft, AutopilotLink
 from sim.detector import Detector, Fleet
 from sim.flight_record import FlightRecord
-from sim.loop import START_S, Loop, Outcome, Parts, Watch
+from sim.loop import START_S, TOLERANCE_S, Loop, Outcome, Parts, Watch
 from sim.safety_pilot import SafetyPilot
 from sim.scaling import CRUISE_M_S
 from sim.sensor import SensorChannel
@@ -50,7 +51,8 @@ from sim.world import World
 AUTOPILOTS = ("kinematic", *CRUISE_M_S)
 """Autopilot kinds with which a mission can be flown."""
 KINEMATIC_REPEAT_S = 1.0
-"""Time between two sendings of a kinematic vehicle's setpoint within a guidance step, below GUID_TIMEOUT."""
+"""Greatest time between two sendings of a kinematic vehicle's setpoint, below GUID_TIMEOUT, and between two positions
+of any vehicle, below `telemetry_timeout_s`: guidance and integration steps may be longer than either."""
 LOOP_PERIOD_S = 0.1
 """Period of the companion's loop with the stand-in of a real autopilot: 10 Hz, as in `companion run`."""
 WHY_NOT_MONOLITHIC = "trained as the paper says it explains one percent of the penalties, so its gradient is noise"
@@ -260,7 +262,7 @@ class _Hangar:
         is_point = options.autopilot == "kinematic"
         has_detector = mission.case == "II" or options.law == "routed"
         step_s = mission.integration_step_s
-        loops = 1 if is_point else max(1, round(step_s / LOOP_PERIOD_S))
+        loops = _parts(step_s, KINEMATIC_REPEAT_S) if is_point else max(1, round(step_s / LOOP_PERIOD_S))
         return Aircraft(
             spec,
             AutopilotLink(
@@ -298,9 +300,18 @@ class _Hangar:
                 armed=True,
                 guided=autopilot == "kinematic",
                 start_s=START_S,
-                rates_hz={**LOCKSTEP_RATES_HZ, _POSITION: 1.0 / mission.guidance_step_s},
+                # A position is due at every guidance step: the companion decides on where the vehicle is now.
+                rates_hz={
+                    **LOCKSTEP_RATES_HZ,
+                    _POSITION: _parts(mission.guidance_step_s, KINEMATIC_REPEAT_S) / mission.guidance_step_s,
+                },
             ),
         )
+
+
+def _parts(whole_s: float, longest_s: float) -> int:
+    """Return into how few equal parts a time is divided so that none is longer than `longest_s`."""
+    return math.ceil(whole_s / longest_s - TOLERANCE_S)
 
 
 def _write_configs(fleet: Sequence[Aircraft], folder: Path, autopilot: str) -> None:

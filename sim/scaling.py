@@ -6,6 +6,7 @@ same and the scene looks the same from the vehicle. Times, heights, ids and the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from companion.autopilot.adapter import Abilities
@@ -60,7 +61,8 @@ def scaled(mission: Mission, kind: str, source: str | None = None) -> Mission:
     _multiply(data["wind"], _WIND_SPEEDS, factor)
     _multiply(data["weights"], tuple(data["weights"]), factor**2)
     if data["fence"] is not None:
-        data["fence"] = [[factor * north_m, factor * east_m] for north_m, east_m in data["fence"]]
+        data["fence"] = _scaled_polygon(data["fence"], factor)
+    data["exclusions"] = [_scaled_polygon(exclusion, factor) for exclusion in data["exclusions"]]
     for threat in data["threats"]:
         _multiply(threat, _THREAT_LENGTHS, factor)
         threat["motion"] = _scaled_motion(threat["motion"], factor)
@@ -83,6 +85,10 @@ def _fit(agent: dict[str, Any], abilities: Abilities) -> None:
 def _multiply(section: dict[str, Any], keys: tuple[str, ...], factor: float) -> None:
     for key in keys:
         section[key] = factor * section[key]
+
+
+def _scaled_polygon(corners: Sequence[tuple[float, float]], factor: float) -> list[list[float]]:
+    return [[factor * north_m, factor * east_m] for north_m, east_m in corners]
 
 
 def _scaled_motion(motion: Any, factor: float) -> Any:  # noqa: ANN401 - a word, or a mapping of either form

@@ -18,7 +18,7 @@ class ParameterCheck:
     allowed: tuple[float, ...] = ()
     """The only allowed values; if empty, `least` and `greatest` bound the value."""
     when_fenced: bool = False
-    """Whether the check applies only to a vehicle whose companion has a fence."""
+    """Whether the check applies only to a vehicle whose companion has a fence or exclusions."""
 
     def met_by(self, value: float) -> bool:
         """Return whether a value is allowed."""

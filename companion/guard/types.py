@@ -71,8 +71,9 @@ class Limits:
 
     `braking_m_s2` is None for a vehicle that cannot stop, `reaction_s` the time from a setpoint to its effect,
     `rate_share` the share of the turn rate n_max g / v that turns achieve, `wind_m_s` the greatest wind, and
-    `position_error_m` the greatest error of a reported position. `horizon_s` is for how long a path must stay clear of
-    moving discs where none stays clear of them for ever.
+    `position_error_m` the greatest error of a reported position. `exclusions_ned_m` are polygons to stay outside of, as
+    `fence_ned_m` is one to stay inside. `horizon_s` is for how long a path must stay clear of moving discs where none
+    stays clear of them for ever.
     """
 
     speed_min_m_s: float
@@ -87,6 +88,7 @@ class Limits:
     rate_share: float = 1.0
     wind_m_s: float = 0.0
     position_error_m: float = 0.0
+    exclusions_ned_m: tuple[tuple[tuple[float, float], ...], ...] = ()
 
     def __post_init__(self) -> None:
         can_stop = self.braking_m_s2 is not None
@@ -107,6 +109,8 @@ class Limits:
             raise ValueError(f"limits that nothing can hold: {self}")
         if self.fence_ned_m is not None and not (len(self.fence_ned_m) >= 3 and np.isfinite(self.fence_ned_m).all()):
             raise ValueError("a fence needs at least three corners, all of them finite")
+        if not all(len(corners) >= 3 and np.isfinite(corners).all() for corners in self.exclusions_ned_m):
+            raise ValueError("an exclusion needs at least three corners, all of them finite")
 
 
 @dataclass(frozen=True, slots=True)

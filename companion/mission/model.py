@@ -13,10 +13,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal, Self, TypeVar
 
-from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError, model_validator
 
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import AsList, ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
+from companion.geo.polygon import polygon_fault
 
 MAX_ID = 65_535
 """Greatest id of an agent, target or threat: ids travel as 16 bits on the wire."""
@@ -33,6 +34,8 @@ MAX_ITEMS = 2_000
 """Most entries of a list in the mission file; also the greatest count under `draw` and the most layers."""
 MAX_HEIGHT_M = 20_000.0
 """Greatest height of an agent above the origin; a companion's own limits are narrower."""
+MOVING_SPEED_BOUND_M_S = 10.0
+"""Speed bound of a target or threat that moves, where none is given (the paper's); one that stands still has 0."""
 RANGE_RESERVE = 1.1
 """Factor on the straight line home when `range_policy: return` keeps range for the way back."""
 MIN_LEVEL_M, MAX_LEVEL_M = -1_000.0, 30_000.0
@@ -45,6 +48,16 @@ Step = Annotated[float, Field(ge=MIN_PERIOD_S, le=MAX_STEP_S)]
 Probability = Annotated[float, Field(ge=0, le=1)]
 Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
 Vertex = Annotated[tuple[Coordinate, Coordinate], AsList]
+
+
+def _simple(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    fault = polygon_fault(corners)
+    if fault is not None:
+        raise ValueError(f"{fault}; allowed: a simple polygon, each corner given once and the edges without a crossing")
+    return corners
+
+
+Polygon = Annotated[ListOf[Vertex], Field(min_length=3, max_length=MAX_ITEMS), AfterValidator(_simple)]
 PathPoint = Annotated[tuple[NotNegative, Coordinate, Coordinate], AsList]
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 Speed = Annotated[float, Field(gt=0, le=MAX_SPEED_M_S)]
@@ -146,8 +159,15 @@ class _Moving(Section):
     id: Identity
     north_m: Coordinate | None = None
     east_m: Coordinate | None = None
-    speed_bound_m_s: SpeedBound = 10.0
+    speed_bound_m_s: SpeedBound = 0.0
     motion: ThreatMotion = "static"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _bounded(cls, data: object) -> object:
+        if not isinstance(data, Mapping) or "speed_bound_m_s" in data or data.get("motion", "static") == "static":
+            return data
+        return {**data, "speed_bound_m_s": MOVING_SPEED_BOUND_M_S}
 
     @property
     def position_ned_m(self) -> tuple[float, float]:
@@ -180,7 +200,7 @@ class ThreatSpec(_Moving):
 
     detection_radius_m: Positive
     attack_radius_m: Positive
-    speed_bound_m_s: ThreatSpeedBound = 10.0
+    speed_bound_m_s: ThreatSpeedBound = 0.0
     motion: ThreatMotion = "static"
     floor_m: Level | None = None
     ceiling_m: Level | None = None
@@ -302,7 +322,10 @@ class Mission(Section):
     name: Annotated[str, Field(min_length=1, max_length=80)] = "mission"
     origin: Origin = Origin()
     area_m: Area = Area()
-    fence: Annotated[ListOf[Vertex], Field(min_length=3, max_length=MAX_ITEMS)] | None = None
+    fence: Polygon | None = None
+    """Polygon, of corners (north, east), that agents stay inside."""
+    exclusions: Annotated[ListOf[Polygon], Field(max_length=MAX_ITEMS)] = ()
+    """Polygons that agents stay outside of, at all heights."""
     agents: Annotated[ListOf[AgentSpec], Field(max_length=MAX_ITEMS)] = ()
     targets: Annotated[ListOf[TargetSpec], Field(max_length=MAX_ITEMS)] = ()
     threats: Annotated[ListOf[ThreatSpec], Field(max_length=MAX_ITEMS)] = ()

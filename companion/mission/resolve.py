@@ -37,9 +37,9 @@ SpecT = TypeVar("SpecT", AgentSpec, TargetSpec, ThreatSpec)
 def resolve(mission: Mission, seed: int, source: str | None = None) -> Mission:
     """Draw from the seed what a mission leaves to chance; return it with everything listed. Errors name `source`.
 
-    Targets and agents are drawn inside the area and the fence, more than DRAW_CLEARANCE·R_d outside every detection
-    disc, and agents also at least two separations apart. Threats are drawn inside the area, with the same clearance
-    from the listed agents and targets. The result depends on nothing but mission and seed.
+    Targets and agents are drawn inside the area and the fence, outside the exclusions, more than DRAW_CLEARANCE·R_d
+    outside every detection disc, and agents also at least two separations apart. Threats are drawn inside the area,
+    with the same clearance from the listed agents and targets. The result depends on nothing but mission and seed.
 
     Raises:
         InputError: no legal place was found, or a listed start is illegal.
@@ -63,7 +63,7 @@ def resolve(mission: Mission, seed: int, source: str | None = None) -> Mission:
 def check_start(mission: Mission, source: str) -> None:
     """Raise InputError if a resolved mission starts illegally.
 
-    Illegal are: an agent or target inside an attack radius, an agent or target outside the fence, two agents closer
+    Illegal are: an agent or target inside an attack radius, outside the fence or inside an exclusion, two agents closer
     than the separation, and a loss of an agent that does not exist.
     """
     starts: list[tuple[str, AgentSpec | TargetSpec]] = []
@@ -81,7 +81,7 @@ def check_start(mission: Mission, source: str) -> None:
 
 
 def _check_place(mission: Mission, where: str, item: AgentSpec | TargetSpec) -> None:
-    """Raise InputError if an item starts outside the fence or inside an attack radius.
+    """Raise InputError if an item starts outside the fence, inside an exclusion or inside an attack radius.
 
     For an agent only threats that reach its height count.
     """
@@ -96,6 +96,11 @@ def _check_place(mission: Mission, where: str, item: AgentSpec | TargetSpec) -> 
             )
     if mission.fence is not None and not inside_polygon(item.position_ned_m, mission.fence):
         raise InputError(f"{where}: id {item.id} starts at {item.position_ned_m}; allowed: inside the fence")
+    for index, exclusion in enumerate(mission.exclusions):
+        if inside_polygon(item.position_ned_m, exclusion):
+            raise InputError(
+                f"{where}: id {item.id} starts at {item.position_ned_m}; allowed: outside exclusions[{index}]"
+            )
 
 
 def _check_separation(mission: Mission, source: str) -> None:
@@ -234,6 +239,8 @@ def _legal_point(
         point = drawing.point()
         if mission.fence is not None and not inside_polygon(point, mission.fence):
             continue
+        if any(inside_polygon(point, exclusion) for exclusion in mission.exclusions):
+            continue
         if np.any(np.hypot(discs[:, 0] - point[0], discs[:, 1] - point[1]) <= discs[:, 2]):
             continue
         apart_m = np.hypot(others_ned_m[:, 0] - point[0], others_ned_m[:, 1] - point[1])
@@ -241,5 +248,5 @@ def _legal_point(
             return point
     raise InputError(
         f"{drawing.name}: {subject}: no legal start in {DRAW_TRIES} draws; allowed: an area_m with room inside the "
-        "fence, clear of the detection discs and apart from the other agents"
+        "fence, outside the exclusions, clear of the detection discs and apart from the other agents"
     )

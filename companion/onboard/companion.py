@@ -256,6 +256,7 @@ class Companion:
             note="; ".join(note for note in notes if note is not None) or None,
             stay=steered.stay,
             opposed=steered.demand.opposed,
+            certified_s=steered.verdict.certified_s,
         )
 
     def _engaged_after(

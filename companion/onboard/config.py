@@ -13,13 +13,14 @@ from companion.errors import InputError, nearest_hint
 from companion.files.yaml import ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 from companion.guidance.settings import DEFAULT_LAW, LawName, SurrogateName
 from companion.mission.model import (
+    MAX_ITEMS,
     CostWeights,
     Identity,
     Mission,
     NotNegative,
+    Polygon,
     Positive,
     Speed,
-    Vertex,
     agent_height_m,
 )
 from companion.transport.endpoints import FORMS, RECEIVING, SENDING, Link, parse_link
@@ -135,7 +136,10 @@ class LimitsSection(Section):
     """The strongest wind, gusts included, in which the guard must still keep the vehicle out of the discs."""
     position_error_m: NotNegative = 0.0
     """Greatest distance between the vehicle's true and reported position."""
-    fence: Annotated[ListOf[Vertex], Field(min_length=3)] | None = None
+    fence: Polygon | None = None
+    """Polygon, of corners (north, east) about the broadcast's origin, that the guard keeps the vehicle inside."""
+    exclusions: Annotated[ListOf[Polygon], Field(max_length=MAX_ITEMS)] = ()
+    """Polygons that the guard keeps the vehicle outside of."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -303,6 +307,7 @@ def config_for_agent(mission: Mission, agent_id: int, law: LawName) -> Config:
             n_max=agent.n_max,
             range_m=agent.range_m,
             fence=mission.fence,
+            exclusions=mission.exclusions,
             wind_m_s=mission.wind.speed_m_s + mission.wind.gust_m_s,
             height_min_m=min(LimitsSection().height_min_m, height_m),
             height_max_m=max(LimitsSection().height_max_m, height_m),

@@ -20,6 +20,22 @@ class Purpose(Enum):
     RETURN = "return"
 
 
+class Certificate(Enum):
+    """How long the guard certifies that no threat's disc is entered. The order of the members is on the wire."""
+
+    NONE = "none"
+    UNTIL = "until t"
+    """For a stated time only: threats may come that nothing can be certified against for ever."""
+    FOR_EVER = "for ever"
+
+
+def certificate_of(certified_s: float) -> Certificate:
+    """Return the kind of a certificate that holds for `certified_s` seconds."""
+    if math.isinf(certified_s):
+        return Certificate.FOR_EVER
+    return Certificate.UNTIL if certified_s > 0.0 else Certificate.NONE
+
+
 @dataclass(frozen=True)
 class Decision:
     """One tick's decision and its reasons. Headings are from grid north."""
@@ -48,6 +64,20 @@ class Decision:
     """Whether the surrogate's component against the route was dropped."""
     triggers: tuple[str, ...] = ()
     """Reasons for the stage and for milder ones, the most severe first."""
+    certified_s: float = 0.0
+    """For how long from now the guard certifies the flight (docs/guard.md): inf for ever, 0 not at all."""
+
+    @property
+    def certificate(self) -> Certificate:
+        """The kind of certificate that the flight has."""
+        return certificate_of(self.certified_s)
+
+    @property
+    def certificate_words(self) -> str:
+        """The certificate in words: "for ever", "until 12 s" (from now) or "none"."""
+        if self.certificate is Certificate.UNTIL:
+            return f"until {self.certified_s:.3g} s"
+        return str(self.certificate.value)
 
     @property
     def uncertified(self) -> bool:

@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.files.tlog import TlogWriter
-from companion.onboard.decision import Decision, Purpose
+from companion.onboard.decision import Certificate, Decision, Purpose
 from companion.onboard.failsafe import CLOCK_DIGITS, Stage
 from companion.protocol.frame import RawFrame, raw_frames
 from companion.protocol.mavlink_signing import strip_signature
@@ -33,6 +33,12 @@ FLUSH_PERIOD_S = 1.0
 LOG_BURST_S = 10.0
 """Burst of a log with a limited rate: after a pause it takes at once the bytes that the limit allows in this time."""
 _MICROSECONDS = 1e6
+_CERTIFIED = {
+    Certificate.NONE: "not certified",
+    Certificate.UNTIL: "certified for a time only",
+    Certificate.FOR_EVER: "certified for ever",
+}
+"""The certificates as a summary line tells them: without the seconds, so that the line changes only with the kind."""
 
 
 class Mark(IntEnum):
@@ -165,6 +171,7 @@ def decision_frame(decision: Decision) -> DecisionFrame:
         heading_rad=math.nan if setpoint is None else setpoint.heading_rad,
         speed_m_s=math.nan if setpoint is None else setpoint.speed_m_s,
         altitude_m=math.nan if setpoint is None else setpoint.altitude_m,
+        certified_s=decision.certified_s,
         words_crc=zlib.crc32("; ".join(str(word) for word in words).encode()),
     )
 
@@ -210,4 +217,5 @@ def summary_line(decision: Decision) -> str:
     trusted = "picture none" if decision.picture_age_s is None else "picture fresh"
     if decision.picture_age_s is not None and decision.stage is not Stage.FRESH:
         trusted = f"{decision.stage.value}: {', '.join(decision.triggers)}"
-    return f"{decision.purpose.value}{target} ({decision.reason}), {trusted}{changes}"
+    certified = "" if decision.purpose is Purpose.IDLE else f", {_CERTIFIED[decision.certificate]}"
+    return f"{decision.purpose.value}{target} ({decision.reason}), {trusted}{certified}{changes}"

@@ -112,11 +112,15 @@ def navigate(
 
 
 def outside_fence(telemetry: Telemetry, origin_deg: tuple[float, float] | None, config: Config) -> bool:
-    """Return whether the vehicle is outside the fence; False without a picture and so without an origin."""
-    if config.limits.fence is None or origin_deg is None:
+    """Return whether the vehicle is outside the fence or inside an exclusion; False without a picture's origin."""
+    limits = config.limits
+    if (limits.fence is None and not limits.exclusions) or origin_deg is None:
         return False
     north_m, east_m, _ = LocalFrame(*origin_deg).to_local_with_convergence(telemetry.lat_deg, telemetry.lon_deg)
-    return not inside_polygon((north_m, east_m), config.limits.fence)
+    place_ned_m = (north_m, east_m)
+    if limits.fence is not None and not inside_polygon(place_ned_m, limits.fence):
+        return True
+    return any(inside_polygon(place_ned_m, exclusion) for exclusion in limits.exclusions)
 
 
 def _true_heading_rad(telemetry: Telemetry, speed_m_s: float, before_rad: float) -> float:

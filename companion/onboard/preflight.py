@@ -62,7 +62,7 @@ def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: f
 def _demands(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
     told = adapter.parameters.values
     for demand in adapter.parameter_checks:
-        if demand.when_fenced and config.limits.fence is None:
+        if demand.when_fenced and config.limits.fence is None and not config.limits.exclusions:
             continue
         if demand.name not in told:
             yield Finding(False, f"{demand.name}: not told; {demand.why}", f"{demand.remedy}, or check the link")

@@ -11,7 +11,7 @@ import math
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import COMPANION_COMPONENT
-from companion.onboard.decision import Decision, Purpose
+from companion.onboard.decision import Certificate, Decision, Purpose
 from companion.onboard.failsafe import Stage
 
 TEXT_PERIOD_S = 2.0
@@ -78,6 +78,7 @@ class StatusReporter:
             "OW_PURPOSE": list(Purpose).index(decision.purpose),
             "OW_TARGET": decision.target_id or 0,
             "OW_GUARD": guard,
+            "OW_CERT": list(Certificate).index(decision.certificate),
             "OW_GAP_MS": round(1e3 * gap_s),
         }
         messages = [
@@ -85,6 +86,8 @@ class StatusReporter:
         ]
         if math.isfinite(age_s):
             messages.append(common.MAVLink_named_value_float_message(time_ms, b"OW_AGE", age_s))
+        if decision.certificate is Certificate.UNTIL:
+            messages.append(common.MAVLink_named_value_float_message(time_ms, b"OW_CERT_S", decision.certified_s))
         return [self._pack(message) for message in messages]
 
     def values_due(self, now_s: float) -> bool:

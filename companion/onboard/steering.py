@@ -325,6 +325,7 @@ def _guard_limits(limits: LimitsSection, can_stop: bool) -> Limits:
         altitude_max_m=limits.height_max_m,
         braking_m_s2=limits.braking_m_s2 if can_stop else None,
         fence_ned_m=limits.fence,
+        exclusions_ned_m=limits.exclusions,
         reaction_s=limits.reaction_s,
         rate_share=limits.rate_share,
         wind_m_s=limits.wind_m_s,

@@ -582,6 +582,7 @@ def _decision_message(frame: DecisionFrame) -> oneway.MAVLink_oneway_decision_me
         heading=_float(frame.heading_rad),
         speed=_float(frame.speed_m_s),
         altitude=_float(frame.altitude_m),
+        certified=_certified(frame.certified_s),
         words_crc=whole(frame.words_crc, UINT32_MAX, "words_crc"),
         target_id=0 if frame.target_id is None else whole(frame.target_id, UINT16_MAX, "target_id"),
         purpose=whole(frame.purpose, UINT8_MAX, "purpose"),
@@ -628,6 +629,8 @@ def _decision_frame(message: Fields) -> DecisionFrame:
         raise WireError("number out of range")
     if message.flags & ~_ALL_FLAGS:
         raise WireError("unknown flag")
+    if not message.certified >= 0.0:
+        raise WireError("certified is no time")
     return DecisionFrame(
         time_us=message.time_usec,
         purpose=message.purpose,
@@ -639,6 +642,7 @@ def _decision_frame(message: Fields) -> DecisionFrame:
         heading_rad=message.heading,
         speed_m_s=message.speed,
         altitude_m=message.altitude,
+        certified_s=message.certified,
         words_crc=message.words_crc,
     )
 
@@ -677,6 +681,13 @@ def _float(value: float) -> float:
     if math.isinf(held):
         raise WireError(f"{value} does not fit its field; allowed: a 32-bit float")
     return held
+
+
+def _certified(value: float) -> float:
+    """Return a time of certificate rounded to a 32-bit float; infinite stays infinite."""
+    if not value >= 0.0:
+        raise WireError(f"certified {value}; allowed: a time from 0 on, or infinity")
+    return value if math.isinf(value) else _float(value)
 
 
 _FLOAT = struct.Struct("<f")

@@ -302,6 +302,8 @@ class DecisionFrame:
     """Speed of the setpoint."""
     altitude_m: float
     """Altitude of the setpoint."""
+    certified_s: float
+    """For how long from now the flight is certified to stay clear: inf for ever, 0 not at all."""
     words_crc: int
     """CRC-32 of the decision's texts (reason, changes, notes), by which a replay compares them with its own."""
 

@@ -89,7 +89,7 @@ def _arena_table(runs: Sequence[Run], folder: Path) -> str:
             f"{summary.decision_median_us:.0f}",
             end_section=place + 1 == len(found) or found[place + 1].family != summary.family,
         )
-    before = ["Arrivals of feasible missions, entries from certified starts; kinematic simulator"]
+    before = ["Arrivals of feasible missions, entries from starts certified for ever; kinematic simulator"]
     after = [f"{run.family} {run.index}: {why}" for run, why in failures(runs)]
     after.append(f"written to {folder}: {MARKDOWN_NAME}, {JSON_NAME}, plots, worst/*.yaml")
     return rendered(before, table, after, wide=True)

@@ -48,8 +48,9 @@ class ArenaFlight:
     decision_us: np.ndarray  # (D,) us, wall-clock time of each companion's whole decision
     guarded: int
     """Number of decisions that the guard changed."""
-    certified: bool
-    """Whether the guard had a certified back-up for every agent's first decision on a picture."""
+    certified_s: float
+    """For how long the guard certified the agents at their first decision on a picture, the least of them: infinite for
+    ever, 0 not at all."""
     uncertified: int
     """Number of decisions for which the guard had no certified back-up."""
     broken: dict[str, int]
@@ -170,8 +171,8 @@ class _Record(FlightRecord):
         super().__init__(mission)
         self.decision_us: list[float] = []
         self.guarded = self.uncertified = self.gave_way = self.opposed = 0
-        self.first: dict[int, bool] = {}
-        """Whether each agent was certified on its first picture, by agent id; agents without a picture yet are
+        self.first_s: dict[int, float] = {}
+        """For how long each agent was certified on its first picture, by agent id; agents without a picture yet are
         missing."""
         self.broken: Counter[str] = Counter()
         self.stays: Counter[str] = Counter()
@@ -181,7 +182,7 @@ class _Record(FlightRecord):
         decision = outcome.decision
         self.decision_us.append(outcome.decision_us)
         if decision.picture_age_s is not None:
-            self.first.setdefault(agent_id, not decision.uncertified)
+            self.first_s.setdefault(agent_id, decision.certified_s)
         self.guarded += bool(decision.guard_changes)
         self.uncertified += decision.uncertified
         self.gave_way += decision.gave_way is not None
@@ -196,7 +197,7 @@ class _Record(FlightRecord):
             trajectory=self.trajectory(),
             decision_us=np.array(self.decision_us),
             guarded=self.guarded,
-            certified=all(self.first.values()),
+            certified_s=min(self.first_s.values(), default=math.inf),
             uncertified=self.uncertified,
             broken=dict(self.broken),
             stays=dict(self.stays),

@@ -120,8 +120,8 @@ def markdown(outcome: ArenaOutcome, found: Sequence[Summary], figures: Sequence[
         f"Seed {outcome.seed}, {outcome.missions} missions, {len(runs)} flights, {outcome.wall_s / 60.0:.1f} min of "
         "wall time. The simulator is kinematic: points that turn at a bounded rate. In brackets: 95 % intervals "
         "(Wilson for rates, order statistics for quantiles). Arrivals and path ratios are of feasible missions from "
-        "certified starts; entries are of certified starts, those of others stand behind a plus. docs/arena.md says "
-        "what the words mean.",
+        "starts certified for ever, and so are the entries; behind a plus stand those from starts certified until some "
+        "time only (until t), and from starts without a certificate. docs/arena.md says what the words mean.",
     ]
     for family in dict.fromkeys(summary.family for summary in found):
         lines += ["", f"## {family}: {FAMILIES[family].title}", "", FAMILIES[family].description, ""]
@@ -141,7 +141,7 @@ def _census(runs: Sequence[Run], family: str) -> str:
     first = {run.index: run for run in runs if run.family == family}
     reasons: dict[str, int] = {}
     for run in first.values():
-        why = run.feasibility.why_not or (None if run.certified else "start not certified")
+        why = run.feasibility.why_not or _why_not_certified(run)
         if why is not None:
             kind = "no way" if why.startswith("no way") else why.replace(str(run.index), "").strip()
             kind = "a target inside a disc by the end" if "inside a disc" in why else kind
@@ -150,7 +150,14 @@ def _census(runs: Sequence[Run], family: str) -> str:
     not_able = "".join(f"; {count}: {why}" for why, count in sorted(reasons.items()))
     gaps = [run.feasibility.gap for run in first.values() if run.feasibility.gap is not None]
     gap = f" The planner's gap to its lower bound is at most {100.0 * max(gaps):.2f} %." if gaps else ""
-    return f"{able} of {len(first)} missions are feasible from a certified start{not_able}.{gap}"
+    return f"{able} of {len(first)} missions are feasible from a start certified for ever{not_able}.{gap}"
+
+
+def _why_not_certified(run: Run) -> str | None:
+    """Return why a run's starts do not count as certified; None if they were certified for ever."""
+    if run.certified:
+        return None
+    return "start not certified" if run.until_s is None else "start certified until some time only"
 
 
 def _table(found: Sequence[Summary]) -> list[str]:
@@ -160,7 +167,8 @@ def _table(found: Sequence[Summary]) -> list[str]:
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for s in found:
-        entries = f"{s.entries}" + (f" + {s.entries_uncertified}" if s.entries_uncertified else "")
+        entries = f"{s.entries}" + (f" + {s.entries_until} until t" if s.entries_until else "")
+        entries += f" + {s.entries_uncertified}" if s.entries_uncertified else ""
         cells = (
             f"`{s.law}`" if s.law in OWN_LAWS else s.law,
             f"{s.feasible} of {s.flights}",

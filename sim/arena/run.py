@@ -58,8 +58,8 @@ class Run:
     law: str
     feasibility: Feasibility
     certified: bool
-    """Whether the guard certified every start on the first picture, as known from the flight of `routed`; True if
-    `routed` is not flown."""
+    """Whether the guard certified every start for ever on the first picture, as known from the flight of `routed`; True
+    if `routed` is not flown."""
     agents: int
     targets: int
     reached: int
@@ -81,6 +81,8 @@ class Run:
     broken: dict[str, int] = field(default_factory=dict)
     stays: dict[str, int] = field(default_factory=dict)
     wall_s: float = 0.0
+    until_s: float | None = None
+    """How long the starts were certified for where that was neither for ever nor not at all."""
 
     @property
     def complete(self) -> bool:
@@ -142,13 +144,13 @@ def fly_job(job: Job) -> list[Run]:
     seed = flight_seed(job.seed, job.index)
     planned = _Planned(mission, seed)
     feasibility = _feasibility(mission, planned)
-    certified = True
+    certified_s = math.inf
     runs = []
     for law in sorted(job.laws, key=law_order):
         began_s = time.perf_counter()
         flight = fly_law(mission, seed, law)
         if law == "routed":
-            certified = flight.certified
+            certified_s = flight.certified_s
         scored = score(flight.trajectory, mission)
         runs.append(
             Run(
@@ -156,7 +158,8 @@ def fly_job(job: Job) -> list[Run]:
                 index=job.index,
                 law=law,
                 feasibility=feasibility,
-                certified=certified,
+                certified=math.isinf(certified_s),
+                until_s=certified_s if 0.0 < certified_s < math.inf else None,
                 agents=len(mission.agents),
                 targets=scored.targets,
                 reached=scored.targets_reached,

@@ -34,13 +34,15 @@ class Summary:
     law: str
     flights: int
     feasible: int
-    """Number of flights of feasible missions from certified starts, which the arrival rate and path ratios are of."""
+    """Number of flights of feasible missions from starts certified for ever, which arrivals and path ratios are of."""
     arrivals: Estimate
     """Share of the feasible missions in which every target was reached."""
     entered: Estimate
     """Share of the flights from certified starts with an entry into any R_d."""
     entries: int
     """Number of entries into an R_d in flights from certified starts."""
+    entries_until: int
+    """Number of entries in flights from starts that the guard certified for a time only, at whatever time they were."""
     entries_uncertified: int
     """Number of entries in flights from starts that the guard could not certify, for which nothing is promised."""
     worst_depth_m: float
@@ -67,7 +69,8 @@ def summarise(runs: Sequence[Run]) -> Summary:
         arrivals=wilson(sum(run.complete for run in feasible), len(feasible)),
         entered=wilson(sum(run.entries > 0 for run in certified), len(certified)),
         entries=sum(run.entries for run in certified),
-        entries_uncertified=sum(run.entries for run in runs if not run.certified),
+        entries_until=sum(run.entries for run in runs if run.until_s is not None),
+        entries_uncertified=sum(run.entries for run in runs if not run.certified and run.until_s is None),
         worst_depth_m=max(run.worst_depth_m for run in runs),
         breaches=sum(run.breaches for run in runs),
         min_separation_m=min(

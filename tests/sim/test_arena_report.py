@@ -89,8 +89,9 @@ def test_only_feasible_missions_from_certified_starts_count_for_arrivals() -> No
 
 
 def test_entries_from_starts_that_were_not_certified_are_counted_apart() -> None:
-    found = summarise([a_run(entries=2), a_run(index=1, entries=5, certified=False)])
-    assert (found.entries, found.entries_uncertified) == (2, 5)
+    until_t = a_run(index=2, entries=3, certified=False, until_s=30.0)
+    found = summarise([a_run(entries=2), a_run(index=1, entries=5, certified=False), until_t])
+    assert (found.entries, found.entries_until, found.entries_uncertified) == (2, 3, 5)
 
 
 def test_a_law_is_behind_another_only_beyond_both_intervals() -> None:

@@ -412,3 +412,25 @@ def test_the_one_network_flies_when_it_is_allowed_to_and_steers_another_way() ->
 def test_the_one_network_flies_nobody_that_it_has_no_inputs_for(changes: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         fly(mission_of(f"{changes}\n{MONOLITHIC}"), 1, FlightOptions(allow_monolithic=True))
+
+
+SLALOM = """
+agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0, n_max: 1}]
+targets: [{id: 1, north_m: 17000, east_m: 0}]
+threats:
+  - {id: 1, north_m: 4500, east_m: 400}
+  - {id: 2, north_m: 9000, east_m: -300}
+  - {id: 3, north_m: 12800, east_m: 500}
+"""
+
+
+@pytest.mark.parametrize(("guidance_s", "integration_s"), [(5.0, 5.0), (5.0, 2.5), (10.0, 1.0), (10.0, 10.0)])
+def test_a_setpoint_holds_for_the_whole_of_a_guidance_step_longer_than_the_autopilots_time_out(
+    guidance_s: float, integration_s: float
+) -> None:
+    steps = f"guidance_step_s: {guidance_s}\nintegration_step_s: {integration_s}\n"
+    mission = mission_of(SLALOM + steps)
+    flight = fly(mission, 1, FlightOptions(law="routed", autopilot="kinematic"))
+    scored = score(flight.trajectory, mission)
+    assert scored.targets_reached == 1
+    assert (scored.threat_entries_detection, scored.worst_depth_m) == (0, 0.0)

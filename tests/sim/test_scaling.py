@@ -21,6 +21,7 @@ PATHS = parse_mission(
     """
 name: everything that moves
 fence: [[0, 0], [60000, 0], [60000, 60000]]
+exclusions: [[[600, 60], [900, 60], [900, 120]], [[60, 12], [90, 12], [90, 24]]]
 agents: [{id: 1, north_m: 1200, east_m: 600, heading_deg: 30, height_m: 40}]
 targets: [{id: 1, north_m: 30000, east_m: 6000, speed_bound_m_s: 6, motion: {heading_deg: 90, speed_m_s: 6}}]
 threats:
@@ -74,6 +75,10 @@ def test_paths_fence_and_wind_are_scaled_but_no_height() -> None:
     assert target.model_dump()["motion"] == {"heading_deg": 90.0, "speed_m_s": 1.5}
     assert (threat.floor_m, threat.ceiling_m, agent.height_m, after.layer_spacing_m) == (510.0, 600.0, 40.0, 15.0)
     assert after.fence == ((0.0, 0.0), (15_000.0, 0.0), (15_000.0, 15_000.0))
+    assert after.exclusions == (
+        ((150.0, 15.0), (225.0, 15.0), (225.0, 30.0)),
+        ((15.0, 3.0), (22.5, 3.0), (22.5, 6.0)),
+    )
     assert (after.wind.speed_m_s, after.wind.gust_m_s, after.wind.from_deg) == (3.0, 0.75, 10.0)
 
 

@@ -1623,6 +1623,7 @@ f.ONEWAY_DECISION_wanted_heading = ProtoField.new("wanted_heading (float) [rad]"
 f.ONEWAY_DECISION_heading = ProtoField.new("heading (float) [rad]", "mavlink_proto.ONEWAY_DECISION_heading", ftypes.FLOAT, nil)
 f.ONEWAY_DECISION_speed = ProtoField.new("speed (float) [m/s]", "mavlink_proto.ONEWAY_DECISION_speed", ftypes.FLOAT, nil)
 f.ONEWAY_DECISION_altitude = ProtoField.new("altitude (float) [m]", "mavlink_proto.ONEWAY_DECISION_altitude", ftypes.FLOAT, nil)
+f.ONEWAY_DECISION_certified = ProtoField.new("certified (float) [s]", "mavlink_proto.ONEWAY_DECISION_certified", ftypes.FLOAT, nil)
 f.ONEWAY_DECISION_words_crc = ProtoField.new("words_crc (uint32_t)", "mavlink_proto.ONEWAY_DECISION_words_crc", ftypes.UINT32, nil)
 f.ONEWAY_DECISION_target_id = ProtoField.new("target_id (uint16_t)", "mavlink_proto.ONEWAY_DECISION_target_id", ftypes.UINT16, nil)
 f.ONEWAY_DECISION_purpose = ProtoField.new("purpose (uint8_t)", "mavlink_proto.ONEWAY_DECISION_purpose", ftypes.UINT8, nil)
@@ -4304,9 +4305,9 @@ end
 -- dissect payload of message type ONEWAY_DECISION
 function payload_fns.payload_10486024(buffer, tree, msgid, offset, limit, pinfo)
     local padded, field_offset, value, subtree, tvbrange
-    if (offset + 37 > limit) then
+    if (offset + 41 > limit) then
         padded = buffer(0, limit):bytes()
-        padded:set_size(offset + 37)
+        padded:set_size(offset + 41)
         padded = padded:tvb("Untruncated payload")
     else
         padded = buffer
@@ -4330,14 +4331,16 @@ function payload_fns.payload_10486024(buffer, tree, msgid, offset, limit, pinfo)
     tvbrange = padded(offset + 24, 4)
     subtree = tree:add_le(f.ONEWAY_DECISION_altitude, tvbrange)
     tvbrange = padded(offset + 28, 4)
+    subtree = tree:add_le(f.ONEWAY_DECISION_certified, tvbrange)
+    tvbrange = padded(offset + 32, 4)
     subtree = tree:add_le(f.ONEWAY_DECISION_words_crc, tvbrange)
-    tvbrange = padded(offset + 32, 2)
+    tvbrange = padded(offset + 36, 2)
     subtree = tree:add_le(f.ONEWAY_DECISION_target_id, tvbrange)
-    tvbrange = padded(offset + 34, 1)
+    tvbrange = padded(offset + 38, 1)
     subtree = tree:add_le(f.ONEWAY_DECISION_purpose, tvbrange)
-    tvbrange = padded(offset + 35, 1)
+    tvbrange = padded(offset + 39, 1)
     subtree = tree:add_le(f.ONEWAY_DECISION_stage, tvbrange)
-    tvbrange = padded(offset + 36, 1)
+    tvbrange = padded(offset + 40, 1)
     subtree = tree:add_le(f.ONEWAY_DECISION_flags, tvbrange)
     value = tvbrange:le_uint()
     dissect_flags_ONEWAY_DECISION_FLAGS(subtree, "ONEWAY_DECISION_flags", tvbrange, value)

@@ -1374,22 +1374,22 @@ class MAVLink_oneway_decision_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_ONEWAY_DECISION
     msgname = "ONEWAY_DECISION"
-    fieldnames = ["time_usec", "picture_age", "wanted_heading", "heading", "speed", "altitude", "words_crc", "target_id", "purpose", "stage", "flags"]
-    ordered_fieldnames = ["time_usec", "picture_age", "wanted_heading", "heading", "speed", "altitude", "words_crc", "target_id", "purpose", "stage", "flags"]
-    fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["time_usec", "picture_age", "wanted_heading", "heading", "speed", "altitude", "certified", "words_crc", "target_id", "purpose", "stage", "flags"]
+    ordered_fieldnames = ["time_usec", "picture_age", "wanted_heading", "heading", "speed", "altitude", "certified", "words_crc", "target_id", "purpose", "stage", "flags"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "float", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
     fieldenums_by_name: Dict[str, str] = {"flags": "ONEWAY_DECISION_FLAGS"}
-    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "picture_age": "s", "wanted_heading": "rad", "heading": "rad", "speed": "m/s", "altitude": "m"}
-    native_format = bytearray(b"<QfffffIHBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
-    crc_extra = 19
-    unpacker = struct.Struct("<QfffffIHBBB")
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "picture_age": "s", "wanted_heading": "rad", "heading": "rad", "speed": "m/s", "altitude": "m", "certified": "s"}
+    native_format = bytearray(b"<QffffffIHBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 233
+    unpacker = struct.Struct("<QffffffIHBBB")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_usec: int, picture_age: float, wanted_heading: float, heading: float, speed: float, altitude: float, words_crc: int, target_id: int, purpose: int, stage: int, flags: int):
+    def __init__(self, time_usec: int, picture_age: float, wanted_heading: float, heading: float, speed: float, altitude: float, certified: float, words_crc: int, target_id: int, purpose: int, stage: int, flags: int):
         MAVLink_message.__init__(self, MAVLink_oneway_decision_message.id, MAVLink_oneway_decision_message.msgname)
         self._fieldnames = MAVLink_oneway_decision_message.fieldnames
         self._instance_field = MAVLink_oneway_decision_message.instance_field
@@ -1400,6 +1400,7 @@ class MAVLink_oneway_decision_message(MAVLink_message):
         self.heading = heading
         self.speed = speed
         self.altitude = altitude
+        self.certified = certified
         self.words_crc = words_crc
         self.target_id = target_id
         self.purpose = purpose
@@ -1407,7 +1408,7 @@ class MAVLink_oneway_decision_message(MAVLink_message):
         self.flags = flags
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.picture_age, self.wanted_heading, self.heading, self.speed, self.altitude, self.words_crc, self.target_id, self.purpose, self.stage, self.flags), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.picture_age, self.wanted_heading, self.heading, self.speed, self.altitude, self.certified, self.words_crc, self.target_id, self.purpose, self.stage, self.flags), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -2276,7 +2277,7 @@ class MAVLink(object):
         """
         self.send(self.oneway_mission_encode(epoch, time_ms, sequence, origin_lat, origin_lon, origin_alt, separation, arrival_radius, agent_count, target_count, threat_count, surrogate_digest, mission_digest, size, data), force_mavlink1=force_mavlink1)
 
-    def oneway_decision_encode(self, time_usec: int, picture_age: float, wanted_heading: float, heading: float, speed: float, altitude: float, words_crc: int, target_id: int, purpose: int, stage: int, flags: int) -> MAVLink_oneway_decision_message:
+    def oneway_decision_encode(self, time_usec: int, picture_age: float, wanted_heading: float, heading: float, speed: float, altitude: float, certified: float, words_crc: int, target_id: int, purpose: int, stage: int, flags: int) -> MAVLink_oneway_decision_message:
         """
         What a companion decided, in its own log. Never sent.
 
@@ -2286,6 +2287,7 @@ class MAVLink(object):
         heading                   : Heading of the setpoint, clockwise from grid north. [rad] (type:float)
         speed                     : Speed of the setpoint. [m/s] (type:float)
         altitude                  : Height of the setpoint. [m] (type:float)
+        certified                 : For how long from now the flight is certified to stay clear of every threat: infinite for ever, 0 not at all. [s] (type:float)
         words_crc                 : CRC-32 of the decision's words: reason, changes and notes. (type:uint32_t)
         target_id                 : Target flown to. (type:uint16_t)
         purpose                   : What the companion is doing: 0 idle, 1 target, 2 loiter, 3 return. (type:uint8_t)
@@ -2293,9 +2295,9 @@ class MAVLink(object):
         flags                     : What else is true of the decision. (type:uint8_t, values:ONEWAY_DECISION_FLAGS)
 
         """
-        return MAVLink_oneway_decision_message(time_usec, picture_age, wanted_heading, heading, speed, altitude, words_crc, target_id, purpose, stage, flags)
+        return MAVLink_oneway_decision_message(time_usec, picture_age, wanted_heading, heading, speed, altitude, certified, words_crc, target_id, purpose, stage, flags)
 
-    def oneway_decision_send(self, time_usec: int, picture_age: float, wanted_heading: float, heading: float, speed: float, altitude: float, words_crc: int, target_id: int, purpose: int, stage: int, flags: int, force_mavlink1: bool = False) -> None:
+    def oneway_decision_send(self, time_usec: int, picture_age: float, wanted_heading: float, heading: float, speed: float, altitude: float, certified: float, words_crc: int, target_id: int, purpose: int, stage: int, flags: int, force_mavlink1: bool = False) -> None:
         """
         What a companion decided, in its own log. Never sent.
 
@@ -2305,6 +2307,7 @@ class MAVLink(object):
         heading                   : Heading of the setpoint, clockwise from grid north. [rad] (type:float)
         speed                     : Speed of the setpoint. [m/s] (type:float)
         altitude                  : Height of the setpoint. [m] (type:float)
+        certified                 : For how long from now the flight is certified to stay clear of every threat: infinite for ever, 0 not at all. [s] (type:float)
         words_crc                 : CRC-32 of the decision's words: reason, changes and notes. (type:uint32_t)
         target_id                 : Target flown to. (type:uint16_t)
         purpose                   : What the companion is doing: 0 idle, 1 target, 2 loiter, 3 return. (type:uint8_t)
@@ -2312,7 +2315,7 @@ class MAVLink(object):
         flags                     : What else is true of the decision. (type:uint8_t, values:ONEWAY_DECISION_FLAGS)
 
         """
-        self.send(self.oneway_decision_encode(time_usec, picture_age, wanted_heading, heading, speed, altitude, words_crc, target_id, purpose, stage, flags), force_mavlink1=force_mavlink1)
+        self.send(self.oneway_decision_encode(time_usec, picture_age, wanted_heading, heading, speed, altitude, certified, words_crc, target_id, purpose, stage, flags), force_mavlink1=force_mavlink1)
 
     def heartbeat_encode(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int = 3) -> MAVLink_heartbeat_message:
         """

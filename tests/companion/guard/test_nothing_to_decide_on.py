@@ -137,3 +137,10 @@ def test_limits_at_the_edge_of_sense_are_taken() -> None:
 
 def test_discs_are_kept_clear_of_for_half_a_minute_unless_told_otherwise() -> None:
     assert PLANE.horizon_s == 30.0
+
+
+@pytest.mark.parametrize("last", [(), ((math.nan, 1.0),), ((0.0, math.inf),)])
+def test_an_exclusion_without_three_finite_corners_is_refused(last: tuple[tuple[float, float], ...]) -> None:
+    sound, faulty = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)), ((0.0, 0.0), (1.0, 0.0), *last)
+    with pytest.raises(ValueError, match="^an exclusion needs at least three corners, all of them finite$"):
+        replace(PLANE, exclusions_ned_m=(sound, faulty))

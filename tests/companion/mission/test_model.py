@@ -33,6 +33,7 @@ seeds = st.integers(0, 2**63 - 1)
 SMALL = """
 area_m: {north: 50000, east: 50000}
 fence: [[0, 0], [50000, 0], [50000, 40000], [0, 40000]]
+exclusions: [[[1000, 20000], [48000, 20000], [48000, 29000]], [[40000, 1000], [49000, 1000], [49000, 15000]]]
 agents:
   - {id: 7, north_m: 100, east_m: 200, heading_deg: 30}
   - {id: 2}
@@ -109,6 +110,7 @@ def test_a_drawn_start_is_legal(seed: int, name: str) -> None:
             assert 0.0 <= north_m <= mission.area_m.north
             assert 0.0 <= east_m <= mission.area_m.east
             assert mission.fence is None or inside_polygon((north_m, east_m), mission.fence)
+            assert not any(inside_polygon((north_m, east_m), exclusion) for exclusion in mission.exclusions)
             for threat in mission.threats:
                 apart_m = math.dist(item.position_ned_m, threat.position_ned_m)
                 assert apart_m > threat.detection_radius_m * (1 + DRAW_CLEARANCE)
@@ -409,6 +411,17 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
     "a position off the map": ("agents: [{id: 1, north_m: 2.0e6, east_m: 0}]\n", ("agents[0].north_m", "2000000")),
     "a latitude beyond the pole": (ONE_EACH + "origin: {lat_deg: 91}\n", ("origin.lat_deg", "91", "90")),
     "a fence of two corners": (ONE_EACH + "fence: [[0, 0], [1, 1]]\n", ("fence", "at least 3")),
+    "a fence that crosses itself": (
+        ONE_EACH + "fence: [[0, 0], [9, 9], [9, 0], [0, 9]]\n",
+        ("fence: the edges after corners 0 and 2 cross or touch", "allowed: a simple polygon"),
+    ),
+    "an exclusion of two corners": (ONE_EACH + "exclusions: [[[0, 0], [1, 1]]]\n", ("exclusions[0]", "at least 3")),
+    "an exclusion without its own brackets": (ONE_EACH + "exclusions: [[0, 0], [1, 1], [2, 0]]\n", ("exclusions[0]",)),
+    "an exclusion that is closed by hand": (
+        ONE_EACH + "exclusions: [[[7, 0], [8, 0], [8, 1]], [[0, 0], [1, 1], [2, 0], [0, 0]]]\n",
+        ("exclusions[1]: corner 3 is corner 0 again", "allowed: a simple polygon"),
+    ),
+    "an exclusion off the map": (ONE_EACH + "exclusions: [[[0, 0], [1, 1], [2.0e6, 0]]]\n", ("exclusions[0][2][0]",)),
     "a fence corner of three numbers": (ONE_EACH + "fence: [[0, 0, 0], [1, 1], [2, 0]]\n", ("fence[0]",)),
     "a chance above one": (ONE_EACH + "link: {loss: 1.5}\n", ("link.loss", "1.5", "less than or equal to 1")),
     "a case that is not": (ONE_EACH + "case: III\n", ("case", "'III'", "'I' or 'II'")),
@@ -452,6 +465,14 @@ ILLEGAL_STARTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "an agent outside the fence": (
         ONE_EACH + "fence: [[100, -100], [100, 100], [9900, 100], [9900, -100]]\n",
         ("agents[0]", "id 1", "inside the fence"),
+    ),
+    "an agent inside an exclusion": (
+        ONE_EACH + "exclusions: [[[900, 0], [950, 0], [950, 9]], [[-9, -9], [-9, 9], [9, 9], [9, -9]]]\n",
+        ("agents[0]", "id 1", "outside exclusions[1]"),
+    ),
+    "a target inside an exclusion": (
+        ONE_EACH + "exclusions: [[[8900, -9], [8900, 9], [9100, 9], [9100, -9]]]\n",
+        ("targets[0]", "id 1", "outside exclusions[0]"),
     ),
     "the loss of an unknown agent": (ONE_EACH + "losses: [{agent: 8, t_s: 4}]\n", ("losses[0].agent", "8", "one of 1")),
 }
@@ -742,3 +763,39 @@ def test_sim_fly_flies_the_one_network_when_told_to_and_warns_of_it(program: Pro
     assert (status, json.loads(out)["steps"]) == (EXIT_FAILED, 10)
     assert err.startswith("sim: warning: ")
     assert "should not fly" in err
+
+
+# How fast a thing may move, where nobody says
+
+
+@pytest.mark.parametrize("kind", ["targets", "threats"])
+@pytest.mark.parametrize(
+    ("motion", "bound_m_s"),
+    [("static", 0.0), (None, 0.0), ("random", 10.0), ("{heading_deg: 3, speed_m_s: 4}", 10.0)],
+)
+def test_only_what_moves_has_a_speed_bound_by_itself(kind: str, motion: str | None, bound_m_s: float) -> None:
+    keys = "id: 5, north_m: 700, east_m: 0" + ("" if motion is None else f", motion: {motion}")
+    radii = ", detection_radius_m: 9, attack_radius_m: 4" if kind == "threats" else ""
+    more = "" if kind == "targets" else "targets: [{id: 1}]\n"
+    mission = parse_mission(f"agents: [{{id: 1}}]\n{more}{kind}: [{{{keys}{radii}}}]\n", "test")
+    (item,) = getattr(mission, kind)
+    assert item.speed_bound_m_s == bound_m_s
+
+
+def test_a_default_or_a_given_bound_counts_for_what_stands_still_too() -> None:
+    mission = parse_mission(
+        "agents: [{id: 1}, {id: 2}]\ntargets: [{id: 1}, {id: 2, speed_bound_m_s: 3}]\n"
+        "defaults: {target: {speed_bound_m_s: 7}}\n",
+        "test",
+    )
+    assert [target.speed_bound_m_s for target in mission.targets] == [7.0, 3.0]
+
+
+def test_what_is_drawn_has_the_bound_of_its_motion() -> None:
+    text = (
+        "draw: {{agents: 1, targets: 1, threats: 1}}\ndefaults:\n  target: {{motion: {0}}}\n"
+        "  threat: {{detection_radius_m: 9, attack_radius_m: 4, motion: {0}}}\n"
+    )
+    for motion, bound_m_s in (("static", 0.0), ("random", 10.0)):
+        mission = resolve(parse_mission(text.format(motion), "test"), 1)
+        assert [item.speed_bound_m_s for item in (*mission.targets, *mission.threats)] == [bound_m_s, bound_m_s]

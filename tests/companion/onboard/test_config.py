@@ -92,6 +92,14 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
     "a step of nothing": (GOOD + "guidance_step_s: 0\n", ("guidance_step_s", "0", "greater than 0")),
     "a step too long": (GOOD + "guidance_step_s: 11\n", ("guidance_step_s", "11", "10")),
     "a fence of two corners": (GOOD + "limits: {fence: [[0, 0], [1, 1]]}\n", ("limits.fence", "3")),
+    "a fence that folds back": (
+        GOOD + "limits: {fence: [[0, 0], [9, 0], [4, 0]]}\n",
+        ("limits.fence: its three corners are on one line", "allowed: a simple polygon"),
+    ),
+    "an exclusion that crosses itself": (
+        GOOD + "limits: {exclusions: [[[0, 0], [9, 9], [9, 0], [0, 9]]]}\n",
+        ("limits.exclusions[0]: the edges after corners 0 and 2 cross", "allowed: a simple polygon"),
+    ),
     "a keep-out that is not": (GOOD + "keep_out: all\n", ("keep_out", "'all'", "'attack' or 'detection'")),
     "a wind as fast as the vehicle": (
         GOOD + "limits: {speed_m_s: 5, wind_m_s: 5}\n",

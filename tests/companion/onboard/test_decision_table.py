@@ -26,6 +26,7 @@ STEERING = Decision(
     turn_limited=True,
     setpoint=Setpoint(math.pi, 8.0, 30.0),
     guard_changes=(NO_BACKUP, "speed"),
+    certified_s=12.34,
 )
 TELEMETRY = Telemetry(
     lat_deg=47.0,
@@ -65,6 +66,7 @@ def test_a_row_tells_what_was_decided_on_what() -> None:
         "altitude_m": "30.00",
         "turn_limited": "1",
         "guard_changes": f"{NO_BACKUP}; speed",
+        "certificate": "until 12.3 s",
         "broken": "",
         "gave_way": "",
         "note": "",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from pathlib import Path
 
 import pytest
@@ -59,7 +60,21 @@ def test_without_a_picture_the_line_says_none() -> None:
 
 def test_the_line_names_target_stage_and_what_the_guard_changed() -> None:
     decision = Decision(0.0, Purpose.TARGET, "assigned", Stage.FRESH, 1.0, target_id=3, guard_changes=("keep-out",))
-    assert summary_line(decision) == "target 3 (assigned), picture fresh, guard: keep-out"
+    assert summary_line(decision) == "target 3 (assigned), picture fresh, not certified, guard: keep-out"
+
+
+@pytest.mark.parametrize(
+    ("certified_s", "words"),
+    [
+        (math.inf, "certified for ever"),
+        (30.5, "certified for a time only"),
+        (2.0, "certified for a time only"),
+        (0.0, "not certified"),
+    ],
+)
+def test_the_line_names_the_kind_of_the_certificate_but_not_the_seconds(certified_s: float, words: str) -> None:
+    decision = Decision(0.0, Purpose.LOITER, "arrived", Stage.FRESH, 1.0, certified_s=certified_s)
+    assert summary_line(decision) == f"loiter (arrived), picture fresh, {words}"
 
 
 class FullDisk(io.BytesIO):

@@ -71,6 +71,15 @@ def test_a_vehicle_is_outside_the_fence_or_not(north_m: float, outside: bool) ->
     assert outside_fence(telemetry_at(north_m), ORIGIN_DEG, CONFIG) is outside
 
 
+@pytest.mark.parametrize(("north_m", "outside"), [(10.0, False), (50.0, True), (90.0, False)])
+def test_who_is_inside_an_exclusion_is_outside_the_fence(north_m: float, outside: bool) -> None:
+    exclusion = ((40.0, -20.0), (60.0, -20.0), (60.0, 20.0), (40.0, 20.0))
+    for fence in (FENCE, None):
+        limits = CONFIG.limits.model_copy(update={"fence": fence, "exclusions": (exclusion,)})
+        config = CONFIG.model_copy(update={"limits": limits})
+        assert outside_fence(telemetry_at(north_m), ORIGIN_DEG, config) is outside
+
+
 def test_nobody_is_outside_a_fence_whose_origin_is_not_known() -> None:
     assert not outside_fence(telemetry_at(150.0), None, CONFIG)
 

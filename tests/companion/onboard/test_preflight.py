@@ -164,9 +164,10 @@ FENCE = ", fence: [[-100, -100], [100, -100], [100, 100]]"
     ],
 )
 def test_who_has_a_fence_needs_the_autopilots_own(kind: str, good: dict[str, float], bad: dict[str, float]) -> None:
-    config = config_of(kind, FENCE)
-    assert failed(found(heard(kind, good), config)) == []
-    assert only_failure(found(heard(kind, {**good, **bad}), config)).text.startswith(next(iter(bad)))
+    for fence in (FENCE, ", exclusions: [[[-100, -100], [100, -100], [100, 100]]]"):
+        config = config_of(kind, fence)
+        assert failed(found(heard(kind, good), config)) == []
+        assert only_failure(found(heard(kind, {**good, **bad}), config)).text.startswith(next(iter(bad)))
     # Without a fence in the configuration it is the person's own affair.
     assert failed(found(heard(kind, {**good, **bad}))) == []
 

@@ -103,9 +103,19 @@ def test_the_named_values_tell_the_decision() -> None:
         "OW_PURPOSE": list(Purpose).index(Purpose.TARGET),
         "OW_TARGET": 4,
         "OW_GUARD": 0,
+        "OW_CERT": 0,
         "OW_GAP_MS": 123,
         "OW_AGE": pytest.approx(17.25),
     }
+
+
+@pytest.mark.parametrize(
+    ("certified_s", "values"),
+    [(0.0, {"OW_CERT": 0}), (12.5, {"OW_CERT": 1, "OW_CERT_S": 12.5}), (math.inf, {"OW_CERT": 2})],
+)
+def test_the_named_values_tell_the_three_certificates_apart(certified_s: float, values: dict[str, float]) -> None:
+    told = messages(teller().values(0.0, SYSTEM, replace(DECISION, certified_s=certified_s), 0.0))
+    assert {message.name: message.value for message in told if message.name.startswith("OW_CERT")} == values
 
 
 def test_an_unknown_age_is_left_out_rather_than_nan() -> None:

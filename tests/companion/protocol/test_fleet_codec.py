@@ -92,6 +92,7 @@ SMALL_DECISION = DecisionFrame(
     heading_rad=-1.25,
     speed_m_s=60.0,
     altitude_m=100.0,
+    certified_s=2.5,
     words_crc=0x89ABCDEF,
 )
 GOLDEN: list[tuple[Frame, str]] = [
@@ -111,7 +112,7 @@ GOLDEN: list[tuple[Frame, str]] = [
     ),
     (
         SMALL_DECISION,
-        "fd25000000febe0801a04e41e2dafe5b06000000003f0000c07f0000a0bf000070420000c842efcdab892a00010241e8cd",
+        "fd29000000febe0801a04e41e2dafe5b06000000003f0000c07f0000a0bf000070420000c84200002040efcdab892a000102414c0a",
     ),
 ]
 GOLDEN_NAMES = ["fleet", "radii", "mission", "decision"]
@@ -558,6 +559,19 @@ def test_a_decisions_numbers_return_bit_for_bit_as_32_bit_floats(number: float) 
     got = through(replace(SMALL_DECISION, heading_rad=number))
     assert isinstance(got, DecisionFrame)
     assert struct.pack("<f", got.heading_rad) == struct.pack("<f", number)
+
+
+@given(st.floats(width=32, min_value=0.0, allow_nan=False))
+def test_a_decisions_certificate_returns_as_it_was_for_ever_too(certified_s: float) -> None:
+    got = through(replace(SMALL_DECISION, certified_s=certified_s))
+    assert isinstance(got, DecisionFrame)
+    assert got.certified_s == certified_s
+
+
+@pytest.mark.parametrize("certified_s", [-1.0, math.nan])
+def test_a_certificate_that_is_no_time_is_a_wire_error(certified_s: float) -> None:
+    with pytest.raises(WireError):
+        FrameWriter().encode(replace(SMALL_DECISION, certified_s=certified_s))
 
 
 def test_a_decision_returns_with_nan_where_there_is_nothing() -> None:
