@@ -38,6 +38,9 @@ CIRCLE_PARTS = 24
 """Number of places, per circumference of the turning circle flown along the route, at which a clear one is tried."""
 FOLLOW_RAD = 0.01
 """Difference of turns up to which a wanted step counts as following the stored path, so that no other is searched."""
+SLOWER_SHARES = (0.5, 0.25, 0.125)
+"""Shares of the wanted speed at which a vehicle that can stop is offered the wanted turn: with less way to brake, it
+may pass where it could not at full speed."""
 SAMPLES = 8
 """Number of sample points per step at which the choices are compared when none is certified."""
 
@@ -91,10 +94,14 @@ class BackupSearch:
     def choices(self, wanted: Step) -> Iterator[Step]:
         """Yield the wanted step, then other turns, nearest to it first; then the same turns at the present speed.
 
-        A vehicle that can stop is also offered the step straight on to a stop, last.
+        A vehicle that can stop is first offered the wanted turn at lower speeds, and last the step straight on to a
+        stop.
         """
         flight = self._flight
         yield wanted
+        if self._limits.braking_m_s2 is not None:
+            for share in SLOWER_SHARES:
+                yield Step(wanted.turn_rad, wanted.speed_m_s * share)
         flown_m_s = self._vehicle.allowed_m_s(flight.before_m_s)
         for speed_m_s in dict.fromkeys((wanted.speed_m_s, flown_m_s)):
             most_rad = self._vehicle.greatest_turn_rad(speed_m_s, flight.before_m_s, flight.dt_s)

@@ -70,7 +70,8 @@ class Guard:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._vehicle = VehicleModel(limits)
-        self._fence = None if limits.fence_ned_m is None else Fence(limits.fence_ned_m)
+        walled = limits.fence_ned_m is not None or len(limits.exclusions_ned_m) > 0
+        self._fence = Fence(limits.fence_ned_m, limits.exclusions_ned_m) if walled else None
         self.reset()
 
     def reset(self) -> None:
@@ -193,7 +194,7 @@ class Guard:
     def _limited(self, discs: Discs, speed_m_s: float) -> bool:
         """Return whether no path can stay clear of the discs for ever, so that only the horizon can be certified."""
         fastest_m_s = max(discs.speeds_m_s.tolist(), default=0.0)
-        endless = self._fence is None and self._limits.braking_m_s2 is None
+        endless = self._limits.fence_ned_m is None and self._limits.braking_m_s2 is None
         return fastest_m_s > 0.0 and not (endless and fastest_m_s < speed_m_s - self._limits.wind_m_s)
 
     def _flight(
