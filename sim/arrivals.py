@@ -3,11 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from companion.mission.model import Mission
-from sim.trajectory import POSITION_DECIMALS
+from sim.flown_path import Crafts, Pose, crafts_of, flown, nearest, straight
+from sim.trajectory import TIME_DECIMALS, rounded_rows
+
+
+class Sample(NamedTuple):
+    """The agents' and the targets' rows at one time, rounded as in the trajectory."""
+
+    t_s: float
+    agents: np.ndarray  # (N, 4) north m, east m, heading deg, speed m/s
+    targets: np.ndarray  # (K, 4)
+    apart_m: np.ndarray  # (N, K)
+
+
+class Passages:
+    """Which agents come within the arrival radius of which targets, from sample to sample."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._radius_m = mission.arrival_radius_m
+        self._crafts = crafts_of(mission)
+        self._last: Sample | None = None
+
+    def near(self, t_s: float, agents: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        """Return (N, K) bool, who comes near what on the path from the last sample to this, or is near at this.
+
+        `agents` (N, 4) and `targets` (K, 4) hold north m, east m, heading deg, speed m/s.
+        """
+        agents, targets = rounded_rows(agents), rounded_rows(targets)
+        offset_m = agents[:, None, :2] - targets[:, :2]
+        now = Sample(round(t_s, TIME_DECIMALS), agents, targets, np.hypot(offset_m[..., 0], offset_m[..., 1]))
+        near: np.ndarray = now.apart_m <= self._radius_m
+        if self._last is not None:
+            self._look_between(self._last, now, near)
+        self._last = now
+        return near
+
+    def _look_between(self, last: Sample, now: Sample, near: np.ndarray) -> None:
+        """Set in `near` who comes near what between two samples, at which it is not near."""
+        lasts_s = np.array([now.t_s - last.t_s])
+        chords_m, moves_m = (np.hypot(*(after[:, :2] - before[:, :2]).T) for before, after in _pairs(last, now))
+        ways_m = self._crafts.reach_m(chords_m, lasts_s)[:, None] + moves_m
+        may = ~near & (0.5 * (last.apart_m + now.apart_m - ways_m) <= self._radius_m)
+        agent, target = np.nonzero(may)
+        if agent.size == 0:
+            return
+        lasts_s = np.repeat(lasts_s, len(agent))
+        own = Crafts(self._crafts.speed_m_s[agent], self._crafts.rate_rad_s[agent], self._crafts.wind_m_s)
+        before, after = (Pose(rows[agent, :2], rows[agent, 2]) for rows in (last.agents, now.agents))
+        way = flown(before, after, lasts_s, own)
+        there = straight(last.targets[target, :2], now.targets[target, :2], lasts_s)
+        near[agent, target] = nearest(way, there)[1] <= self._radius_m
 
 
 class Arrivals:
@@ -15,25 +65,31 @@ class Arrivals:
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
+        self._passages = Passages(mission)
         self.open = list(range(len(mission.targets)))
         self._arrived: set[int] = set()
 
-    def note(self, agents_ned_m: np.ndarray, alive: Sequence[bool], targets_ned_m: np.ndarray) -> bool:
-        """Note the arrivals at this sample, targets in file order; return whether the flight is over.
+    def note(self, t_s: float, agents: np.ndarray, alive: Sequence[bool], targets: np.ndarray) -> bool:
+        """Note the arrivals up to this sample, targets in file order; return whether the flight is over.
 
-        It is over when every target is reached, or every agent alive has arrived. Positions are (N, 2) and (K, 2) in m;
-        they are rounded as in the trajectory.
+        It is over when every target is reached, or every agent alive has arrived. `agents` (N, 4) and `targets` (K, 4)
+        are rows of north m, east m, heading deg, speed m/s.
         """
-        agents_ned_m = np.round(agents_ned_m, POSITION_DECIMALS)
-        targets_ned_m = np.round(targets_ned_m, POSITION_DECIMALS)
+        near = self._passages.near(t_s, agents, targets)
         flying = [index for index, living in enumerate(alive) if living and index not in self._arrived]
         for target in list(self.open):
-            apart_m = np.hypot(*(agents_ned_m[flying] - targets_ned_m[target]).T)
-            near = [flying[index] for index in np.flatnonzero(apart_m <= self._mission.arrival_radius_m)]
             target_id = self._mission.targets[target].id
-            here = [index for index in near if self._mission.agents[index].only_target in (None, target_id)]
+            here = [
+                index
+                for index in np.flatnonzero(near[:, target]).tolist()
+                if index in flying and self._mission.agents[index].only_target in (None, target_id)
+            ]
             if here:
                 self._arrived.update(here)
                 flying = [index for index in flying if index not in self._arrived]
                 self.open.remove(target)
         return not self.open or not flying
+
+
+def _pairs(last: Sample, now: Sample) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    return (last.agents, now.agents), (last.targets, now.targets)

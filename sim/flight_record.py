@@ -38,7 +38,7 @@ class FlightRecord:
         """
         targets, threats = things
         self._trajectory.append(t_s, agents, targets, threats)
-        return self._arrivals.note(agents[:, :2], alive, targets[:, :2])
+        return self._arrivals.note(t_s, agents, alive, targets)
 
     def trajectory(self) -> Trajectory:
         """Return the trajectory recorded so far."""

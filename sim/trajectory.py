@@ -144,6 +144,17 @@ class TrajectoryBuilder:
         return trajectory
 
 
+def rounded_rows(rows: np.ndarray) -> np.ndarray:  # (N, 4) -> (N, 4)
+    """Return rows (north m, east m, heading deg, speed m/s) with the decimals that they have in a trajectory."""
+    trajectory = _trajectory(np.zeros(1), (tuple(range(len(rows))), (), ()), rows[None])
+    columns = (
+        trajectory.agents_ned_m[0],
+        trajectory.agents_heading_deg[0, :, None],
+        trajectory.agents_speed_m_s[0, :, None],
+    )
+    return np.concatenate(columns, axis=1)
+
+
 def read_csv(path: Path) -> Trajectory:
     """Read a `trajectory.csv`.
 

@@ -16,27 +16,29 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
-from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
+from companion.geo.kinematics import shorter_turn_rad
+from companion.geo.right_of_way import LEAST_PART, UNEVENNESS, Rules, centre_ned_m, circle, reserved_radius_m
 from companion.guard.types import Motion
+from companion.guidance.resolution import (
+    CIRCLING,
+    EDGE_RAD,
+    LATE,
+    PASSING,
+    TURNING_RIGHT,
+    Arc,
+    Peers,
+    Resolution,
+    first_clockwise,
+    inside,
+)
+from companion.guidance.stopping import Start, keep_apart
 
-GREATEST_STEP_TURN_RAD = 2.8
-"""Greatest heading change by which a circle to the right is commanded: beyond pi it would be a turn to the left."""
 LEFT_FRACTIONS = (1.0, 0.5, 0.25, 0.125)
 """Fractions of a wanted turn to the left that are tried: a turn to the left moves the reserved disc twice as fast as
 straight flight."""
-SPEED_FRACTIONS = (1.0, 0.75, 0.5, 0.35, 0.2, 0.1)
-"""Fractions of the cruise speed that are tried for a vehicle that can stop, before it stops."""
-OPENING_RAD = 0.2
-"""Angle by which forbidden arcs are widened for a vehicle that can stop: at their very edge it could only creep."""
-UNEVENNESS = 0.5
-"""Greatest part of its half of a gap that a vehicle leaves unused, depending on its position: vehicles in an exactly
-symmetric situation would block each other for ever."""
-LEAST_PART = 0.5 * (1.0 - UNEVENNESS)
-"""The least part of a gap that a vehicle uses."""
 UNEVEN_RADII = 5.0
 """Distance, in reserved radii, over which the unused part runs through its range: it then differs between neighbours,
 and a difference lasts long enough to matter."""
@@ -49,78 +51,18 @@ LATE_HORIZON_S = 40.0
 """Time for which the paths of a vehicle and a neighbour that it has seen too late are predicted."""
 LATE_CLEARANCE = 4.0
 """Predicted clearance, in units of D_safe, above which the rule's own choice stands although a neighbour is late."""
-EDGE_RAD = 1e-6
-"""Angle by which a heading taken at the edge of a forbidden arc lies outside it, against rounding."""
-
-CIRCLING = "right of way: circling right until the way is free"
-PASSING = "right of way: keeping a neighbour on the left"
-TURNING_RIGHT = "right of way: turning to the right, because a neighbour is on the left"
-SLOWING = "right of way: slowing down"
-LATE = "right of way: keeping clear of a neighbour seen too late"
-STOPPING = "right of way: stopping until the way is free"
-
-
-@dataclass(frozen=True)
-class Rules:
-    """The parameters of the rule, equal for all vehicles of an airspace: it is safe between those that share them."""
-
-    separation_m: float  # D_safe, between centres
-    n_max: float  # load factor of the circle that each reserves
-    speed_m_s: float  # cruise speed
-    reaction_s: float = 0.0  # from a decision to its effect, beyond the decision's own step
-    can_stop: bool = False
-    braking_m_s2: float | None = None  # needed if can_stop
-    position_error_m: float = 0.0  # greatest error of any position that is used, own or a neighbour's
-
-
-class Peers(NamedTuple):
-    """The other aircraft that the vehicle's own detector shows."""
-
-    places_ned_m: np.ndarray  # (P, 2) m
-    velocities_m_s: np.ndarray  # (P, 2) m/s, over ground
-
-
-@dataclass(frozen=True)
-class Resolution:
-    """The rule's resolution of a wanted heading: the heading and speed to fly, and the reason for any change."""
-
-    heading_rad: float  # clockwise from north, in [0, 2 pi)
-    speed_m_s: float
-    reason: str | None  # None: nothing was changed
 
 
 @dataclass(frozen=True)
 class _Neighbour:
     """A neighbour whose reserved disc is near enough to forbid something."""
 
+    peer: int  # its index among the peers
     bearing_rad: float  # from the centre of our reserved disc to the centre of the neighbour's
     share_m: float  # how far our centre may move towards it in a step; negative: how far it must move away
     # For a neighbour seen only when the discs overlapped already, against which the rule gives no guarantee: its north
     # and east from us, m, and its velocity, m/s.
     seen_late: tuple[float, float, float, float] | None = None
-
-
-def reserved_radius_m(speed_m_s: float, rules: Rules, dt_s: float) -> float:
-    """Return the radius of the reserved disc, m: turning circle or braking distance, plus half D_safe and the error."""
-    margin_m = 0.5 * rules.separation_m + rules.position_error_m
-    if rules.can_stop:
-        return _braking_way_m(speed_m_s, rules) + margin_m
-    return _circle(speed_m_s, rules, dt_s)[1] + margin_m
-
-
-def interaction_radius_m(rules: Rules, dt_s: float) -> float:
-    """Return the distance between two vehicles at cruise speed beyond which neither constrains the other, m.
-
-    For vehicles that cannot stop it is the distance in the worst geometry, each with the other abeam to its right. The
-    rule guarantees separation only if the detector sees at least this far.
-    """
-    cruise_m_s = rules.speed_m_s
-    discs_m = 2.0 * reserved_radius_m(cruise_m_s, rules, dt_s)
-    fits_m = cruise_m_s * dt_s / LEAST_PART
-    if rules.can_stop:
-        return discs_m + fits_m + 2.0 * cruise_m_s * rules.reaction_s
-    rate_rad_s, _ = _circle(cruise_m_s, rules, dt_s)
-    return discs_m + 2.0 * (fits_m + cruise_m_s / rate_rad_s) + 4.0 * cruise_m_s * rules.reaction_s
 
 
 def give_way(
@@ -140,7 +82,8 @@ def give_way(
     positive `braking_m_s2`.
     """
     if rules.can_stop:
-        return _give_way_stopping(wanted_rad, motion, peers, rules, dt_s)
+        at_effect_rad = motion.heading_rad if heading_at_effect_rad is None else heading_at_effect_rad
+        return keep_apart(wanted_rad, Start(motion, at_effect_rad, rules, dt_s), peers, _part(motion, rules, dt_s))
     wanted_rad %= math.tau
     neighbours = _neighbours(motion, peers, rules, dt_s)
     if not neighbours:
@@ -149,9 +92,12 @@ def give_way(
         motion = replace(motion, heading_rad=heading_at_effect_rad)
     chosen = _keep_right(wanted_rad, motion, neighbours, rules, dt_s)
     late = [each.seen_late for each in neighbours if each.seen_late is not None]
-    if not late:
+    if late:
+        others = [each for each in neighbours if each.seen_late is None]
+        chosen = _keep_clear(chosen, motion, late, others, rules, dt_s)
+    if chosen.reason is None:
         return chosen
-    return _keep_clear(chosen, motion, late, [each for each in neighbours if each.seen_late is None], rules, dt_s)
+    return replace(chosen, peer=min(neighbours, key=lambda each: each.share_m).peer)
 
 
 def _keep_right(
@@ -165,7 +111,7 @@ def _keep_right(
     rate_rad_s = _circle_rate_rad_s(motion.speed_m_s, rules, dt_s)
     step_turn_rad = rate_rad_s * dt_s
     arcs = _forbidden_arcs(neighbours, motion.speed_m_s * dt_s)
-    chosen_rad = _first_clockwise(wanted_rad, arcs)
+    chosen_rad = first_clockwise(wanted_rad, arcs)
     if chosen_rad is None:
         return Resolution((motion.heading_rad + step_turn_rad) % math.tau, motion.speed_m_s, CIRCLING)
     turn_rad = shorter_turn_rad(motion.heading_rad, chosen_rad)
@@ -179,7 +125,7 @@ def _keep_right(
                 if fraction == 1.0:
                     return Resolution(chosen_rad, motion.speed_m_s, reason)
                 return Resolution((motion.heading_rad + part_rad) % math.tau, motion.speed_m_s, PASSING)
-        if not _inside(motion.heading_rad, arcs):
+        if not inside(motion.heading_rad, arcs):
             return Resolution(motion.heading_rad % math.tau, motion.speed_m_s, PASSING)
     # The long way round: a heading as far ahead as one step turns, or the vehicle would take the shorter side.
     ahead_rad = min(step_turn_rad, turn_rad + math.tau)
@@ -204,7 +150,7 @@ def _keep_clear(
     step_turn_rad = rate_rad_s * dt_s
     to_choice_rad = shorter_turn_rad(motion.heading_rad, chosen.heading_rad)
     turns_rad = [math.inf if chosen.reason in (CIRCLING, TURNING_RIGHT) else to_choice_rad, math.inf]
-    if not _inside(motion.heading_rad, _forbidden_arcs(others, motion.speed_m_s * dt_s)):
+    if not inside(motion.heading_rad, _forbidden_arcs(others, motion.speed_m_s * dt_s)):
         turns_rad.append(0.0)
     if _left_turn_allowed(motion, -step_turn_rad, rate_rad_s, dt_s, others):
         turns_rad.append(-math.inf)
@@ -261,40 +207,26 @@ def _path(
     return places_m
 
 
-def _circle(speed_m_s: float, rules: Rules, dt_s: float) -> tuple[float, float]:
-    """Return turn rate, rad/s, and radius, m, of the circle to the right.
-
-    It is the tightest circle, unless one step of that would turn by more than GREATEST_STEP_TURN_RAD.
-    """
-    rate_rad_s = turn_rate_rad_s(speed_m_s, rules.n_max)
-    most_rad_s = GREATEST_STEP_TURN_RAD / dt_s
-    if rate_rad_s <= most_rad_s:
-        return rate_rad_s, speed_m_s / rate_rad_s
-    # The vehicle turns faster than along the circle and flies a polygon, which leaves the circle by less than a step.
-    return most_rad_s, speed_m_s / most_rad_s + speed_m_s * dt_s
-
-
 def _circle_rate_rad_s(speed_m_s: float, rules: Rules, dt_s: float) -> float:
     """Return the turn rate of the circle to the right (see _circle)."""
-    return _circle(speed_m_s, rules, dt_s)[0]
+    return circle(speed_m_s, rules, dt_s)[0]
 
 
 def _neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float) -> list[_Neighbour]:
     """Return the peers near enough for the two reserved discs to meet within a step, with our share of each gap."""
     speed_m_s = motion.speed_m_s
-    radius_m = speed_m_s / _circle_rate_rad_s(speed_m_s, rules, dt_s)
-    north_m = motion.north_m - radius_m * math.sin(motion.heading_rad)
-    east_m = motion.east_m + radius_m * math.cos(motion.heading_rad)
+    north_m, east_m = centre_ned_m(motion, rules, dt_s)
     # Our disc, both margins, and how far commands that do not act yet may move a centre (leftwards at twice the speed).
-    kept_m = 2.0 * reserved_radius_m(speed_m_s, rules, dt_s) - _circle(speed_m_s, rules, dt_s)[1]
+    kept_m = 2.0 * reserved_radius_m(speed_m_s, rules, dt_s) - circle(speed_m_s, rules, dt_s)[1]
     kept_m += 2.0 * rules.reaction_s * speed_m_s
-    part = 0.5 * (1.0 - UNEVENNESS * _uneven(motion, rules, dt_s))
+    part = _part(motion, rules, dt_s)
     reach_m = 2.0 * speed_m_s * dt_s / LEAST_PART
     neighbours = []
     # Plain floats: for the dozens of peers that a detector shows this is faster than a dozen array operations.
-    for place, velocity in zip(peers.places_ned_m.tolist(), peers.velocities_m_s.tolist(), strict=True):
+    rows = zip(peers.places_ned_m.tolist(), peers.velocities_m_s.tolist(), strict=True)
+    for peer, (place, velocity) in enumerate(rows):
         peer_m_s = math.hypot(velocity[0], velocity[1])
-        rate_rad_s, peer_radius_m = _circle(peer_m_s, rules, dt_s)
+        rate_rad_s, peer_radius_m = circle(peer_m_s, rules, dt_s)
         to_north_m = place[0] - velocity[1] / rate_rad_s - north_m
         to_east_m = place[1] + velocity[0] / rate_rad_s - east_m
         gap_m = math.hypot(to_north_m, to_east_m) - kept_m - peer_radius_m - 2.0 * rules.reaction_s * peer_m_s
@@ -304,8 +236,13 @@ def _neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float) -> list
             late = gap_m + in_flight_m < -LATE_PART * rules.separation_m
             seen = (place[0] - motion.north_m, place[1] - motion.east_m, velocity[0], velocity[1]) if late else None
             share_m = max(part * gap_m, -RETREAT * speed_m_s * dt_s)
-            neighbours.append(_Neighbour(bearing_rad, share_m, seen))
+            neighbours.append(_Neighbour(peer, bearing_rad, share_m, seen))
     return neighbours
+
+
+def _part(motion: Motion, rules: Rules, dt_s: float) -> float:
+    """Return the part of every gap that a vehicle uses where it is, from LEAST_PART to a half."""
+    return 0.5 * (1.0 - UNEVENNESS * _uneven(motion, rules, dt_s))
 
 
 def _uneven(motion: Motion, rules: Rules, dt_s: float) -> float:
@@ -314,28 +251,14 @@ def _uneven(motion: Motion, rules: Rules, dt_s: float) -> float:
     return math.modf(abs(motion.north_m * math.sqrt(2.0) + motion.east_m * math.sqrt(3.0)) / period_m)[0]
 
 
-def _forbidden_arcs(neighbours: Sequence[_Neighbour], step_m: float) -> list[tuple[float, float]]:
+def _forbidden_arcs(neighbours: Sequence[_Neighbour], step_m: float) -> list[Arc]:
     """Return the forbidden headings as arcs (middle, half-width) in rad: a whole step along them exceeds a share."""
     return [
         (each.bearing_rad, math.acos(each.share_m / step_m) + EDGE_RAD) for each in neighbours if each.share_m < step_m
     ]
 
 
-def _inside(heading_rad: float, arcs: Sequence[tuple[float, float]]) -> bool:
-    """Return whether a heading lies in any of the arcs."""
-    return any(abs(math.remainder(heading_rad - middle, math.tau)) < half for middle, half in arcs)
-
-
-def _first_clockwise(wanted_rad: float, arcs: Sequence[tuple[float, float]]) -> float | None:
-    """Return the wanted heading if it is free, else the first free one clockwise from it; None if there is none."""
-    free = [wanted_rad] + [(middle + half + EDGE_RAD) % math.tau for middle, half in arcs]
-    for heading_rad in sorted(free, key=lambda each: (each - wanted_rad) % math.tau):
-        if not _inside(heading_rad, arcs):
-            return heading_rad
-    return None
-
-
-def _sweeps(heading_rad: float, turn_rad: float, arcs: Sequence[tuple[float, float]]) -> bool:
+def _sweeps(heading_rad: float, turn_rad: float, arcs: Sequence[Arc]) -> bool:
     """Return whether a turn to the left (negative) passes any arc; an arc that contains the present heading counts."""
     middle_rad, half_rad = heading_rad + 0.5 * turn_rad, -0.5 * turn_rad - 2.0 * EDGE_RAD
     return any(abs(math.remainder(middle_rad - middle, math.tau)) < half_rad + half for middle, half in arcs)
@@ -359,84 +282,5 @@ def _left_turn_allowed(
         if end_rad < -math.pi / 2 < start_rad:
             farthest_m = max(farthest_m, diameter_m * (math.sin(start_rad) + 1.0))
         if farthest_m > max(each.share_m, 0.0):
-            return False
-    return True
-
-
-def _braking_way_m(speed_m_s: float, rules: Rules) -> float:
-    """Return the braking distance from a speed to a stop, m."""
-    return 0.5 * speed_m_s**2 / _braking_m_s2(rules)
-
-
-def _braking_m_s2(rules: Rules) -> float:
-    """Return the deceleration that the rules give; raise ValueError if it is not positive."""
-    if rules.braking_m_s2 is None or rules.braking_m_s2 <= 0.0:
-        raise ValueError(f"rules.braking_m_s2 is {rules.braking_m_s2}, a vehicle that can stop needs a positive one")
-    return rules.braking_m_s2
-
-
-def _give_way_stopping(
-    wanted_rad: float,
-    motion: Motion,
-    peers: Peers,
-    rules: Rules,
-    dt_s: float,
-) -> Resolution:
-    """Return the resolution for a vehicle that can stop: it keeps right, and slow enough to stop within its share."""
-    wanted_rad %= math.tau
-    neighbours = _stopping_neighbours(motion, peers, rules, dt_s)
-    if not neighbours:
-        return Resolution(wanted_rad, rules.speed_m_s, None)
-    arcs = [(middle, half + OPENING_RAD) for middle, half in _forbidden_arcs(neighbours, rules.speed_m_s * dt_s)]
-    chosen_rad = _first_clockwise(wanted_rad, arcs)
-    if chosen_rad is not None:
-        for fraction in SPEED_FRACTIONS:
-            speed_m_s = fraction * rules.speed_m_s
-            if _speed_allowed(motion, chosen_rad, speed_m_s, rules, dt_s, neighbours):
-                kept = chosen_rad == wanted_rad
-                return Resolution(chosen_rad, speed_m_s, (None if kept else PASSING) if fraction == 1.0 else SLOWING)
-    return Resolution(wanted_rad if chosen_rad is None else chosen_rad, 0.0, STOPPING)
-
-
-def _stopping_neighbours(motion: Motion, peers: Peers, rules: Rules, dt_s: float) -> list[_Neighbour]:
-    """Return the peers so near that the braking distances could meet within a step, with our share of each gap."""
-    places_ned_m, velocities_m_s = peers
-    if len(places_ned_m) == 0:
-        return []
-    cruise_m_s = rules.speed_m_s
-    to_north_m, to_east_m = places_ned_m[:, 0] - motion.north_m, places_ned_m[:, 1] - motion.east_m
-    peer_speed_m_s = np.hypot(velocities_m_s[:, 0], velocities_m_s[:, 1])  # (P,)
-    speed_m_s = np.array(motion.speed_m_s)
-    if rules.reaction_s > 0.0:
-        # A command that does not act yet may bring either vehicle up to cruise speed.
-        speed_m_s, peer_speed_m_s = np.maximum(speed_m_s, cruise_m_s), np.maximum(peer_speed_m_s, cruise_m_s)
-    gap_m = np.hypot(to_north_m, to_east_m) - rules.separation_m - 2.0 * rules.position_error_m
-    gap_m = gap_m - (speed_m_s**2 + peer_speed_m_s**2) / (2.0 * _braking_m_s2(rules))
-    gap_m = gap_m - rules.reaction_s * (speed_m_s + peer_speed_m_s)
-    reach_m = (cruise_m_s * dt_s + _braking_way_m(cruise_m_s, rules)) / LEAST_PART
-    part = 0.5 * (1.0 - UNEVENNESS * _uneven(motion, rules, dt_s))
-    return [
-        _Neighbour(math.atan2(to_east_m[k], to_north_m[k]), max(part * float(gap_m[k]), 0.0))
-        for k in np.flatnonzero(gap_m < reach_m).tolist()
-    ]
-
-
-def _speed_allowed(
-    motion: Motion, heading_rad: float, speed_m_s: float, rules: Rules, dt_s: float, neighbours: Sequence[_Neighbour]
-) -> bool:
-    """Return whether changing to a heading and a speed keeps the way to a stop inside our share of each gap.
-
-    While the vehicle brakes, its reserved disc shrinks within itself. So only two things count: the distance flown
-    after braking, and what a greater speed adds to the braking distance.
-    """
-    braking_s = max(motion.speed_m_s - speed_m_s, 0.0) / _braking_m_s2(rules)
-    way_m = speed_m_s * max(dt_s - braking_s, 0.0)
-    added_m = max(_braking_way_m(speed_m_s, rules) - _braking_way_m(motion.speed_m_s, rules), 0.0)
-    # A vehicle that stands may start in any direction; one that moves sweeps all headings between.
-    turn_rad = shorter_turn_rad(motion.heading_rad, heading_rad) if motion.speed_m_s > 0.0 else 0.0
-    for each in neighbours:
-        # The heading nearest to the neighbour among all that the turn sweeps.
-        off_rad = abs(math.remainder(heading_rad - 0.5 * turn_rad - each.bearing_rad, math.tau)) - 0.5 * abs(turn_rad)
-        if way_m * max(math.cos(max(off_rad, 0.0)), 0.0) + added_m > each.share_m:
             return False
     return True

@@ -9,10 +9,12 @@ import numpy as np
 
 from companion.autopilot.adapter import Abilities
 from companion.geo.kinematics import limit_turn
+from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.guard.guard import Guard
 from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
-from companion.guidance.separation import Peers, Rules, give_way, interaction_radius_m
+from companion.guidance.resolution import Peers
+from companion.guidance.separation import give_way
 from companion.guidance.steering import (
     APPROACH_GAIN_1_S,
     attraction,
@@ -21,7 +23,7 @@ from companion.guidance.steering import (
     loiter_radius_m,
     loiter_spacing_m,
 )
-from companion.guidance.view import View
+from companion.guidance.view import NOBODY, View
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
@@ -266,7 +268,8 @@ def _right_of_way(
     steering: Steering, wanted_rad: float, speed_m_s: float, moment: Moment, at_effect_rad: float | None
 ) -> tuple[float, float, str | None]:
     """Return heading (rad) and speed (m/s) by the right of way, and why it changed them, or None."""
-    if steering.rules is None:
+    # Standing still is always allowed to one that can stop.
+    if steering.rules is None or (steering.can_stop and speed_m_s == 0.0):
         return wanted_rad, speed_m_s, None
     given = give_way(
         wanted_rad,
@@ -276,9 +279,17 @@ def _right_of_way(
         steering.config.guidance_step_s,
         heading_at_effect_rad=at_effect_rad,
     )
-    if steering.can_stop and given.reason is not None:
+    if given.reason is None:
+        return given.heading_rad, speed_m_s, None
+    if steering.can_stop:
         speed_m_s = min(speed_m_s, given.speed_m_s)
-    return given.heading_rad, speed_m_s, given.reason
+    return given.heading_rad, speed_m_s, f"{given.reason} ({_named(given.peer, moment.view)})"
+
+
+def _named(peer: int | None, view: View) -> str:
+    """Return the words for a neighbour, given by its index among the detected traffic."""
+    identity = NOBODY if peer is None else int(view.peer_ids[len(view.peer_ids) - len(view.traffic_ned_m) + peer])
+    return "not of the fleet" if identity == NOBODY else f"agent {identity}"
 
 
 def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool) -> Verdict:

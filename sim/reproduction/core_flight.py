@@ -38,8 +38,9 @@ from companion.surrogate.profiles import (
     surrogate_gradient,
 )
 from groundstation.assignment import OBJECTIVES, Objective, assign
+from sim.arrivals import Passages
 from sim.sensor import LOOK_PERIOD_S
-from sim.trajectory import POSITION_DECIMALS, Trajectory, TrajectoryBuilder
+from sim.trajectory import Trajectory, TrajectoryBuilder
 from sim.world import World
 
 CoreLaw = Literal["seed", "step"]
@@ -89,7 +90,7 @@ class _Arrivals:
     def update(self, near: np.ndarray) -> bool:
         """Note which agents have arrived, targets in file order, and return whether any has.
 
-        `near` (N, K) says which agents are within the arrival radius of which targets.
+        `near` (N, K) says which agents have come within the arrival radius of which targets.
         """
         changed = False
         if near.any():
@@ -222,6 +223,23 @@ def _settled(ids: np.ndarray, agent: int, heard: _Heard) -> np.ndarray:
     return settled
 
 
+class _Record:
+    """The true positions of a flight, and who comes near which target."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.trajectory = TrajectoryBuilder(
+            [agent.id for agent in mission.agents],
+            [target.id for target in mission.targets],
+            [threat.id for threat in mission.threats],
+        )
+        self._passages = Passages(mission)
+
+    def add(self, t_s: float, agents: np.ndarray, targets: np.ndarray, threats: np.ndarray) -> np.ndarray:
+        """Record rows; return (N, K) bool, who came within the arrival radius of what since the last ones."""
+        self.trajectory.append(t_s, agents, targets, threats)
+        return self._passages.near(t_s, agents, targets)
+
+
 class _Flying:
     """A flight in progress; N agents, K targets, M threats in file order."""
 
@@ -237,11 +255,7 @@ class _Flying:
         self._assigned = np.full(len(mission.agents), _NO_TARGET)
         self._heard: _Heard | None = None
         self._turn_limited = 0
-        self._trajectory = TrajectoryBuilder(
-            [agent.id for agent in mission.agents],
-            [target.id for target in mission.targets],
-            [threat.id for threat in mission.threats],
-        )
+        self._record = _Record(mission)
 
     def run(self) -> CoreFlight:
         """Fly to the end and return the flight."""
@@ -252,18 +266,21 @@ class _Flying:
         next_look_s = next_assignment_s = next_broadcast_s = 0.0
         step_us = []
         spent_ns = 0
+        seen = np.zeros((len(mission.agents), len(mission.targets)), dtype=bool)
         for tick in range(last_tick + 1):
             t_s = tick * dt_s
             self._world.advance(t_s)
             targets, threats = self._world.rows()
-            near = self._record(t_s, targets, threats)
+            near = self._record.add(t_s, self._agents.rows(), targets, threats)
+            seen |= near
             self._true_arrivals.update(near)
             if self._true_arrivals.over or tick == last_tick:
                 break
             began_ns = time.perf_counter_ns()
             if t_s >= next_look_s - _TOLERANCE_S:
                 next_look_s += LOOK_PERIOD_S
-                changed = self._seen_arrivals.update(near)
+                changed = self._seen_arrivals.update(seen)
+                seen[:] = False
                 due = t_s >= next_assignment_s - _TOLERANCE_S
                 if changed or due:
                     self._assign(targets[:, :2])
@@ -279,19 +296,7 @@ class _Flying:
                 step_us.append(spent_ns / 1000.0)
                 spent_ns = 0
             self._agents.fly(dt_s)
-        return CoreFlight(self._trajectory.build(), len(step_us), np.array(step_us), self._turn_limited)
-
-    def _record(self, t_s: float, targets: np.ndarray, threats: np.ndarray) -> np.ndarray:  # (N, K) bool
-        """Record the true positions; return which agents are within the arrival radius of which targets.
-
-        Positions are rounded as in the trajectory, so that `sim.score` finds the same arrivals.
-        """
-        rows = self._agents.rows()
-        self._trajectory.append(t_s, rows, targets, threats)
-        traffic_ned_m = np.round(rows[:, :2], POSITION_DECIMALS)
-        offset_m = traffic_ned_m[:, None] - np.round(targets[:, :2], POSITION_DECIMALS)
-        near: np.ndarray = np.hypot(offset_m[..., 0], offset_m[..., 1]) <= self._mission.arrival_radius_m
-        return near
+        return CoreFlight(self._record.trajectory.build(), len(step_us), np.array(step_us), self._turn_limited)
 
     def _assign(self, targets_ned_m: np.ndarray) -> None:
         """Assign one of the open targets (K, 2) to every agent on its way, as far as there are enough."""

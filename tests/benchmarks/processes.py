@@ -249,7 +249,7 @@ def fly(
         targets, threats = world.rows()
         if is_due("record", mission.integration_step_s, t_s):
             builder.append(t_s, rows, targets, threats)
-            if arrivals.note(rows[:, :2], alive, targets[:, :2]):
+            if arrivals.note(t_s, rows, alive, targets):
                 break
         if is_due("look", LOOK_PERIOD_S, t_s):
             detections = [

@@ -16,9 +16,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.geo.kinematics import turn_rate_rad_s, turn_towards
+from companion.geo.kinematics import PIVOT_SPEED_M_S, limit_turn, turn_rate_rad_s, turn_towards
+from companion.geo.right_of_way import Rules, reserved_radius_m
 from companion.guard.types import Motion
-from companion.guidance.separation import Peers, Rules, give_way, reserved_radius_m
+from companion.guidance.resolution import Peers, Resolution
+from companion.guidance.separation import give_way
 from companion.guidance.steering import loiter_attraction, loiter_place, loiter_radius_m, loiter_spacing_m
 
 DT_S = 0.5
@@ -73,14 +75,16 @@ def fly(
     arrival_radius_m: float = ARRIVAL_RADIUS_M,
     give: bool = True,
     noise: Callable[[tuple[int, ...]], np.ndarray] | None = None,
+    standing: bool = False,
 ) -> Outcome:
     """Fly until all vehicles have arrived and for `after_s` more, or to the time limit.
 
-    Without `give` no vehicle gives way. `noise` returns position errors in m for an array of the given shape. The
-    crafts are changed in place.
+    Without `give` no vehicle gives way. With `standing` all stand still at first. `noise` returns position errors in m
+    for an array of the given shape. The crafts are changed in place.
     """
     for craft in crafts:
         craft.cruise_m_s = craft.speed_m_s
+        craft.speed_m_s = 0.0 if standing else craft.speed_m_s
         if craft.target_ned_m is None:
             craft.place_ned_m = (craft.north_m, craft.east_m)
         else:
@@ -108,7 +112,7 @@ def fly(
                     wanted_rad, motion, Peers(heard, velocities[seen]), rules, DT_S, heading_at_effect_rad=at_effect_rad
                 )
                 speed_m_s = min(chosen.speed_m_s, _wanted_m_s(craft, rules))
-                decisions.append((chosen.heading_rad, speed_m_s))
+                decisions.append((_reachable_rad(craft, at_effect_rad, chosen, rules), speed_m_s))
             else:
                 decisions.append((wanted_rad, craft.speed_m_s))
         for craft, decision in zip(crafts, decisions, strict=True):
@@ -134,6 +138,14 @@ def _heading_at_effect_rad(craft: Craft, rules: Rules) -> float:
         rate_rad_s = turn_rate_rad_s(speed_m_s, rules.n_max)
         heading_rad = turn_towards(0.0, 0.0, heading_rad, speed_m_s, wanted_rad, rate_rad_s, DT_S)[2]
     return heading_rad
+
+
+def _reachable_rad(craft: Craft, at_effect_rad: float, chosen: Resolution, rules: Rules) -> float:
+    """Return the chosen heading, for a craft that can stop as far as it can be turned to in a step."""
+    if not rules.can_stop:
+        return chosen.heading_rad
+    faster_m_s = max(craft.speed_m_s, chosen.speed_m_s)
+    return limit_turn(at_effect_rad, chosen.heading_rad, faster_m_s, rules.n_max, DT_S)[0]
 
 
 def _wanted_m_s(craft: Craft, rules: Rules) -> float:
@@ -171,8 +183,8 @@ def _wanted_rad(craft: Craft, loitering_ned_m: np.ndarray, rules: Rules, arrival
 def _step(craft: Craft, heading_rad: float, speed_m_s: float, rules: Rules) -> list[tuple[float, float]]:
     """Move a craft by a step; return its positions at the samples, the first at the step's start."""
     places = [(craft.north_m, craft.east_m)]
-    if rules.braking_m_s2 is not None and craft.speed_m_s == 0.0:
-        craft.heading_rad = heading_rad  # a craft that stands has no course to turn from
+    if rules.braking_m_s2 is not None and craft.speed_m_s < PIVOT_SPEED_M_S:
+        craft.heading_rad = heading_rad  # a craft that hardly moves has no course to turn from
     start = (craft.north_m, craft.east_m, craft.heading_rad)
     for piece in range(1, PIECES + 1):
         before_m_s = craft.speed_m_s

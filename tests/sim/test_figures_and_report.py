@@ -34,7 +34,10 @@ def mission_of(agents: int, targets: int, threats: int, name: str = "two by two"
         origin=SimpleNamespace(alt_m=500.0),
         layers=1,
         layer_spacing_m=0.0,
-        agents=tuple(SimpleNamespace(id=index + 1, height_m=30.0, only_target=None) for index in range(agents)),
+        agents=tuple(
+            SimpleNamespace(id=index + 1, height_m=30.0, only_target=None, speed_m_s=60.0, n_max=1.0)
+            for index in range(agents)
+        ),
         targets=tuple(SimpleNamespace(id=index + 1) for index in range(targets)),
         threats=tuple(
             SimpleNamespace(
@@ -280,9 +283,9 @@ def test_the_report_lists_every_agent_and_target_with_time_and_lengths(tmp_path:
     text = report_of(tmp_path)
     rows = [re.sub("<[^>]*>", "|", row) for row in re.findall("<tr>(.*?)</tr>", text)]
     cells = [[cell for cell in row.split("|") if cell] for row in rows]
-    assert ["1", "target 1", "29.0", "2.00", "1.97", "1.97", "1.000", "0"] in cells
+    assert ["1", "target 1", "28.8", "2.00", "1.95", "1.95", "1.000", "0"] in cells
     assert ["3", "–", "–", "2.00", "2.00", "2.00", "1.000", "0"] in cells
-    assert ["2", "29.0", "2"] in cells
+    assert ["2", "28.8", "2"] in cells
 
 
 def test_a_lost_agent_is_told_with_the_time_of_its_loss(tmp_path: Path) -> None:

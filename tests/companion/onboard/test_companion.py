@@ -16,7 +16,7 @@ from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S, NEIGHBOUR_MEMORY_
 from companion.geo.kinematics import turn_towards
 from companion.guard.types import KEEP_OUT, NEW_THREAT, Motion, Verdict
 from companion.guidance.laws import ROUTE_MARGIN_M, SteeringDemand, Task
-from companion.guidance.separation import PASSING, SLOWING, STOPPING
+from companion.guidance.resolution import PASSING, SLOWING, STOPPING
 from companion.guidance.settings import LAWS
 from companion.guidance.steering import SteeringVector
 from companion.guidance.view import View
@@ -787,10 +787,12 @@ def test_what_keeps_the_law_from_its_goal_is_the_reason_of_the_decision() -> Non
     assert math.hypot(setpoint.vx, setpoint.vy) == pytest.approx(10.0, abs=1e-3)
 
 
-def meeting(config: Config = CONFIG, kind: str = "kinematic", above_m: float | None = None) -> Decision:
+def meeting(
+    config: Config = CONFIG, kind: str = "kinematic", above_m: float | None = None, apart_m: float = 44.0
+) -> Decision:
     """Return the decision on the way north of one that sees another come head-on, both at 10 m/s."""
     flight = guided(config, kind)
-    flight.neighbour(44.0, 0.0, (-10.0, 0.0), above_m=above_m)
+    flight.neighbour(apart_m, 0.0, (-10.0, 0.0), above_m=above_m)
     flight.broadcast((5_000.0, 0.0))
     return flight.at(velocity=NORTH_M_S)[0]
 
@@ -798,26 +800,33 @@ def meeting(config: Config = CONFIG, kind: str = "kinematic", above_m: float | N
 def test_of_two_that_meet_head_on_it_turns_right_and_says_so() -> None:
     decision = meeting()
     assert wanted_rad(decision) == pytest.approx(0.0, abs=1e-6)
-    assert decision.gave_way == PASSING
+    assert decision.gave_way == f"{PASSING} (agent 12)"
     assert decision.setpoint is not None
     assert 0.1 < decision.setpoint.heading_rad < math.pi
 
 
 def test_one_that_can_stop_slows_down_as_well() -> None:
-    decision = meeting(kind="arducopter")
-    assert decision.gave_way == SLOWING
+    decision = meeting(kind="arducopter", apart_m=70.0)
+    assert decision.gave_way == f"{SLOWING} (agent 12)"
     assert decision.setpoint is not None
     assert 0.0 < decision.setpoint.speed_m_s < CONFIG.limits.speed_m_s
 
 
-def test_one_that_can_stop_stands_still_within_the_separation_of_another() -> None:
+def test_one_that_can_stop_stops_for_one_that_comes_too_near_and_says_so() -> None:
+    decision = meeting(kind="arducopter")
+    assert decision.gave_way == f"{STOPPING} (agent 12)"
+    assert decision.setpoint is not None
+    assert decision.setpoint.speed_m_s == 0.0
+
+
+def test_one_that_stands_within_the_separation_of_another_moves_away_from_it() -> None:
     flight = guided()
     flight.neighbour(0.5 * CONFIG.separation_m, 0.0)
     flight.broadcast((5_000.0, 0.0))
     decision, setpoint = flight.at()
-    assert decision.gave_way == STOPPING
+    assert decision.gave_way == f"{SLOWING} (agent 12)"
     assert setpoint is not None
-    assert math.hypot(setpoint.vx, setpoint.vy) == pytest.approx(0.0, abs=1e-3)
+    assert setpoint.vx < 0.0
 
 
 def test_nobody_gives_way_to_one_that_is_only_broadcast() -> None:
