@@ -78,17 +78,18 @@ class BackupSearch:
         vehicle: VehicleModel,
         fence: Fence | None,
         flight: Flight,
-        limited: bool,
+        horizon_s: float,
         path: Path | None,
         along_m: float,
     ) -> None:
         """Prepare the search for one flight situation.
 
-        With `limited` a path needs to be clear only for the horizon, not for ever. `path` is the stored path, and
+        A path needs to be clear for `horizon_s`, which is infinite for one that is clear for ever, or where all discs
+        stand still. `path` is the stored path, and
         `along_m` the distance along it at which the tip is.
         """
         self._vehicle, self._limits, self._fence = vehicle, vehicle.limits, fence
-        self._flight, self._limited = flight, limited
+        self._flight, self._horizon_s = flight, horizon_s
         self._path, self._along_m = path, along_m
 
     def choices(self, wanted: Step) -> Iterator[Step]:
@@ -194,9 +195,9 @@ class BackupSearch:
     ) -> Path | str:
         """Return a certified path from a pose that the vehicle reaches after `after_s`, or why there is none."""
         flight = self._flight
-        lasts_s = after_s + self._limits.horizon_s if flight.moving else math.inf
+        lasts_s = after_s + self._horizon_s
         reason = KEEP_OUT
-        if self._limited or not flight.moving:
+        if math.isfinite(lasts_s) or not flight.moving:
             grown_s = lasts_s if flight.moving else 0.0
             found = self.to_rest(pose, step, speed_m_s, flight.near, grown_s, spare_m)
             if isinstance(found, Path):
@@ -205,7 +206,7 @@ class BackupSearch:
         if flight.moving:
             ray = self.ray(pose, step.speed_m_s, after_s, spare_m, thorough)
             if ray is not None:
-                return Path(ray, 0, step.speed_m_s, lasts_s if self._limited else math.inf)
+                return Path(ray, 0, step.speed_m_s, lasts_s)
         return reason
 
     def to_rest(
@@ -289,7 +290,7 @@ class BackupSearch:
         ray = self.ray(pose, step.speed_m_s, after_s, spare_m, thorough)
         if ray is None:
             return None
-        return Path(ray, 0, step.speed_m_s, after_s + self._limits.horizon_s if self._limited else math.inf)
+        return Path(ray, 0, step.speed_m_s, after_s + self._horizon_s)
 
     def ray(
         self,
@@ -305,7 +306,7 @@ class BackupSearch:
         if slow_m_s < PIVOT_SPEED_M_S:
             return None
         curvature_1_m = self._vehicle.curvature_1_m(speed_m_s)
-        length_m = slow_m_s * self._limits.horizon_s if self._limited else math.inf
+        length_m = slow_m_s * self._horizon_s
         coarse = speed_m_s * flight.dt_s * curvature_1_m > GREATEST_TURN_RAD
         for heading_rad in self.likely_headings_rad(pose, flight.discs):
             turn_rad = math.remainder(heading_rad - pose.heading_rad, math.tau)

@@ -52,12 +52,10 @@ def left_of(pieces: Sequence[Piece], along_m: float) -> tuple[Piece, ...]:
     return ()
 
 
-def nearest(
-    pieces: Sequence[Piece], position_ned_m: tuple[float, float], within_m: float
-) -> tuple[float, float]:
-    """Return the distance along pieces, at most about `within_m`, of the point nearest to a position, and how far it is.
+def nearest(pieces: Sequence[Piece], position_ned_m: tuple[float, float], within_m: float) -> tuple[float, float]:
+    """Return the distance along pieces of the point nearest to a position, and how far the position is from it, m.
 
-    The position is right of the route if the second number is positive.
+    Only pieces that begin within `within_m` are looked at. The second number is positive right of the route.
     """
     best = (0.0, math.inf)
     before_m = 0.0

@@ -46,6 +46,13 @@ OFF_ROUTE_M = 0.5
 """Distance beside the route beyond what following it costs, up to which it is followed instead of planned anew."""
 OFF_ROUTE_RAD = 0.5 * math.pi
 """Difference of headings up to which a route is followed."""
+TIGHTEST_SHARE = 0.999
+"""Share of the least turn radius from which an arc counts as the tightest."""
+LONGEST_TURN_RAD = 3.0
+"""Greatest turn whose end is demanded at once: less than pi, so that the turn goes by its own side."""
+STAYING_RADII = 6.0
+"""Distance from the nearest safe point, in radii of the circle to arrive on, up to which the vehicle stays there: its
+loiter circle may lead away from it by a diameter."""
 STANDING_M = 1.0
 """Distance from the nearest safe point within which a vehicle that can stop stays."""
 WALL_SHARE = 22.0
@@ -136,6 +143,20 @@ class _Planned(NamedTuple):
     route: Route
     short: bool
     """Whether it leads only to the nearest safe point."""
+    circle_m: float = 0.0
+    """Length of the circle at its end, on which the vehicle may stay; 0 where it ends at a place."""
+
+    @property
+    def to_go_m(self) -> float:
+        """Length of the way to the place, or to the circle."""
+        return self.route.length_m - self.circle_m
+
+
+class _Stay(NamedTuple):
+    """A nearest safe point at which the vehicle stays, and the place that it cannot reach."""
+
+    instead_of_ned_m: tuple[float, float]
+    at_ned_m: tuple[float, float]
 
 
 class RoutedLaw:
@@ -162,6 +183,7 @@ class RoutedLaw:
         self._router = Router()
         self._planned: _Planned | None = None
         self._circle: tuple[tuple[float, float], TurningPlace] | None = None
+        self._stay: _Stay | None = None
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """Return the direction of the route, bent by the surrogate's gradient where it does not oppose the route."""
@@ -175,12 +197,27 @@ class RoutedLaw:
             stay = "no way to the target" if route.reach is Reach.NONE else route.reach.value
             return SteeringDemand(direction(task.pull, self._wall_gradient(motion, view)), stay=stay, route=route)
         note = NEAREST_NOTE if planned.short else None
-        if planned.short and route.length_m <= (STANDING_M if self._settings.limits.can_stop else self._step_m):
+        self._stay = self._staying(planned, task, motion)
+        if self._stay is not None:
             return SteeringDemand(SteeringVector(0.0, 0.0), stay="at the nearest safe point", note=note, route=route)
         course_rad = self._course_rad(route, motion, view, beside_m)
-        pull = SteeringVector(route.length_m * math.cos(course_rad), route.length_m * math.sin(course_rad))
+        strength_m = max(planned.to_go_m, self._step_m)
+        pull = SteeringVector(strength_m * math.cos(course_rad), strength_m * math.sin(course_rad))
         wanted, opposed = _unopposed(pull, self._wall_gradient(motion, view))
         return SteeringDemand(wanted, note=note, opposed=opposed, route=route)
+
+    def _staying(self, planned: _Planned, task: Task, motion: Motion) -> _Stay | None:
+        """Return where the vehicle stays if its way leads only to the nearest safe point and it is there, else None."""
+        if not planned.short:
+            return None
+        before = self._stay
+        leaves_m = STAYING_RADII * self._circle_m
+        if before is not None and before.instead_of_ned_m == task.place_ned_m:
+            if math.dist(before.at_ned_m, motion.position_ned_m) <= leaves_m:
+                return before
+        if planned.to_go_m > (STANDING_M if self._settings.limits.can_stop else self._step_m):
+            return None
+        return _Stay(task.place_ned_m, motion.position_ned_m)
 
     def _followed(self, task: Task, motion: Motion, view: View) -> tuple[_Planned, float]:
         """Return the route to follow from here, and how far to the right of it the vehicle is, m."""
@@ -229,7 +266,7 @@ class RoutedLaw:
             if goal is not None:
                 route = self._route(task, motion, goal, centres_ned_m, cleared_m, view)
         if route.end_side and goal is not None:
-            route = _with_circle(route, goal, motion)
+            return _Planned(asked, _with_circle(route, goal, motion), short, math.tau * goal.radius_m)
         return _Planned(asked, route, short)
 
     def _goal(
@@ -293,6 +330,10 @@ class RoutedLaw:
         offset_m = view.threats_ned_m - np.array(motion.position_ned_m)
         if (_lengths(offset_m) < view.detection_radius_m + self._held_m).any():
             return route.heading_rad
+        first = route.pieces[0]
+        if abs(first.curvature_1_m) * self._least_radius_m >= TIGHTEST_SHARE and first.length_m > self._step_m:
+            # The turn limit makes the tightest circle of it. Others may know where the turn leads to.
+            return first.heading_rad + _shortened_rad(first.curvature_1_m * first.length_m)
         ahead_m = self._settings.limits.speed_m_s * self._settings.limits.reaction_s
         pieces = left_of(route.pieces, ahead_m) if ahead_m else route.pieces
         return course_rad(pieces, beside_m, self._step_m, self._least_radius_m)
@@ -365,6 +406,11 @@ def _unopposed(pull: SteeringVector, gradient_m: np.ndarray) -> tuple[SteeringVe
         return direction(pull, gradient_m), False
     sideways_m = gradient_m - against_m * np.array(ahead)
     return direction(pull, sideways_m), against_m > OPPOSED_SHARE * strength_m
+
+
+def _shortened_rad(turn_rad: float) -> float:
+    """Return a turn, or a right angle to its side where the shorter turn to its end is to the other side."""
+    return turn_rad if abs(turn_rad) <= LONGEST_TURN_RAD else math.copysign(math.pi / 2.0, turn_rad)
 
 
 def _range_gradient(task: Task, motion: Motion, settings: LawSettings) -> np.ndarray:  # (2,) m

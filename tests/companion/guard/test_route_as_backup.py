@@ -31,7 +31,6 @@ from tests.companion.guard.guard_flight import (
     NORTHWARD,
     NOTHING,
     PLANE,
-    RHO_M,
     Vehicle,
     apart_m,
     assert_hangs_together,
