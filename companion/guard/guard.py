@@ -84,22 +84,24 @@ class Guard:
         self._left_s = 0.0
         self._threats = ThreatMonitor()
 
-    def certify(self, motion: Motion, discs: Discs, dt_s: float) -> bool:
-        """Return whether a start is certified: straight on for the reaction time, then a path that stays clear.
+    def certify(self, motion: Motion, discs: Discs, dt_s: float) -> float:
+        """Return for how long a start is certified: straight on for the reaction time, then a path that stays clear.
 
-        Where no path can stay clear of the discs for ever, it must for the longest horizon. The guard's state does not
-        change.
+        Infinity is for ever, 0 not at all. The guard's state does not change.
         """
         if unusable(motion, discs, dt_s, slack_m_of(motion, discs, 0.0)) is not None:
-            return False
+            return 0.0
         reaction_s = self._limits.reaction_s
         tip, speed_m_s = self._vehicle.flown(motion, [], reaction_s)
         committed = (straight(pose_of(motion), motion.speed_m_s * reaction_s),)
         flight = self._flight(tip, speed_m_s, motion, discs, dt_s, ())
-        search = self._search(flight, self._horizons_s(discs, speed_m_s)[0])
-        if search.blocked(committed, flight.discs, 0.0) is not None:
-            return False
-        return isinstance(search.backup(tip, Step(0.0, speed_m_s), speed_m_s, 0.0, 0.0), Path)
+        for horizon_s in self._horizons_s(discs, speed_m_s):
+            search = self._search(flight, horizon_s)
+            if search.blocked(committed, flight.discs, 0.0) is not None:
+                return 0.0
+            if isinstance(search.backup(tip, Step(0.0, speed_m_s), speed_m_s, 0.0, 0.0), Path):
+                return horizon_s
+        return 0.0
 
     def check(
         self,
@@ -192,13 +194,18 @@ class Guard:
         return broken
 
     def _horizons_s(self, discs: Discs, speed_m_s: float) -> tuple[float, ...]:
-        """Return for how long a path is to stay clear of the discs, the longest first: for ever where one can."""
+        """Return for how long a path is to stay clear of the discs, the longest first: for ever where one can.
+
+        Where a path for ever is lost for a while, only the longest horizon will do: whoever takes a shorter one among
+        slower pursuers goes on to where they close in.
+        """
         fastest_m_s = max(discs.speeds_m_s.tolist(), default=0.0)
         if fastest_m_s == 0.0:
             return (math.inf,)
         endless = self._limits.fence_ned_m is None and self._limits.braking_m_s2 is None
         horizons_s = self._vehicle.horizons_s()
-        return (math.inf, *horizons_s) if endless and fastest_m_s < speed_m_s - self._limits.wind_m_s else horizons_s
+        slower = fastest_m_s < speed_m_s - self._limits.wind_m_s
+        return (math.inf, horizons_s[0]) if endless and slower else horizons_s
 
     def _flight(
         self, tip: Pose, before_m_s: float, motion: Motion, discs: Discs, dt_s: float, route: Sequence[Piece]
@@ -267,8 +274,6 @@ class Guard:
         reason = ""
         endless = self._path is not None and math.isinf(self._left_s)
         for horizon_s in horizons_s[:1] if endless else horizons_s:
-            if self._path is not None and math.isfinite(self._left_s) and self._left_s > horizon_s:
-                break
             search = self._search(flight, horizon_s)
             for step in search.choices(wanted):
                 if step is wanted and search.follows(wanted):

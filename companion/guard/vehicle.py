@@ -27,9 +27,9 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 with the guidance that it checks."""
 GREATEST_TURN_RAD = 3.0
 """Greatest turn of one step, less than pi so that the vehicle's shorter side is the side that was checked."""
-HORIZON_TURNS = (64.0,)
-"""Multiples of the time to turn around and stop for which paths are certified where none is for ever, the longest
-first. Among pursuers: the longer, the fewer enter (docs/guard.md)."""
+HORIZON_TURNS = (64.0, 8.0, 2.0)
+"""Multiples of the time to turn around and stop for which a path is certified where none is for ever, the longest
+first (docs/guard.md, Horizon)."""
 LEAST_ARC_M = 1e-9
 """Length up to which an arc counts as a turn on the spot."""
 POSITION_TOLERANCE_M = 0.1

@@ -46,7 +46,7 @@ THROUGH = (Piece(0.0, 0.0, 0.0, 0.0, 400.0),)
 
 
 def along_route(guarded: Guard, flight: Flight, pose: Pose, spare_m: float) -> Path | None:
-    return guarded._search(flight, False).along_route(pose, Step(0.0, 20.0), flight.dt_s, spare_m)
+    return guarded._search(flight, math.inf).along_route(pose, Step(0.0, 20.0), flight.dt_s, spare_m)
 
 
 def test_through_a_gap_too_narrow_for_a_circle_the_route_serves() -> None:

@@ -125,4 +125,6 @@ def test_who_brakes_turns_back_to_its_line_as_the_speed_flown_allows(
     guarded._path = Path((Piece(0.0, 0.0, side, 0.0, 10.0),), 0, 0.0, math.inf)
     motion = replace(NORTHWARD, speed_m_s=speed_m_s)
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), speed_m_s, motion, NOTHING, DT_S, ())
-    assert guarded._search(flight, False).continued() == pytest.approx((side * 0.01 * G_M_S2 / turning_m_s * DT_S, 0.0))
+    assert guarded._search(flight, math.inf).continued() == pytest.approx(
+        (side * 0.01 * G_M_S2 / turning_m_s * DT_S, 0.0)
+    )

@@ -172,7 +172,7 @@ def test_the_route_keeps_its_margin_outside_the_disc(step_s: float) -> None:
 def test_the_route_begins_on_the_turning_circle_that_wind_and_the_achieved_rate_leave(
     limits: dict[str, float], radii: float
 ) -> None:
-    law = RoutedLaw(replace(SETTINGS, limits=replace(SETTINGS.limits, **limits)))
+    law = RoutedLaw(replace(SETTINGS, limits=replace(SETTINGS.limits, **limits)))  # type: ignore[arg-type]
     wish = law.steer(to((0.0, 2_000.0)), NORTHWARDS, view_of(), 0.0)
     assert wish.route is not None
     assert 1.0 / wish.route.pieces[0].curvature_1_m == pytest.approx(radii * TURN_RADIUS_M)

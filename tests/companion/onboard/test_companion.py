@@ -15,7 +15,7 @@ from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S, NEIGHBOUR_MEMORY_S
 from companion.geo.kinematics import turn_towards
 from companion.guard.types import KEEP_OUT, NEW_THREAT, Motion, Verdict
-from companion.guidance.laws import ROUTE_MARGIN_M, SteeringDemand, Task
+from companion.guidance.laws import SteeringDemand, Task
 from companion.guidance.resolution import PASSING, SLOWING, STOPPING
 from companion.guidance.settings import LAWS
 from companion.guidance.steering import SteeringVector
@@ -715,7 +715,7 @@ def test_it_heads_for_the_tangent_of_a_disc_ahead() -> None:
     flight.broadcast((5_000.0, 0.0), threats=(AHEAD,))
     decision, _ = flight.at(velocity=NORTH_M_S)
     assert (decision.purpose, decision.stay, decision.opposed) == (Purpose.TARGET, None, False)
-    tangent_rad = math.asin((AHEAD.detection_radius_m + ROUTE_MARGIN_M) / AHEAD.north_m)
+    tangent_rad = math.asin(AHEAD.detection_radius_m / AHEAD.north_m)
     assert abs(wanted_rad(decision)) == pytest.approx(tangent_rad, abs=0.01)
 
 
