@@ -257,12 +257,11 @@ class RoutedLaw:
         room = self._room(centres_ned_m, kept_m, circle_off_m)
         within_m = max(0.0, task.arrival_m - circle_off_m)
         goal, short = self._goal(room, task.place_ned_m, within_m, motion)
-        route = Route(Reach.NONE, task.place_ned_m, math.inf, math.nan, 0, (), ())
-        if goal is not None:
-            route = self._route(task, motion, goal, centres_ned_m, cleared_m, view)
-        if route.reach is Reach.NEAREST:
-            # The water that the place is in cannot be reached: as near as it gets, where there is room to turn.
-            goal, short = self._goal(room, route.goal_ned_m, within_m, motion)[0], True
+        route = self._route(task, motion, goal or Goal(task.place_ned_m), centres_ned_m, cleared_m, view)
+        if route.reach in (Reach.NEAREST, Reach.NONE):
+            # As near as it gets, where there is room to turn; from where nothing is safe, to the first such place.
+            near_ned_m = route.goal_ned_m if route.reach is Reach.NEAREST else motion.position_ned_m
+            goal, short = self._goal(room, near_ned_m, within_m, motion)[0], True
             if goal is not None:
                 route = self._route(task, motion, goal, centres_ned_m, cleared_m, view)
         if route.end_side and goal is not None:
