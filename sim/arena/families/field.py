@@ -9,7 +9,7 @@ disc. Whether a mission is feasible is for the planner to say (`sim.arena.planne
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +57,8 @@ LOSSES = {"clear": 0.0, "loss30": 0.3, "loss60": 0.6, "loss90": 0.9, "burst": 0.
 """Share of frames lost, by the name of a link; `burst` loses in bursts."""
 FIELD_COUNT = 15
 """Missions of each family of the field in a full arena."""
+LONG_SCENES = ("crowd", "rooms")
+"""Scenes of hundreds of discs, whose flights and plans take seconds."""
 DRAWS = 40
 """Draws of one scene, or of a fleet's places in it, before another vehicle is drawn."""
 
@@ -79,6 +81,11 @@ class Recipe:
     """Speed of the threats that move, as a share of the agent's."""
     links: tuple[str, ...] = ("clear",)
     agents: tuple[int, int] = (1, 1)
+
+    def small(self, length_steps: tuple[float, float]) -> Recipe:
+        """Return the recipe for missions of another length, without the scenes that take long."""
+        kept = tuple(scene for scene in self.scenes if scene not in LONG_SCENES)
+        return replace(self, scenes=kept, length_steps=length_steps)
 
 
 class _Vehicle(NamedTuple):
