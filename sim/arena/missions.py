@@ -23,8 +23,6 @@ PACKED_SHARE = 0.25
 """Share of the missions whose broadcast goes, packed, over a radio of a declared rate."""
 RADIO_BYTES_PER_S = (1_500, 20_000)
 """Rates of those radios."""
-SMALL_LENGTH_STEPS = (30.0, 90.0)
-"""Length in guidance steps of the missions that a test flies."""
 
 _LINKS = tuple(LOSSES)
 _CALM = ("open", "scattered", "mixed", "fence", "ring")
@@ -66,7 +64,7 @@ def random_mission(seed: int, index: int, small: bool = False) -> RandomMission:
     name = str(generator.choice(names, p=[RECIPES[each][0] for each in names]))
     packed = bool(generator.random() < PACKED_SHARE)
     radio = parse_radio(str(int(generator.integers(*RADIO_BYTES_PER_S))), 1.0) if packed else None
-    recipe = RECIPES[name][1].small(SMALL_LENGTH_STEPS) if small else RECIPES[name][1]
+    recipe = RECIPES[name][1].small() if small else RECIPES[name][1]
     title = f"{name.replace(' ', '-')}-{seed}-{index}"
     for _ in range(TRIES):
         try:

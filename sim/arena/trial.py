@@ -161,7 +161,7 @@ def _planned(mission: Mission, flight: ArenaFlight) -> _Planned:
     needs = Needs(room_m(mission, agent), TURN_STEPS * agent.speed_m_s * mission.guidance_step_s, short=False)
     safe = plan(there, agent.id, target_ned_m, TIME_SHARE * left_s, 0, needs)
     feasible = math.isfinite(safe.length_m)
-    shortest = plan(there, agent.id, target_ned_m, left_s, 0, Needs(short=False)) if feasible else safe
+    shortest = plan(there, agent.id, target_ned_m, left_s, 0) if feasible else safe
     return _Planned(feasible, shortest)
 
 
