@@ -1,27 +1,29 @@
-"""Shortest paths around discs, with which the paths that were flown are compared.
+"""Shortest paths around discs and walls, with which the paths that were flown are compared.
 
-A shortest path around discs consists of straight segments that touch discs and of arcs along discs. So Dijkstra's
-algorithm is exact on the graph whose nodes are the tangent points and whose edges are the free tangent segments and
-the free arcs. Start and goal are discs of radius zero, so that their tangents need no special case.
+A shortest path around discs consists of straight segments that touch discs and of arcs along discs. So a search over
+the free tangent segments, joined by the free arcs between them, is exact. Start and goal are discs of radius zero, so
+that their tangents need no special case. A wall is kept away from by a clearance: it counts as a disc of that radius
+about each of its ends, and nothing comes nearer to what lies between them.
 
 A vehicle with a least turn radius leaves along one of its two turning circles, so its path starts on these circles
 instead, and passes every disc at the turn radius or more (docs/method.md section 3, routed attraction).
+
+Tangents are computed circle by circle as the search comes to them (A*, with the straight line as the estimate), so
+that hundreds of discs cost little where only a few of them are in the way.
 """
 
 from __future__ import annotations
 
+import heapq
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 TOLERANCE = 1e-9
 """Depth, as a share of the scene's size, to which a segment may enter a disc that it touches, for rounding."""
-
-_START = 0
-_GOAL = 1
+_FIRST_DISC = 2
+"""Index of the first circle about a disc; those before it are the start's turning circles."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,28 @@ class Departure:
 
 
 @dataclass(frozen=True)
-class _Discs:
-    """Discs that no path may enter by more than `tolerance_m`."""
+class Walls:
+    """Straight walls of a fence or of polygons to keep out of; an end at which two of them meet is an end of both."""
 
-    centre_m: np.ndarray  # (M, 2) m
+    begin_m: np.ndarray  # (W, 2) m
+    end_m: np.ndarray  # (W, 2) m
+    clearance_m: np.ndarray  # (W,) m
+
+    def relative_to(self, origin_m: np.ndarray) -> Walls:  # (2,) m
+        """Return the same walls in coordinates about another origin."""
+        return Walls(self.begin_m - origin_m, self.end_m - origin_m, self.clearance_m)
+
+
+NO_WALLS = Walls(np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
+
+
+@dataclass(frozen=True)
+class _Obstacles:
+    """Discs and walls that no path may enter by more than `tolerance_m`."""
+
+    centre_m: np.ndarray  # (M, 2) m, discs and ends of walls
     radius_m: np.ndarray  # (M,) m
+    walls: Walls
     tolerance_m: float
 
 
@@ -61,50 +80,123 @@ class _Circles:
 
 
 @dataclass(frozen=True)
-class _Tangents:
-    """Segments that touch two discs, one row each; start and goal are the discs 0 and 1."""
+class _Leaving:
+    """The free tangents that leave one circle."""
 
-    disc: np.ndarray  # (T, 2) index of the disc at either end
-    angle_rad: np.ndarray  # (T, 2) where on the disc, from the first axis towards the second
-    point_m: np.ndarray  # (T, 2, 2) either end
+    onward_rad: np.ndarray  # (T,) where they leave it, in the direction of travel, in [0, tau)
+    end: np.ndarray  # (T,) index of the circle that they lead to; -1: the goal
+    arrival_rad: np.ndarray  # (T,) where they reach it, in its direction of travel
+    length_m: np.ndarray  # (T,) m
+    estimate_m: np.ndarray  # (T,) m, straight from their end to the goal
 
 
-def shortest_path_length(start_m: np.ndarray, goal_m: np.ndarray, centres_m: np.ndarray, radii_m: np.ndarray) -> float:
+@dataclass(frozen=True)
+class _Step:
+    """An arc along a circle and the tangent that follows it, and the step that leads to them."""
+
+    before: _Step | None
+    circle: int
+    arrival_rad: float
+    """Where the tangent ends on `circle`, in its direction of travel."""
+    pieces: tuple[PathPiece, ...]
+
+
+def shortest_path_length(
+    start_m: np.ndarray, goal_m: np.ndarray, centres_m: np.ndarray, radii_m: np.ndarray, walls: Walls = NO_WALLS
+) -> float:
     """Return the length in metres of the shortest path from start (2,) to goal (2,) that enters none of M discs.
 
     Centres (M, 2) and radii (M,) are in metres; discs may overlap, and a path may run along their edges. The length is
     infinite if there is no path, because start or goal is inside a disc or discs enclose one of them.
     """
     start_m, goal_m = np.asarray(start_m, dtype=float), np.asarray(goal_m, dtype=float)
-    centres_m = np.asarray(centres_m, dtype=float).reshape(-1, 2)
-    radii_m = np.asarray(radii_m, dtype=float)
-    size_m = float(np.abs(np.vstack((goal_m, centres_m)) - start_m).max(initial=0.0) + radii_m.max(initial=0.0))
-    tolerance_m = TOLERANCE * size_m
-
-    ends_m = np.stack((start_m, goal_m))
-    if (np.linalg.norm(ends_m[:, None] - centres_m, axis=-1) < radii_m - tolerance_m).any():
+    obstacles = _obstacles(start_m, goal_m, centres_m, radii_m, walls, 0.0)
+    ends_m = np.stack((np.zeros(2), goal_m - start_m))
+    apart_m = np.linalg.norm(ends_m[:, None] - obstacles.centre_m, axis=-1)
+    if (apart_m < obstacles.radius_m - obstacles.tolerance_m).any():
         return math.inf
     direct_m = float(np.linalg.norm(goal_m - start_m))
-    if _free(ends_m[None], _Discs(centres_m, radii_m, tolerance_m))[0]:
+    if _free(ends_m[None], obstacles)[0]:
         return direct_m
+    pieces = _Search(_circles(0.0, 0.0, ends_m[1], obstacles), ends_m[1], 0.0, obstacles).run(0.0)
+    return math.inf if pieces is None else max(math.fsum(piece.length_m for piece in pieces), direct_m)
 
+
+def turning_path(
+    departure: Departure,
+    goal_m: np.ndarray,  # (2,) m
+    goal_radius_m: float,
+    centres_m: np.ndarray,  # (M, 2) m
+    radii_m: np.ndarray,  # (M,) m
+    walls: Walls = NO_WALLS,
+) -> list[PathPiece] | None:
+    """Return a short path to within `goal_radius_m` of a goal that respects the vehicle's turn radius.
+
+    The path enters none of the M discs. It is the shortest of the paths of one kind: they leave along a turning circle,
+    then follow straight lines and circles about discs and corners, each with the greater of its own radius and the turn
+    radius, and end on a straight line towards the goal. None if there is no such path. A path of another kind may then
+    exist, and may be shorter where discs are smaller than the turn radius.
+    """
+    heading_rad, turn_radius_m = departure.heading_rad, departure.turn_radius_m
+    start_m, goal_m = np.asarray(departure.start_m, dtype=float), np.asarray(goal_m, dtype=float)
+    if np.linalg.norm(goal_m - start_m) <= goal_radius_m:
+        return []
+    obstacles = _obstacles(start_m, goal_m, centres_m, radii_m, walls, turn_radius_m)
+    circles = _circles(heading_rad, turn_radius_m, goal_m - start_m, obstacles)
+    return _Search(circles, goal_m - start_m, goal_radius_m, obstacles).run(heading_rad)
+
+
+def walls_of(polygons_m: list[np.ndarray], clearance_m: np.ndarray | float) -> Walls:
+    """Return the edges of polygons, (V, 2) m each, as walls with one clearance for all of them or one for each edge."""
+    if not polygons_m:
+        return NO_WALLS
+    begin_m = np.vstack(polygons_m)
+    end_m = np.vstack([np.roll(polygon_m, -1, axis=0) for polygon_m in polygons_m])
+    return Walls(begin_m, end_m, np.broadcast_to(np.asarray(clearance_m, dtype=float), len(begin_m)))
+
+
+def wall_distance_m(points_m: np.ndarray, walls: Walls) -> np.ndarray:  # (P, 2) m -> (P, W) m
+    """Return the distance of each point from each wall."""
+    along_m = walls.end_m - walls.begin_m
+    squared = np.maximum((along_m**2).sum(axis=-1), np.finfo(float).tiny)
+    to_point_m = points_m[:, None] - walls.begin_m
+    share = np.clip((to_point_m * along_m).sum(axis=-1) / squared, 0.0, 1.0)
+    distance_m: np.ndarray = np.linalg.norm(to_point_m - share[..., None] * along_m, axis=-1)
+    return distance_m
+
+
+def _obstacles(
+    start_m: np.ndarray,
+    goal_m: np.ndarray,
+    centres_m: np.ndarray,
+    radii_m: np.ndarray,
+    walls: Walls,
+    turn_radius_m: float,
+) -> _Obstacles:
+    """Return discs and walls relative to the start, so that large coordinates lose no precision."""
+    centres_m = np.asarray(centres_m, dtype=float).reshape(-1, 2)
+    radii_m = np.asarray(radii_m, dtype=float)
+    far_m = np.abs(np.vstack((goal_m, centres_m, walls.begin_m)) - start_m).max(initial=0.0)
+    size_m = float(far_m + radii_m.max(initial=0.0))
     kept = _not_inside_another(centres_m, radii_m)
-    # Relative to the start, so that large coordinates lose no precision.
-    centres_m = np.vstack((np.zeros(2), goal_m - start_m, centres_m[kept] - start_m))
-    discs = _Discs(centres_m, np.concatenate((np.zeros(2), radii_m[kept])), tolerance_m)
-    tangents = _free_tangents(discs)
+    corners_m, corner_radii_m = _corners(walls)
+    return _Obstacles(
+        np.vstack((centres_m[kept], corners_m)) - start_m,
+        np.concatenate((radii_m[kept], corner_radii_m)),
+        walls.relative_to(start_m),
+        TOLERANCE * (size_m + turn_radius_m),
+    )
 
-    # Every end of a tangent is a node; all ends at the start are one node, and all ends at the goal are one.
-    disc = tangents.disc.ravel()
-    node = np.where(disc < 2, disc, np.arange(disc.size) + 2)
-    length_m = np.linalg.norm(tangents.point_m[:, 1] - tangents.point_m[:, 0], axis=-1)
-    edges = [(node[0::2], node[1::2], length_m)]
-    for index in range(2, len(discs.radius_m)):
-        on_disc = np.flatnonzero(disc == index)
-        edges.append(_free_arcs(index, node[on_disc], tangents.angle_rad.ravel()[on_disc], discs))
-    begin, end, weight_m = (np.concatenate(column) for column in zip(*edges, strict=True))
-    distance_m = _distance(disc.size + 2, begin, end, weight_m)
-    return max(distance_m, direct_m)
+
+def _corners(walls: Walls) -> tuple[np.ndarray, np.ndarray]:  # (E, 2) m, (E,) m
+    """Return every end of a wall once, with the clearance that all walls there keep."""
+    ends_m = np.vstack((walls.begin_m, walls.end_m))
+    if not len(ends_m):
+        return ends_m, np.empty(0)
+    corners_m, which = np.unique(ends_m, axis=0, return_inverse=True)
+    clearance_m = np.full(len(corners_m), math.inf)
+    np.minimum.at(clearance_m, which.ravel(), np.tile(walls.clearance_m, 2))
+    return corners_m, clearance_m
 
 
 def _not_inside_another(centres_m: np.ndarray, radii_m: np.ndarray) -> np.ndarray:
@@ -119,142 +211,55 @@ def _not_inside_another(centres_m: np.ndarray, radii_m: np.ndarray) -> np.ndarra
     return kept
 
 
-def _free(segments_m: np.ndarray, discs: _Discs) -> np.ndarray:
-    """Return (T,) bool, whether each of the segments (T, 2, 2) enters no disc by more than the tolerance."""
-    begin = segments_m[:, None, 0]
-    along = segments_m[:, None, 1] - begin  # (T, 1, 2)
-    to_centre = discs.centre_m - begin  # (T, M, 2)
-    squared = np.maximum((along**2).sum(axis=-1), np.finfo(float).tiny)
-    fraction = np.clip((to_centre * along).sum(axis=-1) / squared, 0.0, 1.0)
-    miss_m = np.linalg.norm(to_centre - fraction[..., None] * along, axis=-1)
-    free: np.ndarray = (miss_m >= discs.radius_m - discs.tolerance_m).all(axis=-1)
+def _free(segments_m: np.ndarray, obstacles: _Obstacles) -> np.ndarray:
+    """Return (T,) bool, whether each of the segments (T, 2, 2) enters no disc by more than the tolerance, nor a wall.
+
+    For walls this is asked of what lies between their ends; about their ends there are discs.
+    """
+    begin_m, along_m = segments_m[:, 0], segments_m[:, 1] - segments_m[:, 0]
+    length_m = np.linalg.norm(along_m, axis=-1)
+    unit = np.where(length_m[:, None] > 0.0, along_m, (1.0, 0.0)) / np.where(length_m > 0.0, length_m, 1.0)[:, None]
+    # Where the centre is along the segment, and how far aside.
+    ahead_m = unit @ obstacles.centre_m.T - (unit * begin_m).sum(axis=-1)[:, None]  # (T, M)
+    aside_m = np.column_stack((-unit[:, 1], unit[:, 0]))
+    aside_m = aside_m @ obstacles.centre_m.T - (aside_m * begin_m).sum(axis=-1)[:, None]
+    ahead_m -= np.clip(ahead_m, 0.0, length_m[:, None])
+    allowed_m = np.maximum(obstacles.radius_m - obstacles.tolerance_m, 0.0)
+    free: np.ndarray = (ahead_m**2 + aside_m**2 >= allowed_m**2).all(axis=-1)
+    walls = obstacles.walls
+    if len(walls.begin_m) and free.any():
+        kept = np.flatnonzero(free)
+        near = wall_distance_m(segments_m[kept].reshape(-1, 2), walls) < walls.clearance_m - obstacles.tolerance_m
+        near_either = near.reshape(len(kept), 2, -1).any(axis=1)
+        free[kept] = ~(near_either | _cross(segments_m[kept], walls)).any(axis=-1)
     return free
 
 
-def _free_tangents(discs: _Discs) -> _Tangents:
-    """Return, for every two discs, the segments that touch both and enter no disc."""
-    centres_m, radii_m = discs.centre_m, discs.radius_m
-    first, second = np.triu_indices(len(radii_m), k=1)
-    offset = centres_m[second] - centres_m[first]
-    gap_m = np.linalg.norm(offset, axis=-1)
-    bearing = np.arctan2(offset[:, 1], offset[:, 0])
-    apart = (gap_m >= radii_m[first] + radii_m[second]) & (radii_m[first] > 0)
+def _cross(segments_m: np.ndarray, walls: Walls) -> np.ndarray:  # (T, 2, 2) m -> (T, W) bool
+    """Return which segments cross which walls."""
+    begin_m, along_m = segments_m[:, None, 0], (segments_m[:, 1] - segments_m[:, 0])[:, None]
+    wall_m = walls.end_m - walls.begin_m
 
-    # The tangent's normal makes this angle with the line of centres; an outer tangent touches both discs on the same
-    # side of that normal, an inner one (only between discs apart) on opposite sides.
-    outer = np.arccos(np.clip((radii_m[first] - radii_m[second]) / gap_m, -1.0, 1.0))
-    inner = np.arccos(np.clip((radii_m[first] + radii_m[second]) / gap_m, -1.0, 1.0))[apart]
-    normal = np.concatenate((bearing + outer, bearing - outer, bearing[apart] + inner, bearing[apart] - inner))
-    crosses = np.repeat((0.0, math.pi), (2 * len(first), 2 * len(inner)))
-    disc = np.stack(
-        (
-            np.concatenate((first, first, first[apart], first[apart])),
-            np.concatenate((second, second, second[apart], second[apart])),
-        ),
-        axis=-1,
-    )
-    angle = np.stack((normal, normal + crosses), axis=-1)
-    unit = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
-    point_m = centres_m[disc] + radii_m[disc][..., None] * unit
-    free = _free(point_m, discs)
-    return _Tangents(disc[free], angle[free], point_m[free])
+    def side(vector: np.ndarray, to_point_m: np.ndarray) -> np.ndarray:
+        product: np.ndarray = vector[..., 0] * to_point_m[..., 1] - vector[..., 1] * to_point_m[..., 0]
+        return product
+
+    parted = side(along_m, walls.begin_m - begin_m) * side(along_m, walls.end_m - begin_m) < 0.0
+    parts = side(wall_m, begin_m - walls.begin_m) * side(wall_m, begin_m + along_m - walls.begin_m) < 0.0
+    crosses: np.ndarray = parted & parts
+    return crosses
 
 
-def _free_arcs(
-    index: int, node: np.ndarray, angle_rad: np.ndarray, discs: _Discs
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the arcs between neighbouring nodes of one disc that no other disc covers, as columns.
-
-    The columns are the nodes at the beginning and end, and the length in metres.
-    """
-    centres_m, radii_m = discs.centre_m, discs.radius_m
-    order = np.argsort(angle_rad % math.tau, kind="stable")
-    node, begin_rad = node[order], (angle_rad % math.tau)[order]
-    sweep_rad = np.diff(begin_rad, append=begin_rad[:1] + math.tau)
-
-    offset = centres_m - centres_m[index]
-    gap_m = np.linalg.norm(offset, axis=-1)
-    radius_m = radii_m[index]
-    # The discs that cross this one; discs that another covers were left out before.
-    crossing = (gap_m > 0) & (gap_m < radius_m + radii_m) & (gap_m > np.abs(radius_m - radii_m))
-    gap_m, other_m, offset = gap_m[crossing], radii_m[crossing], offset[crossing]
-    covered_half_rad = np.arccos(np.clip((radius_m**2 + gap_m**2 - other_m**2) / (2 * radius_m * gap_m), -1.0, 1.0))
-    covered_mid_rad = np.arctan2(offset[:, 1], offset[:, 0])
-
-    arc_mid_rad = begin_rad + sweep_rad / 2  # (A,)
-    between = np.abs((covered_mid_rad - arc_mid_rad[:, None] + math.pi) % math.tau - math.pi)  # (A, crossing)
-    overlap_rad = covered_half_rad + sweep_rad[:, None] / 2 - between
-    free = (overlap_rad <= discs.tolerance_m / radius_m).all(axis=-1)
-    return node[free], np.roll(node, -1)[free], radius_m * sweep_rad[free]
-
-
-def _distance(nodes: int, begin: np.ndarray, end: np.ndarray, weight_m: np.ndarray) -> float:
-    """Return the least distance in metres from start to goal over undirected edges; infinite if there is no path."""
-    low, high = np.minimum(begin, end), np.maximum(begin, end)
-    # A sparse matrix adds up parallel edges (the two arcs between two nodes), so only the shortest of them may go in.
-    order = np.lexsort((weight_m, high, low))
-    low, high, weight_m = low[order], high[order], weight_m[order]
-    first = np.ones(len(low), dtype=bool)
-    first[1:] = (np.diff(low) != 0) | (np.diff(high) != 0)
-    # Edges of length zero (a start on a disc's edge) are stored in it and count.
-    edges = coo_array((weight_m[first], (low[first], high[first])), shape=(nodes, nodes)).tocsr()
-    return float(dijkstra(edges, directed=False, indices=[_START])[0, _GOAL])
-
-
-def turning_path(
-    departure: Departure,
-    goal_m: np.ndarray,  # (2,) m
-    goal_radius_m: float,
-    centres_m: np.ndarray,  # (M, 2) m
-    radii_m: np.ndarray,  # (M,) m
-) -> list[PathPiece] | None:
-    """Return a short path to within `goal_radius_m` of a goal that respects the vehicle's turn radius.
-
-    The path enters none of the M discs. It is the shortest of the paths of one kind: they leave along a turning circle,
-    then follow straight lines and circles about discs, each with the greater of the disc's radius and the turn radius,
-    and end on a straight line towards the goal. None if there is no such path. A path of another kind may then exist,
-    and may be shorter where discs are smaller than the turn radius.
-    """
-    heading_rad, turn_radius_m = departure.heading_rad, departure.turn_radius_m
-    start_m, goal_m = np.asarray(departure.start_m, dtype=float), np.asarray(goal_m, dtype=float)
-    centres_m = np.asarray(centres_m, dtype=float).reshape(-1, 2)
-    radii_m = np.asarray(radii_m, dtype=float)
-    if np.linalg.norm(goal_m - start_m) <= goal_radius_m:
-        return []
-    size_m = float(np.abs(np.vstack((goal_m, centres_m)) - start_m).max(initial=0.0) + radii_m.max(initial=0.0))
-    tolerance_m = TOLERANCE * (size_m + turn_radius_m)
-    kept = _not_inside_another(centres_m, radii_m)
-    # Relative to the start, so that large coordinates lose no precision.
-    discs, goal_m = _Discs(centres_m[kept] - start_m, radii_m[kept], tolerance_m), goal_m - start_m
-    circles = _directed_circles(heading_rad, turn_radius_m, goal_m, discs)
-    begin, end, course_rad, length_m = _directed_tangents(circles, goal_m, goal_radius_m, discs)
-
-    # A node is an end of a tangent on a circle; nodes 0 to 2 are the goal and the start on its two turning circles.
-    tangents = len(begin)
-    circle = np.concatenate(([-1, 0, 1], begin, end))
-    angle_rad = course_rad - circles.side[begin] * math.pi / 2
-    end_angle_rad = course_rad - np.where(end >= 0, circles.side[end], 0.0) * math.pi / 2
-    away_rad = heading_rad - circles.side[:2] * math.pi / 2
-    angle_rad = np.concatenate(([0.0], away_rad, angle_rad, end_angle_rad))
-    ids = np.arange(tangents)
-    edges = [(3 + ids, np.where(end >= 0, 3 + tangents + ids, 0), length_m, np.zeros(tangents))]
-    for index in range(len(circles.side)):
-        on_circle = np.flatnonzero(circle == index)
-        if len(on_circle) > 1:
-            edges.append(_directed_arcs(index, on_circle, angle_rad[on_circle], circles, discs))
-    return _pieces(3 + 2 * tangents, *(np.concatenate(column) for column in zip(*edges, strict=True)))
-
-
-def _directed_circles(heading_rad: float, turn_radius_m: float, goal_m: np.ndarray, discs: _Discs) -> _Circles:
+def _circles(heading_rad: float, turn_radius_m: float, goal_m: np.ndarray, obstacles: _Obstacles) -> _Circles:
     """Return the two turning circles of a start at (0, 0), then every disc's circle in both directions.
 
     A disc smaller than the turn radius has a circle of that radius, unless the circle would contain start or goal.
     """
-    centres_m, radii_m = discs.centre_m, discs.radius_m
+    centres_m, radii_m = obstacles.centre_m, obstacles.radius_m
     to_right = np.array([-math.sin(heading_rad), math.cos(heading_rad)])
     routed_m = np.maximum(radii_m, turn_radius_m)
     nearest_m = np.minimum(np.linalg.norm(centres_m, axis=-1), np.linalg.norm(centres_m - goal_m, axis=-1))
-    usable = (routed_m <= nearest_m) | (radii_m >= turn_radius_m)
+    usable = ((routed_m <= nearest_m) | (radii_m >= turn_radius_m)) & (routed_m > 0.0)
     number = int(usable.sum())
     return _Circles(
         np.vstack((turn_radius_m * np.outer((1.0, -1.0), to_right), np.repeat(centres_m[usable], 2, axis=0))),
@@ -263,84 +268,159 @@ def _directed_circles(heading_rad: float, turn_radius_m: float, goal_m: np.ndarr
     )
 
 
-def _directed_tangents(
-    circles: _Circles, goal_m: np.ndarray, goal_radius_m: float, discs: _Discs
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the free tangents from circle to circle and to the goal, as columns.
+class _Search:
+    """A* over tangents, from the start's turning circles at (0, 0) to a goal."""
 
-    The columns are the circles at the beginning and end (-1: the goal), the course in rad and the length in m.
-    """
-    count = len(circles.side)
-    first = np.repeat(np.arange(count), count + 1)
-    second = np.tile(np.arange(count + 1), count)
-    centre_m = np.vstack((circles.centre_m, goal_m))
-    # Signed radii: a circle that is travelled turning right is to the right of its tangents.
-    signed_m = np.append(circles.side * circles.radius_m, 0.0)
-    offset_m = centre_m[second] - centre_m[first]
-    gap_m = np.linalg.norm(offset_m, axis=-1)
-    difference_m = signed_m[first] - signed_m[second]
-    # No tangent leads back to a circle of the start.
-    apart = (gap_m > np.abs(difference_m)) & (gap_m > discs.tolerance_m) & (second >= 2)
-    first, second, offset_m, gap_m, difference_m = (
-        column[apart] for column in (first, second, offset_m, gap_m, difference_m)
-    )
-    course_rad = np.arctan2(offset_m[:, 1], offset_m[:, 0]) + np.arcsin(difference_m / gap_m)
-    length_m = np.sqrt(gap_m**2 - difference_m**2)
-    along = np.column_stack((np.cos(course_rad), np.sin(course_rad)))
-    begin_m = centre_m[first] + signed_m[first, None] * np.column_stack((along[:, 1], -along[:, 0]))
-    length_m = np.where(second == count, np.maximum(length_m - goal_radius_m, 0.0), length_m)
-    segments_m = np.stack((begin_m, begin_m + length_m[:, None] * along), axis=1)
-    free = _free(segments_m, discs)
-    return first[free], np.where(second == count, -1, second)[free], course_rad[free], length_m[free]
+    def __init__(self, circles: _Circles, goal_m: np.ndarray, goal_radius_m: float, obstacles: _Obstacles) -> None:
+        self._circles, self._goal_m, self._goal_radius_m = circles, goal_m, goal_radius_m
+        self._obstacles = obstacles
+        self._leaving: dict[int, _Leaving] = {}
+        self._blocked: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
-
-def _directed_arcs(
-    index: int, node: np.ndarray, angle_rad: np.ndarray, circles: _Circles, discs: _Discs
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the free arcs from each node of a circle to the next one on it, as columns.
-
-    The columns are the nodes at the beginning and end, the length in m and the turn in rad.
-    """
-    centres_m, radii_m, tolerance_m = discs.centre_m, discs.radius_m, discs.tolerance_m
-    side, radius_m = circles.side[index], circles.radius_m[index]
-    onward_rad = (side * angle_rad) % math.tau
-    order = np.argsort(onward_rad, kind="stable")
-    node, onward_rad = node[order], onward_rad[order]
-    sweep_rad = np.diff(onward_rad, append=onward_rad[:1] + math.tau)
-    middle_rad = side * (onward_rad + sweep_rad / 2)  # (A,)
-
-    offset_m = centres_m - circles.centre_m[index]
-    gap_m = np.linalg.norm(offset_m, axis=-1)
-    touching = (gap_m < radius_m + radii_m) & (gap_m + radii_m > radius_m + tolerance_m)
-    gap_m, other_m, offset_m = gap_m[touching], radii_m[touching], offset_m[touching]
-    ratio = (radius_m**2 + gap_m**2 - other_m**2) / np.maximum(2 * radius_m * gap_m, np.finfo(float).tiny)
-    covered_half_rad = np.arccos(np.clip(ratio, -1.0, 1.0))
-    covered_rad = np.arctan2(offset_m[:, 1], offset_m[:, 0])
-    between = np.abs((covered_rad - middle_rad[:, None] + math.pi) % math.tau - math.pi)  # (A, touching)
-    free = (covered_half_rad + sweep_rad[:, None] / 2 - between <= 2 * tolerance_m / radius_m).all(axis=-1)
-    return node[free], np.roll(node, -1)[free], radius_m * sweep_rad[free], side * sweep_rad[free]
-
-
-def _pieces(
-    nodes: int, begin: np.ndarray, end: np.ndarray, length_m: np.ndarray, turn_rad: np.ndarray
-) -> list[PathPiece] | None:
-    """Return the shortest path from node 1 or 2 to node 0 over directed edges; None if there is none.
-
-    Consecutive arcs are one piece.
-    """
-    # Edges of length zero are stored and count. No two edges have the same beginning and end.
-    edges = coo_array((length_m, (begin, end)), shape=(nodes, nodes)).tocsr()
-    turns = {(int(b), int(e)): (float(m), float(t)) for b, e, m, t in zip(begin, end, length_m, turn_rad, strict=True)}
-    distance_m, before, _ = dijkstra(edges, indices=[1, 2], min_only=True, return_predecessors=True)
-    if math.isinf(distance_m[0]):
+    def run(self, heading_rad: float) -> list[PathPiece] | None:
+        """Return the shortest path for a start that heads there; None if there is none."""
+        side = self._circles.side
+        queue: list[tuple[float, int, float, _Step]] = []
+        for circle in range(_FIRST_DISC):
+            # Away from a turning circle's centre, a quarter turn behind the heading.
+            away_rad = float(side[circle] * heading_rad - math.pi / 2) % math.tau
+            queue.append((0.0, circle, 0.0, _Step(None, circle, away_rad, ())))
+        heapq.heapify(queue)
+        best_m: dict[tuple[int, int], float] = {}
+        count = len(queue)
+        while queue:
+            _, _, flown_m, step = heapq.heappop(queue)
+            if step.circle < 0:
+                return _pieces_to(step)
+            leaving, sweep_rad = self._reachable(step)
+            there_m = flown_m + self._circles.radius_m[step.circle] * sweep_rad + leaving.length_m
+            for index in np.flatnonzero(np.isfinite(there_m)):
+                end, total_m = int(leaving.end[index]), float(there_m[index])
+                if total_m >= best_m.get((step.circle, end), math.inf):
+                    continue
+                best_m[step.circle, end] = total_m
+                pieces = self._pieces(step.circle, float(sweep_rad[index]), float(leaving.length_m[index]))
+                after = _Step(step, end, float(leaving.arrival_rad[index]), pieces)
+                heapq.heappush(queue, (total_m + float(leaving.estimate_m[index]), count, total_m, after))
+                count += 1
         return None
-    found: list[PathPiece] = []
-    node = 0
-    while before[node] >= 0:
-        length, turn = turns[int(before[node]), node]
-        node = int(before[node])
-        if found and turn and found[-1].turn_rad:
-            found[-1] = PathPiece(length + found[-1].length_m, turn + found[-1].turn_rad)
-        else:
-            found.append(PathPiece(length, turn))
-    return found[::-1]
+
+    def _pieces(self, circle: int, sweep_rad: float, length_m: float) -> tuple[PathPiece, ...]:
+        arc_m = float(self._circles.radius_m[circle]) * sweep_rad
+        arc = PathPiece(arc_m, float(self._circles.side[circle]) * sweep_rad)
+        return tuple(piece for piece in (arc, PathPiece(length_m, 0.0)) if piece.length_m > 0.0)
+
+    def _reachable(self, step: _Step) -> tuple[_Leaving, np.ndarray]:  # (T,) rad
+        """Return the tangents that leave the circle on which a step ends, and the arc to each; infinite: blocked."""
+        circle = step.circle
+        if circle not in self._leaving:
+            self._leaving[circle] = self._leaving_from(circle)
+            self._blocked[circle] = self._blocked_on(circle)
+        leaving, (begin_rad, width_rad) = self._leaving[circle], self._blocked[circle]
+        slack_rad = 2 * self._obstacles.tolerance_m / max(float(self._circles.radius_m[circle]), 1e-300)
+        sweep_rad = (leaving.onward_rad - step.arrival_rad) % math.tau
+        # A tangent that leaves where the step ends, but for rounding.
+        sweep_rad = np.where(math.tau - sweep_rad < 1e-9, 0.0, sweep_rad)
+        if not len(begin_rad):
+            return leaving, sweep_rad
+        past_rad = (step.arrival_rad - begin_rad) % math.tau
+        if ((past_rad > slack_rad) & (past_rad < width_rad - slack_rad)).any():
+            return leaving, np.full(len(sweep_rad), math.inf)
+        # A blocked arc that begins here, but for rounding, is ahead by nothing.
+        room_rad = float(np.where(past_rad <= np.minimum(slack_rad, width_rad), 0.0, math.tau - past_rad).min())
+        return leaving, np.where(sweep_rad <= room_rad + slack_rad, sweep_rad, math.inf)
+
+    def _leaving_from(self, circle: int) -> _Leaving:
+        """Return the free tangents from a circle to all others and to the goal."""
+        circles = self._circles
+        side, radius_m = float(circles.side[circle]), float(circles.radius_m[circle])
+        ends = np.append(np.arange(_FIRST_DISC, len(circles.side)), -1)
+        # Signed radii: a circle that is travelled turning right is to the right of its tangents.
+        end_side = np.append(circles.side[_FIRST_DISC:], 0.0)
+        end_signed_m = np.append((circles.side * circles.radius_m)[_FIRST_DISC:], 0.0)
+        offset_m = np.vstack((circles.centre_m[_FIRST_DISC:], self._goal_m)) - circles.centre_m[circle]
+        gap_m = np.linalg.norm(offset_m, axis=-1)
+        difference_m = side * radius_m - end_signed_m
+        # Circles that touch have a tangent of no length.
+        apart = (gap_m >= np.abs(difference_m) - self._obstacles.tolerance_m) & (gap_m > self._obstacles.tolerance_m)
+        ends, end_side, offset_m, gap_m, difference_m = (
+            column[apart] for column in (ends, end_side, offset_m, gap_m, difference_m)
+        )
+        course_rad = np.arctan2(offset_m[:, 1], offset_m[:, 0]) + np.arcsin(np.clip(difference_m / gap_m, -1.0, 1.0))
+        length_m = np.sqrt(np.maximum(gap_m**2 - difference_m**2, 0.0))
+        length_m = np.where(ends < 0, np.maximum(length_m - self._goal_radius_m, 0.0), length_m)
+        along = np.column_stack((np.cos(course_rad), np.sin(course_rad)))
+        begin_m = circles.centre_m[circle] + side * radius_m * np.column_stack((along[:, 1], -along[:, 0]))
+        end_m = begin_m + length_m[:, None] * along
+        free = _free(np.stack((begin_m, end_m), axis=1), self._obstacles)
+        estimate_m = np.maximum(np.linalg.norm(end_m - self._goal_m, axis=-1) - self._goal_radius_m, 0.0)
+        return _Leaving(
+            ((side * course_rad - math.pi / 2) % math.tau)[free],
+            ends[free],
+            ((end_side * course_rad - math.pi / 2) % math.tau)[free],
+            length_m[free],
+            np.where(ends < 0, 0.0, estimate_m)[free],
+        )
+
+    def _blocked_on(self, circle: int) -> tuple[np.ndarray, np.ndarray]:  # (B,) rad, (B,) rad
+        """Return the arcs of a circle that discs and walls cover: where they begin, in travel direction, and widths."""
+        obstacles, side = self._obstacles, float(self._circles.side[circle])
+        centre_m, radius_m = self._circles.centre_m[circle], float(self._circles.radius_m[circle])
+        if radius_m == 0.0:
+            return np.empty(0), np.empty(0)
+        offset_m = obstacles.centre_m - centre_m
+        gap_m = np.linalg.norm(offset_m, axis=-1)
+        touching = gap_m < radius_m + obstacles.radius_m
+        touching &= gap_m + obstacles.radius_m > radius_m + obstacles.tolerance_m
+        gap_m, other_m, offset_m = gap_m[touching], obstacles.radius_m[touching], offset_m[touching]
+        ratio = (radius_m**2 + gap_m**2 - other_m**2) / np.maximum(2 * radius_m * gap_m, np.finfo(float).tiny)
+        half_rad = np.arccos(np.clip(ratio, -1.0, 1.0))
+        middle_rad = side * np.arctan2(offset_m[:, 1], offset_m[:, 0])
+        begin_rad, width_rad = middle_rad - half_rad, 2 * half_rad
+        if len(obstacles.walls.begin_m):
+            from_rad, wide_rad = _covered_by_walls(centre_m, radius_m, obstacles)
+            from_rad = from_rad if side > 0.0 else -(from_rad + wide_rad)
+            begin_rad, width_rad = np.concatenate((begin_rad, from_rad)), np.concatenate((width_rad, wide_rad))
+        return begin_rad % math.tau, width_rad
+
+
+def _covered_by_walls(
+    centre_m: np.ndarray, radius_m: float, obstacles: _Obstacles
+) -> tuple[np.ndarray, np.ndarray]:  # (B,) rad, (B,) rad
+    """Return the arcs of a circle that lie beside a wall within its clearance: where they begin, and their widths."""
+    walls = obstacles.walls
+    along_m = walls.end_m - walls.begin_m
+    length_m = np.linalg.norm(along_m, axis=-1)
+    unit = along_m / np.maximum(length_m, np.finfo(float).tiny)[:, None]
+    to_centre_m = centre_m - walls.begin_m
+    ahead_m = (to_centre_m * unit).sum(axis=-1)
+    aside_m = unit[:, 0] * to_centre_m[:, 1] - unit[:, 1] * to_centre_m[:, 0]
+    clearance_m = np.maximum(walls.clearance_m - obstacles.tolerance_m, obstacles.tolerance_m)
+    course_rad = np.arctan2(unit[:, 1], unit[:, 0])
+    # The circle crosses the four edges of the wall's rectangle at these angles from the wall's course; NaN: nowhere.
+    with np.errstate(invalid="ignore"):
+        along_rad = np.arccos(np.stack((-ahead_m, length_m - ahead_m)) / radius_m)
+        across_rad = np.arcsin(np.stack((-clearance_m - aside_m, clearance_m - aside_m)) / radius_m)
+    angles_rad = np.vstack((along_rad, -along_rad, across_rad, math.pi - across_rad)) % math.tau  # (8, W)
+    angles_rad = np.sort(angles_rad, axis=0)
+    begin_rad = np.where(np.isnan(angles_rad), 0.0, angles_rad)
+    end_rad = np.vstack((angles_rad[1:], np.full(len(length_m), np.nan)))
+    first_rad = np.where(np.isnan(angles_rad[0]), 0.0, angles_rad[0]) + math.tau
+    end_rad = np.where(np.isnan(end_rad), first_rad, end_rad)
+    # Crossed nowhere: the whole circle, in the first row.
+    kept = ~np.isnan(angles_rad)
+    kept[0] = True
+    middle_rad = 0.5 * (begin_rad + end_rad)
+    along = ahead_m + radius_m * np.cos(middle_rad)
+    across = aside_m + radius_m * np.sin(middle_rad)
+    covered = kept & (along > 0.0) & (along < length_m) & (np.abs(across) < clearance_m)
+    return (begin_rad + course_rad)[covered], (end_rad - begin_rad)[covered]
+
+
+def _pieces_to(step: _Step) -> list[PathPiece]:
+    pieces: list[PathPiece] = []
+    here: _Step | None = step
+    while here is not None:
+        pieces += here.pieces[::-1]
+        here = here.before
+    return pieces[::-1]

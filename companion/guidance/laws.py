@@ -155,6 +155,8 @@ class RoutedLaw:
         route = self._route(task, motion, centres_ned_m, radii_m, view)
         if route.reach is Reach.NONE:
             return SteeringDemand(direction(task.pull, wall_m), stay="no way to the target", route=route)
+        if route.reach is Reach.PLANNING:
+            return SteeringDemand(direction(task.pull, wall_m), stay="the way is still being planned", route=route)
         note = None
         if route.reach is Reach.NEAREST:
             note = "target out of reach: to the nearest safe point"

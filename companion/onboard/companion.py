@@ -207,6 +207,7 @@ class Companion:
         uncertified_from_s = None if engagement is None else engagement.uncertified_from_s
         inputs = FailsafeInputs(
             picture_age_s=age_s,
+            missing=self.world_model.missing,
             position_accuracy_m=telemetry.position_accuracy_m,
             battery_percent=telemetry.battery_percent,
             out_of_range=self.navigation.out_of_range,

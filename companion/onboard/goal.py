@@ -30,6 +30,8 @@ class LoiterGeometry:
     radius_m: float
     spacing_m: float
     """Least distance between this vehicle's loiter place and a peer's, which may be anywhere on its own circle."""
+    claim_m: float
+    """Least distance between this vehicle's loiter place and a target that a peer is on its way to."""
 
 
 class Situation(NamedTuple):

@@ -36,7 +36,7 @@ MAX_WORKERS = 8
     "--runs",
     type=click.IntRange(1, 10_000),
     default=None,
-    help="Missions a family, a quarter of it for fleets; default: a full arena.",
+    help="Missions a family, a quarter of it for fleets and the field; default: a full arena.",
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True, help="Draws the missions.")
 @click.option(

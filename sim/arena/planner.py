@@ -7,8 +7,9 @@ companion's route. Every path (a `way` in the code) comes with a lower bound of 
 
 A path is legal if it keeps the agent's constant speed v over the ground and a turn radius of at least (v + W)^2/(n_max
 g), that of the widest circle over the ground in the strongest wind W, gusts included; if it stays MARGIN_M outside
-every R_d at every moment; and if it arrives in time. It begins at the agent's pose and ends, at any heading, within the
-arrival radius.
+every R_d at every moment, inside the fence and outside the exclusions; and if it arrives in time. It begins at the
+agent's pose and ends, at any heading, within the arrival radius. Of a disc or an edge that the agent starts beside it
+keeps as far away as the start does.
 
 Three methods are tried, the cheapest first. Among discs that stand still: lines and circles (`sim.shortest_path`).
 Among discs that move: lines and circles around copies of the discs, each where its disc was when an earlier path
@@ -33,16 +34,32 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from companion.geo.kinematics import GRAVITY_M_S2, advance
+from companion.geo.polygon import inside_polygon
 from companion.mission.model import Mission, SteadyMotion, ThreatSpec
-from sim.shortest_path import Departure, PathPiece, shortest_path_length, turning_path
+from sim.shortest_path import (
+    Departure,
+    PathPiece,
+    Walls,
+    shortest_path_length,
+    turning_path,
+    wall_distance_m,
+    walls_of,
+)
 from sim.world import World
 
 MARGIN_M = 2.0
-"""Distance that a path keeps from every R_d, so that none grazes a disc that the guard must keep out of."""
+"""Distance that a path keeps from every R_d and every edge, unless another is asked for, so that none grazes what the
+guard must keep out of."""
 TOLERANCE_M = 0.05
 """Part of MARGIN_M that the check of a path forgives, for the interpolation between its samples."""
 GOOD_GAP = 0.05
 """Excess over the lower bound, as a share of it, up to which no better path is searched for."""
+EDGE_SHARE = 1e-6
+"""Share of the start's distance from an edge by which the edge's clearance is less, for rounding."""
+LEAST_CLEARANCE_M = 1e-3
+"""Least clearance from an edge: round a corner without any no path could turn."""
+STILL_STEP_RAD = 0.2
+"""Greatest turn between two points of a path among discs that stand still."""
 REPAIRS = 20
 """Rounds in which copies of moving discs are added to one plan before it is given up."""
 SEARCHES = ((2.0, 3_000), (1.2, 2_500))
@@ -93,6 +110,20 @@ class Plan:
 
 
 @dataclass(frozen=True)
+class Needs:
+    """What a path needs beside being legal: more room than MARGIN_M, wider turns, and no search for a better one."""
+
+    margin_m: float = MARGIN_M
+    turn_radius_m: float = 0.0
+    """Least turn radius, where it is greater than the vehicle's own."""
+    short: bool = True
+    """Whether a better path is searched for where one is found that may not be the shortest."""
+
+
+NEEDS = Needs()
+
+
+@dataclass(frozen=True)
 class _Task:
     """One agent's planning problem, taken from a mission."""
 
@@ -103,8 +134,9 @@ class _Task:
     target_ned_m: np.ndarray  # (2,) m
     arrival_m: float
     until_s: float
-    radii_m: np.ndarray  # (M,) m, MARGIN_M included
+    radii_m: np.ndarray  # (M,) m, the margin included
     moves: np.ndarray  # (M,) bool
+    walls: Walls
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -112,17 +144,22 @@ class _Task:
 
 
 def plan(
-    mission: Mission, agent_id: int, target_ned_m: Sequence[float] | np.ndarray, until_s: float, seed: int
+    mission: Mission,
+    agent_id: int,
+    target_ned_m: Sequence[float] | np.ndarray,
+    until_s: float,
+    seed: int,
+    needs: Needs = NEEDS,
 ) -> Plan:
     """Return the shortest path found that takes an agent of a resolved mission to a place (2,) in m before `until_s`.
 
     The seed is that of the flight, because the threats that move at random move by it.
 
-    Raises ValueError for a mission with a fence, which is not planned for, and for an unknown agent.
+    Raises ValueError for an unknown agent.
     """
     began_s = time.perf_counter()
-    task = _task(mission, agent_id, target_ned_m, until_s)
-    motion = _Motion(mission, seed, until_s)
+    task = _task(mission, agent_id, target_ned_m, until_s, needs)
+    motion = _Motion(mission, seed, task)
     bound_m = _lower_bound_m(task, motion.places_m[0])
     best: list[PathPiece] | None = None
     method: Method = "impossible"
@@ -130,7 +167,7 @@ def plan(
         planned = _planned_statically if motion.still else _repaired
         method = "tangents" if motion.still else "repaired"
         best = planned(task, motion)
-        if best is None or _length_m(best) > (1.0 + GOOD_GAP) * bound_m:
+        if best is None or (needs.short and _length_m(best) > (1.0 + GOOD_GAP) * bound_m):
             found = _searched(task, motion, _length_m(best) if best is not None else math.inf)
             best, method = (found, "search") if found is not None else (best, method if best is not None else "none")
     if best is None:
@@ -165,10 +202,11 @@ def verify(
 ) -> list[str]:
     """Return the faults of a plan's path, found numerically from mission and path alone; none where it is legal.
 
-    Checked are where it begins and ends, its length and time, the curvature and smoothness of each piece, and the
-    clearance from every threat at its position in `sim.world` at that moment, between samples of CHECK_STEP_M.
+    Checked are where it begins and ends, its length and time, the curvature and smoothness of each piece, that it is
+    inside the fence and outside the exclusions, and the clearance from every threat at its position in `sim.world` at
+    that moment, between samples of CHECK_STEP_M.
     """
-    task = _task(mission, agent_id, target_ned_m, until_s)
+    task = _task(mission, agent_id, target_ned_m, until_s, NEEDS)
     way = planned.way
     if math.isinf(planned.length_m):
         return [] if way.size == 0 else ["a way without a length"]
@@ -179,30 +217,65 @@ def verify(
     times_s = samples[:, 0] / task.speed_m_s
     if times_s[-1] > until_s + 1e-6:
         faults.append(f"arrives after {times_s[-1]:.1f} s; allowed: {until_s:g} s")
-    clearance_m = _clearance_m(mission, seed, times_s, samples[:, 1:])
-    if clearance_m < MARGIN_M - TOLERANCE_M:
-        faults.append(f"comes within {clearance_m:.2f} m of a detection disc; allowed: {MARGIN_M:g} m")
+    clearance_m, allowed_m = _clearance_m(mission, seed, times_s, samples[:, 1:]), _least_clearance_m(mission, task)
+    if clearance_m < allowed_m - TOLERANCE_M:
+        faults.append(f"comes within {clearance_m:.2f} m of a detection disc; allowed: {allowed_m:g} m")
+    outside = [point for point in samples[:, 1:] if not _inside(mission, (float(point[0]), float(point[1])))]
+    if outside:
+        faults.append(f"is outside the fence or inside an exclusion at {len(outside)} points, first at {outside[0]}")
     return faults
 
 
-def _task(mission: Mission, agent_id: int, target_ned_m: Sequence[float] | np.ndarray, until_s: float) -> _Task:
-    if mission.fence is not None:
-        raise ValueError(f"{mission.name}: fence: not planned for")
+def _task(
+    mission: Mission, agent_id: int, target_ned_m: Sequence[float] | np.ndarray, until_s: float, needs: Needs
+) -> _Task:
     agent = next((agent for agent in mission.agents if agent.id == agent_id), None)
     if agent is None:
         raise ValueError(f"{mission.name}: no agent {agent_id}")
     wind_m_s = mission.wind.speed_m_s + mission.wind.gust_m_s
+    start_ned_m = np.array(agent.position_ned_m)
+    places_m = np.array([threat.position_ned_m for threat in mission.threats]).reshape(-1, 2)
+    radii_m = np.array([threat.detection_radius_m for threat in mission.threats])
+    start_gap_m = np.linalg.norm(places_m - start_ned_m, axis=-1) - radii_m
+    moves = np.array([_does_move(threat) for threat in mission.threats], dtype=bool)
+    # Beside a disc that stands still a path cannot begin with more room than the start has.
+    margins_m = np.where(moves, needs.margin_m, np.clip(start_gap_m, 0.0, needs.margin_m))
     return _Task(
-        start_ned_m=np.array(agent.position_ned_m),
+        start_ned_m=start_ned_m,
         heading_rad=math.radians(agent.heading_deg or 0.0),
         speed_m_s=agent.speed_m_s,
-        turn_radius_m=ground_turn_radius_m(agent.speed_m_s, agent.n_max, wind_m_s),
+        turn_radius_m=max(ground_turn_radius_m(agent.speed_m_s, agent.n_max, wind_m_s), needs.turn_radius_m),
         target_ned_m=np.asarray(target_ned_m, dtype=float),
         arrival_m=mission.arrival_radius_m,
         until_s=until_s,
-        radii_m=np.array([threat.detection_radius_m + MARGIN_M for threat in mission.threats]),
-        moves=np.array([_does_move(threat) for threat in mission.threats], dtype=bool),
+        radii_m=radii_m + margins_m,
+        moves=moves,
+        walls=_walls(mission, start_ned_m, needs.margin_m),
     )
+
+
+def _walls(mission: Mission, start_ned_m: np.ndarray, margin_m: float) -> Walls:
+    """Return the edges of fence and exclusions; one that the start lies beside keeps as much clearance as that has."""
+    edges = walls_of(_polygons(mission), margin_m)
+    apart_m = wall_distance_m(start_ned_m[None], edges)[0]
+    return Walls(edges.begin_m, edges.end_m, np.clip((1.0 - EDGE_SHARE) * apart_m, LEAST_CLEARANCE_M, margin_m))
+
+
+def _polygons(mission: Mission) -> list[np.ndarray]:
+    fences = [] if mission.fence is None else [mission.fence]
+    return [np.array(polygon) for polygon in (*fences, *mission.exclusions)]
+
+
+def _inside(mission: Mission, point_ned_m: tuple[float, float]) -> bool:
+    if any(inside_polygon(point_ned_m, exclusion) for exclusion in mission.exclusions):
+        return False
+    return mission.fence is None or inside_polygon(point_ned_m, mission.fence)
+
+
+def _least_clearance_m(mission: Mission, task: _Task) -> float:
+    """Return the least distance that a path of a task keeps from any R_d."""
+    radii_m = np.array([threat.detection_radius_m for threat in mission.threats])
+    return float((task.radii_m - radii_m).min(initial=MARGIN_M))
 
 
 def _does_move(threat: ThreatSpec) -> bool:
@@ -214,11 +287,13 @@ def _does_move(threat: ThreatSpec) -> bool:
 class _Motion:
     """True positions of the threats at every multiple of the integration step; chasers are simulated along a path."""
 
-    def __init__(self, mission: Mission, seed: int, until_s: float) -> None:
+    def __init__(self, mission: Mission, seed: int, task: _Task) -> None:
         self.step_s = mission.integration_step_s
         self.still = not any(_does_move(threat) for threat in mission.threats)
-        steps = 0 if self.still else math.ceil(until_s / self.step_s - 1e-9)
-        self.steps = math.ceil(until_s / self.step_s - 1e-9)
+        if self.still:
+            # Where nothing moves, a step is only the distance of two points of a path.
+            self.step_s = min(self.step_s, STILL_STEP_RAD * task.turn_radius_m / task.speed_m_s)
+        steps = 0 if self.still else math.ceil(task.until_s / self.step_s - 1e-9)
         world = World(mission, seed)
         table = []
         for step in range(steps + 1):
@@ -263,11 +338,14 @@ def _lower_bound_m(task: _Task, places_m: np.ndarray) -> float:  # (M, 2) m at t
     """
     straight_m = float(np.linalg.norm(task.target_ned_m - task.start_ned_m))
     still = ~task.moves
-    around_m = shortest_path_length(task.start_ned_m, task.target_ned_m, places_m[still], task.radii_m[still])
     gap_m = np.linalg.norm(places_m[still] - task.target_ned_m, axis=-1) - task.radii_m[still]
+    wall_m = wall_distance_m(task.target_ned_m[None], task.walls)[0] - task.walls.clearance_m
     bound_m = straight_m - task.arrival_m
-    # If the arrival circle is free of discs, an agent that reaches it can fly on to its centre.
-    if (gap_m >= task.arrival_m).all():
+    # If the arrival circle is free of discs and walls, an agent that reaches it can fly on to its centre.
+    if (gap_m >= task.arrival_m).all() and (wall_m >= task.arrival_m).all():
+        around_m = shortest_path_length(
+            task.start_ned_m, task.target_ned_m, places_m[still], task.radii_m[still], task.walls
+        )
         bound_m = around_m - task.arrival_m
     sides = [_turn_and_line(task, task.pose, side) for side in (1.0, -1.0)]
     if all(pieces is not None for pieces in sides):
@@ -307,6 +385,7 @@ def _around(task: _Task, places_m: np.ndarray, radii_m: np.ndarray) -> list[Path
         task.arrival_m,
         places_m,
         radii_m,
+        task.walls,
     )
     return pieces if pieces is not None and _length_m(pieces) <= task.speed_m_s * task.until_s else None
 
@@ -451,9 +530,10 @@ class _Search:
         half_rad = 0.5 * self._turns_rad[:, None] * share
         chord_m = self._length_m * share * np.sinc(half_rad / math.pi)
         self._ahead_m, self._right_m = chord_m * np.cos(half_rad), chord_m * np.sin(half_rad)  # (5, S) m
+        # What no point comes nearer to: discs, and walls, across which no step leads.
         self._clear_m2 = (task.radii_m + _slack_m(task, motion)) ** 2
-        self._cell_m = self._length_m / 2
-        self._far = _Far(task, motion, self._cell_m)
+        self._walls_m = np.maximum(task.walls.clearance_m + _slack_m(task, motion), 0.5 * step_m)
+        self._far = _Far(task, motion, self._length_m / 2)
 
     def run(self, steps: int) -> list[PathPiece] | None:
         """Return a path shorter than the limit, improved as far as `steps` opened poses allow, or None."""
@@ -491,7 +571,8 @@ class _Search:
         north_m, east_m, heading_rad = node.pose
         late = 0 if self._motion.still else int(node.step * self._motion.step_s / TIME_BIN_S)
         heading = int((heading_rad % math.tau) / math.tau * HEADING_BINS)
-        return math.floor(north_m / self._cell_m), math.floor(east_m / self._cell_m), heading, late
+        cell_m = self._length_m / 2
+        return math.floor(north_m / cell_m), math.floor(east_m / cell_m), heading, late
 
     def _children(self, node: _Node) -> list[_Node]:
         north_m, east_m, heading_rad = node.pose
@@ -532,7 +613,11 @@ class _Search:
         threats_m, chasers_m = self._motion.along(node.step, node.chasers_m, points_m)
         offset_m = threats_m - points_m[:, :, None]
         apart_m2 = offset_m[..., 0] ** 2 + offset_m[..., 1] ** 2
-        return (apart_m2 >= self._clear_m2).all(axis=(1, 2)), chasers_m
+        clear = (apart_m2 >= self._clear_m2).all(axis=(1, 2))
+        if len(self._task.walls.begin_m):
+            wall_m = wall_distance_m(points_m.reshape(-1, 2), self._task.walls)
+            clear &= (wall_m >= self._walls_m).reshape(len(points_m), -1).all(axis=1)
+        return clear, chasers_m
 
 
 class _Far:

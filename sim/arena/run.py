@@ -26,13 +26,11 @@ from sim.worker_pool import outcomes
 
 OWN_LAWS: tuple[LawName, ...] = ("routed", "seed")
 """This project's law and the paper's; `ramp` and `step`, which the paper only contrasts with its own, are left out."""
-FULL_RUNS = 500
-"""Missions of a full arena, over all families."""
 SLOW_RUNS = 20
 """Greatest number of missions of a family that a slow method flies; it flies only families with a single agent."""
-FLEET_SHARE = 0.25
-"""Share of the missions asked for that a family with several agents flies, because one of its flights costs as much as
-dozens of others."""
+DEAR_SHARE = 0.25
+"""Share of the missions asked for that are flown of a family with several agents or of the field, because one of its
+flights costs as much as many others."""
 TIME_BINS_US = np.geomspace(1.0, 1e7, 281)
 """Edges of the bins in which decision times are counted, 6 % wide, so that the counts of many flights can be added."""
 
@@ -101,14 +99,14 @@ class Job:
 
 
 def jobs_of(seed: int, runs: int | None, families: Sequence[str], laws: Sequence[str]) -> list[Job]:
-    """Return the jobs of an arena: `runs` missions a family, fewer for fleets, or each family's share of FULL_RUNS.
+    """Return the jobs of an arena: `runs` missions a family, fewer of dear ones, or those of a full arena.
 
     Slow methods fly the first SLOW_RUNS missions of the families with a single agent.
     """
     jobs = []
     for family in families:
-        share = 1.0 if FAMILIES[family].single else FLEET_SHARE
-        count = round(FAMILIES[family].share * FULL_RUNS) if runs is None else max(1, round(share * runs))
+        share = DEAR_SHARE if FAMILIES[family].dear else 1.0
+        count = FAMILIES[family].count if runs is None else max(1, round(share * runs))
         for index in range(count):
             flown = [law for law in laws if law not in SLOW or (FAMILIES[family].single and index < SLOW_RUNS)]
             jobs.append(Job(family, seed, index, tuple(flown)))
@@ -123,8 +121,8 @@ def check_installed(jobs: Sequence[Job]) -> None:
 
 def fly_all(jobs: Sequence[Job], workers: int, progress: Callable[[int, int], None]) -> list[Run]:
     """Fly every job on `workers` processes (0: in this process); return the runs in order of family, index and law."""
-    # A fleet takes as long as many single agents: fleets go first, so that no core waits for one at the end.
-    ordered = sorted(jobs, key=lambda job: FAMILIES[job.family].single)
+    # A fleet takes as long as many single agents: dear ones go first, so that no core waits for one at the end.
+    ordered = sorted(jobs, key=lambda job: not FAMILIES[job.family].dear)
     runs: list[Run] = []
     for done, (_, flown) in enumerate(outcomes(fly_job, ordered, workers), start=1):
         runs += flown

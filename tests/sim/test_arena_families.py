@@ -11,7 +11,9 @@ from companion.geo.kinematics import turn_rate_rad_s
 from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.mission.model import Mission, PathMotion, dump_mission, parse_mission
 from companion.mission.resolve import check_start
-from sim.arena.families import FAMILIES, GREATEST_TURN_RAD, draw
+from sim.arena.families import CLASSIC, FAMILIES, draw
+from sim.arena.families.drawing import GREATEST_TURN_RAD
+from sim.arena.families.field import FIELD
 from sim.arena.planner import target_stays_clear
 
 INDICES = range(20)
@@ -31,6 +33,8 @@ def start_gap_m(mission: Mission) -> float:
 
 
 every_family = pytest.mark.parametrize("family", FAMILIES)
+classic_family = pytest.mark.parametrize("family", CLASSIC)
+fleet_family = pytest.mark.parametrize("family", [name for name in FAMILIES if not FAMILIES[name].single])
 
 
 @pytest.mark.slow
@@ -62,7 +66,7 @@ def test_the_same_seed_and_index_draw_the_same_mission_and_others_another(family
 
 
 @pytest.mark.slow
-@every_family
+@classic_family
 def test_every_target_lies_outside_the_discs_grown_to_the_end_of_the_run(family: str) -> None:
     for mission in drawn(family):
         for target in mission.targets:
@@ -80,7 +84,7 @@ def test_a_family_is_single_exactly_if_all_its_missions_have_one_agent(family: s
     assert FAMILIES[family].single == all(len(mission.agents) == 1 for mission in drawn(family))
 
 
-@pytest.mark.parametrize("family", [name for name in FAMILIES if name != "paper"])
+@pytest.mark.parametrize("family", [name for name in CLASSIC if name != "paper"])
 def test_no_agent_turns_further_in_a_guidance_step_than_a_law_can_follow(family: str) -> None:
     for mission in drawn(family):
         for agent in mission.agents:
@@ -88,7 +92,7 @@ def test_no_agent_turns_further_in_a_guidance_step_than_a_law_can_follow(family:
             assert turn_rad <= GREATEST_TURN_RAD + 1e-3
 
 
-@pytest.mark.parametrize("family", [name for name in FAMILIES if not FAMILIES[name].single])
+@fleet_family
 def test_agents_start_outside_the_interaction_radius_of_each_other(family: str) -> None:
     for mission in drawn(family):
         agent = mission.agents[0]
@@ -96,14 +100,15 @@ def test_agents_start_outside_the_interaction_radius_of_each_other(family: str) 
         assert start_gap_m(mission) >= interaction_radius_m(rules, mission.guidance_step_s)
 
 
-@pytest.mark.parametrize("family", [name for name in FAMILIES if not FAMILIES[name].single])
+@fleet_family
 def test_agents_start_as_far_apart_as_the_caller_asks(family: str) -> None:
     for index in range(4):
         assert start_gap_m(draw(family, 1, index, 700.0)) >= 700.0
 
 
-def test_the_shares_of_all_families_are_the_whole_of_the_runs() -> None:
-    assert math.fsum(family.share for family in FAMILIES.values()) == pytest.approx(1.0)
+def test_a_full_arena_has_500_missions_of_the_classic_families_and_150_of_the_field() -> None:
+    assert sum(family.count for family in CLASSIC.values()) == 500
+    assert sum(family.count for family in FIELD.values()) == 150
 
 
 def test_the_name_of_a_moving_mission_says_the_threats_share_of_the_speed_and_their_motion() -> None:

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from companion.geo.polygon import inside_polygon
 from companion.mission.model import (
     AgentSpec,
     Mission,
@@ -21,7 +22,7 @@ from companion.mission.model import (
     ThreatSpec,
     Wind,
 )
-from sim.arena.planner import MARGIN_M, Plan, ground_turn_radius_m, plan, target_stays_clear, verify
+from sim.arena.planner import MARGIN_M, Needs, Plan, ground_turn_radius_m, plan, target_stays_clear, verify
 from sim.shortest_path import Departure, turning_path
 from sim.world import World
 
@@ -312,9 +313,81 @@ def test_a_target_is_clear_only_outside_the_discs_as_they_may_have_grown_by_the_
     assert not target_stays_clear(mission, TARGET, 40.0)
 
 
-def test_a_mission_with_a_fence_is_refused() -> None:
-    with pytest.raises(ValueError, match="fence"):
-        planned(scene(fence=((-100.0, -500.0), (2000.0, -500.0), (2000.0, 500.0), (-100.0, 500.0))))
+BOX = ((-300.0, -400.0), (1500.0, -400.0), (1500.0, 400.0), (-300.0, 400.0))
+SPIT = ((600.0, -400.0), (600.0, 100.0), (700.0, 100.0), (700.0, -400.0))
+HOOK = ((-300.0, -400.0), *SPIT, (1500.0, -400.0), (1500.0, 600.0), (-300.0, 600.0))
+"""A fence with a spit of land from the west that reaches 100 m past the line to the target."""
+
+
+def test_a_fence_that_is_nowhere_in_the_way_changes_nothing() -> None:
+    assert planned(scene(fence=BOX)).length_m == pytest.approx(planned(scene()).length_m, abs=1e-9)
+
+
+def test_round_the_inner_corners_of_a_fence_the_way_turns_at_the_turn_radius() -> None:
+    found = planned(scene(fence=HOOK))
+    # Tangents to circles of the turn radius about the two corners, and the line between the circles.
+    assert found.method == "tangents"
+    assert faults(scene(fence=HOOK), found) == []
+    by_corners_m = math.hypot(600.0, 100.0) + 100.0 + math.hypot(500.0, 100.0) - ARRIVAL_M
+    assert by_corners_m < found.length_m < 1.1 * by_corners_m
+    assert found.lower_bound_m >= by_corners_m
+
+
+def test_a_wall_of_discs_to_the_fence_is_passed_on_the_side_that_the_fence_leaves_open() -> None:
+    discs = ((600.0, -300.0, 120.0), (600.0, -100.0, 120.0), (600.0, 90.0, 120.0))
+    fenced, free = scene(*discs, fence=BOX), scene(*discs)
+    assert faults(fenced, planned(fenced)) == []
+    assert planned(fenced).length_m == pytest.approx(planned(free).length_m, abs=1e-6)
+    closed = scene(*discs, (600.0, 290.0, 120.0), fence=BOX)
+    assert planned(closed).method == "impossible"
+
+
+def test_an_exclusion_is_flown_round_and_a_way_through_it_is_rejected() -> None:
+    island = ((500.0, -200.0), (700.0, -200.0), (700.0, 100.0), (500.0, 100.0))
+    mission = scene(exclusions=(island,))
+    assert faults(mission, planned(mission)) == []
+    assert planned(mission).length_m > planned(scene()).length_m
+    assert any("inside an exclusion" in fault for fault in faults(mission, planned(scene())))
+
+
+def test_a_way_that_leaves_the_fence_is_rejected() -> None:
+    assert any("outside the fence" in fault for fault in faults(scene(fence=HOOK), planned(scene())))
+
+
+def test_a_start_a_metre_inside_the_fence_or_outside_a_disc_keeps_no_more_room_than_it_has() -> None:
+    at_the_fence = scene(fence=((-1.0, -400.0), (1500.0, -400.0), (1500.0, 400.0), (-1.0, 400.0)))
+    assert planned(at_the_fence).length_m == pytest.approx(TARGET[0] - ARRIVAL_M, abs=1e-6)
+    at_a_disc = scene((-101.0, 0.0, 100.0))
+    assert planned(at_a_disc).length_m == pytest.approx(TARGET[0] - ARRIVAL_M, abs=1e-6)
+    assert faults(at_a_disc, planned(at_a_disc)) == []
+
+
+def test_more_room_may_be_asked_for_than_a_legal_way_needs() -> None:
+    gap = scene((600.0, 210.0, 200.0), (600.0, -210.0, 200.0))
+    narrow = planned(gap)
+    wide = plan(gap, 1, TARGET, UNTIL_S, SEED, Needs(margin_m=15.0))
+    assert narrow.length_m == pytest.approx(TARGET[0] - ARRIVAL_M)
+    assert wide.length_m > narrow.length_m + 50.0
+
+
+corner = st.floats(0.55, 1.2)
+
+
+@pytest.mark.slow
+@settings(max_examples=40)
+@given(reach=st.lists(corner, min_size=5, max_size=9), discs=st.lists(disc, max_size=4))
+def test_every_way_inside_a_fence_is_legal_and_no_shorter_than_the_bound(reach: list[float], discs: list[Disc]) -> None:
+    angles_rad = np.arange(len(reach)) * math.tau / len(reach)
+    fence = tuple(
+        (600.0 + 1200.0 * share * math.cos(angle), 1200.0 * share * math.sin(angle))
+        for share, angle in zip(reach, angles_rad, strict=True)
+    )
+    mission = scene(*discs, fence=fence)
+    if not (inside_polygon((0.0, 0.0), fence) and inside_polygon(TARGET, fence)):
+        return
+    found = planned(mission)
+    assert faults(mission, found) == []
+    assert found.length_m >= found.lower_bound_m - 1e-6
 
 
 def test_an_agent_that_does_not_exist_is_refused() -> None:

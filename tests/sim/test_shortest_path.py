@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from sim.shortest_path import _distance, shortest_path_length
+from sim.shortest_path import Departure, shortest_path_length, turning_path, walls_of
 
 CORNERS = 24
 """Of the polygon about each disc in the visibility graph."""
@@ -134,15 +134,6 @@ def test_from_the_edge_of_a_disc_the_path_runs_along_it() -> None:
     assert length_m((-10, 0), (10, 0), [(0, 0, 10)]) == pytest.approx(10 * math.pi, rel=1e-9)
 
 
-def test_of_two_arcs_between_the_same_points_the_shorter_counts() -> None:
-    begin, end = np.array([0, 0, 1]), np.array([1, 1, 0])
-    assert _distance(2, begin, end, np.array([5.0, 3.0, 4.0])) == 3.0
-
-
-def test_steps_of_no_length_connect() -> None:
-    assert _distance(3, np.array([0, 2]), np.array([2, 1]), np.array([0.0, 7.0])) == 7.0
-
-
 def test_no_distance_is_no_path() -> None:
     assert length_m((5, 5), (5, 5), [(50, 0, 20)]) == 0.0
 
@@ -200,3 +191,62 @@ def test_thirty_discs_take_every_one_into_account() -> None:
     through = length_m((0, 0), (70, 0), discs)
     around_some = length_m((0, 0), (70, 0), discs[:15])
     assert 70 < around_some < through < 140
+
+
+SPIT = np.array([(40.0, -50.0), (60.0, -50.0), (60.0, 10.0), (40.0, 10.0)])
+
+
+def test_round_the_corners_of_a_polygon_the_path_is_a_taut_string_at_the_clearance() -> None:
+    walls = walls_of([SPIT], 1e-9)
+    found = shortest_path_length(np.zeros(2), np.array([100.0, 0.0]), np.empty((0, 2)), np.empty(0), walls)
+    assert found == pytest.approx(2 * math.hypot(40, 10) + 20, abs=1e-6)
+
+
+def test_with_a_clearance_the_path_rounds_the_corners_on_circles_of_that_radius() -> None:
+    walls = walls_of([SPIT], 5.0)
+    found = shortest_path_length(np.zeros(2), np.array([100.0, 0.0]), np.empty((0, 2)), np.empty(0), walls)
+    discs = [(40.0, 10.0, 5.0), (60.0, 10.0, 5.0), (50.0, -50.0, 60.0)]
+    around = [(40.0, 10.0, 5.0), (60.0, 10.0, 5.0)]
+    assert found == pytest.approx(_one_side_m(around), rel=1e-9)
+    assert found > length_m((0, 0), (100, 0), discs[:2])
+
+
+def _one_side_m(discs: list[tuple[float, float, float]]) -> float:
+    """Return the length of the path that passes two equal discs, symmetric about the middle, both on their east."""
+    north, east, radius = discs[0]
+    reach = math.hypot(north, east)
+    turn = math.atan2(east, north) + math.asin(radius / reach)
+    return 2 * (math.sqrt(reach**2 - radius**2) + radius * turn) + discs[1][0] - north
+
+
+def test_a_gap_between_a_disc_and_a_wall_narrower_than_both_clearances_is_closed() -> None:
+    wall = np.array([(30.0, 20.0), (70.0, 20.0), (70.0, 30.0), (30.0, 30.0)])
+    disc_row = np.array([[50.0, 5.0]]), np.array([10.0])
+    ends = np.array([0.0, 18.0]), np.array([100.0, 18.0])
+    through = shortest_path_length(*ends, *disc_row, walls_of([wall], 2.0))
+    closed = shortest_path_length(*ends, *disc_row, walls_of([wall], 5.5))
+    assert through < 102.0 < closed
+
+
+def test_a_closed_polygon_about_the_goal_leaves_no_path() -> None:
+    walls = walls_of([np.array([(80.0, -20.0), (120.0, -20.0), (120.0, 20.0), (80.0, 20.0)])], 1.0)
+    nothing = np.empty((0, 2)), np.empty(0)
+    assert shortest_path_length(np.zeros(2), np.array([100.0, 0.0]), *nothing, walls) == math.inf
+    assert turning_path(Departure(np.zeros(2), 0.0, 5.0), np.array([100.0, 0.0]), 10.0, *nothing, walls) is None
+
+
+def test_a_turning_circle_that_would_cross_a_wall_is_not_flown() -> None:
+    # The target is behind; to the left there is a wall within two turn radii.
+    walls = walls_of([np.array([(-50.0, -30.0), (50.0, -30.0), (50.0, -29.0), (-50.0, -29.0)])], 1.0)
+    nothing = np.empty((0, 2)), np.empty(0)
+    start = Departure(np.zeros(2), 0.0, 20.0)
+    free, walled = (turning_path(start, np.array([-200.0, -20.0]), 5.0, *nothing, *more) for more in ((), (walls,)))
+    assert free is not None and walled is not None
+    assert free[0].turn_rad < 0.0 < walled[0].turn_rad
+
+
+def test_among_hundreds_of_discs_the_path_is_no_shorter_than_the_line_and_no_longer_than_round_all() -> None:
+    generator = np.random.default_rng(4)
+    centres, radii = generator.uniform(0.0, 1000.0, (300, 2)), np.full(300, 15.0)
+    found = shortest_path_length(np.array([-50.0, 500.0]), np.array([1050.0, 500.0]), centres, radii)
+    assert 1100.0 <= found <= 1300.0

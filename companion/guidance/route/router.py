@@ -13,7 +13,7 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -21,22 +21,23 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.guard.types import Piece
-from companion.guidance.route.reachability import Shores
-from companion.guidance.route.scene import HALF_PI, Scene, State, tolerance_m_of
-from companion.guidance.route.search import Search, chain_free, chains
+from companion.guidance.route.plan import Plan, Way
+from companion.guidance.route.scene import HALF_PI, Aim, Pose, Scene, State
+from companion.guidance.route.search import Effort
+from companion.guidance.route.walls import NO_WALLS, Walls, WallSet
 
 SWITCH_SHARE = 0.02
 """Share of the kept route's length that a new route on other sides of discs must save (docs/method.md section 3)."""
 DEEP_SHARE = 0.05
 """Depth inside a disc, as a share of its radius, from which a vehicle heads straight out of it, and below it partly."""
-PATIENCE = 48
-"""Number of states after which the search checks whether there is a way at all; that costs as much as 20 states."""
-MAX_STATES = 1500
-"""Number of states after which the search for a path within the turn limit gives up; 100 discs take fewer than 300."""
-NEAREST_TRIES = 8
-"""Number of points nearest to the goal that are tried where it is not known which of them can be reached."""
+DEEP_CLEARANCE = 0.5
+"""The same for a wall, as a share of its clearance."""
+BASE_WORK_US = 3000.0
+"""Work of one call of a router until it pauses, in nominal microseconds, without any discs."""
+DISC_WORK_US = 60.0
+"""The same for each disc and each corner of a wall."""
 REPLAN_STEPS = 10
-"""Number of calls within which a kept route is compared with a new one at least once."""
+"""Number of calls within which a kept route is compared with a new one at least once while anything changes."""
 REPLAN_SHARE = 0.05
 """Share of a disc's radius: when the disc's centre and radius together have changed by more, or the goal by more than
 this share of the least radius, a kept route is compared with a new one."""
@@ -48,6 +49,7 @@ class Reach(Enum):
     TARGET = "target"
     NEAREST = "nearest safe point"
     NONE = "no way"
+    PLANNING = "way still being planned"
 
 
 class Route(NamedTuple):
@@ -64,9 +66,21 @@ class Route(NamedTuple):
     """+1 or -1 if the route begins with an arc of the vehicle's own turning circle, to the right or left, that ends on
     `heading_rad`; else 0."""
     via: tuple[tuple[int, int], ...]
-    """The discs touched, in order: index in the given arrays, and side (+1: clockwise, with the disc on the right)."""
+    """The discs touched, in order: index in the given arrays, and side (+1: clockwise, with the disc on the right).
+
+    Greater indices are corners of walls: those of the fence, then those of the exclusions.
+    """
     pieces: tuple[Piece, ...]
     """The lines and arcs of the route, in order."""
+    end_side: int = 0
+    """+1 or -1 if the route ends on the goal's circle, to be flown clockwise or counterclockwise; else 0."""
+
+
+class Goal(NamedTuple):
+    """What a route leads to: a place, or with a radius a circle about it, on which the route ends along the circle."""
+
+    position_ned_m: Sequence[float] | np.ndarray
+    radius_m: float = 0.0
 
 
 class Departure(NamedTuple):
@@ -81,22 +95,29 @@ class Departure(NamedTuple):
 
 def shortest_route(
     position_ned_m: Sequence[float] | np.ndarray,
-    goal_ned_m: Sequence[float] | np.ndarray,
+    goal: Goal | Sequence[float] | np.ndarray,
     centres_ned_m: np.ndarray,  # (M, 2) m
     radii_m: np.ndarray,  # (M,) m
     heading_rad: float | None = None,
     turn_radius_m: float = 0.0,
+    walls: Walls = NO_WALLS,
 ) -> Route:
     """Return the shortest route from a position to a goal that enters none of M discs, without an earlier route.
 
     With a turn radius and a heading the route begins on one of the two turning circles, and all its arcs are flyable
-    unless start or goal is too near to a disc for that. docs/route.md says what is returned where start or goal is
-    inside a disc or walled off. Raises ValueError for input that is not finite and for shapes that do not fit.
+    unless start or goal is too near to a disc or a wall for that. docs/route.md says what is returned where start or
+    goal is inside a disc, on the wrong side of a wall or walled off. Raises ValueError for input that is not finite and
+    for shapes that do not fit.
     """
-    _check_finite(*position_ned_m, *goal_ned_m, heading_rad or 0.0, turn_radius_m)
-    centres, radii_m = _checked(centres_ned_m, radii_m)
-    start, goal = complex(*position_ned_m), complex(*goal_ned_m)
-    return _Plan(start, goal, centres, radii_m, heading_rad, turn_radius_m).route()
+    aim = _aim(goal)
+    pose = _pose(Departure(position_ned_m, heading_rad, turn_radius_m))
+    plan = Plan(pose, aim, *_checked(centres_ned_m, radii_m), WallSet(walls) if walls != NO_WALLS else None)
+    work = plan.way(Effort())
+    while True:
+        try:
+            next(work)
+        except StopIteration as stop:
+            return _as_route(plan, stop.value)
 
 
 class _Discs(NamedTuple):
@@ -107,90 +128,181 @@ class _Discs(NamedTuple):
     centres: np.ndarray  # (M,) complex, m
     radii_m: np.ndarray  # (M,)
 
+    def changed(self, before: _Discs, share: float) -> bool:
+        """Return whether these are other discs, or one has changed by more than a share of its radius."""
+        if self is before:
+            return False
+        if self.ids.shape != before.ids.shape or np.count_nonzero(self.ids != before.ids):
+            return True
+        change_m = np.abs(self.centres - before.centres) + np.abs(self.radii_m - before.radii_m)
+        return bool(np.count_nonzero(change_m > share * before.radii_m))
+
+
+class _Question(NamedTuple):
+    """What a plan answers: which goal, among which discs and walls."""
+
+    goal: Aim
+    discs: _Discs
+    walls: WallSet | None
+
+
+def _differ(question: _Question, before: _Question, share: float) -> bool:
+    """Return whether two questions differ so much that another route may be better: by a share of the discs' radii."""
+    radii_m = before.discs.radii_m
+    limit_m = share * float(radii_m.min()) if len(radii_m) else 0.0
+    return (
+        question.walls is not before.walls
+        or question.goal.radius_m != before.goal.radius_m
+        or abs(question.goal.place - before.goal.place) > limit_m
+        or question.discs.changed(before.discs, share)
+    )
+
+
+@dataclass
+class _Memory:
+    """What a router stores of its last plan, and of the calls since."""
+
+    question: _Question
+    way: Way | None
+    planned_m: float  # length of the way when it was planned
+    place: complex  # of the vehicle at the last call
+    flown_m: float = 0.0  # since the plan
+    calls: int = 0  # since the plan
+
+    def step(self, place: complex) -> None:
+        """Count a call, with the vehicle at a place."""
+        self.flown_m += abs(place - self.place)
+        self.place = place
+        self.calls += 1
+
+    def along(self, plan: Plan, question: _Question) -> Way | None:
+        """Return the stored way from the present pose, None if it is not free or no longer leads to the goal."""
+        way, before = self.way, self.question
+        if way is None or question.walls is not before.walls:
+            return None
+        if not way.to_target and _differ(question, before, 0.0):
+            return None
+        via = way.via
+        if question.discs is not before.discs:
+            old, new = before.discs.ids.tolist(), question.discs.ids.tolist()
+            index_of = {identity: index for index, identity in enumerate(new)}
+            moved = [
+                (index_of.get(old[index]) if index < len(old) else index - len(old) + len(new), side)
+                for index, side in via
+            ]
+            via = tuple((index, side) for index, side in moved if index is not None)
+        return plan.along(way, via)
+
+    def is_due(self, kept: Way, plan: Plan, question: _Question, switch_share: float) -> bool:
+        """Return whether the stored way must be compared with a new one.
+
+        If nothing has changed, no way can be shorter than the planned one less what was flown since.
+        """
+        if _differ(question, self.question, REPLAN_SHARE):
+            return True
+        changes = question.discs is not self.question.discs or question.goal != self.question.goal
+        if self.calls >= REPLAN_STEPS and (changes or plan.pose.limited != kept.scene.pose.limited):
+            return True
+        return self.flown_m + kept.length_m - self.planned_m > switch_share * kept.length_m
+
 
 @dataclass(frozen=True)
-class _Memory:
-    """What a router stores of its last plan."""
+class _Pending:
+    """A plan that is being made: its question, the plan, its work, and what effort it has left in this call."""
 
-    via: tuple[tuple[int, int], ...]  # index of the disc in `discs`, and side
-    reach: Reach
-    goal: complex
-    asked: complex  # the goal that was asked for, which `goal` differs from where it cannot be reached
-    discs: _Discs
-    limit_m: np.ndarray  # (M,) how far centre and radius together may change before `moved`
-    goal_limit_m: float  # how far the goal asked for may change before `moved`
-
-    def moved(self, asked: complex, discs: _Discs) -> bool:
-        """Return whether the scene has changed by more than the limits, so that another route may be better."""
-        before = self.discs
-        if discs is not before and (discs.ids.shape != before.ids.shape or np.count_nonzero(discs.ids != before.ids)):
-            return True
-        if abs(asked - self.asked) > self.goal_limit_m:
-            return True
-        if discs is before:
-            return False
-        change_m = np.abs(discs.centres - before.centres) + np.abs(discs.radii_m - before.radii_m)
-        return bool(np.count_nonzero(change_m > self.limit_m))
+    question: _Question
+    plan: Plan
+    work: Generator[None, None, Way | None]
+    effort: Effort
 
 
 class Router:
     """Plans the route of one vehicle step by step, adapting the route chosen before where it can.
 
     Between plans it keeps only on which side each disc is passed, and computes the tangents anew. If the kept route is
-    no longer free, or the scene has changed, a new one is planned. A route on other sides replaces the kept one only if
-    it saves enough, so that rounding and noise do not make the vehicle waver.
+    no longer free, has been left, or the scene has changed, a new one is planned, over several calls if it must. A
+    route on other sides replaces the kept one only if it saves enough, so that rounding and noise do not make the
+    vehicle waver.
     """
 
     def __init__(self, switch_share: float = SWITCH_SHARE) -> None:
         """Keep a route unless another one saves more than `switch_share` of its length."""
         self._switch_share = switch_share
         self._memory: _Memory | None = None
+        self._pending: _Pending | None = None
         self._discs: _Discs | None = None
-        self._calls = 0
+        self._walls: WallSet | None = None
 
     def route(
         self,
         departure: Departure,
-        goal_ned_m: Sequence[float] | np.ndarray,
+        goal: Goal | Sequence[float] | np.ndarray,
         centres_ned_m: np.ndarray,  # (M, 2) m
         radii_m: np.ndarray,  # (M,) m
         ids: np.ndarray,  # (M,) int
+        walls: Walls = NO_WALLS,
     ) -> Route:
         """Return the route as `shortest_route` does, but preferring the sides of the discs that were chosen before.
 
-        `ids` identify the discs from call to call. Raises ValueError as `shortest_route` does.
+        `ids` identify the discs from call to call. A plan that takes more work than one call may do is continued at the
+        next ones; until it is made the kept route is returned while it is free, else one that leads nowhere
+        (`Reach.PLANNING`). Raises ValueError as `shortest_route` does.
         """
-        position_ned_m, heading_rad, turn_radius_m = departure
-        _check_finite(*position_ned_m, *goal_ned_m, heading_rad or 0.0, turn_radius_m)
+        pose, aim = _pose(departure), _aim(goal)
         discs = self._discs = self._known_discs(centres_ned_m, radii_m, ids)
-        start, goal = complex(*position_ned_m), complex(*goal_ned_m)
-        plan = _Plan(start, goal, discs.centres, discs.radii_m, heading_rad, turn_radius_m)
-        kept, moved = None, True
+        if self._walls is None or self._walls.given != walls:
+            self._walls = WallSet(walls)
+        question = _Question(aim, discs, self._walls if walls != NO_WALLS else None)
+        plan = Plan(pose, aim, discs.centres, discs.radii_m, question.walls)
+        kept = None
         memory = self._memory
         if memory is not None:
-            moved = memory.moved(goal, discs)
-            kept = self._kept(memory, plan, moved, discs.ids)
-        self._calls += 1
-        if kept is not None and not moved and self._calls < REPLAN_STEPS:
-            return kept
-        route = plan.route()
-        if kept is not None and route.reach is kept.reach:
-            if kept.length_m - route.length_m <= self._switch_share * kept.length_m:
-                route = kept
-        self._calls = 0
-        self._memory = None
-        if route.reach is not Reach.NONE:
-            limit_m = discs.radii_m * (REPLAN_SHARE if route.reach is Reach.TARGET else 0.0)
-            self._memory = _Memory(
-                route.via,
-                route.reach,
-                complex(*route.goal_ned_m),
-                goal,
-                discs,
-                limit_m,
-                float(limit_m.min()) if len(limit_m) else 0.0,
-            )
-        return route
+            memory.step(pose.place)
+            if memory.way is None and memory.calls < REPLAN_STEPS and not _differ(question, memory.question, 0.0):
+                return _as_route(plan, None)
+            kept = memory.along(plan, question)
+            if kept is not None and not memory.is_due(kept, plan, question, self._switch_share):
+                self._pending = None
+                return _as_route(plan, kept)
+        done, way = self._planned(plan, question)
+        if not done:
+            if kept is not None:
+                return _as_route(plan, kept)
+            return Route(Reach.PLANNING, _pair(aim.place), math.inf, math.nan, 0, (), ())
+        if kept is not None and way is not None and way.to_target is kept.to_target:
+            if kept.length_m - way.length_m <= self._switch_share * kept.length_m:
+                way = kept
+        self._memory = _Memory(question, way, 0.0 if way is None else way.length_m, pose.place)
+        return _as_route(plan, way)
+
+    def _planned(self, plan: Plan, question: _Question) -> tuple[bool, Way | None]:
+        """Return whether a plan is made, and its way (None: there is none); makes as much of it as one call may.
+
+        A plan that was begun at an earlier call is the answer if its way is free from where the vehicle is now.
+        """
+        left_us = BASE_WORK_US + DISC_WORK_US * len(plan.obstacles.centre)
+        pending = self._pending
+        while left_us > 0.0:
+            if pending is None or _differ(question, pending.question, REPLAN_SHARE):
+                effort = Effort()
+                pending = _Pending(question, plan, plan.way(effort), effort)
+            pending.effort.left_us = left_us
+            try:
+                next(pending.work)
+            except StopIteration as stop:
+                self._pending = None
+                way: Way | None = stop.value
+                if pending.plan is plan or way is None:
+                    return True, way
+                memory = _Memory(pending.question, way, 0.0, plan.pose.place)
+                again = memory.along(plan, question)
+                if again is not None:
+                    return True, again
+                left_us, pending = pending.effort.left_us, None
+            else:
+                self._pending = pending
+                return False, None
+        return False, None
 
     def _known_discs(self, centres_ned_m: np.ndarray, radii_m: np.ndarray, ids: np.ndarray) -> _Discs:
         """Return the checked discs, those of the last call if the input has not changed."""
@@ -205,144 +317,59 @@ class Router:
         # The caller may write to its arrays, of which the centres are a view.
         return _Discs(given, ids.copy(), centres.copy(), radii_m)
 
-    @staticmethod
-    def _kept(memory: _Memory, plan: _Plan, moved: bool, ids: np.ndarray) -> Route | None:
-        """Return the kept route from the present position, None if it is not free or no longer leads to the goal."""
-        if memory.reach is not Reach.TARGET:
-            if moved:
-                return None
-            plan = plan.to(memory.goal)
-        via = memory.via
-        if moved:
-            index_of = {identity: index for index, identity in enumerate(ids.tolist())}
-            touched = [(index_of.get(int(memory.discs.ids[index])), side) for index, side in via]
-            via = tuple((index, side) for index, side in touched if index is not None)
-        return plan.along(via, memory.reach)
+
+def _as_route(plan: Plan, way: Way | None) -> Route:
+    """Return the route of a plan along a way; None means that there is no way."""
+    start = plan.pose.place
+    if way is None:
+        return Route(Reach.NONE, _pair(plan.goal.place), math.inf, math.nan, 0, (), ())
+    reach = Reach.TARGET if way.to_target else Reach.NEAREST
+    scene, chain = way.scene, way.chain
+    goal_ned_m = _pair(plan.goal.place if way.to_target else scene.goal + start)
+    if not chain:
+        return Route(reach, goal_ned_m, 0.0, plan.pose.heading_rad % math.tau, 0, (), ())
+    pieces = _pieces(scene, chain)
+    first, second = chain[0], chain[1]
+    # Without any pieces the vehicle is at the goal, to rounding.
+    turning = first.circle > scene.circles.goal_node and bool(pieces) and pieces[0].curvature_1_m != 0.0
+    if first.circle > scene.circles.goal_node:
+        heading_rad = second.heading_rad
+    else:
+        heading_rad = first.angle_rad + first.side * HALF_PI
+    turn = first.side if turning else 0
+    heading_rad, turn = _outwards(plan, heading_rad, turn)
+    return Route(reach, goal_ned_m, way.length_m, heading_rad % math.tau, turn, way.via, tuple(pieces), way.end_side)
 
 
-class _Plan:
-    """The planning of one route: from a start to a goal around given discs."""
-
-    def __init__(
-        self,
-        start: complex,
-        goal: complex,
-        centres: np.ndarray,  # (M,) complex, m
-        radii_m: np.ndarray,  # (M,) m
-        heading_rad: float | None,
-        turn_radius_m: float,
-    ) -> None:
-        self._start, self._goal, self._centres, self._radii_m = start, goal, centres, radii_m
-        self._heading_rad, self._turn_radius_m = heading_rad, turn_radius_m
-
-    def route(self) -> Route:
-        """Return the route to the goal, or else to the reachable point nearest to it."""
-        centre, radii_m = self._centres - self._start, self._radii_m
-        start_m = np.abs(centre)
-        tolerance_m = tolerance_m_of(start_m, radii_m, self._goal - self._start)
-        holding = start_m < radii_m - tolerance_m
-        # Discs around the start may enclose it even when shrunk; then they are left out, so that it can leave.
-        free = not holding.any()
-        obstacles_m = [radii_m] if free else [radii_m, np.where(holding, 0.0, radii_m)]
-        if not (np.abs(self._centres - self._goal) < radii_m - tolerance_m).any():
-            for obstacle_m in obstacles_m:
-                route = self._to(self._goal, Reach.TARGET, obstacle_m)
-                if route is not None:
-                    return route
-        points = Shores(centre, radii_m, tolerance_m).nearest(self._goal - self._start, 0j if free else None)
-        for obstacle_m in obstacles_m:
-            for point in points[:NEAREST_TRIES]:
-                route = self._to(self._start + point, Reach.NEAREST, obstacle_m)
-                if route is not None:
-                    return route
-        return Route(Reach.NONE, _pair(self._goal), math.inf, math.nan, 0, (), ())
-
-    def to(self, goal: complex) -> _Plan:
-        """Return the same planning problem with another goal."""
-        return _Plan(self._start, goal, self._centres, self._radii_m, self._heading_rad, self._turn_radius_m)
-
-    def _to(self, goal: complex, reach: Reach, obstacle_m: np.ndarray) -> Route | None:
-        """Return the shortest route within the turn limit, or else the shortest without it; None if there is no way."""
-        limits_m = (self._turn_radius_m, 0.0) if self._heading_rad is not None and self._turn_radius_m > 0.0 else (0.0,)
-        asked = reach is not Reach.TARGET
-        for turn_radius_m in limits_m:
-            scene = Scene(self._start, goal, self._centres, obstacle_m, self._heading_rad, turn_radius_m)
-            if abs(scene.goal) <= scene.tolerance_m:
-                return Route(reach, _pair(goal), 0.0, (self._heading_rad or 0.0) % math.tau, 0, (), ())
-            search = Search(scene)
-            found = search.run(PATIENCE)
-            if found is None and not search.exhausted:
-                if not asked and not Shores(scene.centre, scene.collide_m, scene.tolerance_m).joined(0j, scene.goal):
-                    return None
-                asked = True
-                found = search.run(MAX_STATES)
-            if found is not None:
-                return _as_route(scene, search.chain(found), reach, self._radii_m)
-        return None
-
-    def along(self, via: tuple[tuple[int, int], ...], reach: Reach) -> Route | None:
-        """Return the route along (disc, side) pairs, with the first disc or without it; None if it is not free."""
-        scene = Scene(self._start, self._goal, self._centres, self._radii_m, self._heading_rad, self._turn_radius_m)
-        if abs(scene.goal) <= scene.tolerance_m or (scene.goal_inside and reach is Reach.TARGET):
-            return None
-        for chain in chains(scene, via)[:2]:
-            if chain_free(scene, chain):
-                return _as_route(scene, chain, reach, self._radii_m)
-        return None
-
-
-def _as_route(scene: Scene, chain: list[State], reach: Reach, radii_m: np.ndarray) -> Route:
-    """Return the route along states from the start to the goal; `radii_m`, (M,), are the radii before shrinking."""
-    circles, start = scene.circles, scene.departure.place
+def _pieces(scene: Scene, chain: list[State]) -> list[Piece]:
+    """Return the arcs and lines along states from the start to the goal."""
+    circles, start = scene.circles, scene.pose.place
     pieces: list[Piece] = []
-    via: list[tuple[int, int]] = []
     for state, after in itertools.pairwise(chain):
         radius_m, side = circles.radius_m[state.circle], state.side
         arc_m = after.length_m - state.length_m - after.segment_m
         place = complex(circles.north_m[state.circle], circles.east_m[state.circle]) + start
-        if state.circle < circles.goal_node:
-            via.append((state.circle, side))
         if arc_m > scene.tolerance_m:
             begin = place + cmath.rect(radius_m, state.angle_rad)
             pieces.append(Piece(*_pair(begin), state.angle_rad + side * HALF_PI, side / radius_m, arc_m))
         if after.segment_m > 0.0:
             begin = place + cmath.rect(radius_m, after.heading_rad - side * HALF_PI)
             pieces.append(Piece(*_pair(begin), after.heading_rad, 0.0, after.segment_m))
-    first, second = chain[0], chain[1]
-    # Without any pieces the vehicle is at the goal, to rounding.
-    turning = first.circle > circles.goal_node and bool(pieces) and pieces[0].curvature_1_m != 0.0
-    if first.circle > circles.goal_node:
-        heading_rad = second.heading_rad
-    else:
-        heading_rad = first.angle_rad + first.side * HALF_PI
-    turn = first.side if turning else 0
-    if np.count_nonzero(radii_m - scene.start_m > scene.tolerance_m):
-        heading_rad, turn = _outwards(scene, radii_m, heading_rad, turn)
-    return Route(
-        reach,
-        _pair(scene.goal + start),
-        chain[-1].length_m,
-        heading_rad % math.tau,
-        turn,
-        tuple(via),
-        tuple(pieces),
-    )
+    return pieces
 
 
-def _outwards(scene: Scene, radii_m: np.ndarray, heading_rad: float, turn: int) -> tuple[float, int]:
-    """Return the first direction, turned out of the disc that the start is deepest inside, and the turn (0 if changed).
+def _outwards(plan: Plan, heading_rad: float, turn: int) -> tuple[float, int]:
+    """Return the first direction, turned out of what the start is deepest inside, and the turn (0 if changed).
 
     The deeper the start is inside, the more directly the direction leads outwards: a vehicle slightly inside leaves
     gradually along its route instead of zigzagging, and one deep inside leaves by the shortest way.
     """
-    depth_m = radii_m - scene.start_m
-    disc = int(depth_m.argmax())
-    least_rad = HALF_PI * min(1.0, float(depth_m[disc]) / (DEEP_SHARE * float(radii_m[disc])))
-    outwards_rad = (
-        math.atan2(-scene.circles.east_m[disc], -scene.circles.north_m[disc])
-        if scene.start_m[disc] > 0.0
-        else heading_rad
-    )
+    found = plan.way_out(DEEP_SHARE, DEEP_CLEARANCE)
+    if found is None:
+        return heading_rad, turn
+    deep, direction = found
+    least_rad = HALF_PI * min(1.0, deep)
+    outwards_rad = cmath.phase(direction) if direction else heading_rad
     off_rad = math.remainder(heading_rad - outwards_rad, math.tau)
     if abs(off_rad) <= HALF_PI - least_rad:
         return heading_rad, turn
@@ -351,6 +378,19 @@ def _outwards(scene: Scene, radii_m: np.ndarray, heading_rad: float, turn: int) 
 
 def _pair(place: complex) -> tuple[float, float]:
     return place.real, place.imag
+
+
+def _aim(goal: Goal | Sequence[float] | np.ndarray) -> Aim:
+    position_ned_m, radius_m = goal if isinstance(goal, Goal) else (goal, 0.0)
+    _check_finite(*position_ned_m, radius_m)
+    return Aim(complex(*position_ned_m), max(radius_m, 0.0))
+
+
+def _pose(departure: Departure) -> Pose:
+    position_ned_m, heading_rad, turn_radius_m = departure
+    _check_finite(*position_ned_m, heading_rad or 0.0, turn_radius_m)
+    limited = heading_rad is not None and turn_radius_m > 0.0
+    return Pose(complex(*position_ned_m), heading_rad or 0.0, turn_radius_m if limited else 0.0)
 
 
 def _check_finite(*numbers: float) -> None:

@@ -1,4 +1,4 @@
-"""Discs, start and goal prepared for one search: circles to fly along, tangents between them, discs that cover them."""
+"""Obstacles, start and goal prepared for one search: circles to fly along, their tangents, and what covers them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+
+from companion.guidance.route.walls import NO_BANDS, Bands
 
 TOLERANCE = 1e-9
 """Share of the scene's size by which, from rounding, a path may seem to cut into a disc that it touches."""
@@ -38,12 +40,27 @@ class State(NamedTuple):
     segment_m: float  # length of that segment
 
 
-class _Departure(NamedTuple):
+class Obstacles(NamedTuple):
+    """What no path may enter: discs, of which the last ones are the corners of walls, and the bands between those."""
+
+    centre: np.ndarray  # (M,) complex, north + i east, m
+    radius_m: np.ndarray  # (M,)
+    bands: Bands = NO_BANDS
+
+
+class Aim(NamedTuple):
+    """What a path leads to: a place, or with a radius a circle that it ends on."""
+
+    place: complex  # north + i east, m
+    radius_m: float = 0.0
+
+
+class Pose(NamedTuple):
     """The pose that a path begins with, and the vehicle's turn radius."""
 
     place: complex  # north + i east, m
-    heading_rad: float
-    turn_radius_m: float  # 0: the vehicle may turn on the spot
+    heading_rad: float = 0.0
+    turn_radius_m: float = 0.0  # 0: the vehicle may turn on the spot
 
     @property
     def limited(self) -> bool:
@@ -59,15 +76,18 @@ class _Departure(NamedTuple):
 class _Circles:
     """The circles that a path may consist of, by index.
 
-    The first M are the discs; then come the goal (radius 0), the right turning circle (or the start itself, radius 0)
-    and the left one.
+    The first M are the discs; then come the goal (radius 0 if it is a place), the right turning circle (or the start
+    itself, radius 0) and the left one. From `first_band` on, indices mean bands of walls.
     """
 
-    def __init__(
-        self, north_m: list[float], east_m: list[float], radius_m: list[float], goal_node: int, tolerance_m: float
-    ) -> None:
-        self.north_m, self.east_m, self.radius_m = north_m, east_m, radius_m
-        self.goal_node, self.right_node, self.left_node = goal_node, goal_node + 1, goal_node + 2
+    def __init__(self, centre: np.ndarray, arc_m: np.ndarray, goal: Aim, pose: Pose, tolerance_m: float) -> None:
+        right, turn_radius_m = pose.right, pose.turn_radius_m
+        self.north_m = [*centre.real.tolist(), goal.place.real, right.real, -right.real]
+        self.east_m = [*centre.imag.tolist(), goal.place.imag, right.imag, -right.imag]
+        self.radius_m = [*arc_m.tolist(), goal.radius_m, turn_radius_m, turn_radius_m]
+        self.goal_node = len(arc_m)
+        self.right_node, self.left_node = self.goal_node + 1, self.goal_node + 2
+        self.first_band = self.goal_node + 3
         self._tolerance_m = tolerance_m
 
     def tangent(self, circle: int, side: int, to: int, to_side: int) -> tuple[float, float] | None:
@@ -90,48 +110,58 @@ class _Circles:
 
 
 class Scene:
-    """The discs prepared for one search, with coordinates relative to the start.
+    """The obstacles prepared for one search, with coordinates relative to the start.
 
     `collide_m`, (M,), are the radii that no path may enter: those given, shrunk where start or goal would lie inside.
-    The arcs around a disc, whose radii are in `circles`, are at least as wide, and wide enough to fly.
+    The arcs around a disc, whose radii are in `circles`, are at least as wide, and wide enough to fly. `bands` are the
+    walls' bands, shrunk likewise and by the tolerance.
     """
 
-    def __init__(
-        self,
-        start: complex,
-        goal: complex,
-        centres: np.ndarray,  # (M,) complex, north + i east, m
-        radii_m: np.ndarray,  # (M,) m
-        heading_rad: float | None,
-        turn_radius_m: float,
-    ) -> None:
-        limited = turn_radius_m > 0.0 and heading_rad is not None
-        self.departure = _Departure(start, heading_rad or 0.0, turn_radius_m if limited else 0.0)
-        turn_radius_m = self.departure.turn_radius_m
-        self.centre = centres - start  # about the start, so that large coordinates cost no digits
-        self.goal = goal - start
+    def __init__(self, pose: Pose, goal: Aim, obstacles: Obstacles) -> None:
+        self.pose = pose
+        radii_m, turn_radius_m = obstacles.radius_m, pose.turn_radius_m
+        self.centre = obstacles.centre - pose.place  # about the start, so that large coordinates cost no digits
+        self.goal = goal.place - pose.place
         self.start_m = np.abs(self.centre)  # (M,) from the start to the centres
         self.tolerance_m = tolerance_m_of(self.start_m, radii_m, self.goal)
-        wide_m = np.maximum(radii_m, TURN_SLACK * turn_radius_m) if limited else radii_m
+        wide_m = np.maximum(radii_m, TURN_SLACK * turn_radius_m) if pose.limited else radii_m
         arc_m = np.minimum(wide_m, self.start_m)
         self.near: list[int] = []  # discs that a turning circle may meet
-        if limited:
+        if pose.limited:
             self.near = (self.start_m < arc_m + 2.0 * turn_radius_m).nonzero()[0].tolist()
             if self.near:
                 self._shrink_to_avoidable(arc_m, radii_m)
         goal_m = np.abs(self.centre - self.goal)  # (M,)
         about_goal = goal_m < wide_m
-        self.goal_inside = False
-        if np.count_nonzero(about_goal):
-            self.goal_inside = bool((goal_m < radii_m - self.tolerance_m).any())
+        if not goal.radius_m and np.count_nonzero(about_goal):
             # A goal on an edge, or among arcs that are wider than their disc, must not lie inside a disc.
             at_goal = about_goal & (goal_m < arc_m) & (goal_m >= (1.0 - SNAP_SHARE) * radii_m - self.tolerance_m)
             arc_m = np.where(at_goal, goal_m, arc_m)
         self.collide_m = np.minimum(radii_m, arc_m)
         entered_m = np.maximum(self.collide_m - self.tolerance_m, 0.0)
         self.entered_m2 = entered_m * entered_m
-        self.circles = _circles(self.centre, arc_m, self.goal, self.departure, self.tolerance_m)
+        self.bands = NO_BANDS
+        if len(obstacles.bands.half_m):
+            self.bands = self._shrunk(obstacles.bands, goal)
+        goal_radius_m = goal.radius_m
+        if goal_radius_m > abs(self.goal):
+            # From inside a circle no path ends on it; it ends on a smaller one about the same place.
+            goal_radius_m = max(abs(self.goal), min(goal_radius_m, turn_radius_m))
+        aim = Aim(self.goal, goal_radius_m)
+        self.circles = _Circles(self.centre, arc_m, aim, pose, self.tolerance_m)
         self._covers: dict[int, list[tuple[float, float, int]]] = {}
+
+    def _shrunk(self, bands: Bands, goal: Aim) -> Bands:
+        """Return the bands about the start, shrunk to pass at start and goal and by the tolerance."""
+        bands = bands._replace(begin=bands.begin - self.pose.place)
+        half_m = np.minimum(bands.half_m, bands.distance_m(0j))
+        if self.pose.limited:
+            half_m = np.minimum(half_m, bands.avoidable_m(self.pose.right, self.pose.turn_radius_m))
+        if not goal.radius_m:
+            goal_m = bands.distance_m(self.goal)
+            at_goal = goal_m >= (1.0 - SNAP_SHARE) * bands.half_m - self.tolerance_m
+            half_m = np.where(at_goal, np.minimum(half_m, goal_m), half_m)
+        return bands._replace(half_m=np.maximum(half_m - self.tolerance_m, 0.0))
 
     def _shrink_to_avoidable(self, arc_m: np.ndarray, radii_m: np.ndarray) -> None:  # (M,) m, (M,) m
         """Shrink each disc that both turning circles enter until the better one of them just passes it.
@@ -139,7 +169,7 @@ class Scene:
         A disc ahead that both turning circles enter before half a turn cannot be avoided whole: it is convex, so no
         path between the two sharpest turns avoids it either.
         """
-        radius_m, right = self.departure.turn_radius_m, self.departure.right
+        radius_m, right = self.pose.turn_radius_m, self.pose.right
         for disc in self.near:
             place = complex(self.centre[disc])
             avoidable_m = 0.0
@@ -154,17 +184,35 @@ class Scene:
             if avoidable_m < wanted_m:
                 arc_m[disc] = avoidable_m
 
-    def blockers(self, north_m: float, east_m: float, heading_rad: float, length_m: float) -> np.ndarray:
-        """Return the indices of the discs that a segment enters."""
-        unit = complex(math.cos(heading_rad), -math.sin(heading_rad))
-        offset = (self.centre - complex(north_m, east_m)) * unit
+    @property
+    def is_there(self) -> bool:
+        """Whether the start is at the goal."""
+        return abs(self.goal) <= self.tolerance_m and not self.circles.radius_m[self.circles.goal_node]
+
+    @property
+    def goal_sides(self) -> tuple[int, ...]:
+        """The sides on which a way may arrive at the goal: both if it is a circle, and 1 if it is a place."""
+        return (1, -1) if self.circles.radius_m[self.circles.goal_node] else (1,)
+
+    def blockers(self, begins: list[complex], headings_rad: list[float], lengths_m: list[float]) -> list[list[int]]:
+        """Return for each segment, given by its beginning, heading and length, the discs and bands that it enters."""
+        begin, ahead = np.array(begins)[:, np.newaxis], np.exp(1j * np.array(headings_rad))[:, np.newaxis]
+        length_m = np.array(lengths_m)[:, np.newaxis]
+        offset = (self.centre - begin) * ahead.conj()
         along_m, aside_m = offset.real, offset.imag
         beyond_m = along_m - np.minimum(np.maximum(along_m, 0.0), length_m)
-        entered: np.ndarray = (beyond_m * beyond_m + aside_m * aside_m < self.entered_m2).nonzero()[0]
-        return entered
+        entered = beyond_m * beyond_m + aside_m * aside_m < self.entered_m2
+        found: list[list[int]] = [[] for _ in begins]
+        for row, disc in zip(*(axis.tolist() for axis in entered.nonzero()), strict=True):
+            found[row].append(disc)
+        if len(self.bands.half_m):
+            crossed = self.bands.entered(begin, begin + length_m * ahead, self.tolerance_m)
+            for row, band in zip(*(axis.tolist() for axis in crossed.nonzero()), strict=True):
+                found[row].append(self.circles.first_band + band)
+        return found
 
     def covered(self, circle: int) -> list[tuple[float, float, int]]:
-        """Return the stretches of a circle that discs cover: middle and half width in radians, and the disc."""
+        """Return the covered stretches of a circle: middle and half width in radians, and what covers it."""
         known = self._covers.get(circle)
         if known is None:
             circles = self.circles
@@ -173,16 +221,26 @@ class Scene:
             known = covered_stretches(
                 place, circles.radius_m[circle], self.centre, self.collide_m - self.tolerance_m, own
             )
+            if len(self.bands.half_m):
+                first_band = circles.first_band
+                known.extend(
+                    (middle_rad, half_rad, first_band + band)
+                    for middle_rad, half_rad, band in self.bands.stretches(
+                        place, circles.radius_m[circle], self.tolerance_m
+                    )
+                )
             self._covers[circle] = known
         return known
 
-    def free_rad(self, circle: int, side: int, angle_rad: float) -> tuple[float, int]:
-        """Return the sweep (rad) along a circle from an angle until a disc covers it, and that disc's index.
+    def free_rad(self, circle: int, side: int, angle_rad: float, least: int = 0) -> tuple[float, int]:
+        """Return the sweep (rad) along a circle from an angle until something covers it, and its index.
 
-        The index is NOTHING where no disc does.
+        The index is NOTHING where none does. Only what has an index of at least `least` counts.
         """
         free_rad, blocker = math.tau, NOTHING
         for middle_rad, half_rad, disc in self.covered(circle):
+            if disc < least:
+                continue
             until_rad = (side * (middle_rad - angle_rad)) % math.tau - half_rad
             if until_rad < free_rad:
                 free_rad, blocker = until_rad, disc
@@ -193,8 +251,8 @@ class Scene:
 
         Their `free_rad` is not computed yet: it is a full turn.
         """
-        circles, heading_rad = self.circles, self.departure.heading_rad
-        if not self.departure.limited:
+        circles, heading_rad = self.circles, self.pose.heading_rad
+        if not self.pose.limited:
             return [State(0.0, circles.right_node, 1, 0.0, math.tau, NOTHING, NO_PARENT, 0.0, 0.0)]
         states = []
         for node, side in ((circles.right_node, 1), (circles.left_node, -1)):
@@ -209,24 +267,6 @@ class Scene:
                 if abs(math.remainder(angle_rad + side * HALF_PI - heading_rad, math.tau)) <= SNAP_RAD:
                     states.append(State(0.0, disc, side, angle_rad, math.tau, NOTHING, NO_PARENT, heading_rad, 0.0))
         return states
-
-
-def _circles(
-    centre: np.ndarray,  # (M,) complex, m, from the start
-    arc_m: np.ndarray,  # (M,) m
-    goal: complex,
-    departure: _Departure,
-    tolerance_m: float,
-) -> _Circles:
-    """Return the circles of the discs (arc radii `arc_m`), the goal and the departure, in the order of _Circles."""
-    right, turn_radius_m = departure.right, departure.turn_radius_m
-    return _Circles(
-        [*centre.real.tolist(), goal.real, right.real, -right.real],
-        [*centre.imag.tolist(), goal.imag, right.imag, -right.imag],
-        [*arc_m.tolist(), 0.0, turn_radius_m, turn_radius_m],
-        len(arc_m),
-        tolerance_m,
-    )
 
 
 def sweep_rad_of(state: State, heading_rad: float) -> float:

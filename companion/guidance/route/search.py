@@ -6,10 +6,30 @@ import cmath
 import heapq
 import itertools
 import math
+from collections.abc import Generator
 
 import numpy as np
 
 from companion.guidance.route.scene import FULL_TURN_RAD, HALF_PI, NO_PARENT, NOTHING, Scene, State, sweep_rad_of
+
+FEW = 16
+"""Number of candidates up to which a loop over them is faster than arrays."""
+AHEAD = 12
+"""Number of further candidates of a state whose segments are checked together with one that is on top of the queue."""
+
+
+class Effort:
+    """What is left of the work that a search may do until it must pause, in nominal microseconds.
+
+    It counts what is done instead of the time it takes, so that every run repeats.
+    """
+
+    def __init__(self, left_us: float = math.inf) -> None:
+        self.left_us = left_us
+
+
+_Candidate = tuple[float, float, int, int, int, float, float]
+"""Bound and length in m, state, circle and side that it leads to, heading in rad and length in m of the segment."""
 
 
 class Search:
@@ -18,39 +38,52 @@ class Search:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.states: list[State] = []
-        self._open: list[tuple[float, float, int, int, int, float, float]] = []
+        self._open: list[tuple[float, float, int, int, int, float, float, list[_Candidate]]] = []
         self._discs: list[int] = []
-        self._known = [False] * scene.circles.goal_node
+        self._known = [False] * (scene.circles.first_band + len(scene.bands.half_m))
         self._on: dict[tuple[int, int], list[State]] = {}
-        self._free: dict[tuple[int, int, int, int], bool] = {}
+        self._blockers: dict[tuple[int, int, int, int], list[int]] = {}
+        self._columns = _Columns(scene)
         for state in scene.starts():
-            if scene.departure.limited:
+            if scene.pose.limited:
                 free_rad, blocker = scene.free_rad(state.circle, state.side, state.angle_rad)
                 state = state._replace(free_rad=free_rad, blocker=blocker)
             self._enter(state)
 
-    def run(self, max_states: int) -> int | None:
+    def run(self, max_states: int, effort: Effort) -> Generator[None, None, int | None]:
         """Return the index of the state at the goal, or None if none was found with `max_states` states.
 
-        If it is None and `exhausted` is true, there is no way; otherwise `run` may be called again with a higher limit.
+        It pauses whenever no effort is left. If it returns None and `exhausted` is true, there is no way; otherwise
+        `run` may be called again with a higher limit.
         """
         scene, goal_node = self.scene, self.scene.circles.goal_node
+        check_us = 20.0 + 0.02 * len(scene.centre)
         while self._open and len(self.states) < max_states:
-            _, length_m, parent, to, side, heading_rad, segment_m = heapq.heappop(self._open)
+            if effort.left_us <= 0.0:
+                yield
+            effort.left_us -= 4.0
+            _, length_m, parent, to, side, heading_rad, segment_m, others = heapq.heappop(self._open)
+            if others:
+                heapq.heappush(self._open, (*others.pop(), others))
             begin = self.states[parent]
             if sweep_rad_of(begin, heading_rad) > begin.free_rad:
-                self._take_in(begin.blocker)
+                effort.left_us -= self._take_in(begin.blocker)
                 continue
             angle_rad = heading_rad - side * HALF_PI
             if to != goal_node and self._dominated(to, side, angle_rad, length_m):
                 continue
-            if not self._segment_free(begin, to, side, heading_rad, segment_m):
+            key = (begin.circle, begin.side, to, side)
+            if key not in self._blockers:
+                effort.left_us -= check_us
+                self._check([(parent, to, side, heading_rad, segment_m), *(c[2:] for c in others[-AHEAD:])])
+            if self._blockers[key]:
+                effort.left_us -= sum(self._take_in(blocker) for blocker in self._blockers[key])
                 continue
             if to == goal_node:
                 self.states.append(State(length_m, to, side, angle_rad, 0.0, NOTHING, parent, heading_rad, segment_m))
                 return len(self.states) - 1
             free = scene.free_rad(to, side, angle_rad)
-            self._enter(State(length_m, to, side, angle_rad, *free, parent, heading_rad, segment_m))
+            effort.left_us -= self._enter(State(length_m, to, side, angle_rad, *free, parent, heading_rad, segment_m))
         return None
 
     @property
@@ -66,15 +99,42 @@ class Search:
             state = self.states[state].parent
         return chain[::-1]
 
-    def _enter(self, state: State) -> None:
+    def _enter(self, state: State) -> float:
+        """Add a state and its candidates; return the work that this took, in us."""
         index = len(self.states)
         self.states.append(state)
+        self._columns.add(index, state)
         self._on.setdefault((state.circle, state.side), []).append(state)
-        self._push(index, state, self.scene.circles.goal_node, 1)
+        goal_node = self.scene.circles.goal_node
+        for side in self.scene.goal_sides:
+            self._push(index, state, goal_node, side)
+        if 2 * len(self._discs) > FEW:
+            discs = np.array(self._discs)
+            return self._push_all(np.array([index]), discs[discs != state.circle])
         for disc in self._discs:
             if disc != state.circle:
                 self._push(index, state, disc, 1)
                 self._push(index, state, disc, -1)
+        return 10.0 + 6.0 * len(self._discs)
+
+    def _take_in(self, blocker: int) -> float:
+        """Add a disc, or the discs about both ends of a band, to the graph; return the work that this took, in us."""
+        if self._known[blocker]:
+            return 0.0
+        self._known[blocker] = True
+        first_band = self.scene.circles.first_band
+        if blocker >= first_band:
+            bands = self.scene.bands
+            return sum(self._take_in(int(ends[blocker - first_band])) for ends in (bands.first, bands.second))
+        self._discs.append(blocker)
+        if 2 * len(self.states) > FEW:
+            others = np.array([index for index, state in enumerate(self.states) if state.circle != blocker])
+            return self._push_all(others, np.array([blocker]))
+        for index, state in enumerate(self.states):
+            if state.circle != blocker:
+                self._push(index, state, blocker, 1)
+                self._push(index, state, blocker, -1)
+        return 6.0 * len(self.states)
 
     def _push(self, index: int, state: State, to: int, to_side: int) -> None:
         circles, goal = self.scene.circles, self.scene.goal
@@ -91,7 +151,18 @@ class Search:
             circles.north_m[to] + reach_m * math.sin(heading_rad) - goal.real,
             circles.east_m[to] - reach_m * math.cos(heading_rad) - goal.imag,
         )
-        heapq.heappush(self._open, (length_m + rest_m, length_m, index, to, to_side, heading_rad, segment_m))
+        bound_m = length_m + abs(rest_m - circles.radius_m[circles.goal_node])
+        heapq.heappush(self._open, (bound_m, length_m, index, to, to_side, heading_rad, segment_m, []))
+
+    def _push_all(self, states: np.ndarray, discs: np.ndarray) -> float:  # (S,) int, (D,) int; S or D is 1
+        """Add the candidates that lead from states to both sides of discs; return the work that this took, in us.
+
+        Only the best of them enters the queue; each is replaced by the next when it leaves it.
+        """
+        found = self._columns.candidates(states, discs, np.array(self._known))
+        if found:
+            heapq.heappush(self._open, (*found.pop(), found))
+        return 90.0 + 0.6 * (len(states) + len(discs))
 
     def _dominated(self, circle: int, side: int, angle_rad: float, length_m: float) -> bool:
         """Return whether an earlier way on the same circle can reach this angle along it without being longer."""
@@ -104,37 +175,95 @@ class Search:
                 return True
         return False
 
-    def _segment_free(self, state: State, to: int, side: int, heading_rad: float, segment_m: float) -> bool:
-        key = (state.circle, state.side, to, side)
-        free = self._free.get(key)
-        if free is None:
-            circles = self.scene.circles
-            reach_m = state.side * circles.radius_m[state.circle]
-            north_m = circles.north_m[state.circle] + reach_m * math.sin(heading_rad)
-            east_m = circles.east_m[state.circle] - reach_m * math.cos(heading_rad)
-            blockers = self.scene.blockers(north_m, east_m, heading_rad, segment_m)
-            free = self._free[key] = not len(blockers)
-            for disc in blockers.tolist():
-                self._take_in(disc)
-        return free
+    def _check(self, candidates: list[tuple[int, int, int, float, float]]) -> None:
+        """Find what the segments of candidates enter: state, circle, side, heading (rad) and length (m) of each.
 
-    def _take_in(self, disc: int) -> None:
-        if self._known[disc]:
-            return
-        self._known[disc] = True
-        self._discs.append(disc)
-        for index, state in enumerate(self.states):
-            if state.circle != disc:
-                self._push(index, state, disc, 1)
-                self._push(index, state, disc, -1)
+        Those known already are left out. A segment flown the other way enters the same.
+        """
+        circles = self.scene.circles
+        keys, begins, headings, lengths = [], [], [], []
+        for parent, to, side, heading_rad, segment_m in candidates:
+            state = self.states[parent]
+            key = (state.circle, state.side, to, side)
+            if key not in self._blockers:
+                keys.append(key)
+                place = complex(circles.north_m[state.circle], circles.east_m[state.circle])
+                begins.append(place + cmath.rect(circles.radius_m[state.circle], heading_rad - state.side * HALF_PI))
+                headings.append(heading_rad)
+                lengths.append(segment_m)
+        for key, blockers in zip(keys, self.scene.blockers(begins, headings, lengths), strict=True):
+            circle, side, to, to_side = key
+            self._blockers[key] = self._blockers[to, -to_side, circle, -side] = blockers
 
 
-def chains(scene: Scene, via: tuple[tuple[int, int], ...]) -> list[list[State]]:
+class _Columns:
+    """The states of a search as columns, to compute the tangents of many at once."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._circles: np.ndarray | None = None  # (3, C): north, east and radius of each circle, m
+        self._states = np.zeros((6, 64))  # length, circle, side, angle, free sweep and blocker of each state
+
+    def add(self, index: int, state: State) -> None:
+        """Add the state with the next index."""
+        if index >= self._states.shape[1]:
+            self._states = np.concatenate((self._states, np.zeros_like(self._states)), axis=1)
+        self._states[:, index] = state[:6]
+
+    def candidates(self, states: np.ndarray, discs: np.ndarray, known: np.ndarray) -> list[_Candidate]:
+        """Return the candidates from states (S,) to both sides of discs (D,), S or D being 1, the best one last.
+
+        Ways along arcs that one of the `known` obstacles covers are left out.
+        """
+        scene, circles = self._scene, self._scene.circles
+        if self._circles is None:
+            self._circles = np.array((circles.north_m, circles.east_m, circles.radius_m))
+        from_m, circle, side, angle_rad, free_rad, blocker = self._states[:, states]
+        north_m, east_m, radius_m = self._circles[:, circle.astype(int)]
+        to_north_m, to_east_m, to_radius_m = self._circles[:, discs]
+        reach_m = np.array([[1.0], [-1.0]]) * to_radius_m  # (2, D)
+        offset_north_m, offset_east_m = to_north_m - north_m, to_east_m - east_m
+        across_m = reach_m - side * radius_m  # (2, S or D)
+        gap_m2 = offset_north_m * offset_north_m + offset_east_m * offset_east_m
+        along_m2 = gap_m2 - across_m * across_m
+        gap_m = np.sqrt(gap_m2)
+        exists = (along_m2 > 0.0) | ((gap_m > 0.0) & (np.abs(across_m) <= gap_m + scene.tolerance_m))
+        along_m = np.sqrt(np.maximum(along_m2, 0.0))
+        heading_rad = np.arctan2(offset_east_m, offset_north_m) - np.arctan2(across_m, along_m)
+        sweep_rad = (side * (heading_rad - angle_rad) - HALF_PI) % math.tau
+        sweep_rad[sweep_rad > math.tau - FULL_TURN_RAD] = 0.0
+        exists &= (sweep_rad <= free_rad) | ~known[blocker.astype(int)]
+        length_m = from_m + radius_m * sweep_rad + along_m
+        rest_m = np.hypot(
+            to_north_m + reach_m * np.sin(heading_rad) - scene.goal.real,
+            to_east_m - reach_m * np.cos(heading_rad) - scene.goal.imag,
+        )
+        bound_m = length_m + np.abs(rest_m - circles.radius_m[circles.goal_node])
+        row, column = exists.nonzero()
+        order = np.argsort(-bound_m[row, column], kind="stable")
+        row, column = row[order], column[order]
+        return list(
+            zip(
+                bound_m[row, column].tolist(),
+                length_m[row, column].tolist(),
+                (states[column] if len(states) > 1 else np.broadcast_to(states, column.shape)).tolist(),
+                (discs[column] if len(discs) > 1 else np.broadcast_to(discs, column.shape)).tolist(),
+                np.where(row == 0, 1, -1).tolist(),
+                heading_rad[row, column].tolist(),
+                along_m[row, column].tolist(),
+                strict=True,
+            )
+        )
+
+
+def chains(scene: Scene, via: tuple[tuple[int, int], ...], end_side: int) -> list[list[State]]:
     """Return the ways along given circles, (index, side) in order, from each start to the goal, shortest first.
+
+    `end_side` is the side of the goal's circle that they end on, 1 where the goal is a place.
 
     Where the first circle may have been passed already, the way without it is among them.
     """
-    nodes = [*via, (scene.circles.goal_node, 1)]
+    nodes = [*via, (scene.circles.goal_node, end_side)]
     between = [scene.circles.tangent(*first, *second) for first, second in itertools.pairwise(nodes)]
     ways = []
     for start in scene.starts():
@@ -183,10 +312,12 @@ def _chain(
 
 
 def chain_free(scene: Scene, chain: list[State]) -> bool:
-    """Return whether a way enters no disc; checks every segment and every arc against every disc at once."""
+    """Return whether a way enters nothing; checks every segment and every arc against every disc at once."""
     circles = scene.circles
     if not circles.goal_node:
         return True
+    if len(scene.bands.half_m) and not _clear_of_bands(scene, chain):
+        return False
     base: list[complex] = []  # beginnings of segments, then centres of arcs
     ahead: list[complex] = []  # conjugate directions: of the segments, then to the middles of the arcs
     length_m: list[float] = []
@@ -219,3 +350,21 @@ def chain_free(scene: Scene, chain: list[State]) -> bool:
     if not np.count_nonzero(near):
         return True
     return not np.count_nonzero(near & (offset.real[segments:] >= gap_m * np.array(cosine)[:, np.newaxis]))
+
+
+def _clear_of_bands(scene: Scene, chain: list[State]) -> bool:
+    """Return whether a way enters no band of a wall."""
+    circles = scene.circles
+    begin, end = [], []
+    for state, after in itertools.pairwise(chain):
+        place = complex(circles.north_m[state.circle], circles.east_m[state.circle])
+        begin.append(place + cmath.rect(circles.radius_m[state.circle], after.heading_rad - state.side * HALF_PI))
+        end.append(begin[-1] + cmath.rect(after.segment_m, after.heading_rad))
+    columns = np.array((begin, end))[:, :, np.newaxis]
+    if np.count_nonzero(scene.bands.entered(columns[0], columns[1], scene.tolerance_m)):
+        return False
+    for state, after in itertools.pairwise(chain):
+        free_rad, _ = scene.free_rad(state.circle, state.side, state.angle_rad, circles.first_band)
+        if sweep_rad_of(state, after.heading_rad) > max(free_rad, 0.0):
+            return False
+    return True

@@ -242,9 +242,10 @@ def test_a_goal_no_farther_than_its_turning_circle_is_wide_is_as_near_as_it_gets
 
 
 def test_with_no_way_at_all_it_wants_to_stay() -> None:
-    # Closed in, and inside a disc: none of the shores about the target can be reached, and it is on none itself.
+    # Closed in, and inside a disc that fills the ring: no safe point can be reached.
     ring = [(700.0 * math.cos(k * math.tau / 24), 700.0 * math.sin(k * math.tau / 24), 300.0) for k in range(24)]
-    wish = steered((3_500.0, 0.0), view_of(*ring, (0.0, 0.0, 90.0)))
+    law, view = RoutedLaw(SETTINGS), view_of(*ring, (0.0, 0.0, 450.0))
+    wish = [law.steer(to((3_500.0, 0.0)), NORTHWARDS, view, 0.5 * step) for step in range(5)][-1]
     assert wish.route is not None
     assert (wish.route.reach, wish.stay) == (Reach.NONE, "no way to the target")
     assert all(map(math.isfinite, (wish.pull.north_m, wish.pull.east_m)))

@@ -230,7 +230,7 @@ def test_the_guard_has_the_last_word_and_says_so() -> None:
 def test_the_guard_keeps_out_of_the_detection_disc_unless_told_otherwise() -> None:
     flight = guided(CONFIG.model_copy(update={"law": "step"}))
     flight.broadcast((5_000.0, 0.0), threats=(ThreatEntry(1, 1_000.0, 0.0, 400.0, 200.0, 0.0),))
-    assert flight.at(570.0, 0.0, (10.0, 0.0))[0].guard_changes == ("keep-out",)
+    assert flight.at(575.0, 0.0, (10.0, 0.0))[0].guard_changes == ("keep-out",)
 
 
 def test_arrived_it_loiters() -> None:
@@ -351,7 +351,7 @@ def test_regaining_the_broadcast_walks_back() -> None:
 def test_where_clocks_need_not_agree_a_vehicles_clock_an_hour_ahead_ages_nothing(agreed: bool, age_s: float) -> None:
     trust = Trust(max_age_s=math.inf, clock_checked=agreed)
     companion = Companion(CONFIG, authenticator=Authenticator(trust))
-    frame = StateFrame(Stamp(1_800_000_000, 0, 1), 47.0, 8.0, Directive.NORMAL, (), (), ())
+    frame = StateFrame(Stamp(1_800_000_000, 0, 1), 47.0, 8.0, Directive.NORMAL, 1, 0, 0, 100, (), (), ())
     ahead_s = 1_800_003_600.0
     companion.hear(FrameWriter().encode(frame), ahead_s)
     assert companion.world_model.age_s(ahead_s + 2.0) == pytest.approx(age_s)
@@ -959,9 +959,9 @@ def test_a_threat_on_the_way_to_the_wanted_height_is_gone_around() -> None:
 def test_the_guard_too_leaves_a_threat_above_alone() -> None:
     flight = guided(CONFIG.model_copy(update={"law": "step"}))
     flight.broadcast((5_000.0, 0.0), threats=(AHEAD,))
-    assert flight.at(570.0, 0.0, NORTH_M_S)[0].guard_changes == (KEEP_OUT,)
+    assert flight.at(575.0, 0.0, NORTH_M_S)[0].guard_changes == (KEEP_OUT,)
     flight.bands(BandEntry(1, 540.0, None))
-    assert flight.at(570.0, 0.0, NORTH_M_S)[0].guard_changes == ()
+    assert flight.at(575.0, 0.0, NORTH_M_S)[0].guard_changes == ()
 
 
 # Reports on an uplink

@@ -17,7 +17,7 @@ from companion.protocol.codec import Directive
 
 ME = 3
 CONFIG = Config(agent_id=ME, arrival_radius_m=100.0)
-LOITER = LoiterGeometry(radius_m=20.0, spacing_m=50.0)
+LOITER = LoiterGeometry(radius_m=20.0, spacing_m=50.0, claim_m=60.0)
 HOME_NED_M = (-1_000.0, 0.0)
 LATE = FailsafeStatus(Stage.LOITERING, (Trigger(Cause.BROADCAST, Stage.LOITERING, "picture too old", 0.0),))
 BLIND = FailsafeStatus(Stage.RETURNING, (Trigger(Cause.BROADCAST, Stage.RETURNING, "blind", 0.0),))
