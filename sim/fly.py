@@ -15,9 +15,9 @@ from rich.table import Table
 from companion.autopilot.missions import load_mission_to_fly
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, tell
 from companion.guidance.settings import DEFAULT_LAW, LAWS, LawName
-from companion.mission.lint import lint
 from companion.mission.model import Mission, dump_mission
 from companion.mission.resolve import resolve
+from companion.onboard.lint.warnings import lint_flight
 from groundstation.choices import RADIOS_BYTES_PER_S
 from groundstation.radio import Radio, parse_radio
 from sim.flown import KINEMATIC, FlownMission
@@ -135,7 +135,7 @@ def fly_mission(options: FlyOptions) -> FlownResult:
     if options.autopilot not in AUTOPILOTS:
         hint = nearest_hint(options.autopilot, AUTOPILOTS)
         raise InputError(f"--autopilot: '{options.autopilot}'{hint}; allowed: {', '.join(AUTOPILOTS)}")
-    mission = _resolved(options)
+    mission = _resolved(options, law)
     folder = None if options.out is None else writable_folder(options.out)
     if folder is not None:
         # The plots' library is loaded only if needed, but before the flight, so that a missing one is reported at once.
@@ -225,7 +225,7 @@ def _radio(options: FlyOptions) -> Radio | None:
     return radio
 
 
-def _resolved(options: FlyOptions) -> Mission:
+def _resolved(options: FlyOptions, law: LawName) -> Mission:
     """Return the mission to fly, resolved from the seed and scaled, after printing the warnings about it."""
     source = options.mission
     mission = load_mission_to_fly(source)
@@ -236,7 +236,7 @@ def _resolved(options: FlyOptions) -> Mission:
     check_flyable(resolved, source, options.allow_monolithic)
     if resolved.surrogate == "monolithic":
         click.echo(f"sim: warning: {source}: surrogate: 'monolithic' should not fly: {WHY_NOT_MONOLITHIC}", err=True)
-    for warning in lint(resolved):
+    for warning in lint_flight(resolved, law, (options.autopilot,), source):
         click.echo(f"sim: warning: {source}: {warning}", err=True)
     return resolved
 
