@@ -186,7 +186,7 @@ def _fate_table(agents: Sequence[Mapping[str, Any]]) -> Table:
     for agent in agents:
         lost = agent["certificate_lost"]
         broken = (
-            f"{one['assumption']}: {one['count']} times, first at {one['first_t_s']:,.1f} s" for one in agent["broken"]
+            f"{one['assumption']}: {one['count']} times from {one['first_t_s']:,.1f} s on" for one in agent["broken"]
         )
         rows.append(
             (

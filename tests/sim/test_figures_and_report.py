@@ -277,7 +277,7 @@ def test_the_report_tells_what_became_of_each_agent_and_why(tmp_path: Path) -> N
         "no way to the target <b>",
         "for ever",
         "none from 12.5 s on: new threat",
-        "new threat: 3 times from 12.5 s",
+        "new threat: 3 times from 12.5 s on",
         "7.2 m at 30.0 s (threat 4)",
         "80.0 m at 31.0 s (agent 1)",
         "1 / 0",
