@@ -239,10 +239,10 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _fast_enough(self) -> Self:
-        kind, speed_m_s = self.autopilot and self.autopilot.kind, self.limits.speed_m_s
-        if kind is not None and not KINDS[kind].can_stop and speed_m_s < PIVOT_SPEED_M_S:
+        speed_m_s = self.limits.speed_m_s
+        if self.autopilot is not None and not KINDS[self.autopilot.kind].can_stop and speed_m_s < PIVOT_SPEED_M_S:
             raise ValueError(
-                f"limits.speed_m_s: {speed_m_s:g} with autopilot.kind '{kind}'; allowed: at least {PIVOT_SPEED_M_S:g} "
+                f"limits.speed_m_s: {speed_m_s:g} with autopilot.kind '{self.autopilot.kind}'; allowed: at least {PIVOT_SPEED_M_S:g} "
                 "for a vehicle that cannot stop"
             )
         return self

@@ -100,7 +100,8 @@ def good_mission(seed: int) -> GoodMission:
     can_stop = "copter" in scene.kind
     fenced = drawn.random() < 0.4
     moving = not fenced and not can_stop and drawn.random() < 0.3
-    threats, exclusions = [], []
+    threats: list[dict[str, Any]] = []
+    exclusions = []
     for number, (north_m, east_m, radius_m) in enumerate(discs):
         if drawn.random() < 0.2:
             exclusions.append(
