@@ -242,8 +242,8 @@ class Config(Section):
         speed_m_s = self.limits.speed_m_s
         if self.autopilot is not None and not KINDS[self.autopilot.kind].can_stop and speed_m_s < PIVOT_SPEED_M_S:
             raise ValueError(
-                f"limits.speed_m_s: {speed_m_s:g} with autopilot.kind '{self.autopilot.kind}'; allowed: at least {PIVOT_SPEED_M_S:g} "
-                "for a vehicle that cannot stop"
+                f"limits.speed_m_s: {speed_m_s:g} with autopilot.kind '{self.autopilot.kind}'; allowed: at least "
+                f"{PIVOT_SPEED_M_S:g} for a vehicle that cannot stop"
             )
         return self
 
