@@ -102,11 +102,19 @@ def test_a_copter_is_certified_where_it_can_stop() -> None:
 
 
 def test_a_certificate_for_a_time_is_told_with_the_time_and_the_threat() -> None:
-    threats = [disc(number, 4000.0 * c, 4000.0 * s, 800.0, motion="chase", speed_bound_m_s=36.0)
-               for number, c, s in ((1, 1.0, 0.1), (2, -1.0, 0.1), (3, 0.1, 1.0), (4, -0.1, -1.0))]  # fmt: skip
-    warning = the_warning(threats=threats, agents=[agent(1, 0.0, 0.0, n_max=10.0)])
+    faster = [disc(4, -60000.0, 0.0, 800.0, motion="chase", speed_bound_m_s=70.0), disc(5, 60000.0, 9.0, 800.0)]
+    warning = the_warning(threats=faster, agents=[agent(1, 0.0, 0.0, n_max=10.0)])
     assert "id 1 is certified at its start for" in warning
-    assert "not for ever: threat 1 may move at 36 m/s" in warning
+    assert "s only, not for ever, as threat 4 may move at 70 m/s, against its own 60 m/s" in warning
+
+
+def test_pursuers_about_a_start_are_told_as_the_reason_that_nothing_is_certified() -> None:
+    around = [
+        disc(number + 1, 1500.0 * math.cos(0.7 + number), 1500.0 * math.sin(0.7 + number), 800.0, motion="chase",
+             speed_bound_m_s=50.0) for number in range(6)
+    ]  # fmt: skip
+    warning = the_warning(threats=around, agents=[agent(1, 0.0, 0.0, n_max=10.0)])
+    assert "id 1 has no certified back-up at its start, as threat 1 may move at 50 m/s, against its own" in warning
 
 
 FENCE = [[-3000.0, -3000.0], [13000.0, -3000.0], [13000.0, 3000.0], [-3000.0, 3000.0]]
