@@ -190,19 +190,15 @@ class _Record(FlightRecord):
         super().__init__(mission)
         self.decision_us: list[float] = []
         self.guarded = self.uncertified = self.gave_way = self.opposed = 0
-        self.first_s: dict[int, float] = {}
-        """For how long each agent was certified on its first picture, by agent id; agents without a picture yet are
-        missing."""
         self.agents = {agent.id: AgentFlight() for agent in mission.agents}
         self.broken: Counter[str] = Counter()
         self.stays: Counter[str] = Counter()
 
     def decided(self, agent_id: int, outcome: Outcome) -> None:
         """Add a companion's decision to the counts."""
+        super().decided(agent_id, outcome)
         decision = outcome.decision
         self.decision_us.append(outcome.decision_us)
-        if decision.picture_age_s is not None:
-            self.first_s.setdefault(agent_id, decision.certified_s)
         self._note(self.agents[agent_id], decision)
         self.guarded += bool(decision.guard_changes)
         self.uncertified += decision.uncertified
@@ -230,7 +226,9 @@ class _Record(FlightRecord):
             decision_us=np.array(self.decision_us),
             agents=tuple(self.agents.values()),
             guarded=self.guarded,
-            certified_s=min(self.first_s.values(), default=math.inf),
+            certified_s=min(
+                (log.start.certified_s for log in self.logs.values() if log.start is not None), default=math.inf
+            ),
             uncertified=self.uncertified,
             broken=dict(self.broken),
             stays=dict(self.stays),
