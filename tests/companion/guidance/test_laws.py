@@ -155,9 +155,9 @@ def test_the_route_keeps_its_margin_outside_the_disc(step_s: float) -> None:
     wish = law.steer(to((2_000.0, 0.0)), NORTHWARDS, view_of((1_000.0, 50.0, 400.0)), 0.0)
     assert wish.route is not None
     (arc,) = [piece for piece in wish.route.pieces if 0.0 < piece.curvature_1_m < 0.5 / TURN_RADIUS_M]
-    kept_m = 400.0 + ROUNDING_M
-    off_m = following_m(SPEED_M_S * step_s, kept_m)
-    assert 1.0 / arc.curvature_1_m == pytest.approx(kept_m + off_m + LEAST_CLEARANCE_M)
+    radius_m = 1.0 / arc.curvature_1_m
+    off_m = following_m(SPEED_M_S * step_s, radius_m)
+    assert radius_m == pytest.approx(400.0 + ROUNDING_M + LEAST_CLEARANCE_M + off_m)
 
 
 @pytest.mark.parametrize(
