@@ -38,7 +38,7 @@ LEAST_CLEARANCE_M = 0.05
 """Distance that the route keeps from the discs as the guard inflates them, in addition to what following it in steps
 costs: for rounding."""
 GREATEST_STEP_TURN_RAD = 1.0
-"""Greatest turn of one guidance step along an arc of the route."""
+"""Greatest turn of one guidance step along a circle to arrive on."""
 CIRCLE_SLACK = 1.05
 """Radius of a circle to arrive on, in turn radii, so that a vehicle a little outside it can turn back onto it."""
 FOLLOWED_STEPS = 4.0
@@ -192,10 +192,9 @@ class RoutedLaw:
         ground_m_s = limits.speed_m_s + limits.wind_m_s
         rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
         self._step_m = ground_m_s * settings.guidance_step_s
-        self._least_radius_m = ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
-        # A step that turned by more than about a radian could not be told from its chord.
-        self._turn_radius_m = max(self._least_radius_m, self._step_m / GREATEST_STEP_TURN_RAD)
-        self._circle_m = CIRCLE_SLACK * self._turn_radius_m
+        self._turn_radius_m = ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
+        # A circle of which a step is much more than a radian could not be told from its chords.
+        self._circle_m = CIRCLE_SLACK * max(self._turn_radius_m, self._step_m / GREATEST_STEP_TURN_RAD)
         self._period_s = settings.coasting_after_s / COASTING_PERIODS
         self._router = Router()
         self._planned: _Planned | None = None
@@ -265,7 +264,7 @@ class RoutedLaw:
             along_m, beside_m = nearest(before.route.pieces, motion.position_ned_m, FOLLOWED_STEPS * self._step_m)
             pieces = left_of(before.route.pieces, along_m)
             off_rad = abs(math.remainder(pieces[0].heading_rad - motion.heading_rad, math.tau))
-            off_m = following_m(self._step_m, self._least_radius_m) + self._held_m + OFF_ROUTE_M
+            off_m = following_m(self._step_m, self._circle_m) + self._held_m + OFF_ROUTE_M
             left_m = before.route.length_m - along_m
             if abs(beside_m) <= off_m and off_rad <= OFF_ROUTE_RAD and left_m > 0.0:
                 return before._replace(route=before.route._replace(pieces=pieces, length_m=left_m)), beside_m
@@ -290,11 +289,10 @@ class RoutedLaw:
         """Return a new route to the task's place or, if that cannot be reached, to the safe place nearest to it."""
         limits = self._settings.limits
         kept_m = obstacles.radii_m + self._held_m
+        cleared = obstacles.of(kept_m + LEAST_CLEARANCE_M)
         if limits.can_stop:
-            cleared = obstacles.of(kept_m + following_m(self._step_m, np.maximum(kept_m, self._circle_m)))
             route = self._route(task, motion, Goal(task.place_ned_m), cleared)
             return _Planned(asked, route, obstacles, route.reach is Reach.NEAREST)
-        cleared = obstacles.of(kept_m + LEAST_CLEARANCE_M)
         circle_off_m = following_m(self._step_m, self._circle_m)
         room = self._room(obstacles.centres_ned_m, kept_m, circle_off_m)
         within_m = max(0.0, task.arrival_m - circle_off_m)
@@ -363,12 +361,12 @@ class RoutedLaw:
         if (_lengths(offset_m) < view.detection_radius_m + self._held_m).any():
             return route.heading_rad
         first = route.pieces[0]
-        if abs(first.curvature_1_m) * self._least_radius_m >= TIGHTEST_SHARE and first.length_m > self._step_m:
+        if abs(first.curvature_1_m) * self._turn_radius_m >= TIGHTEST_SHARE and first.length_m > self._step_m:
             # The turn limit makes the tightest circle of it. Others may know where the turn leads to.
             return first.heading_rad + _shortened_rad(first.curvature_1_m * first.length_m)
         ahead_m = self._settings.limits.speed_m_s * self._settings.limits.reaction_s
         pieces = left_of(route.pieces, ahead_m) if ahead_m else route.pieces
-        return course_rad(pieces, beside_m, self._step_m, self._least_radius_m)
+        return course_rad(pieces, beside_m, self._step_m, self._turn_radius_m)
 
     def _wall_gradient(self, motion: Motion, view: View) -> np.ndarray:  # (2,) m
         margin_m = LEAST_CLEARANCE_M + self._held_m

@@ -93,7 +93,7 @@ class Departure(NamedTuple):
     """The vehicle's turn radius; 0 if it can turn on the spot."""
     beside_m2: float = 0.0
     """How far the vehicle may be beside an arc, times the arc's radius: arcs keep that from the disc that they go
-    around, if the vehicle has a turn radius (docs/route.md, Following)."""
+    around (docs/route.md, Following)."""
 
 
 def shortest_route(

@@ -126,7 +126,7 @@ class Scene:
         self.start_m = np.abs(self.centre)  # (M,) from the start to the centres
         self.tolerance_m = tolerance_m_of(self.start_m, radii_m, self.goal)
         wide_m = radii_m
-        if pose.limited:
+        if pose.limited or pose.beside_m2 > 0.0:
             kept_m = 0.5 * radii_m + np.sqrt(0.25 * radii_m * radii_m + pose.beside_m2)
             wide_m = np.maximum(kept_m, TURN_SLACK * turn_radius_m)
         arc_m = np.minimum(wide_m, self.start_m)
