@@ -28,6 +28,7 @@ SMALLEST = {
     "losses": "--runs 1 --time-limit 100",
     "processes": "{folder}/near.yaml arducopter --no-scale --limit 60 --out {folder}/out",
     "route": "--scenes 8 --flights 1 --timed 4 --repeat 1",
+    "route_time": "lattice walled --counts 25 --flights 1",
     "serial_radio": "--seconds 2 --agents 10",
     "signing": "--rounds 1 --frames 20",
     "swarm": "circle --count 4 --free 12 --seeds 1 --time-limit 100",
