@@ -15,9 +15,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from importlib import resources
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from companion.files.weights import content_digest
+from companion.mission.extent import WHOLE_PLANE_M, Point
 from companion.mission.model import Mission, ThreatSpec
 from companion.protocol.codec import (
     AGENTS_PER_FRAME,
@@ -45,19 +46,24 @@ from companion.protocol.codec import (
     ThreatPlace,
     WireError,
 )
-from companion.protocol.fleet_codec import GREATEST_AGE_S, Entry, FleetEntry, Layout, finest_resolution_cm
+from companion.protocol.fleet_codec import GREATEST_AGE_S, Entry, FleetEntry, Layout
+from groundstation.revision import Revision
 from groundstation.tracks import Track, TrackTable
 
 EntryT = TypeVar("EntryT", AgentEntry, TargetEntry, ThreatEntry, AgentMotion, PointMotion, BandEntry)
 PackedT = TypeVar("PackedT", bound=Entry)
-_UNTOLD: tuple[float | None, float | None] = (None, None)
-"""Position of an agent in Case II, which is not broadcast."""
 MOVING_M_S = 0.1
 """Speed below which a heading means nothing."""
-WHOLE_PLANE_M = 4.1e7
-"""Radius up to which discs grow: such a disc contains the whole Earth wherever its centre is, and fits a frame."""
-_CURVE_CELLS = 2**16 - 1
-"""Number of cells on each axis by which `_along_a_curve` orders positions."""
+
+
+class Broadcast(NamedTuple):
+    """Values that all frames of one broadcast of the state have in common."""
+
+    stamp: Stamp
+    """Epoch, time and sequence."""
+    directive: Directive
+    revision: Revision
+    """Revision of the picture that is told, with its grid."""
 
 
 @dataclass
@@ -78,18 +84,18 @@ def state_frames(
     picture: TrackTable,
     mission: Mission,
     assignment: Mapping[int, int],  # agent id -> target id
-    directive: Directive,
-    stamp: Stamp,
+    broadcast: Broadcast,
 ) -> list[StateFrame]:
-    """Return the state frames of one broadcast; `stamp` gives epoch, time and sequence.
+    """Return the state frames of one broadcast.
 
-    In Case II the agents' positions only decide which threats are sent with which agents: dead-reckoned positions are
-    not broadcast. An agent that has arrived by dead reckoning keeps its target, as only the agent itself knows whether
-    it is there.
+    An agent off the grid has no position in them. In Case II the agents' positions only decide which threats are sent
+    with which agents: dead-reckoned positions are not broadcast. An agent that has arrived by dead reckoning keeps its
+    target, as only the agent itself knows whether it is there.
     """
+    stamp, revision = broadcast.stamp, broadcast.revision
     now_s = stamp.unix_s
     here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
-    agents, targets = _agents_and_targets(picture, mission, assignment, here)
+    agents, targets = _agents_and_targets(picture, mission, assignment, _told(here, mission, revision))
     threats = [grown(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
     contents = _state_contents(agents, targets, threats, here)
     return [
@@ -97,7 +103,11 @@ def state_frames(
             stamp=replace(stamp, frame_index=index, frame_count=len(contents)),
             origin_lat_deg=mission.origin.lat_deg,
             origin_lon_deg=mission.origin.lon_deg,
-            directive=directive,
+            directive=broadcast.directive,
+            revision=revision.number,
+            picture_threats=len(threats),
+            picture_targets=len(targets),
+            resolution_cm=revision.state_cm,
             agents=tuple(content.agents),
             targets=tuple(content.targets),
             threats=tuple(content.threats),
@@ -180,31 +190,32 @@ def fleet_frames(
     picture: TrackTable,
     mission: Mission,
     assignment: Mapping[int, int],  # agent id -> target id
-    directive: Directive,
-    stamp: Stamp,
+    broadcast: Broadcast,
     data_bytes: int,
 ) -> list[FleetFrame]:
     """Return the fleet frames of one broadcast, each with at most `data_bytes` of data (fleet_codec.data_bytes).
 
-    In Case II agents have no positions in them, as in state frames.
+    Agents in Case II and those off the grid have no positions in them, as in state frames.
 
     Raises:
         WireError: a frame has no room for one entry, or there would be too many frames.
 
     """
+    stamp, revision = broadcast.stamp, broadcast.revision
     now_s = stamp.unix_s
     here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
-    agents, targets = _agents_and_targets(picture, mission, assignment, here)
+    agents, targets = _agents_and_targets(picture, mission, assignment, _told(here, mission, revision))
     entries: list[FleetEntry] = [*_by_id(agents), *_by_id(targets.values())]
     entries += _by_id(
         _threat_place(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats
     )
-    contents = min(_filled(entries, data_bytes), _filled(_along_a_curve(entries), data_bytes), key=_load)
+    contents = _filled(entries, data_bytes)
     return [
         FleetFrame(
             stamp=replace(stamp, frame_index=index, frame_count=len(contents)),
-            directive=directive,
-            resolution_cm=_resolution_cm(content),
+            directive=broadcast.directive,
+            revision=revision.number,
+            grid=revision.grid,
             agents=tuple(_by_id(entry for entry in content if isinstance(entry, AgentEntry))),
             targets=tuple(_by_id(entry for entry in content if isinstance(entry, TargetEntry))),
             threats=tuple(_by_id(entry for entry in content if isinstance(entry, ThreatPlace))),
@@ -215,6 +226,7 @@ def fleet_frames(
 
 def radii_frames(
     mission: Mission,
+    revision: Revision,
     stamp: Stamp,
     data_bytes: int,
     growth_m: Mapping[int, float] | None = None,  # threat id -> m, 0 where it is not there
@@ -241,18 +253,26 @@ def radii_frames(
     ]
     contents = _filled(_by_id(entries), data_bytes) if entries else []
     return [
-        RadiiFrame(replace(stamp, frame_index=index, frame_count=len(contents)), tuple(content))
+        RadiiFrame(
+            replace(stamp, frame_index=index, frame_count=len(contents)),
+            revision.number,
+            revision.radii_cm,
+            tuple(content),
+        )
         for index, content in enumerate(contents)
     ]
 
 
-def mission_frame(mission: Mission, surrogate_digest: bytes, stamp: Stamp, data_bytes: int) -> MissionFrame:
-    """Return the frame with the values that hold for the whole epoch; the name is cut to `data_bytes` of UTF-8.
+def mission_frame(
+    mission: Mission, revision: Revision, surrogate_digest: bytes, stamp: Stamp, data_bytes: int
+) -> MissionFrame:
+    """Return the frame with the values that hold for the whole revision; the name is cut to `data_bytes` of UTF-8.
 
     `surrogate_digest` is the first 8 bytes of the SHA-256 of the weights, all zero if there are none.
     """
     return MissionFrame(
         stamp=stamp,
+        revision=revision.number,
         origin_lat_deg=mission.origin.lat_deg,
         origin_lon_deg=mission.origin.lon_deg,
         origin_alt_m=mission.origin.alt_m,
@@ -263,13 +283,18 @@ def mission_frame(mission: Mission, surrogate_digest: bytes, stamp: Stamp, data_
         targets=len(mission.targets),
         threats=len(mission.threats),
         name=mission.name.encode()[:data_bytes].decode(errors="ignore"),
-        mission_digest=mission_digest(mission),
+        mission_digest=mission_digest(mission, revision.moved),
     )
 
 
-def mission_digest(mission: Mission) -> bytes:
-    """Return 8 bytes that differ between missions with different origins, targets or threats, as from other seeds."""
+def mission_digest(mission: Mission, moved: Mapping[int, Point] | None = None) -> bytes:
+    """Return 8 bytes that differ between missions with different origins, targets or threats, as from other seeds.
+
+    `moved`: by id the places of the threats that should stand but do not stand where the mission says (Revision.moved).
+    """
     told = mission.model_dump(mode="json", include={"origin", "targets", "threats"})
+    if moved:
+        told["moved"] = dict(moved)
     return sha256(json.dumps(told, sort_keys=True).encode()).digest()[:DIGEST_BYTES]
 
 
@@ -322,9 +347,9 @@ def _agents_and_targets(
     picture: TrackTable,
     mission: Mission,
     assignment: Mapping[int, int],  # agent id -> target id
-    here: dict[int, tuple[float, float]],  # agent id -> m
+    told: Mapping[int, tuple[float, float] | tuple[None, None]],  # agent id -> m
 ) -> tuple[list[AgentEntry], dict[int, TargetEntry]]:
-    """Return the agents, and by id the targets that are open or still assigned to an agent."""
+    """Return the agents at the positions told, and by id the targets that are open or still assigned to an agent."""
     if mission.case == "II":
         assignment = {**picture.progress.reached_by, **assignment}
     targets = {
@@ -332,10 +357,21 @@ def _agents_and_targets(
         for identity in [*picture.open_targets, *sorted(picture.progress.completed & set(assignment.values()))]
     }
     agents = [
-        AgentEntry(identity, *(place if mission.case == "I" else _UNTOLD), target_id=assignment.get(identity))
-        for identity, place in here.items()
+        AgentEntry(identity, north_m, east_m, assignment.get(identity)) for identity, (north_m, east_m) in told.items()
     ]
     return agents, targets
+
+
+def _told(
+    here: Mapping[int, Point],  # agent id -> m
+    mission: Mission,
+    revision: Revision,
+) -> dict[int, tuple[float, float] | tuple[None, None]]:
+    """Return the positions of agents as they are broadcast: Nones in Case II, and of one that is off the grid."""
+    return {
+        identity: place if mission.case == "I" and revision.extent.holds(place) else (None, None)
+        for identity, place in here.items()
+    }
 
 
 def _threat_place(threat: ThreatSpec, track: Track, now_s: float) -> ThreatPlace:
@@ -356,51 +392,6 @@ def _filled(entries: Iterable[PackedT], data_bytes: int) -> list[list[PackedT]]:
         if layout.size > data_bytes:
             raise WireError(f"{data_bytes} bytes of data; allowed: at least {layout.size}, for one entry")
     return contents
-
-
-def _along_a_curve(entries: Sequence[FleetEntry]) -> list[FleetEntry]:
-    """Return the entries ordered so that neighbours in the order are near each other on the ground (Z-order curve).
-
-    The entries of a section stay together, so that the order costs no bytes. Sections are ordered by the interleaved
-    bits of their first position's north and east; sections without positions come first.
-    """
-    points = [point for point in map(_place, entries) if point is not None]
-    if not points:
-        return list(entries)
-    lows_m = [min(along_m) for along_m in zip(*points, strict=True)]
-    extent_m = max(
-        1.0, *(max(along_m) - low_m for along_m, low_m in zip(zip(*points, strict=True), lows_m, strict=True))
-    )
-
-    def along(group: Sequence[FleetEntry]) -> int:
-        point = _place(group[0])
-        if point is None:
-            return -1
-        north, east = (int(_CURVE_CELLS * (x - low) / extent_m) for x, low in zip(point, lows_m, strict=True))
-        return int("".join(a + b for a, b in zip(f"{north:016b}", f"{east:016b}", strict=True)), 2)
-
-    return [entry for group in sorted(_layout(entries).sections, key=along) for entry in group]
-
-
-def _place(entry: FleetEntry) -> tuple[float, float] | None:
-    return None if entry.north_m is None or entry.east_m is None else (entry.north_m, entry.east_m)
-
-
-def _resolution_cm(content: Sequence[FleetEntry]) -> int:
-    return finest_resolution_cm([point for point in map(_place, content) if point is not None])
-
-
-def _load(contents: Sequence[Sequence[FleetEntry]]) -> tuple[int, int, int]:
-    """Return the figures to minimise, the most important first: frames, bytes, and the coarsest resolution in cm."""
-    size = sum(_layout(content).size for content in contents)
-    return len(contents), size, max(map(_resolution_cm, contents))
-
-
-def _layout(entries: Iterable[FleetEntry]) -> Layout[FleetEntry]:
-    layout = Layout[FleetEntry]()
-    for entry in entries:
-        layout.add(entry)
-    return layout
 
 
 def _by_id(entries: Iterable[PackedT]) -> list[PackedT]:

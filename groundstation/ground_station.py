@@ -7,8 +7,9 @@ it has room for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.errors import InputError
 from companion.mission.model import Mission
@@ -20,6 +21,7 @@ from companion.protocol.codec import (
     Frame,
     FrameReader,
     FrameWriter,
+    Kind,
     MissionFrame,
     MotionFrame,
     RadiiFrame,
@@ -33,9 +35,11 @@ from companion.protocol.fleet_codec import FLEET_HEAD_BYTES, MISSION_HEAD_BYTES,
 from companion.protocol.frame import ED25519_BYTES
 from groundstation.agents import DeadReckoner, VehicleModel
 from groundstation.broadcast import (
+    Broadcast,
     Unsendable,
     band_frames,
     fleet_frames,
+    grown,
     mission_frame,
     motion_frames,
     radii_frames,
@@ -43,6 +47,7 @@ from groundstation.broadcast import (
     surrogate_digest,
     untold_growth_m,
 )
+from groundstation.revision import first_revision, next_revision
 from groundstation.target_assignment import assign_targets
 from groundstation.tracks import TrackTable
 
@@ -73,6 +78,21 @@ def check_runnable(mission: Mission, source: str) -> None:
             f"{source}: wind: speed_m_s and gust_m_s together {wind_m_s:g}; allowed: less than the slowest agent's "
             f"speed_m_s {slowest_m_s:g}, which could not hold a course"
         )
+
+
+class Resumed(NamedTuple):
+    """What a run takes over from the last one, so that its broadcast is accepted and no threat is told too small."""
+
+    epoch_s: int | None = None
+    """Unix time at which the epoch of the broadcast begins, such as one after the last run's; None: the whole second of
+    the start."""
+    began_s: float | None = None
+    """Time at which the threats were at the mission's positions, if that was before the start."""
+    revision: int = 1
+    """Number of the revision with which the run begins."""
+
+
+_NOTHING_RESUMED = Resumed()
 
 
 @dataclass
@@ -114,14 +134,9 @@ class GroundStation:
         start_s: float,
         sensed: bool = True,
         model: VehicleModel | None = None,
-        epoch_s: int | None = None,
-        began_s: float | None = None,
+        resumed: Resumed = _NOTHING_RESUMED,
     ) -> None:
-        """Begin a run, and with it an epoch.
-
-        The epoch is the whole second of `start_s`, or `epoch_s` if that is given, such as one after the last run's.
-        While the epoch is ahead of the clock, frames are stamped with its beginning. `began_s` is the time at which the
-        threats were at the mission's positions, if that was earlier, before a restart.
+        """Begin a run, and with it an epoch; while that is ahead of the clock, frames are stamped with its beginning.
 
         Without a sensor (`sensed` false) nothing is detected. In Case II the vehicles are dead-reckoned by `model`, by
         default `VehicleModel()`.
@@ -134,15 +149,16 @@ class GroundStation:
         self.mission = mission
         self.directive = Directive.NORMAL
         self._reckoner = DeadReckoner(mission, start_s, model or VehicleModel()) if mission.case == "II" else None
-        self.tracks = TrackTable(mission, start_s, _silent_after_s(mission, sensed), began_s)
+        self.tracks = TrackTable(mission, start_s, _silent_after_s(mission, sensed), resumed.began_s)
         self.unsendable = Unsendable()
         """Frames that `tick` could not send."""
         self.reader = FrameReader()
         self._writer = FrameWriter()
-        self._epoch = _Epoch(int(start_s) if epoch_s is None else epoch_s)
+        self._epoch = _Epoch(int(start_s) if resumed.epoch_s is None else resumed.epoch_s)
         self._due = _DueTimes(start_s, start_s, start_s + mission.broadcast_period_s / 2.0)
         self._assigned = assign_targets(mission, self.tracks, {}, start_s)
         try:
+            self._revision = first_revision(mission, self.tracks, resumed.revision, self._grown_radii_m(start_s))
             for frame in self._state_and_bands(start_s):
                 self._writer.encode(frame)
         except WireError as error:
@@ -154,6 +170,11 @@ class GroundStation:
     def epoch_s(self) -> int:
         """Unix time at which the epoch of the broadcast began."""
         return self._epoch.began_s
+
+    @property
+    def revision(self) -> int:
+        """Number of the revision of the picture that is broadcast."""
+        return self._revision.number
 
     @property
     def assignment(self) -> Mapping[int, int]:
@@ -199,7 +220,7 @@ class GroundStation:
         self.advance(now_s)
         datagrams: list[bytes] = []
         if now_s >= self._due.state_s - _DUE_TOLERANCE_S:
-            self._epoch.begin_state()
+            self._begin_state(now_s)
             datagrams += self._encoded(self._state_and_bands(now_s))
             self._due.state_s = _after(self._due.state_s, self.mission.broadcast_period_s, now_s)
         if now_s >= self._due.motion_s - _DUE_TOLERANCE_S:
@@ -224,12 +245,14 @@ class GroundStation:
             WireError: a payload of `payload_bytes` cannot hold one entry.
 
         """
-        self._epoch.begin_state()
         if self._tells_all(payload_bytes):
+            self._begin_state(now_s)
             return self._states(now_s)
+        self._epoch.begin_state()
+        growth_m = untold_growth_m(self.tracks, self.mission, now_s + RADII_HOLD_S)
+        self._revise(threat.detection_radius_m + growth_m.get(threat.id, 0.0) for threat in self.mission.threats)
         data_bytes = payload_bytes - FLEET_HEAD_BYTES
-        stamp = self._epoch.stamp(now_s)
-        return fleet_frames(self.tracks, self.mission, self.assignment, self.directive, stamp, data_bytes)
+        return fleet_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s), data_bytes)
 
     def carousel(
         self, now_s: float, payload_bytes: int
@@ -248,16 +271,33 @@ class GroundStation:
                 frames += band_frames(mission, stamp)
             return frames
         slow: list[MissionFrame | RadiiFrame] = []
-        slow.append(mission_frame(mission, surrogate_digest(mission), stamp, payload_bytes - MISSION_HEAD_BYTES))
+        name_bytes = payload_bytes - MISSION_HEAD_BYTES
+        slow.append(mission_frame(mission, self._revision, surrogate_digest(mission), stamp, name_bytes))
         growth_m = untold_growth_m(self.tracks, mission, stamp.unix_s + RADII_HOLD_S)
-        slow += radii_frames(mission, stamp, payload_bytes - RADII_HEAD_BYTES, growth_m)
+        slow += radii_frames(mission, self._revision, stamp, payload_bytes - RADII_HEAD_BYTES, growth_m)
         return slow
 
     def _tells_all(self, payload_bytes: int) -> bool:
         return self._one_frame and payload_bytes >= _STATE_BYTES
 
+    def _begin_state(self, now_s: float) -> None:
+        """Begin a broadcast of state frames, whose radii are grown by the ages of the threats' positions."""
+        self._epoch.begin_state()
+        self._revise(self._grown_radii_m(now_s))
+
+    def _grown_radii_m(self, now_s: float) -> list[float]:
+        tracks = self.tracks.tracks
+        return [grown(one, tracks[Kind.THREAT, one.id], now_s).detection_radius_m for one in self.mission.threats]
+
+    def _revise(self, radii_m: Iterable[float]) -> None:
+        """Begin the next revision if the picture needs one; `radii_m` are the threats' radii as they are to be told."""
+        self._revision = next_revision(self._revision, self.mission, self.tracks, radii_m)
+
+    def _broadcast(self, now_s: float) -> Broadcast:
+        return Broadcast(self._epoch.stamp(now_s), self.directive, self._revision)
+
     def _states(self, now_s: float) -> list[StateFrame]:
-        return state_frames(self.tracks, self.mission, self.assignment, self.directive, self._epoch.stamp(now_s))
+        return state_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s))
 
     def _state_and_bands(self, now_s: float) -> list[StateFrame | BandsFrame]:
         return [*self._states(now_s), *band_frames(self.mission, self._epoch.stamp(now_s))]

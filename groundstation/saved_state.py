@@ -17,10 +17,10 @@ from companion.errors import InputError
 from companion.files.state import read_state_file, write_state_file
 from companion.mission.model import Mission
 from companion.protocol.mavlink_signing import UNITS_PER_S, MavlinkSigner, timestamp_of
-from companion.protocol.messages import Directive
+from companion.protocol.messages import REVISIONS, Directive
 from companion.runtime.console import program_logger
 from groundstation.directives import directive_from
-from groundstation.ground_station import GroundStation
+from groundstation.ground_station import GroundStation, Resumed
 from groundstation.options import Options
 
 LOGGER = program_logger("groundstation")
@@ -45,6 +45,8 @@ class SavedState:
     began_s: float
     """Start of the first run with these threats, when they were at the mission's positions."""
     directive: Directive
+    revision: int
+    """Number of the last revision of the picture, which the next run's exceeds."""
 
 
 def saved_state_from(text: str, source: Path) -> SavedState:
@@ -62,6 +64,7 @@ def saved_state_from(text: str, source: Path) -> SavedState:
             str(values["threats"]),
             float(values["began_s"]),
             directive_from(str(values["directive"])),
+            int(values["revision"]) % REVISIONS,
         )
         if not math.isfinite(state.began_s):
             raise ValueError("no time")
@@ -82,6 +85,7 @@ def text_of(state: SavedState) -> str:
             "threats": state.threats,
             "began_s": state.began_s,
             "directive": state.directive.name.lower(),
+            "revision": state.revision,
         }
     )
 
@@ -155,6 +159,7 @@ class RunStateFile:
         self._can_move = any(threat.speed_bound_m_s > 0.0 for threat in mission.threats)
         self.epoch_s = epoch_after(last, now_s, self._path)
         self.began_s = began_at_s(last, self._threats, now_s)
+        self._revision = 1 if last is None else (last.revision + 1) % REVISIONS
         self.directive = Directive.NORMAL if last is None else last.directive
         """Directive of the last run."""
         self._written = last
@@ -162,6 +167,11 @@ class RunStateFile:
         self._signing_timestamp = 0 if last is None else last.signing_timestamp
         if signer is not None:
             signer.last_timestamp = signing_after(last, now_s, options.authentication == "mavlink", self._path)
+
+    @property
+    def resumed(self) -> Resumed:
+        """What this run takes over from the last one."""
+        return Resumed(self.epoch_s, self.began_s, self._revision)
 
     def news(self, now_s: float) -> list[str]:
         """Return the messages about what this run has taken over from the last one."""
@@ -187,14 +197,22 @@ class RunStateFile:
             return
         if self._signer is not None:
             self._signing_timestamp = self._signer.last_timestamp
-        state = SavedState(station.epoch_s, self._signing_timestamp, self._threats, self.began_s, station.directive)
+        state = SavedState(
+            station.epoch_s,
+            self._signing_timestamp,
+            self._threats,
+            self.began_s,
+            station.directive,
+            station.revision,
+        )
         write_state_file(self._path, text_of(state))
         self._written, self._written_at_s = state, now_s
 
     def write_if_due(self, station: GroundStation, now_s: float) -> None:
-        """Write the state if the directive or epoch has changed, or the signing time was written STATE_PERIOD_S ago."""
+        """Write the state if directive, epoch or revision has changed, or the signing time is STATE_PERIOD_S old."""
         last = self._written
-        changed = last is None or (last.directive, last.epoch_s) != (station.directive, station.epoch_s)
+        kept = None if last is None else (last.directive, last.epoch_s, last.revision)
+        changed = kept != (station.directive, station.epoch_s, station.revision)
         if changed or (self._signer is not None and now_s - self._written_at_s >= STATE_PERIOD_S):
             self.write_if_possible(station, now_s)
 

@@ -301,7 +301,8 @@ class _Schedule:
         self._refreshes = _RefreshPlace()
         self._carousel = _Carousel()
         self._heartbeat = _Heartbeat(radio.heartbeats, frame_signer)
-        self._epoch_s: int | None = None
+        self._picture: tuple[int, int] | None = None
+        """Epoch and revision of the picture that is told."""
 
     def step(self, now_s: float, txbuf_percent: int | None) -> list[Sent]:
         self.pacer.hear_txbuf(txbuf_percent, now_s)
@@ -386,9 +387,9 @@ class _Schedule:
         self._refresh = _Refresh(now_s, self._station.directive, frames, max(lengths))
         place.due_s = _after(place.due_s, SHORTEST_REFRESH_S, now_s)
         self._waiting = None
-        epoch_s = frames[0][0].stamp.epoch_s
-        if epoch_s != self._epoch_s:
-            self._epoch_s = epoch_s
+        picture = frames[0][0].stamp.epoch_s, _revision_of(frames[0][0])
+        if picture != self._picture:
+            self._picture = picture
             self._carousel.rewind()
             slow = self._slow_frames(now_s)
             self._carousel.is_needed = self._carousel.is_urgent = len(slow) > 0 and isinstance(slow[0], MissionFrame)
@@ -488,6 +489,10 @@ class _Schedule:
             carousel.credit_bytes = max(carousel.credit_bytes, -float(self._radio.max_frame_bytes))
 
         return _Offer(sent, note)
+
+
+def _revision_of(frame: BroadcastFrame) -> int:
+    return frame.revision if isinstance(frame, StateFrame | FleetFrame) else 0
 
 
 def _after(due_s: float, period_s: float, now_s: float) -> float:

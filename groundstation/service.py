@@ -92,8 +92,7 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         start_s,
         sensed=options.sensor is not None,
         model=VehicleModel(DEFAULT_LAW, options.can_stop),
-        epoch_s=state_file.epoch_s,
-        began_s=state_file.began_s,
+        resumed=state_file.resumed,
     )
     station.directive = state_file.directive
     broadcaster = Broadcaster(station, options.radio, frame_signer)

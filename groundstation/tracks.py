@@ -16,13 +16,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from companion.geo.local_frame import LocalFrame, to_grid
+from companion.mission.extent import FARTHEST_M
 from companion.mission.model import Mission
 from companion.protocol.codec import DetectionsFrame, Kind, ReportFrame
 from groundstation.agents import Estimate, Fix
 
-FARTHEST_M = 2.0e7
-"""Greatest distance from the origin at which a detection is accepted, along the ground: half the way round the Earth,
-which any frame can carry."""
+STANDING_M = 1.0
+"""Distance within which something that cannot move is detected where it is: a sensor's positions are rounded to 1 cm,
+and one with another origin has another plane."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,12 @@ class TrackTable:
         self._silent_after_s = silent_after_s
         self._agents = {agent.id: agent for agent in mission.agents}
         placed_at_s = now_s if began_s is None else min(began_s, now_s)
+        self._standing = {
+            (kind, item.id)
+            for kind, items in ((Kind.TARGET, mission.targets), (Kind.THREAT, mission.threats))
+            for item in items
+            if item.speed_bound_m_s == 0.0
+        }
         self.too_far = 0
         """Number of detections refused as farther away than FARTHEST_M."""
         self.tracks: dict[tuple[Kind, int], Track] = {}
@@ -131,6 +138,8 @@ class TrackTable:
             if not is_near:
                 self.too_far += 1
                 continue
+            if key in self._standing and math.dist(track.position_ned_m, (north_m, east_m)) <= STANDING_M:
+                north_m, east_m = track.position_ned_m
             if detection.kind is Kind.AGENT:
                 self.flown_m[detection.id] += math.dist(track.position_ned_m, (north_m, east_m))
                 self.heard_at_s[detection.id] = seen_at_s

@@ -33,7 +33,7 @@ from companion.protocol.codec import AgentEntry, Directive, FrameWriter, Stamp, 
 import companion.cli
 vehicle = common.MAVLink(None, srcSystem=1, srcComponent=1)
 pilot = Companion(Config(agent_id=1))
-pilot.hear(FrameWriter().encode(StateFrame(Stamp(1000, 0, 1), 47.0, 8.0, Directive.NORMAL,
+pilot.hear(FrameWriter().encode(StateFrame(Stamp(1000, 0, 1), 47.0, 8.0, Directive.NORMAL, 1, 1, 1, 100,
     (AgentEntry(1, 0.0, 0.0, 1),), (TargetEntry(1, 5000.0, 0.0),),
     (ThreatEntry(1, 2500.0, 400.0, 1000.0, 500.0, 0.0),))), 1000.0)
 pilot.receive(vehicle.heartbeat_encode(1, 0, 1 | 128, 4, 4).pack(vehicle), 1000.0)

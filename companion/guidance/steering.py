@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -22,6 +22,17 @@ LOITER_CAPTURE = 2.0
 """Gain that steers onto the loiter circle: tangent of the course correction per radius of distance from the circle."""
 APPROACH_GAIN_1_S = 0.5
 """Speed at which a vehicle that can stop approaches its loiter place, per metre of distance."""
+
+
+_RINGS = np.array(
+    [(0.0, 0.0)]
+    + [
+        (0.5 * ring * math.cos(math.tau * k / 12), 0.5 * ring * math.sin(math.tau * k / 12))
+        for ring in range(1, 9)
+        for k in range(12)
+    ]
+)
+"""Candidates for a loiter place, in spacings from the position (north, east), nearest first."""
 
 
 @dataclass(frozen=True)
@@ -122,26 +133,46 @@ def loiter_spacing_m(separation_m: float, radius_m: float) -> float:
     return max(2.0 * separation_m, separation_m + 2.0 * radius_m)
 
 
-def loiter_place(
-    position_ned_m: tuple[float, float],
-    peers_ned_m: np.ndarray,  # (P, 2) m
-    spacing_m: float,
-) -> tuple[float, float]:
-    """Return a place near a position that is at least the spacing away from every peer.
+def claim_m(separation_m: float, radius_m: float) -> float:
+    """Return how far off a target a vehicle must loiter so that another can reach it by the right of way, m.
 
-    The candidates are the position itself and points on rings about it, nearest first. If none is free, the position
-    itself is returned.
+    The vehicle's reserved disc wanders with its loiter circle, whose radius is given (0 for one that can stop), and
+    that of the other lies to the right of its target, whichever way it comes.
     """
-    north_m, east_m = position_ned_m
-    rings = [(0.0, 1)] + [(spacing_m * k / 2, 12) for k in range(1, 9)]
-    for ring_m, count in rings:
-        for index in range(count):
-            angle_rad = math.tau * index / count
-            place = (north_m + ring_m * math.cos(angle_rad), east_m + ring_m * math.sin(angle_rad))
-            apart_m = np.hypot(peers_ned_m[:, 0] - place[0], peers_ned_m[:, 1] - place[1])
-            if np.all(apart_m >= spacing_m):
-                return place
-    return position_ned_m
+    return max(2.0 * separation_m, separation_m + (2.0 / LOITER_RADII + 1.0) * radius_m)
+
+
+class Occupied(NamedTuple):
+    """Where others will be who need room, and how much of it each."""
+
+    places_ned_m: np.ndarray  # (Q, 2) m, vehicles that loiter
+    spacing_m: float
+    claimed_ned_m: np.ndarray  # (C, 2) m, targets that others are on their way to
+    claim_m: float
+
+
+def loiter_place(
+    position_ned_m: tuple[float, float], occupied: Occupied, before_ned_m: tuple[float, float] | None = None
+) -> tuple[float, float]:
+    """Return the place to loiter at: that of before unless it lies on another's way, or one near the position.
+
+    A place must keep the spacing from every vehicle that loiters, and from every target that others are on their way
+    to. The candidates are the position itself and points on rings about it, nearest first. If none is free, it is the
+    place of before, or the position itself.
+    """
+    if before_ned_m is not None:
+        to_claims_m = occupied.claimed_ned_m - np.array(before_ned_m)
+        if np.all(np.hypot(to_claims_m[:, 0], to_claims_m[:, 1]) >= occupied.claim_m):
+            return before_ned_m
+    candidates_ned_m = np.array(position_ned_m) + max(occupied.spacing_m, occupied.claim_m) * _RINGS  # (K, 2)
+    free = np.ones(len(_RINGS), dtype=bool)
+    for others_ned_m, spacing_m in (occupied[:2], occupied[2:]):
+        apart_m = candidates_ned_m[:, None] - others_ned_m[None]  # (K, Q, 2)
+        free &= np.all(np.hypot(apart_m[..., 0], apart_m[..., 1]) >= spacing_m, axis=1)
+    if not free.any():
+        return before_ned_m or position_ned_m
+    north_m, east_m = candidates_ned_m[int(np.argmax(free))].tolist()
+    return north_m, east_m
 
 
 def direction(pull: SteeringVector, gradient_m: np.ndarray) -> SteeringVector:

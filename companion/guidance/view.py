@@ -32,8 +32,12 @@ class View:
     loitering_ned_m: np.ndarray  # (Q, 2) m, positions of the peers whose loiter place has precedence
     rivals: tuple[tuple[int, tuple[float, float]], ...] = ()
     """Detected agents that go to the same target as this vehicle: id, and (north, east) in metres."""
+    claimed_ned_m: np.ndarray = field(default_factory=_no_rows)
+    """(C, 2) m, targets assigned to other agents, which a vehicle that loiters leaves room to reach."""
     traffic_ned_m: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m, all detected aircraft
     traffic_velocity_m_s: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m/s
+    whole: bool = True
+    """Whether every threat of the broadcast's picture was heard; if not, nothing can be certified."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from companion.protocol.codec import (
@@ -66,6 +66,17 @@ class Beliefs:
         for target in frame.targets:
             self.targets[target.id] = (target, heard)
 
+    def take_threat(self, threat: ThreatEntry, heard: Heard, same_picture: bool) -> None:
+        """Take the newest word on a threat; `same_picture`: the word before was of the same picture.
+
+        Of a threat that stands both words are discs that contain it, and the one heard first is kept unless the other
+        lies inside it: so its disc never grows, whatever grid the newer word was told on.
+        """
+        known = self.threats.get(threat.id)
+        if known is not None and same_picture and _stand(known[0], threat) and not _is_inside(threat, known[0]):
+            threat = known[0]
+        self.threats[threat.id] = (threat, heard)
+
     def take_motion(self, frame: MotionFrame) -> None:
         """Take the velocities of agents and threats."""
         for agent in frame.agents:
@@ -84,21 +95,32 @@ class Beliefs:
         """Take the floors and ceilings of some threats."""
         self.bands.update((threat.id, threat) for threat in frame.threats)
 
-    def forget(self, is_gone: Callable[[Heard], bool], kept_threats: Container[int] = ()) -> None:
-        """Forget entries of broadcasts that are gone, and velocities and bands of items that are not known any more.
-
-        `kept_threats` are ids of threats that stay nevertheless.
-        """
+    def forget(self, is_gone: Callable[[Heard], bool]) -> None:
+        """Forget agents and targets of broadcasts that are gone, and the velocities of agents not known any more."""
         for known in (self.agents, self.targets):
             for identity in [key for key, (_, heard) in known.items() if is_gone(heard)]:
                 del known[identity]
-        for identity in [key for key, (_, heard) in self.threats.items() if is_gone(heard) and key not in kept_threats]:
+        for identity in self.agent_velocities_m_s.keys() - self.agents.keys():
+            del self.agent_velocities_m_s[identity]
+
+    def forget_threats(self, stays: Callable[[int], bool]) -> None:
+        """Forget the threats that do not stay, by id, and velocities and bands of those not known any more."""
+        for identity in [key for key in self.threats if not stays(key)]:
             del self.threats[identity]
-        for velocities, things in (
-            (self.agent_velocities_m_s, self.agents),
-            (self.threat_velocities_m_s, self.threats),
-        ):
-            for identity in velocities.keys() - things.keys():
-                del velocities[identity]
+        for identity in self.threat_velocities_m_s.keys() - self.threats.keys():
+            del self.threat_velocities_m_s[identity]
         for identity in self.bands.keys() - self.threats.keys():
             del self.bands[identity]
+
+
+def _stand(old: ThreatEntry, new: ThreatEntry) -> bool:
+    return old.speed_bound_m_s == new.speed_bound_m_s == 0.0
+
+
+def _is_inside(new: ThreatEntry, old: ThreatEntry) -> bool:
+    """Return whether both discs of a threat lie inside those of an older word on it."""
+    moved_m = math.dist((new.north_m, new.east_m), (old.north_m, old.east_m))
+    return (
+        moved_m + new.detection_radius_m <= old.detection_radius_m
+        and moved_m + new.attack_radius_m <= old.attack_radius_m
+    )

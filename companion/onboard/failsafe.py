@@ -16,6 +16,8 @@ CLOCK_DIGITS = 3
 """Decimals of the seconds to which clock offsets are rounded, so that a log (in microseconds) stores them exactly."""
 BATTERY_MARGIN_PERCENT = 5.0
 """Hysteresis: a low battery counts as good again this far above the limit, as its voltage recovers with less load."""
+OUT_OF_RANGE = "range"
+UNCERTIFIED = "no certified back-up"
 ABILITIES_CHANGED = "the autopilot's parameters were changed in flight"
 
 
@@ -40,6 +42,7 @@ class Cause(Enum):
     """The input that a trigger comes from, in the order in which triggers of equal stage are reported."""
 
     BROADCAST = "broadcast"
+    PICTURE = "picture"
     FENCE = "fence"
     BATTERY = "battery"
     RANGE = "range"
@@ -69,6 +72,8 @@ class FailsafeInputs:
 
     picture_age_s: float | None = None
     """Age of the picture; None: nothing was heard yet."""
+    missing: str | None = None
+    """What of the picture was not heard yet, in words; None: nothing is missing."""
     position_accuracy_m: float = math.nan
     """Accuracy of the position by the autopilot's estimate; NaN: not reported."""
     battery_percent: float | None = None
@@ -205,10 +210,11 @@ def _found(inputs: FailsafeInputs, thresholds: FailsafeThresholds, was_low: bool
     uncertified = inputs.uncertified_s >= thresholds.infeasible_after_s
     return (
         (Cause.BROADCAST, _by_age(inputs.picture_age_s, thresholds)),
+        (Cause.PICTURE, _by_missing(inputs.missing)),
         (Cause.FENCE, _if(inputs.outside_fence, Stage.RETURNING, "outside the fence")),
         (Cause.BATTERY, _by_battery(inputs.battery_percent, thresholds, was_low)),
-        (Cause.RANGE, _if(inputs.out_of_range, Stage.RETURNING, "range")),
-        (Cause.GUARD, _if(uncertified, Stage.LOITERING, "no certified back-up")),
+        (Cause.RANGE, _if(inputs.out_of_range, Stage.RETURNING, OUT_OF_RANGE)),
+        (Cause.GUARD, _if(uncertified, Stage.LOITERING, UNCERTIFIED)),
         (Cause.ABILITIES, _if(inputs.abilities_changed, Stage.LOITERING, ABILITIES_CHANGED)),
         (Cause.POSITION, _by_accuracy(inputs.position_accuracy_m, thresholds)),
         (Cause.CLOCK, _by_clock(inputs.clock_offset_s, thresholds)),
@@ -230,6 +236,11 @@ def _by_age(age_s: float | None, thresholds: FailsafeThresholds) -> _Found:
     if age_s >= thresholds.coasting_after_s:
         return _Found(Stage.COASTING, "picture late")
     return _NOTHING
+
+
+def _by_missing(missing: str | None) -> _Found:
+    # Not sticky: once the rest was heard there is no fault that might come back.
+    return _NOTHING if missing is None else _Found(Stage.LOITERING, missing, sticky=False)
 
 
 def _by_battery(percent: float | None, thresholds: FailsafeThresholds, was_low: bool) -> _Found:

@@ -1,8 +1,7 @@
-"""Assembly of the packed frames of one epoch: a threat's place, its radii and the origin come in different frames."""
+"""Assembly of the packed frames of one picture: a threat's place, its radii and the origin come in different frames."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from companion.onboard.beliefs import Heard
@@ -30,13 +29,13 @@ class JoinedThreat:
 
 
 class FleetAssembly:
-    """Content of the fleet, radii and mission frames of one epoch, kept until it can be put together."""
+    """Content of the fleet, radii and mission frames of one picture, kept until it can be put together."""
 
-    def __init__(self) -> None:
+    def __init__(self, origin_told: bool = False) -> None:
         self.placed: dict[int, PlacedThreat] = {}
         """Places of threats, by id; a threat enters the picture once its radii are known, too."""
         self.radii: dict[int, RadiiEntry] = {}
-        self.origin_told = False
+        self.origin_told = origin_told
         """Whether the epoch's origin was heard: without it the places in a fleet frame cannot be used."""
         self._waiting: dict[int, tuple[FleetFrame, float]] = {}
 
@@ -48,10 +47,6 @@ class FleetAssembly:
         """Return the fleet frames that waited, each with the time when it came, the oldest first; keep none of them."""
         waiting, self._waiting = self._waiting, {}
         return sorted(waiting.values(), key=lambda item: item[0].stamp.sequence)
-
-    def forget_placed(self, is_gone: Callable[[Heard], bool]) -> None:
-        """Forget the places that were heard in broadcasts that are gone."""
-        self.placed = {key: placed for key, placed in self.placed.items() if not is_gone(placed.heard)}
 
     def joined(self, identity: int) -> JoinedThreat | None:
         """Return a threat whose place and radii are both known, or None.

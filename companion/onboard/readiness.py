@@ -8,6 +8,8 @@ from companion.onboard.authority import FAILSAFE, FAILSAFE_STATES, Authority, St
 from companion.onboard.config import Config
 from companion.onboard.failsafe import SEVERITY, Cause, FailsafeStatus, Stage
 
+PICTURE_CAUSES = (Cause.BROADCAST, Cause.PICTURE)
+"""Causes of triggers that say that the picture is not good enough to begin an engagement with."""
 NOT_HANDED_OVER = "not armed and in the guided mode"
 
 
@@ -79,9 +81,9 @@ def not_ready(
         return "reading the autopilot's parameters"
     if unable is not None:
         return unable
-    picture = next((one for one in status.triggers if one.cause is Cause.BROADCAST), None)
-    if picture is not None and SEVERITY[picture.stage] >= SEVERITY[Stage.LOITERING]:
-        return picture.words
+    for trigger in status.triggers:
+        if trigger.cause in PICTURE_CAUSES and SEVERITY[trigger.stage] >= SEVERITY[Stage.LOITERING]:
+            return trigger.words
     if outside_fence:
         return "outside the fence"
     if adapter.telemetry.height_m < config.limits.height_min_m:

@@ -17,7 +17,9 @@ from companion.guidance.resolution import Peers
 from companion.guidance.separation import give_way
 from companion.guidance.steering import (
     APPROACH_GAIN_1_S,
+    Occupied,
     attraction,
+    claim_m,
     loiter_attraction,
     loiter_place,
     loiter_radius_m,
@@ -120,11 +122,15 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
         config=config,
         can_stop=can_stop,
         guard=guard,
-        law=law or law_of(law_settings(config)),
+        law=law or law_of(law_settings(config, can_stop=can_stop)),
         own_law=law is not None,
         rules=rules,
         interaction_m=0.0 if rules is None else interaction_radius_m(rules, config.guidance_step_s),
-        loiter=LoiterGeometry(radius_m, loiter_spacing_m(config.separation_m, circle_m) + circle_m),
+        loiter=LoiterGeometry(
+            radius_m,
+            loiter_spacing_m(config.separation_m, circle_m) + circle_m,
+            claim_m(config.separation_m, circle_m),
+        ),
     )
 
 
@@ -204,12 +210,12 @@ def _intent(
 
 
 def _place_to_loiter(
-    steering: Steering, moment: Moment, place_ned_m: tuple[float, float] | None
+    steering: Steering, moment: Moment, before_ned_m: tuple[float, float] | None
 ) -> tuple[float, float]:
-    """Return the present loiter place, or a new one that keeps its distance from those of vehicles that go first."""
-    if place_ned_m is not None:
-        return place_ned_m
-    return loiter_place(moment.motion.position_ned_m, moment.view.loitering_ned_m, steering.loiter.spacing_m)
+    """Return the present loiter place, or a new one that leaves room to those that go first or are on their way."""
+    view, loiter = moment.view, steering.loiter
+    occupied = Occupied(view.loitering_ned_m, loiter.spacing_m, view.claimed_ned_m, loiter.claim_m)
+    return loiter_place(moment.motion.position_ned_m, occupied, before_ned_m)
 
 
 def _go(
@@ -301,7 +307,7 @@ def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: Steer
         attack_m=view.attack_radius_m,
         ids=view.threat_ids,
     )
-    route = () if demand.route is None else demand.route.pieces + demand.onward
+    route = () if demand.route is None else demand.route.pieces
     dt_s = steering.config.guidance_step_s
     return steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, Hints(route, keep_right=crowded))
 

@@ -1,18 +1,20 @@
 """The picture of fleet, targets and threats on board: the newest entry heard of each, with its age.
 
-State frames are self-contained and idempotent, and the newest wins. An entry is forgotten only when it is missing in a
-broadcast of which every frame was heard; a threat that is merely not heard of again stays, and its disc only grows.
+State frames are self-contained and idempotent, and the newest wins. An agent or target is forgotten only when it is
+missing in a broadcast of which every frame was heard, a threat only when a picture without it is whole
+(companion/onboard/picture.py); one that is merely not heard of again stays, and its disc only grows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 from companion.guidance.view import Traffic, View
 from companion.onboard.beliefs import Beliefs, Heard
 from companion.onboard.fleet_assembly import FleetAssembly, PlacedThreat
 from companion.onboard.frame_order import Acceptance, FrameOrder
+from companion.onboard.picture import Picture
 from companion.onboard.world_view import (
     PeerTable,
     ThreatTable,
@@ -32,20 +34,9 @@ from companion.protocol.codec import (
     RadiiFrame,
     StateFrame,
     TargetEntry,
+    ThreatEntry,
 )
 from companion.protocol.freshness import SenderClock
-
-
-@dataclass(frozen=True)
-class _MissionTold:
-    """The mission that the last mission frame named."""
-
-    digest: bytes | None = None
-    """Digest of the mission; None before any mission frame."""
-    epochs: frozenset[int] = frozenset()
-    """Epochs whose mission frames named this digest: only what was heard in them is of this mission."""
-    threats: int = 0
-    """Number of the mission's threats; 0 once a state frame came in an epoch that may be of another mission."""
 
 
 class WorldModel:
@@ -63,7 +54,7 @@ class WorldModel:
         self._state_true_at_s: float | None = None
         self._beliefs = Beliefs()
         self._assembly = FleetAssembly()
-        self._mission = _MissionTold()
+        self._picture = Picture()
         self._tables: tuple[ThreatTable, PeerTable] | None = None
         """Tables of the entries heard, kept until an entry changes."""
 
@@ -71,6 +62,11 @@ class WorldModel:
     def target_id(self) -> int | None:
         """Id of the target that is assigned to the vehicle; None if there is none."""
         return self._beliefs.target_of(self.agent_id)
+
+    @property
+    def missing(self) -> str | None:
+        """What of the picture in force was not heard yet, in words; None if it is whole or nothing at all was heard."""
+        return self._picture.missing
 
     def age_s(self, now_s: float) -> float | None:
         """Return the age of the newest state or fleet frame that was merged; None before the first."""
@@ -91,57 +87,67 @@ class WorldModel:
         return isinstance(frame, BandsFrame) and self.take_bands(frame)
 
     def take_state(self, frame: StateFrame, now_s: float) -> bool:
-        """Merge a state frame received at `now_s`; return whether it was new."""
-        if not self._follow(self.order.take_part(frame.stamp, now_s)):
+        """Merge a state frame received at `now_s`; return whether it was new.
+
+        Of a frame whose picture was overtaken only the directive counts.
+        """
+        acceptance = self.order.take_part(frame.stamp, now_s)
+        if acceptance is not Acceptance.REFUSED:
+            self.directive = frame.directive
+        if not self._follow(acceptance, frame):
             return False
-        self.directive = frame.directive
         self._take_origin((frame.origin_lat_deg, frame.origin_lon_deg))
-        if self._mission.threats and frame.stamp.epoch_s not in self._mission.epochs:
-            self._mission = _MissionTold(self._mission.digest, self._mission.epochs)
+        self._picture.count(frame.picture_threats)
         heard = self._merge(frame, now_s)
         for threat in frame.threats:
-            self._beliefs.threats[threat.id] = (threat, heard)
+            self._take_threat(threat, heard)
             self._assembly.placed.pop(threat.id, None)
         if self.order.is_whole(frame.stamp):
             self._forget_absent()
+        self._forget_retired()
         return True
 
     def take_fleet(self, frame: FleetFrame, now_s: float) -> bool:
         """Merge a fleet frame received at `now_s`; return whether it was new.
 
         A threat enters the picture once its radii are known as well. Until the epoch's origin is known, only the
-        frame's directive counts and the frame waits; the picture of the epoch before stays in force.
+        frame's directive counts and the frame waits; what the picture of the epoch before told stays. Of a frame whose
+        picture was overtaken only the directive counts.
         """
-        if not self._follow(self.order.take_part(frame.stamp, now_s)):
+        acceptance = self.order.take_part(frame.stamp, now_s)
+        if acceptance is not Acceptance.REFUSED:
+            self.directive = frame.directive
+        if not self._follow(acceptance, frame):
             return False
-        self.directive = frame.directive
         if self._assembly.origin_told:
             self._merge_fleet([(frame, now_s)])
+            self._forget_retired()
         else:
             self._assembly.wait(frame, now_s)
         return True
 
     def take_radii(self, frame: RadiiFrame, now_s: float) -> bool:
-        """Merge the radii of some threats; return whether the frame was of the newest epoch."""
-        if not self._follow(self.order.take_constant(frame.stamp, now_s)):
+        """Merge the radii of some threats; return whether the frame was of the newest epoch and revision."""
+        if not self._follow(self.order.take_constant(frame.stamp, now_s), frame):
             return False
         for entry in frame.threats:
             self._assembly.radii[entry.id] = entry
             self._join(entry.id)
         self._tables = None
+        self._forget_retired()
         return True
 
     def take_mission(self, frame: MissionFrame, now_s: float) -> bool:
-        """Take the origin and the mission that hold for an epoch; return whether it was the newest epoch."""
-        if not self._follow(self.order.take_constant(frame.stamp, now_s)):
+        """Take origin, number of threats and mission; return whether the frame was of the newest epoch and revision."""
+        if not self._follow(self.order.take_constant(frame.stamp, now_s), frame):
             return False
         self._take_origin((frame.origin_lat_deg, frame.origin_lon_deg))
-        epochs = self._mission.epochs
-        if frame.mission_digest != self._mission.digest:
-            self._forget_epochs(epochs)
-            epochs = frozenset()
-        self._mission = _MissionTold(frame.mission_digest, epochs | {frame.stamp.epoch_s}, frame.threats)
+        if self._picture.name(frame.mission_digest):
+            self._beliefs.forget(lambda heard: heard.broadcast[0] != frame.stamp.epoch_s)
+            self._tables = None
+        self._picture.count(frame.threats)
         self._merge_fleet(self._assembly.take_waiting())
+        self._forget_retired()
         return True
 
     def take_motion(self, frame: MotionFrame) -> bool:
@@ -174,32 +180,41 @@ class WorldModel:
         threats, peers = self._tables
         if band_m is not None:
             threats = reaching(threats, *band_m)
-        return view_of(threats, peers, self._assigned(), self.peer_memory_s, now_s)
+        view = view_of(threats, peers, self._assigned(), self.peer_memory_s, now_s)
+        return view if self._picture.whole else replace(view, whole=False)
 
     def with_traffic(self, view: View, seen: Sequence[Traffic]) -> View:
         """Return the view with the traffic that the vehicle's own detector shows."""
         return with_traffic(view, seen, self._beliefs, self.agent_id)
 
     def _assigned(self) -> tuple[TargetEntry, Heard] | None:
-        """Return the assigned target; None if there is none, its place was not heard or a threat is still unknown."""
-        # A vehicle that does not know all threats yet cannot keep clear of them, so it goes nowhere.
-        known = sum(heard.broadcast[0] in self._mission.epochs for _, heard in self._beliefs.threats.values())
+        """Return the assigned target; None if there is none, its place was not heard or the picture is not whole."""
+        # A vehicle that does not know all threats cannot keep clear of them, so it goes nowhere.
         target_id = self.target_id
-        if target_id is None or known < self._mission.threats:
+        if target_id is None or not self._picture.whole:
             return None
         return self._beliefs.targets.get(target_id)
 
-    def _follow(self, acceptance: Acceptance) -> bool:
-        """Return whether a frame is new; if it begins an epoch, drop bands, radii and places of the last one."""
-        if acceptance is Acceptance.ANEW:
+    def _follow(self, acceptance: Acceptance, frame: StateFrame | FleetFrame | RadiiFrame | MissionFrame) -> bool:
+        """Return whether a frame is new; if its picture is, drop bands, radii and places of the one before."""
+        if acceptance is Acceptance.REFUSED:
+            return False
+        begins = acceptance is Acceptance.ANEW
+        if begins:
+            self._picture.begin_epoch()
+        elif self._picture.is_old(frame.revision, frame.stamp.sequence):
+            return False
+        if self._picture.follow(frame.revision, frame.stamp.sequence):
             self._beliefs.bands.clear()
-            self._assembly = FleetAssembly()
-        return acceptance is not Acceptance.REFUSED
+            self._assembly = FleetAssembly(self._assembly.origin_told and not begins)
+            self._tables = None
+        return True
 
     def _take_origin(self, origin_deg: tuple[float, float]) -> None:
         self._assembly.origin_told = True
         if self.origin_deg != origin_deg:
             self._beliefs = Beliefs()
+            self._picture.forget()
             self._assembly.placed.clear()
             self._tables = None
             self.origin_deg = origin_deg
@@ -228,27 +243,21 @@ class WorldModel:
         joined = self._assembly.joined(identity)
         if joined is None:
             return
-        self._beliefs.threats[identity] = (joined.threat, joined.heard)
+        self._take_threat(joined.threat, joined.heard)
         if joined.band is not None:
             self._beliefs.bands[identity] = joined.band
 
+    def _take_threat(self, threat: ThreatEntry, heard: Heard) -> None:
+        self._beliefs.take_threat(threat, heard, self._picture.has_heard(threat.id))
+        self._picture.hear((threat.id,))
+
     def _forget_absent(self) -> None:
-        """Forget what is not in the newest broadcast, of which every frame was heard."""
+        """Forget agents and targets that are not in the newest broadcast, of which every frame was heard."""
         newest = (self.order.epoch_s, self.order.sequence)
+        self._beliefs.forget(lambda heard: heard.broadcast != newest)
 
-        def is_absent(heard: Heard) -> bool:
-            return heard.broadcast != newest
-
-        self._assembly.forget_placed(is_absent)
-        # A threat whose new radii are still to come stays as it was before.
-        self._beliefs.forget(is_absent, kept_threats=self._assembly.placed)
-
-    def _forget_epochs(self, epochs: frozenset[int]) -> None:
-        """Forget everything that was heard in the given epochs."""
-
-        def is_gone(heard: Heard) -> bool:
-            return heard.broadcast[0] in epochs
-
-        self._assembly.forget_placed(is_gone)
-        self._beliefs.forget(is_gone)
-        self._tables = None
+    def _forget_retired(self) -> None:
+        """Forget the threats that the picture lacks, once it is whole: until then one may only be unheard."""
+        if self._picture.whole:
+            self._beliefs.forget_threats(self._picture.has_heard)
+            self._tables = None

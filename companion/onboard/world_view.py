@@ -37,6 +37,7 @@ class PeerTable:
     velocity_m_s: np.ndarray  # (P, 2) m/s, zero where not heard
     true_at_s: np.ndarray  # (P,) s, when the entry was true
     loiters_first: np.ndarray  # (P,) bool, see Beliefs.loiters_first
+    claimed_ned_m: np.ndarray  # (C, 2) m, targets of any other agents, but not this vehicle's own
 
 
 def threat_table(beliefs: Beliefs) -> ThreatTable:
@@ -62,6 +63,8 @@ def peer_table(beliefs: Beliefs, agent_id: int) -> PeerTable:
     others = sorted(beliefs.agents.keys() - {agent_id})
     ids = [identity for identity in others if beliefs.agents[identity][0].position_ned_m is not None]
     entries = [beliefs.agents[identity] for identity in ids]
+    claims = {beliefs.target_of(identity) for identity in others} - {beliefs.target_of(agent_id)}
+    claimed = [beliefs.targets[target_id][0] for target_id in sorted(beliefs.targets.keys() & claims)]
     velocities = [beliefs.agent_velocities_m_s.get(identity, (0.0, 0.0)) for identity in ids]
     return PeerTable(
         ids=np.array(ids, dtype=int),
@@ -69,6 +72,7 @@ def peer_table(beliefs: Beliefs, agent_id: int) -> PeerTable:
         velocity_m_s=np.array(velocities).reshape(-1, 2),
         true_at_s=np.array([heard.true_at_s for _, heard in entries]),
         loiters_first=np.array([beliefs.loiters_first(identity, agent_id) for identity in ids], dtype=bool),
+        claimed_ned_m=np.array([(target.north_m, target.east_m) for target in claimed]).reshape(-1, 2),
     )
 
 
@@ -107,6 +111,7 @@ def view_of(
         peers_ned_m=peers_ned_m[remembered],
         peer_ids=peers.ids[remembered],
         loitering_ned_m=peers_ned_m[remembered & peers.loiters_first],
+        claimed_ned_m=peers.claimed_ned_m,
     )
 
 

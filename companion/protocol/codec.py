@@ -1,9 +1,10 @@
 """Encoder and decoder of the private dialect's messages (`oneway.xml`), with every range check on what is received.
 
-A frame is one MAVLink 2 message. Encoding chooses the resolution of positions for each frame and rounds radii up, so
-that a receiver's disc of a threat always contains the true one. Decoding trusts nothing: counts, ids, indices or values
-that make no sense raise WireError, which `FrameReader` counts. Frames are encoded without signatures, which are added
-to the finished bytes (companion/protocol/ed25519.py, companion/protocol/mavlink_signing.py).
+A frame is one MAVLink 2 message. Encoding rounds positions to the given resolution, which is one for all frames of a
+revision, and radii up, so that a receiver's disc of a threat always contains the true one. Decoding trusts nothing:
+counts, ids, indices or values that make no sense raise WireError, which `FrameReader` counts. Frames are encoded
+without signatures, which are added to the finished bytes (companion/protocol/ed25519.py,
+companion/protocol/mavlink_signing.py).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from companion.protocol.fields import (
     band_limits,
     band_of,
     ceiling,
+    ceiling_units,
     degrees_of,
     on_earth_e7,
     rounded,
@@ -56,6 +58,7 @@ from companion.protocol.messages import (
     Directive,
     FleetFrame,
     Frame,
+    Grid,
     Kind,
     MissionFrame,
     MotionFrame,
@@ -94,6 +97,7 @@ __all__ = [
     "Frame",
     "FrameReader",
     "FrameWriter",
+    "Grid",
     "Kind",
     "MissionFrame",
     "MotionFrame",
@@ -210,14 +214,14 @@ def _fields(number: int, payload: bytes) -> Fields:
 
 
 def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
-    radii_m = [threat.detection_radius_m for threat in frame.threats]
     if any(not 0 < threat.attack_radius_m <= threat.detection_radius_m for threat in frame.threats):
         raise WireError("a threat's radii are not in order; allowed: 0 < attack radius <= detection radius")
     agents = [agent.position_ned_m for agent in frame.agents]
     targets = [(target.north_m, target.east_m) for target in frame.targets]
     threats = [(threat.north_m, threat.east_m) for threat in frame.threats]
-    resolution_cm = frame_resolution_cm([point for point in agents if point is not None] + targets + threats, radii_m)
-    unit_m = resolution_cm / 100.0
+    unit_m = whole(frame.resolution_cm, UINT16_MAX, "resolution") / 100.0
+    if unit_m == 0.0:
+        raise WireError("a resolution of 0 cm does not fit its field; allowed: 1 or more")
     origin_lat, origin_lon = on_earth_e7(frame.origin_lat_deg, frame.origin_lon_deg)
     frame_index, frame_count = _part(frame.stamp)
     agent_base, agent_ids = _based_ids([agent.id for agent in frame.agents], AGENTS_PER_FRAME, "agents")
@@ -237,12 +241,15 @@ def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
         target_east=target_east,
         threat_north=threat_north,
         threat_east=threat_east,
-        threat_detection=_radii([threat.detection_radius_m for threat in frame.threats], unit_m),
-        threat_attack=_radii([threat.attack_radius_m for threat in frame.threats], unit_m),
-        resolution=resolution_cm,
+        threat_detection=_radii(frame.threats, [threat.detection_radius_m for threat in frame.threats], unit_m),
+        threat_attack=_radii(frame.threats, [threat.attack_radius_m for threat in frame.threats], unit_m),
+        resolution=frame.resolution_cm,
         agent_id_base=agent_base,
         target_id_base=target_base,
         threat_id_base=threat_base,
+        revision=whole(frame.revision, UINT8_MAX, "revision"),
+        picture_threats=whole(frame.picture_threats, UINT16_MAX, "picture_threats"),
+        picture_targets=min(frame.picture_targets, UINT8_MAX),
         directive=int(frame.directive),
         frame_index=frame_index,
         frame_count=frame_count,
@@ -276,15 +283,30 @@ def _coordinates(
     points: Sequence[tuple[float, float] | None], unit_m: float, length: int
 ) -> tuple[list[int], list[int]]:
     """Return the north and the east of points in units, each padded to `length`; None is the unknown position."""
-    north = [_UNKNOWN_POSITION if point is None else round(point[0] / unit_m) for point in points]
-    east = [_UNKNOWN_POSITION if point is None else round(point[1] / unit_m) for point in points]
+    north = [_UNKNOWN_POSITION if point is None else _position_units(point[0], unit_m) for point in points]
+    east = [_UNKNOWN_POSITION if point is None else _position_units(point[1], unit_m) for point in points]
     return _padded(north, length), _padded(east, length)
 
 
-def _radii(radii_m: Sequence[float], unit_m: float) -> list[int]:
-    """Return threats' radii in units, enlarged by the greatest rounding error of their centres and rounded up."""
-    rounding_m = unit_m * math.sqrt(0.5)
-    return _padded([math.ceil((radius_m + rounding_m) / unit_m) for radius_m in radii_m], THREATS_PER_FRAME)
+def _position_units(coordinate_m: float, unit_m: float) -> int:
+    units = rounded(coordinate_m / unit_m)
+    if abs(units) > INT16_MAX:
+        raise WireError(
+            f"a position {abs(coordinate_m):.3g} m from the origin does not fit a frame in units of {unit_m:g} m"
+        )
+    return units
+
+
+def _radii(threats: Sequence[ThreatEntry], radii_m: Sequence[float], unit_m: float) -> list[int]:
+    """Return radii of threats in units, enlarged by how far rounding moves their centres and rounded up."""
+    units = []
+    for threat, radius_m in zip(threats, radii_m, strict=True):
+        moved_m = math.hypot(
+            threat.north_m - unit_m * rounded(threat.north_m / unit_m),
+            threat.east_m - unit_m * rounded(threat.east_m / unit_m),
+        )
+        units.append(ceiling_units(radius_m + moved_m, unit_m, UINT16_MAX, "radius"))
+    return _padded(units, THREATS_PER_FRAME)
 
 
 def _motion_message(frame: MotionFrame) -> oneway.MAVLink_oneway_motion_message:
@@ -401,6 +423,10 @@ def _state_frame(message: Fields) -> StateFrame:
         origin_lat_deg=origin_lat_deg,
         origin_lon_deg=origin_lon_deg,
         directive=directive,
+        revision=message.revision,
+        picture_threats=message.picture_threats,
+        picture_targets=message.picture_targets,
+        resolution_cm=message.resolution,
         agents=tuple(
             AgentEntry(identity, *_position_m(north, east, unit_m), target_ids[place - 1] if place else None)
             for identity, north, east, place in zip(
@@ -521,13 +547,14 @@ def _report_frame(message: Fields) -> ReportFrame:
 
 def _fleet_message(frame: FleetFrame) -> oneway.MAVLink_oneway_fleet_message:
     entries: list[FleetEntry] = [*frame.agents, *frame.targets, *frame.threats]
-    north_base, east_base, data = write_fleet(entries, frame.resolution_cm)
+    data = write_fleet(entries, frame.grid)
     frame_index, frame_count = _part(frame.stamp)
     return oneway.MAVLink_oneway_fleet_message(
         **_times(frame.stamp),
-        north_base=north_base,
-        east_base=east_base,
-        resolution=frame.resolution_cm,
+        north_base=frame.grid.north_base,
+        east_base=frame.grid.east_base,
+        resolution=frame.grid.resolution_cm,
+        revision=whole(frame.revision, UINT8_MAX, "revision"),
         directive=int(frame.directive),
         frame_index=frame_index,
         frame_count=frame_count,
@@ -536,11 +563,12 @@ def _fleet_message(frame: FleetFrame) -> oneway.MAVLink_oneway_fleet_message:
 
 
 def _radii_message(frame: RadiiFrame) -> oneway.MAVLink_oneway_radii_message:
-    resolution_cm, data = write_radii(frame.threats)
+    data = write_radii(frame.threats, frame.resolution_cm)
     frame_index, frame_count = _part(frame.stamp)
     return oneway.MAVLink_oneway_radii_message(
         **_times(frame.stamp),
-        resolution=resolution_cm,
+        resolution=frame.resolution_cm,
+        revision=whole(frame.revision, UINT8_MAX, "revision"),
         frame_index=frame_index,
         frame_count=frame_count,
         **_data(data, RADII_HEAD_BYTES),
@@ -568,6 +596,7 @@ def _mission_message(frame: MissionFrame) -> oneway.MAVLink_oneway_mission_messa
         agent_count=whole(frame.agents, UINT16_MAX, "agent_count"),
         target_count=whole(frame.targets, UINT16_MAX, "target_count"),
         threat_count=whole(frame.threats, UINT16_MAX, "threat_count"),
+        revision=whole(frame.revision, UINT8_MAX, "revision"),
         surrogate_digest=list(frame.surrogate_digest),
         mission_digest=list(frame.mission_digest),
         **_data(name, MISSION_HEAD_BYTES),
@@ -593,12 +622,13 @@ def _decision_message(frame: DecisionFrame) -> oneway.MAVLink_oneway_decision_me
 
 def _fleet_frame(message: Fields) -> FleetFrame:
     data = _data_of(message)
-    agents, targets, threats = read_fleet(data, message.resolution, message.north_base, message.east_base)
-    return FleetFrame(_stamp(message), _directive(message), message.resolution, agents, targets, threats)
+    grid = Grid(message.resolution, message.north_base, message.east_base)
+    return FleetFrame(_stamp(message), _directive(message), message.revision, grid, *read_fleet(data, grid))
 
 
 def _radii_frame(message: Fields) -> RadiiFrame:
-    return RadiiFrame(_stamp(message), read_radii(_data_of(message), message.resolution))
+    entries = read_radii(_data_of(message), message.resolution)
+    return RadiiFrame(_stamp(message), message.revision, message.resolution, entries)
 
 
 def _mission_frame(message: Fields) -> MissionFrame:
@@ -609,6 +639,7 @@ def _mission_frame(message: Fields) -> MissionFrame:
         raise WireError("name is not UTF-8") from error
     return MissionFrame(
         stamp=Stamp(message.epoch, message.time_ms, message.sequence),
+        revision=message.revision,
         origin_lat_deg=origin_lat_deg,
         origin_lon_deg=origin_lon_deg,
         origin_alt_m=message.origin_alt / 10.0,
@@ -718,7 +749,12 @@ _DECODERS: dict[int, Callable[[Fields], Frame]] = {
 
 
 def frame_resolution_cm(points: Sequence[tuple[float, float]], radii_m: Sequence[float]) -> int:
-    """Return the finest resolution, in whole cm, at which all positions (north, east, in m) and radii fit 16 bits."""
+    """Return the finest resolution of state frames, in whole cm, at which positions (north, east) and radii in m fit.
+
+    Raises:
+        WireError: a position or radius is too great, or not finite.
+
+    """
     reach_m = max((max(abs(north_m), abs(east_m)) for north_m, east_m in points), default=0.0)
     radius_m = max(radii_m, default=0.0)
     if not (math.isfinite(reach_m) and math.isfinite(radius_m)):

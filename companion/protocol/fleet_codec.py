@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Generic, TypeVar
@@ -27,18 +27,18 @@ from companion.protocol.fields import (
     rounded,
     whole,
 )
-from companion.protocol.messages import AgentEntry, RadiiEntry, TargetEntry, ThreatPlace, WireError
+from companion.protocol.messages import AgentEntry, Grid, RadiiEntry, TargetEntry, ThreatPlace, WireError
 
 PAYLOAD_BYTES = 255
 """Greatest length of a MAVLink 2 payload."""
-FLEET_HEAD_BYTES = 22
+FLEET_HEAD_BYTES = 23
 """Bytes of ONEWAY_FLEET's payload before its data."""
-RADII_HEAD_BYTES = 17
+RADII_HEAD_BYTES = 18
 """Bytes of ONEWAY_RADII's payload before its data."""
-MISSION_HEAD_BYTES = 51
+MISSION_HEAD_BYTES = 52
 """Bytes of ONEWAY_MISSION's payload before its data."""
 BASE_STEP_UNITS = 256
-"""Unit of the base from which a frame's positions count: a 16-bit multiple of this number of position units."""
+"""Unit of the base from which positions count: a 16-bit multiple of this number of position units."""
 FINE_AGES = 10
 """Greatest age code that counts tenths of a second."""
 AGE_RATIO = 1.065
@@ -50,9 +50,9 @@ _SECTION_HEAD = struct.Struct("<BBH")
 _TARGET_BASE = struct.Struct("<H")
 """Least target id in a section of agents, which ends the section's head."""
 _GREATEST_OFFSET = UINT16_MAX - 1
-"""Greatest offset of a position from the frame's base; 65535 on both axes marks an id that no agent has."""
+"""Greatest offset of a position from the grid's base; 65535 on both axes marks an id that no agent has."""
 _SPAN_UNITS = _GREATEST_OFFSET - (BASE_STEP_UNITS - 1)
-"""Greatest span of a frame's positions: its base may lie up to one BASE_STEP_UNITS below its least position."""
+"""Greatest span of a grid's positions: its base may lie up to one BASE_STEP_UNITS below its least position."""
 _NOBODY = (UINT16_MAX, UINT16_MAX, 0)
 """Record of an id that no agent has, among agents with a position."""
 _NOBODY_UNPLACED = (UINT8_MAX,)
@@ -121,8 +121,8 @@ def age_of(code: int) -> float:
     return code / 10.0 if code <= FINE_AGES else AGE_RATIO ** (code - FINE_AGES)
 
 
-def finest_resolution_cm(points: Iterable[tuple[float, float]]) -> int:
-    """Return the finest unit, in whole cm, in which one frame can hold positions (north, east, in m).
+def finest_grid(points: Sequence[tuple[float, float]]) -> Grid:
+    """Return the finest grid that holds some positions (north, east, in m), at least one.
 
     Raises:
         WireError: the positions are too far apart, too far from the origin, or not finite.
@@ -138,8 +138,12 @@ def finest_resolution_cm(points: Iterable[tuple[float, float]]) -> int:
         reach_cm = 100.0 * max(abs(low_m), abs(high_m)) / (BASE_STEP_UNITS * (INT16_MAX - 1))
         needed_cm = max(needed_cm, span_cm, reach_cm)
     if needed_cm > UINT16_MAX:
-        raise WireError("positions so far apart, or so far from the origin, do not fit a frame")
-    return math.ceil(needed_cm)
+        raise WireError("positions so far apart, or so far from the origin, do not fit a grid")
+    resolution_cm = math.ceil(needed_cm)
+    north_base, east_base = (
+        rounded(100.0 * min(along_m) / resolution_cm) // BASE_STEP_UNITS for along_m in zip(*points, strict=True)
+    )
+    return Grid(resolution_cm, north_base, east_base)
 
 
 @dataclass
@@ -209,37 +213,35 @@ def _bytes_in(entry: EntryT, kind: Section, group: _Group[EntryT] | None) -> int
     return (entry.id - group.entries[-1].id) * _RECORDS[kind].size
 
 
-def write_fleet(entries: Sequence[FleetEntry], resolution_cm: int) -> tuple[int, int, bytes]:
-    """Return north base and east base, in steps of BASE_STEP_UNITS, and the data of a fleet frame.
+def write_fleet(entries: Sequence[FleetEntry], grid: Grid) -> bytes:
+    """Return the data of a fleet frame.
 
     Raises:
-        WireError: a position, id or age does not fit, an id is given twice, or one frame cannot hold all entries.
+        WireError: a position is off the grid, an id or age does not fit, an id is given twice, or one frame cannot hold
+            all entries.
 
     """
-    if not 1 <= resolution_cm <= UINT16_MAX:
-        raise WireError(f"a resolution of {resolution_cm} cm does not fit its field; allowed: 1 to {UINT16_MAX}")
-    places = [place for place in (_units(entry, resolution_cm) for entry in entries) if place is not None]
-    north_base, east_base = (min(along) // BASE_STEP_UNITS for along in zip(*places, strict=True)) if places else (0, 0)
-    if not -INT16_MAX <= min(north_base, east_base) <= max(north_base, east_base) <= INT16_MAX:
-        raise WireError(f"a position does not fit a frame in units of {resolution_cm} cm")
+    _refuse_bad_resolution(grid.resolution_cm)
+    if not -INT16_MAX <= min(grid[1:]) <= max(grid[1:]) <= INT16_MAX:
+        raise WireError(f"a base of {grid.north_base}, {grid.east_base} does not fit its fields")
 
     def record(entry: FleetEntry, group: _Group[FleetEntry]) -> Record:
         code = group.target_code(entry.target_id) if isinstance(entry, AgentEntry) else 0
-        place = _units(entry, resolution_cm)
+        place = _units(entry, grid.resolution_cm)
         if place is None:
             return (code,)
-        offsets = (place[0] - BASE_STEP_UNITS * north_base, place[1] - BASE_STEP_UNITS * east_base)
-        if max(offsets) > _GREATEST_OFFSET:
-            raise WireError(f"positions so far apart do not fit a frame in units of {resolution_cm} cm")
+        offsets = (place[0] - BASE_STEP_UNITS * grid.north_base, place[1] - BASE_STEP_UNITS * grid.east_base)
+        if not 0 <= min(offsets) <= max(offsets) <= _GREATEST_OFFSET:
+            raise WireError(f"a position is off the grid of {grid.resolution_cm} cm")
         if isinstance(entry, AgentEntry):
             return (*offsets, code)
         return (*offsets, age_code(entry.age_s)) if isinstance(entry, ThreatPlace) else offsets
 
-    return north_base, east_base, _written(entries, record, PAYLOAD_BYTES - FLEET_HEAD_BYTES)
+    return _written(entries, record, PAYLOAD_BYTES - FLEET_HEAD_BYTES)
 
 
-def write_radii(entries: Sequence[RadiiEntry]) -> tuple[int, bytes]:
-    """Return the resolution in cm, as fine as the radii allow, and the data of a radii frame.
+def write_radii(entries: Sequence[RadiiEntry], resolution_cm: int) -> bytes:
+    """Return the data of a radii frame.
 
     Raises:
         WireError: a radius, speed, height or id does not fit, an id is given twice, or one frame cannot hold all
@@ -249,8 +251,7 @@ def write_radii(entries: Sequence[RadiiEntry]) -> tuple[int, bytes]:
     for entry in entries:
         if not 0.0 < entry.attack_radius_m <= entry.detection_radius_m < math.inf:
             raise WireError("a threat's radii are not in order; allowed: 0 < attack radius <= detection radius")
-    greatest_cm = 100.0 * max((entry.detection_radius_m for entry in entries), default=0.0)
-    resolution_cm = max(1, ceiling_units(greatest_cm, UINT16_MAX, UINT16_MAX, "resolution"))
+    _refuse_bad_resolution(resolution_cm)
 
     def record(entry: RadiiEntry, group: _Group[RadiiEntry]) -> Record:
         radii = (
@@ -261,11 +262,21 @@ def write_radii(entries: Sequence[RadiiEntry]) -> tuple[int, bytes]:
         band = band_limits(entry.floor_m, entry.ceiling_m, entry.id) if group.kind is Section.RADII_BANDS else ()
         return (*radii, speed, *band)
 
-    return resolution_cm, _written(entries, record, PAYLOAD_BYTES - RADII_HEAD_BYTES)
+    return _written(entries, record, PAYLOAD_BYTES - RADII_HEAD_BYTES)
+
+
+def finest_radii_cm(radius_m: float) -> int:
+    """Return the finest unit, in whole cm, in which a radius can be sent in a radii frame.
+
+    Raises:
+        WireError: the radius is too great, or not finite.
+
+    """
+    return max(1, ceiling_units(100.0 * radius_m, UINT16_MAX, UINT16_MAX, "resolution"))
 
 
 def read_fleet(
-    data: bytes, resolution_cm: int, north_base: int, east_base: int
+    data: bytes, grid: Grid
 ) -> tuple[tuple[AgentEntry, ...], tuple[TargetEntry, ...], tuple[ThreatPlace, ...]]:
     """Return the agents, targets and threats in the data of a fleet frame.
 
@@ -273,15 +284,15 @@ def read_fleet(
         WireError: the data make no sense.
 
     """
-    if resolution_cm < 1:
+    if grid.resolution_cm < 1:
         raise WireError("resolution is zero")
     agents: list[AgentEntry] = []
     targets: list[TargetEntry] = []
     threats: list[ThreatPlace] = []
 
     def place_m(north: int, east: int) -> tuple[float, float]:
-        north_m = (BASE_STEP_UNITS * north_base + north) * resolution_cm / 100.0
-        return north_m, (BASE_STEP_UNITS * east_base + east) * resolution_cm / 100.0
+        north_m = (BASE_STEP_UNITS * grid.north_base + north) * grid.resolution_cm / 100.0
+        return north_m, (BASE_STEP_UNITS * grid.east_base + east) * grid.resolution_cm / 100.0
 
     for kind, target_base, records in _sections(data):
         for identity, record in records:
@@ -408,6 +419,11 @@ def _units(entry: FleetEntry, resolution_cm: int) -> tuple[int, int] | None:
     if entry.north_m is None or entry.east_m is None:
         return None
     return rounded(100.0 * entry.north_m / resolution_cm), rounded(100.0 * entry.east_m / resolution_cm)
+
+
+def _refuse_bad_resolution(resolution_cm: int) -> None:
+    if not 1 <= resolution_cm <= UINT16_MAX:
+        raise WireError(f"a resolution of {resolution_cm} cm does not fit its field; allowed: 1 to {UINT16_MAX}")
 
 
 def _refuse_twice(entries: Sequence[Entry]) -> None:

@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from typing import NamedTuple
 
 from companion.protocol.dialect import oneway
+
+REVISIONS = 256
+"""Number of revisions of the picture after which their 8-bit numbers begin anew."""
 
 
 class Directive(IntEnum):
@@ -92,6 +96,14 @@ class StateFrame:
     origin_lat_deg: float
     origin_lon_deg: float
     directive: Directive
+    revision: int
+    """Number of the picture that the frame is a part of."""
+    picture_threats: int
+    """Number of threats in that picture, in all its frames together."""
+    picture_targets: int
+    """Number of targets in it; 255 means 255 or more."""
+    resolution_cm: int
+    """Length of the unit of positions and radii, the same for all frames of a revision."""
     agents: tuple[AgentEntry, ...]
     targets: tuple[TargetEntry, ...]
     threats: tuple[ThreatEntry, ...]
@@ -204,6 +216,17 @@ class ThreatPlace:
     age_s: float
 
 
+class Grid(NamedTuple):
+    """The grid on which fleet frames tell positions, the same for all frames of a revision."""
+
+    resolution_cm: int
+    """Length of the unit."""
+    north_base: int
+    """North of the point from which positions count, in steps of BASE_STEP_UNITS units."""
+    east_base: int
+    """East of that point, likewise."""
+
+
 @dataclass(frozen=True)
 class FleetFrame:
     """ONEWAY_FLEET: some agents with their assigned targets, targets and threats, packed.
@@ -213,8 +236,9 @@ class FleetFrame:
 
     stamp: Stamp
     directive: Directive
-    resolution_cm: int
-    """Length of the unit in which positions are sent."""
+    revision: int
+    """Number of the picture that the frame is a part of."""
+    grid: Grid
     agents: tuple[AgentEntry, ...]
     targets: tuple[TargetEntry, ...]
     threats: tuple[ThreatPlace, ...]
@@ -222,7 +246,7 @@ class FleetFrame:
     @property
     def rounding_m(self) -> float:
         """Greatest error of a position from rounding: half a unit on both axes."""
-        return math.sqrt(0.5) * self.resolution_cm / 100.0
+        return math.sqrt(0.5) * self.grid.resolution_cm / 100.0
 
 
 @dataclass(frozen=True)
@@ -242,14 +266,20 @@ class RadiiFrame:
     """ONEWAY_RADII: constant properties of some threats; the radii are not enlarged for the age of a position."""
 
     stamp: Stamp
+    revision: int
+    """Number of the picture that the radii are of."""
+    resolution_cm: int
+    """Length of the unit of the radii, the same for all frames of a revision."""
     threats: tuple[RadiiEntry, ...]
 
 
 @dataclass(frozen=True)
 class MissionFrame:
-    """ONEWAY_MISSION: values of the mission that hold for the whole epoch."""
+    """ONEWAY_MISSION: values of the mission that hold for the whole epoch, and the number of threats of a revision."""
 
     stamp: Stamp
+    revision: int
+    """Number of the picture that has this number of threats."""
     origin_lat_deg: float
     origin_lon_deg: float
     origin_alt_m: float
@@ -262,10 +292,10 @@ class MissionFrame:
     targets: int
     """Number of targets in the mission."""
     threats: int
-    """Number of threats in the mission."""
+    """Number of threats in the picture."""
     name: str
     mission_digest: bytes
-    """First 8 bytes of a SHA-256 of the mission's origin, targets and threats."""
+    """First 8 bytes of a SHA-256 of the mission's origin and targets and of the picture's threats."""
 
 
 class DecisionFlag(IntFlag):

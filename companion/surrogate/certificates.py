@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from companion.errors import InputError
 from companion.geo.kinematics import turn_rate_rad_s
+from companion.mission.extent import mission_extent
 from companion.mission.model import AgentSpec, Mission, ThreatSpec
-from companion.protocol.codec import WireError, frame_resolution_cm
+from companion.protocol.codec import frame_resolution_cm
 from companion.surrogate.cost import Weights
 from companion.surrogate.networks import SIGMOID_SLOPE_MAX, load_monolithic
 from companion.surrogate.profiles import profile_by_name
@@ -201,13 +201,9 @@ class _Heard:
 
     @classmethod
     def of(cls, mission: Mission) -> _Heard:
-        places_ned_m = [agent.position_ned_m for agent in mission.agents]
-        places_ned_m += [item.position_ned_m for item in (*mission.targets, *mission.threats)]
-        radii_m = [threat.detection_radius_m for threat in mission.threats]
-        try:
-            resolution_m = frame_resolution_cm(places_ned_m, radii_m) / 100.0
-        except WireError as error:
-            raise InputError(f"{mission.name}: no broadcast can tell of it: {error}") from error
+        extent = mission_extent(mission)
+        corners_ned_m = (extent.low_ned_m, extent.high_ned_m)
+        resolution_m = frame_resolution_cm(corners_ned_m, (extent.radius_m,)) / 100.0
         age_s = mission.broadcast_period_s + mission.link.delay_s + mission.link.jitter_s
         late_m = age_s * max(target.speed_bound_m_s for target in mission.targets)
         return cls(age_s, resolution_m, late_m + resolution_m / SQRT2)

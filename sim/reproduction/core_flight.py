@@ -19,8 +19,10 @@ import numpy as np
 
 from companion.geo.kinematics import limit_turn, turn_rate_rad_s, turn_towards
 from companion.guidance.steering import (
+    Occupied,
     SteeringVector,
     attraction,
+    claim_m,
     loiter_attraction,
     loiter_place,
     loiter_radius_m,
@@ -207,12 +209,15 @@ class _Loitering:
         if target_ned_m is not None and not self._latched[agent]:
             self._places_ned_m[agent] = None
             return attraction(position, target_ned_m)
-        loiter_m = self._radius_m[agent]
-        place = self._places_ned_m[agent]
-        if place is None:
-            spacing_m = loiter_spacing_m(self._mission.separation_m, loiter_m) + loiter_m
-            place = loiter_place(position, agents.ned_m[_settled(agents.ids, agent, heard)], spacing_m)
-            self._places_ned_m[agent] = place
+        loiter_m, separation_m = self._radius_m[agent], self._mission.separation_m
+        occupied = Occupied(
+            agents.ned_m[_settled(agents.ids, agent, heard)],
+            loiter_spacing_m(separation_m, loiter_m) + loiter_m,
+            heard.targets_ned_m[_claimed(agent, heard)],
+            claim_m(separation_m, loiter_m),
+        )
+        place = loiter_place(position, occupied, self._places_ned_m[agent])
+        self._places_ned_m[agent] = place
         return loiter_attraction(position, place, loiter_m)
 
 
@@ -221,6 +226,11 @@ def _settled(ids: np.ndarray, agent: int, heard: _Heard) -> np.ndarray:
     settled: np.ndarray = (heard.assigned == _NO_TARGET) | (ids < ids[agent])
     settled[agent] = False
     return settled
+
+
+def _claimed(agent: int, heard: _Heard) -> list[int]:
+    """Return the indices of the targets that other agents are on their way to, but not this one."""
+    return sorted({int(target) for target in heard.assigned} - {_NO_TARGET, int(heard.assigned[agent])})
 
 
 class _Record:

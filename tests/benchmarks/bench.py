@@ -23,8 +23,9 @@ from companion.onboard.decision import Decision
 from companion.protocol.codec import FrameReader, FrameWriter, Stamp
 from companion.surrogate.cost import Weights
 from companion.surrogate.profiles import ThreatDiscs, gradient_for_agent, profile_by_name
-from groundstation.broadcast import state_frames
+from groundstation.broadcast import Broadcast, state_frames
 from groundstation.ground_station import GroundStation
+from groundstation.revision import first_revision
 from sim.lockstep import fly
 from sim.loop import START_S
 
@@ -48,8 +49,9 @@ def frame_calls() -> Calls:
     mission = resolve(load_mission("paper-dynamic"), 1)
     station = GroundStation(mission, START_S)
     (datagram,) = station.tick(START_S)
-    stamp = Stamp(int(START_S), 0, 1)
-    (frame,) = state_frames(station.tracks, mission, station.assignment, station.directive, stamp)
+    revision = first_revision(mission, station.tracks, 1)
+    broadcast = Broadcast(Stamp(int(START_S), 0, 1), station.directive, revision)
+    (frame,) = state_frames(station.tracks, mission, station.assignment, broadcast)
     writer, reader = FrameWriter(), FrameReader()
     return {
         "encode the paper's state frame": lambda: writer.encode(frame),

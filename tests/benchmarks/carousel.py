@@ -17,6 +17,8 @@ from companion.mission.model import Mission, ThreatSpec, load_mission
 from companion.protocol.codec import Stamp
 from companion.protocol.fleet_codec import MISSION_HEAD_BYTES, RADII_HEAD_BYTES, data_bytes
 from groundstation.broadcast import mission_frame, radii_frames
+from groundstation.revision import first_revision
+from groundstation.tracks import TrackTable
 
 LOSSES = (0.0, 0.1, 0.3, 0.5)
 PATH_BYTES = 252
@@ -74,10 +76,11 @@ def needed_parts() -> dict[str, int]:
     )
     mission = Mission.model_construct(**{**dict(load_mission("paper-static")), "threats": threats})
     stamp = Stamp(1_790_000_000, 0, 1)
+    revision = first_revision(mission, TrackTable(mission, stamp.unix_s, None), 1)
     parts = {}
     for name, overhead_bytes in OVERHEADS_BYTES.items():
-        radii = radii_frames(mission, stamp, data_bytes(RADII_HEAD_BYTES, PATH_BYTES, overhead_bytes))
-        mission_frame(mission, bytes(8), stamp, data_bytes(MISSION_HEAD_BYTES, PATH_BYTES, overhead_bytes))
+        radii = radii_frames(mission, revision, stamp, data_bytes(RADII_HEAD_BYTES, PATH_BYTES, overhead_bytes))
+        mission_frame(mission, revision, bytes(8), stamp, data_bytes(MISSION_HEAD_BYTES, PATH_BYTES, overhead_bytes))
         parts[name] = 1 + len(radii)
     return parts
 

@@ -20,8 +20,9 @@ from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWrite
 from companion.protocol.dialect import oneway
 from companion.protocol.ed25519 import FrameSigner
 from companion.protocol.mavlink_signing import MavlinkSigner, timestamp_of
-from groundstation.broadcast import state_frames
+from groundstation.broadcast import Broadcast, state_frames
 from groundstation.ground_station import GroundStation
+from groundstation.revision import first_revision
 from tests.companion.protocol.hostile import START_S, Ground
 
 Batch = Callable[[], Callable[[], object]]
@@ -88,8 +89,9 @@ def _paper_frame() -> StateFrame:
     mission = resolve(load_mission("paper-dynamic"), 1)
     station = GroundStation(mission, START_S)
     station.tick(START_S)
-    stamp = Stamp(int(START_S), 0, 1)
-    (frame,) = state_frames(station.tracks, mission, station.assignment, station.directive, stamp)
+    revision = first_revision(mission, station.tracks, 1)
+    broadcast = Broadcast(Stamp(int(START_S), 0, 1), station.directive, revision)
+    (frame,) = state_frames(station.tracks, mission, station.assignment, broadcast)
     return frame
 
 

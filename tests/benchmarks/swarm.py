@@ -21,9 +21,10 @@ from companion.geo.right_of_way import Rules, reserved_radius_m
 from companion.guard.types import Motion
 from companion.guidance.resolution import Peers, Resolution
 from companion.guidance.separation import give_way
-from companion.guidance.steering import loiter_attraction, loiter_place, loiter_radius_m, loiter_spacing_m
+from companion.guidance.steering import Occupied, loiter_attraction, loiter_place, loiter_radius_m, loiter_spacing_m
 
 DT_S = 0.5
+NOWHERE_NED_M = np.zeros((0, 2))
 PIECES = 5
 """Number of parts that a step is sampled in; the separation is interpolated between the samples."""
 ARRIVAL_RADIUS_M = 300.0
@@ -163,13 +164,13 @@ def _wanted_rad(craft: Craft, loitering_ned_m: np.ndarray, rules: Rules, arrival
     here = (craft.north_m, craft.east_m)
     if craft.done_s is not None or craft.target_ned_m is None:
         if rules.can_stop:
-            craft.place_ned_m = craft.place_ned_m or loiter_place(here, loitering_ned_m, 2.0 * rules.separation_m)
+            occupied = Occupied(loitering_ned_m, 2.0 * rules.separation_m, NOWHERE_NED_M, 0.0)
+            craft.place_ned_m = craft.place_ned_m or loiter_place(here, occupied)
             return math.atan2(craft.place_ned_m[1] - here[1], craft.place_ned_m[0] - here[0])
         radius_m = loiter_radius_m(craft.cruise_m_s, rules.n_max, DT_S)
         if craft.place_ned_m is None:
-            craft.place_ned_m = loiter_place(
-                here, loitering_ned_m, loiter_spacing_m(rules.separation_m, radius_m) + radius_m
-            )
+            spacing_m = loiter_spacing_m(rules.separation_m, radius_m) + radius_m
+            craft.place_ned_m = loiter_place(here, Occupied(loitering_ned_m, spacing_m, NOWHERE_NED_M, 0.0))
         return loiter_attraction(here, craft.place_ned_m, radius_m).heading_rad
     rho_m = craft.speed_m_s / turn_rate_rad_s(craft.speed_m_s, rules.n_max)
     north_m, east_m = craft.target_ned_m[0] - here[0], craft.target_ned_m[1] - here[1]

@@ -62,7 +62,7 @@ def state(t_s: float, goals: Goals) -> bytes:
     stamp = Stamp(int(START_S), round(1000 * t_s), 1 + int(t_s))
     agents = tuple(AgentEntry(identity, None, None, identity) for identity in goals)
     targets = tuple(TargetEntry(identity, *place) for identity, place in goals.items())
-    return FrameWriter().encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, agents, targets, ()))
+    return FrameWriter().encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, 1, 0, 1, 100, agents, targets, ()))
 
 
 AHEAD = {1: (30_000.0, 0.0), 2: (30_000.0, 20_000.0)}

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 import groundstation
 from companion.files.mavlink_layout import SIGNATURE_BYTES
+from companion.mission.extent import REACH_S
 from companion.mission.model import AgentSpec, Mission, TargetSpec, ThreatSpec, load_mission
 from companion.mission.resolve import resolve
 from companion.onboard.world_model import WorldModel
@@ -35,6 +36,7 @@ from companion.protocol.codec import (
     StateFrame,
     WireError,
     decode_frame,
+    frame_resolution_cm,
 )
 from companion.protocol.dialect import oneway
 from companion.protocol.fleet_codec import (
@@ -45,6 +47,7 @@ from companion.protocol.fleet_codec import (
 )
 from companion.protocol.frame import ED25519_BYTES, raw_frame
 from groundstation.broadcast import (
+    Broadcast,
     band_frames,
     fleet_frames,
     mission_digest,
@@ -54,6 +57,7 @@ from groundstation.broadcast import (
     state_frames,
     surrogate_digest,
 )
+from groundstation.revision import Revision, first_revision
 from groundstation.tracks import MissionProgress, Track, TrackTable
 
 START_S = 1_790_000_000
@@ -102,8 +106,16 @@ def ground(mission: Mission) -> TrackTable:
     return TrackTable(mission, START_S, silent_after_s=None)
 
 
+def revision(mission: Mission) -> Revision:
+    return first_revision(mission, ground(mission), 1)
+
+
+def broadcast(mission: Mission, stamp: Stamp = STAMP, directive: Directive = Directive.NORMAL) -> Broadcast:
+    return Broadcast(stamp, directive, revision(mission))
+
+
 def states(mission: Mission, assignment: dict[int, int]) -> list[StateFrame]:
-    return state_frames(ground(mission), mission, assignment, Directive.NORMAL, STAMP)
+    return state_frames(ground(mission), mission, assignment, broadcast(mission))
 
 
 def sparse() -> tuple[Mission, dict[int, int]]:
@@ -131,7 +143,7 @@ def test_the_papers_mission_takes_one_frame() -> None:
     assignment = {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)}
     (frame,) = states(mission, assignment)
     assert (len(frame.agents), len(frame.targets), len(frame.threats)) == (10, 5, 4)
-    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 235
+    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 239
     assert len(motion_frames(ground(mission), mission, STAMP)) == 1
 
 
@@ -227,7 +239,7 @@ def test_a_picture_with_nothing_in_it_is_still_a_frame_that_says_so() -> None:
 def test_a_threat_seen_long_ago_is_broadcast_larger() -> None:
     mission = mission_of({1: (0.0, 0.0)}, {1: (9.0, 9.0)}, {1: (50_000.0, 0.0)})
     later = Stamp(START_S, 20_000, 5)
-    (frame,) = state_frames(ground(mission), mission, {}, Directive.NORMAL, later)
+    (frame,) = state_frames(ground(mission), mission, {}, broadcast(mission, later))
     (threat,) = frame.threats
     assert (threat.detection_radius_m, threat.attack_radius_m) == (5_200.0, 2_200.0)
 
@@ -236,7 +248,7 @@ def test_an_agent_seen_a_while_ago_is_broadcast_where_it_must_be_by_now() -> Non
     mission = mission_of({1: (0.0, 0.0)}, {1: (9.0, 9.0)}, {})
     picture = ground(mission)
     picture.tracks[Kind.AGENT, 1] = Track(100.0, 200.0, 60.0, -10.0, START_S)
-    (frame,) = state_frames(picture, mission, {}, Directive.NORMAL, Stamp(START_S, 2_000, 5))
+    (frame,) = state_frames(picture, mission, {}, broadcast(mission, Stamp(START_S, 2_000, 5)))
     assert (frame.agents[0].north_m, frame.agents[0].east_m) == (220.0, 180.0)
 
 
@@ -244,7 +256,7 @@ def test_lost_agents_and_completed_targets_are_left_out() -> None:
     mission = mission_of({1: (0.0, 0.0), 2: (5.0, 0.0)}, {1: (9.0, 9.0), 2: (8.0, 8.0)}, {})
     picture = ground(mission)
     picture.progress = MissionProgress(lost=frozenset({1}), completed=frozenset({2}))
-    (frame,) = state_frames(picture, mission, {2: 1}, Directive.NORMAL, STAMP)
+    (frame,) = state_frames(picture, mission, {2: 1}, broadcast(mission))
     assert [agent.id for agent in frame.agents] == [2]
     assert [target.id for target in frame.targets] == [1]
 
@@ -328,13 +340,15 @@ def test_in_case_ii_a_frame_is_as_fine_as_targets_and_threats_alone_allow() -> N
     (frame,) = states(mission, {1: 1})
     (decoded,) = FrameReader().read(FrameWriter().encode(frame))
     assert isinstance(decoded, StateFrame)
-    assert (decoded.targets[0].north_m, decoded.agents[0].position_ned_m) == (100.0, None)
+    reach_m = 10.0 * REACH_S  # as far as the target may get
+    assert decoded.resolution_cm == frame_resolution_cm([(100.0 + reach_m, 100.0 + reach_m)], [])
+    assert decoded.agents[0].position_ned_m is None
 
 
 def test_in_case_ii_the_papers_mission_takes_one_frame_of_the_same_size() -> None:
     mission = unseen(resolve(load_mission("paper-dynamic"), 1))
     (frame,) = states(mission, {agent.id: mission.targets[k % 5].id for k, agent in enumerate(mission.agents)})
-    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 235
+    assert len(FrameWriter().encode(frame)) + ED25519_BYTES <= 239
 
 
 # Heights that threats reach
@@ -372,7 +386,7 @@ CAROUSEL_PERIOD_S = 5.0
 
 
 def fleet_of(mission: Mission, assignment: dict[int, int], room: int) -> list[FleetFrame]:
-    return fleet_frames(ground(mission), mission, assignment, Directive.HOLD, STAMP, room)
+    return fleet_frames(ground(mission), mission, assignment, broadcast(mission, directive=Directive.HOLD), room)
 
 
 def five_hundred() -> tuple[Mission, dict[int, int]]:
@@ -427,8 +441,8 @@ def test_each_agent_knows_all_it_needs_after_a_packed_broadcast_in_any_order(
     mission, assignment = world
     frames: list[Frame] = [
         *fleet_of(mission, assignment, 100),
-        *radii_frames(mission, STAMP, 60),
-        mission_frame(mission, bytes(8), STAMP, 100),
+        *radii_frames(mission, revision(mission), STAMP, 60),
+        mission_frame(mission, revision(mission), bytes(8), STAMP, 100),
     ]
     chance.shuffle(frames)
     for spec in mission.agents[:2]:
@@ -450,7 +464,7 @@ def test_each_agent_knows_all_it_needs_after_a_packed_broadcast_in_any_order(
 def on_air(frames: Sequence[Frame], overhead_bytes: int, typed_signature_bytes: int = 0) -> int:
     """Return the bytes of frames; a typed message carries its signature after all of its fields."""
     writer = FrameWriter()
-    sizes = [max(len(writer.encode(frame)), 171 if typed_signature_bytes else 0) + overhead_bytes for frame in frames]
+    sizes = [max(len(writer.encode(frame)), 175 if typed_signature_bytes else 0) + overhead_bytes for frame in frames]
     assert max(sizes) <= PATH_BYTES
     return sum(sizes)
 
@@ -462,7 +476,10 @@ def rooms(overhead_bytes: int) -> list[int]:
 
 def carousel(mission: Mission, overhead_bytes: int) -> list[Frame]:
     _, radii_room, mission_room = rooms(overhead_bytes)
-    return [*radii_frames(mission, STAMP, radii_room), mission_frame(mission, bytes(8), STAMP, mission_room)]
+    return [
+        *radii_frames(mission, revision(mission), STAMP, radii_room),
+        mission_frame(mission, revision(mission), bytes(8), STAMP, mission_room),
+    ]
 
 
 @pytest.mark.parametrize(("overhead_bytes", "limit"), [(SIGNATURE_BYTES, 3_900), (ED25519_BYTES, 5_300)])
@@ -513,17 +530,9 @@ def test_agents_that_nobody_sees_travel_without_a_place() -> None:
     assert len(frames) == 5
 
 
-def test_frames_of_sparse_ids_hold_what_is_near_each_other() -> None:
-    corners = [(0.0, 0.0), (0.0, 190_000.0), (190_000.0, 0.0), (190_000.0, 190_000.0)]
-    agents = {100 * k: (corners[k % 4][0] + k, corners[k % 4][1] - k) for k in range(1, 73)}
-    frames = fleet_of(mission_of(agents, {1: (190_100.0, 190_100.0)}, {}), {}, 205)
-    assert len(frames) == 5  # 18 agents, each a section of 11 bytes, in each of four, and the target
-    assert max(frame.resolution_cm for frame in frames) <= 3  # not 305: 190 km from the origin a base reaches no finer
-
-
 def test_a_threat_seen_long_ago_travels_with_its_age() -> None:
     mission = mission_of({1: (0.0, 0.0)}, {1: (9.0, 9.0)}, {1: (50_000.0, 0.0)})
-    (frame,) = fleet_frames(ground(mission), mission, {}, Directive.NORMAL, Stamp(START_S, 20_000, 5), 200)
+    (frame,) = fleet_frames(ground(mission), mission, {}, broadcast(mission, Stamp(START_S, 20_000, 5)), 200)
     assert [threat.age_s for threat in frame.threats] == [20.0]
 
 
@@ -533,7 +542,8 @@ def test_a_fleet_of_nobody_is_still_a_frame_that_says_so() -> None:
 
 
 def test_no_threats_take_no_radii_frame() -> None:
-    assert radii_frames(mission_of({}, {}, {}), STAMP, 200) == []
+    mission = mission_of({}, {}, {})
+    assert radii_frames(mission, revision(mission), STAMP, 200) == []
 
 
 def test_a_path_with_no_room_for_one_entry_is_refused() -> None:
@@ -541,12 +551,12 @@ def test_a_path_with_no_room_for_one_entry_is_refused() -> None:
     with pytest.raises(WireError, match="allowed: at least 11"):
         fleet_of(mission, assignment, 10)
     with pytest.raises(WireError, match="allowed: at least 9"):
-        radii_frames(mission, STAMP, 8)
+        radii_frames(mission, revision(mission), STAMP, 8)
 
 
 def test_a_mission_frame_tells_what_holds_for_all() -> None:
     mission, _ = five_hundred()
-    frame = mission_frame(mission, surrogate_digest(mission), STAMP, 200)
+    frame = mission_frame(mission, revision(mission), surrogate_digest(mission), STAMP, 200)
     assert (frame.agents, frame.targets, frame.threats) == (500, 50, 50)
     assert (frame.origin_lat_deg, frame.origin_alt_m) == (mission.origin.lat_deg, mission.origin.alt_m)
     assert (frame.separation_m, frame.arrival_radius_m) == (mission.separation_m, mission.arrival_radius_m)
@@ -577,12 +587,12 @@ def test_the_digest_of_a_mission_is_another_for_another_origin_target_or_threat_
     assert {len(digest) for digest in digests} == {8}
     same = {"name": "x", "agents": (agent.model_copy(update={"north_m": 1.0}), *mission.agents[1:])}
     assert mission_digest(mission.model_copy(update=same)) == digests[0]
-    assert mission_frame(mission, bytes(8), STAMP, 100).mission_digest == digests[0]
+    assert mission_frame(mission, revision(mission), bytes(8), STAMP, 100).mission_digest == digests[0]
 
 
 def test_a_long_name_is_cut_between_characters() -> None:
     mission = mission_of({}, {}, {}).model_copy(update={"name": "ü" * 40})
-    assert mission_frame(mission, bytes(8), STAMP, 7).name == "üüü"
+    assert mission_frame(mission, revision(mission), bytes(8), STAMP, 7).name == "üüü"
 
 
 @pytest.mark.parametrize(("surrogate", "known"), [("pairwise", True), ("monolithic", True), ("analytic", False)])

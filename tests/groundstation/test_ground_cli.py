@@ -162,7 +162,7 @@ def test_a_plan_is_printed_with_its_figures(program: Program) -> None:
     status, out, err = program("plan", "paper-dynamic", "--link", "sik-57600", "--share", "0.5")
     assert (status, err) == (EXIT_DONE, "")
     for part in (
-        "paper-dynamic over sik-57600, share 0.5: 2880 B/s, both; longest frame 248 bytes",
+        "paper-dynamic over sik-57600, share 0.5: 2880 B/s, both; longest frame 252 bytes",
         "ONEWAY_STATE",
         "ONEWAY_MOTION",
         "HEARTBEAT",
@@ -188,7 +188,7 @@ def test_a_plan_as_json_has_the_same_figures(program: Program) -> None:
     assert (status, err) == (EXIT_DONE, "")
     found = json.loads(out)
     assert (found["budget_bytes_per_s"], found["authentication"]) == (1_200.0, "ed25519")
-    assert found["largest_frame_bytes"] == 235
+    assert found["largest_frame_bytes"] == 239
     assert found["items"][0]["name"] == "ONEWAY_STATE"
 
 
@@ -203,7 +203,7 @@ def test_a_plan_as_json_has_the_same_figures(program: Program) -> None:
             ("--auth", "did you mean 'ed25519'?", "unsigned, mav"),
         ),
         (("paper-dinamic", "--link", "lora"), ("did you mean 'paper-dynamic'?",)),
-        (("paper-static", "--link", "12"), ("radio 12: ", "248 bytes", "at most 20 s", "--auth mavlink instead")),
+        (("paper-static", "--link", "12"), ("radio 12: ", "252 bytes", "at most 20 s", "--auth mavlink instead")),
     ],
 )
 def test_plan_refuses_what_it_cannot_do_in_one_line(

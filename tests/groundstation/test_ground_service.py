@@ -23,7 +23,7 @@ from companion.protocol.authenticator import Authenticator, Trust
 from companion.protocol.frame import raw_frame
 from companion.protocol.keys import keygen, load_mavlink_key, load_public
 from companion.protocol.mavlink_signing import timestamp_of
-from companion.protocol.messages import Directive, MotionFrame, Stamp, StateFrame
+from companion.protocol.messages import REVISIONS, Directive, MotionFrame, Stamp, StateFrame
 from companion.runtime.clock import SteadyClock
 from companion.transport.endpoints import parse_link
 from groundstation import service
@@ -47,7 +47,7 @@ from groundstation.service import load_frame_signer, run_groundstation
 importlib.import_module("scipy.optimize")
 
 NOW_S = 1_790_000_000.0
-KEPT = SavedState(1, 0, "", 0.0, Directive.NORMAL)
+KEPT = SavedState(1, 0, "", 0.0, Directive.NORMAL, 1)
 SMALL = """
 name: small
 broadcast_period_s: 0.1
@@ -406,7 +406,17 @@ def test_the_first_run_begins_now() -> None:
     assert epoch_after(None, NOW_S + 0.7, None) == NOW_S
 
 
-@given(st.builds(SavedState, st.integers(), st.integers(), st.text(), st.floats(0.0, 1e12), st.sampled_from(Directive)))
+@given(
+    st.builds(
+        SavedState,
+        st.integers(),
+        st.integers(),
+        st.text(),
+        st.floats(0.0, 1e12),
+        st.sampled_from(Directive),
+        st.integers(0, REVISIONS - 1),
+    )
+)
 def test_what_is_written_is_what_is_read(kept: SavedState) -> None:
     assert saved_state_from(text_of(kept), Path("x.state")) == kept
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from companion.errors import InputError
 from companion.files.yaml import dump_yaml
+from companion.mission.extent import WHOLE_PLANE_M
 from companion.mission.model import RANGE_RESERVE, Mission, parse_mission
 from companion.mission.resolve import resolve
 from companion.protocol.codec import (
@@ -30,8 +31,7 @@ from companion.protocol.codec import (
     Stamp,
     StateFrame,
 )
-from groundstation.broadcast import WHOLE_PLANE_M
-from groundstation.ground_station import MAX_EPOCH_S, GroundStation
+from groundstation.ground_station import MAX_EPOCH_S, GroundStation, Resumed
 from groundstation.tracks import Track
 
 START_S = 1_790_000_000.0
@@ -494,7 +494,7 @@ class Toy:
 
 
 def test_while_the_epoch_is_ahead_of_the_clock_frames_are_stamped_with_its_beginning() -> None:
-    station = GroundStation(mission(), START_S + 0.5, epoch_s=int(START_S) + 3)
+    station = GroundStation(mission(), START_S + 0.5, resumed=Resumed(epoch_s=int(START_S) + 3))
     stamps = []
     for step in range(5):
         for raw in station.tick(START_S + 0.5 + 2.5 * step):
@@ -529,7 +529,9 @@ def test_a_frame_that_cannot_be_made_is_counted_and_the_rest_goes_out() -> None:
 def test_a_threat_unseen_for_months_is_told_as_large_as_it_may_be(unseen_days: float, speed_m_s: float) -> None:
     text = TEXT.replace("speed_bound_m_s: 0", f"speed_bound_m_s: {speed_m_s}")
     unseen_s = unseen_days * 86_400.0
-    station = GroundStation(parse_mission(text, "test"), START_S, sensed=False, began_s=START_S - unseen_s)
+    station = GroundStation(
+        parse_mission(text, "test"), START_S, sensed=False, resumed=Resumed(began_s=START_S - unseen_s)
+    )
     true_m = min(3_000.0 + speed_m_s * unseen_s, WHOLE_PLANE_M)
     states = [frame for raw in station.tick(START_S) for frame in FrameReader().read(raw)]
     assert isinstance(states[0], StateFrame)

@@ -17,6 +17,7 @@ from companion.protocol.messages import (
     AgentEntry,
     Directive,
     FleetFrame,
+    Grid,
     MissionFrame,
     MotionFrame,
     RadiiEntry,
@@ -67,7 +68,9 @@ def fleet_frame(
 ) -> Sent:
     threats = (ThreatPlace(threat, 0.0, 0.0, 0.0),) if threat else ()
     places = tuple(TargetEntry(target, 0.0, 0.0) for target in targets)
-    return Sent(b"", FleetFrame(Stamp(1, 0, 1, index, 5), Directive.NORMAL, 1, agents, places, threats), 0)
+    return Sent(
+        b"", FleetFrame(Stamp(1, 0, 1, index, 5), Directive.NORMAL, 1, Grid(1, 0, 0), agents, places, threats), 0
+    )
 
 
 def test_an_agent_needs_its_own_entry_its_targets_all_threats_and_what_they_are_read_with() -> None:
@@ -77,8 +80,8 @@ def test_an_agent_needs_its_own_entry_its_targets_all_threats_and_what_they_are_
         fleet_frame(2, targets=(7,)),
         fleet_frame(3, targets=(8,)),
         fleet_frame(4, threat=1),
-        Sent(b"", RadiiFrame(Stamp(1, 0, 1), (RadiiEntry(1, 2.0, 1.0, 0.0),)), 0),
-        Sent(b"", MissionFrame(Stamp(1, 0, 1), 47.0, 8.0, 0.0, 1.0, 1.0, bytes(8), 4, 2, 1, "four", bytes(8)), 0),
+        Sent(b"", RadiiFrame(Stamp(1, 0, 1), 1, 1, (RadiiEntry(1, 2.0, 1.0, 0.0),)), 0),
+        Sent(b"", MissionFrame(Stamp(1, 0, 1), 1, 47.0, 8.0, 0.0, 1.0, 1.0, bytes(8), 4, 2, 1, "four", bytes(8)), 0),
         Sent(b"", MotionFrame(Stamp(1, 0, 1), (), (), ()), 0),
         Sent(b"", None, 0),
     ]

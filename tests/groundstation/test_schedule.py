@@ -40,7 +40,7 @@ KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 EPOCH_S = int(START_S)
 FRAME_BYTES = len(
     FrameWriter().encode(
-        StateFrame(Stamp(EPOCH_S, 1, 1), 47.0, 8.0, Directive.NORMAL, (), (TargetEntry(1, 1.0, 1.0),), ())
+        StateFrame(Stamp(EPOCH_S, 1, 1), 47.0, 8.0, Directive.NORMAL, 1, 0, 1, 100, (), (TargetEntry(1, 1.0, 1.0),), ())
     )
 )
 
@@ -64,7 +64,7 @@ class Talker:
     def refresh(self, now_s: float, payload_bytes: int) -> list[BroadcastFrame]:
         self.sequence += 1
         target = (TargetEntry(1, 1.0, 1.0),)
-        whole = StateFrame(self.stamp(now_s), 47.0, 8.0, self.directive, (), target, ())
+        whole = StateFrame(self.stamp(now_s), 47.0, 8.0, self.directive, 1, 0, 1, 100, (), target, ())
         count = self.states
         return [replace(whole, stamp=replace(whole.stamp, frame_index=i, frame_count=count)) for i in range(count)]
 
@@ -72,7 +72,9 @@ class Talker:
         stamp, count = self.stamp(now_s), self.bands
         frames: list[BroadcastFrame] = []
         if self.with_mission:
-            frames.append(MissionFrame(stamp, 47.0, 8.0, 500.0, 100.0, 300.0, bytes(8), 500, 50, 50, "talk", bytes(8)))
+            frames.append(
+                MissionFrame(stamp, 1, 47.0, 8.0, 500.0, 100.0, 300.0, bytes(8), 500, 50, 50, "talk", bytes(8))
+            )
         return frames + [BandsFrame(replace(stamp, frame_index=i, frame_count=count), ()) for i in range(count)]
 
     def overhear(self, datagram: bytes, now_s: float) -> None:
@@ -519,7 +521,7 @@ def test_without_a_radio_the_stations_own_frames_are_sealed_as_they_come() -> No
     broadcaster = Broadcaster(Talker(1), None, FrameSigner(KEY, signer))
     (data,) = broadcaster.tick(START_S)
     assert data[2] == 1
-    assert len(data) == 12 + 159 + 64 + 13
+    assert len(data) == 12 + 163 + 64 + 13
     assert broadcaster.pace == 1.0
 
 

@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.geo.local_frame import LocalFrame
+from companion.mission.extent import FARTHEST_M
 from companion.mission.model import parse_mission
 from companion.protocol.codec import Detection, DetectionsFrame, Kind
 from groundstation.agents import Estimate
-from groundstation.tracks import FARTHEST_M, TrackTable
+from groundstation.tracks import TrackTable
 
 START_S = 1_790_000_000.0
 ORIGIN_DEG = (47.0, 8.0)

@@ -43,7 +43,7 @@ async def _broadcast(port: int, stop: asyncio.Event) -> None:
     for sequence in range(1, 1_000):
         after_ms = round(1e3 * (time.time() - epoch_s))
         stamp = Stamp(epoch_s, after_ms, sequence)
-        sender.send(writer.encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, (), (), ())))
+        sender.send(writer.encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, 1, 0, 0, 100, (), (), ())))
         if stop.is_set():
             break
         await asyncio.sleep(0.2)

@@ -80,7 +80,7 @@ async def _broadcast(port: int, stop: asyncio.Event) -> None:
     while not stop.is_set():
         sequence += 1
         stamp = Stamp(epoch_s, round(1e3 * (time.time() - epoch_s)), sequence)
-        sender.send(writer.encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, (), (), ())))
+        sender.send(writer.encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, 1, 0, 0, 100, (), (), ())))
         await asyncio.sleep(0.2)
     sender.close()
 

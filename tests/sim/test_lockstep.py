@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -284,7 +285,7 @@ def test_a_companion_believes_what_the_wire_says_and_nothing_else() -> None:
         moved = type(target)(target.id, -12_000.0, 0.0)
         agents = tuple(AgentEntry(agent.id, agent.north_m, agent.east_m, target.id) for agent in frame.agents)
         return writer.encode(
-            StateFrame(frame.stamp, frame.origin_lat_deg, frame.origin_lon_deg, Directive.NORMAL, agents, (moved,), ())
+            replace(frame, directive=Directive.NORMAL, picture_threats=0, agents=agents, targets=(moved,), threats=())
         )
 
     flight = fly(mission_of("max_time_s: 150"), 1, FlightOptions(tamper=elsewhere))

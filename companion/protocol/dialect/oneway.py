@@ -388,7 +388,7 @@ enums["ONEWAY_SECTION"].bitmask = False
 ONEWAY_SECTION_AGENTS = 1
 enums["ONEWAY_SECTION"][1] = EnumEntry("ONEWAY_SECTION_AGENTS", """north, east (uint16, units of resolution from the base), target (uint8: 0 none, else 1 + id - target_base). UINT16_MAX, UINT16_MAX, 0: nobody has this id.""")
 ONEWAY_SECTION_AGENTS_UNPLACED = 2
-enums["ONEWAY_SECTION"][2] = EnumEntry("ONEWAY_SECTION_AGENTS_UNPLACED", """Agents of whom the ground station does not know where they are. target (uint8) as in ONEWAY_SECTION_AGENTS; 255: nobody has this id.""")
+enums["ONEWAY_SECTION"][2] = EnumEntry("ONEWAY_SECTION_AGENTS_UNPLACED", """Agents of whom the ground station does not know where they are, or who are off the grid. target (uint8) as in ONEWAY_SECTION_AGENTS; 255: nobody has this id.""")
 ONEWAY_SECTION_TARGETS = 3
 enums["ONEWAY_SECTION"][3] = EnumEntry("ONEWAY_SECTION_TARGETS", """north, east (uint16, units of resolution from the base).""")
 ONEWAY_SECTION_THREATS = 4
@@ -938,29 +938,29 @@ class MAVLink_oneway_state_message(MAVLink_message):
     Ground station to all agents, one way, never answered. Self-
     contained: who goes where, and where the threats are. Positions
     are north/east on the WGS84 azimuthal equidistant plane about the
-    origin, in units of the frame's resolution. A mission too large
-    for one frame is cut into frame_count frames, each useful alone.
-    Newest (epoch, sequence) wins.
+    origin, in units of the resolution. A mission too large for one
+    frame is cut into frame_count frames, each useful alone. Newest
+    (epoch, sequence) wins.
     """
 
     id = MAVLINK_MSG_ID_ONEWAY_STATE
     msgname = "ONEWAY_STATE"
-    fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "agent_north", "agent_east", "target_north", "target_east", "threat_north", "threat_east", "threat_detection", "threat_attack", "resolution", "agent_id_base", "target_id_base", "threat_id_base", "directive", "frame_index", "frame_count", "agent_count", "target_count", "threat_count", "threat_speed_bound", "threat_id", "target_id", "agent_id", "agent_target", "ed25519_signature"]
-    ordered_fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "agent_north", "agent_east", "target_north", "target_east", "threat_north", "threat_east", "threat_detection", "threat_attack", "resolution", "agent_id_base", "target_id_base", "threat_id_base", "directive", "frame_index", "frame_count", "agent_count", "target_count", "threat_count", "threat_speed_bound", "threat_id", "target_id", "agent_id", "agent_target", "ed25519_signature"]
-    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int32_t", "int32_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "agent_north", "agent_east", "target_north", "target_east", "threat_north", "threat_east", "threat_detection", "threat_attack", "resolution", "agent_id_base", "target_id_base", "threat_id_base", "picture_threats", "revision", "picture_targets", "directive", "frame_index", "frame_count", "agent_count", "target_count", "threat_count", "threat_speed_bound", "threat_id", "target_id", "agent_id", "agent_target", "ed25519_signature"]
+    ordered_fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "agent_north", "agent_east", "target_north", "target_east", "threat_north", "threat_east", "threat_detection", "threat_attack", "resolution", "agent_id_base", "target_id_base", "threat_id_base", "picture_threats", "revision", "picture_targets", "directive", "frame_index", "frame_count", "agent_count", "target_count", "threat_count", "threat_speed_bound", "threat_id", "target_id", "agent_id", "agent_target", "ed25519_signature"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int32_t", "int32_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {"directive": "ONEWAY_DIRECTIVE"}
     fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "origin_lat": "degE7", "origin_lon": "degE7", "resolution": "cm", "threat_speed_bound": "m/s"}
-    native_format = bytearray(b"<IIIiihhhhhhHHHHHHBBBBBBBBBBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28]
-    lengths = [1, 1, 1, 1, 1, 10, 10, 5, 5, 4, 4, 4, 4, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 4, 4, 5, 10, 10, 64]
-    array_lengths = [0, 0, 0, 0, 0, 10, 10, 5, 5, 4, 4, 4, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 4, 5, 10, 10, 64]
-    crc_extra = 19
-    unpacker = struct.Struct("<IIIii10h10h5h5h4h4h4H4HHHHHBBBBBB4B4B5B10B10B64B")
+    native_format = bytearray(b"<IIIiihhhhhhHHHHHHHBBBBBBBBBBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31]
+    lengths = [1, 1, 1, 1, 1, 10, 10, 5, 5, 4, 4, 4, 4, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 4, 4, 5, 10, 10, 64]
+    array_lengths = [0, 0, 0, 0, 0, 10, 10, 5, 5, 4, 4, 4, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 4, 5, 10, 10, 64]
+    crc_extra = 223
+    unpacker = struct.Struct("<IIIii10h10h5h5h4h4h4H4HHHHHHBBBBBBBB4B4B5B10B10B64B")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, agent_north: Sequence[int], agent_east: Sequence[int], target_north: Sequence[int], target_east: Sequence[int], threat_north: Sequence[int], threat_east: Sequence[int], threat_detection: Sequence[int], threat_attack: Sequence[int], resolution: int, agent_id_base: int, target_id_base: int, threat_id_base: int, directive: int, frame_index: int, frame_count: int, agent_count: int, target_count: int, threat_count: int, threat_speed_bound: Sequence[int], threat_id: Sequence[int], target_id: Sequence[int], agent_id: Sequence[int], agent_target: Sequence[int], ed25519_signature: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)):
+    def __init__(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, agent_north: Sequence[int], agent_east: Sequence[int], target_north: Sequence[int], target_east: Sequence[int], threat_north: Sequence[int], threat_east: Sequence[int], threat_detection: Sequence[int], threat_attack: Sequence[int], resolution: int, agent_id_base: int, target_id_base: int, threat_id_base: int, picture_threats: int, revision: int, picture_targets: int, directive: int, frame_index: int, frame_count: int, agent_count: int, target_count: int, threat_count: int, threat_speed_bound: Sequence[int], threat_id: Sequence[int], target_id: Sequence[int], agent_id: Sequence[int], agent_target: Sequence[int], ed25519_signature: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)):
         MAVLink_message.__init__(self, MAVLink_oneway_state_message.id, MAVLink_oneway_state_message.msgname)
         self._fieldnames = MAVLink_oneway_state_message.fieldnames
         self._instance_field = MAVLink_oneway_state_message.instance_field
@@ -982,6 +982,9 @@ class MAVLink_oneway_state_message(MAVLink_message):
         self.agent_id_base = agent_id_base
         self.target_id_base = target_id_base
         self.threat_id_base = threat_id_base
+        self.picture_threats = picture_threats
+        self.revision = revision
+        self.picture_targets = picture_targets
         self.directive = directive
         self.frame_index = frame_index
         self.frame_count = frame_count
@@ -996,7 +999,7 @@ class MAVLink_oneway_state_message(MAVLink_message):
         self.ed25519_signature = ed25519_signature
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.origin_lat, self.origin_lon, self.agent_north[0], self.agent_north[1], self.agent_north[2], self.agent_north[3], self.agent_north[4], self.agent_north[5], self.agent_north[6], self.agent_north[7], self.agent_north[8], self.agent_north[9], self.agent_east[0], self.agent_east[1], self.agent_east[2], self.agent_east[3], self.agent_east[4], self.agent_east[5], self.agent_east[6], self.agent_east[7], self.agent_east[8], self.agent_east[9], self.target_north[0], self.target_north[1], self.target_north[2], self.target_north[3], self.target_north[4], self.target_east[0], self.target_east[1], self.target_east[2], self.target_east[3], self.target_east[4], self.threat_north[0], self.threat_north[1], self.threat_north[2], self.threat_north[3], self.threat_east[0], self.threat_east[1], self.threat_east[2], self.threat_east[3], self.threat_detection[0], self.threat_detection[1], self.threat_detection[2], self.threat_detection[3], self.threat_attack[0], self.threat_attack[1], self.threat_attack[2], self.threat_attack[3], self.resolution, self.agent_id_base, self.target_id_base, self.threat_id_base, self.directive, self.frame_index, self.frame_count, self.agent_count, self.target_count, self.threat_count, self.threat_speed_bound[0], self.threat_speed_bound[1], self.threat_speed_bound[2], self.threat_speed_bound[3], self.threat_id[0], self.threat_id[1], self.threat_id[2], self.threat_id[3], self.target_id[0], self.target_id[1], self.target_id[2], self.target_id[3], self.target_id[4], self.agent_id[0], self.agent_id[1], self.agent_id[2], self.agent_id[3], self.agent_id[4], self.agent_id[5], self.agent_id[6], self.agent_id[7], self.agent_id[8], self.agent_id[9], self.agent_target[0], self.agent_target[1], self.agent_target[2], self.agent_target[3], self.agent_target[4], self.agent_target[5], self.agent_target[6], self.agent_target[7], self.agent_target[8], self.agent_target[9], self.ed25519_signature[0], self.ed25519_signature[1], self.ed25519_signature[2], self.ed25519_signature[3], self.ed25519_signature[4], self.ed25519_signature[5], self.ed25519_signature[6], self.ed25519_signature[7], self.ed25519_signature[8], self.ed25519_signature[9], self.ed25519_signature[10], self.ed25519_signature[11], self.ed25519_signature[12], self.ed25519_signature[13], self.ed25519_signature[14], self.ed25519_signature[15], self.ed25519_signature[16], self.ed25519_signature[17], self.ed25519_signature[18], self.ed25519_signature[19], self.ed25519_signature[20], self.ed25519_signature[21], self.ed25519_signature[22], self.ed25519_signature[23], self.ed25519_signature[24], self.ed25519_signature[25], self.ed25519_signature[26], self.ed25519_signature[27], self.ed25519_signature[28], self.ed25519_signature[29], self.ed25519_signature[30], self.ed25519_signature[31], self.ed25519_signature[32], self.ed25519_signature[33], self.ed25519_signature[34], self.ed25519_signature[35], self.ed25519_signature[36], self.ed25519_signature[37], self.ed25519_signature[38], self.ed25519_signature[39], self.ed25519_signature[40], self.ed25519_signature[41], self.ed25519_signature[42], self.ed25519_signature[43], self.ed25519_signature[44], self.ed25519_signature[45], self.ed25519_signature[46], self.ed25519_signature[47], self.ed25519_signature[48], self.ed25519_signature[49], self.ed25519_signature[50], self.ed25519_signature[51], self.ed25519_signature[52], self.ed25519_signature[53], self.ed25519_signature[54], self.ed25519_signature[55], self.ed25519_signature[56], self.ed25519_signature[57], self.ed25519_signature[58], self.ed25519_signature[59], self.ed25519_signature[60], self.ed25519_signature[61], self.ed25519_signature[62], self.ed25519_signature[63]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.origin_lat, self.origin_lon, self.agent_north[0], self.agent_north[1], self.agent_north[2], self.agent_north[3], self.agent_north[4], self.agent_north[5], self.agent_north[6], self.agent_north[7], self.agent_north[8], self.agent_north[9], self.agent_east[0], self.agent_east[1], self.agent_east[2], self.agent_east[3], self.agent_east[4], self.agent_east[5], self.agent_east[6], self.agent_east[7], self.agent_east[8], self.agent_east[9], self.target_north[0], self.target_north[1], self.target_north[2], self.target_north[3], self.target_north[4], self.target_east[0], self.target_east[1], self.target_east[2], self.target_east[3], self.target_east[4], self.threat_north[0], self.threat_north[1], self.threat_north[2], self.threat_north[3], self.threat_east[0], self.threat_east[1], self.threat_east[2], self.threat_east[3], self.threat_detection[0], self.threat_detection[1], self.threat_detection[2], self.threat_detection[3], self.threat_attack[0], self.threat_attack[1], self.threat_attack[2], self.threat_attack[3], self.resolution, self.agent_id_base, self.target_id_base, self.threat_id_base, self.picture_threats, self.revision, self.picture_targets, self.directive, self.frame_index, self.frame_count, self.agent_count, self.target_count, self.threat_count, self.threat_speed_bound[0], self.threat_speed_bound[1], self.threat_speed_bound[2], self.threat_speed_bound[3], self.threat_id[0], self.threat_id[1], self.threat_id[2], self.threat_id[3], self.target_id[0], self.target_id[1], self.target_id[2], self.target_id[3], self.target_id[4], self.agent_id[0], self.agent_id[1], self.agent_id[2], self.agent_id[3], self.agent_id[4], self.agent_id[5], self.agent_id[6], self.agent_id[7], self.agent_id[8], self.agent_id[9], self.agent_target[0], self.agent_target[1], self.agent_target[2], self.agent_target[3], self.agent_target[4], self.agent_target[5], self.agent_target[6], self.agent_target[7], self.agent_target[8], self.agent_target[9], self.ed25519_signature[0], self.ed25519_signature[1], self.ed25519_signature[2], self.ed25519_signature[3], self.ed25519_signature[4], self.ed25519_signature[5], self.ed25519_signature[6], self.ed25519_signature[7], self.ed25519_signature[8], self.ed25519_signature[9], self.ed25519_signature[10], self.ed25519_signature[11], self.ed25519_signature[12], self.ed25519_signature[13], self.ed25519_signature[14], self.ed25519_signature[15], self.ed25519_signature[16], self.ed25519_signature[17], self.ed25519_signature[18], self.ed25519_signature[19], self.ed25519_signature[20], self.ed25519_signature[21], self.ed25519_signature[22], self.ed25519_signature[23], self.ed25519_signature[24], self.ed25519_signature[25], self.ed25519_signature[26], self.ed25519_signature[27], self.ed25519_signature[28], self.ed25519_signature[29], self.ed25519_signature[30], self.ed25519_signature[31], self.ed25519_signature[32], self.ed25519_signature[33], self.ed25519_signature[34], self.ed25519_signature[35], self.ed25519_signature[36], self.ed25519_signature[37], self.ed25519_signature[38], self.ed25519_signature[39], self.ed25519_signature[40], self.ed25519_signature[41], self.ed25519_signature[42], self.ed25519_signature[43], self.ed25519_signature[44], self.ed25519_signature[45], self.ed25519_signature[46], self.ed25519_signature[47], self.ed25519_signature[48], self.ed25519_signature[49], self.ed25519_signature[50], self.ed25519_signature[51], self.ed25519_signature[52], self.ed25519_signature[53], self.ed25519_signature[54], self.ed25519_signature[55], self.ed25519_signature[56], self.ed25519_signature[57], self.ed25519_signature[58], self.ed25519_signature[59], self.ed25519_signature[60], self.ed25519_signature[61], self.ed25519_signature[62], self.ed25519_signature[63]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -1224,22 +1227,22 @@ class MAVLink_oneway_fleet_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_ONEWAY_FLEET
     msgname = "ONEWAY_FLEET"
-    fieldnames = ["epoch", "time_ms", "sequence", "north_base", "east_base", "resolution", "directive", "frame_index", "frame_count", "size", "data"]
-    ordered_fieldnames = ["epoch", "time_ms", "sequence", "north_base", "east_base", "resolution", "directive", "frame_index", "frame_count", "size", "data"]
-    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int16_t", "int16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["epoch", "time_ms", "sequence", "north_base", "east_base", "resolution", "revision", "directive", "frame_index", "frame_count", "size", "data"]
+    ordered_fieldnames = ["epoch", "time_ms", "sequence", "north_base", "east_base", "resolution", "revision", "directive", "frame_index", "frame_count", "size", "data"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int16_t", "int16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {"directive": "ONEWAY_DIRECTIVE"}
     fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "resolution": "cm", "size": "bytes"}
-    native_format = bytearray(b"<IIIhhHBBBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 233]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 233]
-    crc_extra = 76
-    unpacker = struct.Struct("<IIIhhHBBBB233B")
+    native_format = bytearray(b"<IIIhhHBBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 232]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 232]
+    crc_extra = 183
+    unpacker = struct.Struct("<IIIhhHBBBBB232B")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, epoch: int, time_ms: int, sequence: int, north_base: int, east_base: int, resolution: int, directive: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]):
+    def __init__(self, epoch: int, time_ms: int, sequence: int, north_base: int, east_base: int, resolution: int, revision: int, directive: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]):
         MAVLink_message.__init__(self, MAVLink_oneway_fleet_message.id, MAVLink_oneway_fleet_message.msgname)
         self._fieldnames = MAVLink_oneway_fleet_message.fieldnames
         self._instance_field = MAVLink_oneway_fleet_message.instance_field
@@ -1250,6 +1253,7 @@ class MAVLink_oneway_fleet_message(MAVLink_message):
         self.north_base = north_base
         self.east_base = east_base
         self.resolution = resolution
+        self.revision = revision
         self.directive = directive
         self.frame_index = frame_index
         self.frame_count = frame_count
@@ -1257,7 +1261,7 @@ class MAVLink_oneway_fleet_message(MAVLink_message):
         self.data = data
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.north_base, self.east_base, self.resolution, self.directive, self.frame_index, self.frame_count, self.size, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89], self.data[90], self.data[91], self.data[92], self.data[93], self.data[94], self.data[95], self.data[96], self.data[97], self.data[98], self.data[99], self.data[100], self.data[101], self.data[102], self.data[103], self.data[104], self.data[105], self.data[106], self.data[107], self.data[108], self.data[109], self.data[110], self.data[111], self.data[112], self.data[113], self.data[114], self.data[115], self.data[116], self.data[117], self.data[118], self.data[119], self.data[120], self.data[121], self.data[122], self.data[123], self.data[124], self.data[125], self.data[126], self.data[127], self.data[128], self.data[129], self.data[130], self.data[131], self.data[132], self.data[133], self.data[134], self.data[135], self.data[136], self.data[137], self.data[138], self.data[139], self.data[140], self.data[141], self.data[142], self.data[143], self.data[144], self.data[145], self.data[146], self.data[147], self.data[148], self.data[149], self.data[150], self.data[151], self.data[152], self.data[153], self.data[154], self.data[155], self.data[156], self.data[157], self.data[158], self.data[159], self.data[160], self.data[161], self.data[162], self.data[163], self.data[164], self.data[165], self.data[166], self.data[167], self.data[168], self.data[169], self.data[170], self.data[171], self.data[172], self.data[173], self.data[174], self.data[175], self.data[176], self.data[177], self.data[178], self.data[179], self.data[180], self.data[181], self.data[182], self.data[183], self.data[184], self.data[185], self.data[186], self.data[187], self.data[188], self.data[189], self.data[190], self.data[191], self.data[192], self.data[193], self.data[194], self.data[195], self.data[196], self.data[197], self.data[198], self.data[199], self.data[200], self.data[201], self.data[202], self.data[203], self.data[204], self.data[205], self.data[206], self.data[207], self.data[208], self.data[209], self.data[210], self.data[211], self.data[212], self.data[213], self.data[214], self.data[215], self.data[216], self.data[217], self.data[218], self.data[219], self.data[220], self.data[221], self.data[222], self.data[223], self.data[224], self.data[225], self.data[226], self.data[227], self.data[228], self.data[229], self.data[230], self.data[231], self.data[232]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.north_base, self.east_base, self.resolution, self.revision, self.directive, self.frame_index, self.frame_count, self.size, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89], self.data[90], self.data[91], self.data[92], self.data[93], self.data[94], self.data[95], self.data[96], self.data[97], self.data[98], self.data[99], self.data[100], self.data[101], self.data[102], self.data[103], self.data[104], self.data[105], self.data[106], self.data[107], self.data[108], self.data[109], self.data[110], self.data[111], self.data[112], self.data[113], self.data[114], self.data[115], self.data[116], self.data[117], self.data[118], self.data[119], self.data[120], self.data[121], self.data[122], self.data[123], self.data[124], self.data[125], self.data[126], self.data[127], self.data[128], self.data[129], self.data[130], self.data[131], self.data[132], self.data[133], self.data[134], self.data[135], self.data[136], self.data[137], self.data[138], self.data[139], self.data[140], self.data[141], self.data[142], self.data[143], self.data[144], self.data[145], self.data[146], self.data[147], self.data[148], self.data[149], self.data[150], self.data[151], self.data[152], self.data[153], self.data[154], self.data[155], self.data[156], self.data[157], self.data[158], self.data[159], self.data[160], self.data[161], self.data[162], self.data[163], self.data[164], self.data[165], self.data[166], self.data[167], self.data[168], self.data[169], self.data[170], self.data[171], self.data[172], self.data[173], self.data[174], self.data[175], self.data[176], self.data[177], self.data[178], self.data[179], self.data[180], self.data[181], self.data[182], self.data[183], self.data[184], self.data[185], self.data[186], self.data[187], self.data[188], self.data[189], self.data[190], self.data[191], self.data[192], self.data[193], self.data[194], self.data[195], self.data[196], self.data[197], self.data[198], self.data[199], self.data[200], self.data[201], self.data[202], self.data[203], self.data[204], self.data[205], self.data[206], self.data[207], self.data[208], self.data[209], self.data[210], self.data[211], self.data[212], self.data[213], self.data[214], self.data[215], self.data[216], self.data[217], self.data[218], self.data[219], self.data[220], self.data[221], self.data[222], self.data[223], self.data[224], self.data[225], self.data[226], self.data[227], self.data[228], self.data[229], self.data[230], self.data[231]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -1275,22 +1279,22 @@ class MAVLink_oneway_radii_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_ONEWAY_RADII
     msgname = "ONEWAY_RADII"
-    fieldnames = ["epoch", "time_ms", "sequence", "resolution", "frame_index", "frame_count", "size", "data"]
-    ordered_fieldnames = ["epoch", "time_ms", "sequence", "resolution", "frame_index", "frame_count", "size", "data"]
-    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["epoch", "time_ms", "sequence", "resolution", "revision", "frame_index", "frame_count", "size", "data"]
+    ordered_fieldnames = ["epoch", "time_ms", "sequence", "resolution", "revision", "frame_index", "frame_count", "size", "data"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
     fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "resolution": "cm", "size": "bytes"}
-    native_format = bytearray(b"<IIIHBBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 238]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 238]
-    crc_extra = 41
-    unpacker = struct.Struct("<IIIHBBB238B")
+    native_format = bytearray(b"<IIIHBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 237]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 237]
+    crc_extra = 247
+    unpacker = struct.Struct("<IIIHBBBB237B")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, epoch: int, time_ms: int, sequence: int, resolution: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]):
+    def __init__(self, epoch: int, time_ms: int, sequence: int, resolution: int, revision: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]):
         MAVLink_message.__init__(self, MAVLink_oneway_radii_message.id, MAVLink_oneway_radii_message.msgname)
         self._fieldnames = MAVLink_oneway_radii_message.fieldnames
         self._instance_field = MAVLink_oneway_radii_message.instance_field
@@ -1299,13 +1303,14 @@ class MAVLink_oneway_radii_message(MAVLink_message):
         self.time_ms = time_ms
         self.sequence = sequence
         self.resolution = resolution
+        self.revision = revision
         self.frame_index = frame_index
         self.frame_count = frame_count
         self.size = size
         self.data = data
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.resolution, self.frame_index, self.frame_count, self.size, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89], self.data[90], self.data[91], self.data[92], self.data[93], self.data[94], self.data[95], self.data[96], self.data[97], self.data[98], self.data[99], self.data[100], self.data[101], self.data[102], self.data[103], self.data[104], self.data[105], self.data[106], self.data[107], self.data[108], self.data[109], self.data[110], self.data[111], self.data[112], self.data[113], self.data[114], self.data[115], self.data[116], self.data[117], self.data[118], self.data[119], self.data[120], self.data[121], self.data[122], self.data[123], self.data[124], self.data[125], self.data[126], self.data[127], self.data[128], self.data[129], self.data[130], self.data[131], self.data[132], self.data[133], self.data[134], self.data[135], self.data[136], self.data[137], self.data[138], self.data[139], self.data[140], self.data[141], self.data[142], self.data[143], self.data[144], self.data[145], self.data[146], self.data[147], self.data[148], self.data[149], self.data[150], self.data[151], self.data[152], self.data[153], self.data[154], self.data[155], self.data[156], self.data[157], self.data[158], self.data[159], self.data[160], self.data[161], self.data[162], self.data[163], self.data[164], self.data[165], self.data[166], self.data[167], self.data[168], self.data[169], self.data[170], self.data[171], self.data[172], self.data[173], self.data[174], self.data[175], self.data[176], self.data[177], self.data[178], self.data[179], self.data[180], self.data[181], self.data[182], self.data[183], self.data[184], self.data[185], self.data[186], self.data[187], self.data[188], self.data[189], self.data[190], self.data[191], self.data[192], self.data[193], self.data[194], self.data[195], self.data[196], self.data[197], self.data[198], self.data[199], self.data[200], self.data[201], self.data[202], self.data[203], self.data[204], self.data[205], self.data[206], self.data[207], self.data[208], self.data[209], self.data[210], self.data[211], self.data[212], self.data[213], self.data[214], self.data[215], self.data[216], self.data[217], self.data[218], self.data[219], self.data[220], self.data[221], self.data[222], self.data[223], self.data[224], self.data[225], self.data[226], self.data[227], self.data[228], self.data[229], self.data[230], self.data[231], self.data[232], self.data[233], self.data[234], self.data[235], self.data[236], self.data[237]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.resolution, self.revision, self.frame_index, self.frame_count, self.size, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89], self.data[90], self.data[91], self.data[92], self.data[93], self.data[94], self.data[95], self.data[96], self.data[97], self.data[98], self.data[99], self.data[100], self.data[101], self.data[102], self.data[103], self.data[104], self.data[105], self.data[106], self.data[107], self.data[108], self.data[109], self.data[110], self.data[111], self.data[112], self.data[113], self.data[114], self.data[115], self.data[116], self.data[117], self.data[118], self.data[119], self.data[120], self.data[121], self.data[122], self.data[123], self.data[124], self.data[125], self.data[126], self.data[127], self.data[128], self.data[129], self.data[130], self.data[131], self.data[132], self.data[133], self.data[134], self.data[135], self.data[136], self.data[137], self.data[138], self.data[139], self.data[140], self.data[141], self.data[142], self.data[143], self.data[144], self.data[145], self.data[146], self.data[147], self.data[148], self.data[149], self.data[150], self.data[151], self.data[152], self.data[153], self.data[154], self.data[155], self.data[156], self.data[157], self.data[158], self.data[159], self.data[160], self.data[161], self.data[162], self.data[163], self.data[164], self.data[165], self.data[166], self.data[167], self.data[168], self.data[169], self.data[170], self.data[171], self.data[172], self.data[173], self.data[174], self.data[175], self.data[176], self.data[177], self.data[178], self.data[179], self.data[180], self.data[181], self.data[182], self.data[183], self.data[184], self.data[185], self.data[186], self.data[187], self.data[188], self.data[189], self.data[190], self.data[191], self.data[192], self.data[193], self.data[194], self.data[195], self.data[196], self.data[197], self.data[198], self.data[199], self.data[200], self.data[201], self.data[202], self.data[203], self.data[204], self.data[205], self.data[206], self.data[207], self.data[208], self.data[209], self.data[210], self.data[211], self.data[212], self.data[213], self.data[214], self.data[215], self.data[216], self.data[217], self.data[218], self.data[219], self.data[220], self.data[221], self.data[222], self.data[223], self.data[224], self.data[225], self.data[226], self.data[227], self.data[228], self.data[229], self.data[230], self.data[231], self.data[232], self.data[233], self.data[234], self.data[235], self.data[236]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -1322,22 +1327,22 @@ class MAVLink_oneway_mission_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_ONEWAY_MISSION
     msgname = "ONEWAY_MISSION"
-    fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "origin_alt", "separation", "arrival_radius", "agent_count", "target_count", "threat_count", "surrogate_digest", "mission_digest", "size", "data"]
-    ordered_fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "origin_alt", "separation", "arrival_radius", "agent_count", "target_count", "threat_count", "surrogate_digest", "mission_digest", "size", "data"]
-    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int32_t", "int32_t", "int32_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "origin_alt", "separation", "arrival_radius", "agent_count", "target_count", "threat_count", "revision", "surrogate_digest", "mission_digest", "size", "data"]
+    ordered_fieldnames = ["epoch", "time_ms", "sequence", "origin_lat", "origin_lon", "origin_alt", "separation", "arrival_radius", "agent_count", "target_count", "threat_count", "revision", "surrogate_digest", "mission_digest", "size", "data"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int32_t", "int32_t", "int32_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
     fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "origin_lat": "degE7", "origin_lon": "degE7", "origin_alt": "dm", "separation": "dm", "arrival_radius": "dm", "size": "bytes"}
-    native_format = bytearray(b"<IIIiiiHHHHHBBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 8, 8, 1, 204]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 8, 8, 0, 204]
-    crc_extra = 255
-    unpacker = struct.Struct("<IIIiiiHHHHH8B8BB204B")
+    native_format = bytearray(b"<IIIiiiHHHHHBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 8, 8, 1, 203]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 8, 8, 0, 203]
+    crc_extra = 117
+    unpacker = struct.Struct("<IIIiiiHHHHHB8B8BB203B")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], mission_digest: Sequence[int], size: int, data: Sequence[int]):
+    def __init__(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, revision: int, surrogate_digest: Sequence[int], mission_digest: Sequence[int], size: int, data: Sequence[int]):
         MAVLink_message.__init__(self, MAVLink_oneway_mission_message.id, MAVLink_oneway_mission_message.msgname)
         self._fieldnames = MAVLink_oneway_mission_message.fieldnames
         self._instance_field = MAVLink_oneway_mission_message.instance_field
@@ -1353,13 +1358,14 @@ class MAVLink_oneway_mission_message(MAVLink_message):
         self.agent_count = agent_count
         self.target_count = target_count
         self.threat_count = threat_count
+        self.revision = revision
         self.surrogate_digest = surrogate_digest
         self.mission_digest = mission_digest
         self.size = size
         self.data = data
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.origin_lat, self.origin_lon, self.origin_alt, self.separation, self.arrival_radius, self.agent_count, self.target_count, self.threat_count, self.surrogate_digest[0], self.surrogate_digest[1], self.surrogate_digest[2], self.surrogate_digest[3], self.surrogate_digest[4], self.surrogate_digest[5], self.surrogate_digest[6], self.surrogate_digest[7], self.mission_digest[0], self.mission_digest[1], self.mission_digest[2], self.mission_digest[3], self.mission_digest[4], self.mission_digest[5], self.mission_digest[6], self.mission_digest[7], self.size, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89], self.data[90], self.data[91], self.data[92], self.data[93], self.data[94], self.data[95], self.data[96], self.data[97], self.data[98], self.data[99], self.data[100], self.data[101], self.data[102], self.data[103], self.data[104], self.data[105], self.data[106], self.data[107], self.data[108], self.data[109], self.data[110], self.data[111], self.data[112], self.data[113], self.data[114], self.data[115], self.data[116], self.data[117], self.data[118], self.data[119], self.data[120], self.data[121], self.data[122], self.data[123], self.data[124], self.data[125], self.data[126], self.data[127], self.data[128], self.data[129], self.data[130], self.data[131], self.data[132], self.data[133], self.data[134], self.data[135], self.data[136], self.data[137], self.data[138], self.data[139], self.data[140], self.data[141], self.data[142], self.data[143], self.data[144], self.data[145], self.data[146], self.data[147], self.data[148], self.data[149], self.data[150], self.data[151], self.data[152], self.data[153], self.data[154], self.data[155], self.data[156], self.data[157], self.data[158], self.data[159], self.data[160], self.data[161], self.data[162], self.data[163], self.data[164], self.data[165], self.data[166], self.data[167], self.data[168], self.data[169], self.data[170], self.data[171], self.data[172], self.data[173], self.data[174], self.data[175], self.data[176], self.data[177], self.data[178], self.data[179], self.data[180], self.data[181], self.data[182], self.data[183], self.data[184], self.data[185], self.data[186], self.data[187], self.data[188], self.data[189], self.data[190], self.data[191], self.data[192], self.data[193], self.data[194], self.data[195], self.data[196], self.data[197], self.data[198], self.data[199], self.data[200], self.data[201], self.data[202], self.data[203]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.epoch, self.time_ms, self.sequence, self.origin_lat, self.origin_lon, self.origin_alt, self.separation, self.arrival_radius, self.agent_count, self.target_count, self.threat_count, self.revision, self.surrogate_digest[0], self.surrogate_digest[1], self.surrogate_digest[2], self.surrogate_digest[3], self.surrogate_digest[4], self.surrogate_digest[5], self.surrogate_digest[6], self.surrogate_digest[7], self.mission_digest[0], self.mission_digest[1], self.mission_digest[2], self.mission_digest[3], self.mission_digest[4], self.mission_digest[5], self.mission_digest[6], self.mission_digest[7], self.size, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89], self.data[90], self.data[91], self.data[92], self.data[93], self.data[94], self.data[95], self.data[96], self.data[97], self.data[98], self.data[99], self.data[100], self.data[101], self.data[102], self.data[103], self.data[104], self.data[105], self.data[106], self.data[107], self.data[108], self.data[109], self.data[110], self.data[111], self.data[112], self.data[113], self.data[114], self.data[115], self.data[116], self.data[117], self.data[118], self.data[119], self.data[120], self.data[121], self.data[122], self.data[123], self.data[124], self.data[125], self.data[126], self.data[127], self.data[128], self.data[129], self.data[130], self.data[131], self.data[132], self.data[133], self.data[134], self.data[135], self.data[136], self.data[137], self.data[138], self.data[139], self.data[140], self.data[141], self.data[142], self.data[143], self.data[144], self.data[145], self.data[146], self.data[147], self.data[148], self.data[149], self.data[150], self.data[151], self.data[152], self.data[153], self.data[154], self.data[155], self.data[156], self.data[157], self.data[158], self.data[159], self.data[160], self.data[161], self.data[162], self.data[163], self.data[164], self.data[165], self.data[166], self.data[167], self.data[168], self.data[169], self.data[170], self.data[171], self.data[172], self.data[173], self.data[174], self.data[175], self.data[176], self.data[177], self.data[178], self.data[179], self.data[180], self.data[181], self.data[182], self.data[183], self.data[184], self.data[185], self.data[186], self.data[187], self.data[188], self.data[189], self.data[190], self.data[191], self.data[192], self.data[193], self.data[194], self.data[195], self.data[196], self.data[197], self.data[198], self.data[199], self.data[200], self.data[201], self.data[202]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -1871,32 +1877,35 @@ class MAVLink(object):
         m._header = MAVLink_header(msgId, incompat_flags, compat_flags, mlen, seq, srcSystem, srcComponent)
         return m
 
-    def oneway_state_encode(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, agent_north: Sequence[int], agent_east: Sequence[int], target_north: Sequence[int], target_east: Sequence[int], threat_north: Sequence[int], threat_east: Sequence[int], threat_detection: Sequence[int], threat_attack: Sequence[int], resolution: int, agent_id_base: int, target_id_base: int, threat_id_base: int, directive: int, frame_index: int, frame_count: int, agent_count: int, target_count: int, threat_count: int, threat_speed_bound: Sequence[int], threat_id: Sequence[int], target_id: Sequence[int], agent_id: Sequence[int], agent_target: Sequence[int], ed25519_signature: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)) -> MAVLink_oneway_state_message:
+    def oneway_state_encode(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, agent_north: Sequence[int], agent_east: Sequence[int], target_north: Sequence[int], target_east: Sequence[int], threat_north: Sequence[int], threat_east: Sequence[int], threat_detection: Sequence[int], threat_attack: Sequence[int], resolution: int, agent_id_base: int, target_id_base: int, threat_id_base: int, picture_threats: int, revision: int, picture_targets: int, directive: int, frame_index: int, frame_count: int, agent_count: int, target_count: int, threat_count: int, threat_speed_bound: Sequence[int], threat_id: Sequence[int], target_id: Sequence[int], agent_id: Sequence[int], agent_target: Sequence[int], ed25519_signature: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)) -> MAVLink_oneway_state_message:
         """
         Ground station to all agents, one way, never answered. Self-contained:
         who goes where, and where the threats are. Positions are
         north/east on the WGS84 azimuthal equidistant plane about the
-        origin, in units of the frame's resolution. A mission too
-        large for one frame is cut into frame_count frames, each
-        useful alone. Newest (epoch, sequence) wins.
+        origin, in units of the resolution. A mission too large for
+        one frame is cut into frame_count frames, each useful alone.
+        Newest (epoch, sequence) wins.
 
         epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
         time_ms                   : Time of the positions since the epoch. [ms] (type:uint32_t)
         sequence                  : Number of this broadcast within the epoch, the same in all its frames. (type:uint32_t)
         origin_lat                : Latitude of the plane's origin. [degE7] (type:int32_t)
         origin_lon                : Longitude of the plane's origin. [degE7] (type:int32_t)
-        agent_north               : North of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is. (type:int16_t)
-        agent_east                : East of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is. (type:int16_t)
+        agent_north               : North of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is, or it is off the grid. (type:int16_t)
+        agent_east                : East of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is, or it is off the grid. (type:int16_t)
         target_north              : North of each target, in units of resolution. (type:int16_t)
         target_east               : East of each target, in units of resolution. (type:int16_t)
         threat_north              : North of each threat, in units of resolution. (type:int16_t)
         threat_east               : East of each threat, in units of resolution. (type:int16_t)
         threat_detection          : Detection radius, in units of resolution, rounded up over rounding and age of the position. (type:uint16_t)
         threat_attack             : Attack radius, in units of resolution, rounded up over rounding and age of the position. (type:uint16_t)
-        resolution                : Length of one unit of every position and radius in this frame. [cm] (type:uint16_t)
+        resolution                : Length of one unit of every position and radius, the same for all frames of a revision. [cm] (type:uint16_t)
         agent_id_base             : Added to each agent_id. (type:uint16_t)
         target_id_base            : Added to each target_id. (type:uint16_t)
         threat_id_base            : Added to each threat_id. (type:uint16_t)
+        picture_threats           : How many threats the picture of this revision has, in all its frames together. (type:uint16_t)
+        revision                  : Number of the picture, modulo 256: the next one when a threat is added, retired or changed, or the grid is. (type:uint8_t)
+        picture_targets           : How many targets the picture has, in all its frames together; 255 means 255 or more. (type:uint8_t)
         directive                 : What every agent shall do. (type:uint8_t, values:ONEWAY_DIRECTIVE)
         frame_index               : Which of the broadcast's frames this is, from 0. (type:uint8_t)
         frame_count               : How many frames the broadcast has. (type:uint8_t)
@@ -1911,34 +1920,37 @@ class MAVLink(object):
         ed25519_signature         : Signature of the frame by the ground station; all zero (and then not transmitted) when unsigned. (type:uint8_t)
 
         """
-        return MAVLink_oneway_state_message(epoch, time_ms, sequence, origin_lat, origin_lon, agent_north, agent_east, target_north, target_east, threat_north, threat_east, threat_detection, threat_attack, resolution, agent_id_base, target_id_base, threat_id_base, directive, frame_index, frame_count, agent_count, target_count, threat_count, threat_speed_bound, threat_id, target_id, agent_id, agent_target, ed25519_signature)
+        return MAVLink_oneway_state_message(epoch, time_ms, sequence, origin_lat, origin_lon, agent_north, agent_east, target_north, target_east, threat_north, threat_east, threat_detection, threat_attack, resolution, agent_id_base, target_id_base, threat_id_base, picture_threats, revision, picture_targets, directive, frame_index, frame_count, agent_count, target_count, threat_count, threat_speed_bound, threat_id, target_id, agent_id, agent_target, ed25519_signature)
 
-    def oneway_state_send(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, agent_north: Sequence[int], agent_east: Sequence[int], target_north: Sequence[int], target_east: Sequence[int], threat_north: Sequence[int], threat_east: Sequence[int], threat_detection: Sequence[int], threat_attack: Sequence[int], resolution: int, agent_id_base: int, target_id_base: int, threat_id_base: int, directive: int, frame_index: int, frame_count: int, agent_count: int, target_count: int, threat_count: int, threat_speed_bound: Sequence[int], threat_id: Sequence[int], target_id: Sequence[int], agent_id: Sequence[int], agent_target: Sequence[int], ed25519_signature: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0), force_mavlink1: bool = False) -> None:
+    def oneway_state_send(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, agent_north: Sequence[int], agent_east: Sequence[int], target_north: Sequence[int], target_east: Sequence[int], threat_north: Sequence[int], threat_east: Sequence[int], threat_detection: Sequence[int], threat_attack: Sequence[int], resolution: int, agent_id_base: int, target_id_base: int, threat_id_base: int, picture_threats: int, revision: int, picture_targets: int, directive: int, frame_index: int, frame_count: int, agent_count: int, target_count: int, threat_count: int, threat_speed_bound: Sequence[int], threat_id: Sequence[int], target_id: Sequence[int], agent_id: Sequence[int], agent_target: Sequence[int], ed25519_signature: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0), force_mavlink1: bool = False) -> None:
         """
         Ground station to all agents, one way, never answered. Self-contained:
         who goes where, and where the threats are. Positions are
         north/east on the WGS84 azimuthal equidistant plane about the
-        origin, in units of the frame's resolution. A mission too
-        large for one frame is cut into frame_count frames, each
-        useful alone. Newest (epoch, sequence) wins.
+        origin, in units of the resolution. A mission too large for
+        one frame is cut into frame_count frames, each useful alone.
+        Newest (epoch, sequence) wins.
 
         epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
         time_ms                   : Time of the positions since the epoch. [ms] (type:uint32_t)
         sequence                  : Number of this broadcast within the epoch, the same in all its frames. (type:uint32_t)
         origin_lat                : Latitude of the plane's origin. [degE7] (type:int32_t)
         origin_lon                : Longitude of the plane's origin. [degE7] (type:int32_t)
-        agent_north               : North of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is. (type:int16_t)
-        agent_east                : East of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is. (type:int16_t)
+        agent_north               : North of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is, or it is off the grid. (type:int16_t)
+        agent_east                : East of each agent, in units of resolution; INT16_MIN if the ground station does not know where it is, or it is off the grid. (type:int16_t)
         target_north              : North of each target, in units of resolution. (type:int16_t)
         target_east               : East of each target, in units of resolution. (type:int16_t)
         threat_north              : North of each threat, in units of resolution. (type:int16_t)
         threat_east               : East of each threat, in units of resolution. (type:int16_t)
         threat_detection          : Detection radius, in units of resolution, rounded up over rounding and age of the position. (type:uint16_t)
         threat_attack             : Attack radius, in units of resolution, rounded up over rounding and age of the position. (type:uint16_t)
-        resolution                : Length of one unit of every position and radius in this frame. [cm] (type:uint16_t)
+        resolution                : Length of one unit of every position and radius, the same for all frames of a revision. [cm] (type:uint16_t)
         agent_id_base             : Added to each agent_id. (type:uint16_t)
         target_id_base            : Added to each target_id. (type:uint16_t)
         threat_id_base            : Added to each threat_id. (type:uint16_t)
+        picture_threats           : How many threats the picture of this revision has, in all its frames together. (type:uint16_t)
+        revision                  : Number of the picture, modulo 256: the next one when a threat is added, retired or changed, or the grid is. (type:uint8_t)
+        picture_targets           : How many targets the picture has, in all its frames together; 255 means 255 or more. (type:uint8_t)
         directive                 : What every agent shall do. (type:uint8_t, values:ONEWAY_DIRECTIVE)
         frame_index               : Which of the broadcast's frames this is, from 0. (type:uint8_t)
         frame_count               : How many frames the broadcast has. (type:uint8_t)
@@ -1953,7 +1965,7 @@ class MAVLink(object):
         ed25519_signature         : Signature of the frame by the ground station; all zero (and then not transmitted) when unsigned. (type:uint8_t)
 
         """
-        self.send(self.oneway_state_encode(epoch, time_ms, sequence, origin_lat, origin_lon, agent_north, agent_east, target_north, target_east, threat_north, threat_east, threat_detection, threat_attack, resolution, agent_id_base, target_id_base, threat_id_base, directive, frame_index, frame_count, agent_count, target_count, threat_count, threat_speed_bound, threat_id, target_id, agent_id, agent_target, ed25519_signature), force_mavlink1=force_mavlink1)
+        self.send(self.oneway_state_encode(epoch, time_ms, sequence, origin_lat, origin_lon, agent_north, agent_east, target_north, target_east, threat_north, threat_east, threat_detection, threat_attack, resolution, agent_id_base, target_id_base, threat_id_base, picture_threats, revision, picture_targets, directive, frame_index, frame_count, agent_count, target_count, threat_count, threat_speed_bound, threat_id, target_id, agent_id, agent_target, ed25519_signature), force_mavlink1=force_mavlink1)
 
     def oneway_motion_encode(self, epoch: int, time_ms: int, sequence: int, agent_heading: Sequence[int], agent_speed: Sequence[int], target_velocity_north: Sequence[int], target_velocity_east: Sequence[int], threat_velocity_north: Sequence[int], threat_velocity_east: Sequence[int], target_age: Sequence[int], threat_age: Sequence[int], agent_id_base: int, target_id_base: int, threat_id_base: int, frame_index: int, frame_count: int, agent_count: int, target_count: int, threat_count: int, agent_age: Sequence[int], threat_id: Sequence[int], target_id: Sequence[int], agent_id: Sequence[int], ed25519_signature: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)) -> MAVLink_oneway_motion_message:
         """
@@ -2143,7 +2155,7 @@ class MAVLink(object):
         """
         self.send(self.oneway_bands_encode(epoch, time_ms, sequence, threat_floor, threat_ceiling, threat_id_base, frame_index, frame_count, threat_count, threat_id, ed25519_signature), force_mavlink1=force_mavlink1)
 
-    def oneway_fleet_encode(self, epoch: int, time_ms: int, sequence: int, north_base: int, east_base: int, resolution: int, directive: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]) -> MAVLink_oneway_fleet_message:
+    def oneway_fleet_encode(self, epoch: int, time_ms: int, sequence: int, north_base: int, east_base: int, resolution: int, revision: int, directive: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]) -> MAVLink_oneway_fleet_message:
         """
         Ground station to all agents, in place of ONEWAY_STATE for a mission
         too large for one: a part of who goes where and where the
@@ -2154,9 +2166,10 @@ class MAVLink(object):
         epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
         time_ms                   : Time of the positions since the epoch. [ms] (type:uint32_t)
         sequence                  : Number of this broadcast within the epoch, the same in all its frames. (type:uint32_t)
-        north_base                : North of the point that this frame's positions count from, in units of 256 times the resolution. (type:int16_t)
-        east_base                 : East of the point that this frame's positions count from, in units of 256 times the resolution. (type:int16_t)
-        resolution                : Length of one unit of every position in this frame. [cm] (type:uint16_t)
+        north_base                : North of the point that positions count from, in units of 256 times the resolution; the same for all frames of a revision. (type:int16_t)
+        east_base                 : East of the point that positions count from, in units of 256 times the resolution; the same for all frames of a revision. (type:int16_t)
+        resolution                : Length of one unit of every position, the same for all frames of a revision. [cm] (type:uint16_t)
+        revision                  : Number of the picture, modulo 256: the next one when a threat is added, retired or changed, or the grid is. (type:uint8_t)
         directive                 : What every agent shall do. (type:uint8_t, values:ONEWAY_DIRECTIVE)
         frame_index               : Which of the broadcast's frames this is, from 0. (type:uint8_t)
         frame_count               : How many frames the broadcast has. (type:uint8_t)
@@ -2164,9 +2177,9 @@ class MAVLink(object):
         data                      : Sections of agents, targets and threats (ONEWAY_SECTION). (type:uint8_t)
 
         """
-        return MAVLink_oneway_fleet_message(epoch, time_ms, sequence, north_base, east_base, resolution, directive, frame_index, frame_count, size, data)
+        return MAVLink_oneway_fleet_message(epoch, time_ms, sequence, north_base, east_base, resolution, revision, directive, frame_index, frame_count, size, data)
 
-    def oneway_fleet_send(self, epoch: int, time_ms: int, sequence: int, north_base: int, east_base: int, resolution: int, directive: int, frame_index: int, frame_count: int, size: int, data: Sequence[int], force_mavlink1: bool = False) -> None:
+    def oneway_fleet_send(self, epoch: int, time_ms: int, sequence: int, north_base: int, east_base: int, resolution: int, revision: int, directive: int, frame_index: int, frame_count: int, size: int, data: Sequence[int], force_mavlink1: bool = False) -> None:
         """
         Ground station to all agents, in place of ONEWAY_STATE for a mission
         too large for one: a part of who goes where and where the
@@ -2177,9 +2190,10 @@ class MAVLink(object):
         epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
         time_ms                   : Time of the positions since the epoch. [ms] (type:uint32_t)
         sequence                  : Number of this broadcast within the epoch, the same in all its frames. (type:uint32_t)
-        north_base                : North of the point that this frame's positions count from, in units of 256 times the resolution. (type:int16_t)
-        east_base                 : East of the point that this frame's positions count from, in units of 256 times the resolution. (type:int16_t)
-        resolution                : Length of one unit of every position in this frame. [cm] (type:uint16_t)
+        north_base                : North of the point that positions count from, in units of 256 times the resolution; the same for all frames of a revision. (type:int16_t)
+        east_base                 : East of the point that positions count from, in units of 256 times the resolution; the same for all frames of a revision. (type:int16_t)
+        resolution                : Length of one unit of every position, the same for all frames of a revision. [cm] (type:uint16_t)
+        revision                  : Number of the picture, modulo 256: the next one when a threat is added, retired or changed, or the grid is. (type:uint8_t)
         directive                 : What every agent shall do. (type:uint8_t, values:ONEWAY_DIRECTIVE)
         frame_index               : Which of the broadcast's frames this is, from 0. (type:uint8_t)
         frame_count               : How many frames the broadcast has. (type:uint8_t)
@@ -2187,9 +2201,9 @@ class MAVLink(object):
         data                      : Sections of agents, targets and threats (ONEWAY_SECTION). (type:uint8_t)
 
         """
-        self.send(self.oneway_fleet_encode(epoch, time_ms, sequence, north_base, east_base, resolution, directive, frame_index, frame_count, size, data), force_mavlink1=force_mavlink1)
+        self.send(self.oneway_fleet_encode(epoch, time_ms, sequence, north_base, east_base, resolution, revision, directive, frame_index, frame_count, size, data), force_mavlink1=force_mavlink1)
 
-    def oneway_radii_encode(self, epoch: int, time_ms: int, sequence: int, resolution: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]) -> MAVLink_oneway_radii_message:
+    def oneway_radii_encode(self, epoch: int, time_ms: int, sequence: int, resolution: int, revision: int, frame_index: int, frame_count: int, size: int, data: Sequence[int]) -> MAVLink_oneway_radii_message:
         """
         Ground station to all agents, now and then: what of the threats of
         ONEWAY_FLEET does not change. Each frame is useful alone. The
@@ -2199,16 +2213,17 @@ class MAVLink(object):
         epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
         time_ms                   : Time of this frame since the epoch. [ms] (type:uint32_t)
         sequence                  : Number of the last broadcast before this frame. (type:uint32_t)
-        resolution                : Length of one unit of every radius in this frame. [cm] (type:uint16_t)
+        resolution                : Length of one unit of every radius, the same for all frames of a revision. [cm] (type:uint16_t)
+        revision                  : Number of the picture, modulo 256: the next one when a threat is added, retired or changed, or the grid is. (type:uint8_t)
         frame_index               : Which of the frames this is, from 0. (type:uint8_t)
         frame_count               : How many frames there are. (type:uint8_t)
         size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
         data                      : Sections of radii (ONEWAY_SECTION). (type:uint8_t)
 
         """
-        return MAVLink_oneway_radii_message(epoch, time_ms, sequence, resolution, frame_index, frame_count, size, data)
+        return MAVLink_oneway_radii_message(epoch, time_ms, sequence, resolution, revision, frame_index, frame_count, size, data)
 
-    def oneway_radii_send(self, epoch: int, time_ms: int, sequence: int, resolution: int, frame_index: int, frame_count: int, size: int, data: Sequence[int], force_mavlink1: bool = False) -> None:
+    def oneway_radii_send(self, epoch: int, time_ms: int, sequence: int, resolution: int, revision: int, frame_index: int, frame_count: int, size: int, data: Sequence[int], force_mavlink1: bool = False) -> None:
         """
         Ground station to all agents, now and then: what of the threats of
         ONEWAY_FLEET does not change. Each frame is useful alone. The
@@ -2218,16 +2233,17 @@ class MAVLink(object):
         epoch                     : Unix time at which this run of the ground station began. [s] (type:uint32_t)
         time_ms                   : Time of this frame since the epoch. [ms] (type:uint32_t)
         sequence                  : Number of the last broadcast before this frame. (type:uint32_t)
-        resolution                : Length of one unit of every radius in this frame. [cm] (type:uint16_t)
+        resolution                : Length of one unit of every radius, the same for all frames of a revision. [cm] (type:uint16_t)
+        revision                  : Number of the picture, modulo 256: the next one when a threat is added, retired or changed, or the grid is. (type:uint8_t)
         frame_index               : Which of the frames this is, from 0. (type:uint8_t)
         frame_count               : How many frames there are. (type:uint8_t)
         size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
         data                      : Sections of radii (ONEWAY_SECTION). (type:uint8_t)
 
         """
-        self.send(self.oneway_radii_encode(epoch, time_ms, sequence, resolution, frame_index, frame_count, size, data), force_mavlink1=force_mavlink1)
+        self.send(self.oneway_radii_encode(epoch, time_ms, sequence, resolution, revision, frame_index, frame_count, size, data), force_mavlink1=force_mavlink1)
 
-    def oneway_mission_encode(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], mission_digest: Sequence[int], size: int, data: Sequence[int]) -> MAVLink_oneway_mission_message:
+    def oneway_mission_encode(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, revision: int, surrogate_digest: Sequence[int], mission_digest: Sequence[int], size: int, data: Sequence[int]) -> MAVLink_oneway_mission_message:
         """
         Ground station to all agents, now and then: what holds for the whole
         epoch. Positions of ONEWAY_FLEET are north/east on the WGS84
@@ -2243,16 +2259,17 @@ class MAVLink(object):
         arrival_radius            : Within this distance of its target an agent has arrived. [dm] (type:uint16_t)
         agent_count               : How many agents the mission has. (type:uint16_t)
         target_count              : How many targets the mission has. (type:uint16_t)
-        threat_count              : How many threats the mission has. (type:uint16_t)
+        threat_count              : How many threats the picture of this revision has. (type:uint16_t)
+        revision                  : Number of the picture, modulo 256: the next one when a threat is added, retired or changed, or the grid is. (type:uint8_t)
         surrogate_digest          : First bytes of the SHA-256 of the surrogate's weights; all zero if the mission uses none. (type:uint8_t)
         mission_digest            : First bytes of a SHA-256 of the origin and of all targets and threats as the mission has them. Another digest is another mission. (type:uint8_t)
         size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
         data                      : Name of the mission, UTF-8, cut where it does not fit. (type:uint8_t)
 
         """
-        return MAVLink_oneway_mission_message(epoch, time_ms, sequence, origin_lat, origin_lon, origin_alt, separation, arrival_radius, agent_count, target_count, threat_count, surrogate_digest, mission_digest, size, data)
+        return MAVLink_oneway_mission_message(epoch, time_ms, sequence, origin_lat, origin_lon, origin_alt, separation, arrival_radius, agent_count, target_count, threat_count, revision, surrogate_digest, mission_digest, size, data)
 
-    def oneway_mission_send(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, surrogate_digest: Sequence[int], mission_digest: Sequence[int], size: int, data: Sequence[int], force_mavlink1: bool = False) -> None:
+    def oneway_mission_send(self, epoch: int, time_ms: int, sequence: int, origin_lat: int, origin_lon: int, origin_alt: int, separation: int, arrival_radius: int, agent_count: int, target_count: int, threat_count: int, revision: int, surrogate_digest: Sequence[int], mission_digest: Sequence[int], size: int, data: Sequence[int], force_mavlink1: bool = False) -> None:
         """
         Ground station to all agents, now and then: what holds for the whole
         epoch. Positions of ONEWAY_FLEET are north/east on the WGS84
@@ -2268,14 +2285,15 @@ class MAVLink(object):
         arrival_radius            : Within this distance of its target an agent has arrived. [dm] (type:uint16_t)
         agent_count               : How many agents the mission has. (type:uint16_t)
         target_count              : How many targets the mission has. (type:uint16_t)
-        threat_count              : How many threats the mission has. (type:uint16_t)
+        threat_count              : How many threats the picture of this revision has. (type:uint16_t)
+        revision                  : Number of the picture, modulo 256: the next one when a threat is added, retired or changed, or the grid is. (type:uint8_t)
         surrogate_digest          : First bytes of the SHA-256 of the surrogate's weights; all zero if the mission uses none. (type:uint8_t)
         mission_digest            : First bytes of a SHA-256 of the origin and of all targets and threats as the mission has them. Another digest is another mission. (type:uint8_t)
         size                      : How many bytes of data are in use. 64 bytes of Ed25519 signature follow them when the frame is signed. [bytes] (type:uint8_t)
         data                      : Name of the mission, UTF-8, cut where it does not fit. (type:uint8_t)
 
         """
-        self.send(self.oneway_mission_encode(epoch, time_ms, sequence, origin_lat, origin_lon, origin_alt, separation, arrival_radius, agent_count, target_count, threat_count, surrogate_digest, mission_digest, size, data), force_mavlink1=force_mavlink1)
+        self.send(self.oneway_mission_encode(epoch, time_ms, sequence, origin_lat, origin_lon, origin_alt, separation, arrival_radius, agent_count, target_count, threat_count, revision, surrogate_digest, mission_digest, size, data), force_mavlink1=force_mavlink1)
 
     def oneway_decision_encode(self, time_usec: int, picture_age: float, wanted_heading: float, heading: float, speed: float, altitude: float, certified: float, words_crc: int, target_id: int, purpose: int, stage: int, flags: int) -> MAVLink_oneway_decision_message:
         """

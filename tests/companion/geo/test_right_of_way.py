@@ -25,9 +25,11 @@ COPTERS = Rules(separation_m=20.0, n_max=0.25, speed_m_s=8.0, reaction_s=0.2, ca
 headings_rad = st.floats(-math.pi, math.pi)
 
 
-def apart(distance_m: float, bearing_rad: float, headings: tuple[float, float], speed_m_s: float) -> list[Motion]:
+def apart(
+    distance_m: float, bearing_rad: float, headings: tuple[float, float], speed_m_s: float
+) -> tuple[Motion, Motion]:
     there_m = distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad)
-    return [Motion(0.0, 0.0, headings[0], speed_m_s), Motion(*there_m, headings[1], speed_m_s)]
+    return Motion(0.0, 0.0, headings[0], speed_m_s), Motion(*there_m, headings[1], speed_m_s)
 
 
 @pytest.mark.parametrize("rules", [PLANES, replace(PLANES, n_max=10.0, reaction_s=1.0), COPTERS])

@@ -1,6 +1,7 @@
 """Guidance: the turn limit, the direction of descent, and the circle and the place of a loiter."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from hypothesis import strategies as st
 
 from companion.geo.kinematics import PIVOT_SPEED_M_S, limit_turn, turn_rate_rad_s, turn_towards
 from companion.guidance.steering import (
+    Occupied,
     PairSurrogate,
     SteeringVector,
     attraction,
+    claim_m,
     direction,
     loiter_attraction,
     loiter_place,
@@ -278,31 +281,61 @@ def test_loiter_places_are_two_separations_apart_or_as_far_as_their_circles_need
 PEERS = st.lists(st.tuples(st.floats(-400.0, 400.0), st.floats(-400.0, 400.0)), max_size=6)
 
 
-@pytest.mark.slow
-@given(peers=PEERS)
-def test_a_loiter_place_keeps_its_spacing_from_a_handful_of_peers(peers: list[tuple[float, float]]) -> None:
-    """Six discs of one spacing cannot cover the rings, which reach out to four."""
-    place = loiter_place((10.0, 20.0), np.array(peers).reshape(-1, 2), 200.0)
+def occupied(
+    peers: list[tuple[float, float]], claimed: Sequence[tuple[float, float]] = (), claim_m: float = 300.0
+) -> Occupied:
+    return Occupied(np.array(peers).reshape(-1, 2), 200.0, np.array(claimed).reshape(-1, 2), claim_m)
+
+
+@given(peers=PEERS, claimed=PEERS)
+def test_a_loiter_place_keeps_its_spacing_from_a_handful_of_peers_and_targets(
+    peers: list[tuple[float, float]], claimed: list[tuple[float, float]]
+) -> None:
+    """Half a dozen discs of either kind cannot cover the rings, which reach out to four spacings."""
+    place = loiter_place((10.0, 20.0), occupied(peers, claimed))
     assert all(math.dist(place, peer) >= 200.0 for peer in peers)
+    assert all(math.dist(place, target) >= 300.0 for target in claimed)
 
 
 @given(peers=PEERS)
 def test_a_free_position_is_its_own_loiter_place(peers: list[tuple[float, float]]) -> None:
     peers = [peer for peer in peers if math.hypot(*peer) >= 200.0]
-    assert loiter_place((0.0, 0.0), np.array(peers).reshape(-1, 2), 200.0) == (0.0, 0.0)
+    assert loiter_place((0.0, 0.0), occupied(peers)) == (0.0, 0.0)
 
 
 def test_a_loiter_place_is_no_farther_away_than_it_must_be() -> None:
-    place = loiter_place((0.0, 0.0), np.array([[50.0, 0.0]]), 200.0)
+    place = loiter_place((0.0, 0.0), occupied([(50.0, 0.0)], claim_m=0.0))
     assert math.hypot(*place) == pytest.approx(200.0)
-    nearer = loiter_place((0.0, 0.0), np.array([[150.0, 0.0]]), 200.0)
+    nearer = loiter_place((0.0, 0.0), occupied([(150.0, 0.0)], claim_m=0.0))
     assert math.hypot(*nearer) == pytest.approx(100.0)
 
 
 def test_a_peer_exactly_one_spacing_away_leaves_the_position_free() -> None:
-    assert loiter_place((0.0, 0.0), np.array([[200.0, 0.0]]), 200.0) == (0.0, 0.0)
+    assert loiter_place((0.0, 0.0), occupied([(200.0, 0.0)])) == (0.0, 0.0)
+
+
+CROWD = [(float(north), float(east)) for north in range(-1600, 1601, 100) for east in range(-1600, 1601, 100)]
 
 
 def test_without_room_anywhere_near_the_position_is_the_loiter_place() -> None:
-    crowd = np.array([(north, east) for north in range(-1200, 1201, 100) for east in range(-1200, 1201, 100)])
-    assert loiter_place((10.0, 20.0), crowd, 200.0) == (10.0, 20.0)
+    assert loiter_place((10.0, 20.0), occupied(CROWD)) == (10.0, 20.0)
+
+
+def test_who_loiters_stays_where_it_is_though_others_come_near() -> None:
+    assert loiter_place((500.0, 0.0), occupied([(20.0, 0.0)]), before_ned_m=(0.0, 0.0)) == (0.0, 0.0)
+
+
+def test_who_loiters_on_the_target_of_another_makes_room() -> None:
+    place = loiter_place((500.0, 0.0), occupied([], [(250.0, 0.0)]), before_ned_m=(0.0, 0.0))
+    assert math.dist(place, (250.0, 0.0)) >= 300.0
+
+
+def test_who_loiters_on_the_target_of_another_stays_if_there_is_no_room_elsewhere() -> None:
+    assert loiter_place((5.0, 0.0), occupied(CROWD, [(250.0, 0.0)]), before_ned_m=(0.0, 0.0)) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("separation_m", "radius_m", "wanted_m"), [(20.0, 0.0, 40.0), (100.0, 551.0, 1386.0)])
+def test_a_claimed_target_is_left_two_separations_or_what_a_circle_and_two_reserved_discs_need(
+    separation_m: float, radius_m: float, wanted_m: float
+) -> None:
+    assert claim_m(separation_m, radius_m) == pytest.approx(wanted_m, abs=1.0)

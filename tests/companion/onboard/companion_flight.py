@@ -29,6 +29,7 @@ from companion.protocol.codec import (
     StateFrame,
     TargetEntry,
     ThreatEntry,
+    frame_resolution_cm,
 )
 
 ME = 3
@@ -166,9 +167,13 @@ class Flight:
         targets = () if target is None else (TargetEntry(4, *target),)
         me = AgentEntry(ME, 0.0, 0.0, 4 if targets else None)
         parts = [threats[k : k + THREATS_PER_FRAME] for k in range(0, max(1, len(threats)), THREATS_PER_FRAME)]
+        points = [(one.north_m, one.east_m) for one in (*targets, *threats)] + [one.position_ned_m for one in agents]
+        unit_cm = frame_resolution_cm([p for p in points if p is not None], [one.detection_radius_m for one in threats])
         for index, part in enumerate(parts):
             stamp = Stamp(EPOCH_S, round((self.now_s - EPOCH_S) * 1000), self.sequence, index, len(parts))
-            frame = StateFrame(stamp, *ORIGIN_DEG, directive, (me, *agents), targets, part)
+            frame = StateFrame(
+                stamp, *ORIGIN_DEG, directive, 1, len(threats), len(targets), unit_cm, (me, *agents), targets, part
+            )
             self.hear(self._writer.encode(frame))
 
     def bands(self, *bands: BandEntry) -> None:

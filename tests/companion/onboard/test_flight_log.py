@@ -19,7 +19,7 @@ from companion.protocol.frame import raw_frame
 from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.protocol.messages import DecisionFlag
 
-FRAME = FrameWriter().encode(StateFrame(Stamp(1_000, 0, 1), 47.0, 8.0, Directive.NORMAL, (), (), ()))
+FRAME = FrameWriter().encode(StateFrame(Stamp(1_000, 0, 1), 47.0, 8.0, Directive.NORMAL, 1, 0, 0, 100, (), (), ()))
 
 
 def test_a_signature_is_cut_off_before_a_frame_is_kept() -> None:

@@ -25,7 +25,7 @@ from companion.runtime.io_thread import IoThread
 
 def state(epoch_s: int, sequence: int, after_s: int = 0) -> bytes:
     stamp = Stamp(epoch_s, 1_000 * after_s, sequence)
-    return FrameWriter().encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, (), (), ()))
+    return FrameWriter().encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, 1, 0, 0, 100, (), (), ()))
 
 
 def monitored() -> tuple[Companion, BroadcastMonitor]:

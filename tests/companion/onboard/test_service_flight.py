@@ -121,7 +121,7 @@ class Scene:
         """Return the next frame of the broadcast."""
         self._sequence += 1
         stamp = Stamp(self._epoch_s, round(1e3 * (time.time() - self._epoch_s)), self._sequence)
-        return self._writer.encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, (), (), ()))
+        return self._writer.encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, 1, 0, 0, 100, (), (), ()))
 
     def play(self, script: Callable[[Scene], Awaitable[None]]) -> None:
         """Run the companion while a script goes on, and a moment longer."""

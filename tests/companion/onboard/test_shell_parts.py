@@ -40,7 +40,9 @@ def heartbeat(component: int = common.MAV_COMP_ID_AUTOPILOT1) -> bytes:
 
 
 def state(now_s: float) -> bytes:
-    return FrameWriter().encode(StateFrame(Stamp(int(now_s), 0, 1), 47.0, 8.0, Directive.NORMAL, (), (), ()))
+    return FrameWriter().encode(
+        StateFrame(Stamp(int(now_s), 0, 1), 47.0, 8.0, Directive.NORMAL, 1, 0, 0, 100, (), (), ())
+    )
 
 
 def recorded(folder: Path) -> tuple[RecordedCompanion, FlightLog]:

@@ -19,6 +19,7 @@ from companion.protocol.codec import (
     BandsFrame,
     Directive,
     FleetFrame,
+    Grid,
     MissionFrame,
     MotionFrame,
     PointMotion,
@@ -36,6 +37,8 @@ from companion.protocol.freshness import RESTART_AFTER_S
 ME = 5
 EPOCH_S = 1_790_000_000
 PERIOD_S = 5.0
+UNIT_CM = 200
+ROUNDING_M = math.sqrt(0.5) * UNIT_CM / 100.0
 THREAT = ThreatEntry(1, 1_000.0, 2_000.0, 500.0, 200.0, 10.0)
 
 
@@ -58,8 +61,14 @@ def state(
     epoch_s: int = EPOCH_S,
     directive: Directive = Directive.NORMAL,
     origin_deg: tuple[float, float] = (47.0, 8.0),
+    revision: int = 1,
+    picture_threats: int | None = None,
 ) -> StateFrame:
-    return StateFrame(stamp(sequence, index, count, epoch_s), *origin_deg, directive, agents, targets, threats)
+    told = len(threats) if picture_threats is None else picture_threats
+    its_stamp = stamp(sequence, index, count, epoch_s)
+    return StateFrame(
+        its_stamp, *origin_deg, directive, revision, told, len(targets), UNIT_CM, agents, targets, threats
+    )
 
 
 def motion(sequence: int, *agents: AgentMotion, time_ms: int | None = None, epoch_s: int = EPOCH_S) -> MotionFrame:
@@ -238,11 +247,13 @@ def test_half_of_each_of_two_broadcasts_is_no_whole_one() -> None:
     assert len(picture.view(time_of(3)).threats_ned_m) == 1
 
 
-def test_a_thing_vanishes_when_a_whole_later_broadcast_lacks_it() -> None:
+def test_a_threat_vanishes_only_once_a_whole_picture_of_a_later_revision_lacks_it() -> None:
     picture = picture_of(*halves(1, TargetEntry(2, 1.0, 1.0), TargetEntry(3, 2.0, 2.0)))
     picture.take_state(state(2, index=0, count=2), time_of(2))
     picture.take_state(state(2, agents=(), targets=(), index=1, count=2), time_of(2))
-    assert len(picture.view(time_of(2)).threats_ned_m) == 0
+    assert len(picture.view(time_of(2)).threats_ned_m) == 1
+    picture.take_state(state(3, revision=2), time_of(3))
+    assert len(picture.view(time_of(3)).threats_ned_m) == 0
 
 
 def test_an_agent_missing_from_a_whole_broadcast_has_no_target() -> None:
@@ -406,6 +417,13 @@ def test_peers_that_loiter_or_have_a_lower_id_settle_first() -> None:
     assert view.peers_ned_m[:, 0].tolist() == [2.0, 8.0, 9.0]
 
 
+def test_the_targets_of_others_are_claimed_but_not_ones_own() -> None:
+    agents = (AgentEntry(ME, 0.0, 0.0, 1), AgentEntry(2, 2.0, 0.0, 1), AgentEntry(8, 8.0, 0.0, 3))
+    targets = tuple(TargetEntry(k, 100.0 * k, 0.0) for k in (1, 2, 3, 4))
+    view = picture_of(state(1, agents=agents, targets=targets)).view(time_of(1))
+    assert view.claimed_ned_m.tolist() == [[300.0, 0.0]]
+
+
 # Motion frames
 
 
@@ -543,8 +561,10 @@ def test_a_new_epoch_forgets_the_bands_of_the_old_one() -> None:
 
 def test_a_threat_that_left_the_picture_comes_back_without_its_band() -> None:
     picture = banded(*BANDS)
-    picture.take_state(state(2, threats=(LOW,)), time_of(2))
-    picture.take_state(state(3, threats=(LOW, HIGH)), time_of(3))
+    picture.take_state(state(2, threats=(LOW,), revision=2), time_of(2))
+    picture.take_state(state(3, threats=(LOW, HIGH), revision=3), time_of(3))
+    assert ids_at(picture, 450.0, 550.0, time_of(3)) == [1, 2]
+    picture.take_bands(bands(3, BANDS[0]))
     assert ids_at(picture, 450.0, 550.0, time_of(3)) == [2]
 
 
@@ -666,8 +686,6 @@ def test_everybody_seen_is_a_peer_once_and_everybody_unseen_stays(
 
 PLACE = ThreatPlace(1, 1_000.0, 2_000.0, 0.0)
 RADII = RadiiEntry(1, 500.0, 200.0, 10.0)
-UNIT_CM = 200
-ROUNDING_M = math.sqrt(0.5) * UNIT_CM / 100.0
 
 
 def fleet(
@@ -680,12 +698,14 @@ def fleet(
     count: int = 1,
     epoch_s: int = EPOCH_S,
     directive: Directive = Directive.NORMAL,
+    revision: int = 1,
 ) -> FleetFrame:
-    return FleetFrame(stamp(sequence, index, count, epoch_s), directive, UNIT_CM, agents, targets, threats)
+    its_stamp = stamp(sequence, index, count, epoch_s)
+    return FleetFrame(its_stamp, directive, revision, Grid(UNIT_CM, 0, 0), agents, targets, threats)
 
 
-def radii(sequence: int, *entries: RadiiEntry, epoch_s: int = EPOCH_S) -> RadiiFrame:
-    return RadiiFrame(stamp(sequence, epoch_s=epoch_s), entries)
+def radii(sequence: int, *entries: RadiiEntry, epoch_s: int = EPOCH_S, revision: int = 1) -> RadiiFrame:
+    return RadiiFrame(stamp(sequence, epoch_s=epoch_s), revision, 1, entries)
 
 
 def mission(
@@ -695,9 +715,10 @@ def mission(
     epoch_s: int = EPOCH_S,
     origin_deg: tuple[float, float] = (47.0, 8.0),
     digest: bytes = b"mission1",
+    revision: int = 1,
 ) -> MissionFrame:
     its_stamp = stamp(sequence, epoch_s=epoch_s)
-    return MissionFrame(its_stamp, *origin_deg, 500.0, 100.0, 300.0, bytes(8), 1, 1, threats, "one", digest)
+    return MissionFrame(its_stamp, revision, *origin_deg, 500.0, 100.0, 300.0, bytes(8), 1, 1, threats, "one", digest)
 
 
 def heard(*frames: StateFrame | FleetFrame | RadiiFrame | MissionFrame) -> WorldModel:
@@ -774,11 +795,14 @@ def test_the_heights_that_radii_tell_are_those_of_the_threat() -> None:
     assert len(picture.view(time_of(1), (0.0, 1_000.0)).threat_ids) == 1
 
 
-def test_a_wholly_heard_fleet_broadcast_forgets_what_it_lacks() -> None:
+def test_a_threat_that_a_packed_picture_lacks_is_forgotten_once_that_is_whole() -> None:
     both = (PLACE, replace(PLACE, id=2))
-    picture = heard(mission(1), radii(1, RADII, replace(RADII, id=2)), fleet(1, threats=both))
+    picture = heard(mission(1, 2), radii(1, RADII, replace(RADII, id=2)), fleet(1, threats=both))
     assert picture.view(time_of(1)).threat_ids.tolist() == [1, 2]
-    picture.take(fleet(2, threats=both[:1]), time_of(2))
+    for frame in (fleet(2, threats=both[:1], revision=2), radii(2, RADII, revision=2)):
+        picture.take(frame, time_of(2))
+        assert picture.view(time_of(2)).threat_ids.tolist() == [1, 2]
+    picture.take(mission(2, 1, revision=2, digest=b"mission2"), time_of(2))
     assert picture.view(time_of(2)).threat_ids.tolist() == [1]
 
 
@@ -803,13 +827,15 @@ def test_a_threat_of_the_epoch_before_stands_until_it_is_known_anew() -> None:
     assert view.attack_radius_m[0] == pytest.approx(200.0 + ROUNDING_M)
 
 
-def test_until_a_new_epoch_tells_its_origin_the_picture_of_the_old_one_stands() -> None:
+def test_until_a_new_epoch_tells_its_origin_the_threats_of_the_old_one_stand_and_nobody_goes_anywhere() -> None:
     later = EPOCH_S + 100
-    picture = heard(mission(1), fleet(1, targets=target_at(1.0)))
+    picture = heard(mission(1, 1), radii(1, RADII), fleet(1, targets=target_at(1.0), threats=(PLACE,)))
     picture.take(fleet(1, targets=target_at(2.0), epoch_s=later), time_of(1, later))
-    assert picture.view(time_of(1, later)).target_ned_m == (1.0, 0.0)
+    assert picture.view(time_of(1, later)).target_ned_m is None
+    assert picture.view(time_of(1, later)).threat_ids.tolist() == [1]
+    assert picture.missing == "new revision: 0 threats heard, of how many is not known"
     assert picture.age_s(time_of(1, later)) == pytest.approx(100.0)
-    picture.take(mission(1, epoch_s=later), time_of(1, later))
+    picture.take(mission(1, 1, epoch_s=later), time_of(1, later))
     assert picture.view(time_of(1, later)).target_ned_m == (2.0, 0.0)
     assert picture.age_s(time_of(1, later)) == 0.0
 
@@ -858,8 +884,11 @@ def test_another_mission_holds_nothing_of_the_one_before(changed: dict[str, obje
     later = EPOCH_S + 100
     picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)))
     picture.take(mission(1, **{"threats": 1, **changed}, epoch_s=later), time_of(1, later))  # type: ignore[arg-type]
+    assert picture.view(time_of(1, later)).target_ned_m is None
+    picture.take(radii(1, replace(RADII, id=2), epoch_s=later), time_of(1, later))
+    picture.take(fleet(1, targets=(), threats=(replace(PLACE, id=2),), epoch_s=later), time_of(1, later))
     view = picture.view(time_of(1, later))
-    assert len(view.threat_ids) == 0
+    assert view.threat_ids.tolist() == [2]
     assert view.target_ned_m is None
 
 

@@ -94,6 +94,10 @@ class Ground:
                 47.0,
                 8.0,
                 Directive.NORMAL,
+                revision=1,
+                picture_threats=1,
+                picture_targets=1,
+                resolution_cm=16,
                 agents=(AgentEntry(1, place_m, -place_m, 1),),
                 targets=(TargetEntry(1, 5000.0, 100.0),),
                 threats=(ThreatEntry(1, 2000.0, 0.0, 1000.0, 500.0, 10.0),),
@@ -359,11 +363,11 @@ _MOTION_NONSENSE: tuple[dict[str, object], ...] = (
     {"agent_count": 11},
     {"frame_index": 1},
 )
-_FLEET_HEAD = struct.pack("<hhHBBB", 0, 0, 100, 0, 0, 1)
+_FLEET_HEAD = struct.pack("<hhHBBBB", 0, 0, 100, 1, 0, 0, 1)
 _FLEET_NONSENSE = (
-    struct.pack("<hhHBBB", 0, 0, 0, 0, 0, 1) + b"\0",
-    struct.pack("<hhHBBB", 0, 0, 100, 9, 0, 1) + b"\0",
-    struct.pack("<hhHBBB", 0, 0, 100, 0, 1, 1) + b"\0",
+    struct.pack("<hhHBBBB", 0, 0, 0, 1, 0, 0, 1) + b"\0",
+    struct.pack("<hhHBBBB", 0, 0, 100, 1, 9, 0, 1) + b"\0",
+    struct.pack("<hhHBBBB", 0, 0, 100, 1, 0, 1, 1) + b"\0",
     _FLEET_HEAD + b"\x01\xff",
     _FLEET_HEAD + b"\x04\xff\xff\xff\xff",
     _FLEET_HEAD + b"\xa0",

@@ -38,6 +38,7 @@ from companion.protocol.codec import (
     TargetEntry,
     ThreatEntry,
     WireError,
+    frame_resolution_cm,
 )
 from companion.protocol.dialect import oneway
 from companion.protocol.frame import ED25519_BYTES
@@ -48,6 +49,10 @@ SMALL_STATE = StateFrame(
     origin_lat_deg=47.1234567,
     origin_lon_deg=-8.7654321,
     directive=Directive.HOLD,
+    revision=0x34,
+    picture_threats=0x0506,
+    picture_targets=7,
+    resolution_cm=13,
     agents=(AgentEntry(300, 1_000.0, -2_000.0, 42), AgentEntry(301, -0.5, 0.25, None)),
     targets=(TargetEntry(42, 3_000.0, 4_000.0),),
     threats=(ThreatEntry(9, -500.0, 600.0, 100.0, 50.0, 9.5),),
@@ -83,6 +88,10 @@ UNSEEN_STATE = StateFrame(
     origin_lat_deg=47.0,
     origin_lon_deg=8.0,
     directive=Directive.NORMAL,
+    revision=1,
+    picture_threats=0,
+    picture_targets=1,
+    resolution_cm=1,
     agents=(AgentEntry(1, None, None, 1), AgentEntry(2, 3.0, -4.0, None)),
     targets=(TargetEntry(1, 100.0, 200.0),),
     threats=(),
@@ -90,10 +99,10 @@ UNSEEN_STATE = StateFrame(
 GOLDEN = [
     (
         SMALL_STATE,
-        "fd96000000febe0001a0803bb16a39300000070000000778161c4f80c6fa0c1efcff00000000000000000000000000000000"
+        "fd9a000000febe0001a0803bb16a39300000070000000778161c4f80c6fa0c1efcff00000000000000000000000000000000"
         "e7c3020000000000000000000000000000000000255a000000000000000031780000000000000000faf00000000000000712"
-        "000000000000020300000000000082010000000000000d002c012a0009000101020201010a00000000000000000000000000"
-        "01000000000000000001ac1a",
+        "000000000000020300000000000082010000000000000d002c012a000900060534070101020201010a000000000000000000"
+        "0000000001000000000000000001c326",
     ),
     (
         SMALL_MOTION,
@@ -112,10 +121,10 @@ GOLDEN = [
     (SMALL_REPORT, "fd1a000000febe0301a0803bb16a393000000778161c4f80c6fa3a3000006aff70172c013729"),
     (
         UNSEEN_STATE,
-        "fd96000000febe0001a0803bb16a393000000700000080a1031c00b4c40400802c0100000000000000000000000000000000"
+        "fd9a000000febe0001a0803bb16a393000000700000080a1031c00b4c40400802c0100000000000000000000000000000000"
         "008070fe0000000000000000000000000000000010270000000000000000204e000000000000000000000000000000000000"
-        "0000000000000000000000000000000000000000000001000100010000000001020201000000000000000000000000000000"
-        "01000000000000000001ae46",
+        "0000000000000000000000000000000000000000000001000100010000000000010100010202010000000000000000000000"
+        "0000000001000000000000000001e814",
     ),
     (
         SMALL_BANDS,
@@ -139,6 +148,10 @@ def paper_state() -> StateFrame:
         origin_lat_deg=47.1234567,
         origin_lon_deg=8.7654321,
         directive=Directive.RETURN,
+        revision=0x12,
+        picture_threats=0x0304,
+        picture_targets=5,
+        resolution_cm=611,
         agents=tuple(
             AgentEntry(1_000 + k, 150_000.0 + 997.0 * k, 120_000.0 + 991.0 * k, 2_000 + k % 5) for k in range(10)
         ),
@@ -204,9 +217,9 @@ def with_good_crc(datagram: bytes) -> bytes:
 # Size
 
 
-def test_the_papers_mission_signed_by_ed25519_takes_at_most_235_bytes() -> None:
+def test_the_papers_mission_signed_by_ed25519_takes_at_most_239_bytes() -> None:
     datagram = with_signature(FrameWriter().encode(paper_state()))
-    assert len(datagram) <= 235
+    assert len(datagram) <= 239
     (message,) = oneway.MAVLink(None).parse_buffer(bytearray(datagram))
     assert (message.agent_count, message.target_count, message.threat_count) == (10, 5, 4)
     assert bytes(message.ed25519_signature) == FULL_SIGNATURE
@@ -287,7 +300,8 @@ def test_frames_are_numbered_as_mavlink_does_and_wrap_at_256() -> None:
 def test_positions_return_within_half_a_unit_and_a_unit_is_at_most_ten_metres(
     points: list[tuple[float, float]],
 ) -> None:
-    frame = state_of(agents=tuple(AgentEntry(k, *point, None) for k, point in enumerate(points)))
+    agents = tuple(AgentEntry(k, *point, None) for k, point in enumerate(points))
+    frame = state_of(resolution_cm=frame_resolution_cm(points, []), agents=agents)
     datagram = FrameWriter().encode(frame)
     unit_m = resolution_m(datagram)
     assert unit_m <= 10.0
@@ -299,8 +313,43 @@ def test_positions_return_within_half_a_unit_and_a_unit_is_at_most_ten_metres(
 
 
 def test_a_small_mission_is_sent_by_the_centimetre() -> None:
-    datagram = FrameWriter().encode(state_of(agents=(AgentEntry(1, 300.0, -300.0, None),)))
-    assert resolution_m(datagram) == 0.01
+    assert frame_resolution_cm([(300.0, -300.0)], []) == 1
+
+
+@pytest.mark.parametrize("resolution_cm", [0, -1, 65_536])
+def test_a_unit_that_fits_no_field_is_refused(resolution_cm: int) -> None:
+    with pytest.raises(WireError, match="resolution"):
+        FrameWriter().encode(state_of(resolution_cm=resolution_cm))
+
+
+@pytest.mark.parametrize("north_m", [-4_260.0, 4_260.0, math.nan, math.inf])
+def test_a_place_off_the_grid_is_refused(north_m: float) -> None:
+    with pytest.raises(WireError, match="fit"):
+        FrameWriter().encode(state_of(targets=(TargetEntry(1, north_m, 0.0),)))
+
+
+@given(
+    st.lists(st.tuples(coordinates_m, coordinates_m), max_size=TARGETS_PER_FRAME - 1),
+    st.lists(st.tuples(coordinates_m, coordinates_m, st.floats(1.0, 4e4)), max_size=THREATS_PER_FRAME - 1),
+    st.tuples(coordinates_m, coordinates_m, st.floats(1.0, 4e4)),
+)
+def test_what_is_told_of_a_thing_does_not_depend_on_what_else_is_in_the_frame(
+    targets: list[tuple[float, float]],
+    threats: list[tuple[float, float, float]],
+    thing: tuple[float, float, float],
+) -> None:
+    north_m, east_m, radius_m = thing
+    target, threat = TargetEntry(9, north_m, east_m), ThreatEntry(9, north_m, east_m, radius_m, radius_m / 2.0, 0.0)
+    alone = state_through(state_of(resolution_cm=611, targets=(target,), threats=(threat,)))
+    among = state_through(
+        state_of(
+            resolution_cm=611,
+            agents=tuple(AgentEntry(k, *point, None) for k, point in enumerate(targets)),
+            targets=(*(TargetEntry(k, *point) for k, point in enumerate(targets)), target),
+            threats=(*(ThreatEntry(k, *point, 1.0, 9.0) for k, point in enumerate(threats)), threat),
+        )
+    )
+    assert (among.targets[-1], among.threats[-1]) == (alone.targets[0], alone.threats[0])
 
 
 @given(coordinates_m, coordinates_m, st.integers(0, 2))
@@ -328,7 +377,9 @@ def test_a_decoded_disc_holds_the_true_one_and_is_hardly_larger(
 ) -> None:
     attack_m = detection_m * share
     frame = state_of(
-        agents=(AgentEntry(1, *elsewhere, None),), threats=(ThreatEntry(5, *centre, detection_m, attack_m, 3.2),)
+        resolution_cm=frame_resolution_cm([centre, elsewhere], [detection_m]),
+        agents=(AgentEntry(1, *elsewhere, None),),
+        threats=(ThreatEntry(5, *centre, detection_m, attack_m, 3.2),),
     )
     datagram = FrameWriter().encode(frame)
     (decoded,) = FrameReader().read(datagram)
@@ -338,7 +389,7 @@ def test_a_decoded_disc_holds_the_true_one_and_is_hardly_larger(
     slack_m = 2.0 * resolution_m(datagram)
     for true_m, got_m in ((detection_m, threat.detection_radius_m), (attack_m, threat.attack_radius_m)):
         assert true_m + shift_m <= got_m + 1e-6
-        assert got_m <= true_m + slack_m + 1e-6
+        assert got_m <= true_m + shift_m + slack_m / 2.0 + 1e-6
 
 
 @given(st.floats(0.0, 255.0))
@@ -720,15 +771,9 @@ def test_an_agent_without_a_place_returns_without_one_beside_those_that_have_one
             assert got.position_ned_m == pytest.approx(sent, abs=5.0)
 
 
-def test_an_agent_without_a_place_does_not_make_the_frame_coarser() -> None:
-    near = AgentEntry(1, 300.0, -300.0, None)
-    assert resolution_m(FrameWriter().encode(state_of(agents=(near, AgentEntry(2, None, None, None))))) == 0.01
-    assert resolution_m(FrameWriter().encode(state_of(agents=(AgentEntry(2, None, None, None),)))) == 0.01
-
-
 @given(coordinates_m, coordinates_m)
 def test_no_place_on_the_plane_is_mistaken_for_an_unknown_one(north_m: float, east_m: float) -> None:
-    (agent,) = state_through(state_of(agents=(AgentEntry(1, north_m, east_m, None),))).agents
+    (agent,) = state_through(state_of(resolution_cm=611, agents=(AgentEntry(1, north_m, east_m, None),))).agents
     assert agent.position_ned_m is not None
 
 

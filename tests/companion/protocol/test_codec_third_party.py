@@ -24,6 +24,7 @@ from companion.protocol.codec import (
     Directive,
     FleetFrame,
     FrameWriter,
+    Grid,
     MissionFrame,
     MotionFrame,
     PointMotion,
@@ -46,6 +47,10 @@ STATE = StateFrame(
     origin_lat_deg=47.1234567,
     origin_lon_deg=-8.7654321,
     directive=Directive.RETURN,
+    revision=3,
+    picture_threats=4,
+    picture_targets=5,
+    resolution_cm=458,
     agents=tuple(
         AgentEntry(1_000 + k, 150_000.0 - 997.0 * k, -120_000.0 + 991.0 * k, 2_000 + k % 5) for k in range(10)
     ),
@@ -65,14 +70,16 @@ BANDS = BandsFrame(STAMP, tuple(BandEntry(3_000 + k, None if k == 1 else -5.0 * 
 FLEET = FleetFrame(
     stamp=STAMP,
     directive=Directive.HOLD,
-    resolution_cm=305,
+    revision=3,
+    grid=Grid(305, 0, 0),
     agents=tuple(AgentEntry(k, 400.0 * k, 390.0 * k, 1 + k % 5) for k in range(1, 31)),
     targets=tuple(TargetEntry(k, 9_000.0 + k, 6_000.0 - k) for k in range(1, 6)),
     threats=tuple(ThreatPlace(k, 3_000.0 * k, 5_000.0 * k, 0.7 * k) for k in range(1, 5)),
 )
-RADII = RadiiFrame(STAMP, tuple(RadiiEntry(k, 10_000.0, 5_000.0 + k, 10.0, None, 900.0) for k in range(1, 5)))
+RADII = RadiiFrame(STAMP, 3, 16, tuple(RadiiEntry(k, 10_000.0, 5_000.0 + k, 10.0, None, 900.0) for k in range(1, 5)))
 MISSION = MissionFrame(
     STAMP,
+    3,
     47.1234567,
     -8.7654321,
     512.3,

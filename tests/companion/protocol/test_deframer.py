@@ -162,11 +162,13 @@ def test_a_signed_frame_with_a_marker_in_its_signature_counts_nothing() -> None:
     assert found(raw + SEALED[0]) == ([raw, SEALED[0]], Counter())
 
 
-WRAPPED = [wrap(raw, number) for number, raw in enumerate(PLAIN + SEALED)]
+SEALED_ONCE = [Ground("ed25519", random.Random(5)).frame(START_S + index) for index in range(4)]
+"""Frames that fit into a V2_EXTENSION, as a state with both signatures does not."""
+WRAPPED = [wrap(raw, number) for number, raw in enumerate(PLAIN + SEALED_ONCE)]
 
 
 def test_frames_inside_v2_extensions_come_out_of_a_datagram_as_if_they_had_come_alone() -> None:
-    assert found(b"".join(WRAPPED)) == (PLAIN + SEALED, Counter())
+    assert found(b"".join(WRAPPED)) == (PLAIN + SEALED_ONCE, Counter())
     assert found(WRAPPED[0]) == ([PLAIN[0]], Counter())
 
 
@@ -174,14 +176,14 @@ def test_frames_inside_v2_extensions_come_out_of_a_datagram_as_if_they_had_come_
 def test_frames_inside_v2_extensions_come_out_of_a_stream(size: int) -> None:
     data = b"".join([*WRAPPED, SEALED[0]])
     frames, framer = fed([data[at : at + size] for at in range(0, len(data), size)])
-    assert frames == [*PLAIN, *SEALED, SEALED[0]]
+    assert frames == [*PLAIN, *SEALED_ONCE, SEALED[0]]
     assert framer.skipped == Counter()
 
 
 def test_a_wrapped_frame_whose_last_zeros_were_cut_comes_out_whole() -> None:
     writer = FrameWriter()
     stamps = (Stamp(1_790_000_000, 0, sequence) for sequence in range(70_000))
-    frames = (writer.encode(RadiiFrame(stamp, ())) for stamp in stamps)
+    frames = (writer.encode(RadiiFrame(stamp, 1, 100, ())) for stamp in stamps)
     raw = next(frame for frame in frames if frame[-1] == 0)
     assert found(wrap(raw, 0)) == ([raw], Counter())
 

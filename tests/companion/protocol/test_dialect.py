@@ -27,14 +27,14 @@ OUR_MESSAGES = (
     "ONEWAY_DECISION",
 )
 CRC_EXTRA = {
-    "ONEWAY_STATE": 19,
+    "ONEWAY_STATE": 223,
     "ONEWAY_MOTION": 60,
     "ONEWAY_DETECTIONS": 88,
     "ONEWAY_REPORT": 110,
     "ONEWAY_BANDS": 62,
-    "ONEWAY_FLEET": 76,
-    "ONEWAY_RADII": 41,
-    "ONEWAY_MISSION": 255,
+    "ONEWAY_FLEET": 183,
+    "ONEWAY_RADII": 247,
+    "ONEWAY_MISSION": 117,
     "ONEWAY_DECISION": 233,
 }
 """A change of a field changes these: old and new vehicles then no longer hear each other."""
@@ -76,6 +76,9 @@ COUNTS_AND_NAMES = {
     "stage",
     "surrogate_digest",
     "mission_digest",
+    "revision",
+    "picture_threats",
+    "picture_targets",
     "words_crc",
 }
 ENUM_FIELDS = {

@@ -23,6 +23,7 @@ from companion.protocol.ed25519 import (
 )
 from companion.protocol.frame import BROADCAST_IDS, ED25519_BYTES, raw_frame
 from companion.protocol.mavlink_signing import MavlinkSigner, MavlinkVerifier, strip_signature
+from companion.protocol.messages import Grid
 from tests.companion.protocol.hostile import START_S, Ground
 
 PRIVATE = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
@@ -31,9 +32,19 @@ STAMP = Stamp(int(START_S), 1000, 7)
 STATE = Ground("unsigned", random.Random(1)).unsealed(START_S, 1)
 MOTION = Ground("unsigned", random.Random(1)).unsealed(START_S, 4)
 FLEET = FrameWriter().encode(
-    FleetFrame(STAMP, Directive.HOLD, 100, (AgentEntry(1, 10.0, -10.0, 3), AgentEntry(2, 0.0, 0.0, None)), (), ())
+    FleetFrame(
+        STAMP,
+        Directive.HOLD,
+        1,
+        Grid(100, -1, -1),
+        (AgentEntry(1, 10.0, -10.0, 3), AgentEntry(2, 0.0, 0.0, None)),
+        (),
+        (),
+    )
 )
-MISSION = FrameWriter().encode(MissionFrame(STAMP, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, "näher", bytes(8)))
+MISSION = FrameWriter().encode(
+    MissionFrame(STAMP, 1, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, "näher", bytes(8))
+)
 FRAMES = {"state": STATE, "motion": MOTION, "fleet": FLEET, "mission": MISSION}
 
 
@@ -66,16 +77,16 @@ def test_what_is_signed_is_the_domain_the_sender_the_message_and_the_padded_cont
     part = signed_part(raw_frame(STATE))
     assert part[:17] == b"oneway-guidance/1"
     assert part[17:22] == bytes((254, 190)) + (0xA00100).to_bytes(3, "little")
-    assert part[22:] == STATE[10:-2].ljust(159, b"\0")
+    assert part[22:] == STATE[10:-2].ljust(163, b"\0")
     assert signed_part(raw_frame(FLEET))[22:] == FLEET[10:-2].ljust(raw_frame(FLEET).content_length, b"\0")
 
 
 def test_a_sealed_state_has_these_bytes() -> None:
     sealed = sign(STATE, PRIVATE)
-    assert sealed[10 + 159 : -2].hex() == (
-        PRIVATE.sign(b"oneway-guidance/1" + STATE[5:10] + STATE[10:-2].ljust(159, b"\0")).hex()
+    assert sealed[10 + 163 : -2].hex() == (
+        PRIVATE.sign(b"oneway-guidance/1" + STATE[5:10] + STATE[10:-2].ljust(163, b"\0")).hex()
     )
-    assert len(sealed) == 235
+    assert len(sealed) == 239
 
 
 @pytest.mark.slow
@@ -165,7 +176,7 @@ def test_signatures_kept_for_copies_are_bounded(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_frame_without_room_for_the_signature_is_refused() -> None:
     name = "n" * 200
-    full = FrameWriter().encode(MissionFrame(STAMP, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, name, bytes(8)))
+    full = FrameWriter().encode(MissionFrame(STAMP, 1, 47.0, 8.0, 400.0, 50.0, 30.0, bytes(8), 2, 1, 0, name, bytes(8)))
     with pytest.raises(ValueError, match="leave no room for a signature of 64"):
         sign(full, PRIVATE)
 

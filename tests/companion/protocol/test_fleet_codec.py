@@ -23,6 +23,7 @@ from companion.protocol.codec import (
     Frame,
     FrameReader,
     FrameWriter,
+    Grid,
     MissionFrame,
     RadiiEntry,
     RadiiFrame,
@@ -45,7 +46,8 @@ from companion.protocol.fleet_codec import (
     age_code,
     age_of,
     data_bytes,
-    finest_resolution_cm,
+    finest_grid,
+    finest_radii_cm,
     read_fleet,
     read_radii,
 )
@@ -55,7 +57,8 @@ STAMP = Stamp(epoch_s=1_790_000_000, time_ms=12_345, sequence=7, frame_index=1, 
 SMALL_FLEET = FleetFrame(
     stamp=STAMP,
     directive=Directive.HOLD,
-    resolution_cm=300,
+    revision=0x34,
+    grid=Grid(300, -1, -3),
     agents=(
         AgentEntry(300, 1_000.0, -2_000.0, 42),
         AgentEntry(302, 150_000.0, 120_000.0, None),
@@ -65,10 +68,14 @@ SMALL_FLEET = FleetFrame(
     threats=(ThreatPlace(9, -500.0, 600.0, 3.0),),
 )
 SMALL_RADII = RadiiFrame(
-    stamp=STAMP, threats=(RadiiEntry(9, 10_000.0, 5_000.0, 9.5), RadiiEntry(10, 800.0, 800.0, 0.0, -3.5, None))
+    stamp=STAMP,
+    revision=0x34,
+    resolution_cm=16,
+    threats=(RadiiEntry(9, 10_000.0, 5_000.0, 9.5), RadiiEntry(10, 800.0, 800.0, 0.0, -3.5, None)),
 )
 SMALL_MISSION = MissionFrame(
     stamp=replace(STAMP, frame_index=0, frame_count=1),
+    revision=0x34,
     origin_lat_deg=47.1234567,
     origin_lon_deg=-8.7654321,
     origin_alt_m=-12.3,
@@ -98,17 +105,17 @@ SMALL_DECISION = DecisionFrame(
 GOLDEN: list[tuple[Frame, str]] = [
     (
         SMALL_FLEET,
-        "fd47000000febe0501a0803bb16a3930000007000000fffffdff2c010101023101032c012a004d02650001ffffffff0050c4"
-        "409f00020107002b000103022a00e8043508ff000103040109005900c8031ce45c",
+        "fd48000000febe0501a0803bb16a3930000007000000fffffdff2c01340101023101032c012a004d02650001ffffffff0050"
+        "c4409f00020107002b000103022a00e8043508ff000103040109005900c8031c2f9d",
     ),
     (
         SMALL_RADII,
-        "fd27000000febe0601a0803bb16a393000000700000010000102160501090024f4127a0a06010a008813881300fcffff7f1c3f",
+        "fd28000000febe0601a0803bb16a39300000070000001000340102160501090024f4127a0a06010a008813881300fcffff7f8172",
     ),
     (
         SMALL_MISSION,
-        "fd39000000febe0701a0803bb16a39300000070000000778161c4f80c6fa85ffffffe803bd0bf40132003300000102030405"
-        "060708090a0b0c0d0e0f06c39c62756e67a7a8",
+        "fd3a000000febe0701a0803bb16a39300000070000000778161c4f80c6fa85ffffffe803bd0bf40132003300340001020304"
+        "05060708090a0b0c0d0e0f06c39c62756e6787d8",
     ),
     (
         SMALL_DECISION,
@@ -147,15 +154,15 @@ def radii_through(frame: RadiiFrame) -> RadiiFrame:
 
 
 def fleet_of(**parts: object) -> FleetFrame:
-    bare: dict[str, object] = {"agents": (), "targets": (), "threats": (), "resolution_cm": 1}
+    bare: dict[str, object] = {"agents": (), "targets": (), "threats": (), "grid": Grid(1, 0, 0)}
     return replace(SMALL_FLEET, **{**bare, **parts})  # type: ignore[arg-type]
 
 
 def fitted(frame: FleetFrame) -> FleetFrame:
-    """Return the frame with the finest resolution that holds its places."""
+    """Return the frame with the finest grid that holds its places."""
     entries: list[AgentEntry | TargetEntry | ThreatPlace] = [*frame.agents, *frame.targets, *frame.threats]
     points = [(e.north_m, e.east_m) for e in entries if e.north_m is not None and e.east_m is not None]
-    return replace(frame, resolution_cm=finest_resolution_cm(points))
+    return replace(frame, grid=finest_grid(points or [(0.0, 0.0)]))
 
 
 @st.composite
@@ -213,7 +220,8 @@ def test_the_fleet_frame_that_the_wire_page_works_through_is_what_it_says() -> N
     frame = FleetFrame(
         stamp=Stamp(1_767_225_600, 5_000, 2),
         directive=Directive.NORMAL,
-        resolution_cm=305,
+        revision=1,
+        grid=Grid(305, 1, 0),
         agents=(
             AgentEntry(1, 61_283.46, 40_000.0, 1),
             AgentEntry(2, 1_500.0, 190_000.0, 1),
@@ -235,8 +243,8 @@ def test_the_fleet_frame_that_the_wire_page_works_through_is_what_it_says() -> N
 @given(fleets())
 def test_a_fleet_frame_returns_every_id_target_and_place_within_half_a_unit(frame: FleetFrame) -> None:
     decoded = fleet_through(frame)
-    assert (decoded.stamp, decoded.directive, decoded.resolution_cm) == (STAMP, Directive.HOLD, frame.resolution_cm)
-    half_m = frame.resolution_cm / 200.0 + 1e-6
+    assert (decoded.stamp, decoded.directive, decoded.grid) == (STAMP, Directive.HOLD, frame.grid)
+    half_m = frame.grid.resolution_cm / 200.0 + 1e-6
     for name in ("agents", "targets", "threats"):
         sent, got = getattr(frame, name), getattr(decoded, name)
         assert [entry.id for entry in got] == [entry.id for entry in sent]
@@ -263,19 +271,19 @@ def test_places_near_each_other_are_fine_however_far_the_origin_is(
     frame = fitted(
         fleet_of(targets=tuple(TargetEntry(k, corner[0] + n, corner[1] + e) for k, (n, e) in enumerate(points[:30])))
     )
-    assert frame.resolution_cm <= 13  # 1000 km in steps of 256 units; 2 km alone would take 4 cm
+    assert frame.grid.resolution_cm <= 13  # 1000 km in steps of 256 units; 2 km alone would take 4 cm
     for sent, got in zip(frame.targets, fleet_through(frame).targets, strict=True):
         assert math.dist((sent.north_m, sent.east_m), (got.north_m, got.east_m)) <= frame.rounding_m + 1e-6
 
 
 def test_all_in_one_place_takes_the_finest_unit() -> None:
     frame = fitted(fleet_of(agents=tuple(AgentEntry(k, 12_345.678, -0.004, None) for k in range(40))))
-    assert frame.resolution_cm == 1
+    assert frame.grid.resolution_cm == 1
     assert {(a.north_m, a.east_m) for a in fleet_through(frame).agents} == {(12_345.68, 0.0)}
 
 
 def test_two_hundred_kilometres_take_units_of_about_three_metres() -> None:
-    assert finest_resolution_cm([(0.0, 0.0), (SIDE_M, SIDE_M)]) == 307
+    assert finest_grid([(0.0, 0.0), (SIDE_M, SIDE_M)]) == Grid(307, 0, 0)
 
 
 @given(st.lists(st.tuples(*[st.floats(-2.0e7, 2.0e7)] * 2), min_size=1, max_size=8))
@@ -285,14 +293,14 @@ def test_the_finest_unit_always_fits(points: list[tuple[float, float]]) -> None:
 
 @pytest.mark.parametrize("points", [[(0.0, 0.0), (700.0, 0.0)], [(100_000.0, 0.0)], [(0.0, -100_000.0)]])
 def test_places_that_do_not_fit_the_unit_given_are_refused(points: list[tuple[float, float]]) -> None:
-    with pytest.raises(WireError, match="do"):
+    with pytest.raises(WireError, match="off the grid"):
         FrameWriter().encode(fleet_of(targets=tuple(TargetEntry(k, *point) for k, point in enumerate(points))))
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1.0e300])
 def test_a_place_that_is_nowhere_is_refused(bad: float) -> None:
     with pytest.raises(WireError):
-        finest_resolution_cm([(0.0, 0.0), (0.0, bad)])
+        finest_grid([(0.0, 0.0), (0.0, bad)])
     with pytest.raises(WireError):
         FrameWriter().encode(fleet_of(targets=(TargetEntry(1, bad, 0.0),)))
 
@@ -300,7 +308,7 @@ def test_a_place_that_is_nowhere_is_refused(bad: float) -> None:
 @pytest.mark.parametrize("resolution_cm", [0, -1, 65_536])
 def test_a_unit_that_fits_no_field_is_refused(resolution_cm: int) -> None:
     with pytest.raises(WireError, match="resolution"):
-        FrameWriter().encode(fleet_of(resolution_cm=resolution_cm))
+        FrameWriter().encode(fleet_of(grid=Grid(resolution_cm, 0, 0)))
 
 
 # Discs
@@ -325,7 +333,8 @@ def test_a_receivers_disc_holds_the_true_one(
     fleet = fitted(fleet_of(threats=(ThreatPlace(1, *seen, age_s), ThreatPlace(2, *elsewhere, 0.0))))
     place = fleet_through(fleet).threats[0]
     sent = RadiiEntry(1, detection_m, share * detection_m, bound_m_s)
-    (radii,) = radii_through(replace(SMALL_RADII, threats=(sent,))).threats
+    unit_cm = finest_radii_cm(detection_m)
+    (radii,) = radii_through(replace(SMALL_RADII, resolution_cm=unit_cm, threats=(sent,))).threats
     shift_m = math.dist(seen, (place.north_m, place.east_m))
     grown_m = fleet.rounding_m + radii.speed_bound_m_s * place.age_s
     for true_m, told_m in (
@@ -363,7 +372,8 @@ def test_radii_are_rounded_up_by_less_than_a_unit_and_return_the_same_when_sent_
     radii: list[tuple[float, float]],
 ) -> None:
     sent = tuple(RadiiEntry(k, big, big * share, 1.0) for k, (big, share) in enumerate(radii))
-    frame = replace(SMALL_RADII, threats=sent)
+    unit_cm = finest_radii_cm(max(big for big, _ in radii))
+    frame = replace(SMALL_RADII, resolution_cm=unit_cm, threats=sent)
     (message,) = oneway.MAVLink(None).parse_buffer(bytearray(FrameWriter().encode(frame)))
     unit_m = message.resolution / 100.0
     decoded = radii_through(frame)
@@ -458,7 +468,7 @@ def test_two_hundred_agents_without_a_place_fit_one_frame() -> None:
 
 
 def test_more_than_a_frame_holds_is_refused() -> None:
-    with pytest.raises(WireError, match="a frame holds 233"):
+    with pytest.raises(WireError, match="a frame holds 232"):
         FrameWriter().encode(fleet_of(agents=tuple(agents_with(list(range(1, 47))))))
 
 
@@ -500,7 +510,7 @@ def test_only_the_bytes_in_use_travel() -> None:
 
 
 @pytest.mark.parametrize(
-    ("max_frame_bytes", "overhead_bytes", "expected"), [(252, 0, 218), (252, 13, 205), (252, 64, 154), (280, 13, 233)]
+    ("max_frame_bytes", "overhead_bytes", "expected"), [(252, 0, 217), (252, 13, 204), (252, 64, 153), (280, 13, 232)]
 )
 def test_the_room_for_data_is_what_the_path_leaves(max_frame_bytes: int, overhead_bytes: int, expected: int) -> None:
     assert data_bytes(FLEET_HEAD_BYTES, max_frame_bytes, overhead_bytes) == expected
@@ -599,11 +609,11 @@ def padded(data: bytes, length: int) -> list[int]:
 
 
 def fleet_data(data: bytes) -> dict[str, object]:
-    return {"size": len(data), "data": padded(data, 233)}
+    return {"size": len(data), "data": padded(data, 232)}
 
 
 def radii_data(data: bytes) -> dict[str, object]:
-    return {"size": len(data), "data": padded(data, 238)}
+    return {"size": len(data), "data": padded(data, 237)}
 
 
 def section(kind: int, count: int, first_id: int, body: bytes = b"") -> bytes:
@@ -619,7 +629,7 @@ AGENT = section(1, 1, 5, struct.pack("<HHHB", 9, 0, 0, 1))
         (SMALL_FLEET, {"directive": 3}, "unknown directive"),
         (SMALL_FLEET, {"resolution": 0}, "resolution is zero"),
         (SMALL_FLEET, {"frame_index": 2}, "frame index out of range"),
-        (SMALL_FLEET, {"size": 234}, "size out of range"),
+        (SMALL_FLEET, {"size": 233}, "size out of range"),
         (SMALL_FLEET, {"size": 255}, "size out of range"),
         (SMALL_FLEET, fleet_data(b"\x01"), "section cut short"),
         (SMALL_FLEET, fleet_data(AGENT[:-1]), "section cut short"),
@@ -644,7 +654,7 @@ AGENT = section(1, 1, 5, struct.pack("<HHHB", 9, 0, 0, 1))
         ),
         (SMALL_RADII, {"resolution": 0}, "resolution is zero"),
         (SMALL_RADII, {"frame_count": 0}, "frame index out of range"),
-        (SMALL_RADII, {"size": 239}, "size out of range"),
+        (SMALL_RADII, {"size": 238}, "size out of range"),
         (SMALL_RADII, radii_data(section(3, 1, 5, bytes(4))), "section out of place"),
         (SMALL_RADII, radii_data(section(5, 1, 5, struct.pack("<HHB", 5, 6, 0))), "radii out of range"),
         (SMALL_RADII, radii_data(section(5, 1, 5, struct.pack("<HHB", 5, 0, 0))), "radii out of range"),
@@ -652,8 +662,8 @@ AGENT = section(1, 1, 5, struct.pack("<HHHB", 9, 0, 0, 1))
         (SMALL_RADII, radii_data(section(5, 1, 5, b"\5\0\5\0\0") * 2), "an id is given twice"),
         (SMALL_MISSION, {"origin_lat": 900_000_001}, "origin out of range"),
         (SMALL_MISSION, {"origin_lon": -1_800_000_001}, "origin out of range"),
-        (SMALL_MISSION, {"size": 205}, "size out of range"),
-        (SMALL_MISSION, {"size": 1, "data": padded(b"\xff", 204)}, "name is not UTF-8"),
+        (SMALL_MISSION, {"size": 204}, "size out of range"),
+        (SMALL_MISSION, {"size": 1, "data": padded(b"\xff", 203)}, "name is not UTF-8"),
         (SMALL_DECISION, {"flags": 128}, "unknown flag"),
         (SMALL_DECISION, {"speed": math.inf}, "number out of range"),
         (SMALL_DECISION, {"picture_age": -math.inf}, "number out of range"),
@@ -687,7 +697,7 @@ def test_any_data_decode_to_finite_numbers_or_a_wire_error(
     data: bytes, resolution_cm: int, north: int, east: int
 ) -> None:
     readers: list[Callable[[], object]] = [
-        lambda: read_fleet(data, resolution_cm, north, east),
+        lambda: read_fleet(data, Grid(resolution_cm, north, east)),
         lambda: read_radii(data, resolution_cm),
     ]
     for read in readers:

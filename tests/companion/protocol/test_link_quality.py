@@ -13,7 +13,7 @@ EPOCH_S = 1_800_000_000
 
 def state(sequence: int, at_s: float, index: int = 0, count: int = 1, epoch_s: int = EPOCH_S) -> StateFrame:
     stamp = Stamp(epoch_s, round((at_s - epoch_s) * 1000), sequence, index, count)
-    return StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, (), (), ())
+    return StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, 1, 0, 0, 100, (), (), ())
 
 
 def heard(seconds: int, keep: int, of: int, *, period_s: float = 1.0) -> tuple[LinkMonitor, float]:

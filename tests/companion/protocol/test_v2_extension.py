@@ -14,7 +14,9 @@ from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.protocol.messages import Directive, Stamp, StateFrame
 from companion.protocol.v2_extension import WRAP_BYTES, unwrap, wrap
 
-FRAME = FrameWriter().encode(StateFrame(Stamp(1_790_000_000, 250, 7), 47.0, 8.0, Directive.HOLD, (), (), ()))
+FRAME = FrameWriter().encode(
+    StateFrame(Stamp(1_790_000_000, 250, 7), 47.0, 8.0, Directive.HOLD, 1, 0, 0, 100, (), (), ())
+)
 KEY = bytes(range(32))
 NOW_S = 1_790_000_000.0
 
