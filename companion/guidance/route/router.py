@@ -28,11 +28,7 @@ from companion.guidance.route.walls import NO_WALLS, Walls, WallSet
 
 SWITCH_SHARE = 0.02
 """Share of the kept route's length that a new route on other sides of discs must save (docs/method.md section 3)."""
-DEEP_SHARE = 0.05
-"""Depth inside a disc, as a share of its radius, from which a vehicle heads straight out of it, and below it partly."""
-DEEP_CLEARANCE = 0.5
-"""The same for a wall, as a share of its clearance."""
-BASE_WORK_US = 3000.0
+BASE_WORK_US = 5000.0
 """Work of one call of a router until it pauses, in nominal microseconds, without any discs."""
 DISC_WORK_US = 60.0
 """The same for each disc and each corner of a wall."""
@@ -41,6 +37,9 @@ REPLAN_STEPS = 10
 REPLAN_SHARE = 0.05
 """Share of a disc's radius: when the disc's centre and radius together have changed by more, or the goal by more than
 this share of the least radius, a kept route is compared with a new one."""
+
+CHANGED_LEGS = 5
+"""Number of lines at the beginning of a kept route that are checked again if only the vehicle has moved."""
 
 
 class Reach(Enum):
@@ -167,6 +166,7 @@ class _Memory:
 
     question: _Question
     way: Way | None
+    discs: _Discs  # that the indices of the way mean
     planned_m: float  # length of the way when it was planned
     place: complex  # of the vehicle at the last call
     flown_m: float = 0.0  # since the plan
@@ -178,7 +178,7 @@ class _Memory:
         self.place = place
         self.calls += 1
 
-    def along(self, plan: Plan, question: _Question) -> Way | None:
+    def along(self, plan: Plan, question: _Question, effort: Effort) -> Way | None:
         """Return the stored way from the present pose, None if it is not free or no longer leads to the goal."""
         way, before = self.way, self.question
         if way is None or question.walls is not before.walls:
@@ -186,15 +186,21 @@ class _Memory:
         if not way.to_target and _differ(question, before, 0.0):
             return None
         via = way.via
-        if question.discs is not before.discs:
-            old, new = before.discs.ids.tolist(), question.discs.ids.tolist()
+        if self.discs is not question.discs:
+            old, new = self.discs.ids.tolist(), question.discs.ids.tolist()
             index_of = {identity: index for index, identity in enumerate(new)}
             moved = [
                 (index_of.get(old[index]) if index < len(old) else index - len(old) + len(new), side)
                 for index, side in via
             ]
             via = tuple((index, side) for index, side in moved if index is not None)
-        return plan.along(way, via)
+        standing = question.discs is self.discs and question.goal == before.goal
+        found = plan.along(way, via, CHANGED_LEGS if standing else None)
+        if found is None and via:
+            found = plan.rejoining(way, via, effort)
+        if found is not None:
+            self.way, self.discs = found, question.discs
+        return found
 
     def is_due(self, kept: Way, plan: Plan, question: _Question, switch_share: float) -> bool:
         """Return whether the stored way must be compared with a new one.
@@ -258,16 +264,17 @@ class Router:
         question = _Question(aim, discs, self._walls if walls != NO_WALLS else None)
         plan = Plan(pose, aim, discs.centres, discs.radii_m, question.walls)
         kept = None
+        effort = Effort(BASE_WORK_US + DISC_WORK_US * len(plan.obstacles.centre))
         memory = self._memory
         if memory is not None:
             memory.step(pose.place)
             if memory.way is None and memory.calls < REPLAN_STEPS and not _differ(question, memory.question, 0.0):
                 return _as_route(plan, None)
-            kept = memory.along(plan, question)
+            kept = memory.along(plan, question, effort)
             if kept is not None and not memory.is_due(kept, plan, question, self._switch_share):
                 self._pending = None
                 return _as_route(plan, kept)
-        done, way = self._planned(plan, question)
+        done, way = self._planned(plan, question, effort.left_us)
         if not done:
             if kept is not None:
                 return _as_route(plan, kept)
@@ -275,15 +282,14 @@ class Router:
         if kept is not None and way is not None and way.to_target is kept.to_target:
             if kept.length_m - way.length_m <= self._switch_share * kept.length_m:
                 way = kept
-        self._memory = _Memory(question, way, 0.0 if way is None else way.length_m, pose.place)
+        self._memory = _Memory(question, way, discs, 0.0 if way is None else way.length_m, pose.place)
         return _as_route(plan, way)
 
-    def _planned(self, plan: Plan, question: _Question) -> tuple[bool, Way | None]:
+    def _planned(self, plan: Plan, question: _Question, left_us: float) -> tuple[bool, Way | None]:
         """Return whether a plan is made, and its way (None: there is none); makes as much of it as one call may.
 
         A plan that was begun at an earlier call is the answer if its way is free from where the vehicle is now.
         """
-        left_us = BASE_WORK_US + DISC_WORK_US * len(plan.obstacles.centre)
         pending = self._pending
         while left_us > 0.0:
             if pending is None or _differ(question, pending.question, REPLAN_SHARE):
@@ -297,8 +303,8 @@ class Router:
                 way: Way | None = stop.value
                 if pending.plan is plan or way is None:
                     return True, way
-                memory = _Memory(pending.question, way, 0.0, plan.pose.place)
-                again = memory.along(plan, question)
+                memory = _Memory(pending.question, way, pending.question.discs, 0.0, plan.pose.place)
+                again = memory.along(plan, question, pending.effort)
                 if again is not None:
                     return True, again
                 left_us, pending = pending.effort.left_us, None
@@ -367,7 +373,7 @@ def _outwards(plan: Plan, heading_rad: float, turn: int) -> tuple[float, int]:
     The deeper the start is inside, the more directly the direction leads outwards: a vehicle slightly inside leaves
     gradually along its route instead of zigzagging, and one deep inside leaves by the shortest way.
     """
-    found = plan.way_out(DEEP_SHARE, DEEP_CLEARANCE)
+    found = plan.way_out()
     if found is None:
         return heading_rad, turn
     deep, direction = found
@@ -386,14 +392,15 @@ def _pair(place: complex) -> tuple[float, float]:
 def _aim(goal: Goal | Sequence[float] | np.ndarray) -> Aim:
     position_ned_m, radius_m = goal if isinstance(goal, Goal) else (goal, 0.0)
     _check_finite(*position_ned_m, radius_m)
-    return Aim(complex(*position_ned_m), max(radius_m, 0.0))
+    return Aim(complex(*position_ned_m), float(max(radius_m, 0.0)))
 
 
 def _pose(departure: Departure) -> Pose:
     position_ned_m, heading_rad, turn_radius_m, beside_m2 = departure
     _check_finite(*position_ned_m, heading_rad or 0.0, turn_radius_m, beside_m2)
     limited = heading_rad is not None and turn_radius_m > 0.0
-    return Pose(complex(*position_ned_m), heading_rad or 0.0, turn_radius_m if limited else 0.0, beside_m2)
+    turn_radius_m = float(turn_radius_m) if limited else 0.0
+    return Pose(complex(*position_ned_m), float(heading_rad or 0.0), turn_radius_m, float(beside_m2))
 
 
 def _check_finite(*numbers: float) -> None:
