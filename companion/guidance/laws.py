@@ -37,6 +37,9 @@ from companion.surrogate.profiles import (
 LEAST_CLEARANCE_M = 0.05
 """Distance that the route keeps from the discs as the guard inflates them, in addition to what following it in steps
 costs: for rounding."""
+FOLLOWING_SHARES = (1.0, 0.4)
+"""Shares of what following may cost that the route keeps from discs and walls, the first that leaves a way. On arcs of
+one radius the vehicle cuts in by 0.36 of it; the rest is for changes from arc to arc."""
 GREATEST_STEP_TURN_RAD = 1.0
 """Greatest turn of one guidance step along a circle to arrive on."""
 CIRCLE_SLACK = 1.05
@@ -147,10 +150,6 @@ class _Obstacles(NamedTuple):
     radii_m: np.ndarray  # (M,) m
     ids: np.ndarray  # (M,) int
 
-    def of(self, radii_m: np.ndarray) -> _Obstacles:  # (M,) m
-        """Return the same discs with other radii."""
-        return self._replace(radii_m=radii_m)
-
 
 class _Planned(NamedTuple):
     """A route to follow: what it answers, and its pieces from where the vehicle was at the last step."""
@@ -170,9 +169,9 @@ class _Planned(NamedTuple):
 
 
 class _Stay(NamedTuple):
-    """A nearest safe point at which the vehicle stays, and the place that it cannot reach."""
+    """A nearest safe point at which the vehicle stays, and the plan that led there."""
 
-    instead_of_ned_m: tuple[float, float]
+    planned: _Planned
     at_ned_m: tuple[float, float]
 
 
@@ -196,7 +195,7 @@ class RoutedLaw:
         # A circle of which a step is much more than a radian could not be told from its chords.
         self._circle_m = CIRCLE_SLACK * max(self._turn_radius_m, self._step_m / GREATEST_STEP_TURN_RAD)
         self._period_s = settings.coasting_after_s / COASTING_PERIODS
-        self._router = Router()
+        self._routers: dict[tuple[bool, float, bool], Router] = {}
         self._planned: _Planned | None = None
         self._circle: tuple[tuple[float, float], TurningPlace] | None = None
         self._stay: _Stay | None = None
@@ -237,14 +236,15 @@ class RoutedLaw:
         """Return where the vehicle stays if its way leads only to the nearest safe point and it is there, else None."""
         if not planned.short:
             return None
-        before = self._stay
-        leaves_m = STAYING_RADII * self._circle_m
-        if before is not None and before.instead_of_ned_m == task.place_ned_m:
-            if math.dist(before.at_ned_m, motion.position_ned_m) <= leaves_m:
-                return before
+        stay = self._stay
+        if stay is not None and stay.planned.asked.place_ned_m == task.place_ned_m and self._is_at(stay, motion):
+            return stay._replace(planned=planned)
         if planned.to_go_m > (STANDING_M if self._settings.limits.can_stop else self._step_m):
             return None
-        return _Stay(task.place_ned_m, motion.position_ned_m)
+        return _Stay(planned, motion.position_ned_m)
+
+    def _is_at(self, stay: _Stay, motion: Motion) -> bool:
+        return math.dist(stay.at_ned_m, motion.position_ned_m) <= STAYING_RADII * self._circle_m
 
     def _followed(self, task: Task, motion: Motion, view: View, now_s: float) -> tuple[_Planned, float]:
         """Return the route to follow from here, and how far to the right of it the vehicle is, m."""
@@ -259,7 +259,9 @@ class RoutedLaw:
             task.crowded,
             closed,
         )
-        before = self._planned
+        before, stay = self._planned, self._stay
+        if standing and stay is not None and stay.planned.asked == asked and self._is_at(stay, motion):
+            return stay.planned, 0.0
         if standing and before is not None and before.asked == asked and before.route.pieces:
             along_m, beside_m = nearest(before.route.pieces, motion.position_ned_m, FOLLOWED_STEPS * self._step_m)
             pieces = left_of(before.route.pieces, along_m)
@@ -289,21 +291,20 @@ class RoutedLaw:
         """Return a new route to the task's place or, if that cannot be reached, to the safe place nearest to it."""
         limits = self._settings.limits
         kept_m = obstacles.radii_m + self._held_m
-        cleared = obstacles.of(kept_m + LEAST_CLEARANCE_M)
         if limits.can_stop:
-            route = self._route(task, motion, Goal(task.place_ned_m), cleared)
+            route = self._route(task, motion, Goal(task.place_ned_m), obstacles)
             return _Planned(asked, route, obstacles, route.reach is Reach.NEAREST)
         circle_off_m = following_m(self._step_m, self._circle_m)
         room = self._room(obstacles.centres_ned_m, kept_m, circle_off_m)
         within_m = max(0.0, task.arrival_m - circle_off_m)
         goal, short = self._goal(room, task.place_ned_m, within_m, motion)
-        route = self._route(task, motion, goal or Goal(task.place_ned_m), cleared)
+        route = self._route(task, motion, goal or Goal(task.place_ned_m), obstacles)
         if route.reach in (Reach.NEAREST, Reach.NONE):
             # As near as it gets, where there is room to turn; from where nothing is safe, to the first such place.
             near_ned_m = route.goal_ned_m if route.reach is Reach.NEAREST else motion.position_ned_m
             goal, short = self._goal(room, near_ned_m, within_m, motion)[0], True
             if goal is not None:
-                route = self._route(task, motion, goal, cleared)
+                route = self._route(task, motion, goal, obstacles, instead=True)
         if route.end_side and goal is not None:
             return _Planned(asked, _with_circle(route, goal, motion), obstacles, short, math.tau * goal.radius_m)
         return _Planned(asked, route, obstacles, short)
@@ -333,25 +334,42 @@ class RoutedLaw:
             self._held_m + clearance_m,
         )
 
-    def _route(self, task: Task, motion: Motion, goal: Goal, obstacles: _Obstacles) -> Route:
-        """Return the route to a goal; with others near, one that leaves room for a circle, if there is one."""
-        limits = self._settings.limits
-        turn_radius_m = 0.0 if limits.can_stop else self._turn_radius_m
+    def _route(self, task: Task, motion: Motion, goal: Goal, obstacles: _Obstacles, *, instead: bool = False) -> Route:
+        """Return the route to a goal; with `instead` that is the nearest safe place.
+
+        With others near, one that leaves room for a circle is taken, if there is one. What following costs is kept from
+        the discs if there is such a way, else a part of it: the guard, which predicts how the vehicle follows, decides.
+        """
+        roomy_m = 2.0 * self._turn_radius_m
+        for room_m in (roomy_m, 0.0) if task.crowded and len(obstacles.radii_m) else (0.0,):
+            for share in FOLLOWING_SHARES:
+                route = self._route_with((instead, share, room_m > 0.0), motion, goal, obstacles, room_m)
+                if route.reach in (Reach.TARGET, Reach.PLANNING):
+                    return route
+        return route
+
+    def _route_with(
+        self, question: tuple[bool, float, bool], motion: Motion, goal: Goal, obstacles: _Obstacles, room_m: float
+    ) -> Route:
+        """Return the route with a share of what following costs, and more room, kept from the discs.
+
+        Each question that is asked from step to step has a router of its own, which goes on planning where it was.
+        """
+        limits, share = self._settings.limits, question[1]
+        kept_m = obstacles.radii_m + self._held_m
+        off_m = share * following_m(self._step_m, np.maximum(kept_m, self._circle_m))
         walls = NO_WALLS
         if limits.fence or limits.exclusions:
-            walls = Walls(limits.fence, limits.exclusions, self._held_m + LEAST_CLEARANCE_M)
-        for room_m in (2.0 * self._turn_radius_m, 0.0) if task.crowded and len(obstacles.radii_m) else (0.0,):
-            route = self._router.route(
-                Departure(motion.position_ned_m, motion.heading_rad, turn_radius_m, following_m(self._step_m, 1.0)),
-                goal,
-                obstacles.centres_ned_m,
-                obstacles.radii_m + room_m,
-                obstacles.ids,
-                walls,
-            )
-            if route.reach is Reach.TARGET:
-                break
-        return route
+            clearance_m = self._held_m + LEAST_CLEARANCE_M + share * following_m(self._step_m, self._circle_m)
+            walls = Walls(limits.fence, limits.exclusions, clearance_m)
+        return self._routers.setdefault(question, Router()).route(
+            Departure(motion.position_ned_m, motion.heading_rad, 0.0 if limits.can_stop else self._turn_radius_m),
+            goal,
+            obstacles.centres_ned_m,
+            kept_m + off_m + LEAST_CLEARANCE_M + room_m,
+            obstacles.ids,
+            walls,
+        )
 
     def _course_rad(self, route: Route, motion: Motion, view: View, beside_m: float) -> float:
         """Return the heading that follows a route; from inside a disc the route's first direction, which leads out."""

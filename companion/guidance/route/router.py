@@ -90,9 +90,6 @@ class Departure(NamedTuple):
     """The vehicle's heading; None if it may leave in any direction."""
     turn_radius_m: float = 0.0
     """The vehicle's turn radius; 0 if it can turn on the spot."""
-    beside_m2: float = 0.0
-    """How far the vehicle may be beside an arc, times the arc's radius: arcs keep that from the disc that they go
-    around (docs/route.md, Following)."""
 
 
 def shortest_route(
@@ -396,11 +393,10 @@ def _aim(goal: Goal | Sequence[float] | np.ndarray) -> Aim:
 
 
 def _pose(departure: Departure) -> Pose:
-    position_ned_m, heading_rad, turn_radius_m, beside_m2 = departure
-    _check_finite(*position_ned_m, heading_rad or 0.0, turn_radius_m, beside_m2)
+    position_ned_m, heading_rad, turn_radius_m = departure
+    _check_finite(*position_ned_m, heading_rad or 0.0, turn_radius_m)
     limited = heading_rad is not None and turn_radius_m > 0.0
-    turn_radius_m = float(turn_radius_m) if limited else 0.0
-    return Pose(complex(*position_ned_m), float(heading_rad or 0.0), turn_radius_m, float(beside_m2))
+    return Pose(complex(*position_ned_m), float(heading_rad or 0.0), float(turn_radius_m) if limited else 0.0)
 
 
 def _check_finite(*numbers: float) -> None:

@@ -63,7 +63,6 @@ class Pose(NamedTuple):
     place: complex  # north + i east, m
     heading_rad: float = 0.0
     turn_radius_m: float = 0.0  # 0: the vehicle may turn on the spot
-    beside_m2: float = 0.0  # how far it may be beside an arc, times the arc's radius
 
     @property
     def limited(self) -> bool:
@@ -129,10 +128,7 @@ class Scene:
         self.goal = goal.place - pose.place
         self.start_m = np.abs(self.centre)  # (M,) from the start to the centres
         self.tolerance_m = tolerance_m_of(self.start_m, radii_m, self.goal)
-        wide_m = radii_m
-        if pose.limited or pose.beside_m2 > 0.0:
-            kept_m = 0.5 * radii_m + np.sqrt(0.25 * radii_m * radii_m + pose.beside_m2)
-            wide_m = np.maximum(kept_m, TURN_SLACK * turn_radius_m)
+        wide_m = np.maximum(radii_m, TURN_SLACK * turn_radius_m) if pose.limited else radii_m
         arc_m = np.minimum(wide_m, self.start_m)
         self.near: list[int] = []  # discs that a turning circle may meet
         if pose.limited:
