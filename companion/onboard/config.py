@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from companion.autopilot.kinds import KINDS
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
+from companion.guard.types import PIVOT_SPEED_M_S
 from companion.guidance.settings import DEFAULT_LAW, LawName, SurrogateName
 from companion.mission.model import (
     MAX_ITEMS,
@@ -234,6 +235,21 @@ class Config(Section):
                 f"to limits.height_max_m {self.limits.height_max_m:g}"
             )
         return self
+
+    @model_validator(mode="after")
+    def _fast_enough(self) -> Self:
+        if self.autopilot is not None:
+            why = too_slow(self.limits.speed_m_s, KINDS[self.autopilot.kind].can_stop)
+            if why is not None:
+                raise ValueError(f"limits.speed_m_s: {why}")
+        return self
+
+
+def too_slow(speed_m_s: float, can_stop: bool) -> str | None:
+    """Return the speed and what is allowed instead, if the guard could hold no vehicle at it; None if it can."""
+    if can_stop or speed_m_s >= PIVOT_SPEED_M_S:
+        return None
+    return f"{speed_m_s:g}; allowed: at least {PIVOT_SPEED_M_S:g} for a vehicle that cannot stop"
 
 
 def packaged_configs() -> tuple[str, ...]:

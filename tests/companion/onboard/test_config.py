@@ -55,6 +55,10 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
         GOOD.replace("trust: unsigned", "trust: unsigned, checks_per_s: 1.0e-320"),
         ("broadcast.checks_per_s", "greater than or equal to 1"),
     ),
+    "a plane slower than the guard can hold": (
+        GOOD.replace("arducopter", "arduplane") + "limits: {speed_m_s: 0.4}\n",
+        ("limits.speed_m_s: 0.4", "at least 0.5", "cannot stop"),
+    ),
     "checks without end": (
         GOOD.replace("trust: unsigned", "trust: unsigned, checks_per_s: 1.0e+6"),
         ("broadcast.checks_per_s", "less than or equal to 100000"),
