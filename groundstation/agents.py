@@ -23,7 +23,7 @@ from companion.guidance.laws import SteeringOf
 from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
 from companion.onboard.companion import Companion
-from companion.onboard.config import config_for_agent, too_slow
+from companion.onboard.config import config_for_agent, fast_enough
 from companion.onboard.law_settings import law_settings
 
 DRIFT_SHARE = 0.01
@@ -70,9 +70,9 @@ class VehicleModel:
 def check_reckonable(mission: Mission, model: VehicleModel, source: str) -> None:
     """Raise InputError if the guard could hold no vehicle at the speed of an agent; `source` names the file."""
     for index, spec in enumerate(mission.agents):
-        why = too_slow(spec.speed_m_s, model.can_stop)
-        if why is not None:
-            raise InputError(f"{source}: agents[{index}].speed_m_s: {why}")
+        allowed = fast_enough(spec.speed_m_s, model.can_stop)
+        if allowed is not None:
+            raise InputError(f"{source}: agents[{index}].speed_m_s: {spec.speed_m_s:g}; allowed: {allowed}")
 
 
 class DeadReckoner:

@@ -234,7 +234,14 @@ class Companion:
         view = world_model.view(now_s, _band_m(telemetry, config.height_m))
         view = world_model.with_traffic(view, seen.traffic)
         status = self._assess(age_s, now_s)
-        situation = Situation(motion.position_ned_m, located.home.position_ned_m, view, status, world_model.directive)
+        situation = Situation(
+            motion.position_ned_m,
+            located.home.position_ned_m,
+            view,
+            status,
+            world_model.directive,
+            None if before.last_fix is None else before.last_fix.position_ned_m,
+        )
         goal = choose_goal(situation, before, config, self.steering.loiter)
         steered = steer(self.steering, goal, Moment(motion, view, self.flown_m, now_s), before)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
@@ -270,7 +277,7 @@ class Companion:
         if NO_BACKUP in steered.verdict.changes and self.config.law == "routed":
             uncertified_from_s = now_s if before.uncertified_from_s is None else before.uncertified_from_s
         return Engagement(
-            arrived=goal.arrived,
+            arrived_ned_m=goal.arrived_ned_m,
             giving_way=goal.giving_way,
             at_home=goal.at_home,
             loiter_place_ned_m=steered.loiter_place_ned_m,

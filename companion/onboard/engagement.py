@@ -24,8 +24,8 @@ class GridSetpoint(NamedTuple):
 class Engagement(NamedTuple):
     """What one tick leaves to the next, from the first tick that steers to the first that does not."""
 
-    arrived: bool = False
-    """Whether the vehicle is at its target."""
+    arrived_ned_m: tuple[float, float] | None = None
+    """Where the target was when the vehicle arrived at it; None before that."""
     giving_way: bool = False
     """Whether the vehicle waits because another agent arrives at the target first."""
     at_home: bool = False

@@ -122,7 +122,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
         config=config,
         can_stop=can_stop,
         guard=guard,
-        law=law or law_of(law_settings(config)),
+        law=law or law_of(law_settings(config, can_stop=can_stop)),
         own_law=law is not None,
         rules=rules,
         interaction_m=0.0 if rules is None else interaction_radius_m(rules, config.guidance_step_s),
@@ -307,7 +307,7 @@ def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: Steer
         attack_m=view.attack_radius_m,
         ids=view.threat_ids,
     )
-    route = () if demand.route is None else demand.route.pieces + demand.onward
+    route = () if demand.route is None else demand.route.pieces
     dt_s = steering.config.guidance_step_s
     return steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, Hints(route, keep_right=crowded))
 

@@ -40,6 +40,9 @@ TIME_SHARE = 0.75
 LIMITS_MS = ((25, 20.0), (100, 50.0), (400, 100.0))
 """Longest processor time of a decision, ms, by the greatest number of discs for which it holds."""
 RATIO_LIMIT = 1.05
+LATE_SHARE = 0.25
+"""Last part of a flight, in which an agent that is on its way comes nearer to its target than it was before."""
+OUT_OF_TIME = "out of time on its way"
 ASSIGNED = "assigned"
 """Reason of a decision that goes to its target and says nothing else."""
 
@@ -129,7 +132,7 @@ def fly_trial(given: RandomMission) -> Trial:
         worst_depth_m=scored.worst_depth_m,
         breaches=scored.separation_breaches,
         broken=flight.broken,
-        why_not=tuple(_reason(agent) for agent, judged in pairs if judged.arrived_t_s is None),
+        why_not=tuple(_reason(mission, flight, i) for i, (_, j) in enumerate(pairs) if j.arrived_t_s is None),
         feasible=None if planned is None else planned.feasible,
         path_ratio=None
         if planned is None
@@ -178,13 +181,26 @@ def _entries_for_ever(mission: Mission, flight: ArenaFlight) -> int:
     return int(threat_approaches(flight.trajectory, counts, mission).entries_detection.sum())
 
 
-def _reason(agent: AgentFlight) -> str:
-    """Return why an agent was not on its way at the end; empty if its companion said nothing."""
-    last = agent.last
+def _reason(mission: Mission, flight: ArenaFlight, index: int) -> str:
+    """Return why an agent did not arrive: what its companion last said, or that the time was up on its way."""
+    last = flight.agents[index].last
     if last is None:
         return ""
     words = [last.stay or "", "" if last.purpose is Purpose.TARGET else last.reason, last.note or "", *last.triggers]
-    return next((word for word in words if word), ASSIGNED)
+    said = next((word for word in words if word), "")
+    return said or (OUT_OF_TIME if _comes_nearer(mission, flight, index) else ASSIGNED)
+
+
+def _comes_nearer(mission: Mission, flight: ArenaFlight, index: int) -> bool:
+    """Return whether an agent was nearer to its target in the last part of its flight than ever before."""
+    last, trajectory = flight.agents[index].last, flight.trajectory
+    if last is None or last.target_id is None:
+        return False
+    target = trajectory.targets_ned_m[:, trajectory.target_ids.index(last.target_id)]
+    to_go_m = np.linalg.norm(trajectory.agents_ned_m[:, index] - target, axis=-1)
+    before = int((1.0 - LATE_SHARE) * len(to_go_m))
+    step_m = mission.agents[index].speed_m_s * mission.guidance_step_s
+    return bool(to_go_m[before:].min() < to_go_m[:before].min(initial=math.inf) - step_m)
 
 
 def _ratio(shortest: Plan, flight: ArenaFlight, judged: AgentScore, speed_m_s: float) -> float | None:

@@ -18,7 +18,7 @@ from sim.arena.survivors import survivors
 from sim.arena.trial import Trial, fly_trial, room_m
 
 SEED = 14
-FLOWN = 200
+FLOWN = 150
 """Missions of the property test; a few tenths of a second each."""
 DRAWN = [random_mission(SEED, index, small=True) for index in range(60)]
 

@@ -162,7 +162,9 @@ def _vehicle(generator: np.random.Generator, recipe: Recipe) -> _Vehicle:
     step_s = float(generator.choice(recipe.steps_s))
     parts = int(generator.choice([1, 1, 2, 5]))
     speed_m_s = _log_uniform(generator, recipe.speeds_m_s)
-    n_max = _log_uniform(generator, LOAD_FACTORS)
+    # A vehicle that turns wider than this does not fly TURNS_AHEAD turns in the length's steps.
+    least = TURNS_AHEAD * speed_m_s / (GRAVITY_M_S2 * recipe.length_steps[1] * step_s)
+    n_max = _log_uniform(generator, (min(max(LOAD_FACTORS[0], least), LOAD_FACTORS[1]), LOAD_FACTORS[1]))
     return _Vehicle(rounded(speed_m_s, 2), rounded(n_max, 4), step_s, step_s / parts)
 
 
