@@ -178,7 +178,7 @@ def main() -> None:
     parser.add_argument("--flights", type=int, default=3, help="of each family and number of discs")
     options = parser.parse_args()
     print(
-        f"{'family':8s} {'discs':>5s} {'calls':>6s} {'median ms':>9s} {'worst ms':>9s} {'planning':>8s} {'deepest m':>9s}"
+        f"{'family':8s} {'discs':>5s} {'calls':>6s} {'median ms':>9s} {'worst ms':>8s} {'planning':>8s} {'depth m':>8s}"
     )
     for name in options.families:
         for count in options.counts:
@@ -186,8 +186,8 @@ def main() -> None:
             results = [flight(FAMILIES[name](count, rng)) for _ in range(options.flights)]
             times_ms = [spent_ms for result in results for spent_ms in result.times_ms]
             print(
-                f"{name:8s} {count:5d} {len(times_ms):6d} {np.median(times_ms):9.2f} {max(times_ms):9.1f} "
-                f"{sum(result.planning for result in results):8d} {max(result.depth_m for result in results):9.2g} "
+                f"{name:8s} {count:5d} {len(times_ms):6d} {np.median(times_ms):9.2f} {max(times_ms):8.1f} "
+                f"{sum(result.planning for result in results):8d} {max(result.depth_m for result in results):8.2g} "
                 f" {', '.join(result.end for result in results)}"
             )
 

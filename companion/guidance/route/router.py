@@ -14,7 +14,7 @@ import cmath
 import itertools
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -38,6 +38,8 @@ REPLAN_SHARE = 0.05
 """Share of a disc's radius: when the disc's centre and radius together have changed by more, or the goal by more than
 this share of the least radius, a kept route is compared with a new one."""
 
+MOST_TRACKS = 4
+"""Number of questions that a router may be asked in turn."""
 CHANGED_LEGS = 5
 """Number of lines at the beginning of a kept route that are checked again if only the vehicle has moved."""
 
@@ -222,22 +224,28 @@ class _Pending:
     effort: Effort
 
 
+@dataclass
+class _Track:
+    """One of the questions that a router is asked in turn, as it was asked last, and what is stored for it."""
+
+    question: _Question
+    memory: _Memory | None = None
+    pending: _Pending | None = None
+
+
 class Router:
     """Plans the route of one vehicle step by step, adapting the route chosen before where it can.
 
     Between plans it keeps only on which side each disc is passed, and computes the tangents anew. If the kept route is
     no longer free, has been left, or the scene has changed, a new one is planned, over several calls if it must. A
     route on other sides replaces the kept one only if it saves enough, so that rounding and noise do not make the
-    vehicle waver.
+    vehicle waver. A few questions may be asked in turn; each is answered by its own route.
     """
 
     def __init__(self, switch_share: float = SWITCH_SHARE) -> None:
         """Keep a route unless another one saves more than `switch_share` of its length."""
         self._switch_share = switch_share
-        self._memory: _Memory | None = None
-        self._pending: _Pending | None = None
-        self._discs: _Discs | None = None
-        self._walls: WallSet | None = None
+        self._tracks: list[_Track] = []  # the last one asked for first
 
     def route(
         self,
@@ -255,23 +263,21 @@ class Router:
         (`Reach.PLANNING`). Raises ValueError as `shortest_route` does.
         """
         pose, aim = _pose(departure), _aim(goal)
-        discs = self._discs = self._known_discs(centres_ned_m, radii_m, ids)
-        if self._walls is None or self._walls.given != walls:
-            self._walls = WallSet(walls)
-        question = _Question(aim, discs, self._walls if walls != NO_WALLS else None)
-        plan = Plan(pose, aim, discs.centres, discs.radii_m, question.walls)
+        question = _Question(aim, self._known_discs(centres_ned_m, radii_m, ids), self._known_walls(walls))
+        track = self._track(question)
+        plan = Plan(pose, aim, question.discs.centres, question.discs.radii_m, question.walls)
         kept = None
         effort = Effort(BASE_WORK_US + DISC_WORK_US * len(plan.obstacles.centre))
-        memory = self._memory
+        memory = track.memory
         if memory is not None:
             memory.step(pose.place)
             if memory.way is None and memory.calls < REPLAN_STEPS and not _differ(question, memory.question, 0.0):
                 return _as_route(plan, None)
             kept = memory.along(plan, question, effort)
             if kept is not None and not memory.is_due(kept, plan, question, self._switch_share):
-                self._pending = None
+                track.pending = None
                 return _as_route(plan, kept)
-        done, way = self._planned(plan, question, effort.left_us)
+        done, way = _planned(track, plan, effort.left_us)
         if not done:
             if kept is not None:
                 return _as_route(plan, kept)
@@ -279,49 +285,74 @@ class Router:
         if kept is not None and way is not None and way.to_target is kept.to_target:
             if kept.length_m - way.length_m <= self._switch_share * kept.length_m:
                 way = kept
-        self._memory = _Memory(question, way, discs, 0.0 if way is None else way.length_m, pose.place)
+        track.memory = _Memory(question, way, question.discs, 0.0 if way is None else way.length_m, pose.place)
         return _as_route(plan, way)
 
-    def _planned(self, plan: Plan, question: _Question, left_us: float) -> tuple[bool, Way | None]:
-        """Return whether a plan is made, and its way (None: there is none); makes as much of it as one call may.
+    def _track(self, question: _Question) -> _Track:
+        """Return the track of a question that hardly differs, or a new one that knows the last way of the last one."""
+        for index, track in enumerate(self._tracks):
+            if not _differ(question, track.question, REPLAN_SHARE):
+                del self._tracks[index]
+                track.question = question
+                break
+        else:
+            before = self._tracks[0].memory if self._tracks else None
+            track = _Track(question, None if before is None else replace(before))
+        self._tracks = [track, *self._tracks[: MOST_TRACKS - 1]]
+        return track
 
-        A plan that was begun at an earlier call is the answer if its way is free from where the vehicle is now.
-        """
-        pending = self._pending
-        while left_us > 0.0:
-            if pending is None or _differ(question, pending.question, REPLAN_SHARE):
-                effort = Effort()
-                pending = _Pending(question, plan, plan.way(effort), effort)
-            pending.effort.left_us = left_us
-            try:
-                next(pending.work)
-            except StopIteration as stop:
-                self._pending = None
-                way: Way | None = stop.value
-                if pending.plan is plan or way is None:
-                    return True, way
-                memory = _Memory(pending.question, way, pending.question.discs, 0.0, plan.pose.place)
-                again = memory.along(plan, question, pending.effort)
-                if again is not None:
-                    return True, again
-                left_us, pending = pending.effort.left_us, None
-            else:
-                self._pending = pending
-                return False, None
-        return False, None
+    def _known_walls(self, walls: Walls) -> WallSet | None:
+        """Return the walls prepared, those of an earlier call if they are the same; None if there are none."""
+        if walls == NO_WALLS:
+            return None
+        for track in self._tracks:
+            known = track.question.walls
+            if known is not None and known.given == walls:
+                return known
+        return WallSet(walls)
 
     def _known_discs(self, centres_ned_m: np.ndarray, radii_m: np.ndarray, ids: np.ndarray) -> _Discs:
-        """Return the checked discs, those of the last call if the input has not changed."""
+        """Return the checked discs, those of an earlier call if the input is the same."""
         table_m, radii_m = np.asarray(centres_ned_m, dtype=float), np.asarray(radii_m, dtype=float)
         ids = np.asarray(ids)
         if ids.shape != radii_m.shape:
             raise ValueError(f"{len(radii_m)} discs, but ids of shape {ids.shape}")
         given = table_m.tobytes(), radii_m.tobytes(), ids.tobytes()
-        if self._discs is not None and self._discs.given == given:
-            return self._discs
+        for track in self._tracks:
+            if track.question.discs.given == given:
+                return track.question.discs
         centres, radii_m = _checked(table_m, radii_m)
         # The caller may write to its arrays, of which the centres are a view.
         return _Discs(given, ids.copy(), centres.copy(), radii_m)
+
+
+def _planned(track: _Track, plan: Plan, left_us: float) -> tuple[bool, Way | None]:
+    """Return whether a plan is made, and its way (None: there is none); makes as much of it as one call may.
+
+    A plan that was begun at an earlier call is the answer if its way is free from where the vehicle is now.
+    """
+    question, pending = track.question, track.pending
+    while left_us > 0.0:
+        if pending is None or _differ(question, pending.question, REPLAN_SHARE):
+            effort = Effort()
+            pending = _Pending(question, plan, plan.way(effort), effort)
+        pending.effort.left_us = left_us
+        track.pending = pending
+        try:
+            next(pending.work)
+        except StopIteration as stop:
+            track.pending = None
+            way: Way | None = stop.value
+            if pending.plan is plan or way is None:
+                return True, way
+            memory = _Memory(pending.question, way, pending.question.discs, 0.0, plan.pose.place)
+            again = memory.along(plan, question, pending.effort)
+            if again is not None:
+                return True, again
+            left_us, pending = pending.effort.left_us, None
+        else:
+            return False, None
+    return False, None
 
 
 def _as_route(plan: Plan, way: Way | None) -> Route:

@@ -140,3 +140,14 @@ def test_a_way_that_was_closed_and_opened_again_is_found(plans: list[Plan]) -> N
         for radii in (opened, RING[1], opened)
     ]
     assert reaches == [Reach.TARGET, Reach.NEAREST, Reach.TARGET]
+
+
+def test_plans_of_two_questions_that_are_asked_in_turn_are_both_made(little_effort: None, plans: list[Plan]) -> None:
+    router, goals = Router(), (GOAL, (240.0, 60.0))
+    routes: dict[tuple[float, float], Route] = {}
+    for _ in range(200):
+        for goal in goals:
+            routes[goal] = router.route(Departure(START), goal, *HONEYCOMB, IDS)
+    assert len(plans) == 2
+    for goal in goals:
+        assert routes[goal].length_m == pytest.approx(shortest_route(START, goal, *HONEYCOMB).length_m)
