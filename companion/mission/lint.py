@@ -102,7 +102,8 @@ def _unseen_in_wind(mission: Mission) -> list[str]:
     until = "between two reports" if mission.report_period_s else "at the first arrival, without reports"
     return [
         f"{wind_m_s:g} m/s in Case II, where agents are reckoned without it: {until}, {unseen_s:.0f} s, the reckoning "
-        f"may be {wind_m_s * unseen_s:.0f} m off, more than arrival_radius_m {mission.arrival_radius_m:g}"
+        f"by which it assigns targets may be {wind_m_s * unseen_s:.0f} m off, more than arrival_radius_m "
+        f"{mission.arrival_radius_m:g}"
     ]
 
 

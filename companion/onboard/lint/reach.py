@@ -115,7 +115,9 @@ def circled_targets(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
         heading_rad = math.radians(flyer.spec.heading_deg or 0.0)
         ahead_m = north_m * math.cos(heading_rad) + east_m * math.sin(heading_rad)
         beside_m = abs(east_m * math.cos(heading_rad) - north_m * math.sin(heading_rad))
-        if math.hypot(ahead_m, beside_m - radius_m) < radius_m - mission.arrival_radius_m:
+        # The steps in which it is steered leave the circle by less than half of what is flown in one.
+        within_m = radius_m - mission.arrival_radius_m - 0.5 * limits.speed_m_s * mission.guidance_step_s
+        if math.hypot(ahead_m, beside_m - radius_m) < within_m:
             concerns.append(
                 f"id {flyer.spec.id} starts {math.hypot(north_m, east_m):.0f} m from target {target.id}, inside its "
                 f"own turning circle of {radius_m:.0f} m radius, with arrival_radius_m {mission.arrival_radius_m:g}: "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,13 +48,14 @@ def uncertified_starts(mission: Mission, fleet: Sequence[Flyer], kind: str) -> l
         entered = _enters(mission, flyer, view, start.circled_m)
         certified_s = 0.0 if entered else _certified_s(mission, flyer, view, start)
         if certified_s == 0.0:
-            why = _why_uncertified(mission, flyer, threats, start)
+            still = view if entered else replace(view, threat_speed_m_s=np.zeros(len(threats)))
+            moves = not entered and _certified_s(mission, flyer, still, start) > 0.0
+            why = _fastest(flyer, threats) if moves else _why_uncertified(mission, flyer, threats, start)
             concerns.append(f"id {flyer.spec.id} has no certified back-up at its start, {why}")
         elif certified_s < mission.max_time_s:
-            fastest = max(threats, key=lambda threat: threat.speed_bound_m_s)
             concerns.append(
-                f"id {flyer.spec.id} is certified at its start for {certified_s:.0f} s only, not for ever: threat "
-                f"{fastest.id} may move at {fastest.speed_bound_m_s:g} m/s"
+                f"id {flyer.spec.id} is certified at its start for {certified_s:.0f} s only, not for ever, "
+                f"{_fastest(flyer, threats)}"
             )
     return concerns
 
@@ -67,12 +69,16 @@ def _start(mission: Mission, flyer: Flyer, kind: str) -> _Start:
     speed_m_s, step_s = limits.speed_m_s, mission.guidance_step_s
     if kind != KINEMATIC.name:
         return _Start(Motion(north_m, east_m, heading_rad, speed_m_s), (), mission.link.delay_s)
-    heard_s = step_s * math.ceil(mission.link.delay_s / step_s)
+    heard_s = step_s * math.ceil(min(mission.link.delay_s, mission.max_time_s) / step_s)
     rate_rad_s = turn_rate_rad_s(speed_m_s, limits.n_max)
-    parts = math.ceil(heard_s * rate_rad_s / GREATEST_PART_RAD)
+    # Whole circles before that change nothing, but for one.
+    circling_s = (
+        heard_s if heard_s * rate_rad_s < math.tau else math.tau / rate_rad_s + heard_s % (math.tau / rate_rad_s)
+    )
+    parts = math.ceil(circling_s * rate_rad_s / GREATEST_PART_RAD)
     poses = [(north_m, east_m, heading_rad)]
     for _ in range(parts):
-        poses.append(advance(*poses[-1], speed_m_s, rate_rad_s, heard_s / parts))
+        poses.append(advance(*poses[-1], speed_m_s, rate_rad_s, circling_s / parts))
     return _Start(Motion(*poses[-1], speed_m_s), tuple((pose[0], pose[1]) for pose in poses), heard_s)
 
 
@@ -120,6 +126,15 @@ def _certified_s(mission: Mission, flyer: Flyer, view: View, start: _Start) -> f
         certified_s = steer(steering, goal, moment, Engagement()).verdict.certified_s
     steering.guard.reset()
     return certified_s
+
+
+def _fastest(flyer: Flyer, threats: Sequence[ThreatSpec]) -> str:
+    """Return which threat may move fastest, and how fast the vehicle itself is."""
+    fastest = max(threats, key=lambda threat: threat.speed_bound_m_s)
+    return (
+        f"as threat {fastest.id} may move at {fastest.speed_bound_m_s:g} m/s, against its own "
+        f"{flyer.steering.config.limits.speed_m_s:g} m/s"
+    )
 
 
 class _Edge(NamedTuple):

@@ -102,11 +102,19 @@ def test_a_copter_is_certified_where_it_can_stop() -> None:
 
 
 def test_a_certificate_for_a_time_is_told_with_the_time_and_the_threat() -> None:
-    threats = [disc(number, 4000.0 * c, 4000.0 * s, 800.0, motion="chase", speed_bound_m_s=36.0)
-               for number, c, s in ((1, 1.0, 0.1), (2, -1.0, 0.1), (3, 0.1, 1.0), (4, -0.1, -1.0))]  # fmt: skip
-    warning = the_warning(threats=threats, agents=[agent(1, 0.0, 0.0, n_max=10.0)])
+    faster = [disc(4, -60000.0, 0.0, 800.0, motion="chase", speed_bound_m_s=70.0), disc(5, 60000.0, 9.0, 800.0)]
+    warning = the_warning(threats=faster, agents=[agent(1, 0.0, 0.0, n_max=10.0)])
     assert "id 1 is certified at its start for" in warning
-    assert "not for ever: threat 1 may move at 36 m/s" in warning
+    assert "s only, not for ever, as threat 4 may move at 70 m/s, against its own 60 m/s" in warning
+
+
+def test_pursuers_about_a_start_are_told_as_the_reason_that_nothing_is_certified() -> None:
+    around = [
+        disc(number + 1, 1500.0 * math.cos(0.7 + number), 1500.0 * math.sin(0.7 + number), 800.0, motion="chase",
+             speed_bound_m_s=50.0) for number in range(6)
+    ]  # fmt: skip
+    warning = the_warning(threats=around, agents=[agent(1, 0.0, 0.0, n_max=10.0)])
+    assert "id 1 has no certified back-up at its start, as threat 1 may move at 50 m/s, against its own" in warning
 
 
 FENCE = [[-3000.0, -3000.0], [13000.0, -3000.0], [13000.0, 3000.0], [-3000.0, 3000.0]]
@@ -157,7 +165,9 @@ def test_a_row_and_a_column_of_vehicles_on_one_heading_raise_no_doubt() -> None:
         assert warnings_of(agents=pair(101.0, heading_deg, heading_deg), targets=TWO, threats=[]) == []
 
 
-def test_layers_and_other_laws_need_no_spacing() -> None:
+def test_layers_other_laws_and_vehicles_that_can_stop_need_no_spacing() -> None:
+    slow = [{**each, "speed_m_s": 8.0} for each in pair(101.0)]
+    assert warnings_of("arducopter", agents=slow, targets=TWO, threats=[]) == []
     assert warnings_of(agents=pair(101.0), targets=TWO, threats=[], layers=2, layer_spacing_m=50.0) == []
     assert warnings_of(agents=pair(101.0), targets=TWO, threats=[], law="seed") == []
 
