@@ -18,7 +18,8 @@ from companion.onboard.decision import Purpose, certificate_of
 from sim.approaches import threat_approaches
 from sim.arena.flight import AgentFlight, ArenaFlight, fly_arena
 from sim.arena.missions import RandomMission
-from sim.arena.planner import Needs, Plan, plan
+from sim.arena.plan_task import Needs
+from sim.arena.planner import Plan, plan
 from sim.score import AgentScore, score
 
 CLOCK_S = 1e-6
