@@ -117,6 +117,7 @@ def plan_command(mission: str, radio_name: str, share: float, auth: str, seed: i
 
     from companion.autopilot.missions import load_mission_to_fly
     from companion.mission.resolve import resolve
+    from groundstation.agents import VehicleModel, check_reckonable
     from groundstation.ground_station import check_runnable
     from groundstation.plan import plan
     from groundstation.plan_text import plan_text
@@ -127,6 +128,8 @@ def plan_command(mission: str, radio_name: str, share: float, auth: str, seed: i
     radio = parse_radio(radio_name, share)
     resolved = resolve(load_mission_to_fly(mission), seed, mission)
     check_runnable(resolved, mission)
+    if resolved.case == "II":
+        check_reckonable(resolved, VehicleModel(), mission)
     columns = (TextColumn("planning"), BarColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not sys.stderr.isatty()) as bar:

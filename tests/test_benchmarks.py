@@ -29,6 +29,7 @@ SMALLEST = {
     "missions": "3 1 --small --workers 1 --out {folder}/missions",
     "processes": "{folder}/near.yaml arducopter --no-scale --limit 60 --out {folder}/out",
     "route": "--scenes 8 --flights 1 --timed 4 --repeat 1",
+    "route_time": "lattice walled --counts 25 --flights 1",
     "serial_radio": "--seconds 2 --agents 10",
     "signing": "--rounds 1 --frames 20",
     "swarm": "circle --count 4 --free 12 --seeds 1 --time-limit 100",

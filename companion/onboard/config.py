@@ -239,13 +239,18 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _fast_enough(self) -> Self:
-        speed_m_s = self.limits.speed_m_s
-        if self.autopilot is not None and not KINDS[self.autopilot.kind].can_stop and speed_m_s < PIVOT_SPEED_M_S:
-            raise ValueError(
-                f"limits.speed_m_s: {speed_m_s:g} with autopilot.kind '{self.autopilot.kind}'; allowed: at least "
-                f"{PIVOT_SPEED_M_S:g} for a vehicle that cannot stop"
-            )
+        speed_m_s, kind = self.limits.speed_m_s, None if self.autopilot is None else self.autopilot.kind
+        allowed = None if kind is None else fast_enough(speed_m_s, KINDS[kind].can_stop)
+        if allowed is not None:
+            raise ValueError(f"limits.speed_m_s: {speed_m_s:g} with autopilot.kind '{kind}'; allowed: {allowed}")
         return self
+
+
+def fast_enough(speed_m_s: float, can_stop: bool) -> str | None:
+    """Return which speed is allowed instead of one that the guard can hold no vehicle at; None if it can."""
+    if can_stop or speed_m_s >= PIVOT_SPEED_M_S:
+        return None
+    return f"at least {PIVOT_SPEED_M_S:g} for a vehicle that cannot stop"
 
 
 def packaged_configs() -> tuple[str, ...]:

@@ -9,10 +9,9 @@ from companion.autopilot.kinds import KINDS
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError, one_line
 from companion.geo.kinematics import turn_rate_rad_s
-from companion.guard.types import PIVOT_SPEED_M_S
 from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission, TargetSpec
-from companion.onboard.config import config_for_agent
+from companion.onboard.config import config_for_agent, fast_enough
 from companion.onboard.limits import within
 from companion.onboard.steering import Steering, steering_of
 
@@ -48,11 +47,9 @@ def fleet_of(mission: Mission, law: LawName, kind: str, source: str) -> list[Fly
     fleet = []
     for index, spec in enumerate(mission.agents):
         where = f"{source}: agents[{index}]"
-        if not can_stop and spec.speed_m_s < PIVOT_SPEED_M_S:
-            raise InputError(
-                f"{where}.speed_m_s: {spec.speed_m_s:g}; allowed: at least {PIVOT_SPEED_M_S:g} for a vehicle that "
-                "cannot stop"
-            )
+        allowed = fast_enough(spec.speed_m_s, can_stop)
+        if allowed is not None:
+            raise InputError(f"{where}.speed_m_s: {spec.speed_m_s:g}; allowed: {allowed}")
         config = config_for_agent(mission, spec.id, law)
         config = config.model_copy(update={"limits": within(config.limits, abilities)})
         try:
