@@ -307,6 +307,8 @@ class BackupSearch:
             return None
         curvature_1_m = self._vehicle.curvature_1_m(speed_m_s)
         length_m = slow_m_s * self._horizon_s
+        if self._fence is not None and length_m > self._fence.longest_m:
+            return None
         coarse = speed_m_s * flight.dt_s * curvature_1_m > GREATEST_TURN_RAD
         for heading_rad in self.likely_headings_rad(pose, flight.discs):
             turn_rad = math.remainder(heading_rad - pose.heading_rad, math.tau)

@@ -32,6 +32,10 @@ class Fence:
         self._first = np.cumsum([0, *sizes[:-1]])
         self._polygon = np.repeat(np.arange(len(sizes)), sizes)
         self._inside = np.arange(len(sizes)) < (corners_ned_m is not None)
+        self.longest_m = math.inf
+        """Length that no straight line inside the polygons has: infinite without one to stay inside."""
+        if corners_ned_m is not None:
+            self.longest_m = float(np.hypot(*np.ptp(polygons[0], axis=0)))
 
     def depth_m(self, north_m: float, east_m: float) -> float:
         """Return the distance from a place to the nearest edge, negative where it must not be (even-odd rule)."""
