@@ -26,7 +26,7 @@ GREATEST_PART_RAD = 0.2
 """Greatest turn between two places at which the circle before the first picture is compared with discs and fence."""
 
 
-class _Start(NamedTuple):
+class Start(NamedTuple):
     """The state of a vehicle when it has heard the first broadcast."""
 
     motion: Motion
@@ -43,7 +43,7 @@ def uncertified_starts(mission: Mission, fleet: Sequence[Flyer], kind: str) -> l
     concerns = []
     for flyer in fleet:
         threats = [threat for threat in mission.threats if reaches(threat, flyer.altitude_m)]
-        start = _start(mission, flyer, kind)
+        start = start_of(mission, flyer, kind)
         view = _view(threats, start.heard_s)
         entered = _enters(mission, flyer, view, start.circled_m)
         certified_s = 0.0 if entered else _certified_s(mission, flyer, view, start)
@@ -60,15 +60,16 @@ def uncertified_starts(mission: Mission, fleet: Sequence[Flyer], kind: str) -> l
     return concerns
 
 
-def _start(mission: Mission, flyer: Flyer, kind: str) -> _Start:
+def start_of(mission: Mission, flyer: Flyer, kind: str) -> Start:
+    """Return the state in which a vehicle, flown by a kind of autopilot, hears the first broadcast."""
     north_m, east_m = flyer.spec.position_ned_m
     heading_rad = math.radians(flyer.spec.heading_deg or 0.0)
     if flyer.steering.can_stop:
-        return _Start(Motion(north_m, east_m, heading_rad, 0.0), (), mission.link.delay_s)
+        return Start(Motion(north_m, east_m, heading_rad, 0.0), (), mission.link.delay_s)
     limits = flyer.steering.config.limits
     speed_m_s, step_s = limits.speed_m_s, mission.guidance_step_s
     if kind != KINEMATIC.name:
-        return _Start(Motion(north_m, east_m, heading_rad, speed_m_s), (), mission.link.delay_s)
+        return Start(Motion(north_m, east_m, heading_rad, speed_m_s), (), mission.link.delay_s)
     heard_s = step_s * math.ceil(min(mission.link.delay_s, mission.max_time_s) / step_s)
     rate_rad_s = turn_rate_rad_s(speed_m_s, limits.n_max)
     # Whole circles before that change nothing, but for one.
@@ -79,7 +80,7 @@ def _start(mission: Mission, flyer: Flyer, kind: str) -> _Start:
     poses = [(north_m, east_m, heading_rad)]
     for _ in range(parts):
         poses.append(advance(*poses[-1], speed_m_s, rate_rad_s, circling_s / parts))
-    return _Start(Motion(*poses[-1], speed_m_s), tuple((pose[0], pose[1]) for pose in poses), heard_s)
+    return Start(Motion(*poses[-1], speed_m_s), tuple((pose[0], pose[1]) for pose in poses), heard_s)
 
 
 def _view(threats: Sequence[ThreatSpec], age_s: float) -> View:
@@ -112,7 +113,7 @@ def _enters(mission: Mission, flyer: Flyer, view: View, places_m: Sequence[tuple
     return any(inside_polygon(place, exclusion) for exclusion in mission.exclusions for place in places_m)
 
 
-def _certified_s(mission: Mission, flyer: Flyer, view: View, start: _Start) -> float:
+def _certified_s(mission: Mission, flyer: Flyer, view: View, start: Start) -> float:
     """Return for how long the guard's first verdict is certified, in seconds; 0 without a certified back-up.
 
     Where no circle or stop is clear at once, a route may be one: the one to the nearest target is tried.
@@ -162,7 +163,7 @@ def _nearest_edge(mission: Mission, flyer: Flyer, threats: Sequence[ThreatSpec],
     return min(edges, key=lambda edge: edge.clear_m, default=_Edge("everything", math.inf))
 
 
-def _why_uncertified(mission: Mission, flyer: Flyer, threats: Sequence[ThreatSpec], start: _Start) -> str:
+def _why_uncertified(mission: Mission, flyer: Flyer, threats: Sequence[ThreatSpec], start: Start) -> str:
     edge = _nearest_edge(mission, flyer, threats, flyer.spec.position_ned_m)
     limits = flyer.steering.config.limits
     if flyer.steering.can_stop:

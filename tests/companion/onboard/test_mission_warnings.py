@@ -239,7 +239,7 @@ def test_only_a_law_without_a_route_circles_a_target_inside_its_turn() -> None:
     beside: dict[str, Any] = {"targets": target(0.0, 200.0), "arrival_radius_m": 50.0, "threats": []}
     assert warnings_of(**beside) == []
     warning = the_warning(law="seed", **beside)
-    assert "id 1 starts 200 m from target 1, inside its own turning circle of 367 m radius" in warning
+    assert "m from target 1, inside its own turning circle of 367 m radius" in warning
     assert warnings_of(law="seed", **{**beside, "targets": target(1000.0, 200.0)}) == []
 
 
