@@ -94,6 +94,17 @@ def test_a_start_that_turns_away_in_time_raises_no_doubt() -> None:
     assert warnings_of(agents=[agent(5, 4199.0 - RADIUS_M, 0.0)], targets=target(20000.0, 0.0)) == []
 
 
+def test_a_disc_counts_as_large_as_the_broadcast_tells_it() -> None:
+    # 900 km from the origin a place is told to 30 m: the vehicle believes itself inside a disc that ends 5 m off.
+    far = [disc(3, 900000.0, 11.0, 200.0)]
+    away = [agent(5, 900000.0 - 205.0, 0.0, heading_deg=180.0, n_max=10.0)]
+    keys: dict[str, Any] = {"agents": away, "targets": target(890000.0, 0.0)}
+    assert "5 m from threat 3" in the_warning(threats=far, **keys)
+    near = [disc(3, 5000.0, 0.0, 200.0)]
+    keys = {"agents": [agent(5, 5000.0 - 205.0, 0.0, heading_deg=180.0, n_max=10.0)], "targets": target(-5000.0, 0.0)}
+    assert warnings_of(threats=near, **keys) == []
+
+
 def test_a_copter_is_certified_where_it_can_stop() -> None:
     near = [agent(5, 4180.0, 0.0, speed_m_s=8.0)]
     assert warnings_of("arducopter", agents=near, targets=target(20000.0, 0.0)) == []
