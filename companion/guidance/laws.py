@@ -15,6 +15,7 @@ import numpy as np
 from companion.geo.kinematics import turn_rate_rad_s
 from companion.guard.types import ROUNDING_M, TRACKING_REACTIONS, TRACKING_STEPS, Motion, Piece
 from companion.guidance.course import at, course_rad, following_m, left_of, nearest
+from companion.guidance.progress import Closed, Progress, after_closing, patience_s, watched
 from companion.guidance.route.router import Departure, Goal, Reach, Route, Router
 from companion.guidance.route.walls import NO_WALLS, Walls
 from companion.guidance.settings import LawSettings
@@ -36,8 +37,11 @@ from companion.surrogate.profiles import (
 LEAST_CLEARANCE_M = 0.05
 """Distance that the route keeps from the discs as the guard inflates them, in addition to what following it in steps
 costs: for rounding."""
+FOLLOWING_SHARES = (1.0, 0.4)
+"""Shares of what following may cost that the route keeps from discs and walls, the first that leaves a way. On arcs of
+one radius the vehicle cuts in by 0.36 of it; the rest is for changes from arc to arc."""
 GREATEST_STEP_TURN_RAD = 1.0
-"""Greatest turn of one guidance step along an arc of the route."""
+"""Greatest turn of one guidance step along a circle to arrive on."""
 CIRCLE_SLACK = 1.05
 """Radius of a circle to arrive on, in turn radii, so that a vehicle a little outside it can turn back onto it."""
 FOLLOWED_STEPS = 4.0
@@ -83,6 +87,8 @@ class Task:
     """Distance from the place at which the vehicle has arrived."""
     crowded: bool = False
     """Whether others are so near that the right of way may demand a circle to the right at any time."""
+    refused: bool = False
+    """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
 
 
 class SteeringDemand(NamedTuple):
@@ -134,6 +140,15 @@ class _Asked(NamedTuple):
     radii: bytes
     ids: bytes
     crowded: bool
+    closed: tuple[Closed, ...]
+
+
+class _Obstacles(NamedTuple):
+    """The discs that a route is planned around: threats, and what closes passages, whose ids are negative."""
+
+    centres_ned_m: np.ndarray  # (M, 2) m
+    radii_m: np.ndarray  # (M,) m
+    ids: np.ndarray  # (M,) int
 
 
 class _Planned(NamedTuple):
@@ -141,6 +156,7 @@ class _Planned(NamedTuple):
 
     asked: _Asked
     route: Route
+    obstacles: _Obstacles
     short: bool
     """Whether it leads only to the nearest safe point."""
     circle_m: float = 0.0
@@ -153,9 +169,9 @@ class _Planned(NamedTuple):
 
 
 class _Stay(NamedTuple):
-    """A nearest safe point at which the vehicle stays, and the place that it cannot reach."""
+    """A nearest safe point at which the vehicle stays, and the plan that led there."""
 
-    instead_of_ned_m: tuple[float, float]
+    planned: _Planned
     at_ned_m: tuple[float, float]
 
 
@@ -175,98 +191,124 @@ class RoutedLaw:
         ground_m_s = limits.speed_m_s + limits.wind_m_s
         rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
         self._step_m = ground_m_s * settings.guidance_step_s
-        self._least_radius_m = ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
-        # A step that turned by more than about a radian could not be told from its chord.
-        self._turn_radius_m = max(self._least_radius_m, self._step_m / GREATEST_STEP_TURN_RAD)
-        self._circle_m = CIRCLE_SLACK * self._turn_radius_m
+        self._turn_radius_m = ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
+        # A circle of which a step is much more than a radian could not be told from its chords.
+        self._circle_m = CIRCLE_SLACK * max(self._turn_radius_m, self._step_m / GREATEST_STEP_TURN_RAD)
         self._period_s = settings.coasting_after_s / COASTING_PERIODS
-        self._router = Router()
+        self._routers: dict[tuple[bool, float, bool], Router] = {}
         self._planned: _Planned | None = None
         self._circle: tuple[tuple[float, float], TurningPlace] | None = None
         self._stay: _Stay | None = None
+        self._progress: Progress | None = None
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """Return the direction of the route, bent by the surrogate's gradient where it does not oppose the route."""
         if task.loitering:
             self._planned = None
             return SteeringDemand(direction(task.pull, self._wall_gradient(motion, view)))
-        planned, beside_m = self._followed(task, motion, view)
+        planned, beside_m = self._followed(task, motion, view, now_s)
         self._planned = planned
         route = planned.route
         if route.reach in (Reach.NONE, Reach.PLANNING):
-            stay = "no way to the target" if route.reach is Reach.NONE else route.reach.value
-            return SteeringDemand(direction(task.pull, self._wall_gradient(motion, view)), stay=stay, route=route)
+            stay = "no way to the target" if route.reach is Reach.NONE else None
+            note = route.reach.value if route.reach is Reach.PLANNING else None
+            return SteeringDemand(direction(task.pull, self._wall_gradient(motion, view)), stay, note, route=route)
         note = NEAREST_NOTE if planned.short else None
         self._stay = self._staying(planned, task, motion)
         if self._stay is not None:
             return SteeringDemand(SteeringVector(0.0, 0.0), stay="at the nearest safe point", note=note, route=route)
         course_rad = self._course_rad(route, motion, view, beside_m)
+        self._progress = watched(
+            self._progress, task.place_ned_m, planned.to_go_m, task.refused, 0.5 * self._step_m, now_s
+        )
         strength_m = max(planned.to_go_m, self._step_m)
         pull = SteeringVector(strength_m * math.cos(course_rad), strength_m * math.sin(course_rad))
         wanted, opposed = _unopposed(pull, self._wall_gradient(motion, view))
+        waited_s = now_s - self._progress.since_s
+        if note is None and waited_s > self._patience_s():
+            note = f"no nearer to its goal for {waited_s:.0f} s"
         return SteeringDemand(wanted, note=note, opposed=opposed, route=route)
+
+    def _patience_s(self) -> float:
+        limits = self._settings.limits
+        return patience_s(self._turn_radius_m, limits.speed_m_s, self._settings.guidance_step_s)
 
     def _staying(self, planned: _Planned, task: Task, motion: Motion) -> _Stay | None:
         """Return where the vehicle stays if its way leads only to the nearest safe point and it is there, else None."""
         if not planned.short:
             return None
-        before = self._stay
-        leaves_m = STAYING_RADII * self._circle_m
-        if before is not None and before.instead_of_ned_m == task.place_ned_m:
-            if math.dist(before.at_ned_m, motion.position_ned_m) <= leaves_m:
-                return before
+        stay = self._stay
+        if stay is not None and stay.planned.asked.place_ned_m == task.place_ned_m and self._is_at(stay, motion):
+            return stay._replace(planned=planned)
         if planned.to_go_m > (STANDING_M if self._settings.limits.can_stop else self._step_m):
             return None
-        return _Stay(task.place_ned_m, motion.position_ned_m)
+        return _Stay(planned, motion.position_ned_m)
 
-    def _followed(self, task: Task, motion: Motion, view: View) -> tuple[_Planned, float]:
+    def _is_at(self, stay: _Stay, motion: Motion) -> bool:
+        return math.dist(stay.at_ned_m, motion.position_ned_m) <= STAYING_RADII * self._circle_m
+
+    def _followed(self, task: Task, motion: Motion, view: View, now_s: float) -> tuple[_Planned, float]:
         """Return the route to follow from here, and how far to the right of it the vehicle is, m."""
         standing = not np.count_nonzero(view.threat_speed_m_s)
+        closed = self._closed(task, now_s)
         centres_ned_m, radii_m = foreseen(view, motion, self._settings.limits.speed_m_s, self._period_s)
         asked = _Asked(
-            task.place_ned_m, centres_ned_m.tobytes(), radii_m.tobytes(), view.threat_ids.tobytes(), task.crowded
+            task.place_ned_m,
+            centres_ned_m.tobytes(),
+            radii_m.tobytes(),
+            view.threat_ids.tobytes(),
+            task.crowded,
+            closed,
         )
-        before = self._planned
+        before, stay = self._planned, self._stay
+        if standing and stay is not None and stay.planned.asked == asked and self._is_at(stay, motion):
+            return stay.planned, 0.0
         if standing and before is not None and before.asked == asked and before.route.pieces:
             along_m, beside_m = nearest(before.route.pieces, motion.position_ned_m, FOLLOWED_STEPS * self._step_m)
             pieces = left_of(before.route.pieces, along_m)
             off_rad = abs(math.remainder(pieces[0].heading_rad - motion.heading_rad, math.tau))
-            off_m = following_m(self._step_m, self._least_radius_m) + self._held_m + OFF_ROUTE_M
+            off_m = following_m(self._step_m, self._circle_m) + self._held_m + OFF_ROUTE_M
             left_m = before.route.length_m - along_m
             if abs(beside_m) <= off_m and off_rad <= OFF_ROUTE_RAD and left_m > 0.0:
                 return before._replace(route=before.route._replace(pieces=pieces, length_m=left_m)), beside_m
-        return self._new_plan(asked, task, motion, view, centres_ned_m, radii_m), 0.0
+        if closed:
+            centres_ned_m = np.vstack([centres_ned_m, [passage.centre_ned_m for passage in closed]])
+            radii_m = np.append(radii_m, [passage.radius_m for passage in closed])
+        ids = np.append(view.threat_ids, -1 - np.arange(len(closed)))
+        return self._new_plan(asked, task, motion, _Obstacles(centres_ned_m, radii_m, ids)), 0.0
 
-    def _new_plan(
-        self,
-        asked: _Asked,
-        task: Task,
-        motion: Motion,
-        view: View,
-        centres_ned_m: np.ndarray,  # (M, 2) m
-        radii_m: np.ndarray,  # (M,) m
-    ) -> _Planned:
+    def _closed(self, task: Task, now_s: float) -> tuple[Closed, ...]:
+        """Return the passages that are closed, one more if the guard has refused the vehicle's way for too long."""
+        progress, before = self._progress, self._planned
+        if progress is None or progress.place_ned_m != task.place_ned_m:
+            return ()
+        if before is not None and progress.refused and now_s - progress.since_s > self._patience_s():
+            kept_m = before.obstacles.radii_m + self._held_m
+            room = self._room(before.obstacles.centres_ned_m, kept_m, 0.0)
+            self._progress = progress = after_closing(progress, before.route.pieces, room, self._circle_m, now_s)
+        return progress.closed
+
+    def _new_plan(self, asked: _Asked, task: Task, motion: Motion, obstacles: _Obstacles) -> _Planned:
         """Return a new route to the task's place or, if that cannot be reached, to the safe place nearest to it."""
         limits = self._settings.limits
-        kept_m = radii_m + self._held_m
-        cleared_m = kept_m + following_m(self._step_m, np.maximum(kept_m, self._circle_m)) + LEAST_CLEARANCE_M
+        kept_m = obstacles.radii_m + self._held_m
         if limits.can_stop:
-            route = self._route(task, motion, Goal(task.place_ned_m), centres_ned_m, cleared_m, view)
-            return _Planned(asked, route, route.reach is Reach.NEAREST)
+            route = self._route(task, motion, Goal(task.place_ned_m), obstacles)
+            return _Planned(asked, route, obstacles, route.reach is Reach.NEAREST)
         circle_off_m = following_m(self._step_m, self._circle_m)
-        room = self._room(centres_ned_m, kept_m, circle_off_m)
+        room = self._room(obstacles.centres_ned_m, kept_m, circle_off_m)
         within_m = max(0.0, task.arrival_m - circle_off_m)
         goal, short = self._goal(room, task.place_ned_m, within_m, motion)
-        route = self._route(task, motion, goal or Goal(task.place_ned_m), centres_ned_m, cleared_m, view)
+        route = self._route(task, motion, goal or Goal(task.place_ned_m), obstacles)
         if route.reach in (Reach.NEAREST, Reach.NONE):
             # As near as it gets, where there is room to turn; from where nothing is safe, to the first such place.
             near_ned_m = route.goal_ned_m if route.reach is Reach.NEAREST else motion.position_ned_m
             goal, short = self._goal(room, near_ned_m, within_m, motion)[0], True
             if goal is not None:
-                route = self._route(task, motion, goal, centres_ned_m, cleared_m, view)
+                route = self._route(task, motion, goal, obstacles, instead=True)
         if route.end_side and goal is not None:
-            return _Planned(asked, _with_circle(route, goal, motion), short, math.tau * goal.radius_m)
-        return _Planned(asked, route, short)
+            return _Planned(asked, _with_circle(route, goal, motion), obstacles, short, math.tau * goal.radius_m)
+        return _Planned(asked, route, obstacles, short)
 
     def _goal(
         self, room: Room, place_ned_m: tuple[float, float], within_m: float, motion: Motion
@@ -293,34 +335,42 @@ class RoutedLaw:
             self._held_m + clearance_m,
         )
 
-    def _route(
-        self,
-        task: Task,
-        motion: Motion,
-        goal: Goal,
-        centres_ned_m: np.ndarray,  # (M, 2) m
-        radii_m: np.ndarray,  # (M,) m
-        view: View,
-    ) -> Route:
-        """Return the route to a goal; with others near, one that leaves room for a circle, if there is one."""
-        limits = self._settings.limits
-        turn_radius_m = 0.0 if limits.can_stop else self._turn_radius_m
-        off_m = following_m(self._step_m, self._circle_m)
-        walls = Walls(limits.fence, limits.exclusions, self._held_m + off_m + LEAST_CLEARANCE_M)
-        if not (limits.fence or limits.exclusions):
-            walls = NO_WALLS
-        for room_m in (2.0 * self._turn_radius_m, 0.0) if task.crowded and len(radii_m) else (0.0,):
-            route = self._router.route(
-                Departure(motion.position_ned_m, motion.heading_rad, turn_radius_m),
-                goal,
-                centres_ned_m,
-                radii_m + room_m,
-                view.threat_ids,
-                walls,
-            )
-            if route.reach is Reach.TARGET:
-                break
+    def _route(self, task: Task, motion: Motion, goal: Goal, obstacles: _Obstacles, *, instead: bool = False) -> Route:
+        """Return the route to a goal; with `instead` that is the nearest safe place.
+
+        With others near, one that leaves room for a circle is taken, if there is one. What following costs is kept from
+        the discs if there is such a way, else a part of it: the guard, which predicts how the vehicle follows, decides.
+        """
+        roomy_m = 2.0 * self._turn_radius_m
+        for room_m in (roomy_m, 0.0) if task.crowded and len(obstacles.radii_m) else (0.0,):
+            for share in FOLLOWING_SHARES:
+                route = self._route_with((instead, share, room_m > 0.0), motion, goal, obstacles, room_m)
+                if route.reach in (Reach.TARGET, Reach.PLANNING):
+                    return route
         return route
+
+    def _route_with(
+        self, question: tuple[bool, float, bool], motion: Motion, goal: Goal, obstacles: _Obstacles, room_m: float
+    ) -> Route:
+        """Return the route with a share of what following costs, and more room, kept from the discs.
+
+        Each question that is asked from step to step has a router of its own, which goes on planning where it was.
+        """
+        limits, share = self._settings.limits, question[1]
+        kept_m = obstacles.radii_m + self._held_m
+        off_m = share * following_m(self._step_m, np.maximum(kept_m, self._circle_m))
+        walls = NO_WALLS
+        if limits.fence or limits.exclusions:
+            clearance_m = self._held_m + LEAST_CLEARANCE_M + share * following_m(self._step_m, self._circle_m)
+            walls = Walls(limits.fence, limits.exclusions, clearance_m)
+        return self._routers.setdefault(question, Router()).route(
+            Departure(motion.position_ned_m, motion.heading_rad, 0.0 if limits.can_stop else self._turn_radius_m),
+            goal,
+            obstacles.centres_ned_m,
+            kept_m + off_m + LEAST_CLEARANCE_M + room_m,
+            obstacles.ids,
+            walls,
+        )
 
     def _course_rad(self, route: Route, motion: Motion, view: View, beside_m: float) -> float:
         """Return the heading that follows a route; from inside a disc the route's first direction, which leads out."""
@@ -330,12 +380,12 @@ class RoutedLaw:
         if (_lengths(offset_m) < view.detection_radius_m + self._held_m).any():
             return route.heading_rad
         first = route.pieces[0]
-        if abs(first.curvature_1_m) * self._least_radius_m >= TIGHTEST_SHARE and first.length_m > self._step_m:
+        if abs(first.curvature_1_m) * self._turn_radius_m >= TIGHTEST_SHARE and first.length_m > self._step_m:
             # The turn limit makes the tightest circle of it. Others may know where the turn leads to.
             return first.heading_rad + _shortened_rad(first.curvature_1_m * first.length_m)
         ahead_m = self._settings.limits.speed_m_s * self._settings.limits.reaction_s
         pieces = left_of(route.pieces, ahead_m) if ahead_m else route.pieces
-        return course_rad(pieces, beside_m, self._step_m, self._least_radius_m)
+        return course_rad(pieces, beside_m, self._step_m, self._turn_radius_m)
 
     def _wall_gradient(self, motion: Motion, view: View) -> np.ndarray:  # (2,) m
         margin_m = LEAST_CLEARANCE_M + self._held_m

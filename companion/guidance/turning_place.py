@@ -41,12 +41,12 @@ class TurningPlace(NamedTuple):
 
 def is_open(room: Room, place_ned_m: tuple[float, float], radius_m: float) -> bool:
     """Return whether every turning circle of this radius that passes a place is clear."""
-    return bool(_room_m(room, np.array([place_ned_m]))[0] >= 2.0 * radius_m)
+    return bool(room_m(room, np.array([place_ned_m]))[0] >= 2.0 * radius_m)
 
 
 def is_clear(room: Room, centre_ned_m: tuple[float, float], radius_m: float) -> bool:
     """Return whether a circle is clear."""
-    return bool(_room_m(room, np.array([centre_ned_m]))[0] >= radius_m)
+    return bool(room_m(room, np.array([centre_ned_m]))[0] >= radius_m)
 
 
 def turning_place(
@@ -76,7 +76,7 @@ def _on_ring(
         return None
     angles_rad = np.arange(ANGLES) * (math.tau / ANGLES)
     centres_m = np.array(place_ned_m) + out_m * np.column_stack((np.cos(angles_rad), np.sin(angles_rad)))
-    clear = _room_m(room, centres_m) >= radius_m
+    clear = room_m(room, centres_m) >= radius_m
     if not clear.any():
         return None
     apart_m = np.hypot(centres_m[:, 0] - near_ned_m[0], centres_m[:, 1] - near_ned_m[1])
@@ -84,17 +84,17 @@ def _on_ring(
     return TurningPlace((float(centres_m[best, 0]), float(centres_m[best, 1])), abs(out_m - radius_m))
 
 
-def _room_m(room: Room, places_m: np.ndarray) -> np.ndarray:  # (P, 2) m -> (P,) m
+def room_m(room: Room, places_m: np.ndarray) -> np.ndarray:  # (P, 2) m -> (P,) m
     """Return the radius of the greatest clear circle about each place, negative inside of a disc or behind a wall."""
-    room_m = np.full(len(places_m), math.inf)
+    clear_m = np.full(len(places_m), math.inf)
     if len(room.radii_m):
         offset_m = places_m[:, None, :] - room.centres_ned_m
-        room_m = (np.hypot(offset_m[..., 0], offset_m[..., 1]) - room.radii_m).min(axis=1)
+        clear_m = (np.hypot(offset_m[..., 0], offset_m[..., 1]) - room.radii_m).min(axis=1)
     walls = [(room.fence_ned_m, True)] if len(room.fence_ned_m) else []
     for corners_m, inside in [*walls, *((corners_m, False) for corners_m in room.exclusions_ned_m)]:
         apart_m, within = _to_polygon(corners_m, places_m)
-        room_m = np.minimum(room_m, np.where(within == inside, apart_m, -apart_m) - room.clearance_m)
-    return room_m
+        clear_m = np.minimum(clear_m, np.where(within == inside, apart_m, -apart_m) - room.clearance_m)
+    return clear_m
 
 
 def _to_polygon(corners_m: np.ndarray, places_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # (C, 2), (P, 2)

@@ -32,6 +32,8 @@ class Engagement(NamedTuple):
     """Whether the vehicle has returned home."""
     loiter_place_ned_m: tuple[float, float] | None = None
     """Where the vehicle loiters; None while it goes somewhere."""
+    refused: bool = False
+    """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
     uncertified_from_s: float | None = None
     """Time since which the guard has had no certified back-up; None if it has one."""
     abilities_changed: bool = False

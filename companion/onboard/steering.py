@@ -71,6 +71,8 @@ class Moment(NamedTuple):
     view: View
     flown_m: float
     now_s: float
+    refused: bool = False
+    """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
 
 
 class Steered(NamedTuple):
@@ -245,6 +247,7 @@ def _go(
         to_target=purpose is Purpose.TARGET,
         flown_m=moment.flown_m,
         arrival_m=ARRIVAL_SHARE * steering.config.arrival_radius_m,
+        refused=moment.refused,
         crowded=crowded,
     )
     return steering.law.steer(task, moment.motion, moment.view, moment.now_s), steering.config.limits.speed_m_s
@@ -321,10 +324,14 @@ def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: Steer
         speeds_m_s=view.threat_speed_m_s,
         attack_m=view.attack_radius_m,
         ids=view.threat_ids,
+        unit_m=view.unit_m,
     )
     route = () if demand.route is None else demand.route.pieces
     dt_s = steering.config.guidance_step_s
-    return steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, Hints(route, keep_right=crowded))
+    hints = Hints(route, keep_right=crowded)
+    verdict = steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, hints)
+    # A path that is clear of all discs heard of is certified only if no other is still to be heard of.
+    return verdict if view.whole else replace(verdict, certified_s=0.0)
 
 
 def _is_crowded(motion: Motion, view: View, interaction_m: float) -> bool:

@@ -17,6 +17,7 @@ from companion.guidance.route.scene import Aim, Pose
 from companion.guidance.route.walls import NO_WALLS, Walls, WallSet
 from companion.mission.model import Mission, TargetSpec, reaches
 from companion.onboard.lint.fleet import Flyer, nearest_target
+from companion.onboard.lint.starts import start_of
 
 APPROACH_SHARE = 0.1
 """Distance outside a detection disc, as a share of R_d, within which the surrogate's repulsion outweighs attraction.
@@ -97,7 +98,7 @@ def repelled(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
     ]
 
 
-def circled_targets(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
+def circled_targets(mission: Mission, fleet: Sequence[Flyer], kind: str) -> list[str]:
     """Return the agents that may circle their target for ever, as they fly at it without a route.
 
     A vehicle that turns towards a target inside its turning circle stays on that circle.
@@ -109,19 +110,15 @@ def circled_targets(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
         target = nearest_target(mission, flyer.spec)
         limits = flyer.steering.config.limits
         radius_m = limits.speed_m_s / turn_rate_rad_s(limits.speed_m_s, limits.n_max)
-        north_m, east_m = (
-            there - here for there, here in zip(target.position_ned_m, flyer.spec.position_ned_m, strict=True)
-        )
-        heading_rad = math.radians(flyer.spec.heading_deg or 0.0)
-        ahead_m = north_m * math.cos(heading_rad) + east_m * math.sin(heading_rad)
-        beside_m = abs(east_m * math.cos(heading_rad) - north_m * math.sin(heading_rad))
-        # The steps in which it is steered leave the circle by less than half of what is flown in one.
-        within_m = radius_m - mission.arrival_radius_m - 0.5 * limits.speed_m_s * mission.guidance_step_s
-        if math.hypot(ahead_m, beside_m - radius_m) < within_m:
+        heard = start_of(mission, flyer, kind).motion
+        north_m, east_m = target.position_ned_m[0] - heard.north_m, target.position_ned_m[1] - heard.east_m
+        ahead_m = north_m * math.cos(heard.heading_rad) + east_m * math.sin(heard.heading_rad)
+        beside_m = abs(east_m * math.cos(heard.heading_rad) - north_m * math.sin(heard.heading_rad))
+        if math.hypot(ahead_m, beside_m - radius_m) < radius_m - mission.arrival_radius_m:
             concerns.append(
-                f"id {flyer.spec.id} starts {math.hypot(north_m, east_m):.0f} m from target {target.id}, inside its "
-                f"own turning circle of {radius_m:.0f} m radius, with arrival_radius_m {mission.arrival_radius_m:g}: "
-                "without a route it may circle its target for ever"
+                f"id {flyer.spec.id} begins to be steered {math.hypot(north_m, east_m):.0f} m from target {target.id}, "
+                f"inside its own turning circle of {radius_m:.0f} m radius, with arrival_radius_m "
+                f"{mission.arrival_radius_m:g}: without a route it may circle its target for ever"
             )
     return concerns
 

@@ -15,18 +15,20 @@ from companion.geo.polygon import inside_polygon
 from companion.guard.fence import Fence
 from companion.guard.types import Motion
 from companion.guidance.view import View
+from companion.mission.extent import mission_extent
 from companion.mission.model import Mission, ThreatSpec, reaches
 from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
 from companion.onboard.goal import Goal
 from companion.onboard.lint.fleet import Flyer, nearest_target
 from companion.onboard.steering import Moment, steer
+from companion.protocol.codec import frame_resolution_cm
 
 GREATEST_PART_RAD = 0.2
 """Greatest turn between two places at which the circle before the first picture is compared with discs and fence."""
 
 
-class _Start(NamedTuple):
+class Start(NamedTuple):
     """The state of a vehicle when it has heard the first broadcast."""
 
     motion: Motion
@@ -40,11 +42,11 @@ def uncertified_starts(mission: Mission, fleet: Sequence[Flyer], kind: str) -> l
 
     `kind` is the kind of autopilot: the simulator's point circles until it hears a picture, others hold their place.
     """
-    concerns = []
+    concerns, unit_m = [], _unit_m(mission)
     for flyer in fleet:
         threats = [threat for threat in mission.threats if reaches(threat, flyer.altitude_m)]
-        start = _start(mission, flyer, kind)
-        view = _view(threats, start.heard_s)
+        start = start_of(mission, flyer, kind)
+        view = _view(threats, start.heard_s, unit_m)
         entered = _enters(mission, flyer, view, start.circled_m)
         certified_s = 0.0 if entered else _certified_s(mission, flyer, view, start)
         if certified_s == 0.0:
@@ -60,15 +62,16 @@ def uncertified_starts(mission: Mission, fleet: Sequence[Flyer], kind: str) -> l
     return concerns
 
 
-def _start(mission: Mission, flyer: Flyer, kind: str) -> _Start:
+def start_of(mission: Mission, flyer: Flyer, kind: str) -> Start:
+    """Return the state in which a vehicle, flown by a kind of autopilot, hears the first broadcast."""
     north_m, east_m = flyer.spec.position_ned_m
     heading_rad = math.radians(flyer.spec.heading_deg or 0.0)
     if flyer.steering.can_stop:
-        return _Start(Motion(north_m, east_m, heading_rad, 0.0), (), mission.link.delay_s)
+        return Start(Motion(north_m, east_m, heading_rad, 0.0), (), mission.link.delay_s)
     limits = flyer.steering.config.limits
     speed_m_s, step_s = limits.speed_m_s, mission.guidance_step_s
     if kind != KINEMATIC.name:
-        return _Start(Motion(north_m, east_m, heading_rad, speed_m_s), (), mission.link.delay_s)
+        return Start(Motion(north_m, east_m, heading_rad, speed_m_s), (), mission.link.delay_s)
     heard_s = step_s * math.ceil(min(mission.link.delay_s, mission.max_time_s) / step_s)
     rate_rad_s = turn_rate_rad_s(speed_m_s, limits.n_max)
     # Whole circles before that change nothing, but for one.
@@ -79,18 +82,32 @@ def _start(mission: Mission, flyer: Flyer, kind: str) -> _Start:
     poses = [(north_m, east_m, heading_rad)]
     for _ in range(parts):
         poses.append(advance(*poses[-1], speed_m_s, rate_rad_s, circling_s / parts))
-    return _Start(Motion(*poses[-1], speed_m_s), tuple((pose[0], pose[1]) for pose in poses), heard_s)
+    return Start(Motion(*poses[-1], speed_m_s), tuple((pose[0], pose[1]) for pose in poses), heard_s)
 
 
-def _view(threats: Sequence[ThreatSpec], age_s: float) -> View:
-    """Return the picture of the threats as a vehicle has it when it has heard of them `age_s` after they were seen."""
+def _unit_m(mission: Mission) -> float:
+    """Return the resolution of the mission's state frames."""
+    extent = mission_extent(mission)
+    return frame_resolution_cm([extent.low_ned_m, extent.high_ned_m], [extent.radius_m]) / 100.0
+
+
+def _view(threats: Sequence[ThreatSpec], age_s: float, unit_m: float) -> View:
+    """Return the picture of the threats as a vehicle has it when it hears of them `age_s` after they were seen.
+
+    Places are rounded to `unit_m`; radii gain what that moves them and are rounded up, as in a state frame.
+    """
     speed_m_s = np.array([threat.speed_bound_m_s for threat in threats])
+    places_m = np.array([threat.position_ned_m for threat in threats]).reshape(-1, 2)
+    told_m = unit_m * np.round(places_m / unit_m)
+    moved_m = np.hypot(*(told_m - places_m).T)
+    radii_m = np.array([(threat.detection_radius_m, threat.attack_radius_m) for threat in threats]).reshape(-1, 2)
+    believed_m = unit_m * np.ceil((radii_m + moved_m[:, np.newaxis]) / unit_m) + (speed_m_s * age_s)[:, np.newaxis]
     return View(
         target_ned_m=None,
         target_age_s=age_s,
-        threats_ned_m=np.array([threat.position_ned_m for threat in threats]).reshape(-1, 2),
-        detection_radius_m=np.array([threat.detection_radius_m for threat in threats]) + speed_m_s * age_s,
-        attack_radius_m=np.array([threat.attack_radius_m for threat in threats]) + speed_m_s * age_s,
+        threats_ned_m=told_m,
+        detection_radius_m=believed_m[:, 0],
+        attack_radius_m=believed_m[:, 1],
         threat_speed_m_s=speed_m_s,
         threat_ids=np.array([threat.id for threat in threats], dtype=int),
         threat_velocity_m_s=np.zeros((len(threats), 2)),
@@ -112,18 +129,18 @@ def _enters(mission: Mission, flyer: Flyer, view: View, places_m: Sequence[tuple
     return any(inside_polygon(place, exclusion) for exclusion in mission.exclusions for place in places_m)
 
 
-def _certified_s(mission: Mission, flyer: Flyer, view: View, start: _Start) -> float:
+def _certified_s(mission: Mission, flyer: Flyer, view: View, start: Start) -> float:
     """Return for how long the guard's first verdict is certified, in seconds; 0 without a certified back-up.
 
-    Where no circle or stop is clear at once, a route may be one: the one to the nearest target is tried.
+    Where no circle or stop is clear for ever, a route may be: the one to the nearest target is tried.
     """
     steering = flyer.steering
     moment = Moment(start.motion, view, 0.0, start.heard_s)
     certified_s = steer(steering, Goal(Purpose.LOITER, ""), moment, Engagement()).verdict.certified_s
-    if certified_s == 0.0 and steering.rules is not None:
+    if math.isfinite(certified_s) and steering.rules is not None:
         steering.guard.reset()
         goal = Goal(Purpose.TARGET, "", nearest_target(mission, flyer.spec).position_ned_m)
-        certified_s = steer(steering, goal, moment, Engagement()).verdict.certified_s
+        certified_s = max(certified_s, steer(steering, goal, moment, Engagement()).verdict.certified_s)
     steering.guard.reset()
     return certified_s
 
@@ -162,7 +179,7 @@ def _nearest_edge(mission: Mission, flyer: Flyer, threats: Sequence[ThreatSpec],
     return min(edges, key=lambda edge: edge.clear_m, default=_Edge("everything", math.inf))
 
 
-def _why_uncertified(mission: Mission, flyer: Flyer, threats: Sequence[ThreatSpec], start: _Start) -> str:
+def _why_uncertified(mission: Mission, flyer: Flyer, threats: Sequence[ThreatSpec], start: Start) -> str:
     edge = _nearest_edge(mission, flyer, threats, flyer.spec.position_ned_m)
     limits = flyer.steering.config.limits
     if flyer.steering.can_stop:

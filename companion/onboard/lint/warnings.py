@@ -40,4 +40,4 @@ def _concerns(mission: Mission, law: LawName, kind: str, source: str) -> dict[st
     }
     if law == "routed":
         return {**found, "targets reach": out_of_reach(mission, fleet)}
-    return {**found, "targets reach": repelled(mission, fleet), "agents turn": circled_targets(mission, fleet)}
+    return {**found, "targets reach": repelled(mission, fleet), "agents turn": circled_targets(mission, fleet, kind)}
