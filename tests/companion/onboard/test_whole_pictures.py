@@ -158,9 +158,8 @@ def packed_frames(told: Told) -> list[Frame]:
         stamp, discs = stamped(told, index, len(parts)), [(key, told.threats[key]) for key in part]
         places = tuple(ThreatPlace(key, one.north_m, one.east_m, 0.0) for key, one in discs)
         grid = Grid(UNIT_CM, -128, -128)
-        agents, targets = (AgentEntry(ME, 0.0, 0.0, 1),), (TargetEntry(1, 1.0, 1.0),)
-        if index:
-            agents, targets = (), ()
+        agents = (AgentEntry(ME, 0.0, 0.0, 1),) if index == 0 else ()
+        targets = (TargetEntry(1, 1.0, 1.0),) if index == 0 else ()
         frames.append(FleetFrame(stamp, Directive.NORMAL, revision, grid, agents, targets, places))
         radii = tuple(RadiiEntry(key, one.radius_m, one.radius_m / 2.0, one.bound_m_s) for key, one in discs)
         frames.append(RadiiFrame(stamp, revision, RADII_CM, radii))
