@@ -18,8 +18,10 @@ EXIT_FAILED = 1
 """Exit status of a program that ran to its end with a bad result, e.g. a mission or a check that failed."""
 EXIT_UNUSABLE = 2
 """Exit status for input that cannot be used, such as a wrong option, file, key or value."""
-EXIT_INTERRUPTED = 130
-"""Exit status of a program that was stopped from the keyboard: 128 + SIGINT, as shells count it."""
+EXIT_SIGNALLED = 128
+"""Exit status of a program that a signal stopped, less the signal's number, as shells count it."""
+EXIT_INTERRUPTED = EXIT_SIGNALLED + 2
+"""Exit status of a program that was stopped from the keyboard, by SIGINT."""
 EXTRAS = {"companion": "ground", "groundstation": "ground", "sim": "sim"}
 """By program, the extra in `pip install '.[EXTRA]'` that installs what its commands need beside the base libraries."""
 _OPTIONAL = ("jinja2", "matplotlib", "rich", "scipy")

@@ -12,7 +12,8 @@ from pymavlink.dialects.v20 import common
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission, agent_height_m
 from companion.protocol.codec import GROUND_SYSTEM, Kind
-from groundstation.tracks import Track, TrackTable
+from groundstation.track import Track
+from groundstation.tracks import TrackTable
 
 PERIOD_S = 1.0
 """Period of the frames; ground-control programs drop a contact after some seconds without one."""

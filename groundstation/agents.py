@@ -16,13 +16,14 @@ from dataclasses import dataclass, replace
 
 from companion.autopilot.point import PointAdapter
 from companion.autopilot.telemetry import Neighbour
+from companion.errors import InputError
 from companion.geo.kinematics import advance, turn_rate_rad_s, turn_towards
 from companion.geo.local_frame import LocalFrame
 from companion.guidance.laws import SteeringOf
 from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
 from companion.onboard.companion import Companion
-from companion.onboard.config import config_for_agent
+from companion.onboard.config import config_for_agent, fast_enough
 from companion.onboard.law_settings import law_settings
 
 DRIFT_SHARE = 0.01
@@ -66,11 +67,25 @@ class VehicleModel:
     """Makes the steering law; None: the companion's own law named by `law`."""
 
 
+def check_reckonable(mission: Mission, model: VehicleModel, source: str) -> None:
+    """Raise InputError if the guard could hold no vehicle at the speed of an agent; `source` names the file."""
+    for index, spec in enumerate(mission.agents):
+        allowed = fast_enough(spec.speed_m_s, model.can_stop)
+        if allowed is not None:
+            raise InputError(f"{source}: agents[{index}].speed_m_s: {spec.speed_m_s:g}; allowed: {allowed}")
+
+
 class DeadReckoner:
     """Dead-reckons all agents of one mission; times are Unix seconds given by the caller."""
 
     def __init__(self, mission: Mission, now_s: float, model: VehicleModel) -> None:
-        """Begin with the agents at the mission's positions."""
+        """Begin with the agents at the mission's positions.
+
+        Raises:
+            InputError: the guard could hold no vehicle at the speed of an agent.
+
+        """
+        check_reckonable(mission, model, mission.name)
         self._delay_s = mission.link.delay_s
         self._step_s = mission.guidance_step_s
         self._detector_range_m = mission.detector_range_m

@@ -48,7 +48,8 @@ from companion.protocol.codec import (
 )
 from companion.protocol.fleet_codec import GREATEST_AGE_S, Entry, FleetEntry, Layout
 from groundstation.revision import Revision
-from groundstation.tracks import Track, TrackTable
+from groundstation.track import Track
+from groundstation.tracks import TrackTable
 
 EntryT = TypeVar("EntryT", AgentEntry, TargetEntry, ThreatEntry, AgentMotion, PointMotion, BandEntry)
 PackedT = TypeVar("PackedT", bound=Entry)

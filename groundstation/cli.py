@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Unpack
 
 import click
 
-from companion.autopilot.kinds import KINDS
+from companion.autopilot.kinds import ARDUCOPTER, KINDS
 from companion.errors import run_program, tell
 from groundstation.choices import AUTHENTICATIONS, RADIOS_BYTES_PER_S, SIGNED, STATE_NAME, one_of, without_null
 
@@ -65,14 +65,17 @@ def run(**given: Unpack[RunArguments]) -> None:
 
     Example: groundstation run copter-demo --link serial:/dev/ttyUSB0:57600 --radio sik-57600 --share 0.5 --keys keys
     """
-    from companion.mission.lint import lint
+    from companion.guidance.settings import DEFAULT_LAW
+    from companion.onboard.lint.warnings import lint_flight
     from companion.runtime.clock import run_until_signal
     from companion.runtime.console import program_logger
     from groundstation.options import run_of
     from groundstation.service import run_groundstation
 
     mission, options = run_of(given)
-    for warning in lint(mission):
+    # In Case I nobody is reckoned, so what flies is known only to the vehicles.
+    kinds = (given["autopilot"],) if mission.case == "II" else (given["autopilot"], ARDUCOPTER.name)
+    for warning in lint_flight(mission, DEFAULT_LAW, kinds, given["mission"]):
         program_logger("groundstation").warning("%s: %s", given["mission"], warning)
     run_until_signal(lambda stop: run_groundstation(mission, options, stop))
 
@@ -114,6 +117,7 @@ def plan_command(mission: str, radio_name: str, share: float, auth: str, seed: i
 
     from companion.autopilot.missions import load_mission_to_fly
     from companion.mission.resolve import resolve
+    from groundstation.agents import VehicleModel, check_reckonable
     from groundstation.ground_station import check_runnable
     from groundstation.plan import plan
     from groundstation.plan_text import plan_text
@@ -124,6 +128,8 @@ def plan_command(mission: str, radio_name: str, share: float, auth: str, seed: i
     radio = parse_radio(radio_name, share)
     resolved = resolve(load_mission_to_fly(mission), seed, mission)
     check_runnable(resolved, mission)
+    if resolved.case == "II":
+        check_reckonable(resolved, VehicleModel(), mission)
     columns = (TextColumn("planning"), BarColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not sys.stderr.isatty()) as bar:

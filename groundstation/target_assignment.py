@@ -19,7 +19,8 @@ from companion.protocol.codec import Kind
 from groundstation.assignment import SWITCHING_SHARE, assign, within_range
 from groundstation.broadcast import MOVING_M_S, grown
 from groundstation.route_cost import AssignmentRule, RouteCosts, Scene, assign_by_route_cost
-from groundstation.tracks import Track, TrackTable
+from groundstation.track import Track
+from groundstation.tracks import TrackTable
 
 
 @dataclass(frozen=True)

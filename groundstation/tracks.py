@@ -20,30 +20,14 @@ from companion.mission.extent import FARTHEST_M
 from companion.mission.model import Mission
 from companion.protocol.codec import DetectionsFrame, Kind, ReportFrame
 from groundstation.agents import Estimate, Fix
+from groundstation.track import Track, passed_at_m
 
 STANDING_M = 1.0
 """Distance within which something that cannot move is detected where it is: a sensor's positions are rounded to 1 cm,
 and one with another origin has another plane."""
 
-
-@dataclass(frozen=True)
-class Track:
-    """Position and velocity of an agent, target or threat when it was last seen."""
-
-    north_m: float
-    east_m: float
-    velocity_north_m_s: float
-    velocity_east_m_s: float
-    seen_at_s: float
-
-    @property
-    def position_ned_m(self) -> tuple[float, float]:
-        """Position (north, east) in m at which it was seen."""
-        return self.north_m, self.east_m
-
-    def age_s(self, now_s: float) -> float:
-        """Return the time since it was seen, at least 0."""
-        return max(0.0, now_s - self.seen_at_s)
+_FASTEST = 2.0
+"""Greatest ratio of the speed of a sighting's way to the agent's, which wind and errors of the sensor may explain."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +81,8 @@ class TrackTable:
         self.flown_m = {agent.id: 0.0 for agent in mission.agents}
         self.uncertainty_m = {agent.id: 0.0 for agent in mission.agents}
         self.progress = MissionProgress()
+        self._judged = dict(self.tracks)
+        """The tracks as of the last update: arrivals are judged on the ways from there."""
 
     @property
     def active_agents(self) -> list[int]:
@@ -180,6 +166,7 @@ class TrackTable:
             silent = (key for key, at_s in self.heard_at_s.items() if now_s - at_s > self._silent_after_s)
             self.progress = replace(before, lost=frozenset(silent))
         self.progress = self._after_arrivals(now_s, assignment)
+        self._judged = dict(self.tracks)
         after = self.progress
         return (before.arrived, before.lost, before.completed) != (after.arrived, after.lost, after.completed)
 
@@ -192,8 +179,7 @@ class TrackTable:
         for target_id, agent_id in self._candidates(assignment):
             if agent_id in arrived or self._agents[agent_id].only_target not in (None, target_id):
                 continue
-            target, agent = self.tracks[Kind.TARGET, target_id], self.tracks[Kind.AGENT, agent_id]
-            is_near = math.dist(agent.position_ned_m, target.position_ned_m) <= self._mission.arrival_radius_m
+            is_near = self._came_near(agent_id, target_id)
             wait_s = self.uncertainty_m[agent_id] / self._agents[agent_id].speed_m_s
             if wait_s != 0.0:
                 if assignment.get(agent_id) != target_id:
@@ -209,13 +195,30 @@ class TrackTable:
                     reached_by[agent_id] = target_id
         return MissionProgress(frozenset(arrived), progress.lost, frozenset(completed), reached_by, near_since)
 
+    def _came_near(self, agent_id: int, target_id: int) -> bool:
+        """Return whether an agent is within the arrival radius of a target, or was since the last update."""
+        agent, target = self.tracks[Kind.AGENT, agent_id], self.tracks[Kind.TARGET, target_id]
+        radius_m = self._mission.arrival_radius_m
+        if math.dist(agent.position_ned_m, target.position_ned_m) <= radius_m:
+            return True
+        before = self._judged[Kind.AGENT, agent_id]
+        flown_m = math.dist(before.position_ned_m, agent.position_ned_m)
+        lasts_s = agent.seen_at_s - before.seen_at_s
+        # A sighting that no flight explains is no way along which targets are reached.
+        if flown_m == 0.0 or flown_m > _FASTEST * self._agents[agent_id].speed_m_s * lasts_s:
+            return False
+        return passed_at_m((before, agent), (self._judged[Kind.TARGET, target_id], target)) <= radius_m
+
     def _candidates(self, assignment: Mapping[int, int]) -> list[tuple[int, int]]:
         """Return the pairs (target id, agent id) that can have met: the agent is near the target or was sent to it."""
         agents, targets = self.active_agents, self.open_targets
         agents_ned_m = np.array([self.tracks[Kind.AGENT, one].position_ned_m for one in agents]).reshape(-1, 2)
         targets_ned_m = np.array([self.tracks[Kind.TARGET, one].position_ned_m for one in targets]).reshape(-1, 2)
         apart_m = targets_ned_m[:, np.newaxis] - agents_ned_m  # (K, N, 2)
-        # A little more than the arrival radius, so that only the exact test of the distance decides.
-        close = np.hypot(apart_m[..., 0], apart_m[..., 1]) <= self._mission.arrival_radius_m * (1.0 + 1e-9)
+        before_ned_m = np.array([self._judged[Kind.AGENT, one].position_ned_m for one in agents]).reshape(-1, 2)
+        flown_m = np.hypot(*(agents_ned_m - before_ned_m).T)
+        # More than the arrival radius and the way since the last update, so that only the exact test decides.
+        reach_m = self._mission.arrival_radius_m * (1.0 + 1e-9) + _FASTEST * flown_m
+        close = np.hypot(apart_m[..., 0], apart_m[..., 1]) <= reach_m
         sent = np.array(targets, dtype=int)[:, np.newaxis] == np.array([assignment.get(one, 0) for one in agents])
         return [(targets[row], agents[column]) for row, column in np.argwhere(close | sent)]

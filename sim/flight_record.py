@@ -1,4 +1,4 @@
-"""Records the truth of a flight step by step: the samples of its trajectory, and the arrivals that end it."""
+"""Records a flight step by step: the samples of its trajectory, the arrivals that end it, and what was decided."""
 
 from __future__ import annotations
 
@@ -7,17 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from companion.mission.model import Mission
+from sim.agent_log import AgentLog
 from sim.arrivals import Arrivals
+from sim.loop import START_S, Outcome
 from sim.trajectory import Trajectory, TrajectoryBuilder
 
 
 class FlightRecord:
-    """Recorder of the trajectory and arrivals of one flight of a resolved mission; subclasses count more."""
+    """Recorder of trajectory, arrivals and decisions of one flight of a resolved mission; subclasses count more."""
 
     def __init__(self, mission: Mission) -> None:
         """Begin without samples and with every target open."""
         self._arrivals = Arrivals(mission)
-        self._trajectory = TrajectoryBuilder(
+        self.logs = {agent.id: AgentLog() for agent in mission.agents}
+        """What each companion decided, by agent id."""
+        self.builder = TrajectoryBuilder(
             [agent.id for agent in mission.agents],
             [target.id for target in mission.targets],
             [threat.id for threat in mission.threats],
@@ -37,9 +41,13 @@ class FlightRecord:
         `alive` says which agents are not lost.
         """
         targets, threats = things
-        self._trajectory.append(t_s, agents, targets, threats)
+        self.builder.append(t_s, agents, targets, threats)
         return self._arrivals.note(t_s, agents, alive, targets)
 
-    def trajectory(self) -> Trajectory:
-        """Return the trajectory recorded so far."""
-        return self._trajectory.build()
+    def decided(self, agent_id: int, outcome: Outcome) -> None:
+        """Take in a companion's decision."""
+        self.logs[agent_id].note(outcome.decision, outcome.decision.t_s - START_S)
+
+    def trajectory(self, steps: int | None = None) -> Trajectory:
+        """Return the trajectory of the first `steps` steps, of all that were recorded if it is None."""
+        return self.builder.build(0, steps)

@@ -23,3 +23,5 @@ class FlownMission:
     law: str
     stand_in: str = KINEMATIC
     """Which vehicles flew, in words for reports and figures."""
+    ended_early: str | None = None
+    """Why the flight was ended early; None if it flew to its end."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,18 +15,22 @@ from rich.table import Table
 from companion.autopilot.missions import load_mission_to_fly
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, tell
 from companion.guidance.settings import DEFAULT_LAW, LAWS, LawName
-from companion.mission.lint import lint
 from companion.mission.model import Mission, dump_mission
 from companion.mission.resolve import resolve
+from companion.onboard.lint.warnings import lint_flight
 from groundstation.choices import RADIOS_BYTES_PER_S
 from groundstation.radio import Radio, parse_radio
 from sim.flown import KINEMATIC, FlownMission
 from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, FlightOptions, check_flyable, fly
+from sim.outcome import AgentResult, agent_results, first_reason
 from sim.scaling import scaled
 from sim.score import score
+from sim.stop import Stop, stop_at_signals
 from sim.terminal import flight_progress, rendered, writable_folder
 
 MAX_SEED = 2**63 - 1
+MOST_AGENTS = 20
+"""Number of agents, the first of the mission, in the printed table; `result.json` and report have all."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +63,19 @@ class FlownResult:
     """A flight that is over, and its figures."""
 
     flown: FlownMission
+    agents: tuple[AgentResult, ...]
+    """What became of each agent, in file order."""
     result: dict[str, Any]
     """The content of `result.json`."""
+    stop: Stop | None
+    """Why the flight was ended early; None if it flew to its end."""
+
+    @property
+    def failure(self) -> str | None:
+        """The first reason why not every target was reached, as one line; None if all were."""
+        if self.flown.score.targets_reached == self.flown.score.targets:
+            return None
+        return first_reason(self.flown, self.agents)
 
 
 @click.command("fly")
@@ -86,7 +102,9 @@ def fly_command(as_json: bool, **options: Any) -> int:  # noqa: ANN401 click giv
     Missions are written for the paper's 60 m/s: for an autopilot's stand-in every length and speed is multiplied by
     its cruise speed over that, and mission.yaml says by how much.
 
-    Exit status 0 if every target was reached, 1 if not, 2 for unusable input or a folder that cannot be written.
+    Exit status 0 if every target was reached, 1 if not, and then the last line says why, 2 for unusable input or a
+    folder that cannot be written. Ctrl-C (130), SIGTERM (143) and SIGHUP (129) end the flight early, and so does a full
+    disk (2): what was flown until then is scored, drawn and kept.
 
     Example: sim fly paper-dynamic --seed 1 --out runs/1
 
@@ -95,8 +113,14 @@ def fly_command(as_json: bool, **options: Any) -> int:  # noqa: ANN401 click giv
     chosen = FlyOptions(**options)
     done = fly_mission(chosen)
     tell(json.dumps(done.result) if as_json else _table(done, chosen.out))
-    scored = done.flown.score
-    return EXIT_DONE if scored.targets_reached == scored.targets else EXIT_FAILED
+    if done.stop is not None:
+        click.echo(f"sim: ended early, after {done.flown.score.flight_time_s:g} s of flight: {done.stop.why}", err=True)
+        return done.stop.status
+    if done.failure is None:
+        return EXIT_DONE
+    if as_json:
+        click.echo(f"sim: {done.failure}", err=True)
+    return EXIT_FAILED
 
 
 def fly_mission(options: FlyOptions) -> FlownResult:
@@ -111,15 +135,16 @@ def fly_mission(options: FlyOptions) -> FlownResult:
     if options.autopilot not in AUTOPILOTS:
         hint = nearest_hint(options.autopilot, AUTOPILOTS)
         raise InputError(f"--autopilot: '{options.autopilot}'{hint}; allowed: {', '.join(AUTOPILOTS)}")
-    mission = _resolved(options)
+    mission = _resolved(options, law)
     folder = None if options.out is None else writable_folder(options.out)
     if folder is not None:
         # The plots' library is loaded only if needed, but before the flight, so that a missing one is reported at once.
-        from sim.fly_folder import write_folder
+        from sim.fly_folder import clear_folder, write_folder
 
-        # Written first, so that an interrupted flight leaves its mission.
+        # Written first, so that a flight that is killed leaves its mission, and no results of an earlier one.
         (folder / "mission.yaml").write_text(dump_mission(mission), encoding="utf-8")
-    with flight_progress(len(mission.targets)) as progress:
+        clear_folder(folder)
+    with stop_at_signals() as stop, flight_progress(len(mission.targets)) as progress:
         flight = fly(
             mission,
             options.seed,
@@ -132,17 +157,30 @@ def fly_mission(options: FlyOptions) -> FlownResult:
                 allow_monolithic=options.allow_monolithic,
                 radio=radio,
                 one_radio=options.one_radio,
+                stop=stop,
             ),
         )
-    scored = score(flight.trajectory, mission)
-    flown = FlownMission(mission, flight.trajectory, scored, options.seed, law, _stand_in(mission, options.autopilot))
-    result = result_of(flown, flight)
-    if folder is not None:
-        write_folder(folder, flown, result, options.command_line(radio))
-    return FlownResult(flown, result)
+        flown = _flown(mission, flight, options, law)
+        agents = agent_results(flown, flight.logs)
+        result = result_of(flown, flight, agents)
+        if folder is not None:
+            write_folder(folder, flown, result, options.command_line(radio))
+    return FlownResult(flown, agents, result, flight.stop)
 
 
-def result_of(flown: FlownMission, flight: Flight) -> dict[str, Any]:
+def _flown(mission: Mission, flight: Flight, options: FlyOptions, law: LawName) -> FlownMission:
+    return FlownMission(
+        mission,
+        flight.trajectory,
+        score(flight.trajectory, mission),
+        options.seed,
+        law,
+        _stand_in(mission, options.autopilot),
+        None if flight.stop is None else flight.stop.why,
+    )
+
+
+def result_of(flown: FlownMission, flight: Flight, agents: Sequence[AgentResult]) -> dict[str, Any]:
     """Return the content of `result.json` (docs/outputs.md explains each figure)."""
     figures: dict[str, Any] = flown.score.to_dict()
     quantiles = np.percentile(flight.decision_us, [50, 99, 99.9, 100]) if flight.decision_us.size else [0.0] * 4
@@ -161,6 +199,8 @@ def result_of(flown: FlownMission, flight: Flight) -> dict[str, Any]:
         "broadcast_frames": flight.broadcast_frames,
         "frames_lost": flight.frames_lost,
         "speedup": round(flight.speedup, 1),
+        "ended_early": flown.ended_early,
+        "agents": [agent.to_dict() for agent in agents],
     }
 
 
@@ -185,7 +225,7 @@ def _radio(options: FlyOptions) -> Radio | None:
     return radio
 
 
-def _resolved(options: FlyOptions) -> Mission:
+def _resolved(options: FlyOptions, law: LawName) -> Mission:
     """Return the mission to fly, resolved from the seed and scaled, after printing the warnings about it."""
     source = options.mission
     mission = load_mission_to_fly(source)
@@ -196,7 +236,7 @@ def _resolved(options: FlyOptions) -> Mission:
     check_flyable(resolved, source, options.allow_monolithic)
     if resolved.surrogate == "monolithic":
         click.echo(f"sim: warning: {source}: surrogate: 'monolithic' should not fly: {WHY_NOT_MONOLITHIC}", err=True)
-    for warning in lint(resolved):
+    for warning in lint_flight(resolved, law, (options.autopilot,), source):
         click.echo(f"sim: warning: {source}: {warning}", err=True)
     return resolved
 
@@ -225,11 +265,45 @@ def _table(done: FlownResult, folder: Path | None) -> str:
         table.add_row(name, value)
     flown = done.flown
     files = "report.html, paths.png, result.json, trajectory.csv, mission.yaml, *.tlog, companion-*.yaml"
-    return rendered(
-        [f"{flown.mission.name}, seed {flown.seed}, law {flown.law}; {flown.stand_in}"],
-        table,
-        [] if folder is None else [f"written to {folder}: {files}"],
-    )
+    text = rendered([f"{flown.mission.name}, seed {flown.seed}, law {flown.law}; {flown.stand_in}"], table, [])
+    shown = done.agents[:MOST_AGENTS]
+    left = len(done.agents) - len(shown)
+    after = [f"and {left} more: see result.json (--out or --json)"] if left else []
+    after += [] if folder is None else [f"written to {folder}: {files}"]
+    # The reason that decided comes last, where a script or a hurried reader looks for it.
+    after += [] if done.failure is None else [done.failure]
+    return text + "\n" + rendered([], _agent_table(shown), after)
+
+
+def _agent_table(agents: Sequence[AgentResult]) -> Table:
+    table = Table()
+    table.add_column("agent", justify="right")
+    table.add_column("what became of it", overflow="fold")
+    for agent in agents:
+        table.add_row(str(agent.score.id), "\n".join(_became(agent)))
+    return table
+
+
+def _became(agent: AgentResult) -> list[str]:
+    """Return what became of an agent, in lines of a table."""
+    scored, log = agent.score, agent.log
+    certified = f"certified at the start: {agent.certificate_at_start}"
+    if log.loss is not None:
+        certified += f"; from {log.loss.t_s:g} s on: {log.loss.certificate} ({log.loss.why})"
+    broken = ", ".join(f"{name} {broken.times} x from {broken.first_t_s:g} s" for name, broken in log.broken.items())
+    nearest = [
+        f"{what} {near.distance_m:.1f} m at {near.t_s:.0f} s ({whose} {near.id})"
+        for what, near, whose in (
+            ("R_d", scored.nearest_detection, "threat"),
+            ("R_a", scored.nearest_attack, "threat"),
+            ("another", scored.nearest_agent, "agent"),
+        )
+        if near is not None
+    ]
+    entries = f"entries {scored.threat_entries_detection} / {scored.threat_entries_attack}"
+    lines = [f"{agent.outcome}: {agent.reason}", certified, f"broken: {broken}" if broken else ""]
+    lines.append("; ".join((f"nearest: {', '.join(nearest)}", entries)) if nearest else "")
+    return [line for line in lines if line]
 
 
 def _summary(result: dict[str, Any]) -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""Writes the files of a flight that `sim fly` leaves in its folder, except the logs, which are written in flight."""
+"""Writes the files that `sim fly` leaves in its folder at the end of a flight; `sim.flight_files` writes the others."""
 
 from __future__ import annotations
 
@@ -11,9 +11,23 @@ from sim.figures import clearance_png, plot_paths
 from sim.flown import FlownMission
 from sim.report import Pictures, write_report
 
+RESULT_NAME = "result.json"
+_PATHS_NAME, _REPORT_NAME = "paths.png", "report.html"
+
+
+def clear_folder(folder: Path) -> None:
+    """Remove what an earlier flight wrote at its end: a flight that is killed must not leave it beside its own files.
+
+    Raises:
+        OSError: a file cannot be removed.
+
+    """
+    for name in (RESULT_NAME, _PATHS_NAME, _REPORT_NAME):
+        (folder / name).unlink(missing_ok=True)
+
 
 def write_folder(folder: Path, flown: FlownMission, result: Mapping[str, Any], command: str) -> None:
-    """Write `trajectory.csv`, `result.json`, `paths.png` and `report.html`.
+    """Write `result.json`, `paths.png` and `report.html`, each whole or not at all.
 
     `command` is the command line that repeats the flight, for the report.
 
@@ -21,8 +35,9 @@ def write_folder(folder: Path, flown: FlownMission, result: Mapping[str, Any], c
         OSError: a file cannot be written.
 
     """
-    flown.trajectory.write_csv(folder / "trajectory.csv")
-    (folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    paths_png = plot_paths(flown, folder / "paths.png", flown.mission.name)
+    part = folder / f".{RESULT_NAME}"
+    part.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    part.replace(folder / RESULT_NAME)
+    paths_png = plot_paths(flown, folder / _PATHS_NAME, flown.mission.name)
     pictures = Pictures(paths_png, clearance_png(flown.score, flown.mission))
-    write_report(folder / "report.html", flown, result, pictures, command)
+    write_report(folder / _REPORT_NAME, flown, result, pictures, command)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,14 +32,17 @@ from groundstation.agents import VehicleModel
 from groundstation.ground_station import GroundStation, check_runnable
 from groundstation.radio import Radio
 from groundstation.schedule import Broadcaster
+from sim.agent_log import AgentLog
 from sim.air_link import LINK_STREAM, LossyLink, Tamper
 from sim.aircraft import Aircraft, AutopilotLink
 from sim.detector import Detector, Fleet
+from sim.flight_files import FlightFiles
 from sim.flight_record import FlightRecord
 from sim.loop import START_S, TOLERANCE_S, Loop, Outcome, Parts, Watch
 from sim.safety_pilot import SafetyPilot
 from sim.scaling import CRUISE_M_S
 from sim.sensor import SensorChannel
+from sim.stop import Stop, disk_stop
 from sim.trajectory import Trajectory
 from sim.transmitter import RADIO_TICK_S, Transmitter
 from sim.vehicles import CRAFTS, LOCKSTEP_RATES_HZ, Craft, Home, Setup, StandIn, Start, kinematic_profile
@@ -88,6 +90,8 @@ class FlightOptions:
     """Radio whose byte budget the broadcast keeps to; None: the mission's periods alone decide what is broadcast."""
     one_radio: bool = False
     """Whether the broadcast reaches each companion through its autopilot, inside V2_EXTENSION."""
+    stop: Callable[[], Stop | None] = lambda: None
+    """Function that is asked at every tick whether to end the flight early, and why."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,10 @@ class Flight:
     speedup: float
     """Virtual time divided by wall-clock time."""
     companions: dict[int, Companion]
+    logs: dict[int, AgentLog]
+    """What each companion decided, by agent id."""
+    stop: Stop | None
+    """Why the flight was ended early; None if it flew to its end."""
 
 
 def check_flyable(mission: Mission, source: str | None = None, allow_monolithic: bool = False) -> None:
@@ -153,24 +161,27 @@ def fly(mission: Mission, seed: int, options: FlightOptions | None = None) -> Fl
     check_flyable(mission, allow_monolithic=options.allow_monolithic)
     if mission.surrogate == "monolithic" and options.law != "seed":
         raise InputError(f"--law: '{options.law}' has no use for surrogate 'monolithic'; allowed: seed")
-    with ExitStack() as stack:
-
-        def log(name: str) -> TlogWriter | None:
-            return None if options.out is None else stack.enter_context(TlogWriter(options.out / name))
-
-        broadcast_log = log("broadcast.tlog")
+    record = _Record(mission, options.progress)
+    files = FlightFiles(options.out, record.builder)
+    try:
+        broadcast_log = files.log("broadcast.tlog")
         frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         hangar = _Hangar(mission, seed, options, frame)
         fleet = [
-            hangar.aircraft(spec, index, log(f"vehicle-{spec.id}.tlog")) for index, spec in enumerate(mission.agents)
+            hangar.aircraft(spec, index, files.log(f"vehicle-{spec.id}.tlog"))
+            for index, spec in enumerate(mission.agents)
         ]
         if options.out is not None:
             _write_configs(fleet, options.out, options.autopilot)
-        return _fly(hangar, fleet, broadcast_log)
+        return _fly(hangar, fleet, broadcast_log, record, files)
+    finally:
+        files.close()
 
 
-def _fly(hangar: _Hangar, fleet: Sequence[Aircraft], broadcast_log: TlogWriter | None) -> Flight:
-    """Fly the fleet to the end of the mission and return the results."""
+def _fly(
+    hangar: _Hangar, fleet: Sequence[Aircraft], broadcast_log: TlogWriter | None, record: _Record, files: FlightFiles
+) -> Flight:
+    """Fly the fleet to the end of the mission, or until it is to be ended early, and return the results."""
     mission, options = hangar.mission, hangar.options
     is_point = options.autopilot == "kinematic"
     ground = GroundStation(mission, START_S, model=VehicleModel(options.law, KINDS[options.autopilot].can_stop))
@@ -180,7 +191,6 @@ def _fly(hangar: _Hangar, fleet: Sequence[Aircraft], broadcast_log: TlogWriter |
         wraps=options.one_radio and options.radio is None,
         log=broadcast_log,
     )
-    record = _Record(mission, options.progress)
     loop = Loop(
         Parts(
             mission=mission,
@@ -197,11 +207,11 @@ def _fly(hangar: _Hangar, fleet: Sequence[Aircraft], broadcast_log: TlogWriter |
         )
     )
     began_s = time.perf_counter()
-    while loop.step():
-        if options.realtime:
-            time.sleep(max(0.0, began_s + loop.t_s - time.perf_counter()))
+    stop = _run(loop, options, files, began_s)
     elapsed_s = time.perf_counter() - began_s
-    trajectory = record.trajectory()
+    refused = files.close()
+    stop = stop or refused
+    trajectory = record.trajectory(files.steps_written(len(record.builder)))
     return Flight(
         trajectory=trajectory,
         steps=loop.guided,
@@ -213,7 +223,24 @@ def _fly(hangar: _Hangar, fleet: Sequence[Aircraft], broadcast_log: TlogWriter |
         frames_lost=sum(one.air.lost for one in fleet),
         speedup=float(trajectory.t_s[-1]) / elapsed_s if elapsed_s > 0.0 else 0.0,
         companions={one.spec.id: one.companion for one in fleet},
+        logs=record.logs,
+        stop=stop,
     )
+
+
+def _run(loop: Loop[Fleet], options: FlightOptions, files: FlightFiles, began_s: float) -> Stop | None:
+    """Step to the end of a flight; return why it was ended early, None if it was not."""
+    try:
+        while loop.step():
+            files.keep_up()
+            stop = options.stop()
+            if stop is not None:
+                return stop
+            if options.realtime:
+                time.sleep(max(0.0, began_s + loop.t_s - time.perf_counter()))
+    except OSError as error:
+        return disk_stop(error, options.out)
+    return None
 
 
 class _Record(FlightRecord):
@@ -239,7 +266,8 @@ class _Record(FlightRecord):
         return over
 
     def decided(self, agent_id: int, outcome: Outcome) -> None:
-        """Count a companion's decision, its duration and whether the turn limit or the guard changed it."""
+        """Take in a companion's decision; count its duration and whether the turn limit or the guard changed it."""
+        super().decided(agent_id, outcome)
         self.decision_us.append(outcome.decision_us)
         self.turn_limited += outcome.decision.turn_limited
         self.guarded += bool(outcome.decision.guard_changes)

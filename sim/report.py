@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,11 @@ from sim.score import Score
 from sim.trajectory import Trajectory
 
 RESULT_ROWS: tuple[tuple[str, str, str], ...] = (
-    ("arrived", "agents arrived", "Agents that came within the arrival radius of a target nobody had reached before."),
+    (
+        "arrived",
+        "agents arrived",
+        "Agents that came within the arrival radius of a target nobody had reached before, on their path.",
+    ),
     ("targets_reached", "targets reached", "Each counts once, for the first to arrive."),
     ("targets", "targets", "In the mission."),
     ("flight_time_s", "flight time (s)", "From the first sample to the last, on the simulator's clock."),
@@ -37,7 +41,7 @@ RESULT_ROWS: tuple[tuple[str, str, str], ...] = (
     (
         "min_separation_m",
         "least separation (m)",
-        "The closest two agents came, interpolated between samples.",
+        "The closest two agents came, on their paths.",
     ),
     (
         "separation_breaches",
@@ -57,7 +61,7 @@ RESULT_ROWS: tuple[tuple[str, str, str], ...] = (
     ("speedup", "speed-up", "Simulated seconds per second of computing, on the machine that ran this."),
 )
 """Keys of `result.json` with their names and explanations, in reading order. Per-agent lengths have their own table."""
-ELSEWHERE = ("seed", "law", "path_length_m", "shortest_path_m")
+ELSEWHERE = ("seed", "law", "path_length_m", "shortest_path_m", "ended_early", "agents")
 """Keys of `result.json` that the report shows outside the table of results."""
 
 _NOTHING = "–"
@@ -103,6 +107,8 @@ def write_report(path: Path, flown: FlownMission, result: Mapping[str, Any], pic
             stand_in=flown.stand_in,
             kinematic=flown.stand_in == KINEMATIC,
             verdict=_verdict(flown.score, flown.trajectory),
+            ended_early=flown.ended_early,
+            fates=_fate_table(result.get("agents", ())),
             pictures=pictures,
             results=_result_table(result),
             agents=_agent_table(flown.score),
@@ -172,6 +178,55 @@ def _result_table(result: Mapping[str, Any]) -> Table:
         (*known, *others),
         numbers=(1,),
     )
+
+
+def _fate_table(agents: Sequence[Mapping[str, Any]]) -> Table:
+    """Return the table of what became of every agent; `agents` are those of `result.json`."""
+    rows = []
+    for agent in agents:
+        lost = agent["certificate_lost"]
+        broken = (
+            f"{one['assumption']}: {one['count']} times from {one['first_t_s']:,.1f} s on" for one in agent["broken"]
+        )
+        rows.append(
+            (
+                str(agent["id"]),
+                agent["outcome"],
+                agent["reason"],
+                agent["certificate_at_start"],
+                _NOTHING if lost is None else f"{lost['certificate']} from {lost['t_s']:,.1f} s on: {lost['why']}",
+                "\n".join(broken) or _NOTHING,
+                _approach(agent["least_clearance_detection"], "threat"),
+                _approach(agent["least_clearance_attack"], "threat"),
+                _approach(agent["least_separation"], "agent"),
+                f"{agent['entries_detection']} / {agent['entries_attack']}",
+            )
+        )
+    return Table(
+        "Why each agent ended as it did, by its last decision; how long the guard certified its start for: for ever, "
+        "until some time, or not at all; when it first had less, and which assumptions broke; how near it came to a "
+        "detection radius, to an attack radius and to another agent (negative: inside).",
+        (
+            "agent",
+            "outcome",
+            "reason",
+            "certified at the start",
+            "certificate lost",
+            "assumptions broken",
+            "nearest to R_d",
+            "nearest to R_a",
+            "nearest agent",
+            "entries R_d / R_a",
+        ),
+        tuple(rows),
+        numbers=(9,),
+    )
+
+
+def _approach(nearest: Mapping[str, Any] | None, other: str) -> str:
+    if nearest is None:
+        return _NOTHING
+    return f"{_fixed(nearest['m'], 1)} m at {nearest['t_s']:,.1f} s ({other} {nearest[other]})"
 
 
 def _agent_table(score: Score) -> Table:

@@ -6,7 +6,7 @@ file, so that a score computed in flight equals the one that anybody computes fr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,6 +60,13 @@ class Trajectory:
             OSError: the file cannot be written.
 
         """
+        with path.open("w", encoding="ascii", newline="\n") as file:
+            file.write(HEADER + "\n")
+            for text in self.csv_text():
+                file.write(text)
+
+    def csv_text(self) -> Iterator[str]:
+        """Yield the text of all rows, some steps at a time."""
         ids_by_kind = (self.agent_ids, self.target_ids, self.threat_ids)
         step_format = "".join(
             _ROW_FORMAT.format(kind=kind, id=identity)
@@ -67,11 +74,9 @@ class Trajectory:
             for identity in ids
         )
         values = self._rows()  # (S, (N + K + M) * 5)
-        with path.open("w", encoding="ascii", newline="\n") as file:
-            file.write(HEADER + "\n")
-            for begin in range(0, len(values), _WRITE_BATCH):
-                batch = values[begin : begin + _WRITE_BATCH].tolist()
-                file.write("".join([step_format % tuple(row) for row in batch]))
+        for begin in range(0, len(values), _WRITE_BATCH):
+            batch = values[begin : begin + _WRITE_BATCH].tolist()
+            yield "".join([step_format % tuple(row) for row in batch])
 
     def _rows(self) -> np.ndarray:
         """Return (S, (N + K + M) * 5): time, north, east, heading, speed of each object, in the file's order."""
@@ -91,9 +96,10 @@ class TrajectoryBuilder:
 
     def __init__(self, agent_ids: Sequence[int], target_ids: Sequence[int], threat_ids: Sequence[int]) -> None:
         self._ids = (tuple(agent_ids), tuple(target_ids), tuple(threat_ids))
-        self._objects = sum(len(ids) for ids in self._ids)
+        self.objects = sum(len(ids) for ids in self._ids)
+        """Number of rows of a step."""
         self._t_s = np.empty(_FIRST_CAPACITY)
-        self._values = np.empty((_FIRST_CAPACITY, self._objects, 4))
+        self._values = np.empty((_FIRST_CAPACITY, self.objects, 4))
         self._count = 0
 
     def __len__(self) -> int:
@@ -125,23 +131,85 @@ class TrajectoryBuilder:
             begin = end
         self._count += 1
 
-    def build(self) -> Trajectory:
-        """Return the recorded trajectory, rounded to the decimals of the file.
+    def build(self, begin: int = 0, end: int | None = None) -> Trajectory:
+        """Return the trajectory of the steps from `begin` to before `end`, rounded to the decimals of the file.
 
         Raises:
-            ValueError: no step was recorded, a value is not finite, or the rounded times do not increase.
+            ValueError: no such step was recorded, a value is not finite, or the rounded times do not increase.
 
         """
-        if self._count == 0:
+        end = self._count if end is None else min(end, self._count)
+        if end <= begin:
             raise ValueError("no step was recorded")
-        t_s = self._t_s[: self._count]
-        values = self._values[: self._count]
+        t_s = self._t_s[begin:end]
+        values = self._values[begin:end]
         if not (np.isfinite(t_s).all() and np.isfinite(values).all()):
             raise ValueError("a recorded value is not finite")
         trajectory = _trajectory(t_s, self._ids, values)
         if (np.diff(trajectory.t_s) <= 0).any():
             raise ValueError("recorded times do not increase")
         return trajectory
+
+
+class TrajectoryFile:
+    """A `trajectory.csv` that grows with the flight: whatever ends the program, the file holds whole steps."""
+
+    def __init__(self, path: Path, builder: TrajectoryBuilder) -> None:
+        """Begin the file with its header; `builder` collects the steps.
+
+        Raises:
+            OSError: the file cannot be written.
+
+        """
+        self._builder = builder
+        # Without a buffer of ours: what is written is the operating system's, and stays if this process is killed.
+        self._file = path.open("wb", buffering=0)
+        self._bytes = 0
+        self.steps = 0
+        """Number of steps in the file."""
+        self._append(f"{HEADER}\n".encode("ascii"))
+
+    def catch_up(self) -> None:
+        """Write the steps that the builder has collected since the last call.
+
+        Raises:
+            OSError: the file cannot be written; it then ends with the last step that fitted whole.
+
+        """
+        while self.steps < len(self._builder):
+            for text in self._builder.build(self.steps, self.steps + _WRITE_BATCH).csv_text():
+                self._append(text.encode("ascii"))
+
+    def close(self) -> None:
+        """Write the rest and close the file.
+
+        Raises:
+            OSError: the file cannot be written; it is closed all the same.
+
+        """
+        if self._file.closed:
+            return
+        with self._file:
+            self.catch_up()
+
+    def _append(self, data: bytes) -> None:
+        """Write rows of whole steps, or the header."""
+        written = 0
+        try:
+            while written < len(data):
+                written += self._file.write(data[written:])
+        except OSError:
+            rows = data[:written].count(b"\n") if self._bytes else 0
+            self._count(b"".join(data.splitlines(keepends=True)[: rows - rows % self._builder.objects]))
+            self._file.truncate(self._bytes)
+            self._file.seek(self._bytes)
+            raise
+        self._count(data)
+
+    def _count(self, data: bytes) -> None:
+        if self._bytes:
+            self.steps += data.count(b"\n") // self._builder.objects
+        self._bytes += len(data)
 
 
 def rounded_rows(rows: np.ndarray) -> np.ndarray:  # (N, 4) -> (N, 4)

@@ -180,6 +180,27 @@ def distance_m(piece: Piece, north_m: float, east_m: float) -> float:
     return min(math.hypot(dn_m, de_m), math.hypot(north_m - end.north_m, east_m - end.east_m))
 
 
+def distances_m(piece: Piece, norths_m: np.ndarray, easts_m: np.ndarray) -> np.ndarray:  # (P,) m each
+    """Return the distance from each of P points to a piece; see `distance_m`."""
+    dn_m, de_m = norths_m - piece.north_m, easts_m - piece.east_m
+    if piece.curvature_1_m == 0.0:
+        cosine, sine = math.cos(piece.heading_rad), math.sin(piece.heading_rad)
+        along_m = np.clip(dn_m * cosine + de_m * sine, 0.0, piece.length_m)
+        return np.hypot(dn_m - along_m * cosine, de_m - along_m * sine)
+    centre_north_m, centre_east_m, radius_m = circle_of(piece)
+    from_north_m, from_east_m = norths_m - centre_north_m, easts_m - centre_east_m
+    rim_m = np.abs(np.hypot(from_north_m, from_east_m) - radius_m)
+    turned_rad = piece.length_m / radius_m
+    if turned_rad >= math.tau:
+        return rim_m
+    side = math.copysign(1.0, piece.curvature_1_m)
+    bearings_rad = np.arctan2(from_east_m, from_north_m)
+    phases_rad = np.mod(side * (bearings_rad - piece.heading_rad) + math.pi / 2.0, math.tau)
+    end = end_of(piece)
+    ends_m = np.minimum(np.hypot(dn_m, de_m), np.hypot(norths_m - end.north_m, easts_m - end.east_m))
+    return np.where(phases_rad <= turned_rad, rim_m, ends_m)
+
+
 def is_hit(piece: Piece, discs: Iterable[Disc], grown_s: float, spare_m: float) -> bool:
     """Return whether a piece comes within `spare_m` of a disc that has grown at its speed for `grown_s`."""
     start_north_m, start_east_m, _, _, length_m = piece

@@ -28,18 +28,19 @@ from companion.guard.arcs import (
     turned,
 )
 from companion.guard.fence import Fence
+from companion.guard.follow import discs_near, next_stretch
 from companion.guard.types import FENCE, KEEP_OUT, PIVOT_SPEED_M_S, Piece
 from companion.guard.vehicle import GREATEST_TURN_RAD, Step, VehicleModel
 
-ROUTE_STEPS = 60
-"""Number of steps along the route within which a clear turning circle must be found, if ROUTE_CIRCLES gives no more."""
-ROUTE_CIRCLES = 3
-"""The search along the route may be this many circumferences of the turning circle long, where that is more steps than
-ROUTE_STEPS."""
+MOST_STRETCHES = 400
+"""Number of stretches along the route (steps on arcs, and whole straight lines) within which a way on must be clear."""
 CIRCLE_PARTS = 24
 """Number of places, per circumference of the turning circle flown along the route, at which a clear one is tried."""
 FOLLOW_RAD = 0.01
 """Difference of turns up to which a wanted step counts as following the stored path, so that no other is searched."""
+SLOWER_SHARES = (0.5, 0.25, 0.125)
+"""Shares of the wanted speed at which a vehicle that can stop is offered the wanted turn: with less way to brake, it
+may pass where it could not at full speed."""
 SAMPLES = 8
 """Number of sample points per step at which the choices are compared when none is certified."""
 
@@ -77,26 +78,31 @@ class BackupSearch:
         vehicle: VehicleModel,
         fence: Fence | None,
         flight: Flight,
-        limited: bool,
+        horizon_s: float,
         path: Path | None,
         along_m: float,
     ) -> None:
         """Prepare the search for one flight situation.
 
-        With `limited` a path needs to be clear only for the horizon, not for ever. `path` is the stored path, and
+        A path needs to be clear for `horizon_s`, which is infinite for one that is clear for ever, or where all discs
+        stand still. `path` is the stored path, and
         `along_m` the distance along it at which the tip is.
         """
         self._vehicle, self._limits, self._fence = vehicle, vehicle.limits, fence
-        self._flight, self._limited = flight, limited
+        self._flight, self._horizon_s = flight, horizon_s
         self._path, self._along_m = path, along_m
 
     def choices(self, wanted: Step) -> Iterator[Step]:
         """Yield the wanted step, then other turns, nearest to it first; then the same turns at the present speed.
 
-        A vehicle that can stop is also offered the step straight on to a stop, last.
+        A vehicle that can stop is first offered the wanted turn at lower speeds, and last the step straight on to a
+        stop.
         """
         flight = self._flight
         yield wanted
+        if self._limits.braking_m_s2 is not None:
+            for share in SLOWER_SHARES:
+                yield Step(wanted.turn_rad, wanted.speed_m_s * share)
         flown_m_s = self._vehicle.allowed_m_s(flight.before_m_s)
         for speed_m_s in dict.fromkeys((wanted.speed_m_s, flown_m_s)):
             most_rad = self._vehicle.greatest_turn_rad(speed_m_s, flight.before_m_s, flight.dt_s)
@@ -127,8 +133,8 @@ class BackupSearch:
         found = self.backup(end_of(pieces[-1]), step, after_m_s, flight.dt_s, spare_m, thorough)
         if isinstance(found, str) and self._path is not None and self.continues(step):
             return self._path
-        if isinstance(found, str) and thorough and flight.route and not flight.moving:
-            found = self.along_route(end_of(pieces[-1]), step, spare_m) or found
+        if isinstance(found, str) and thorough and flight.route:
+            found = self.along_route(end_of(pieces[-1]), step, flight.dt_s, spare_m) or found
         if isinstance(found, str):
             return found
         return found._replace(pieces=pieces + found.pieces)
@@ -189,9 +195,9 @@ class BackupSearch:
     ) -> Path | str:
         """Return a certified path from a pose that the vehicle reaches after `after_s`, or why there is none."""
         flight = self._flight
-        lasts_s = after_s + self._limits.horizon_s if flight.moving else math.inf
+        lasts_s = after_s + self._horizon_s
         reason = KEEP_OUT
-        if self._limited or not flight.moving:
+        if math.isfinite(lasts_s) or not flight.moving:
             grown_s = lasts_s if flight.moving else 0.0
             found = self.to_rest(pose, step, speed_m_s, flight.near, grown_s, spare_m)
             if isinstance(found, Path):
@@ -200,7 +206,7 @@ class BackupSearch:
         if flight.moving:
             ray = self.ray(pose, step.speed_m_s, after_s, spare_m, thorough)
             if ray is not None:
-                return Path(ray, 0, step.speed_m_s, lasts_s if self._limited else math.inf)
+                return Path(ray, 0, step.speed_m_s, lasts_s)
         return reason
 
     def to_rest(
@@ -227,43 +233,64 @@ class BackupSearch:
                 return Path(loop, len(loop), step.speed_m_s, math.inf)
         return str(blocked)
 
-    def along_route(self, pose: Pose, step: Step, spare_m: float) -> Path | None:
-        """Return a path along the route to the first clear turning circle; None if there is none within reach."""
+    def along_route(self, pose: Pose, step: Step, after_s: float, spare_m: float) -> Path | None:
+        """Return a path along the route to the first place from which a way on is clear; None if there is none.
+
+        The way on is a turning circle or, among moving discs, a ray. `after_s` is the time at which the vehicle is at
+        the pose. The path is what `companion/guard/follow.py` predicts, so it is exact, however narrow the way.
+        """
         flight = self._flight
         pieces_of_route = tuple(flight.route)
         rate_1_m = self._vehicle.curvature_1_m(step.speed_m_s)
-        # No turning circle need be clear where the route ends: one may be clear straight on from there.
+        # No way on need be clear where the route ends: one may be clear straight on from there.
         pieces_of_route += (straight(end_of(pieces_of_route[-1]), math.tau / rate_1_m),)
         finite = all(map(math.isfinite, itertools.chain(*pieces_of_route)))
         if self._limits.braking_m_s2 is not None or not finite:
             return None
-        speed_m_s, dt_s = step.speed_m_s, flight.dt_s
-        route = Path(pieces_of_route, 0, speed_m_s, math.inf)
+        step_m = step.speed_m_s * flight.dt_s
+        route = Path(pieces_of_route, 0, step.speed_m_s, math.inf)
         along_m = nearest_along_m(route, pose)
         left_m = sum(stretch.length_m for stretch in route.pieces) - along_m
-        flown: list[Piece] = []
-        around = math.ceil(math.tau / (rate_1_m * speed_m_s * dt_s))
-        steps = min(max(ROUTE_STEPS, ROUTE_CIRCLES * around), math.ceil(left_m / (speed_m_s * dt_s)))
+        discs = flight.discs if flight.moving else discs_near(route.pieces, flight.discs, 2.0 / rate_1_m + 4.0 * step_m)
+        around = math.ceil(math.tau / (rate_1_m * step_m))
         every = max(1, around // CIRCLE_PARTS)
-        for count in range(1, steps + 1):
-            turn_rad = self._vehicle.steered_rad(route, along_m, pose, speed_m_s, dt_s, dt_s)
-            arc_m = abs(turn_rad) / rate_1_m
-            arc = Piece(*pose, math.copysign(rate_1_m, turn_rad), arc_m)
-            end = end_of(arc)._replace(heading_rad=pose.heading_rad + turn_rad)
-            pieces = (arc, straight(end, speed_m_s * dt_s - arc_m))
-            if self.blocked(pieces, flight.discs, 0.0, spare_m) is not None:
+        flown: list[Piece] = []
+        for count in range(1, MOST_STRETCHES + 1):
+            stretch = next_stretch(self._vehicle, route, along_m, pose, flight.dt_s)
+            if self._enters(stretch.pieces, discs, step, after_s, spare_m):
                 return None
-            if turn_rad == 0.0 and flown and flown[-1].curvature_1_m == 0.0:
-                flown[-1] = flown[-1]._replace(length_m=flown[-1].length_m + speed_m_s * dt_s)
-            else:
-                flown += pieces
-            along_m, pose = along_m + speed_m_s * dt_s, end_of(pieces[-1])
-            if count % every and count < steps:
+            flown += stretch.pieces
+            left_m -= stretch.steps * step_m
+            after_s += stretch.steps * flight.dt_s
+            along_m, pose = stretch.along_m, end_of(stretch.pieces[-1])
+            if stretch.steps == 1 and count % every and left_m > 0.0:
                 continue
-            circle = self.to_rest(pose, step, speed_m_s, flight.discs, 0.0, spare_m)
-            if isinstance(circle, Path):
-                return circle._replace(pieces=(*flown, *circle.pieces))
+            onward = self._way_on(pose, step, discs, after_s, spare_m, left_m <= 0.0)
+            if onward is not None:
+                return onward._replace(pieces=(*flown, *onward.pieces))
+            if left_m <= 0.0:
+                return None
         return None
+
+    def _enters(self, pieces: Sequence[Piece], discs: list[Disc], step: Step, after_s: float, spare_m: float) -> bool:
+        """Return whether pieces flown from a time on come too near to a disc or the fence."""
+        if not self._flight.moving:
+            return self.blocked(pieces, discs, 0.0, spare_m) is not None
+        slow_m_s = step.speed_m_s - self._limits.wind_m_s
+        clear = slow_m_s >= PIVOT_SPEED_M_S and is_clear(pieces, discs, slow_m_s, after_s, spare_m)
+        return not clear or self.outside(pieces, spare_m) is not None
+
+    def _way_on(
+        self, pose: Pose, step: Step, discs: list[Disc], after_s: float, spare_m: float, thorough: bool
+    ) -> Path | None:
+        """Return a clear turning circle from a pose on the route or, among moving discs, a clear ray; or None."""
+        if not self._flight.moving:
+            circle = self.to_rest(pose, step, step.speed_m_s, discs, 0.0, spare_m)
+            return circle if isinstance(circle, Path) else None
+        ray = self.ray(pose, step.speed_m_s, after_s, spare_m, thorough)
+        if ray is None:
+            return None
+        return Path(ray, 0, step.speed_m_s, after_s + self._horizon_s)
 
     def ray(
         self,
@@ -279,7 +306,7 @@ class BackupSearch:
         if slow_m_s < PIVOT_SPEED_M_S:
             return None
         curvature_1_m = self._vehicle.curvature_1_m(speed_m_s)
-        length_m = slow_m_s * self._limits.horizon_s if self._limited else math.inf
+        length_m = slow_m_s * self._horizon_s
         coarse = speed_m_s * flight.dt_s * curvature_1_m > GREATEST_TURN_RAD
         for heading_rad in self.likely_headings_rad(pose, flight.discs):
             turn_rad = math.remainder(heading_rad - pose.heading_rad, math.tau)

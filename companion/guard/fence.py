@@ -1,39 +1,54 @@
-"""The polygon that a vehicle must stay inside."""
+"""The polygons that a vehicle must stay inside and outside of."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from companion.guard.arcs import circle_of, distance_m, end_of
+from companion.guard.arcs import circle_of, distances_m, end_of
 from companion.guard.types import Piece
 
 
 class Fence:
-    """A polygon without self-intersections that the vehicle must stay inside."""
+    """Polygons without self-intersections: one that the vehicle must stay inside, and others to stay outside of."""
 
-    def __init__(self, corners_ned_m: Sequence[tuple[float, float]]) -> None:
-        self._ends_m = np.array(corners_ned_m, dtype=float)
-        self._starts_m = np.roll(self._ends_m, 1, axis=0)
+    def __init__(
+        self,
+        corners_ned_m: Sequence[tuple[float, float]] | None,
+        exclusions_ned_m: Sequence[Sequence[tuple[float, float]]] = (),
+    ) -> None:
+        """Take the corners, north and east in m, of the polygon to stay inside (None: none) and those of exclusions."""
+        polygons = [np.array(corners, dtype=float) for corners in exclusions_ned_m]
+        if corners_ned_m is not None:
+            polygons.insert(0, np.array(corners_ned_m, dtype=float))
+        self._ends_m = np.vstack(polygons)
+        self._starts_m = np.vstack([np.roll(corners_m, 1, axis=0) for corners_m in polygons])
         self._along_m = self._ends_m - self._starts_m
         squares = (self._along_m**2).sum(axis=1)
         self._lengths_m2 = np.where(squares > 0.0, squares, 1.0)
+        sizes = [len(corners_m) for corners_m in polygons]
+        self._first = np.cumsum([0, *sizes[:-1]])
+        self._polygon = np.repeat(np.arange(len(sizes)), sizes)
+        self._inside = np.arange(len(sizes)) < (corners_ned_m is not None)
 
     def depth_m(self, north_m: float, east_m: float) -> float:
-        """Return the distance from a place to the nearest edge, negative outside the polygon (even-odd rule)."""
+        """Return the distance from a place to the nearest edge, negative where it must not be (even-odd rule)."""
         norths_m, easts_m = north_m - self._starts_m[:, 0], east_m - self._starts_m[:, 1]
         upward = self._along_m[:, 0] > 0.0
         spans = (self._ends_m[:, 0] > north_m) != (self._starts_m[:, 0] > north_m)
         to_the_east = self._along_m[:, 1] * norths_m > easts_m * self._along_m[:, 0]
-        inside = np.count_nonzero(spans & (to_the_east == upward)) % 2 == 1
+        crossed = np.add.reduceat((spans & (to_the_east == upward)).astype(int), self._first)
+        wrong = (crossed % 2 == 1) != self._inside
         near = self._nearest_m(np.array([north_m]), np.array([east_m]))
-        apart_m = float(np.hypot(near[0] - north_m, near[1] - east_m).min())
-        return apart_m if inside else -apart_m
+        apart_m = np.hypot(near[0] - north_m, near[1] - east_m)
+        if wrong.any():
+            return -float(apart_m[wrong[self._polygon]].min())
+        return float(apart_m.min())
 
     def holds(self, pieces: Iterable[Piece], margin_m: float) -> bool:
-        """Return whether connected pieces stay inside the polygon and at least the margin away from every edge."""
+        """Return whether connected pieces stay where they may and at least the margin away from every edge."""
         first = True
         for piece in pieces:
             reach_m = min(piece.length_m, 2.0 / abs(piece.curvature_1_m) if piece.curvature_1_m else math.inf)
@@ -47,9 +62,10 @@ class Fence:
                 room_m -= reach_m
                 continue
             room_m = 0.0
-            if any(distance_m(piece, *place) < margin_m for place in self._touching_m(piece)):
+            if (distances_m(piece, *self._touching_m(piece)) < margin_m).any():
                 return False
-            if self.depth_m(*end_of(piece)[:2]) < margin_m:
+            # What never ends and crosses nothing stays where its beginning is.
+            if math.isfinite(piece.length_m) and self.depth_m(*end_of(piece)[:2]) < margin_m:
                 return False
         return True
 
@@ -64,8 +80,8 @@ class Fence:
         shares = np.clip(shares, 0.0, 1.0)
         return self._starts_m[:, 0] + shares * self._along_m[:, 0], self._starts_m[:, 1] + shares * self._along_m[:, 1]
 
-    def _touching_m(self, piece: Piece) -> Iterator[tuple[float, float]]:
-        """Return the points of the edges, (north_m, east_m), of which one is nearest to the interior of a piece.
+    def _touching_m(self, piece: Piece) -> tuple[np.ndarray, np.ndarray]:  # (P,) m, (P,) m
+        """Return north and east of the points of the edges of which one is nearest to the interior of a piece.
 
         They are the corners, the points where an edge crosses the piece's line or circle, and the points where an edge
         comes nearest to the circle's centre. An end of the piece may be nearer to an edge still: the caller checks it.
@@ -89,4 +105,4 @@ class Fence:
             points = [self._points(foot), self._points(foot - half), self._points(foot + half)]
         norths_m = np.concatenate([starts[:, 0], *(point[0] for point in points)])
         easts_m = np.concatenate([starts[:, 1], *(point[1] for point in points)])
-        return zip(norths_m.tolist(), easts_m.tolist(), strict=True)
+        return norths_m, easts_m

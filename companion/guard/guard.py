@@ -70,7 +70,8 @@ class Guard:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._vehicle = VehicleModel(limits)
-        self._fence = None if limits.fence_ned_m is None else Fence(limits.fence_ned_m)
+        walled = limits.fence_ned_m is not None or len(limits.exclusions_ned_m) > 0
+        self._fence = Fence(limits.fence_ned_m, limits.exclusions_ned_m) if walled else None
         self.reset()
 
     def reset(self) -> None:
@@ -83,21 +84,24 @@ class Guard:
         self._left_s = 0.0
         self._threats = ThreatMonitor()
 
-    def certify(self, motion: Motion, discs: Discs, dt_s: float) -> bool:
-        """Return whether a start is certified: straight on for the reaction time, then a path that stays clear.
+    def certify(self, motion: Motion, discs: Discs, dt_s: float) -> float:
+        """Return for how long a start is certified: straight on for the reaction time, then a path that stays clear.
 
-        Where no path stays clear of the discs for ever, it must for `horizon_s`. The guard's state does not change.
+        Infinity is for ever, 0 not at all. The guard's state does not change.
         """
         if unusable(motion, discs, dt_s, slack_m_of(motion, discs, 0.0)) is not None:
-            return False
+            return 0.0
         reaction_s = self._limits.reaction_s
         tip, speed_m_s = self._vehicle.flown(motion, [], reaction_s)
         committed = (straight(pose_of(motion), motion.speed_m_s * reaction_s),)
         flight = self._flight(tip, speed_m_s, motion, discs, dt_s, ())
-        search = self._search(flight, self._limited(discs, speed_m_s))
-        if search.blocked(committed, flight.discs, 0.0) is not None:
-            return False
-        return isinstance(search.backup(tip, Step(0.0, speed_m_s), speed_m_s, 0.0, 0.0), Path)
+        for horizon_s in self._horizons_s(discs, speed_m_s):
+            search = self._search(flight, horizon_s)
+            if search.blocked(committed, flight.discs, 0.0) is not None:
+                return 0.0
+            if isinstance(search.backup(tip, Step(0.0, speed_m_s), speed_m_s, 0.0, 0.0), Path):
+                return horizon_s
+        return 0.0
 
     def check(
         self,
@@ -138,9 +142,8 @@ class Guard:
             threats = self._threats.contradicted_by(discs)
             broken += threats
             self._rejoin(flight, bool(threats))
-            limited = self._limited(discs, step.speed_m_s)
-            right = self._kept_right(step, flight, limited, changes) if hints.keep_right and not moving else None
-            step = right or self._kept_clear(step, flight, limited, changes)
+            right = self._kept_right(step, flight, changes) if hints.keep_right and not moving else None
+            step = right or self._kept_clear(step, flight, self._horizons_s(discs, step.speed_m_s), changes)
         heading_rad = (tip.heading_rad + step.turn_rad) % math.tau
         self._commands.append(Command(self._limits.reaction_s, heading_rad, step.speed_m_s))
         return Verdict(Setpoint(heading_rad, step.speed_m_s, altitude_m), tuple(changes), tuple(broken), self._left_s)
@@ -190,11 +193,19 @@ class Guard:
         self._motion = Motion(motion.north_m, motion.east_m, heading_rad, motion.speed_m_s)
         return broken
 
-    def _limited(self, discs: Discs, speed_m_s: float) -> bool:
-        """Return whether no path can stay clear of the discs for ever, so that only the horizon can be certified."""
+    def _horizons_s(self, discs: Discs, speed_m_s: float) -> tuple[float, ...]:
+        """Return for how long a path is to stay clear of the discs, the longest first: for ever where one can.
+
+        Where a path for ever is lost for a while, only the longest horizon will do: whoever takes a shorter one among
+        slower pursuers goes on to where they close in.
+        """
         fastest_m_s = max(discs.speeds_m_s.tolist(), default=0.0)
-        endless = self._fence is None and self._limits.braking_m_s2 is None
-        return fastest_m_s > 0.0 and not (endless and fastest_m_s < speed_m_s - self._limits.wind_m_s)
+        if fastest_m_s == 0.0:
+            return (math.inf,)
+        endless = self._limits.fence_ned_m is None and self._limits.braking_m_s2 is None
+        horizons_s = self._vehicle.horizons_s()
+        slower = fastest_m_s < speed_m_s - self._limits.wind_m_s
+        return (math.inf, horizons_s[0]) if endless and slower else horizons_s
 
     def _flight(
         self, tip: Pose, before_m_s: float, motion: Motion, discs: Discs, dt_s: float, route: Sequence[Piece]
@@ -235,18 +246,18 @@ class Guard:
         rest = rest_of(path, self._along_m)
         if flight.moving and math.isinf(self._left_s):
             return is_clear(rest, flight.discs, flight.before_m_s - self._limits.wind_m_s, 0.0, 0.0)
-        search = self._search(flight, False)
+        search = self._search(flight, math.inf)
         return search.blocked(rest, flight.discs, self._left_s if flight.moving else 0.0) is None
 
-    def _search(self, flight: Flight, limited: bool) -> BackupSearch:
+    def _search(self, flight: Flight, horizon_s: float) -> BackupSearch:
         """Return a search for a flight situation that uses the stored path."""
-        return BackupSearch(self._vehicle, self._fence, flight, limited, self._path, self._along_m)
+        return BackupSearch(self._vehicle, self._fence, flight, horizon_s, self._path, self._along_m)
 
-    def _kept_right(self, wanted: Step, flight: Flight, limited: bool, changes: list[str]) -> Step | None:
+    def _kept_right(self, wanted: Step, flight: Flight, changes: list[str]) -> Step | None:
         """Return the wanted step if the right-hand circle is clear after it, else a step on that circle, else None."""
         if self._limits.braking_m_s2 is not None:
             return None
-        search = self._search(flight._replace(sides=(1.0,), route=()), limited)
+        search = self._search(flight._replace(sides=(1.0,), route=()), math.inf)
         most_rad = self._vehicle.greatest_turn_rad(wanted.speed_m_s, flight.before_m_s, flight.dt_s)
         circling = Step(most_rad, wanted.speed_m_s)
         for step in (wanted, circling):
@@ -258,12 +269,12 @@ class Guard:
                 return step
         return None
 
-    def _kept_clear(self, wanted: Step, flight: Flight, limited: bool, changes: list[str]) -> Step:
+    def _kept_clear(self, wanted: Step, flight: Flight, horizons_s: tuple[float, ...], changes: list[str]) -> Step:
         """Return the step to take, store the path that begins with it, and append to `changes` what was changed."""
         reason = ""
         endless = self._path is not None and math.isinf(self._left_s)
-        for only_horizon in (limited,) if limited or endless or not flight.moving else (False, True):
-            search = self._search(flight, only_horizon)
+        for horizon_s in horizons_s[:1] if endless else horizons_s:
+            search = self._search(flight, horizon_s)
             for step in search.choices(wanted):
                 if step is wanted and search.follows(wanted):
                     found = search.accepted(step, False)
@@ -289,7 +300,7 @@ class Guard:
             self._left_s = 0.0
             return min(search.choices(wanted), key=search.violation)
         changes.append(BACKUP)
-        return self._search(flight, limited).continued()
+        return self._search(flight, horizons_s[0]).continued()
 
     def _hold(self, path: Path) -> None:
         """Store a path as the one to continue where a wanted step is refused."""

@@ -83,7 +83,7 @@ class Limits:
     altitude_max_m: float
     braking_m_s2: float | None = None
     fence_ned_m: tuple[tuple[float, float], ...] | None = None
-    horizon_s: float = 30.0
+    horizon_s: float | None = None
     reaction_s: float = 0.0
     rate_share: float = 1.0
     wind_m_s: float = 0.0
@@ -98,7 +98,7 @@ class Limits:
             and 0.0 < self.n_max < math.inf
             and -math.inf < self.altitude_min_m <= self.altitude_max_m < math.inf
             and (self.braking_m_s2 is None or 0.0 < self.braking_m_s2 < math.inf)
-            and 0.0 <= self.horizon_s < math.inf
+            and (self.horizon_s is None or 0.0 <= self.horizon_s < math.inf)
             and 0.0 <= self.reaction_s < math.inf
             and 0.0 < self.rate_share <= 1.0
             and 0.0 <= self.wind_m_s

@@ -27,6 +27,9 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 with the guidance that it checks."""
 GREATEST_TURN_RAD = 3.0
 """Greatest turn of one step, less than pi so that the vehicle's shorter side is the side that was checked."""
+HORIZON_TURNS = (64.0, 8.0, 2.0)
+"""Multiples of the time to turn around and stop for which a path is certified where none is for ever, the longest
+first (docs/guard.md, Horizon)."""
 LEAST_ARC_M = 1e-9
 """Length up to which an arc counts as a turn on the spot."""
 POSITION_TOLERANCE_M = 0.1
@@ -57,6 +60,19 @@ class VehicleModel:
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
         self._load_m_s2 = limits.rate_share * limits.n_max * STANDARD_GRAVITY_M_S2
+
+    def horizons_s(self) -> tuple[float, ...]:
+        """Return for how long a path must stay clear where none does for ever, the longest first.
+
+        They are multiples of the time that the vehicle needs to turn once around and to stop, unless the limits say how
+        long.
+        """
+        limits = self.limits
+        if limits.horizon_s is not None:
+            return (limits.horizon_s,)
+        around_s = math.tau / self.rate_rad_s(limits.speed_max_m_s + limits.wind_m_s)
+        stopping_s = 0.0 if limits.braking_m_s2 is None else limits.speed_max_m_s / limits.braking_m_s2
+        return tuple(count * (limits.reaction_s + around_s + stopping_s) for count in HORIZON_TURNS)
 
     def curvature_1_m(self, speed_m_s: float) -> float:
         """Return the curvature of the turning circle over the ground at an airspeed, flown down the greatest wind."""

@@ -12,11 +12,15 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from companion.geo.kinematics import shorter_turn_rad, turn_rate_rad_s
-from companion.guard.types import TRACKING_REACTIONS, TRACKING_STEPS, Motion, Piece
-from companion.guidance.route.router import Departure, Reach, Route, Router, shortest_route
+from companion.geo.kinematics import turn_rate_rad_s
+from companion.guard.types import ROUNDING_M, TRACKING_REACTIONS, TRACKING_STEPS, Motion, Piece
+from companion.guidance.course import at, course_rad, following_m, left_of, nearest
+from companion.guidance.progress import Closed, Progress, after_closing, patience_s, watched
+from companion.guidance.route.router import Departure, Goal, Reach, Route, Router
+from companion.guidance.route.walls import NO_WALLS, Walls
 from companion.guidance.settings import LawSettings
 from companion.guidance.steering import MonolithicSurrogate, PairSurrogate, SteeringVector, Surrogate, direction
+from companion.guidance.turning_place import Room, TurningPlace, is_clear, is_open, turning_place
 from companion.guidance.view import View
 from companion.surrogate.networks import load_monolithic
 from companion.surrogate.profiles import (
@@ -30,19 +34,35 @@ from companion.surrogate.profiles import (
     wall_gradient,
 )
 
-ROUTE_MARGIN_M = 2.0
-"""Least margin between the route and the discs as the guard inflates them (docs/method.md section 3: margins nest)."""
-ROUTE_MARGIN_STEPS = 0.05
-"""Margin of the route as a share of the distance flown in a guidance step, used where that is more than
-ROUTE_MARGIN_M: a vehicle that is steered in steps cuts corners."""
+LEAST_CLEARANCE_M = 0.05
+"""Distance that the route keeps from the discs as the guard inflates them, in addition to what following it in steps
+costs: for rounding."""
+FOLLOWING_SHARES = (1.0, 0.4)
+"""Shares of what following may cost that the route keeps from discs and walls, the first that leaves a way. On arcs of
+one radius the vehicle cuts in by 0.36 of it; the rest is for changes from arc to arc."""
+GREATEST_STEP_TURN_RAD = 1.0
+"""Greatest turn of one guidance step along a circle to arrive on."""
+CIRCLE_SLACK = 1.05
+"""Radius of a circle to arrive on, in turn radii, so that a vehicle a little outside it can turn back onto it."""
+FOLLOWED_STEPS = 4.0
+"""Number of guidance steps ahead on the route within which the vehicle is looked for."""
+OFF_ROUTE_M = 0.5
+"""Distance beside the route beyond what following it costs, up to which it is followed instead of planned anew."""
+OFF_ROUTE_RAD = 0.5 * math.pi
+"""Difference of headings up to which a route is followed."""
+TIGHTEST_SHARE = 0.999
+"""Share of the least turn radius from which an arc counts as the tightest."""
+LONGEST_TURN_RAD = 3.0
+"""Greatest turn whose end is demanded at once: less than pi, so that the turn goes by its own side."""
+STAYING_RADII = 6.0
+"""Distance from the nearest safe point, in radii of the circle to arrive on, up to which the vehicle stays there: its
+loiter circle may lead away from it by a diameter."""
+STANDING_M = 1.0
+"""Distance from the nearest safe point within which a vehicle that can stop stays."""
 WALL_SHARE = 22.0
-"""Ratio of the route's margin to the half-width of F*'s edge: at this one the repulsion at the route is weaker than
+"""Ratio of the route's clearance to the half-width of F*'s edge: at this one the repulsion at the route is weaker than
 any attraction."""
-ONWARD_CIRCLES = 3
-"""Length of the rest of the route, in circumferences of the turning circle, from which the way on from its end is
-planned: the guard looks that far along a route."""
-ONWARD_RAD = 0.05
-"""Change of the heading on which the route arrives, above which the way on from its end is planned again."""
+NEAREST_NOTE = "target out of reach: to the nearest safe point"
 OPPOSED_SHARE = 0.01
 """Share of the attraction from which a dropped surrogate component against the route is reported."""
 COASTING_PERIODS = 3.0
@@ -67,6 +87,8 @@ class Task:
     """Distance from the place at which the vehicle has arrived."""
     crowded: bool = False
     """Whether others are so near that the right of way may demand a circle to the right at any time."""
+    refused: bool = False
+    """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
 
 
 class SteeringDemand(NamedTuple):
@@ -81,8 +103,6 @@ class SteeringDemand(NamedTuple):
     opposed: bool = False
     """Whether a component of the surrogate's gradient that opposed the route was dropped."""
     route: Route | None = None
-    onward: tuple[Piece, ...] = ()
-    """The way on from the end of the route, which the guard may follow if the vehicle cannot stop there."""
 
 
 class SteeringLaw(Protocol):
@@ -91,20 +111,6 @@ class SteeringLaw(Protocol):
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """Return the steering demand of one guidance step; `now_s` is the time of this vehicle's clock."""
         ...
-
-
-@dataclass(frozen=True)
-class _OnwardFor:
-    """The question that a way on from the route's end answers: from where, on which heading, among which threats."""
-
-    from_ned_m: tuple[float, float]
-    threat_ids: tuple[int, ...]
-    heading_rad: float
-
-    def serves(self, other: _OnwardFor) -> bool:
-        """Return whether the way on that was found for this question also answers the other one."""
-        same = self.from_ned_m == other.from_ned_m and self.threat_ids == other.threat_ids
-        return same and abs(math.remainder(self.heading_rad - other.heading_rad, math.tau)) <= ONWARD_RAD
 
 
 SteeringOf = Callable[[LawSettings], SteeringLaw]
@@ -126,99 +132,282 @@ class GradientLaw:
         return SteeringDemand(direction(task.pull, gradient_m))
 
 
+class _Asked(NamedTuple):
+    """The question that a planned route answers; equal for the same place among the same standing discs."""
+
+    place_ned_m: tuple[float, float]
+    centres: bytes
+    radii: bytes
+    ids: bytes
+    crowded: bool
+    closed: tuple[Closed, ...]
+
+
+class _Obstacles(NamedTuple):
+    """The discs that a route is planned around: threats, and what closes passages, whose ids are negative."""
+
+    centres_ned_m: np.ndarray  # (M, 2) m
+    radii_m: np.ndarray  # (M,) m
+    ids: np.ndarray  # (M,) int
+
+
+class _Planned(NamedTuple):
+    """A route to follow: what it answers, and its pieces from where the vehicle was at the last step."""
+
+    asked: _Asked
+    route: Route
+    obstacles: _Obstacles
+    short: bool
+    """Whether it leads only to the nearest safe point."""
+    circle_m: float = 0.0
+    """Length of the circle at its end, on which the vehicle may stay; 0 where it ends at a place."""
+
+    @property
+    def to_go_m(self) -> float:
+        """Length of the way to the place, or to the circle."""
+        return self.route.length_m - self.circle_m
+
+
+class _Stay(NamedTuple):
+    """A nearest safe point at which the vehicle stays, and the plan that led there."""
+
+    planned: _Planned
+    at_ned_m: tuple[float, float]
+
+
 class RoutedLaw:
-    """The gradient law of H* = F* + 1/2 D_geo^2, attracted along the shortest route (docs/method.md section 3)."""
+    """The gradient law of H* = F* + 1/2 D_geo^2, attracted along the shortest route (docs/method.md section 3).
+
+    Among discs that stand still a route is followed as planned, as the guard certified it, until the vehicle leaves it
+    or the question changes; among moving ones it is planned anew at each step.
+    """
 
     def __init__(self, settings: LawSettings) -> None:
         limits = settings.limits
         self._settings = settings
-        self._margin_m = max(ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS * limits.speed_m_s * settings.guidance_step_s)
-        # The margin on top of what the guard adds to every disc, so that the route lies outside the guard's discs.
+        # What the guard adds to every disc, so that the route lies outside the guard's discs.
         held_s = TRACKING_STEPS * settings.guidance_step_s + TRACKING_REACTIONS * limits.reaction_s
-        self._clearance_m = self._margin_m + limits.position_error_m + limits.wind_m_s * held_s
+        self._held_m = ROUNDING_M + limits.position_error_m + limits.wind_m_s * held_s
         ground_m_s = limits.speed_m_s + limits.wind_m_s
         rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
+        self._step_m = ground_m_s * settings.guidance_step_s
         self._turn_radius_m = ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
+        # A circle of which a step is much more than a radian could not be told from its chords.
+        self._circle_m = CIRCLE_SLACK * max(self._turn_radius_m, self._step_m / GREATEST_STEP_TURN_RAD)
         self._period_s = settings.coasting_after_s / COASTING_PERIODS
-        self._router = Router()
-        self._began_ned_m: tuple[float, float] | None = None
-        self._onward: tuple[_OnwardFor, tuple[Piece, ...]] | None = None
+        self._routers: dict[tuple[bool, float, bool], Router] = {}
+        self._planned: _Planned | None = None
+        self._circle: tuple[tuple[float, float], TurningPlace] | None = None
+        self._stay: _Stay | None = None
+        self._progress: Progress | None = None
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """Return the direction of the route, bent by the surrogate's gradient where it does not oppose the route."""
-        self._began_ned_m = self._began_ned_m or motion.position_ned_m
-        wall_m = self._wall_gradient(motion, view)
         if task.loitering:
-            return SteeringDemand(direction(task.pull, wall_m))
-        centres_ned_m, radii_m = foreseen(view, motion, self._settings.limits.speed_m_s, self._period_s)
-        radii_m = radii_m + self._clearance_m
-        route = self._route(task, motion, centres_ned_m, radii_m, view)
-        if route.reach is Reach.NONE:
-            return SteeringDemand(direction(task.pull, wall_m), stay="no way to the target", route=route)
-        if route.reach is Reach.PLANNING:
-            return SteeringDemand(direction(task.pull, wall_m), stay="the way is still being planned", route=route)
-        note = None
-        if route.reach is Reach.NEAREST:
-            note = "target out of reach: to the nearest safe point"
-            if route.length_m <= max(task.arrival_m, 2.0 * self._turn_radius_m):
-                return SteeringDemand(
-                    SteeringVector(0.0, 0.0), stay="at the nearest safe point", note=note, route=route
-                )
-        pull = SteeringVector(
-            route.length_m * math.cos(route.heading_rad), route.length_m * math.sin(route.heading_rad)
+            self._planned = None
+            return SteeringDemand(direction(task.pull, self._wall_gradient(motion, view)))
+        planned, beside_m = self._followed(task, motion, view, now_s)
+        self._planned = planned
+        route = planned.route
+        if route.reach in (Reach.NONE, Reach.PLANNING):
+            stay = "no way to the target" if route.reach is Reach.NONE else route.reach.value
+            return SteeringDemand(direction(task.pull, self._wall_gradient(motion, view)), stay=stay, route=route)
+        note = NEAREST_NOTE if planned.short else None
+        self._stay = self._staying(planned, task, motion)
+        if self._stay is not None:
+            return SteeringDemand(SteeringVector(0.0, 0.0), stay="at the nearest safe point", note=note, route=route)
+        course_rad = self._course_rad(route, motion, view, beside_m)
+        self._progress = watched(
+            self._progress, task.place_ned_m, planned.to_go_m, task.refused, 0.5 * self._step_m, now_s
         )
-        wanted, opposed = _unopposed(pull, wall_m)
-        if route.turn != 0:
-            # The vehicle turns by the shorter side: if the route turns by the longer one, demand a turn to that side.
-            wanted = _on_side(wanted, motion.heading_rad, route.turn)
-        onward = self._way_on(route, self._began_ned_m, centres_ned_m, radii_m, view)
-        return SteeringDemand(wanted, note=note, opposed=opposed, route=route, onward=onward)
+        strength_m = max(planned.to_go_m, self._step_m)
+        pull = SteeringVector(strength_m * math.cos(course_rad), strength_m * math.sin(course_rad))
+        wanted, opposed = _unopposed(pull, self._wall_gradient(motion, view))
+        waited_s = now_s - self._progress.since_s
+        if note is None and waited_s > self._patience_s():
+            note = f"no nearer to its goal for {waited_s:.0f} s"
+        return SteeringDemand(wanted, note=note, opposed=opposed, route=route)
 
-    def _route(
-        self, task: Task, motion: Motion, centres_ned_m: np.ndarray, radii_m: np.ndarray, view: View
-    ) -> Route:  # (M, 2) m, (M,) m
-        """Return the route to the place; with others near, one that leaves room for a circle, if there is one."""
-        for room_m in (2.0 * self._turn_radius_m, 0.0) if task.crowded and len(radii_m) else (0.0,):
-            route = self._router.route(
-                Departure(motion.position_ned_m, motion.heading_rad, self._turn_radius_m),
-                task.place_ned_m,
-                centres_ned_m,
-                radii_m + room_m,
-                view.threat_ids,
-            )
-            if route.reach is Reach.TARGET:
-                break
+    def _patience_s(self) -> float:
+        limits = self._settings.limits
+        return patience_s(self._turn_radius_m, limits.speed_m_s, self._settings.guidance_step_s)
+
+    def _staying(self, planned: _Planned, task: Task, motion: Motion) -> _Stay | None:
+        """Return where the vehicle stays if its way leads only to the nearest safe point and it is there, else None."""
+        if not planned.short:
+            return None
+        stay = self._stay
+        if stay is not None and stay.planned.asked.place_ned_m == task.place_ned_m and self._is_at(stay, motion):
+            return stay._replace(planned=planned)
+        if planned.to_go_m > (STANDING_M if self._settings.limits.can_stop else self._step_m):
+            return None
+        return _Stay(planned, motion.position_ned_m)
+
+    def _is_at(self, stay: _Stay, motion: Motion) -> bool:
+        return math.dist(stay.at_ned_m, motion.position_ned_m) <= STAYING_RADII * self._circle_m
+
+    def _followed(self, task: Task, motion: Motion, view: View, now_s: float) -> tuple[_Planned, float]:
+        """Return the route to follow from here, and how far to the right of it the vehicle is, m."""
+        standing = not np.count_nonzero(view.threat_speed_m_s)
+        closed = self._closed(task, now_s)
+        centres_ned_m, radii_m = foreseen(view, motion, self._settings.limits.speed_m_s, self._period_s)
+        asked = _Asked(
+            task.place_ned_m,
+            centres_ned_m.tobytes(),
+            radii_m.tobytes(),
+            view.threat_ids.tobytes(),
+            task.crowded,
+            closed,
+        )
+        before, stay = self._planned, self._stay
+        if standing and stay is not None and stay.planned.asked == asked and self._is_at(stay, motion):
+            return stay.planned, 0.0
+        if standing and before is not None and before.asked == asked and before.route.pieces:
+            along_m, beside_m = nearest(before.route.pieces, motion.position_ned_m, FOLLOWED_STEPS * self._step_m)
+            pieces = left_of(before.route.pieces, along_m)
+            off_rad = abs(math.remainder(pieces[0].heading_rad - motion.heading_rad, math.tau))
+            off_m = following_m(self._step_m, self._circle_m) + self._held_m + OFF_ROUTE_M
+            left_m = before.route.length_m - along_m
+            if abs(beside_m) <= off_m and off_rad <= OFF_ROUTE_RAD and left_m > 0.0:
+                return before._replace(route=before.route._replace(pieces=pieces, length_m=left_m)), beside_m
+        if closed:
+            centres_ned_m = np.vstack([centres_ned_m, [passage.centre_ned_m for passage in closed]])
+            radii_m = np.append(radii_m, [passage.radius_m for passage in closed])
+        ids = np.append(view.threat_ids, -1 - np.arange(len(closed)))
+        return self._new_plan(asked, task, motion, _Obstacles(centres_ned_m, radii_m, ids)), 0.0
+
+    def _closed(self, task: Task, now_s: float) -> tuple[Closed, ...]:
+        """Return the passages that are closed, one more if the guard has refused the vehicle's way for too long."""
+        progress, before = self._progress, self._planned
+        if progress is None or progress.place_ned_m != task.place_ned_m:
+            return ()
+        if before is not None and progress.refused and now_s - progress.since_s > self._patience_s():
+            kept_m = before.obstacles.radii_m + self._held_m
+            room = self._room(before.obstacles.centres_ned_m, kept_m, 0.0)
+            self._progress = progress = after_closing(progress, before.route.pieces, room, self._circle_m, now_s)
+        return progress.closed
+
+    def _new_plan(self, asked: _Asked, task: Task, motion: Motion, obstacles: _Obstacles) -> _Planned:
+        """Return a new route to the task's place or, if that cannot be reached, to the safe place nearest to it."""
+        limits = self._settings.limits
+        kept_m = obstacles.radii_m + self._held_m
+        if limits.can_stop:
+            route = self._route(task, motion, Goal(task.place_ned_m), obstacles)
+            return _Planned(asked, route, obstacles, route.reach is Reach.NEAREST)
+        circle_off_m = following_m(self._step_m, self._circle_m)
+        room = self._room(obstacles.centres_ned_m, kept_m, circle_off_m)
+        within_m = max(0.0, task.arrival_m - circle_off_m)
+        goal, short = self._goal(room, task.place_ned_m, within_m, motion)
+        route = self._route(task, motion, goal or Goal(task.place_ned_m), obstacles)
+        if route.reach in (Reach.NEAREST, Reach.NONE):
+            # As near as it gets, where there is room to turn; from where nothing is safe, to the first such place.
+            near_ned_m = route.goal_ned_m if route.reach is Reach.NEAREST else motion.position_ned_m
+            goal, short = self._goal(room, near_ned_m, within_m, motion)[0], True
+            if goal is not None:
+                route = self._route(task, motion, goal, obstacles, instead=True)
+        if route.end_side and goal is not None:
+            return _Planned(asked, _with_circle(route, goal, motion), obstacles, short, math.tau * goal.radius_m)
+        return _Planned(asked, route, obstacles, short)
+
+    def _goal(
+        self, room: Room, place_ned_m: tuple[float, float], within_m: float, motion: Motion
+    ) -> tuple[Goal | None, bool]:
+        """Return what a route to a place must lead to, and whether that passes farther from it than `within_m`."""
+        if is_open(room, place_ned_m, self._circle_m):
+            return Goal(place_ned_m), False
+        found = self._circle
+        if found is None or found[0] != place_ned_m or not is_clear(room, found[1].centre_ned_m, self._circle_m):
+            place = turning_place(room, place_ned_m, self._circle_m, within_m, motion.position_ned_m)
+            if place is None:
+                return None, True
+            found = self._circle = (place_ned_m, place)
+        return Goal(found[1].centre_ned_m, self._circle_m), found[1].passes_m > within_m
+
+    def _room(self, centres_ned_m: np.ndarray, kept_m: np.ndarray, off_m: float) -> Room:  # (M, 2) m, (M,) m
+        limits = self._settings.limits
+        clearance_m = off_m + LEAST_CLEARANCE_M
+        return Room(
+            centres_ned_m,
+            kept_m + clearance_m,
+            np.array(limits.fence).reshape(-1, 2),
+            tuple(np.array(corners) for corners in limits.exclusions),
+            self._held_m + clearance_m,
+        )
+
+    def _route(self, task: Task, motion: Motion, goal: Goal, obstacles: _Obstacles, *, instead: bool = False) -> Route:
+        """Return the route to a goal; with `instead` that is the nearest safe place.
+
+        With others near, one that leaves room for a circle is taken, if there is one. What following costs is kept from
+        the discs if there is such a way, else a part of it: the guard, which predicts how the vehicle follows, decides.
+        """
+        roomy_m = 2.0 * self._turn_radius_m
+        for room_m in (roomy_m, 0.0) if task.crowded and len(obstacles.radii_m) else (0.0,):
+            for share in FOLLOWING_SHARES:
+                route = self._route_with((instead, share, room_m > 0.0), motion, goal, obstacles, room_m)
+                if route.reach in (Reach.TARGET, Reach.PLANNING):
+                    return route
         return route
 
-    def _way_on(
-        self, route: Route, back_ned_m: tuple[float, float], centres_ned_m: np.ndarray, radii_m: np.ndarray, view: View
-    ) -> tuple[Piece, ...]:  # (M, 2) m, (M,) m
-        """Return the way from the end of a route back to where guidance began; () where any threat moves.
+    def _route_with(
+        self, question: tuple[bool, float, bool], motion: Motion, goal: Goal, obstacles: _Obstacles, room_m: float
+    ) -> Route:
+        """Return the route with a share of what following costs, and more room, kept from the discs.
 
-        The guard looks along it for room to circle: a place that the vehicle cannot leave again must not be approached.
+        Each question that is asked from step to step has a router of its own, which goes on planning where it was.
         """
-        near = route.length_m <= ONWARD_CIRCLES * math.tau * self._turn_radius_m
-        if not near or not route.pieces or np.count_nonzero(view.threat_speed_m_s):
-            return ()
-        last = route.pieces[-1]
-        arrival_rad = (last.heading_rad + last.curvature_1_m * last.length_m) % math.tau
-        wanted_for = _OnwardFor(route.goal_ned_m, tuple(view.threat_ids.tolist()), arrival_rad)
-        if self._onward is None or not self._onward[0].serves(wanted_for):
-            found = shortest_route(
-                route.goal_ned_m, back_ned_m, centres_ned_m, radii_m, arrival_rad, self._turn_radius_m
-            )
-            self._onward = (wanted_for, found.pieces)
-        return self._onward[1]
+        limits, share = self._settings.limits, question[1]
+        kept_m = obstacles.radii_m + self._held_m
+        off_m = share * following_m(self._step_m, np.maximum(kept_m, self._circle_m))
+        walls = NO_WALLS
+        if limits.fence or limits.exclusions:
+            clearance_m = self._held_m + LEAST_CLEARANCE_M + share * following_m(self._step_m, self._circle_m)
+            walls = Walls(limits.fence, limits.exclusions, clearance_m)
+        return self._routers.setdefault(question, Router()).route(
+            Departure(motion.position_ned_m, motion.heading_rad, 0.0 if limits.can_stop else self._turn_radius_m),
+            goal,
+            obstacles.centres_ned_m,
+            kept_m + off_m + LEAST_CLEARANCE_M + room_m,
+            obstacles.ids,
+            walls,
+        )
+
+    def _course_rad(self, route: Route, motion: Motion, view: View, beside_m: float) -> float:
+        """Return the heading that follows a route; from inside a disc the route's first direction, which leads out."""
+        if not route.pieces:
+            return motion.heading_rad
+        offset_m = view.threats_ned_m - np.array(motion.position_ned_m)
+        if (_lengths(offset_m) < view.detection_radius_m + self._held_m).any():
+            return route.heading_rad
+        first = route.pieces[0]
+        if abs(first.curvature_1_m) * self._turn_radius_m >= TIGHTEST_SHARE and first.length_m > self._step_m:
+            # The turn limit makes the tightest circle of it. Others may know where the turn leads to.
+            return first.heading_rad + _shortened_rad(first.curvature_1_m * first.length_m)
+        ahead_m = self._settings.limits.speed_m_s * self._settings.limits.reaction_s
+        pieces = left_of(route.pieces, ahead_m) if ahead_m else route.pieces
+        return course_rad(pieces, beside_m, self._step_m, self._turn_radius_m)
 
     def _wall_gradient(self, motion: Motion, view: View) -> np.ndarray:  # (2,) m
+        margin_m = LEAST_CLEARANCE_M + self._held_m
         return wall_gradient(
             np.array(motion.position_ned_m),
             ThreatDiscs(view.threats_ned_m, view.detection_radius_m, view.attack_radius_m),
             view.peers_ned_m,
             self._settings.separation_m,
             self._settings.weights,
-            self._margin_m / WALL_SHARE,
+            margin_m / WALL_SHARE,
         )
+
+
+def _with_circle(route: Route, goal: Goal, motion: Motion) -> Route:
+    """Return a route that ends along a circle with one turn of that circle behind it."""
+    if route.pieces:
+        last = route.pieces[-1]
+        north_m, east_m, heading_rad = at((last,), last.length_m)
+    else:
+        north_m, east_m, heading_rad = motion.north_m, motion.east_m, motion.heading_rad
+    turn_m = math.tau * goal.radius_m
+    circle = Piece(north_m, east_m, heading_rad, route.end_side / goal.radius_m, turn_m)
+    return route._replace(pieces=(*route.pieces, circle), length_m=route.length_m + turn_m)
 
 
 def foreseen(
@@ -267,12 +456,9 @@ def _unopposed(pull: SteeringVector, gradient_m: np.ndarray) -> tuple[SteeringVe
     return direction(pull, sideways_m), against_m > OPPOSED_SHARE * strength_m
 
 
-def _on_side(wanted: SteeringVector, heading_rad: float, side: int) -> SteeringVector:
-    """Return the wanted direction, or a right angle to the given side where the shorter turn is to the other side."""
-    if side * shorter_turn_rad(heading_rad, wanted.heading_rad) >= 0.0:
-        return wanted
-    turned_rad = heading_rad + side * math.pi / 2.0
-    return SteeringVector(wanted.strength_m * math.cos(turned_rad), wanted.strength_m * math.sin(turned_rad))
+def _shortened_rad(turn_rad: float) -> float:
+    """Return a turn, or a right angle to its side where the shorter turn to its end is to the other side."""
+    return turn_rad if abs(turn_rad) <= LONGEST_TURN_RAD else math.copysign(math.pi / 2.0, turn_rad)
 
 
 def _range_gradient(task: Task, motion: Motion, settings: LawSettings) -> np.ndarray:  # (2,) m

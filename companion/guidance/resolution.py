@@ -17,6 +17,7 @@ PASSING = "right of way: keeping a neighbour on the left"
 TURNING_RIGHT = "right of way: turning to the right, because a neighbour is on the left"
 SLOWING = "right of way: slowing down"
 LATE = "right of way: keeping clear of a neighbour seen too late"
+PIVOTING = "right of way: turning on the spot to where the way is free"
 STOPPING = "right of way: stopping until the way is free"
 
 Arc = tuple[float, float]
@@ -28,6 +29,13 @@ class Peers(NamedTuple):
 
     places_ned_m: np.ndarray  # (P, 2) m
     velocities_m_s: np.ndarray  # (P, 2) m/s, over ground
+
+
+class AtEffect(NamedTuple):
+    """The heading and the speed that a vehicle has by its last command when a decision made now takes effect."""
+
+    heading_rad: float
+    speed_m_s: float
 
 
 @dataclass(frozen=True)

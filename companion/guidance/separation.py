@@ -29,6 +29,7 @@ from companion.guidance.resolution import (
     PASSING,
     TURNING_RIGHT,
     Arc,
+    AtEffect,
     Peers,
     Resolution,
     first_clockwise,
@@ -71,25 +72,25 @@ def give_way(
     peers: Peers,
     rules: Rules,
     dt_s: float,
-    heading_at_effect_rad: float | None = None,
+    at_effect: AtEffect | None = None,
 ) -> Resolution:
     """Return the wanted heading, or the first clockwise that the rule allows, and the greatest speed allowed with it.
 
     `motion` is this vehicle's motion now, as neighbours detect it: its heading is the course over ground. The vehicle
     is assumed to turn to the returned heading by the shorter side at n_max and then to fly straight until the end of
-    `dt_s`; it begins `reaction_s` from now, on the heading `heading_at_effect_rad` (default: the heading now). The
+    `dt_s`; it begins `reaction_s` from now, with the heading and the speed `at_effect` (default: those now). The
     speed of a vehicle that cannot stop is never changed. Raises ValueError if `rules.can_stop` is set without a
     positive `braking_m_s2`.
     """
     if rules.can_stop:
-        at_effect_rad = motion.heading_rad if heading_at_effect_rad is None else heading_at_effect_rad
-        return keep_apart(wanted_rad, Start(motion, at_effect_rad, rules, dt_s), peers, _part(motion, rules, dt_s))
+        start = Start(motion, at_effect or AtEffect(motion.heading_rad, motion.speed_m_s), rules, dt_s)
+        return keep_apart(wanted_rad, start, peers, _part(motion, rules, dt_s))
     wanted_rad %= math.tau
     neighbours = _neighbours(motion, peers, rules, dt_s)
     if not neighbours:
         return Resolution(wanted_rad, motion.speed_m_s, None)
-    if heading_at_effect_rad is not None:
-        motion = replace(motion, heading_rad=heading_at_effect_rad)
+    if at_effect is not None:
+        motion = replace(motion, heading_rad=at_effect.heading_rad)
     chosen = _keep_right(wanted_rad, motion, neighbours, rules, dt_s)
     late = [each.seen_late for each in neighbours if each.seen_late is not None]
     if late:

@@ -33,6 +33,12 @@ class LawLimits:
     """The strongest wind to expect, gusts included."""
     position_error_m: float
     """Greatest error of a reported position."""
+    can_stop: bool = False
+    """Whether the vehicle can stand still in the air."""
+    fence: tuple[tuple[float, float], ...] = ()
+    """Corners (north, east), in m, of the polygon to stay inside; () if there is none."""
+    exclusions: tuple[tuple[tuple[float, float], ...], ...] = ()
+    """Corners of the polygons to stay outside."""
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,14 @@ docs/separation.md has the proof.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from companion.geo.kinematics import PIVOT_SPEED_M_S, limit_turn, shorter_turn_rad
+from companion.geo.kinematics import limit_turn, shorter_turn_rad
 from companion.geo.right_of_way import (
     LEAST_PART,
     Rules,
@@ -26,10 +27,21 @@ from companion.geo.right_of_way import (
     way_width_m,
 )
 from companion.guard.types import Motion
-from companion.guidance.resolution import PASSING, SLOWING, STOPPING, Peers, Resolution, first_clockwise
+from companion.guidance.resolution import (
+    PASSING,
+    PIVOTING,
+    SLOWING,
+    STOPPING,
+    AtEffect,
+    Peers,
+    Resolution,
+    first_clockwise,
+)
 
 SPEED_FRACTIONS = (1.0, 0.75, 0.5, 0.35, 0.2, 0.1, 0.05)
 """Fractions of the cruise speed that are tried for a heading before the vehicle stops."""
+STANDING_M_S = 0.2
+"""Speed below which a vehicle stands: the way on which it comes to a stop is shorter than a few centimetres."""
 OPENING_RAD = 0.2
 """Angle by which forbidden arcs are widened: at their very edge the vehicle could only creep."""
 
@@ -47,9 +59,14 @@ class Start(NamedTuple):
     """What the choices of a vehicle begin from; `motion` is its motion now, as neighbours detect it."""
 
     motion: Motion
-    at_effect_rad: float  # heading at which a decision takes effect
+    at_effect: AtEffect
     rules: Rules
     dt_s: float
+
+    @property
+    def stands(self) -> bool:
+        """Whether the vehicle stands, so that it may turn on the spot."""
+        return max(self.motion.speed_m_s, self.at_effect.speed_m_s) < STANDING_M_S
 
 
 def keep_apart(wanted_rad: float, start: Start, peers: Peers, part: float) -> Resolution:
@@ -70,7 +87,7 @@ def keep_apart(wanted_rad: float, start: Start, peers: Peers, part: float) -> Re
     if chosen_rad is None:
         chosen_rad = first_clockwise(wanted_rad, arcs)
     if chosen_rad is None:
-        return Resolution(start.at_effect_rad % math.tau, 0.0, STOPPING, _in_the_way(wanted_rad, bands))
+        return Resolution(start.at_effect.heading_rad % math.tau, 0.0, STOPPING, _in_the_way(wanted_rad, bands))
     for fraction in SPEED_FRACTIONS:
         speed_m_s = fraction * cruise_m_s
         turned_rad = _turned_rad(start, chosen_rad, speed_m_s)
@@ -79,7 +96,10 @@ def keep_apart(wanted_rad: float, start: Start, peers: Peers, part: float) -> Re
                 return Resolution(wanted_rad, speed_m_s, None)
             reason = PASSING if fraction == 1.0 else SLOWING
             return Resolution(turned_rad, speed_m_s, reason, _in_the_way(wanted_rad, bands))
-    return Resolution(start.at_effect_rad % math.tau, 0.0, STOPPING, _in_the_way(wanted_rad, bands))
+    if start.stands:
+        return Resolution(_turned_rad(start, chosen_rad, 0.0), 0.0, PIVOTING, _in_the_way(wanted_rad, bands))
+    # Who brakes keeps its heading, and with it the way to a stop that the others reckon with.
+    return Resolution(start.at_effect.heading_rad % math.tau, 0.0, STOPPING, _in_the_way(wanted_rad, bands))
 
 
 def _bands(start: Start, peers: Peers, part: float) -> list[_Band]:
@@ -149,8 +169,8 @@ def _cross(ours: complex, place: complex, theirs: complex) -> bool:
 
 def _turned_rad(start: Start, heading_rad: float, speed_m_s: float) -> float:
     """Return the heading that a step towards a heading at a speed reaches."""
-    faster_m_s = max(start.motion.speed_m_s, speed_m_s)
-    return limit_turn(start.at_effect_rad, heading_rad, faster_m_s, start.rules.n_max, start.dt_s)[0]
+    faster_m_s = max(start.motion.speed_m_s, start.at_effect.speed_m_s, speed_m_s)
+    return limit_turn(start.at_effect.heading_rad, heading_rad, faster_m_s, start.rules.n_max, start.dt_s)[0]
 
 
 def _is_allowed(start: Start, heading_rad: float, speed_m_s: float, bands: Sequence[_Band]) -> bool:
@@ -187,14 +207,10 @@ def _flown(start: Start, speed_m_s: float) -> tuple[float, float]:
 
 
 def _towards(start: Start, heading_rad: float, bearing_rad: float) -> float:
-    """Return the cosine of the least angle from a bearing to the headings that a turn sweeps.
-
-    A vehicle that hardly moves has no course to turn from: it starts in any direction.
-    """
-    if start.motion.speed_m_s < PIVOT_SPEED_M_S:
-        return math.cos(heading_rad - bearing_rad)
+    """Return the cosine of the least angle from a bearing to the headings that a turn sweeps."""
     least_rad = math.pi
-    for from_rad, to_rad in ((start.motion.heading_rad, start.at_effect_rad), (start.at_effect_rad, heading_rad)):
+    headings_rad = (start.motion.heading_rad, start.at_effect.heading_rad, heading_rad)
+    for from_rad, to_rad in itertools.pairwise(headings_rad):
         half_rad = 0.5 * shorter_turn_rad(from_rad, to_rad)
         off_rad = abs(math.remainder(from_rad + half_rad - bearing_rad, math.tau)) - abs(half_rad)
         least_rad = min(least_rad, max(off_rad, 0.0))

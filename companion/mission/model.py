@@ -504,9 +504,13 @@ def is_obstacle(mission: Mission, agent_id: int, threat: ThreatSpec) -> bool:
         ValueError: the mission lists no such agent.
 
     """
-    level_m = mission.origin.alt_m + agent_height_m(mission, agent_id)
-    above = threat.floor_m is None or threat.floor_m <= level_m
-    return above and (threat.ceiling_m is None or level_m <= threat.ceiling_m)
+    return reaches(threat, mission.origin.alt_m + agent_height_m(mission, agent_id))
+
+
+def reaches(threat: ThreatSpec, altitude_m: float) -> bool:
+    """Return whether a threat reaches an altitude above sea level."""
+    above = threat.floor_m is None or threat.floor_m <= altitude_m
+    return above and (threat.ceiling_m is None or altitude_m <= threat.ceiling_m)
 
 
 def parse_mission(text: str, source: str) -> Mission:

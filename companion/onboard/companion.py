@@ -14,7 +14,7 @@ from companion.autopilot.adapter import Adapter
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import Telemetry
 from companion.files.tlog import whole_frames
-from companion.guard.types import NO_BACKUP
+from companion.guard.types import BACKUP, FENCE, KEEP_OUT, NO_BACKUP
 from companion.guidance.laws import SteeringLaw
 from companion.onboard.authority import Authority, State
 from companion.onboard.config import Config
@@ -35,6 +35,8 @@ from companion.protocol.link_quality import LinkMonitor
 
 BAND_MARGIN_M = 5.0
 """Margin above and below a vehicle's height within which it avoids threats: it does not hold a height to the metre."""
+REFUSALS = frozenset({BACKUP, FENCE, KEEP_OUT, NO_BACKUP})
+"""Changes of the guard by which the law learns that its way is refused."""
 HOME_TOO_FAR = "the autopilot's home is farther away than limits.range_m: where it began to steer counts"
 
 
@@ -234,9 +236,16 @@ class Companion:
         view = world_model.view(now_s, _band_m(telemetry, config.height_m))
         view = world_model.with_traffic(view, seen.traffic)
         status = self._assess(age_s, now_s)
-        situation = Situation(motion.position_ned_m, located.home.position_ned_m, view, status, world_model.directive)
+        situation = Situation(
+            motion.position_ned_m,
+            located.home.position_ned_m,
+            view,
+            status,
+            world_model.directive,
+            None if before.last_fix is None else before.last_fix.position_ned_m,
+        )
         goal = choose_goal(situation, before, config, self.steering.loiter)
-        steered = steer(self.steering, goal, Moment(motion, view, self.flown_m, now_s), before)
+        steered = steer(self.steering, goal, Moment(motion, view, self.flown_m, now_s, before.refused), before)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
         notes = (steered.note, duplicate, HOME_TOO_FAR if located.home.too_far else None)
@@ -270,10 +279,11 @@ class Companion:
         if NO_BACKUP in steered.verdict.changes and self.config.law == "routed":
             uncertified_from_s = now_s if before.uncertified_from_s is None else before.uncertified_from_s
         return Engagement(
-            arrived=goal.arrived,
+            arrived_ned_m=goal.arrived_ned_m,
             giving_way=goal.giving_way,
             at_home=goal.at_home,
             loiter_place_ned_m=steered.loiter_place_ned_m,
+            refused=not REFUSALS.isdisjoint(steered.verdict.changes),
             uncertified_from_s=uncertified_from_s,
             abilities_changed=before.abilities_changed,
             last_fix=located.fix,

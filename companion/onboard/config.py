@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from companion.autopilot.kinds import KINDS
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
+from companion.guard.types import PIVOT_SPEED_M_S
 from companion.guidance.settings import DEFAULT_LAW, LawName, SurrogateName
 from companion.mission.model import (
     MAX_ITEMS,
@@ -21,6 +22,7 @@ from companion.mission.model import (
     Polygon,
     Positive,
     Speed,
+    Step,
     agent_height_m,
 )
 from companion.transport.endpoints import FORMS, RECEIVING, SENDING, Link, parse_link
@@ -208,7 +210,7 @@ class Config(Section):
     weights: CostWeights = CostWeights()
     separation_m: Positive = 100.0
     arrival_radius_m: Positive = 300.0
-    guidance_step_s: Annotated[float, Field(gt=0, le=10)] = 0.5
+    guidance_step_s: Step = 0.5
     setpoint_rate_hz: Annotated[float, Field(ge=2, le=50)] = 10.0
     telemetry_timeout_s: Positive = 2.0
     range_policy: Literal["return", "arrive"] = "return"
@@ -234,6 +236,21 @@ class Config(Section):
                 f"to limits.height_max_m {self.limits.height_max_m:g}"
             )
         return self
+
+    @model_validator(mode="after")
+    def _fast_enough(self) -> Self:
+        speed_m_s, kind = self.limits.speed_m_s, None if self.autopilot is None else self.autopilot.kind
+        allowed = None if kind is None else fast_enough(speed_m_s, KINDS[kind].can_stop)
+        if allowed is not None:
+            raise ValueError(f"limits.speed_m_s: {speed_m_s:g} with autopilot.kind '{kind}'; allowed: {allowed}")
+        return self
+
+
+def fast_enough(speed_m_s: float, can_stop: bool) -> str | None:
+    """Return which speed is allowed instead of one that the guard can hold no vehicle at; None if it can."""
+    if can_stop or speed_m_s >= PIVOT_SPEED_M_S:
+        return None
+    return f"at least {PIVOT_SPEED_M_S:g} for a vehicle that cannot stop"
 
 
 def packaged_configs() -> tuple[str, ...]:

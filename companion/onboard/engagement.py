@@ -24,14 +24,16 @@ class GridSetpoint(NamedTuple):
 class Engagement(NamedTuple):
     """What one tick leaves to the next, from the first tick that steers to the first that does not."""
 
-    arrived: bool = False
-    """Whether the vehicle is at its target."""
+    arrived_ned_m: tuple[float, float] | None = None
+    """Where the target was when the vehicle arrived at it; None before that."""
     giving_way: bool = False
     """Whether the vehicle waits because another agent arrives at the target first."""
     at_home: bool = False
     """Whether the vehicle has returned home."""
     loiter_place_ned_m: tuple[float, float] | None = None
     """Where the vehicle loiters; None while it goes somewhere."""
+    refused: bool = False
+    """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
     uncertified_from_s: float | None = None
     """Time since which the guard has had no certified back-up; None if it has one."""
     abilities_changed: bool = False

@@ -16,6 +16,8 @@ CLOCK_DIGITS = 3
 """Decimals of the seconds to which clock offsets are rounded, so that a log (in microseconds) stores them exactly."""
 BATTERY_MARGIN_PERCENT = 5.0
 """Hysteresis: a low battery counts as good again this far above the limit, as its voltage recovers with less load."""
+OUT_OF_RANGE = "range"
+UNCERTIFIED = "no certified back-up"
 ABILITIES_CHANGED = "the autopilot's parameters were changed in flight"
 
 
@@ -211,8 +213,8 @@ def _found(inputs: FailsafeInputs, thresholds: FailsafeThresholds, was_low: bool
         (Cause.PICTURE, _by_missing(inputs.missing)),
         (Cause.FENCE, _if(inputs.outside_fence, Stage.RETURNING, "outside the fence")),
         (Cause.BATTERY, _by_battery(inputs.battery_percent, thresholds, was_low)),
-        (Cause.RANGE, _if(inputs.out_of_range, Stage.RETURNING, "range")),
-        (Cause.GUARD, _if(uncertified, Stage.LOITERING, "no certified back-up")),
+        (Cause.RANGE, _if(inputs.out_of_range, Stage.RETURNING, OUT_OF_RANGE)),
+        (Cause.GUARD, _if(uncertified, Stage.LOITERING, UNCERTIFIED)),
         (Cause.ABILITIES, _if(inputs.abilities_changed, Stage.LOITERING, ABILITIES_CHANGED)),
         (Cause.POSITION, _by_accuracy(inputs.position_accuracy_m, thresholds)),
         (Cause.CLOCK, _by_clock(inputs.clock_offset_s, thresholds)),

@@ -14,8 +14,8 @@ from companion.onboard.failsafe import FailsafeStatus, Stage
 from companion.protocol.codec import Directive
 
 ARRIVAL_SHARE = 0.8
-"""Share of the arrival radius within which a vehicle arrives; it stays arrived until it leaves the whole radius. The
-rest is for a target that has moved since it was heard of."""
+"""Share of the arrival radius within which a vehicle arrives. The rest is for a target that has moved since it was
+heard of: the vehicle stays arrived until the target has moved by more than that."""
 WAITING_SPACINGS = 2.0
 """Distance outside the arrival radius, in loiter spacings, from which a vehicle waits while another arrives first."""
 WAITING_LEAVE = 1.5
@@ -42,6 +42,8 @@ class Situation(NamedTuple):
     view: View
     status: FailsafeStatus
     directive: Directive
+    came_from_ned_m: tuple[float, float] | None = None
+    """Where the vehicle was at the last tick, if it was steered: it may have passed its target between two ticks."""
 
 
 class Goal(NamedTuple):
@@ -52,14 +54,15 @@ class Goal(NamedTuple):
     place_ned_m: tuple[float, float] | None = None
     """Where to go; None to loiter."""
     at_home: bool = False
-    arrived: bool = False
+    arrived_ned_m: tuple[float, float] | None = None
+    """Where the target was when the vehicle arrived at it; None before that."""
     giving_way: bool = False
     """Whether the vehicle waits because another agent arrives at the target first."""
 
 
 def choose_goal(situation: Situation, before: Engagement, config: Config, loiter: LoiterGeometry) -> Goal:
     """Return what to do now; `before` holds the latches of the last tick."""
-    arrived, giving_way = before.arrived, before.giving_way
+    arrived, giving_way = before.arrived_ned_m, before.giving_way
     homing = _why_home(situation)
     if homing is not None:
         # A loiter circle begun just inside reaches out by its width: that is still being home.
@@ -74,8 +77,11 @@ def choose_goal(situation: Situation, before: Engagement, config: Config, loiter
     if reason is not None or target_ned_m is None:
         return Goal(Purpose.LOITER, "no target" if reason is None else reason, None, False, arrived, giving_way)
     target_m = math.dist(situation.position_ned_m, target_ned_m)
-    arrived = target_m <= config.arrival_radius_m * (1.0 if before.arrived else ARRIVAL_SHARE)
-    if arrived:
+    if arrived is not None and math.dist(arrived, target_ned_m) > (1.0 - ARRIVAL_SHARE) * config.arrival_radius_m:
+        arrived = None
+    if arrived is None and _passing_m(situation, target_ned_m) <= ARRIVAL_SHARE * config.arrival_radius_m:
+        arrived = target_ned_m
+    if arrived is not None:
         return Goal(Purpose.LOITER, "arrived", None, False, arrived, giving_way)
     # Two cannot both keep their separation within one arrival radius, and one arrival is enough.
     waiting_m = config.arrival_radius_m + WAITING_SPACINGS * loiter.spacing_m
@@ -86,6 +92,17 @@ def choose_goal(situation: Situation, before: Engagement, config: Config, loiter
     if first is not None:
         return Goal(Purpose.LOITER, f"agent {first} arrives first", None, False, arrived, True)
     return Goal(Purpose.TARGET, "assigned", target_ned_m, False, arrived, False)
+
+
+def _passing_m(situation: Situation, target_ned_m: tuple[float, float]) -> float:
+    """Return the least distance from the target on the straight way from the last tick's position to this one."""
+    here, there = situation.position_ned_m, situation.came_from_ned_m or situation.position_ned_m
+    along = (here[0] - there[0], here[1] - there[1])
+    length_m2 = along[0] ** 2 + along[1] ** 2
+    to_target = (target_ned_m[0] - there[0], target_ned_m[1] - there[1])
+    share = (along[0] * to_target[0] + along[1] * to_target[1]) / length_m2 if length_m2 > 0.0 else 0.0
+    share = min(max(share, 0.0), 1.0)
+    return math.hypot(to_target[0] - share * along[0], to_target[1] - share * along[1])
 
 
 def _why_home(situation: Situation) -> str | None:

@@ -7,7 +7,7 @@ from companion.onboard.config import Config, LimitsSection
 from companion.surrogate.cost import Weights
 
 
-def law_settings(config: Config, limits: LimitsSection | None = None) -> LawSettings:
+def law_settings(config: Config, limits: LimitsSection | None = None, *, can_stop: bool = False) -> LawSettings:
     """Return the settings of the configured law, with `limits` in place of the configured ones if given."""
     limits = limits or config.limits
     return LawSettings(
@@ -26,5 +26,8 @@ def law_settings(config: Config, limits: LimitsSection | None = None) -> LawSett
             rate_share=limits.rate_share,
             wind_m_s=limits.wind_m_s,
             position_error_m=limits.position_error_m,
+            can_stop=can_stop,
+            fence=limits.fence or (),
+            exclusions=limits.exclusions,
         ),
     )

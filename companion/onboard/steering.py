@@ -13,7 +13,7 @@ from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.guard.guard import Guard
 from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
-from companion.guidance.resolution import Peers
+from companion.guidance.resolution import AtEffect, Peers
 from companion.guidance.separation import give_way
 from companion.guidance.steering import (
     APPROACH_GAIN_1_S,
@@ -25,6 +25,7 @@ from companion.guidance.steering import (
     loiter_radius_m,
     loiter_spacing_m,
 )
+from companion.guidance.stopping import STANDING_M_S
 from companion.guidance.view import NOBODY, View
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.decision import Purpose
@@ -70,6 +71,8 @@ class Moment(NamedTuple):
     view: View
     flown_m: float
     now_s: float
+    refused: bool = False
+    """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
 
 
 class Steered(NamedTuple):
@@ -122,7 +125,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
         config=config,
         can_stop=can_stop,
         guard=guard,
-        law=law or law_of(law_settings(config)),
+        law=law or law_of(law_settings(config, can_stop=can_stop)),
         own_law=law is not None,
         rules=rules,
         interaction_m=0.0 if rules is None else interaction_radius_m(rules, config.guidance_step_s),
@@ -158,19 +161,23 @@ def outgrown(steering: Steering, configured: LimitsSection, abilities: Abilities
 
 def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) -> Steered:
     """Pass the stages from the goal to the guarded setpoint; `before` holds the latches of the last tick."""
-    motion, limits, dt_s = moment.motion, steering.config.limits, steering.config.guidance_step_s
-    crowded = _is_crowded(motion, moment.view, steering.interaction_m)
+    limits, dt_s = steering.config.limits, steering.config.guidance_step_s
+    in_force = None if before.setpoint is None else before.setpoint.setpoint
+    moment = moment._replace(motion=_as_commanded(steering, moment.motion, in_force))
+    motion = moment.motion
+    crowded = not steering.can_stop and _is_crowded(motion, moment.view, steering.interaction_m)
     intent = _intent(steering, goal, moment, before.loiter_place_ned_m, crowded)
     wanted_rad, speed_m_s = _wanted(steering, intent, motion)
-    last = None if before.setpoint is None or limits.reaction_s == 0.0 else before.setpoint.setpoint
-    at_effect_rad = None if last is None else last.heading_rad
-    steered_rad, speed_m_s, gave_way = _right_of_way(steering, wanted_rad, speed_m_s, moment, at_effect_rad)
-    # The turn is limited at the greater of the speeds during the step, as the guard does.
+    last = None if limits.reaction_s == 0.0 else in_force
+    at_effect = None if last is None else AtEffect(last.heading_rad, last.speed_m_s)
+    steered_rad, speed_m_s, gave_way = _right_of_way(steering, wanted_rad, speed_m_s, moment, at_effect)
+    # The turn is limited at the greatest of the speeds until the end of the step, as the guard does.
     faster_m_s = max(motion.speed_m_s, speed_m_s)
     from_rad = motion.heading_rad
-    if at_effect_rad is not None:
+    if last is not None:
+        faster_m_s = max(faster_m_s, last.speed_m_s) if steering.can_stop else faster_m_s
         # When this decision begins to act, the vehicle has turned by the last setpoint for the reaction time.
-        from_rad = limit_turn(from_rad, at_effect_rad, faster_m_s, limits.n_max, limits.reaction_s)[0]
+        from_rad = limit_turn(from_rad, last.heading_rad, faster_m_s, limits.n_max, limits.reaction_s)[0]
     heading_rad, limited = limit_turn(from_rad, steered_rad, faster_m_s, limits.n_max, dt_s)
     setpoint = Setpoint(heading_rad, speed_m_s, steering.config.height_m)
     return Steered(
@@ -185,6 +192,16 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
         turn_limited=limited,
         verdict=_guarded(steering, setpoint, moment, intent.demand, crowded),
     )
+
+
+def _as_commanded(steering: Steering, motion: Motion, in_force: Setpoint | None) -> Motion:
+    """Return the motion; a vehicle that can stop and stands has the heading that it was commanded to start on.
+
+    Its yaw says nothing about that: a copter starts in any direction, and not all turn their nose while they stand.
+    """
+    if not steering.can_stop or in_force is None or max(motion.speed_m_s, in_force.speed_m_s) >= STANDING_M_S:
+        return motion
+    return replace(motion, heading_rad=in_force.heading_rad)
 
 
 def _intent(
@@ -230,6 +247,7 @@ def _go(
         to_target=purpose is Purpose.TARGET,
         flown_m=moment.flown_m,
         arrival_m=ARRIVAL_SHARE * steering.config.arrival_radius_m,
+        refused=moment.refused,
         crowded=crowded,
     )
     return steering.law.steer(task, moment.motion, moment.view, moment.now_s), steering.config.limits.speed_m_s
@@ -271,7 +289,7 @@ def _wanted(steering: Steering, intent: _Intent, motion: Motion) -> tuple[float,
 
 
 def _right_of_way(
-    steering: Steering, wanted_rad: float, speed_m_s: float, moment: Moment, at_effect_rad: float | None
+    steering: Steering, wanted_rad: float, speed_m_s: float, moment: Moment, at_effect: AtEffect | None
 ) -> tuple[float, float, str | None]:
     """Return heading (rad) and speed (m/s) by the right of way, and why it changed them, or None."""
     # Standing still is always allowed to one that can stop.
@@ -283,7 +301,7 @@ def _right_of_way(
         Peers(moment.view.traffic_ned_m, moment.view.traffic_velocity_m_s),
         steering.rules,
         steering.config.guidance_step_s,
-        heading_at_effect_rad=at_effect_rad,
+        at_effect,
     )
     if given.reason is None:
         return given.heading_rad, speed_m_s, None
@@ -307,9 +325,12 @@ def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: Steer
         attack_m=view.attack_radius_m,
         ids=view.threat_ids,
     )
-    route = () if demand.route is None else demand.route.pieces + demand.onward
+    route = () if demand.route is None else demand.route.pieces
     dt_s = steering.config.guidance_step_s
-    return steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, Hints(route, keep_right=crowded))
+    hints = Hints(route, keep_right=crowded)
+    verdict = steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, hints)
+    # A path that is clear of all discs heard of is certified only if no other is still to be heard of.
+    return verdict if view.whole else replace(verdict, certified_s=0.0)
 
 
 def _is_crowded(motion: Motion, view: View, interaction_m: float) -> bool:

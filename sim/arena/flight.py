@@ -26,18 +26,33 @@ from companion.mission.model import AgentSpec, Mission
 from companion.mission.random_streams import random_stream
 from companion.onboard.companion import Companion
 from companion.onboard.config import Config, config_for_agent
+from companion.onboard.decision import Certificate, Decision
 from companion.onboard.law_settings import law_settings
 from companion.protocol.codec import Detection, DetectionsFrame, Kind
 from groundstation.agents import VehicleModel
 from groundstation.ground_station import GroundStation
+from groundstation.radio import Radio
 from groundstation.schedule import Broadcaster
 from sim.air_link import LINK_STREAM, LossyLink
 from sim.flight_record import FlightRecord
 from sim.loop import START_S, Loop, Outcome, Parts
 from sim.trajectory import Trajectory
-from sim.transmitter import Transmitter
+from sim.transmitter import RADIO_TICK_S, Transmitter
 from sim.wind import WindField, crabbed
 from sim.world import World
+
+
+@dataclass
+class AgentFlight:
+    """What one agent's companion decided first and last."""
+
+    engaged_t_s: float = math.inf
+    """Time of the flight at which it first steered; infinite if it never did."""
+    certified_s: float = 0.0
+    """For how long the guard certified it then: infinite for ever, 0 not at all."""
+    for_ever_t_s: float = math.inf
+    """Time of the flight from which on it had been certified for ever at least once; infinite if it never was."""
+    last: Decision | None = None
 
 
 @dataclass(frozen=True)
@@ -45,7 +60,10 @@ class ArenaFlight:
     """The trajectory of a flight, and figures of its decisions."""
 
     trajectory: Trajectory
-    decision_us: np.ndarray  # (D,) us, wall-clock time of each companion's whole decision
+    decision_us: np.ndarray
+    """(D,) us, processor time of each decision: the companion's whole tick, with the frames that came in before it."""
+    agents: tuple[AgentFlight, ...]
+    """What each agent's companion decided first and last, in the mission's order."""
     guarded: int
     """Number of decisions that the guard changed."""
     certified_s: float
@@ -142,11 +160,12 @@ class _PointVehicle:
         apart_m = np.hypot(places_m[:, 0] - self.north_m, places_m[:, 1] - self.east_m)
         near = [snapshot.neighbours[index] for index in np.flatnonzero(apart_m <= self._mission.detector_range_m)]
         self._adapter.neighbours = [other for other in near if other.agent_id != self.spec.id]
-        for arrival_s, datagram in self._air.deliver(t_s):
+        arrived = list(self._air.deliver(t_s))
+        began_ns = time.thread_time_ns()
+        for arrival_s, datagram in arrived:
             self._companion.hear(datagram, START_S + arrival_s)
-        began_ns = time.perf_counter_ns()
         decision, _ = self._companion.tick(START_S + t_s)
-        return Outcome(decision, (time.perf_counter_ns() - began_ns) / 1000.0)
+        return Outcome(decision, (time.thread_time_ns() - began_ns) / 1000.0)
 
     def repeat(self, t_s: float) -> None:
         """Do nothing: a point flies by its last setpoint until the next."""
@@ -171,18 +190,16 @@ class _Record(FlightRecord):
         super().__init__(mission)
         self.decision_us: list[float] = []
         self.guarded = self.uncertified = self.gave_way = self.opposed = 0
-        self.first_s: dict[int, float] = {}
-        """For how long each agent was certified on its first picture, by agent id; agents without a picture yet are
-        missing."""
+        self.agents = {agent.id: AgentFlight() for agent in mission.agents}
         self.broken: Counter[str] = Counter()
         self.stays: Counter[str] = Counter()
 
     def decided(self, agent_id: int, outcome: Outcome) -> None:
         """Add a companion's decision to the counts."""
+        super().decided(agent_id, outcome)
         decision = outcome.decision
         self.decision_us.append(outcome.decision_us)
-        if decision.picture_age_s is not None:
-            self.first_s.setdefault(agent_id, decision.certified_s)
+        self._note(self.agents[agent_id], decision)
         self.guarded += bool(decision.guard_changes)
         self.uncertified += decision.uncertified
         self.gave_way += decision.gave_way is not None
@@ -191,13 +208,27 @@ class _Record(FlightRecord):
         if decision.stay is not None:
             self.stays[decision.stay] += 1
 
+    @staticmethod
+    def _note(agent: AgentFlight, decision: Decision) -> None:
+        t_s = decision.t_s - START_S
+        agent.last = decision
+        if decision.setpoint is None:
+            return
+        if math.isinf(agent.engaged_t_s):
+            agent.engaged_t_s, agent.certified_s = t_s, decision.certified_s
+        if decision.certificate is Certificate.FOR_EVER:
+            agent.for_ever_t_s = min(agent.for_ever_t_s, t_s)
+
     def flight(self) -> ArenaFlight:
         """Return the flight as it was recorded."""
         return ArenaFlight(
             trajectory=self.trajectory(),
             decision_us=np.array(self.decision_us),
+            agents=tuple(self.agents.values()),
             guarded=self.guarded,
-            certified_s=min(self.first_s.values(), default=math.inf),
+            certified_s=min(
+                (log.start.certified_s for log in self.logs.values() if log.start is not None), default=math.inf
+            ),
             uncertified=self.uncertified,
             broken=dict(self.broken),
             stays=dict(self.stays),
@@ -206,10 +237,17 @@ class _Record(FlightRecord):
         )
 
 
-def fly_arena(mission: Mission, seed: int, law: LawName = "routed", steering: SteeringOf | None = None) -> ArenaFlight:
+def fly_arena(
+    mission: Mission,
+    seed: int,
+    law: LawName = "routed",
+    steering: SteeringOf | None = None,
+    radio: Radio | None = None,
+) -> ArenaFlight:
     """Fly a resolved mission until every target is reached, nobody is left, or its time is up.
 
     `law` configures the companions; `steering`, if given, makes another law for each of them, which flies in its place.
+    With a `radio` the broadcast is packed into what that carries.
     """
     frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
     fleet = [_point(mission, index, seed, frame, law, steering) for index in range(len(mission.agents))]
@@ -235,7 +273,9 @@ def fly_arena(mission: Mission, seed: int, law: LawName = "routed", steering: St
             snapshot=snapshot,
             ground=ground,
             look=look,
-            transmit=Transmitter(Broadcaster(ground, None)).transmit,
+            transmit=Transmitter(
+                Broadcaster(ground, radio), RADIO_TICK_S if radio is None else mission.integration_step_s
+            ).transmit,
             recorder=record,
             wind=WindField(mission.wind, seed),
         )

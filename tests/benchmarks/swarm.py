@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.geo.kinematics import PIVOT_SPEED_M_S, limit_turn, turn_rate_rad_s, turn_towards
+from companion.geo.kinematics import limit_turn, turn_rate_rad_s, turn_towards
 from companion.geo.right_of_way import Rules, reserved_radius_m
 from companion.guard.types import Motion
-from companion.guidance.resolution import Peers, Resolution
+from companion.guidance.resolution import AtEffect, Peers, Resolution
 from companion.guidance.separation import give_way
 from companion.guidance.steering import Occupied, loiter_attraction, loiter_place, loiter_radius_m, loiter_spacing_m
 
@@ -108,12 +108,10 @@ def fly(
             if noise is not None:
                 heard = heard + noise(heard.shape)
             if give:
-                at_effect_rad = _heading_at_effect_rad(craft, rules)
-                chosen = give_way(
-                    wanted_rad, motion, Peers(heard, velocities[seen]), rules, DT_S, heading_at_effect_rad=at_effect_rad
-                )
+                at_effect = _at_effect(craft, rules)
+                chosen = give_way(wanted_rad, motion, Peers(heard, velocities[seen]), rules, DT_S, at_effect)
                 speed_m_s = min(chosen.speed_m_s, _wanted_m_s(craft, rules))
-                decisions.append((_reachable_rad(craft, at_effect_rad, chosen, rules), speed_m_s))
+                decisions.append((_reachable_rad(craft, at_effect, chosen, rules), speed_m_s))
             else:
                 decisions.append((wanted_rad, craft.speed_m_s))
         for craft, decision in zip(crafts, decisions, strict=True):
@@ -132,21 +130,21 @@ def fly(
     return outcome
 
 
-def _heading_at_effect_rad(craft: Craft, rules: Rules) -> float:
-    """Return the heading of a craft once its decisions that are still on their way have taken effect."""
-    heading_rad = craft.heading_rad
+def _at_effect(craft: Craft, rules: Rules) -> AtEffect:
+    """Return the heading and speed of a craft once its decisions that are still on their way have taken effect."""
+    heading_rad, speed_m_s = craft.heading_rad, craft.speed_m_s
     for wanted_rad, speed_m_s in craft.pending:
         rate_rad_s = turn_rate_rad_s(speed_m_s, rules.n_max)
         heading_rad = turn_towards(0.0, 0.0, heading_rad, speed_m_s, wanted_rad, rate_rad_s, DT_S)[2]
-    return heading_rad
+    return AtEffect(heading_rad, speed_m_s)
 
 
-def _reachable_rad(craft: Craft, at_effect_rad: float, chosen: Resolution, rules: Rules) -> float:
-    """Return the chosen heading, for a craft that can stop as far as it can be turned to in a step."""
+def _reachable_rad(craft: Craft, at_effect: AtEffect, chosen: Resolution, rules: Rules) -> float:
+    """Return the chosen heading; for a craft that can stop, as far as it can be turned to in a step."""
     if not rules.can_stop:
         return chosen.heading_rad
-    faster_m_s = max(craft.speed_m_s, chosen.speed_m_s)
-    return limit_turn(at_effect_rad, chosen.heading_rad, faster_m_s, rules.n_max, DT_S)[0]
+    faster_m_s = max(craft.speed_m_s, at_effect.speed_m_s, chosen.speed_m_s)
+    return limit_turn(at_effect.heading_rad, chosen.heading_rad, faster_m_s, rules.n_max, DT_S)[0]
 
 
 def _wanted_m_s(craft: Craft, rules: Rules) -> float:
@@ -184,8 +182,6 @@ def _wanted_rad(craft: Craft, loitering_ned_m: np.ndarray, rules: Rules, arrival
 def _step(craft: Craft, heading_rad: float, speed_m_s: float, rules: Rules) -> list[tuple[float, float]]:
     """Move a craft by a step; return its positions at the samples, the first at the step's start."""
     places = [(craft.north_m, craft.east_m)]
-    if rules.braking_m_s2 is not None and craft.speed_m_s < PIVOT_SPEED_M_S:
-        craft.heading_rad = heading_rad  # a craft that hardly moves has no course to turn from
     start = (craft.north_m, craft.east_m, craft.heading_rad)
     for piece in range(1, PIECES + 1):
         before_m_s = craft.speed_m_s

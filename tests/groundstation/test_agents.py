@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.errors import InputError
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission, parse_mission
 from companion.protocol.codec import (
@@ -25,7 +26,15 @@ from companion.protocol.codec import (
     StateFrame,
     TargetEntry,
 )
-from groundstation.agents import DRIFT_SHARE, FIX_ERROR_M, DeadReckoner, Estimate, Fix, VehicleModel
+from groundstation.agents import (
+    DRIFT_SHARE,
+    FIX_ERROR_M,
+    DeadReckoner,
+    Estimate,
+    Fix,
+    VehicleModel,
+    check_reckonable,
+)
 from groundstation.ground_station import GroundStation
 
 START_S = 1_790_000_000.0
@@ -514,3 +523,14 @@ def test_an_agent_that_has_arrived_by_reckoning_keeps_its_target_and_others_are_
     assert {agent.id: agent.target_id for agent in last.agents} == {1: 1, 2: 2}
     assert {target.id for target in last.targets} == {1, 2}
     assert run.station.assignment == {2: 2}
+
+
+def test_an_agent_too_slow_to_be_reckoned_is_named_with_what_is_allowed() -> None:
+    slow = parse_mission(
+        "case: II\nagents: [{id: 7, north_m: 0, east_m: 0, heading_deg: 0, speed_m_s: 0.4}]\n"
+        "targets: [{id: 1, north_m: 90, east_m: 0}]\n",
+        "slow.yaml",
+    )
+    with pytest.raises(InputError, match=r"slow.yaml: agents\[0\].speed_m_s: 0.4; allowed: at least 0.5"):
+        check_reckonable(slow, VehicleModel(), "slow.yaml")
+    check_reckonable(slow, VehicleModel(can_stop=True), "slow.yaml")

@@ -58,7 +58,8 @@ from groundstation.broadcast import (
     surrogate_digest,
 )
 from groundstation.revision import Revision, first_revision
-from groundstation.tracks import MissionProgress, Track, TrackTable
+from groundstation.track import Track
+from groundstation.tracks import MissionProgress, TrackTable
 
 START_S = 1_790_000_000
 STAMP = Stamp(START_S, 0, 1)

@@ -32,7 +32,7 @@ from companion.protocol.codec import (
     StateFrame,
 )
 from groundstation.ground_station import MAX_EPOCH_S, GroundStation, Resumed
-from groundstation.tracks import Track
+from groundstation.track import Track
 
 START_S = 1_790_000_000.0
 TICK_S = 0.1

@@ -8,11 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.geo.kinematics import advance
 from companion.geo.local_frame import LocalFrame
 from companion.mission.extent import FARTHEST_M
 from companion.mission.model import parse_mission
 from companion.protocol.codec import Detection, DetectionsFrame, Kind
 from groundstation.agents import Estimate
+from groundstation.track import Track, passed_at_m
 from groundstation.tracks import TrackTable
 
 START_S = 1_790_000_000.0
@@ -282,3 +284,41 @@ def test_a_detection_farther_than_a_frame_can_carry_is_counted_and_ignored(
     assert ground.too_far == 1
     assert ground.tracks[Kind.THREAT, 1].position_ned_m == (10_000.0, 0.0)
     assert ground.tracks[Kind.TARGET, 1].seen_at_s == START_S + 1.0
+
+
+def test_a_target_passed_between_two_detections_is_completed() -> None:
+    ground = picture()
+    see(ground, 10.0, agent(1, 19_000.0, 0.0))
+    assert not ground.update(START_S + 10.0, NOBODY_SENT)
+    see(ground, 40.0, agent(1, 20_000.0 - 40.0 - 300.0, 0.0))
+    ground.update(START_S + 40.0, NOBODY_SENT)
+    before_m = ground.tracks[Kind.AGENT, 1].north_m
+    see(ground, 50.0, agent(1, before_m + 700.0, 0.0))
+    assert ground.update(START_S + 50.0, NOBODY_SENT)
+    assert ground.progress.completed == {1}
+
+
+def test_a_sighting_that_no_flight_explains_completes_nothing_on_its_way() -> None:
+    ground = picture()
+    see(ground, 10.0, agent(1, 19_000.0, 0.0))
+    ground.update(START_S + 10.0, NOBODY_SENT)
+    see(ground, 11.0, agent(1, 21_000.0, 0.0))
+    assert not ground.update(START_S + 11.0, NOBODY_SENT)
+
+
+@given(
+    turn_rad=st.floats(-0.5, 0.5),
+    heading_rad=st.floats(-math.pi, math.pi),
+    north_m=st.floats(-60.0, 60.0),
+    east_m=st.floats(-60.0, 60.0),
+)
+def test_the_way_between_two_detections_is_the_arc_that_was_flown(
+    turn_rad: float, heading_rad: float, north_m: float, east_m: float
+) -> None:
+    def track(t_s: float) -> Track:
+        there = advance(0.0, 0.0, heading_rad, 60.0, turn_rad, t_s)
+        return Track(there[0], there[1], 60.0 * math.cos(there[2]), 60.0 * math.sin(there[2]), t_s)
+
+    target = Track(north_m, east_m, 0.0, 0.0, 0.0)
+    sampled_m = min(math.dist(track(step / 500.0).position_ned_m, (north_m, east_m)) for step in range(501))
+    assert passed_at_m((track(0.0), track(1.0)), (target, target)) == pytest.approx(sampled_m, abs=0.1)

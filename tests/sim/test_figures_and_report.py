@@ -215,7 +215,7 @@ def test_the_report_is_well_formed_and_accessible(tmp_path: Path) -> None:
     assert page.tags.count("img") == sum(
         1 for tag, key, value in page.attributes if tag == "img" and key == "alt" and value
     )
-    assert page.tags.count("table") == page.tags.count("caption") == 4
+    assert page.tags.count("table") == page.tags.count("caption") == 5
     assert page.tags.count("th") == sum(1 for tag, key, _ in page.attributes if tag == "th" and key == "scope")
     assert any(key == "name" and value == "viewport" for _, key, value in page.attributes)
 
@@ -253,6 +253,36 @@ def test_every_value_of_the_result_is_escaped(tmp_path: Path, result: dict[str, 
     text = report_of(tmp_path, result=result)
     assert "<b>" not in text
     assert "&lt;b&gt;" in text
+
+
+def test_the_report_tells_what_became_of_each_agent_and_why(tmp_path: Path) -> None:
+    entry = {
+        "id": 2,
+        "outcome": "blocked",
+        "reason": "no way to the target <b>",
+        "certificate_at_start": "for ever",
+        "certificate_lost": {"t_s": 12.5, "certificate": "none", "why": "new threat"},
+        "broken": [{"assumption": "new threat", "count": 3, "first_t_s": 12.5}],
+        "least_clearance_detection": {"m": 7.25, "threat": 4, "t_s": 30.0},
+        "least_clearance_attack": None,
+        "least_separation": {"m": 80.0, "agent": 1, "t_s": 31.0},
+        "entries_detection": 1,
+        "entries_attack": 0,
+    }
+    text = report_of(tmp_path, result={"agents": [entry]})
+    words = " ".join(Page(text).words)
+    assert "<b>" not in text
+    for said in (
+        "blocked",
+        "no way to the target <b>",
+        "for ever",
+        "none from 12.5 s on: new threat",
+        "new threat: 3 times from 12.5 s on",
+        "7.2 m at 30.0 s (threat 4)",
+        "80.0 m at 31.0 s (agent 1)",
+        "1 / 0",
+    ):
+        assert said in words
 
 
 def test_the_report_says_what_was_flown_and_that_it_is_kinematic(tmp_path: Path) -> None:

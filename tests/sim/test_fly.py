@@ -25,7 +25,7 @@ KEYS = [
     "seed", "law", "arrived", "targets_reached", "targets", "flight_time_s", "path_length_m", "shortest_path_m",
     "threat_entries_detection", "threat_entries_attack", "worst_depth_m", "separation_breaches", "min_separation_m",
     "steps", "guard_interventions", "turn_limited_steps", "decision_us", "broadcast_bytes", "broadcast_frames",
-    "frames_lost", "speedup",
+    "frames_lost", "speedup", "ended_early", "agents",
 ]  # fmt: skip
 Point = tuple[float, float]
 
@@ -214,6 +214,9 @@ def test_a_mission_that_cannot_be_finished_in_time_has_failed(tmp_path: Path) ->
     process = sim_fly(str(mission))
     assert process.returncode == 1
     assert "0 of 1" in process.stdout
+    last = process.stdout.splitlines()[-1]
+    assert last.startswith("agent 1: out of time: on the way to target 1, ")
+    assert "when the time was up, after 20 s" in last
 
 
 def test_the_number_of_vehicles_can_be_changed(tmp_path: Path) -> None:

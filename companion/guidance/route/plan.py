@@ -22,6 +22,17 @@ NEAREST_TRIES = 8
 LEAST_CLEARANCE = 1000.0
 """Least clearance of walls in tolerances of the scene: a wall without any width has corners that leak."""
 
+DEEP_SHARE = 0.05
+"""Depth inside a disc, as a share of its radius, from which a vehicle heads straight out of it, and below it partly."""
+DEEP_CLEARANCE = 0.5
+"""The same for a wall, as a share of its clearance."""
+MOST_CHAINS = 4
+"""Number of ways along the circles of an earlier one that are tried, the shortest first."""
+REJOIN_AT = (0, 1, 3)
+"""Circles of an earlier way that a way back to it is sought to, by their order on it."""
+REJOIN_STATES = 40
+"""Number of states after which the search for a way back gives up."""
+
 
 class Way(NamedTuple):
     """A way that a plan has found."""
@@ -63,7 +74,10 @@ class Plan:
     ) -> None:
         self.pose, self.goal = pose, goal
         self.walls = walls
-        self.obstacles = Obstacles(centres, radii_m)
+        self.everything = Obstacles(centres, radii_m)
+        """The discs and all walls, of which a place is safe outside."""
+        self.obstacles = self.everything
+        """What may not be entered on the way: those without the polygons on whose wrong side the start is."""
         self.tolerance_m = tolerance_m_of(np.abs(centres - pose.place), radii_m, goal.place - pose.place)
         self.discs = len(radii_m)
         """Number of obstacles that are discs, and no corners of walls."""
@@ -73,7 +87,7 @@ class Plan:
             self._add(walls)
 
     def _add(self, walls: WallSet) -> None:
-        discs, place = self.obstacles, self.pose.place
+        discs, place = self.everything, self.pose.place
         corner_m = np.abs(walls.corner - place)
         centre = np.concatenate((discs.centre, walls.corner))
         clearance_m = walls.given.clearance_m
@@ -82,9 +96,12 @@ class Plan:
         self.wrong_side = walls.forbidding(place, self.tolerance_m)
         clearance_m = max(clearance_m, LEAST_CLEARANCE * self.tolerance_m)
         left_out = np.isin(walls.corner_of, self.wrong_side)
-        radius_m[len(discs.radius_m) :] = np.where(left_out, 0.0, clearance_m)
-        bands = walls.bands(clearance_m, len(discs.radius_m), self.wrong_side)
-        self.obstacles = Obstacles(centre, radius_m, bands)
+        radius_m[self.discs :] = clearance_m
+        self.obstacles = self.everything = Obstacles(centre, radius_m, walls.bands(clearance_m, self.discs, []))
+        if self.wrong_side:
+            radius_m = radius_m.copy()
+            radius_m[self.discs :] = np.where(left_out, 0.0, clearance_m)
+            self.obstacles = Obstacles(centre, radius_m, walls.bands(clearance_m, self.discs, self.wrong_side))
 
     def way(self, effort: Effort) -> Generator[None, None, Way | None]:
         """Return the way to the goal, or else to the reachable point nearest to it; None if there is neither.
@@ -92,40 +109,81 @@ class Plan:
         It pauses whenever no effort is left.
         """
         tried = self._tried()
-        if self._is_allowed(self.goal):
+        beside = self._beside(effort) if len(tried) > 1 else None
+        shores = None
+        if beside is not None:
+            effort.left_us -= _shores_us(self.everything)
+            shores = Shores(self.everything, self.tolerance_m)
+        points = self._safe_points()
+        if len(points) and (beside is None or shores is None or shores.joined(beside, points).any()):
             for obstacles in tried:
                 way = yield from self._to(self.goal, True, obstacles, effort)
                 if way is not None:
                     return way
         for obstacles in tried:
-            points = yield from self._nearest(obstacles, effort)
-            for point in points:
+            if shores is None or beside is None:
+                effort.left_us -= _shores_us(obstacles)
+                nearest = yield from self._nearest(self._shores_of(obstacles), self.pose.place, effort)
+            else:
+                nearest = yield from self._nearest(shores, beside, effort)
+            for point in nearest:
                 way = yield from self._to(Aim(point), False, obstacles, effort)
                 if way is not None:
                     return way
         return None
 
-    def along(self, way: Way, via: tuple[tuple[int, int], ...]) -> Way | None:
+    def along(self, way: Way, via: tuple[tuple[int, int], ...], legs: int | None = None) -> Way | None:
         """Return the way from this plan's pose along circles, (index, side) in order; None if it is not free.
 
-        Like the earlier `way` it leads to the plan's goal or to the same point, and keeps the turn limit or not.
+        Like the earlier `way` it leads to the plan's goal or to the same point, and keeps the turn limit or not. If
+        only the vehicle has moved since that way was checked, it is enough to check the first few `legs`.
         """
-        before = way.scene
-        goal = self.goal if way.to_target else Aim(before.goal + before.pose.place)
-        pose = self.pose if before.pose.limited else self.pose._replace(turn_radius_m=0.0)
-        scene = Scene(pose, goal, self.obstacles)
-        if way.to_target and not self._is_allowed(goal):
+        scene = self._scene_like(way)
+        if way.to_target and not len(self._safe_points()):
             return None
         if scene.is_there:
             return Way(way.to_target, scene, [])
         if not way.chain:
             return None
-        for chain in chains(scene, via, way.chain[-1].side)[:2]:
-            if chain_free(scene, chain):
+        for chain in chains(scene, via, way.chain[-1].side)[:MOST_CHAINS]:
+            if chain_free(scene, chain if legs is None else chain[: legs + 1]):
                 return Way(way.to_target, scene, chain)
         return None
 
-    def way_out(self, deep_share: float, deep_clearance: float) -> tuple[float, complex] | None:
+    def rejoining(self, way: Way, via: tuple[tuple[int, int], ...], effort: Effort) -> Way | None:
+        """Return the shortest free way from this plan's pose to one of the next circles and on along the others.
+
+        It is what `along` finds if another obstacle is between the vehicle and its way. None if there is none nearby.
+        """
+        scene = self._scene_like(way)
+        circles, best = scene.circles, None
+        for index in REJOIN_AT:
+            if index >= len(via):
+                break
+            circle, side = via[index]
+            place = complex(circles.north_m[circle], circles.east_m[circle]) + self.pose.place
+            search = Search(Scene(scene.pose, Aim(place, circles.radius_m[circle], side), self.obstacles))
+            try:
+                next(search.run(REJOIN_STATES, effort))
+            except StopIteration as stop:
+                if stop.value is None:
+                    continue
+                head = Way(True, search.scene, search.chain(stop.value))
+                found = self.along(way, (*head.via, *via[index:]))
+                if found is not None and (best is None or found.length_m < best.length_m):
+                    best = found
+            else:
+                break
+        return best
+
+    def _scene_like(self, way: Way) -> Scene:
+        """Return the scene of an earlier way, with the start and the obstacles of this plan."""
+        before = way.scene
+        goal = self.goal if way.to_target else Aim(before.goal + before.pose.place)
+        pose = self.pose if before.pose.limited else self.pose._replace(turn_radius_m=0.0)
+        return Scene(pose, goal, self.obstacles)
+
+    def way_out(self) -> tuple[float, complex] | None:
         """Return the way out of what the start is deepest inside: how deep, and in which direction; None if it is free.
 
         A depth of 1 or more is deep: that share of a disc's radius, or of a wall's clearance. The direction is 0 where
@@ -135,19 +193,19 @@ class Plan:
         found = None
         depth_m = obstacles.radius_m - np.abs(obstacles.centre - place)
         if len(depth_m):
-            share = np.full(len(depth_m), deep_share)
-            share[self.discs :] = deep_clearance
+            share = np.full(len(depth_m), DEEP_SHARE)
+            share[self.discs :] = DEEP_CLEARANCE
             depth_m = np.where(depth_m > self.tolerance_m, depth_m, 0.0)
             disc = int(depth_m.argmax())
             if depth_m[disc] > 0.0:
                 found = float(depth_m[disc] / (share[disc] * obstacles.radius_m[disc])), place - obstacles.centre[disc]
         if len(bands.half_m) or self.wrong_side:
-            beside = self._way_from_wall(deep_clearance)
+            beside = self._way_from_wall()
             if beside is not None and (found is None or beside[0] > found[0]):
                 found = beside
         return found
 
-    def _way_from_wall(self, deep_clearance: float) -> tuple[float, complex] | None:
+    def _way_from_wall(self) -> tuple[float, complex] | None:
         """Return how deep the start is within the nearest wall's clearance and the direction out, as `way_out` does."""
         walls, place = self.walls, self.pose.place
         if walls is None:
@@ -168,7 +226,7 @@ class Plan:
             direction = 1j * complex(bands.ahead[band])
             if not walls.allowed(np.array([place + 2.0 * self.tolerance_m * direction]))[0]:
                 direction = -direction
-        return deep_m / (deep_clearance * float(bands.half_m[band])), direction
+        return deep_m / (DEEP_CLEARANCE * float(bands.half_m[band])), direction
 
     def _tried(self) -> list[Obstacles]:
         """Return the obstacles; then, if the start is inside some, those without them.
@@ -184,12 +242,37 @@ class Plan:
         bands = bands._replace(half_m=np.where(beside, 0.0, bands.half_m))
         return [obstacles, Obstacles(obstacles.centre, np.where(holding, 0.0, obstacles.radius_m), bands)]
 
-    def _is_allowed(self, goal: Aim) -> bool:
-        """Return whether a goal, or some of its circle, is outside all obstacles and on the right side of walls."""
-        return bool(self._are_safe(self._points(goal)).any())
+    def _beside(self, effort: Effort) -> complex | None:
+        """Return the safe point nearest to a start that is inside an obstacle; None if it is deep inside or lost.
+
+        From a little inside, that point says where one can go: shrunk obstacles may leave a gap between them.
+        """
+        found = self.way_out()
+        if self.wrong_side or (found is not None and found[0] > 1.0):
+            return None
+        effort.left_us -= _shores_us(self.everything)
+        for points in batches(nearest_points(self.pose.place, self.everything)):
+            effort.left_us -= 0.1 * len(points) * len(self.everything.centre)
+            safe = points[self._are_safe(points)]
+            if len(safe):
+                return complex(safe[0])
+        return None
+
+    def _shores_of(self, obstacles: Obstacles) -> Shores:
+        """Return the shores of obstacles that are shrunk to pass at the start."""
+        place, bands = self.pose.place, obstacles.bands
+        bands = bands._replace(half_m=np.minimum(bands.half_m, bands.distance_m(place)))
+        radius_m = np.minimum(obstacles.radius_m, np.abs(obstacles.centre - place))
+        return Shores(Obstacles(obstacles.centre, radius_m, bands), self.tolerance_m)
+
+    def _safe_points(self) -> np.ndarray:  # (P,) complex
+        """Return the goal's place, or one point of each free stretch of its circle, where that is safe."""
+        points = self._points(self.goal)
+        safe: np.ndarray = points[self._are_safe(points)]
+        return safe
 
     def _are_safe(self, points: np.ndarray) -> np.ndarray:  # (P,) complex -> (P,) bool
-        safe = free_of(points, self.obstacles, self.tolerance_m)
+        safe = free_of(points, self.everything, self.tolerance_m)
         if self.walls is not None:
             safe &= self.walls.allowed(points)
         return safe
@@ -198,9 +281,8 @@ class Plan:
         """Return the goal's place, or one point of each free stretch of its circle."""
         if not goal.radius_m:
             return np.array([goal.place])
-        entered_m = self.obstacles.radius_m - self.tolerance_m
-        covered = covered_stretches(goal.place, goal.radius_m, self.obstacles.centre, entered_m, None)
-        bands = self.obstacles.bands
+        centre, radius_m, bands = self.everything
+        covered = covered_stretches(goal.place, goal.radius_m, centre, radius_m - self.tolerance_m, None)
         covered += list(bands.stretches(goal.place, goal.radius_m, self.tolerance_m))
         ends_rad = sorted(
             (middle_rad + sign * half_rad) % math.tau for middle_rad, half_rad, _ in covered for sign in (1.0, -1.0)
@@ -210,24 +292,14 @@ class Plan:
         points: np.ndarray = goal.place + goal.radius_m * np.exp(1j * middles_rad)
         return points
 
-    def _nearest(self, obstacles: Obstacles, effort: Effort) -> Generator[None, None, list[complex]]:
-        """Return the safe points nearest to the goal that are in the start's water, nearest first."""
-        place = self.pose.place
-        shrunk = Obstacles(
-            obstacles.centre,
-            np.minimum(obstacles.radius_m, np.abs(obstacles.centre - place)),
-            obstacles.bands._replace(half_m=np.minimum(obstacles.bands.half_m, obstacles.bands.distance_m(place))),
-        )
-        effort.left_us -= _shores_us(obstacles)
-        shores = Shores(shrunk, self.tolerance_m)
-        if effort.left_us <= 0.0:
-            yield
-        effort.left_us -= _shores_us(obstacles)
+    def _nearest(self, shores: Shores, place: complex, effort: Effort) -> Generator[None, None, list[complex]]:
+        """Return the safe points nearest to the goal that are in the same water as a place, nearest first."""
+        effort.left_us -= _shores_us(self.everything)
         found: list[complex] = []
-        for points in batches(nearest_points(self.goal.place, self.obstacles)):
+        for points in batches(nearest_points(self.goal.place, self.everything)):
             if effort.left_us <= 0.0:
                 yield
-            effort.left_us -= 0.1 * len(points) * len(obstacles.centre)
+            effort.left_us -= 0.1 * len(points) * len(self.everything.centre)
             points = points[self._are_safe(points)]
             if len(points):
                 effort.left_us -= 0.02 * len(points) * shores.overlaps
@@ -261,10 +333,8 @@ class Plan:
 
     def _is_joined(self, scene: Scene) -> bool:
         """Return whether there is a way to the goal at all, without the turn limit."""
-        points = self._points(self.goal)
-        points = points[self._are_safe(points)] - scene.pose.place
         shores = Shores(Obstacles(scene.centre, scene.collide_m, scene.bands), scene.tolerance_m)
-        return bool(shores.joined(0j, points).any())
+        return bool(shores.joined(0j, self._safe_points() - scene.pose.place).any())
 
 
 def _shores_us(obstacles: Obstacles) -> float:

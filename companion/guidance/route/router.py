@@ -14,7 +14,7 @@ import cmath
 import itertools
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -28,11 +28,7 @@ from companion.guidance.route.walls import NO_WALLS, Walls, WallSet
 
 SWITCH_SHARE = 0.02
 """Share of the kept route's length that a new route on other sides of discs must save (docs/method.md section 3)."""
-DEEP_SHARE = 0.05
-"""Depth inside a disc, as a share of its radius, from which a vehicle heads straight out of it, and below it partly."""
-DEEP_CLEARANCE = 0.5
-"""The same for a wall, as a share of its clearance."""
-BASE_WORK_US = 3000.0
+BASE_WORK_US = 5000.0
 """Work of one call of a router until it pauses, in nominal microseconds, without any discs."""
 DISC_WORK_US = 60.0
 """The same for each disc and each corner of a wall."""
@@ -41,6 +37,11 @@ REPLAN_STEPS = 10
 REPLAN_SHARE = 0.05
 """Share of a disc's radius: when the disc's centre and radius together have changed by more, or the goal by more than
 this share of the least radius, a kept route is compared with a new one."""
+
+MOST_TRACKS = 4
+"""Number of questions that a router may be asked in turn."""
+CHANGED_LEGS = 5
+"""Number of lines at the beginning of a kept route that are checked again if only the vehicle has moved."""
 
 
 class Reach(Enum):
@@ -164,6 +165,7 @@ class _Memory:
 
     question: _Question
     way: Way | None
+    discs: _Discs  # that the indices of the way mean
     planned_m: float  # length of the way when it was planned
     place: complex  # of the vehicle at the last call
     flown_m: float = 0.0  # since the plan
@@ -175,7 +177,7 @@ class _Memory:
         self.place = place
         self.calls += 1
 
-    def along(self, plan: Plan, question: _Question) -> Way | None:
+    def along(self, plan: Plan, question: _Question, effort: Effort) -> Way | None:
         """Return the stored way from the present pose, None if it is not free or no longer leads to the goal."""
         way, before = self.way, self.question
         if way is None or question.walls is not before.walls:
@@ -183,15 +185,21 @@ class _Memory:
         if not way.to_target and _differ(question, before, 0.0):
             return None
         via = way.via
-        if question.discs is not before.discs:
-            old, new = before.discs.ids.tolist(), question.discs.ids.tolist()
+        if self.discs is not question.discs:
+            old, new = self.discs.ids.tolist(), question.discs.ids.tolist()
             index_of = {identity: index for index, identity in enumerate(new)}
             moved = [
                 (index_of.get(old[index]) if index < len(old) else index - len(old) + len(new), side)
                 for index, side in via
             ]
             via = tuple((index, side) for index, side in moved if index is not None)
-        return plan.along(way, via)
+        standing = question.discs is self.discs and question.goal == before.goal
+        found = plan.along(way, via, CHANGED_LEGS if standing else None)
+        if found is None and via:
+            found = plan.rejoining(way, via, effort)
+        if found is not None:
+            self.way, self.discs = found, question.discs
+        return found
 
     def is_due(self, kept: Way, plan: Plan, question: _Question, switch_share: float) -> bool:
         """Return whether the stored way must be compared with a new one.
@@ -216,22 +224,28 @@ class _Pending:
     effort: Effort
 
 
+@dataclass
+class _Track:
+    """One of the questions that a router is asked in turn, as it was asked last, and what is stored for it."""
+
+    question: _Question
+    memory: _Memory | None = None
+    pending: _Pending | None = None
+
+
 class Router:
     """Plans the route of one vehicle step by step, adapting the route chosen before where it can.
 
     Between plans it keeps only on which side each disc is passed, and computes the tangents anew. If the kept route is
     no longer free, has been left, or the scene has changed, a new one is planned, over several calls if it must. A
     route on other sides replaces the kept one only if it saves enough, so that rounding and noise do not make the
-    vehicle waver.
+    vehicle waver. A few questions may be asked in turn; each is answered by its own route.
     """
 
     def __init__(self, switch_share: float = SWITCH_SHARE) -> None:
         """Keep a route unless another one saves more than `switch_share` of its length."""
         self._switch_share = switch_share
-        self._memory: _Memory | None = None
-        self._pending: _Pending | None = None
-        self._discs: _Discs | None = None
-        self._walls: WallSet | None = None
+        self._tracks: list[_Track] = []  # the last one asked for first
 
     def route(
         self,
@@ -249,22 +263,21 @@ class Router:
         (`Reach.PLANNING`). Raises ValueError as `shortest_route` does.
         """
         pose, aim = _pose(departure), _aim(goal)
-        discs = self._discs = self._known_discs(centres_ned_m, radii_m, ids)
-        if self._walls is None or self._walls.given != walls:
-            self._walls = WallSet(walls)
-        question = _Question(aim, discs, self._walls if walls != NO_WALLS else None)
-        plan = Plan(pose, aim, discs.centres, discs.radii_m, question.walls)
+        question = _Question(aim, self._known_discs(centres_ned_m, radii_m, ids), self._known_walls(walls))
+        track = self._track(question)
+        plan = Plan(pose, aim, question.discs.centres, question.discs.radii_m, question.walls)
         kept = None
-        memory = self._memory
+        effort = Effort(BASE_WORK_US + DISC_WORK_US * len(plan.obstacles.centre))
+        memory = track.memory
         if memory is not None:
             memory.step(pose.place)
             if memory.way is None and memory.calls < REPLAN_STEPS and not _differ(question, memory.question, 0.0):
                 return _as_route(plan, None)
-            kept = memory.along(plan, question)
+            kept = memory.along(plan, question, effort)
             if kept is not None and not memory.is_due(kept, plan, question, self._switch_share):
-                self._pending = None
+                track.pending = None
                 return _as_route(plan, kept)
-        done, way = self._planned(plan, question)
+        done, way = _planned(track, plan, effort.left_us)
         if not done:
             if kept is not None:
                 return _as_route(plan, kept)
@@ -272,50 +285,74 @@ class Router:
         if kept is not None and way is not None and way.to_target is kept.to_target:
             if kept.length_m - way.length_m <= self._switch_share * kept.length_m:
                 way = kept
-        self._memory = _Memory(question, way, 0.0 if way is None else way.length_m, pose.place)
+        track.memory = _Memory(question, way, question.discs, 0.0 if way is None else way.length_m, pose.place)
         return _as_route(plan, way)
 
-    def _planned(self, plan: Plan, question: _Question) -> tuple[bool, Way | None]:
-        """Return whether a plan is made, and its way (None: there is none); makes as much of it as one call may.
+    def _track(self, question: _Question) -> _Track:
+        """Return the track of a question that hardly differs, or a new one that knows the last way of the last one."""
+        for index, track in enumerate(self._tracks):
+            if not _differ(question, track.question, REPLAN_SHARE):
+                del self._tracks[index]
+                track.question = question
+                break
+        else:
+            before = self._tracks[0].memory if self._tracks else None
+            track = _Track(question, None if before is None else replace(before))
+        self._tracks = [track, *self._tracks[: MOST_TRACKS - 1]]
+        return track
 
-        A plan that was begun at an earlier call is the answer if its way is free from where the vehicle is now.
-        """
-        left_us = BASE_WORK_US + DISC_WORK_US * len(plan.obstacles.centre)
-        pending = self._pending
-        while left_us > 0.0:
-            if pending is None or _differ(question, pending.question, REPLAN_SHARE):
-                effort = Effort()
-                pending = _Pending(question, plan, plan.way(effort), effort)
-            pending.effort.left_us = left_us
-            try:
-                next(pending.work)
-            except StopIteration as stop:
-                self._pending = None
-                way: Way | None = stop.value
-                if pending.plan is plan or way is None:
-                    return True, way
-                memory = _Memory(pending.question, way, 0.0, plan.pose.place)
-                again = memory.along(plan, question)
-                if again is not None:
-                    return True, again
-                left_us, pending = pending.effort.left_us, None
-            else:
-                self._pending = pending
-                return False, None
-        return False, None
+    def _known_walls(self, walls: Walls) -> WallSet | None:
+        """Return the walls prepared, those of an earlier call if they are the same; None if there are none."""
+        if walls == NO_WALLS:
+            return None
+        for track in self._tracks:
+            known = track.question.walls
+            if known is not None and known.given == walls:
+                return known
+        return WallSet(walls)
 
     def _known_discs(self, centres_ned_m: np.ndarray, radii_m: np.ndarray, ids: np.ndarray) -> _Discs:
-        """Return the checked discs, those of the last call if the input has not changed."""
+        """Return the checked discs, those of an earlier call if the input is the same."""
         table_m, radii_m = np.asarray(centres_ned_m, dtype=float), np.asarray(radii_m, dtype=float)
         ids = np.asarray(ids)
         if ids.shape != radii_m.shape:
             raise ValueError(f"{len(radii_m)} discs, but ids of shape {ids.shape}")
         given = table_m.tobytes(), radii_m.tobytes(), ids.tobytes()
-        if self._discs is not None and self._discs.given == given:
-            return self._discs
+        for track in self._tracks:
+            if track.question.discs.given == given:
+                return track.question.discs
         centres, radii_m = _checked(table_m, radii_m)
         # The caller may write to its arrays, of which the centres are a view.
         return _Discs(given, ids.copy(), centres.copy(), radii_m)
+
+
+def _planned(track: _Track, plan: Plan, left_us: float) -> tuple[bool, Way | None]:
+    """Return whether a plan is made, and its way (None: there is none); makes as much of it as one call may.
+
+    A plan that was begun at an earlier call is the answer if its way is free from where the vehicle is now.
+    """
+    question, pending = track.question, track.pending
+    while left_us > 0.0:
+        if pending is None or _differ(question, pending.question, REPLAN_SHARE):
+            effort = Effort()
+            pending = _Pending(question, plan, plan.way(effort), effort)
+        pending.effort.left_us = left_us
+        track.pending = pending
+        try:
+            next(pending.work)
+        except StopIteration as stop:
+            track.pending = None
+            way: Way | None = stop.value
+            if pending.plan is plan or way is None:
+                return True, way
+            memory = _Memory(pending.question, way, pending.question.discs, 0.0, plan.pose.place)
+            again = memory.along(plan, question, pending.effort)
+            if again is not None:
+                return True, again
+            left_us, pending = pending.effort.left_us, None
+        else:
+            return False, None
+    return False, None
 
 
 def _as_route(plan: Plan, way: Way | None) -> Route:
@@ -364,7 +401,7 @@ def _outwards(plan: Plan, heading_rad: float, turn: int) -> tuple[float, int]:
     The deeper the start is inside, the more directly the direction leads outwards: a vehicle slightly inside leaves
     gradually along its route instead of zigzagging, and one deep inside leaves by the shortest way.
     """
-    found = plan.way_out(DEEP_SHARE, DEEP_CLEARANCE)
+    found = plan.way_out()
     if found is None:
         return heading_rad, turn
     deep, direction = found
@@ -383,14 +420,14 @@ def _pair(place: complex) -> tuple[float, float]:
 def _aim(goal: Goal | Sequence[float] | np.ndarray) -> Aim:
     position_ned_m, radius_m = goal if isinstance(goal, Goal) else (goal, 0.0)
     _check_finite(*position_ned_m, radius_m)
-    return Aim(complex(*position_ned_m), max(radius_m, 0.0))
+    return Aim(complex(*position_ned_m), float(max(radius_m, 0.0)))
 
 
 def _pose(departure: Departure) -> Pose:
     position_ned_m, heading_rad, turn_radius_m = departure
     _check_finite(*position_ned_m, heading_rad or 0.0, turn_radius_m)
     limited = heading_rad is not None and turn_radius_m > 0.0
-    return Pose(complex(*position_ned_m), heading_rad or 0.0, turn_radius_m if limited else 0.0)
+    return Pose(complex(*position_ned_m), float(heading_rad or 0.0), float(turn_radius_m) if limited else 0.0)
 
 
 def _check_finite(*numbers: float) -> None:

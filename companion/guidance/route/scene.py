@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +54,7 @@ class Aim(NamedTuple):
 
     place: complex  # north + i east, m
     radius_m: float = 0.0
+    side: int = 0  # on which the circle is flown: 1 clockwise, -1 counterclockwise, 0 as is shorter
 
 
 class Pose(NamedTuple):
@@ -88,6 +90,8 @@ class _Circles:
         self.goal_node = len(arc_m)
         self.right_node, self.left_node = self.goal_node + 1, self.goal_node + 2
         self.first_band = self.goal_node + 3
+        # The sides on which a way may arrive at the goal: of its own choice if it is a circle, 1 if it is a place.
+        self.goal_sides = (goal.side,) if goal.side else (1, -1) if goal.radius_m else (1,)
         self._tolerance_m = tolerance_m
 
     def tangent(self, circle: int, side: int, to: int, to_side: int) -> tuple[float, float] | None:
@@ -141,13 +145,16 @@ class Scene:
         entered_m = np.maximum(self.collide_m - self.tolerance_m, 0.0)
         self.entered_m2 = entered_m * entered_m
         self.bands = NO_BANDS
+        self.edges: list[tuple[complex, complex]] = []  # beginning and length of each band's middle, m
         if len(obstacles.bands.half_m):
             self.bands = self._shrunk(obstacles.bands, goal)
+            edge = self.bands.length_m * self.bands.ahead
+            self.edges = list(zip(self.bands.begin.tolist(), edge.tolist(), strict=True))
         goal_radius_m = goal.radius_m
         if goal_radius_m > abs(self.goal):
             # From inside a circle no path ends on it; it ends on a smaller one about the same place.
             goal_radius_m = max(abs(self.goal), min(goal_radius_m, turn_radius_m))
-        aim = Aim(self.goal, goal_radius_m)
+        aim = Aim(self.goal, goal_radius_m, goal.side)
         self.circles = _Circles(self.centre, arc_m, aim, pose, self.tolerance_m)
         self._covers: dict[int, list[tuple[float, float, int]]] = {}
 
@@ -189,27 +196,48 @@ class Scene:
         """Whether the start is at the goal."""
         return abs(self.goal) <= self.tolerance_m and not self.circles.radius_m[self.circles.goal_node]
 
-    @property
-    def goal_sides(self) -> tuple[int, ...]:
-        """The sides on which a way may arrive at the goal: both if it is a circle, and 1 if it is a place."""
-        return (1, -1) if self.circles.radius_m[self.circles.goal_node] else (1,)
-
-    def blockers(self, begins: list[complex], headings_rad: list[float], lengths_m: list[float]) -> list[list[int]]:
-        """Return for each segment, given by its beginning, heading and length, the discs and bands that it enters."""
-        begin, ahead = np.array(begins)[:, np.newaxis], np.exp(1j * np.array(headings_rad))[:, np.newaxis]
-        length_m = np.array(lengths_m)[:, np.newaxis]
-        offset = (self.centre - begin) * ahead.conj()
+    def blockers(self, north_m: float, east_m: float, heading_rad: float, length_m: float) -> np.ndarray:
+        """Return the indices of the discs and bands that a segment enters."""
+        unit = complex(math.cos(heading_rad), -math.sin(heading_rad))
+        begin = complex(north_m, east_m)
+        offset = (self.centre - begin) * unit
         along_m, aside_m = offset.real, offset.imag
         beyond_m = along_m - np.minimum(np.maximum(along_m, 0.0), length_m)
-        entered = beyond_m * beyond_m + aside_m * aside_m < self.entered_m2
-        found: list[list[int]] = [[] for _ in begins]
-        for row, disc in zip(*(axis.tolist() for axis in entered.nonzero()), strict=True):
-            found[row].append(disc)
+        entered: np.ndarray = (beyond_m * beyond_m + aside_m * aside_m < self.entered_m2).nonzero()[0]
         if len(self.bands.half_m):
-            crossed = self.bands.entered(begin, begin + length_m * ahead, self.tolerance_m)
-            for row, band in zip(*(axis.tolist() for axis in crossed.nonzero()), strict=True):
-                found[row].append(self.circles.first_band + band)
-        return found
+            end = np.array(begin + length_m * unit.conjugate())
+            crossed = self.bands.entered(np.array(begin), end, self.tolerance_m).nonzero()[0]
+            entered = np.concatenate((entered, crossed + self.circles.first_band))
+        return entered
+
+    def enters_any(self, segment: tuple[float, float, float, float], suspects: Iterable[int]) -> bool:
+        """Return whether a segment enters a disc or crosses the middle of a band of a few; all with their indices.
+
+        The segment is given by its beginning in m, its heading in rad and its length in m.
+        """
+        begin_north_m, begin_east_m, heading_rad, length_m = segment
+        ahead_north, ahead_east = math.cos(heading_rad), math.sin(heading_rad)
+        first_band = self.circles.first_band
+        for suspect in suspects:
+            if suspect >= first_band:
+                begin, edge = self.edges[suspect - first_band]
+                north_m, east_m = begin.real - begin_north_m, begin.imag - begin_east_m
+                aside_m = east_m * ahead_north - north_m * ahead_east
+                change_m = edge.imag * ahead_north - edge.real * ahead_east
+                if aside_m * (aside_m + change_m) < 0.0:
+                    share = -aside_m / change_m
+                    along_m = (north_m + share * edge.real) * ahead_north + (east_m + share * edge.imag) * ahead_east
+                    if 0.0 < along_m < length_m:
+                        return True
+                continue
+            north_m = self.circles.north_m[suspect] - begin_north_m
+            east_m = self.circles.east_m[suspect] - begin_east_m
+            aside_m = east_m * ahead_north - north_m * ahead_east
+            if aside_m * aside_m < self.entered_m2[suspect]:
+                along_m = north_m * ahead_north + east_m * ahead_east
+                if 0.0 < along_m < length_m:
+                    return True
+        return False
 
     def covered(self, circle: int) -> list[tuple[float, float, int]]:
         """Return the covered stretches of a circle: middle and half width in radians, and what covers it."""

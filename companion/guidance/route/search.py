@@ -12,10 +12,15 @@ import numpy as np
 
 from companion.guidance.route.scene import FULL_TURN_RAD, HALF_PI, NO_PARENT, NOTHING, Scene, State, sweep_rad_of
 
-FEW = 16
+FEW = 32
 """Number of candidates up to which a loop over them is faster than arrays."""
-AHEAD = 12
-"""Number of further candidates of a state whose segments are checked together with one that is on top of the queue."""
+SHADES = 24
+"""Number of known discs nearest to a circle that are asked at once whether they block its candidates."""
+SUSPECTS = 4
+"""Number of obstacles that a circle remembers to have been in the way of segments from or to it."""
+
+MOST_PASSED = 3
+"""Greatest number of circles that a vehicle can pass in one step of guidance."""
 
 
 class Effort:
@@ -42,7 +47,8 @@ class Search:
         self._discs: list[int] = []
         self._known = [False] * (scene.circles.first_band + len(scene.bands.half_m))
         self._on: dict[tuple[int, int], list[State]] = {}
-        self._blockers: dict[tuple[int, int, int, int], list[int]] = {}
+        self._free: dict[tuple[int, int, int, int], bool] = {}
+        self._suspects: dict[int, list[int]] = {}
         self._columns = _Columns(scene)
         for state in scene.starts():
             if scene.pose.limited:
@@ -57,7 +63,6 @@ class Search:
         `run` may be called again with a higher limit.
         """
         scene, goal_node = self.scene, self.scene.circles.goal_node
-        check_us = 20.0 + 0.02 * len(scene.centre)
         while self._open and len(self.states) < max_states:
             if effort.left_us <= 0.0:
                 yield
@@ -72,12 +77,7 @@ class Search:
             angle_rad = heading_rad - side * HALF_PI
             if to != goal_node and self._dominated(to, side, angle_rad, length_m):
                 continue
-            key = (begin.circle, begin.side, to, side)
-            if key not in self._blockers:
-                effort.left_us -= check_us
-                self._check([(parent, to, side, heading_rad, segment_m), *(c[2:] for c in others[-AHEAD:])])
-            if self._blockers[key]:
-                effort.left_us -= sum(self._take_in(blocker) for blocker in self._blockers[key])
+            if not self._segment_free(begin, (to, side), heading_rad, segment_m, effort):
                 continue
             if to == goal_node:
                 self.states.append(State(length_m, to, side, angle_rad, 0.0, NOTHING, parent, heading_rad, segment_m))
@@ -106,7 +106,7 @@ class Search:
         self._columns.add(index, state)
         self._on.setdefault((state.circle, state.side), []).append(state)
         goal_node = self.scene.circles.goal_node
-        for side in self.scene.goal_sides:
+        for side in self.scene.circles.goal_sides:
             self._push(index, state, goal_node, side)
         if 2 * len(self._discs) > FEW:
             discs = np.array(self._discs)
@@ -121,7 +121,7 @@ class Search:
         """Add a disc, or the discs about both ends of a band, to the graph; return the work that this took, in us."""
         if self._known[blocker]:
             return 0.0
-        self._known[blocker] = True
+        self._known[blocker] = self._columns.known[blocker] = True
         first_band = self.scene.circles.first_band
         if blocker >= first_band:
             bands = self.scene.bands
@@ -159,10 +159,10 @@ class Search:
 
         Only the best of them enters the queue; each is replaced by the next when it leaves it.
         """
-        found = self._columns.candidates(states, discs, np.array(self._known))
+        found = self._columns.candidates(states, discs, np.array(self._discs))
         if found:
             heapq.heappush(self._open, (*found.pop(), found))
-        return 90.0 + 0.6 * (len(states) + len(discs))
+        return 150.0 + 1.5 * (len(states) + len(discs))
 
     def _dominated(self, circle: int, side: int, angle_rad: float, length_m: float) -> bool:
         """Return whether an earlier way on the same circle can reach this angle along it without being longer."""
@@ -175,25 +175,38 @@ class Search:
                 return True
         return False
 
-    def _check(self, candidates: list[tuple[int, int, int, float, float]]) -> None:
-        """Find what the segments of candidates enter: state, circle, side, heading (rad) and length (m) of each.
+    def _segment_free(
+        self, state: State, to: tuple[int, int], heading_rad: float, segment_m: float, effort: Effort
+    ) -> bool:
+        """Return whether a segment from a state to a circle, (index, side), is free; take in what is in its way.
 
-        Those known already are left out. A segment flown the other way enters the same.
+        Most segments that are not are blocked by what blocked others from or to the same circles.
         """
+        circle, side = state.circle, state.side
+        key = (circle, side, *to)
+        free = self._free.get(key)
+        if free is not None:
+            return free
         circles = self.scene.circles
-        keys, begins, headings, lengths = [], [], [], []
-        for parent, to, side, heading_rad, segment_m in candidates:
-            state = self.states[parent]
-            key = (state.circle, state.side, to, side)
-            if key not in self._blockers:
-                keys.append(key)
-                place = complex(circles.north_m[state.circle], circles.east_m[state.circle])
-                begins.append(place + cmath.rect(circles.radius_m[state.circle], heading_rad - state.side * HALF_PI))
-                headings.append(heading_rad)
-                lengths.append(segment_m)
-        for key, blockers in zip(keys, self.scene.blockers(begins, headings, lengths), strict=True):
-            circle, side, to, to_side = key
-            self._blockers[key] = self._blockers[to, -to_side, circle, -side] = blockers
+        reach_m = side * circles.radius_m[circle]
+        north_m = circles.north_m[circle] + reach_m * math.sin(heading_rad)
+        east_m = circles.east_m[circle] - reach_m * math.cos(heading_rad)
+        suspects = self._suspects.setdefault(circle, []), self._suspects.setdefault(to[0], [])
+        effort.left_us -= 8.0
+        free = not self.scene.enters_any((north_m, east_m, heading_rad, segment_m), itertools.chain(*suspects))
+        if free:
+            blockers = self.scene.blockers(north_m, east_m, heading_rad, segment_m)
+            effort.left_us -= 15.0 + 0.02 * len(self._known)
+            free = not len(blockers)
+            for blocker in blockers.tolist():
+                effort.left_us -= self._take_in(blocker)
+                for known in suspects:
+                    if blocker not in known:
+                        known.insert(0, blocker)
+                        del known[SUSPECTS:]
+        # Flown the other way it enters the same.
+        self._free[key] = self._free[to[0], -to[1], circle, -side] = free
+        return free
 
 
 class _Columns:
@@ -202,6 +215,7 @@ class _Columns:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._circles: np.ndarray | None = None  # (3, C): north, east and radius of each circle, m
+        self.known = np.zeros(scene.circles.first_band + len(scene.bands.half_m), dtype=bool)  # what was taken in
         self._states = np.zeros((6, 64))  # length, circle, side, angle, free sweep and blocker of each state
 
     def add(self, index: int, state: State) -> None:
@@ -210,10 +224,11 @@ class _Columns:
             self._states = np.concatenate((self._states, np.zeros_like(self._states)), axis=1)
         self._states[:, index] = state[:6]
 
-    def candidates(self, states: np.ndarray, discs: np.ndarray, known: np.ndarray) -> list[_Candidate]:
+    def candidates(self, states: np.ndarray, discs: np.ndarray, all_discs: np.ndarray) -> list[_Candidate]:
         """Return the candidates from states (S,) to both sides of discs (D,), S or D being 1, the best one last.
 
-        Ways along arcs that one of the `known` obstacles covers are left out.
+        Ways that known obstacles block are left out: along an arc that one covers, or by a segment that enters one of
+        those of all discs of the graph, `all_discs`, that are nearest to the one circle that the candidates share.
         """
         scene, circles = self._scene, self._scene.circles
         if self._circles is None:
@@ -232,49 +247,65 @@ class _Columns:
         heading_rad = np.arctan2(offset_east_m, offset_north_m) - np.arctan2(across_m, along_m)
         sweep_rad = (side * (heading_rad - angle_rad) - HALF_PI) % math.tau
         sweep_rad[sweep_rad > math.tau - FULL_TURN_RAD] = 0.0
-        exists &= (sweep_rad <= free_rad) | ~known[blocker.astype(int)]
+        exists &= (sweep_rad <= free_rad) | ~self.known[blocker.astype(int)]
         length_m = from_m + radius_m * sweep_rad + along_m
-        rest_m = np.hypot(
-            to_north_m + reach_m * np.sin(heading_rad) - scene.goal.real,
-            to_east_m - reach_m * np.cos(heading_rad) - scene.goal.imag,
-        )
+        sine, cosine = np.sin(heading_rad), np.cos(heading_rad)
+        ends_m = np.array((to_north_m + reach_m * sine, to_east_m - reach_m * cosine))
+        pivot = int(discs[0]) if len(states) > 1 else int(circle[0])
+        exists &= ~self._shaded(pivot, all_discs, ends_m, (sine, cosine), along_m)
+        rest_m = np.hypot(ends_m[0] - scene.goal.real, ends_m[1] - scene.goal.imag)
         bound_m = length_m + np.abs(rest_m - circles.radius_m[circles.goal_node])
-        row, column = exists.nonzero()
-        order = np.argsort(-bound_m[row, column], kind="stable")
-        row, column = row[order], column[order]
-        return list(
-            zip(
-                bound_m[row, column].tolist(),
-                length_m[row, column].tolist(),
-                (states[column] if len(states) > 1 else np.broadcast_to(states, column.shape)).tolist(),
-                (discs[column] if len(discs) > 1 else np.broadcast_to(discs, column.shape)).tolist(),
-                np.where(row == 0, 1, -1).tolist(),
-                heading_rad[row, column].tolist(),
-                along_m[row, column].tolist(),
-                strict=True,
-            )
-        )
+        kept = np.flatnonzero(exists)
+        kept = kept[np.argsort(-bound_m.ravel()[kept], kind="stable")]
+        column = kept % bound_m.shape[1]
+        from_states = states[column].tolist() if len(states) > 1 else states.tolist() * len(kept)
+        to_discs = discs[column].tolist() if len(discs) > 1 else discs.tolist() * len(kept)
+        sides = np.where(kept < bound_m.shape[1], 1, -1).tolist()
+        columns = [array.ravel()[kept].tolist() for array in (bound_m, length_m, heading_rad, along_m)]
+        return list(zip(columns[0], columns[1], from_states, to_discs, sides, columns[2], columns[3], strict=True))
+
+    def _shaded(
+        self,
+        pivot: int,
+        discs: np.ndarray,  # (D,) int
+        ends_m: np.ndarray,  # (2, 2, C) m, north and east
+        sine_cosine: tuple[np.ndarray, np.ndarray],  # of the headings, (2, C) each
+        along_m: np.ndarray,  # (2, C) m, lengths
+    ) -> np.ndarray:  # (2, C) bool
+        """Return which segments enter one of the discs nearest to a circle."""
+        assert self._circles is not None
+        north_m, east_m, _ = self._circles[:, discs]
+        if len(discs) > SHADES:
+            apart_m2 = (north_m - self._circles[0, pivot]) ** 2 + (east_m - self._circles[1, pivot]) ** 2
+            nearest = np.argpartition(apart_m2, SHADES)[:SHADES]
+            discs, north_m, east_m = discs[nearest], north_m[nearest], east_m[nearest]
+        sine, cosine = (column[..., np.newaxis] for column in sine_cosine)
+        back_north_m, back_east_m = ends_m[0, ..., np.newaxis] - north_m, ends_m[1, ..., np.newaxis] - east_m
+        aside_m = back_north_m * sine - back_east_m * cosine
+        before_m = back_north_m * cosine + back_east_m * sine  # how far before the end the disc is passed
+        enters = aside_m * aside_m < self._scene.entered_m2[discs]
+        enters &= (before_m > 0.0) & (before_m < along_m[..., np.newaxis])
+        found: np.ndarray = enters.any(axis=-1)
+        return found
 
 
 def chains(scene: Scene, via: tuple[tuple[int, int], ...], end_side: int) -> list[list[State]]:
     """Return the ways along given circles, (index, side) in order, from each start to the goal, shortest first.
 
-    `end_side` is the side of the goal's circle that they end on, 1 where the goal is a place.
-
-    Where the first circle may have been passed already, the way without it is among them.
+    `end_side` is the side of the goal's circle that they end on, 1 where the goal is a place. Where the first circles
+    may have been passed already, the ways without them are among them.
     """
     nodes = [*via, (scene.circles.goal_node, end_side)]
     between = [scene.circles.tangent(*first, *second) for first, second in itertools.pairwise(nodes)]
     ways = []
     for start in scene.starts():
-        whole = _chain(scene, start, nodes, between)
-        if whole is not None:
-            ways.append(whole)
-        # A first disc that would be gone around by more than half has most likely been passed.
-        if via and (whole is None or _arc_rad(whole, via[0]) > math.pi):
-            less = _chain(scene, start, nodes[1:], between[1:])
-            if less is not None:
-                ways.append(less)
+        for passed in range(min(len(via), MOST_PASSED) + 1):
+            chain = _chain(scene, start, nodes[passed:], between[passed:])
+            if chain is not None:
+                ways.append(chain)
+            # A first disc that would be gone around by more than half has most likely been passed.
+            if passed < len(via) and chain is not None and _arc_rad(chain, via[passed]) <= math.pi:
+                break
     return sorted(ways, key=_length_m)
 
 

@@ -132,10 +132,9 @@ class WallSet:
         polygons = [_corners(polygon) for polygon in (walls.fence, *walls.exclusions)]
         if not (math.isfinite(walls.clearance_m) and all(np.isfinite(polygon).all() for polygon in polygons)):
             raise ValueError("corners of walls and their clearance must be finite")
-        self._polygons = polygons
         self.count = len(polygons)
         self.corner = np.concatenate([*polygons, np.zeros(0, complex)])
-        self.corner_of = np.repeat(np.arange(len(polygons)), [len(polygon) for polygon in polygons])
+        self.corner_of = np.repeat(np.arange(self.count), [len(polygon) for polygon in polygons])
         first, second, begin = [], [], 0
         for polygon in polygons:
             count = len(polygon)
@@ -143,35 +142,48 @@ class WallSet:
             first += [begin + index for index in range(edges)]
             second += [begin + (index + 1) % count for index in range(edges)]
             begin += count
-        self._first, self._second = np.array(first, dtype=int), np.array(second, dtype=int)
+        from_corner, to_corner = np.array(first, dtype=int), np.array(second, dtype=int)
+        along = self.corner[to_corner] - self.corner[from_corner]
+        length_m = np.abs(along)
+        self._edges = Bands(
+            self.corner[from_corner], along / length_m, length_m, np.zeros(len(along)), from_corner, to_corner
+        )
+        # What has no area has no inside; the column of a polygon tells which edges are its own.
+        area = np.array([len(polygon) > 2 for polygon in polygons])
+        self._own = ((self.corner_of[from_corner][:, np.newaxis] == np.arange(self.count)) & area).astype(int)
+        self._wanted = (np.arange(self.count) == 0) & area
 
     def bands(self, half_m: float, from_index: int, without: list[int]) -> Bands:
         """Return the bands of all polygons but some; their corners have the indices from `from_index` on."""
-        kept = ~np.isin(self.corner_of[self._first], without) if without else slice(None)
-        first, second = self._first[kept], self._second[kept]
-        begin = self.corner[first]
-        along = self.corner[second] - begin
-        length_m = np.abs(along)
-        half = np.full(len(begin), half_m)
-        return Bands(begin, along / length_m, length_m, half, first + from_index, second + from_index)
+        edges = self._edges
+        if without:
+            edges = edges.take(~np.isin(self.corner_of[edges.first], without))
+        return edges._replace(
+            half_m=np.full(len(edges.half_m), half_m), first=edges.first + from_index, second=edges.second + from_index
+        )
 
     def forbidding(self, point: complex, tolerance_m: float) -> list[int]:
         """Return the indices of the polygons on whose wrong side a point is: outside the fence, inside an exclusion."""
-        found = []
-        for index, polygon in enumerate(self._polygons):
-            if len(polygon) < 3:
-                continue
-            fence = index == 0
-            if bool(_inside(np.array([point]), polygon)[0]) != fence and _apart_m(point, polygon) > tolerance_m:
-                found.append(index)
+        wrong = self._inside(np.array([point]))[0] != self._wanted
+        if not np.count_nonzero(wrong):
+            return []
+        apart_m = np.where(self._own > 0, self._edges.distance_m(point)[:, np.newaxis], math.inf).min(axis=0)
+        found: list[int] = (wrong & (apart_m > tolerance_m)).nonzero()[0].tolist()
         return found
 
     def allowed(self, points: np.ndarray) -> np.ndarray:  # (P,) complex -> (P,) bool
         """Return which points are inside the fence and outside all exclusions."""
-        found = np.ones(len(points), dtype=bool)
-        for index, polygon in enumerate(self._polygons):
-            if len(polygon) >= 3:
-                found &= _inside(points, polygon) == (index == 0)
+        found: np.ndarray = ~(self._inside(points) != self._wanted).any(axis=1)
+        return found
+
+    def _inside(self, points: np.ndarray) -> np.ndarray:  # (P,) complex -> (P, polygons) bool
+        """Return which points an even-odd count of the edges north of them puts inside each polygon."""
+        begin = self.corner[self._edges.first] - points[:, np.newaxis]
+        end = self.corner[self._edges.second] - points[:, np.newaxis]
+        straddles = (begin.imag > 0.0) != (end.imag > 0.0)
+        across_m = np.where(straddles, end.imag - begin.imag, 1.0)
+        north_m = begin.real - begin.imag * (end.real - begin.real) / across_m
+        found: np.ndarray = (straddles & (north_m > 0.0)) @ self._own % 2 == 1
         return found
 
 
@@ -180,22 +192,6 @@ def _corners(polygon: Polygon) -> np.ndarray:  # (V,) complex
     table = np.array(polygon, dtype=float).reshape(-1, 2)
     places = table[:, 0] + 1j * table[:, 1]
     return places[places != np.roll(places, 1)] if len(set(places.tolist())) > 1 else places[:1]
-
-
-def _inside(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:  # (P,) complex, (V,) complex -> (P,) bool
-    """Return which points an even-odd count of the edges north of them puts inside a polygon."""
-    begin, end = polygon - points[:, np.newaxis], np.roll(polygon, -1) - points[:, np.newaxis]
-    straddles = (begin.imag > 0.0) != (end.imag > 0.0)
-    across_m = np.where(straddles, end.imag - begin.imag, 1.0)
-    north_m = begin.real - begin.imag * (end.real - begin.real) / across_m
-    found: np.ndarray = np.count_nonzero(straddles & (north_m > 0.0), axis=1) % 2 == 1
-    return found
-
-
-def _apart_m(point: complex, polygon: np.ndarray) -> float:
-    along = np.roll(polygon, -1) - polygon
-    share = ((point - polygon) * along.conj()).real / np.abs(along) ** 2
-    return float(np.abs(point - polygon - np.clip(share, 0.0, 1.0) * along).min())
 
 
 def _in_rectangle(

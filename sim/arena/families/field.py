@@ -9,7 +9,7 @@ disc. Whether a mission is feasible is for the planner to say (`sim.arena.planne
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,8 +47,6 @@ RANGE_M = 1.0e8
 LEAST_LENGTH_M = 300.0
 TURNS_AHEAD = 12.0
 """Least length of the way, in turn radii: with less no scene has room for a turn."""
-GREATEST_STEPS = 1_500
-"""Guidance steps after which a flight ends at the latest."""
 CIRCLES = 8.0
 """Turning circles that the time limit allows for beside the way."""
 HEARD = 1e-3
@@ -57,6 +55,13 @@ LOSSES = {"clear": 0.0, "loss30": 0.3, "loss60": 0.6, "loss90": 0.9, "burst": 0.
 """Share of frames lost, by the name of a link; `burst` loses in bursts."""
 FIELD_COUNT = 15
 """Missions of each family of the field in a full arena."""
+
+LONG_SCENES = ("crowd", "rooms")
+"""Scenes of hundreds of discs, whose flights and plans take seconds."""
+SMALL_LENGTH_STEPS = (20.0, 60.0)
+SMALL_STEPS = 250
+SMALL_FLEET = 3
+"""Bounds of small missions: length in guidance steps, steps at the most, agents at the most."""
 DRAWS = 40
 """Draws of one scene, or of a fleet's places in it, before another vehicle is drawn."""
 
@@ -69,7 +74,9 @@ class Recipe:
     speeds_m_s: tuple[float, float] = (3.0, 250.0)
     steps_s: tuple[float, ...] = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
     length_steps: tuple[float, float] = (60.0, 250.0)
-    """Length of the straight line in guidance steps."""
+    """Length of the straight line in guidance steps, if it is that of TURNS_AHEAD turns at least."""
+    greatest_steps: int = 1_500
+    """Guidance steps after which a flight ends at the latest."""
     areas_m: tuple[float, float] = (500.0, 2 * MAX_COORDINATE_M)
     """Side of the square in which the scene lies; at least the scene's own."""
     movers: tuple[int, int] = (0, 0)
@@ -79,6 +86,16 @@ class Recipe:
     """Speed of the threats that move, as a share of the agent's."""
     links: tuple[str, ...] = ("clear",)
     agents: tuple[int, int] = (1, 1)
+
+    def small(self) -> Recipe:
+        """Return the recipe for missions that are flown in a fraction of a second."""
+        return replace(
+            self,
+            scenes=tuple(scene for scene in self.scenes if scene not in LONG_SCENES),
+            length_steps=SMALL_LENGTH_STEPS,
+            greatest_steps=SMALL_STEPS,
+            agents=(self.agents[0], min(self.agents[1], SMALL_FLEET)),
+        )
 
 
 class _Vehicle(NamedTuple):
@@ -133,7 +150,7 @@ def drawn(generator: np.random.Generator, name: str, recipe: Recipe) -> Mission:
     way_s = scene.way_m / vehicle.speed_m_s
     air = _air(generator, str(generator.choice(recipe.links)), math.ceil(max(1, len(threats)) / 4), way_s)
     limit_s = way_s + CIRCLES * math.tau * vehicle.turn_m / vehicle.speed_m_s + air.wait_s
-    parts = _Parts(vehicle, team, air, scene, threats, min(limit_s, GREATEST_STEPS * vehicle.step_s))
+    parts = _Parts(vehicle, team, air, scene, threats, min(limit_s, recipe.greatest_steps * vehicle.step_s))
     return _mission(generator, f"{name}-{kind}", parts)
 
 
@@ -145,7 +162,9 @@ def _vehicle(generator: np.random.Generator, recipe: Recipe) -> _Vehicle:
     step_s = float(generator.choice(recipe.steps_s))
     parts = int(generator.choice([1, 1, 2, 5]))
     speed_m_s = _log_uniform(generator, recipe.speeds_m_s)
-    n_max = _log_uniform(generator, LOAD_FACTORS)
+    # A vehicle that turns wider than this does not fly TURNS_AHEAD turns in the length's steps.
+    least = TURNS_AHEAD * speed_m_s / (GRAVITY_M_S2 * recipe.length_steps[1] * step_s)
+    n_max = _log_uniform(generator, (min(max(LOAD_FACTORS[0], least), LOAD_FACTORS[1]), LOAD_FACTORS[1]))
     return _Vehicle(rounded(speed_m_s, 2), rounded(n_max, 4), step_s, step_s / parts)
 
 

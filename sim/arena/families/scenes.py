@@ -198,11 +198,14 @@ def _scene(
     fence_m: np.ndarray | None = None,
     exclusions_m: tuple[np.ndarray, ...] = (),
 ) -> Scene:
-    """Return a scene with the start's heading drawn; the time allowed is that of `detour` straight lines."""
+    """Return a scene with the start's heading drawn; its way is `detour` straight lines or half the fence long."""
     start_m, target_m = np.asarray(ends_m[0], dtype=float), np.asarray(ends_m[1], dtype=float)
     course_rad = math.atan2(target_m[1] - start_m[1], target_m[0] - start_m[0])
     heading_rad = course_rad + generator.choice([0.0, generator.uniform(-0.6, 0.6), generator.uniform(0.0, math.tau)])
     way_m = detour * float(np.linalg.norm(target_m - start_m))
+    if fence_m is not None:
+        around_m = float(np.linalg.norm(np.diff(fence_m, axis=0, append=fence_m[:1]), axis=-1).sum())
+        way_m = max(way_m, 0.5 * around_m)
     return Scene(discs_m.reshape(-1, 3), start_m, target_m, heading_rad, way_m, fence_m, exclusions_m)
 
 
@@ -323,6 +326,7 @@ def _fence_m(
         outline_m = (reach * far_m)[:, None] * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)])
         return outline_m, (0.5 * start_m, 0.5 * target_m)
     wide_m = 2 * half_m
+    far_m = max(far_m, 2.6 * wide_m)
     if kind == "l":
         corners = [(0.0, 0.0), (far_m, 0.0), (far_m, far_m), (far_m - wide_m, far_m), (far_m - wide_m, wide_m)]
         corners.append((0.0, wide_m))
@@ -331,8 +335,6 @@ def _fence_m(
         corners = [(0.0, 0.0), (far_m, 0.0), (far_m, 3 * wide_m), (0.0, 3 * wide_m), (0.0, 2 * wide_m)]
         corners += [(far_m - wide_m, 2 * wide_m), (far_m - wide_m, wide_m), (0.0, wide_m)]
         ends_m = (np.array([half_m, half_m]), np.array([half_m, 2.5 * wide_m]))
-    if far_m < 2.5 * wide_m:
-        raise NoRoomError
     return np.array(corners), ends_m
 
 

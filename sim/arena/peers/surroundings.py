@@ -13,11 +13,15 @@ import numpy as np
 
 from companion.geo.kinematics import turn_rate_rad_s
 from companion.guard.types import Motion
-from companion.guidance.laws import LOOK_AHEAD_S, ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS, Task
+from companion.guidance.laws import LOOK_AHEAD_S, Task
 from companion.guidance.settings import LawSettings
 from companion.guidance.steering import SteeringVector
 from companion.guidance.view import View
 
+MARGIN_M = 2.0
+"""Least margin outside the discs that every method is given."""
+MARGIN_STEPS = 0.05
+"""Margin as a share of the distance flown in a guidance step, used where that is more than MARGIN_M."""
 _NEAREST_M = 1e-6
 """Least distance that is used in a division, so that nothing divides by zero."""
 
@@ -44,7 +48,7 @@ class Scale:
     """Turn radius at the least turn rate and the greatest ground speed that the configuration allows for, as in
     RoutedLaw."""
     margin_m: float
-    """Margin outside the discs that every method is given: that of our route."""
+    """Margin outside the discs that every method is given."""
     separation_m: float
 
 
@@ -58,7 +62,7 @@ def scale_of(settings: LawSettings) -> Scale:
         speed_m_s=limits.speed_m_s,
         step_m=step_m,
         turn_radius_m=ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s),
-        margin_m=max(ROUTE_MARGIN_M, ROUTE_MARGIN_STEPS * step_m),
+        margin_m=max(MARGIN_M, MARGIN_STEPS * step_m),
         separation_m=settings.separation_m,
     )
 

@@ -33,10 +33,10 @@ HAIR = 1e-8
 """Small length by which a scene is just allowed or just refused: far below the guard's own rounding allowance of 1e-6
 m, far above the rounding errors here."""
 
-PLANE = Limits(20.0, 20.0, 1.0, 50.0, 120.0)
+PLANE = Limits(20.0, 20.0, 1.0, 50.0, 120.0, horizon_s=30.0)
 """Limits of a vehicle that cannot stop; its turning radius is 40.8 m, its step 10 m."""
 
-COPTER = Limits(0.0, 20.0, 1.0, 50.0, 120.0, braking_m_s2=2.0)
+COPTER = Limits(0.0, 20.0, 1.0, 50.0, 120.0, braking_m_s2=2.0, horizon_s=30.0)
 """Limits of a vehicle that can stop."""
 
 DT_S = 0.5

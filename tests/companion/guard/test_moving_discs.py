@@ -286,7 +286,7 @@ def test_on_the_arc_to_a_ray_a_disc_is_as_large_as_while_the_arc_is_flown() -> N
     scene = Discs(np.array([[-60.0, 0.0], [100.0, -20.0]]), np.array([40.0, 22.0]), np.array([10.0, 0.0]))
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, ())
     guarded._path = Path((Piece(0.0, 0.0, 0.7, 0.0, math.inf),), 0, 20.0, math.inf)
-    ray = guarded._search(flight, False).ray(flight.tip, 20.0, 0.0, 0.0, False)
+    ray = guarded._search(flight, math.inf).ray(flight.tip, 20.0, 0.0, 0.0, False)
     assert ray is not None and ray[-1].heading_rad == pytest.approx(0.7)
 
 
@@ -338,7 +338,9 @@ def test_what_is_clear_for_ever_is_not_given_up_for_what_is_clear_for_the_horizo
     vehicle.fly(DT_S)
     horizon = Path((Piece(20.0, 0.0, 0.0, 0.0, 600.0),), 0, 20.0, 30.5)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(BackupSearch, "accepted", lambda search, _step, _: horizon if search._limited else KEEP_OUT)
+        patch.setattr(
+            BackupSearch, "accepted", lambda search, _step, _: horizon if math.isfinite(search._horizon_s) else KEEP_OUT
+        )
         patch.setattr(BackupSearch, "continues", lambda *_: False)
         verdict = guarded.check(AHEAD, vehicle.motion, scene, DT_S, DT_S)
     assert (verdict.changes, verdict.certified_s) == ((KEEP_OUT, BACKUP), math.inf)
@@ -374,12 +376,12 @@ def test_the_headings_tried_first_are_straight_on_that_of_the_ray_in_hand_and_aw
     guarded, pose = Guard(PLANE), Pose(1.0, 2.0, 0.3)
     flight = guarded._flight(pose, 20.0, NORTHWARD, NOTHING, DT_S, ())
     around = [(101.0, 2.0, 90.0, 1.0), (1.0, 52.0, 10.0, 1.0)]
-    assert list(guarded._search(flight, False).likely_headings_rad(pose, around)) == [0.3, math.pi]
+    assert list(guarded._search(flight, math.inf).likely_headings_rad(pose, around)) == [0.3, math.pi]
     ray = (Piece(0.0, 0.0, 0.0, 0.1, 5.0), Piece(0.0, 0.0, 0.7, 0.0, math.inf))
     guarded._path = Path(ray, 0, 20.0, math.inf)
-    assert list(guarded._search(flight, False).likely_headings_rad(pose, around)) == [0.3, 0.7, math.pi]
+    assert list(guarded._search(flight, math.inf).likely_headings_rad(pose, around)) == [0.3, 0.7, math.pi]
     guarded._path = guarded._path._replace(loops=1)
-    assert list(guarded._search(flight, False).likely_headings_rad(pose, around)) == [0.3, math.pi]
+    assert list(guarded._search(flight, math.inf).likely_headings_rad(pose, around)) == [0.3, math.pi]
 
 
 def test_in_coarse_steps_a_ray_in_hand_that_is_too_far_round_does_not_hide_the_way_from_the_disc() -> None:
@@ -387,7 +389,7 @@ def test_in_coarse_steps_a_ray_in_hand_that_is_too_far_round_does_not_hide_the_w
     scene = discs((400.0, 200.0, 300.0), speed_m_s=20.0)
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), 60.0, replace(NORTHWARD, speed_m_s=60.0), scene, 5.0, ())
     guarded._path = Path((Piece(0.0, 0.0, 3.1, 0.0, math.inf),), 0, 60.0, math.inf)
-    ray = guarded._search(flight, False).ray(flight.tip, 60.0, 0.0, 0.0, False)
+    ray = guarded._search(flight, math.inf).ray(flight.tip, 60.0, 0.0, 0.0, False)
     assert ray is not None
     assert math.remainder(ray[-1].heading_rad, math.tau) == pytest.approx(math.atan2(-200.0, -400.0))
 
@@ -405,11 +407,11 @@ def test_the_fan_is_asked_for_turns_all_round_from_discs_as_they_are_when_the_st
         asked.append(arguments)
         return [0.5, 1.0]
 
-    for limited, length_m in ((False, math.inf), (True, 55.0 * 30.0)):
+    for horizon_s, length_m in ((math.inf, math.inf), (30.0, 55.0 * 30.0)):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(backup, "fan_rad", fan)
-            ray = guarded._search(flight, limited).ray(flight.tip, 60.0, dt_s, 0.25, True)
-            assert guarded._search(flight, limited).ray(flight.tip, 60.0, dt_s, 0.25, False) is None
+            ray = guarded._search(flight, horizon_s).ray(flight.tip, 60.0, dt_s, 0.25, True)
+            assert guarded._search(flight, horizon_s).ray(flight.tip, 60.0, dt_s, 0.25, False) is None
         pose, curvature_1_m, line_m, slow_m_s, table, turn_rad = asked.pop()
         assert not asked
         assert (pose, line_m, slow_m_s, turn_rad) == (flight.tip, length_m, 55.0, most_rad)

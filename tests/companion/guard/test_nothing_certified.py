@@ -85,21 +85,21 @@ def test_what_to_make_least_is_attack_depth_then_fence_then_depth_then_that_at_t
     scene = scene if attack_m is None else replace(scene, attack_m=np.array([attack_m]))
     guarded = Guard(limits)
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, ())
-    assert guarded._search(flight, False).violation(Step(0.0, 20.0)) == pytest.approx(expected, abs=1e-5)
+    assert guarded._search(flight, math.inf).violation(Step(0.0, 20.0)) == pytest.approx(expected, abs=1e-5)
 
 
 def test_without_any_disc_only_the_fence_counts() -> None:
     limits = replace(PLANE, fence_ned_m=box(15.0))
     guarded = Guard(limits)
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, DT_S, ())
-    assert guarded._search(flight, False).violation(Step(0.0, 20.0)) == pytest.approx((0.0, 5.0, -math.inf) * 2)
+    assert guarded._search(flight, math.inf).violation(Step(0.0, 20.0)) == pytest.approx((0.0, 5.0, -math.inf) * 2)
 
 
 def test_what_a_vehicle_may_be_off_its_path_counts_in_attack_discs_too() -> None:
     guarded = Guard(replace(PLANE, position_error_m=2.0))
     scene = replace(discs((24.0, 0.0, 9.0), speed_m_s=2.0), attack_m=np.array([6.0]))
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, ())
-    assert guarded._search(flight, False).violation(Step(0.0, 20.0)) == pytest.approx((6.0, 0.0, 9.0) * 2, abs=1e-5)
+    assert guarded._search(flight, math.inf).violation(Step(0.0, 20.0)) == pytest.approx((6.0, 0.0, 9.0) * 2, abs=1e-5)
 
 
 def test_in_wind_what_to_make_least_is_looked_for_along_the_ground_speed_reported() -> None:
@@ -107,7 +107,7 @@ def test_in_wind_what_to_make_least_is_looked_for_along_the_ground_speed_reporte
     guarded = Guard(replace(PLANE, wind_m_s=4.0))
     motion = replace(NORTHWARD, speed_m_s=24.0)
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, motion, discs((30.0, 0.0, 1.0)), DT_S, ())
-    assert guarded._search(flight, False).violation(Step(0.0, 20.0)) == pytest.approx(
+    assert guarded._search(flight, math.inf).violation(Step(0.0, 20.0)) == pytest.approx(
         (0.0, 0.0, 1.0 + 4.0 * 1.5 * DT_S - 8.0) * 2, abs=1e-5
     )
 

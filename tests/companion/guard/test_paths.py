@@ -128,7 +128,7 @@ def test_in_any_wind_the_path_in_hand_is_followed_at_the_ground_speed_and_closed
     tip = Pose(7.0, 0.3, 0.2)
     flight = guarded._flight(tip, 20.0, replace(NORTHWARD, speed_m_s=20.4), NOTHING, DT_S, ())
     turn_rad = guarded._vehicle.steered_rad(guarded._path, 7.0, tip, ground_m_s, DT_S, gain_s)
-    assert guarded._search(flight, False).continued() == (turn_rad, 20.0)
+    assert guarded._search(flight, math.inf).continued() == (turn_rad, 20.0)
 
 
 @pytest.mark.parametrize(("turn_rad", "parts"), [(0.0, 0), (0.78, 1), (-0.79, 2), (-3.0, 4), (6.2, 8)])

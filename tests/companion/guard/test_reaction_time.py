@@ -77,13 +77,15 @@ def test_a_start_whose_reaction_runs_into_a_disc_is_not_certified() -> None:
 @pytest.mark.parametrize(("hair_m", "certified"), [(-HAIR, True), (HAIR, False)])
 def test_during_the_reaction_a_moving_disc_counts_as_large_as_at_its_end(hair_m: float, certified: bool) -> None:
     around = discs((5.0, 60.0, 60.0 - 3.0 * 2.0 - SPARE_M + hair_m), speed_m_s=3.0)
-    assert Guard(replace(PLANE, reaction_s=2.0)).certify(NORTHWARD, around, DT_S) is certified
+    assert Guard(replace(PLANE, reaction_s=2.0)).certify(NORTHWARD, around, DT_S) == (math.inf if certified else 0.0)
 
 
 def test_with_a_disc_that_nothing_is_clear_of_for_ever_a_start_is_certified_for_the_horizon() -> None:
     for north_m, certified in ((1300.0, True), (600.0, False)):
         hunter = discs((north_m, 0.0, 50.0), speed_m_s=40.0)
-        assert Guard(PLANE).certify(replace(NORTHWARD, heading_rad=math.pi / 2.0), hunter, DT_S) is certified
+        assert Guard(PLANE).certify(replace(NORTHWARD, heading_rad=math.pi / 2.0), hunter, DT_S) == (
+            30.0 if certified else 0.0
+        )
 
 
 def test_a_start_without_a_path_after_the_reaction_is_not_certified() -> None:

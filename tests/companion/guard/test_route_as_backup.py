@@ -11,7 +11,7 @@ import pytest
 from companion.geo.kinematics import turn_towards
 from companion.guard import arcs
 from companion.guard.arcs import Path, Pose
-from companion.guard.backup import BackupSearch
+from companion.guard.backup import BackupSearch, Flight
 from companion.guard.guard import Guard
 from companion.guard.types import (
     BACKUP,
@@ -21,7 +21,7 @@ from companion.guard.types import (
     Motion,
     Piece,
 )
-from companion.guard.vehicle import Step, VehicleModel
+from companion.guard.vehicle import Step
 from tests.companion.guard.guard_flight import (
     AHEAD,
     BAD,
@@ -31,7 +31,6 @@ from tests.companion.guard.guard_flight import (
     NORTHWARD,
     NOTHING,
     PLANE,
-    RHO_M,
     Vehicle,
     apart_m,
     assert_hangs_together,
@@ -44,6 +43,10 @@ GATE = discs((100.0, 60.0, 50.0), (100.0, -60.0, 50.0), (20.0, 60.0, 50.0), (20.
 """A corridor 20 m wide, too narrow for a turning circle; the vehicle is in it and must get through it."""
 
 THROUGH = (Piece(0.0, 0.0, 0.0, 0.0, 400.0),)
+
+
+def along_route(guarded: Guard, flight: Flight, pose: Pose, spare_m: float) -> Path | None:
+    return guarded._search(flight, math.inf).along_route(pose, Step(0.0, 20.0), flight.dt_s, spare_m)
 
 
 def test_through_a_gap_too_narrow_for_a_circle_the_route_serves() -> None:
@@ -138,34 +141,28 @@ def test_with_short_steps_a_circle_is_looked_for_only_now_and_then_along_the_rou
     assert Guard(PLANE).check(AHEAD, motion, GATE, 0.0, DT_S / 10.0, Hints(THROUGH)).changes == ()
 
 
-@pytest.mark.parametrize(
-    ("dt_s", "places"),
-    [
-        (0.0525, [1.05 * (count + 1) for count in (*range(10, 731, 10), 735)]),  # 245 a circle: every tenth of 735
-        (0.5, [10.0 * (count + 1) for count in range(1, 79)]),  # 26 steps a circle: every one of 78
-        (1.0, [20.0 * (count + 1) for count in range(1, 61)]),  # 13 steps a circle: every one of 60
-    ],
-)
-def test_along_the_route_a_circle_is_looked_for_over_three_circles_or_sixty_steps(
-    dt_s: float, places: list[float]
-) -> None:
-    route = (Piece(0.0, 0.0, 0.0, 0.0, 1e4),)
+@pytest.mark.parametrize(("dt_s", "every"), [(0.0525, 10), (0.5, 1), (1.0, 1)])
+def test_along_an_arc_of_the_route_a_way_on_is_looked_for_at_each_24th_of_a_circle(dt_s: float, every: int) -> None:
+    route = (Piece(0.0, 0.0, 0.0, 1e-3, 1e3),)
     guarded, looked = Guard(PLANE), []
 
     def nowhere(_self: BackupSearch, pose: Pose, *_: object) -> str:
-        looked.append(pose.north_m)
+        looked.append(1e3 * math.asin(pose.north_m / 1e3))
         return KEEP_OUT
 
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, dt_s, route)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(BackupSearch, "to_rest", nowhere)
-        begin = Pose(20.0 * dt_s, 0.0, 0.0)
-        assert guarded._search(flight, False).along_route(begin, Step(0.0, 20.0), 0.0) is None
-    assert looked == pytest.approx(places)
+        along_route(guarded, flight, Pose(0.0, 0.0, 0.0), 0.0)
+    step_m = 20.0 * dt_s
+    most = 400 if dt_s < 0.1 else math.ceil(1e3 / step_m)
+    assert looked[: most // every] == pytest.approx(
+        [every * (count + 1) * step_m for count in range(most // every)], abs=0.3
+    )
 
 
-def test_along_the_route_no_more_than_what_is_left_of_it_is_looked_at() -> None:
-    route = (Piece(-300.0, 0.0, 0.0, 0.0, 300.0),)
+def test_a_whole_straight_line_of_the_route_is_one_stretch_and_a_way_on_is_looked_for_at_its_end() -> None:
+    route = (Piece(0.0, 0.0, 0.0, 0.0, 1_004.0),)
     guarded, looked = Guard(PLANE), []
 
     def nowhere(_self: BackupSearch, pose: Pose, *_: object) -> str:
@@ -175,9 +172,25 @@ def test_along_the_route_no_more_than_what_is_left_of_it_is_looked_at() -> None:
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, DT_S, route)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(BackupSearch, "to_rest", nowhere)
-        assert guarded._search(flight, False).along_route(Pose(0.0, 0.0, 0.0), Step(0.0, 20.0), 0.0) is None
+        assert along_route(guarded, flight, Pose(0.0, 0.0, 0.0), 0.0) is None
     # Straight on from its end for as long as a circle is, 256.3 m.
-    assert looked == pytest.approx([10.0 * count for count in range(1, 27)])
+    assert looked == pytest.approx([1_000.0, 1_010.0, 1_260.0, 1_270.0])
+
+
+def test_along_the_route_no_more_than_400_stretches_are_looked_at() -> None:
+    route = (Piece(0.0, 0.0, 0.0, 1e-5, 1e5),)
+    guarded = Guard(PLANE)
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, DT_S, route)
+    looked = []
+
+    def nowhere(_self: BackupSearch, pose: Pose, *_: object) -> str:
+        looked.append(pose)
+        return KEEP_OUT
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BackupSearch, "to_rest", nowhere)
+        assert along_route(guarded, flight, Pose(0.0, 0.0, 0.0), 0.0) is None
+    assert len(looked) == 400
 
 
 @pytest.mark.parametrize("bend_1_m", [0.0, 1.0 / 300.0, -1.0 / 300.0])
@@ -192,37 +205,18 @@ def test_the_path_along_the_route_hangs_together_and_its_circle_begins_where_it_
 
     def late(self: BackupSearch, pose: Pose, *rest: object) -> Path | str:
         looked.append(pose)
-        return to_rest(self, pose, *rest) if len(looked) == 30 else KEEP_OUT  # type: ignore[arg-type]
+        return to_rest(self, pose, *rest) if pose.north_m > 290.0 else KEEP_OUT  # type: ignore[arg-type]
 
     begin = Pose(10.0, 2.0, 0.02)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(BackupSearch, "to_rest", late)
-        path = guarded._search(flight, False).along_route(begin, Step(0.0, 20.0), 0.0)
+        path = along_route(guarded, flight, begin, 0.0)
     assert path is not None and path.loops == 1 and path.pieces[0][:3] == begin
     assert_hangs_together(path)
     assert path.pieces[-1][:3] == looked[-1]
-    assert sum(piece.length_m for piece in path.pieces[:-1]) == pytest.approx(300.0)
     along_it = Path(route, 0, 20.0, math.inf)
     meets = arcs.pose_at(along_it, arcs.nearest_along_m(along_it, looked[-1]))
     assert math.dist(meets[:2], looked[-1][:2]) < 0.5
-
-
-def test_straight_steps_along_the_route_are_one_line() -> None:
-    turns_rad = iter([0.1, 0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
-    guarded = Guard(PLANE)
-    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, DT_S, THROUGH)
-    circle = guarded._search(flight, False).to_rest
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(VehicleModel, "steered_rad", lambda *_: next(turns_rad))
-        patch.setattr(
-            BackupSearch, "to_rest", lambda _, pose, *rest: circle(pose, *rest) if pose[0] > 69.0 else KEEP_OUT
-        )
-        path = guarded._search(flight, False).along_route(Pose(0.0, 0.0, 0.0), Step(0.0, 20.0), 0.0)
-    assert path is not None
-    assert_hangs_together(path)
-    arcs_m = [0.1 * RHO_M, 0.2 * RHO_M]
-    lengths_m = [arcs_m[0], 30.0 - arcs_m[0], arcs_m[1], 40.0 - arcs_m[1], math.tau * RHO_M]
-    assert [piece.length_m for piece in path.pieces] == pytest.approx(lengths_m)
 
 
 @pytest.mark.parametrize(("spare_m", "clear"), [(2.99, True), (3.01, False)])
@@ -233,7 +227,7 @@ def test_what_a_change_of_speed_costs_is_kept_clear_along_the_route_too(spare_m:
     circle = Path((Piece(0.0, 0.0, 0.0, 0.02, math.tau / 0.02),), 1, 20.0, math.inf)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(BackupSearch, "to_rest", lambda _, pose, *__: circle if pose[0] > 150.0 else KEEP_OUT)
-        path = guarded._search(flight, False).along_route(Pose(0.0, 0.0, 0.0), Step(0.0, 20.0), spare_m)
+        path = along_route(guarded, flight, Pose(0.0, 0.0, 0.0), spare_m)
     assert (path is not None) is clear
 
 

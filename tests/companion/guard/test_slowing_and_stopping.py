@@ -72,9 +72,21 @@ def test_a_vehicle_at_rest_may_stay_beside_a_disc() -> None:
     assert check(Setpoint(0.0, 0.0, 100.0), still, discs((10.0, 0.0, 9.99)), COPTER).changes == ()
 
 
-def test_a_vehicle_that_can_stop_does_so_when_no_turn_is_clear() -> None:
+def test_a_vehicle_that_can_stop_slows_down_on_the_wanted_course_before_it_turns_away() -> None:
     verdict = check(AHEAD, NORTHWARD, discs((500.0, 0.0, 395.0)), COPTER)
-    assert verdict == Verdict(Setpoint(0.0, 0.0, 100.0), (KEEP_OUT,), certified_s=math.inf)
+    assert verdict == Verdict(Setpoint(0.0, 10.0, 100.0), (KEEP_OUT,), certified_s=math.inf)
+
+
+@pytest.mark.parametrize(("speed_m_s", "slower_m_s"), [(4.0, 2.0), (2.0, 1.0), (1.0, 0.5), (0.5, 0.0)])
+def test_the_slower_speeds_are_halves_and_the_last_one_is_a_stop(speed_m_s: float, slower_m_s: float) -> None:
+    """From rest the disc is as far away as the vehicle gets at the lower speed, and then stops."""
+    braking_m_s2 = COPTER.braking_m_s2
+    assert braking_m_s2 is not None
+    reach_m = slower_m_s * DT_S + slower_m_s**2 / (2.0 * braking_m_s2)
+    still, wanted = Motion(0.0, 0.0, 0.0, 0.0), Setpoint(0.0, 4.0, 100.0)
+    verdict = check(wanted, still, discs((500.0, 0.0, 500.0 - reach_m - 0.01)), COPTER)
+    assert verdict.setpoint is not None and verdict.setpoint.speed_m_s == slower_m_s
+    assert speed_m_s > slower_m_s
 
 
 def test_braking_goes_on_along_its_line_until_the_vehicle_stands() -> None:
@@ -113,4 +125,6 @@ def test_who_brakes_turns_back_to_its_line_as_the_speed_flown_allows(
     guarded._path = Path((Piece(0.0, 0.0, side, 0.0, 10.0),), 0, 0.0, math.inf)
     motion = replace(NORTHWARD, speed_m_s=speed_m_s)
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), speed_m_s, motion, NOTHING, DT_S, ())
-    assert guarded._search(flight, False).continued() == pytest.approx((side * 0.01 * G_M_S2 / turning_m_s * DT_S, 0.0))
+    assert guarded._search(flight, math.inf).continued() == pytest.approx(
+        (side * 0.01 * G_M_S2 / turning_m_s * DT_S, 0.0)
+    )

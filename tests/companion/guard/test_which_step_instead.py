@@ -58,13 +58,13 @@ def test_after_the_wanted_step_come_half_the_turn_none_and_full_turns_nearest_fi
     most_rad = G_M_S2 / 20.0 * DT_S
     turns_rad = [-most_rad, -0.1, 0.0, most_rad]
     expected = [(-0.2, 15.0), *((turn_rad, speed_m_s) for speed_m_s in (15.0, 20.0) for turn_rad in turns_rad)]
-    assert list(guarded._search(flight, False).choices(step)) == expected
-    assert list(guarded._search(flight, False).choices(Step(0.0, 20.0))) == [
+    assert list(guarded._search(flight, math.inf).choices(step)) == expected
+    assert list(guarded._search(flight, math.inf).choices(Step(0.0, 20.0))) == [
         (0.0, 20.0),
         *((turn_rad, 20.0) for turn_rad in (0.0, 0.0, most_rad, -most_rad)),
     ]
     stopping = Guard(COPTER)
-    last = list(stopping._search(flight, False).choices(Step(0.0, 20.0)))[-1]
+    last = list(stopping._search(flight, math.inf).choices(Step(0.0, 20.0)))[-1]
     assert last == (0.0, 0.0)
 
 

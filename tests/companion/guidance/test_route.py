@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
 from companion.geo.kinematics import advance, shorter_turn_rad, turn_towards
-from companion.guidance.route.router import DEEP_SHARE, Departure, Reach, Route, Router, shortest_route
+from companion.guidance.route.plan import DEEP_SHARE
+from companion.guidance.route.router import Departure, Reach, Route, Router, shortest_route
 from companion.guidance.route.scene import TURN_SLACK
 from sim.shortest_path import shortest_path_length
 

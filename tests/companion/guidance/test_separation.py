@@ -14,7 +14,7 @@ from companion.geo.kinematics import turn_rate_rad_s, turn_towards
 from companion.geo.right_of_way import Rules, interaction_radius_m, reserved_radius_m
 from companion.guard.types import Motion
 from companion.guidance import separation as right_of_way
-from companion.guidance.resolution import CIRCLING, LATE, PASSING, STOPPING, Peers, Resolution
+from companion.guidance.resolution import CIRCLING, LATE, PASSING, PIVOTING, STOPPING, AtEffect, Peers, Resolution
 from companion.guidance.separation import give_way
 from tests.benchmarks import swarm
 
@@ -161,7 +161,7 @@ def test_ways_to_a_stop_that_are_apart_stay_apart(
     motions = [Motion(c.north_m, c.east_m, c.heading_rad, c.speed_m_s) for c in crafts]
     decisions = [decide(motions[k], pair[k][1], [motions[1 - k]], COPTERS) for k in (0, 1)]
     for craft, decision in zip(crafts, decisions, strict=True):
-        heading_rad = swarm._reachable_rad(craft, craft.heading_rad, decision, COPTERS)
+        heading_rad = swarm._reachable_rad(craft, swarm._at_effect(craft, COPTERS), decision, COPTERS)
         swarm._step(craft, heading_rad, decision.speed_m_s, COPTERS)
     # The harness flies pieces at their mean speed: one in which a craft comes to a stop is too long by up to this.
     piece_s = DT_S / swarm.PIECES
@@ -180,11 +180,13 @@ def test_a_vehicle_that_stands_may_leave_everybody_who_stands_on_one_side(
     around = [(apart_m, side + 0.49 * turn_rad) for apart_m, turn_rad in others]
     peers = [Motion(apart_m * math.cos(at), apart_m * math.sin(at), 0.0, 0.0) for apart_m, at in around]
     rules = replace(COPTERS, reaction_s=reaction_s)
-    chosen = decide(Motion(0.0, 0.0, yaw, 0.0), side + math.pi, peers, rules)
-    assert chosen.speed_m_s > 0.0
-    craft = swarm.Craft(0.0, 0.0, chosen.heading_rad, 0.0, None)
-    swarm._step(craft, chosen.heading_rad, chosen.speed_m_s, rules)
-    assert all(math.dist((craft.north_m, craft.east_m), (each.north_m, each.east_m)) >= 20.0 for each in peers)
+    craft = swarm.Craft(0.0, 0.0, yaw, 0.0, None)
+    while craft.speed_m_s == 0.0:
+        chosen = decide(Motion(0.0, 0.0, craft.heading_rad, 0.0), side + math.pi, peers, rules)
+        turned_rad = abs(math.remainder(chosen.heading_rad - craft.heading_rad, math.tau))
+        assert chosen.speed_m_s > 0.0 or (chosen.reason == PIVOTING and turned_rad > 0.1)
+        swarm._step(craft, chosen.heading_rad, chosen.speed_m_s, rules)
+    assert all(math.dist((craft.north_m, craft.east_m), each.position_ned_m) >= 20.0 - 1e-9 for each in peers)
 
 
 @pytest.mark.parametrize("rules", [PLANES, SLOW_TURNERS, replace(PLANES, n_max=10.0), COPTERS])
@@ -320,7 +322,7 @@ def test_a_circle_to_the_right_goes_on_from_the_heading_at_which_the_decision_ta
     around = Peers(ring_m * np.column_stack((np.cos(bearings_rad), np.sin(bearings_rad))), np.tile((60.0, 0.0), (8, 1)))
     motion, step_turn_rad = Motion(0.0, 0.0, 0.0, 60.0), turn_rate_rad_s(60.0, 1.0) * DT_S
     for heading_rad in (0.0, 1.0):
-        chosen = give_way(0.0, motion, around, PLANES, DT_S, heading_at_effect_rad=heading_rad)
+        chosen = give_way(0.0, motion, around, PLANES, DT_S, AtEffect(heading_rad, 60.0))
         assert chosen.reason == CIRCLING
         assert chosen.heading_rad == pytest.approx(heading_rad + step_turn_rad)
 

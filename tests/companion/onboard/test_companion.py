@@ -15,8 +15,8 @@ from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S, NEIGHBOUR_MEMORY_S
 from companion.geo.kinematics import turn_towards
 from companion.guard.types import KEEP_OUT, NEW_THREAT, Motion, Verdict
-from companion.guidance.laws import ROUTE_MARGIN_M, SteeringDemand, Task
-from companion.guidance.resolution import PASSING, SLOWING, STOPPING
+from companion.guidance.laws import SteeringDemand, Task
+from companion.guidance.resolution import PASSING, PIVOTING, SLOWING, STOPPING
 from companion.guidance.settings import LAWS
 from companion.guidance.steering import SteeringVector
 from companion.guidance.view import View
@@ -275,14 +275,14 @@ def test_arrived_it_loiters() -> None:
     assert (decision.purpose, decision.reason) == (Purpose.LOITER, "arrived")
 
 
-def test_arriving_takes_a_smaller_circle_than_leaving() -> None:
+def test_who_has_arrived_stays_arrived_until_the_target_moves_away() -> None:
     flight = guided()
     flight.broadcast((5_000.0, 0.0))
-    between_m = 0.9 * 100.0
-    assert flight.at(5_000.0 - between_m)[0].purpose is Purpose.TARGET
-    assert flight.at(5_000.0)[0].purpose is Purpose.LOITER
-    assert flight.at(5_000.0 - between_m)[0].purpose is Purpose.LOITER
-    assert flight.at(5_000.0 - 101.0)[0].purpose is Purpose.TARGET
+    assert flight.at(5_000.0 - 90.0)[0].purpose is Purpose.TARGET
+    assert flight.at(5_000.0)[0].reason == "arrived"
+    assert flight.at(5_000.0 - 150.0)[0].reason == "arrived"
+    flight.broadcast((5_021.0, 0.0))
+    assert flight.at(5_000.0 - 150.0)[0].purpose is Purpose.TARGET
 
 
 def test_a_person_taking_over_makes_it_forget_that_it_had_arrived() -> None:
@@ -750,7 +750,7 @@ def test_it_heads_for_the_tangent_of_a_disc_ahead() -> None:
     flight.broadcast((5_000.0, 0.0), threats=(AHEAD,))
     decision, _ = flight.at(velocity=NORTH_M_S)
     assert (decision.purpose, decision.stay, decision.opposed) == (Purpose.TARGET, None, False)
-    tangent_rad = math.asin((AHEAD.detection_radius_m + ROUTE_MARGIN_M) / AHEAD.north_m)
+    tangent_rad = math.asin(AHEAD.detection_radius_m / AHEAD.north_m)
     assert abs(wanted_rad(decision)) == pytest.approx(tangent_rad, abs=0.01)
 
 
@@ -783,14 +783,14 @@ def test_to_a_target_inside_a_disc_it_goes_as_near_as_is_safe_and_loiters_there_
     flight = guided()
     flight.broadcast((900.0, 0.0), threats=(AHEAD,))
     assert flight.at(0.0, 0.0, NORTH_M_S)[0].purpose is Purpose.TARGET
-    decision, setpoint = flight.at(560.0, 0.0, NORTH_M_S)
+    decision, setpoint = flight.at(599.0, 0.0, (0.0, 10.0))
     assert (decision.purpose, decision.reason) == (Purpose.LOITER, "at the nearest safe point")
     assert decision.stay == decision.reason
     assert decision.target_id is None
     assert setpoint is not None
 
 
-def test_with_no_way_out_of_a_ring_of_threats_it_loiters_and_says_so() -> None:
+def test_out_of_a_ring_of_threats_it_goes_to_the_nearest_place_within_it_and_says_so() -> None:
     flight = guided()
     ring = [(700.0 * math.cos(k * math.tau / 24), 700.0 * math.sin(k * math.tau / 24), 300.0) for k in range(24)]
     # And one about the vehicle: it is on no shore.
@@ -798,7 +798,7 @@ def test_with_no_way_out_of_a_ring_of_threats_it_loiters_and_says_so() -> None:
     threats = (ThreatEntry(k, *disc, 1.0, 0.0) for k, disc in enumerate(discs))
     flight.broadcast((3_500.0, 0.0), threats=tuple(threats))
     decision, setpoint = flight.at(0.0, 0.0, NORTH_M_S)
-    assert (decision.purpose, decision.reason) == (Purpose.LOITER, "no way to the target")
+    assert (decision.purpose, decision.note) == (Purpose.TARGET, "target out of reach: to the nearest safe point")
     assert setpoint is not None
 
 
@@ -858,10 +858,14 @@ def test_one_that_stands_within_the_separation_of_another_moves_away_from_it() -
     flight = guided()
     flight.neighbour(0.5 * CONFIG.separation_m, 0.0)
     flight.broadcast((5_000.0, 0.0))
-    decision, setpoint = flight.at()
-    assert decision.gave_way == f"{SLOWING} (agent 12)"
-    assert setpoint is not None
-    assert setpoint.vx < 0.0
+    said: list[tuple[str | None, float]] = []
+    while not said or said[-1][0] == f"{PIVOTING} (agent 12)":
+        decision, setpoint = flight.at()
+        assert setpoint is not None
+        said.append((decision.gave_way, setpoint.vx))
+    assert said[0][0] == f"{PIVOTING} (agent 12)"
+    assert said[0][1] == pytest.approx(0.0, abs=1e-3)
+    assert said[-1][1] < 0.0
 
 
 def test_nobody_gives_way_to_one_that_is_only_broadcast() -> None:

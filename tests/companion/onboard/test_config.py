@@ -89,7 +89,12 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
     "no speed": (GOOD + "limits: {speed_m_s: 0}\n", ("limits.speed_m_s", "0", "greater than 0")),
     "a speed that is no number": (GOOD + "limits: {speed_m_s: .nan}\n", ("limits.speed_m_s", "nan")),
     "an endless range": (GOOD + "limits: {range_m: .inf}\n", ("limits.range_m", "inf", "finite")),
-    "a step of nothing": (GOOD + "guidance_step_s: 0\n", ("guidance_step_s", "0", "greater than 0")),
+    "a step of nothing": (GOOD + "guidance_step_s: 0\n", ("guidance_step_s", "0", "greater than or equal to 0.001")),
+    "a step of nearly nothing": (GOOD + "guidance_step_s: 1.0e-6\n", ("guidance_step_s", "0.001")),
+    "a plane that would turn on the spot": (
+        GOOD.replace("arducopter", "arduplane") + "limits: {speed_m_s: 0.4}\n",
+        ("limits.speed_m_s: 0.4 with autopilot.kind 'arduplane'", "at least 0.5", "cannot stop"),
+    ),
     "a step too long": (GOOD + "guidance_step_s: 11\n", ("guidance_step_s", "11", "10")),
     "a fence of two corners": (GOOD + "limits: {fence: [[0, 0], [1, 1]]}\n", ("limits.fence", "3")),
     "a fence that folds back": (

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from companion.guidance.view import View
 from companion.onboard.config import Config
@@ -33,8 +36,11 @@ def goal(
     before: Engagement | None = None,
     status: FailsafeStatus | None = None,
     directive: Directive = Directive.NORMAL,
+    came_from_ned_m: tuple[float, float] | None = None,
 ) -> Goal:
-    situation = Situation((north_m, 0.0), HOME_NED_M, seen or view(), status or FailsafeStatus(), directive)
+    situation = Situation(
+        (north_m, 0.0), HOME_NED_M, seen or view(), status or FailsafeStatus(), directive, came_from_ned_m
+    )
     return choose_goal(situation, before or Engagement(), CONFIG, LOITER)
 
 
@@ -58,15 +64,43 @@ def test_a_vehicle_without_somewhere_to_go_loiters(
     assert (chosen.purpose, chosen.reason, chosen.place_ned_m) == (Purpose.LOITER, reason, None)
 
 
-@pytest.mark.parametrize("had_arrived", [False, True])
-def test_having_arrived_is_left_at_a_greater_distance_than_it_begins(had_arrived: bool) -> None:
-    between_m = 1_000.0 - 0.5 * (1.0 + ARRIVAL_SHARE) * CONFIG.arrival_radius_m
-    assert goal(between_m, before=Engagement(arrived=had_arrived)).arrived is had_arrived
+def test_a_vehicle_that_flew_through_the_arrival_circle_between_two_ticks_has_arrived() -> None:
+    within_m = ARRIVAL_SHARE * CONFIG.arrival_radius_m
+    assert goal(1_000.0 + 2.0 * within_m).arrived_ned_m is None
+    passed = goal(1_000.0 + 2.0 * within_m, came_from_ned_m=(1_000.0 - 3.0 * within_m, 0.0))
+    assert (passed.purpose, passed.reason, passed.arrived_ned_m) == (Purpose.LOITER, "arrived", (1_000.0, 0.0))
+
+
+@given(
+    st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)),
+    st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)),
+)
+def test_arriving_is_judged_by_the_nearest_point_of_the_way_between_two_ticks(
+    here: tuple[float, float], there: tuple[float, float]
+) -> None:
+    within_m = ARRIVAL_SHARE * CONFIG.arrival_radius_m
+    ends = [(1_000.0 + place[0] * within_m, place[1] * within_m) for place in (there, here)]
+    shares = [k / 2_000.0 for k in range(2_001)]
+    way = [(ends[0][0] + s * (ends[1][0] - ends[0][0]), ends[0][1] + s * (ends[1][1] - ends[0][1])) for s in shares]
+    nearest_m = min(math.dist(place, (1_000.0, 0.0)) for place in way)
+    assume(abs(nearest_m - within_m) > 0.01 * within_m)
+    situation = Situation(ends[1], HOME_NED_M, view(), FailsafeStatus(), Directive.NORMAL, ends[0])
+    chosen = choose_goal(situation, Engagement(), CONFIG, LOITER)
+    assert (chosen.arrived_ned_m is not None) is (nearest_m < within_m)
+
+
+@pytest.mark.parametrize(("moved", "stays"), [(0.9, True), (1.1, False)])
+def test_a_vehicle_stays_arrived_until_its_target_has_moved_by_what_the_arrival_radius_leaves(
+    moved: float, stays: bool
+) -> None:
+    spare_m = (1.0 - ARRIVAL_SHARE) * CONFIG.arrival_radius_m
+    before = Engagement(arrived_ned_m=(1_000.0 - moved * spare_m, 0.0))
+    assert (goal(0.0, before=before).arrived_ned_m is not None) is stays
 
 
 def test_going_home_keeps_what_was_latched_of_the_target() -> None:
-    chosen = goal(0.0, before=Engagement(arrived=True, giving_way=True), status=BLIND)
-    assert chosen == Goal(Purpose.RETURN, "blind", HOME_NED_M, at_home=False, arrived=True, giving_way=True)
+    chosen = goal(0.0, before=Engagement(arrived_ned_m=(1.0, 2.0), giving_way=True), status=BLIND)
+    assert chosen == Goal(Purpose.RETURN, "blind", HOME_NED_M, at_home=False, arrived_ned_m=(1.0, 2.0), giving_way=True)
 
 
 def test_whoever_is_home_loiters_there() -> None:

@@ -1,0 +1,66 @@
+"""The vehicles of a mission as they will fly, and the refusal of what only their guard would refuse."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from companion.autopilot.kinds import KINDS
+from companion.autopilot.registry import ADAPTERS
+from companion.errors import InputError, one_line
+from companion.geo.kinematics import turn_rate_rad_s
+from companion.guidance.settings import LawName
+from companion.mission.model import AgentSpec, Mission, TargetSpec
+from companion.onboard.config import config_for_agent, fast_enough
+from companion.onboard.limits import within
+from companion.onboard.steering import Steering, steering_of
+
+
+class Flyer(NamedTuple):
+    """One vehicle of a mission with the steering that it will fly by."""
+
+    spec: AgentSpec
+    height_m: float
+    altitude_m: float
+    """Height above sea level."""
+    steering: Steering
+
+    @property
+    def turn_radius_m(self) -> float:
+        """Radius of the turning circle over the ground, flown down the greatest wind; 0 for a vehicle that can stop."""
+        limits = self.steering.config.limits
+        if self.steering.can_stop:
+            return 0.0
+        ground_m_s = limits.speed_m_s + limits.wind_m_s
+        rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
+        return ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
+
+
+def fleet_of(mission: Mission, law: LawName, kind: str, source: str) -> list[Flyer]:
+    """Return the vehicles of a resolved mission as an autopilot kind flies them; errors name `source`.
+
+    Raises:
+        InputError: guard or law cannot hold the limits of an agent.
+
+    """
+    can_stop, abilities = KINDS[kind].can_stop, ADAPTERS[kind]().abilities
+    fleet = []
+    for index, spec in enumerate(mission.agents):
+        where = f"{source}: agents[{index}]"
+        allowed = fast_enough(spec.speed_m_s, can_stop)
+        if allowed is not None:
+            raise InputError(f"{where}.speed_m_s: {spec.speed_m_s:g}; allowed: {allowed}")
+        config = config_for_agent(mission, spec.id, law)
+        config = config.model_copy(update={"limits": within(config.limits, abilities)})
+        try:
+            steering = steering_of(config, can_stop)
+        except ValueError as error:
+            raise InputError(f"{where}: {one_line(str(error))}") from error
+        fleet.append(Flyer(spec, config.height_m, mission.origin.alt_m + config.height_m, steering))
+    return fleet
+
+
+def nearest_target(mission: Mission, spec: AgentSpec) -> TargetSpec:
+    """Return the target that an agent is kept for, or the one nearest to its start."""
+    allowed = [target for target in mission.targets if spec.only_target in (None, target.id)]
+    return min(allowed, key=lambda target: math.dist(target.position_ned_m, spec.position_ned_m))
