@@ -48,7 +48,7 @@ class Status:
         )
 
     def news(self, now_s: float, frames: int) -> list[str]:
-        """Return the messages that are due: of mission and picture if they changed, of the link every STATUS_PERIOD_S."""
+        """Return the messages that are due: of mission and picture on changes, of the link every STATUS_PERIOD_S."""
         lines = []
         line = f"{self._mission_line()} ({_WORDS[self._options.authentication]})"
         if line != self._said:

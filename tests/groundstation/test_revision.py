@@ -24,7 +24,8 @@ from companion.protocol.codec import (
 from companion.protocol.messages import REVISIONS
 from groundstation.ground_station import GroundStation, Resumed
 from groundstation.revision import first_revision, next_revision
-from groundstation.tracks import STANDING_M, Track, TrackTable
+from groundstation.track import Track
+from groundstation.tracks import STANDING_M, TrackTable
 
 START_S = 1_790_000_000.0
 PERIOD_S = 5.0
