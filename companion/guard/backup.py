@@ -41,6 +41,8 @@ FOLLOW_RAD = 0.01
 SLOWER_SHARES = (0.5, 0.25, 0.125)
 """Shares of the wanted speed at which a vehicle that can stop is offered the wanted turn: with less way to brake, it
 may pass where it could not at full speed."""
+FENCE_TRIES = 8
+"""Number of clear headings of the fan that are compared with fence and exclusions, the mildest turns first."""
 SAMPLES = 8
 """Number of sample points per step at which the choices are compared when none is certified."""
 
@@ -307,6 +309,8 @@ class BackupSearch:
             return None
         curvature_1_m = self._vehicle.curvature_1_m(speed_m_s)
         length_m = slow_m_s * self._horizon_s
+        if self._fence is not None and length_m > self._fence.longest_m:
+            return None
         coarse = speed_m_s * flight.dt_s * curvature_1_m > GREATEST_TURN_RAD
         for heading_rad in self.likely_headings_rad(pose, flight.discs):
             turn_rad = math.remainder(heading_rad - pose.heading_rad, math.tau)
@@ -325,7 +329,8 @@ class BackupSearch:
         most_rad = GREATEST_TURN_RAD if coarse else math.tau
         table = np.array(flight.discs)
         table[:, 2] += table[:, 3] * after_s + spare_m
-        for turn_rad in fan_rad(pose, curvature_1_m, length_m, slow_m_s, table, most_rad):
+        turns_rad = fan_rad(pose, curvature_1_m, length_m, slow_m_s, table, most_rad)
+        for turn_rad in turns_rad[:FENCE_TRIES]:
             pieces = turned(pose, turn_rad, curvature_1_m, length_m)
             if self.outside(pieces, spare_m) is None:
                 return pieces

@@ -32,6 +32,10 @@ class Fence:
         self._first = np.cumsum([0, *sizes[:-1]])
         self._polygon = np.repeat(np.arange(len(sizes)), sizes)
         self._inside = np.arange(len(sizes)) < (corners_ned_m is not None)
+        self.longest_m = math.inf
+        """Length that no straight line inside the polygons has: infinite without one to stay inside."""
+        if corners_ned_m is not None:
+            self.longest_m = float(np.hypot(*np.ptp(polygons[0], axis=0)))
 
     def depth_m(self, north_m: float, east_m: float) -> float:
         """Return the distance from a place to the nearest edge, negative where it must not be (even-odd rule)."""
@@ -39,10 +43,13 @@ class Fence:
         upward = self._along_m[:, 0] > 0.0
         spans = (self._ends_m[:, 0] > north_m) != (self._starts_m[:, 0] > north_m)
         to_the_east = self._along_m[:, 1] * norths_m > easts_m * self._along_m[:, 0]
-        crossed = np.add.reduceat((spans & (to_the_east == upward)).astype(int), self._first)
-        wrong = (crossed % 2 == 1) != self._inside
-        near = self._nearest_m(np.array([north_m]), np.array([east_m]))
-        apart_m = np.hypot(near[0] - north_m, near[1] - east_m)
+        crosses = spans & (to_the_east == upward)
+        near_norths_m, near_easts_m = self._nearest_m(north_m, east_m)
+        apart_m = np.hypot(near_norths_m - north_m, near_easts_m - east_m)
+        if len(self._first) == 1:
+            right = (np.count_nonzero(crosses) % 2 == 1) == self._inside[0]
+            return float(apart_m.min()) if right else -float(apart_m.min())
+        wrong = (np.add.reduceat(crosses.astype(int), self._first) % 2 == 1) != self._inside
         if wrong.any():
             return -float(apart_m[wrong[self._polygon]].min())
         return float(apart_m.min())
@@ -69,11 +76,10 @@ class Fence:
                 return False
         return True
 
-    def _nearest_m(self, norths_m: np.ndarray, easts_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return north and east, (E,) each, of the point on each edge that is nearest to the given point."""
-        along = (norths_m - self._starts_m[:, 0]) * self._along_m[:, 0] + (
-            easts_m - self._starts_m[:, 1]
-        ) * self._along_m[:, 1]
+    def _nearest_m(self, north_m: float, east_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return north and east, (E,) each, of the point on each edge that is nearest to a point."""
+        along = (north_m - self._starts_m[:, 0]) * self._along_m[:, 0]
+        along += (east_m - self._starts_m[:, 1]) * self._along_m[:, 1]
         return self._points(along / self._lengths_m2)
 
     def _points(self, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

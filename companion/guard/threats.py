@@ -10,8 +10,11 @@ import numpy as np
 from companion.guard.types import NEW_THREAT, ROUNDING_M, THREAT_FASTER, Discs
 
 THREAT_TOLERANCE_M = 10.0
-"""Distance by which a reported disc may extend beyond the earlier report grown by its speed bound: the broadcast rounds
-positions within 200 km to 3 m, and three such roundings can add up."""
+"""Least distance by which a reported disc may extend beyond the earlier report grown by its speed bound: a person who
+types a place and a sensor that sees it differ by as much. Chosen, not measured."""
+TOLERANCE_UNITS = 2.5
+"""The same in units in which the discs are told, used where that is more: two centres are each up to sqrt(1/2) of a
+unit off, and a radius is rounded up by up to one."""
 
 
 class Heard(NamedTuple):
@@ -42,10 +45,10 @@ class ThreatMonitor:
     def contradicted_by(self, discs: Discs) -> list[str]:
         """Return the assumptions (NEW_THREAT, THREAT_FASTER) that a new report of the discs contradicts, and store it.
 
-        A disc that extends beyond its earlier report by at most THREAT_TOLERANCE_M is not named; the earlier report,
-        grown, stays in force for it, so that repeated small excesses add up and are noticed.
+        A disc that extends beyond its earlier report by at most the tolerance is not named; the earlier report, grown,
+        stays in force for it, so that repeated small excesses add up and are noticed.
         """
-        ids = ids_of(discs)
+        ids, tolerance_m = ids_of(discs), max(THREAT_TOLERANCE_M, TOLERANCE_UNITS * discs.unit_m)
         heard, since_s = self._heard, self._heard_s
         self._heard_s = 0.0
         if heard is None and self._far is not None:
@@ -59,7 +62,7 @@ class ThreatMonitor:
             if worst_m <= ROUNDING_M:
                 self._heard = Heard(ids, discs.centres_ned_m, discs.radii_m, discs.speeds_m_s)
                 return []
-            if worst_m <= THREAT_TOLERANCE_M:
+            if worst_m <= tolerance_m:
                 earlier = beyond_m > ROUNDING_M
                 self._heard = Heard(
                     ids,
@@ -69,7 +72,7 @@ class ThreatMonitor:
                 )
                 return []
         self._heard = Heard(ids, discs.centres_ned_m.copy(), discs.radii_m.copy(), discs.speeds_m_s.copy())
-        return [] if heard is None else contradictions(heard, self._heard, since_s)
+        return [] if heard is None else contradictions(heard, self._heard, since_s, tolerance_m)
 
 
 def ids_of(discs: Discs) -> list[int]:
@@ -78,7 +81,7 @@ def ids_of(discs: Discs) -> list[int]:
     return ids
 
 
-def contradictions(before: Heard, now: Heard, elapsed_s: float) -> list[str]:
+def contradictions(before: Heard, now: Heard, elapsed_s: float, tolerance_m: float) -> list[str]:
     """Return NEW_THREAT and THREAT_FASTER where they apply to the report `now`, compared disc by disc with `before`.
 
     Changes `now`: a disc that extends beyond its grown earlier report within the tolerance is replaced by the latter.
@@ -91,7 +94,7 @@ def contradictions(before: Heard, now: Heard, elapsed_s: float) -> list[str]:
         old = before.ids.index(key)
         grown_m = before.radii_m[old] + before.speeds_m_s[old] * elapsed_s
         beyond_m = math.dist(now.centres_ned_m[row], before.centres_ned_m[old]) + now.radii_m[row] - grown_m
-        if beyond_m > THREAT_TOLERANCE_M:
+        if beyond_m > tolerance_m:
             broken.append(THREAT_FASTER)
         elif beyond_m > ROUNDING_M:
             now.centres_ned_m[row], now.radii_m[row] = before.centres_ned_m[old], grown_m

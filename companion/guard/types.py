@@ -118,7 +118,8 @@ class Discs:
     """The keep-out discs at the time of the call, and the greatest speed of each.
 
     `attack_m` holds the inner (attack) radii: where no path is certified, the guard first keeps out of those. `ids`
-    identify the discs from call to call; None identifies them by their order.
+    identify the discs from call to call; None identifies them by their order. `unit_m` is the unit in which they were
+    told: a later report may extend beyond an earlier one by a few of them.
     """
 
     centres_ned_m: np.ndarray  # (M, 2) m
@@ -126,6 +127,7 @@ class Discs:
     speeds_m_s: np.ndarray  # (M,) m/s
     attack_m: np.ndarray | None = None  # (M,) m
     ids: np.ndarray | None = None  # (M,)
+    unit_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -210,8 +210,9 @@ class RoutedLaw:
         self._planned = planned
         route = planned.route
         if route.reach in (Reach.NONE, Reach.PLANNING):
-            stay = "no way to the target" if route.reach is Reach.NONE else route.reach.value
-            return SteeringDemand(direction(task.pull, self._wall_gradient(motion, view)), stay=stay, route=route)
+            stay = "no way to the target" if route.reach is Reach.NONE else None
+            note = route.reach.value if route.reach is Reach.PLANNING else None
+            return SteeringDemand(direction(task.pull, self._wall_gradient(motion, view)), stay, note, route=route)
         note = NEAREST_NOTE if planned.short else None
         self._stay = self._staying(planned, task, motion)
         if self._stay is not None:

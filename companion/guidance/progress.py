@@ -91,6 +91,8 @@ def after_closing(progress: Progress, pieces: Sequence[Piece], room: Room, radiu
 
 def _first_narrow(pieces: Sequence[Piece], room: Room, radius_m: float) -> tuple[float, float] | None:
     """Return the first place along a route from which neither turning circle is clear; None if there is none."""
+    if not pieces:
+        return None
     length_m = sum(piece.length_m for piece in pieces)
     poses = np.array([at(pieces, length_m * count / PLACES) for count in range(PLACES + 1)])
     aside_m = radius_m * np.column_stack((-np.sin(poses[:, 2]), np.cos(poses[:, 2])))

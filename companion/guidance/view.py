@@ -36,6 +36,8 @@ class View:
     """(C, 2) m, targets assigned to other agents, which a vehicle that loiters leaves room to reach."""
     traffic_ned_m: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m, all detected aircraft
     traffic_velocity_m_s: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m/s
+    unit_m: float = 0.0
+    """Unit of the threats' places and radii as they were told, m."""
     whole: bool = True
     """Whether every threat of the broadcast's picture was heard; if not, nothing can be certified."""
 

@@ -36,6 +36,8 @@ class Beliefs:
         self.threats: dict[int, tuple[ThreatEntry, Heard]] = {}
         self.agent_velocities_m_s: dict[int, tuple[float, float]] = {}
         self.threat_velocities_m_s: dict[int, tuple[float, float]] = {}
+        self.unit_m = 0.0
+        """Unit of the places in the newest frame."""
         self.bands: dict[int, BandEntry] = {}
         """Floors and ceilings of threats, by id of the threat."""
 
@@ -60,7 +62,8 @@ class Beliefs:
         return self.agents[peer_id][0].target_id is None or peer_id < agent_id
 
     def take(self, frame: StateFrame | FleetFrame, heard: Heard) -> None:
-        """Take agents and targets from a state or fleet frame."""
+        """Take agents and targets from a state or fleet frame, and the unit of its places."""
+        self.unit_m = (frame.resolution_cm if isinstance(frame, StateFrame) else frame.grid.resolution_cm) / 100.0
         for agent in frame.agents:
             self.agents[agent.id] = (agent, heard)
         for target in frame.targets:

@@ -324,6 +324,7 @@ def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: Steer
         speeds_m_s=view.threat_speed_m_s,
         attack_m=view.attack_radius_m,
         ids=view.threat_ids,
+        unit_m=view.unit_m,
     )
     route = () if demand.route is None else demand.route.pieces
     dt_s = steering.config.guidance_step_s

@@ -26,6 +26,8 @@ class ThreatTable:
     ids: np.ndarray  # (M,) int
     floor_m: np.ndarray  # (M,) m above sea level, -inf where none was heard
     ceiling_m: np.ndarray  # (M,) m above sea level, inf where none was heard
+    unit_m: float
+    """Unit of the places as they were told, m."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ def threat_table(beliefs: Beliefs) -> ThreatTable:
         ids=np.array([threat.id for threat, _ in entries], dtype=int),
         floor_m=np.array([_floor_m(band) for band in bands]),
         ceiling_m=np.array([_ceiling_m(band) for band in bands]),
+        unit_m=beliefs.unit_m,
     )
 
 
@@ -108,6 +111,7 @@ def view_of(
         threat_ids=threats.ids,
         threat_velocity_m_s=threats.velocity_m_s,
         threat_age_s=threat_age_s,
+        unit_m=threats.unit_m,
         peers_ned_m=peers_ned_m[remembered],
         peer_ids=peers.ids[remembered],
         loitering_ned_m=peers_ned_m[remembered & peers.loiters_first],
@@ -149,7 +153,8 @@ def reaching(threats: ThreatTable, low_m: float, high_m: float) -> ThreatTable:
     kept = ~((threats.ceiling_m < low_m) | (threats.floor_m > high_m))
     if kept.all():
         return threats
-    return ThreatTable(**{part.name: getattr(threats, part.name)[kept] for part in fields(threats)})
+    rows = {part.name: getattr(threats, part.name)[kept] for part in fields(threats) if part.name != "unit_m"}
+    return ThreatTable(**rows, unit_m=threats.unit_m)
 
 
 def _floor_m(band: BandEntry | None) -> float:

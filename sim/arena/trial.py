@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +18,8 @@ from companion.onboard.decision import Purpose, certificate_of
 from sim.approaches import threat_approaches
 from sim.arena.flight import AgentFlight, ArenaFlight, fly_arena
 from sim.arena.missions import RandomMission
-from sim.arena.planner import Needs, Plan, plan
+from sim.arena.plan_task import Needs
+from sim.arena.planner import Plan, plan
 from sim.score import AgentScore, score
 
 CLOCK_S = 1e-6
@@ -43,6 +43,7 @@ RATIO_LIMIT = 1.05
 LATE_SHARE = 0.25
 """Last part of a flight, in which an agent that is on its way comes nearer to its target than it was before."""
 OUT_OF_TIME = "out of time on its way"
+NO_PLAN = Plan(math.inf, math.inf, np.empty((0, 3)), "none", 0.0)
 ASSIGNED = "assigned"
 """Reason of a decision that goes to its target and says nothing else."""
 
@@ -73,7 +74,8 @@ class Trial:
     feasible: bool | None
     """Whether the single agent could arrive; None where threats move or there are several agents."""
     path_ratio: float | None
-    """Flown over planned length from where the single agent first steered; None where it is not known."""
+    """Flown over planned length, both with the room of a certified flight, from where the single agent first steered;
+    None where it is not known, or where the link loses frames: then the agent may have waited for a picture."""
     decision_ms: float
     """Processor time of the longest decision."""
     steps: int
@@ -102,20 +104,16 @@ class Trial:
         return self.decision_ms > self.decision_limit_ms
 
 
-class _Planned(NamedTuple):
-    feasible: bool
-    shortest: Plan
-
-
 def fly_trial(given: RandomMission) -> Trial:
     """Fly a random mission and judge the flight."""
     mission, began_s = given.mission, time.process_time()
     flight = fly_arena(mission, given.seed, radio=given.radio)
     scored = score(flight.trajectory, mission)
     static = all(threat.speed_bound_m_s == 0.0 for threat in mission.threats)
-    planned = None
+    planned, losing = None, False
     if static and len(mission.agents) == 1 and math.isfinite(flight.agents[0].engaged_t_s):
         planned = _planned(mission, flight)
+        losing = mission.link.loss > 0.0 or mission.link.burst is not None
     pairs = list(zip(flight.agents, scored.per_agent, strict=True))
     return Trial(
         name=mission.name,
@@ -133,39 +131,42 @@ def fly_trial(given: RandomMission) -> Trial:
         breaches=scored.separation_breaches,
         broken=flight.broken,
         why_not=tuple(_reason(mission, flight, i) for i, (_, j) in enumerate(pairs) if j.arrived_t_s is None),
-        feasible=None if planned is None else planned.feasible,
-        path_ratio=None
-        if planned is None
-        else _ratio(planned.shortest, flight, scored.per_agent[0], mission.agents[0].speed_m_s),
+        feasible=None if planned is None else math.isfinite(planned.length_m),
+        path_ratio=None if planned is None or losing else _ratio(planned, flight, mission, scored.per_agent[0]),
         decision_ms=float(flight.decision_us.max(initial=0.0)) / 1000.0,
         steps=len(flight.decision_us),
         cpu_s=time.process_time() - began_s,
     )
 
 
-def room_m(mission: Mission, agent: AgentSpec) -> float:
-    """Return the room in m that an agent needs beside every disc and edge so that it can be certified there."""
+def grid_m(mission: Mission) -> float:
+    """Return the resolution in m in which the broadcast tells the mission's places."""
     places = [agent.position_ned_m for agent in mission.agents]
     places += [thing.position_ned_m for things in (mission.targets, mission.threats) for thing in things]
-    grid_m = max(LEAST_GRID_M, float(np.abs(np.array(places)).max()) / GRID_UNITS)
+    return max(LEAST_GRID_M, float(np.abs(np.array(places)).max()) / GRID_UNITS)
+
+
+def room_m(mission: Mission, agent: AgentSpec) -> float:
+    """Return the room in m that an agent needs beside every disc and edge so that it can be certified there."""
     step_m = agent.speed_m_s * mission.guidance_step_s
-    return LEAST_ROOM_M + GRIDS * grid_m + STEP_SHARE * step_m
+    return LEAST_ROOM_M + GRIDS * grid_m(mission) + STEP_SHARE * step_m
 
 
-def _planned(mission: Mission, flight: ArenaFlight) -> _Planned:
-    """Return whether the single agent can arrive from where it first steered, and its shortest path from there."""
+def _planned(mission: Mission, flight: ArenaFlight) -> Plan:
+    """Return the plan for the single agent from where it first steered, with the room of a certified flight."""
+    # Within a grid's resolution of the target nobody can tell whether the agent has arrived.
+    arrival_m = mission.arrival_radius_m - grid_m(mission)
+    if arrival_m <= 0.0:
+        return NO_PLAN
     engaged_s, trajectory = flight.agents[0].engaged_t_s, flight.trajectory
     sample = int(np.searchsorted(trajectory.t_s, engaged_s - CLOCK_S))
     north_m, east_m = (float(value) for value in trajectory.agents_ned_m[sample, 0])
     heading_deg = float(trajectory.agents_heading_deg[sample, 0])
     agent = mission.agents[0].model_copy(update={"north_m": north_m, "east_m": east_m, "heading_deg": heading_deg})
-    there = mission.model_copy(update={"agents": (agent,)})
-    target_ned_m, left_s = mission.targets[0].position_ned_m, mission.max_time_s - engaged_s
-    needs = Needs(room_m(mission, agent), TURN_STEPS * agent.speed_m_s * mission.guidance_step_s, short=False)
-    safe = plan(there, agent.id, target_ned_m, TIME_SHARE * left_s, 0, needs)
-    feasible = math.isfinite(safe.length_m)
-    shortest = plan(there, agent.id, target_ned_m, left_s, 0) if feasible else safe
-    return _Planned(feasible, shortest)
+    there = mission.model_copy(update={"agents": (agent,), "arrival_radius_m": arrival_m})
+    needs = Needs(room_m(mission, agent), TURN_STEPS * agent.speed_m_s * mission.guidance_step_s)
+    until_s = TIME_SHARE * (mission.max_time_s - engaged_s)
+    return plan(there, agent.id, mission.targets[0].position_ned_m, until_s, 0, needs)
 
 
 def _certificate(agent: AgentFlight) -> str:
@@ -203,8 +204,8 @@ def _comes_nearer(mission: Mission, flight: ArenaFlight, index: int) -> bool:
     return bool(to_go_m[before:].min() < to_go_m[:before].min(initial=math.inf) - step_m)
 
 
-def _ratio(shortest: Plan, flight: ArenaFlight, judged: AgentScore, speed_m_s: float) -> float | None:
+def _ratio(planned: Plan, flight: ArenaFlight, mission: Mission, judged: AgentScore) -> float | None:
     """Return flown over planned length from where the agent first steered, None where there is no plan or arrival."""
-    if judged.arrived_t_s is None or not 0.0 < shortest.length_m < math.inf:
+    if judged.arrived_t_s is None or not 0.0 < planned.length_m < math.inf:
         return None
-    return (judged.path_to_end_m - speed_m_s * flight.agents[0].engaged_t_s) / shortest.length_m
+    return (judged.path_to_end_m - mission.agents[0].speed_m_s * flight.agents[0].engaged_t_s) / planned.length_m

@@ -22,7 +22,9 @@ from companion.mission.model import (
     ThreatSpec,
     Wind,
 )
-from sim.arena.planner import MARGIN_M, Needs, Plan, ground_turn_radius_m, plan, target_stays_clear, verify
+from sim.arena.plan_check import verify
+from sim.arena.plan_task import MARGIN_M, Needs, ground_turn_radius_m
+from sim.arena.planner import Plan, plan, target_stays_clear
 from sim.shortest_path import Departure, turning_path
 from sim.world import World
 

@@ -15,12 +15,14 @@ from companion.geo.polygon import inside_polygon
 from companion.guard.fence import Fence
 from companion.guard.types import Motion
 from companion.guidance.view import View
+from companion.mission.extent import mission_extent
 from companion.mission.model import Mission, ThreatSpec, reaches
 from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
 from companion.onboard.goal import Goal
 from companion.onboard.lint.fleet import Flyer, nearest_target
 from companion.onboard.steering import Moment, steer
+from companion.protocol.codec import frame_resolution_cm
 
 GREATEST_PART_RAD = 0.2
 """Greatest turn between two places at which the circle before the first picture is compared with discs and fence."""
@@ -40,11 +42,11 @@ def uncertified_starts(mission: Mission, fleet: Sequence[Flyer], kind: str) -> l
 
     `kind` is the kind of autopilot: the simulator's point circles until it hears a picture, others hold their place.
     """
-    concerns = []
+    concerns, unit_m = [], _unit_m(mission)
     for flyer in fleet:
         threats = [threat for threat in mission.threats if reaches(threat, flyer.altitude_m)]
         start = start_of(mission, flyer, kind)
-        view = _view(threats, start.heard_s)
+        view = _view(threats, start.heard_s, unit_m)
         entered = _enters(mission, flyer, view, start.circled_m)
         certified_s = 0.0 if entered else _certified_s(mission, flyer, view, start)
         if certified_s == 0.0:
@@ -83,15 +85,29 @@ def start_of(mission: Mission, flyer: Flyer, kind: str) -> Start:
     return Start(Motion(*poses[-1], speed_m_s), tuple((pose[0], pose[1]) for pose in poses), heard_s)
 
 
-def _view(threats: Sequence[ThreatSpec], age_s: float) -> View:
-    """Return the picture of the threats as a vehicle has it when it has heard of them `age_s` after they were seen."""
+def _unit_m(mission: Mission) -> float:
+    """Return the resolution of the mission's state frames."""
+    extent = mission_extent(mission)
+    return frame_resolution_cm([extent.low_ned_m, extent.high_ned_m], [extent.radius_m]) / 100.0
+
+
+def _view(threats: Sequence[ThreatSpec], age_s: float, unit_m: float) -> View:
+    """Return the picture of the threats as a vehicle has it when it hears of them `age_s` after they were seen.
+
+    Places are rounded to `unit_m`; radii gain what that moves them and are rounded up, as in a state frame.
+    """
     speed_m_s = np.array([threat.speed_bound_m_s for threat in threats])
+    places_m = np.array([threat.position_ned_m for threat in threats]).reshape(-1, 2)
+    told_m = unit_m * np.round(places_m / unit_m)
+    moved_m = np.hypot(*(told_m - places_m).T)
+    radii_m = np.array([(threat.detection_radius_m, threat.attack_radius_m) for threat in threats]).reshape(-1, 2)
+    believed_m = unit_m * np.ceil((radii_m + moved_m[:, np.newaxis]) / unit_m) + (speed_m_s * age_s)[:, np.newaxis]
     return View(
         target_ned_m=None,
         target_age_s=age_s,
-        threats_ned_m=np.array([threat.position_ned_m for threat in threats]).reshape(-1, 2),
-        detection_radius_m=np.array([threat.detection_radius_m for threat in threats]) + speed_m_s * age_s,
-        attack_radius_m=np.array([threat.attack_radius_m for threat in threats]) + speed_m_s * age_s,
+        threats_ned_m=told_m,
+        detection_radius_m=believed_m[:, 0],
+        attack_radius_m=believed_m[:, 1],
         threat_speed_m_s=speed_m_s,
         threat_ids=np.array([threat.id for threat in threats], dtype=int),
         threat_velocity_m_s=np.zeros((len(threats), 2)),
@@ -116,15 +132,15 @@ def _enters(mission: Mission, flyer: Flyer, view: View, places_m: Sequence[tuple
 def _certified_s(mission: Mission, flyer: Flyer, view: View, start: Start) -> float:
     """Return for how long the guard's first verdict is certified, in seconds; 0 without a certified back-up.
 
-    Where no circle or stop is clear at once, a route may be one: the one to the nearest target is tried.
+    Where no circle or stop is clear for ever, a route may be: the one to the nearest target is tried.
     """
     steering = flyer.steering
     moment = Moment(start.motion, view, 0.0, start.heard_s)
     certified_s = steer(steering, Goal(Purpose.LOITER, ""), moment, Engagement()).verdict.certified_s
-    if certified_s == 0.0 and steering.rules is not None:
+    if math.isfinite(certified_s) and steering.rules is not None:
         steering.guard.reset()
         goal = Goal(Purpose.TARGET, "", nearest_target(mission, flyer.spec).position_ned_m)
-        certified_s = steer(steering, goal, moment, Engagement()).verdict.certified_s
+        certified_s = max(certified_s, steer(steering, goal, moment, Engagement()).verdict.certified_s)
     steering.guard.reset()
     return certified_s
 

@@ -18,7 +18,7 @@ from companion.mission.model import (
     ThreatMotion,
     ThreatSpec,
 )
-from sim.arena.planner import ground_turn_radius_m
+from sim.arena.plan_task import ground_turn_radius_m
 
 SPEED_M_S = 25.0
 GUIDANCE_STEP_S = 0.5

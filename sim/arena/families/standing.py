@@ -26,7 +26,7 @@ from sim.arena.families.drawing import (
     turn_radius_at_m,
     with_radius,
 )
-from sim.arena.planner import ground_turn_radius_m
+from sim.arena.plan_task import ground_turn_radius_m
 
 TRAP_TIME_SHARE = 5.0
 """Time limit among traps, as a multiple of the straight line's time: the way out of a spiral alone takes more than

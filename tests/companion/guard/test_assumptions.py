@@ -435,3 +435,13 @@ def test_a_clock_that_is_rounded_to_microseconds_is_no_delay() -> None:
 @pytest.mark.parametrize("value", BAD)
 def test_a_time_that_is_not_finite_gets_no_setpoint(value: float) -> None:
     assert Guard(PLANE).check(AHEAD, NORTHWARD, NOTHING, value, DT_S) == Verdict(None, (NOT_FINITE,))
+
+
+@pytest.mark.parametrize(("unit_m", "named"), [(0.0, True), (4.0, True), (4.9, False), (27.0, False)])
+def test_a_moving_disc_that_is_told_in_coarse_units_may_jump_by_their_rounding(unit_m: float, named: bool) -> None:
+    far = replace(discs((900.0, 0.0, 50.0), speed_m_s=5.0), unit_m=unit_m)
+    guarded = Guard(PLANE)
+    guarded.check(AHEAD, NORTHWARD, far, 0.0, DT_S)
+    nearer = replace(far, centres_ned_m=far.centres_ned_m - np.array([[5.0 * DT_S + 12.0, 0.0]]))
+    on = replace(NORTHWARD, north_m=20.0 * DT_S)
+    assert (THREAT_FASTER in guarded.check(AHEAD, on, nearer, DT_S, DT_S).broken) is named
