@@ -18,8 +18,9 @@ from companion.guidance.route.search import chain_free, chains
 ROUNDS = 5
 """Number of times the touching points are computed anew, each time along the way over the last ones."""
 FEWEST_ROUNDS = 2
-"""Number of times after which a way along them that is free is good enough if it is hardly longer than the rough one."""
+"""Number of times after which a free way is good enough if it is hardly longer than the rough one."""
 HARDLY_LONGER = 1.005
+"""Ratio to the length of the rough way up to which a way is hardly longer."""
 
 
 class Tightened(NamedTuple):
@@ -88,7 +89,7 @@ def _apart(scene: Scene, via: tuple[tuple[int, int], ...], facing: dict[int, com
             continue
         towards = complex(scene.centre[second[0]] - scene.centre[first[0]])
         for disc, sign in ((first[0], 1.0), (second[0], -1.0)):
-            if disc in scene.touch and disc not in facing and towards:
+            if disc in scene.circles.touch and disc not in facing and towards:
                 found[disc] = sign * towards / abs(towards)
     return found
 

@@ -71,7 +71,7 @@ class Way(NamedTuple):
     @property
     def touch(self) -> dict[int, complex]:
         """The discs smaller than a turn that its arcs touch, and in which directions from their centres."""
-        return self.scene.touch
+        return self.scene.circles.touch
 
     @property
     def end_side(self) -> int:

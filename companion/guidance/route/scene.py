@@ -93,6 +93,8 @@ class _Circles:
         self.first_band = self.goal_node + 3
         # The sides on which a way may arrive at the goal: of its own choice if it is a circle, 1 if it is a place.
         self.goal_sides = (goal.side,) if goal.side else (1, -1) if goal.radius_m else (1,)
+        self.touch: dict[int, complex] = {}
+        """The direction, of length 1, from a disc's centre to where an arc that is no circle about it touches it."""
         self._tolerance_m = tolerance_m
 
     def moved(self, places: dict[int, tuple[complex, float]]) -> _Circles:
@@ -134,11 +136,6 @@ class Scene:
     def __init__(self, pose: Pose, goal: Aim, obstacles: Obstacles, rough: np.ndarray | None = None) -> None:
         """Prepare a search; `rough`, (M,) bool, are discs whose arcs have their own radius though too small to fly."""
         self.pose = pose
-        self.touch: dict[int, complex] = {}
-        """The direction, of length 1, from a disc's centre to where its arc, as wide as a turn, touches it.
-
-        Such an arc is no circle about the disc's centre but lies around the disc; see `touching`.
-        """
         radii_m, turn_radius_m = obstacles.radius_m, pose.turn_radius_m
         self.centre = obstacles.centre - pose.place  # about the start, so that large coordinates cost no digits
         self.goal = goal.place - pose.place
@@ -198,8 +195,8 @@ class Scene:
             if radius_m >= turn_m and collide_m < radius_m:
                 places[disc] = centre + at - radius_m * towards, radius_m
         scene = copy.copy(self)
-        scene.touch = {disc: touch[disc] for disc in places}
         scene.circles = self.circles.moved(places)
+        scene.circles.touch = {disc: touch[disc] for disc in places}
         scene._covers = {}
         return scene
 
