@@ -28,7 +28,7 @@ LEAST_SAVING = 0.01
 TIGHT_TRIES = 5
 """Number of rough ways that are tried to be made flyable."""
 TIGHT_WORK_US = 60.0
-"""Further work that a call may do for such ways, for each disc and each corner, in nominal microseconds."""
+"""Further work that may be done once in a plan for such ways, for each disc and each corner, in nominal microseconds."""
 MOST_TIGHT_WORK_US = 6000.0
 """Greatest further work of that kind."""
 TIGHTENING_US = 400.0
@@ -104,6 +104,7 @@ class Plan:
         """The polygons on whose wrong side the start is; the way leads across their edges."""
         if walls is not None and len(walls.corner):
             self._add(walls)
+        self._further_us = min(TIGHT_WORK_US * len(self.everything.centre), MOST_TIGHT_WORK_US)
 
     def _add(self, walls: WallSet) -> None:
         discs, place = self.everything, self.pose.place
@@ -371,7 +372,8 @@ class Plan:
         small = arc_m > scene.collide_m
         if not scene.pose.limited or not any(small[disc] for disc in search.discs):
             return None
-        effort.left_us += min(TIGHT_WORK_US * len(small), MOST_TIGHT_WORK_US)
+        effort.left_us += self._further_us
+        self._further_us = 0.0
         below_m = math.inf if way is None else (1.0 - LEAST_SAVING) * way.length_m
         for _ in range(TIGHT_TRIES):
             rough = Search(Scene(scene.pose, goal, obstacles, small))
