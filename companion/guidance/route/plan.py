@@ -28,7 +28,7 @@ LEAST_SAVING = 0.01
 TIGHT_TRIES = 5
 """Number of rough ways that are tried to be made flyable."""
 TIGHT_WORK_US = 60.0
-"""Further work that may be done once in a plan for such ways, for each disc and each corner, in nominal microseconds."""
+"""Further work that one plan may do for such ways, for each disc and each corner, in nominal microseconds."""
 MOST_TIGHT_WORK_US = 6000.0
 """Greatest further work of that kind."""
 TIGHTENING_US = 400.0

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from companion.guidance.route.plan import Plan
+from companion.guidance.route.plan import Plan, Way
 from companion.guidance.route.router import Departure, Reach, Route, Router, shortest_route
 from companion.guidance.route.walls import NO_WALLS, Walls
 from tests.companion.guidance.test_route import arrival, depth_m, flown, scenes, unit
@@ -30,7 +30,7 @@ def without_touching(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Plan, "_tighter", lambda *_: None)
 
 
-@pytest.mark.parametrize("gap_m", [1.0, 49.0, 120.0])
+@pytest.mark.parametrize("gap_m", [1.0, 20.0, 49.0, 120.0])
 @pytest.mark.parametrize("slant", [0.0, 0.2])
 def test_a_gap_between_discs_smaller_than_a_turn_is_flown_through(gap_m: float, slant: float) -> None:
     centres, radii = barrier(gap_m, slant)
@@ -101,7 +101,7 @@ def test_past_discs_no_smaller_than_a_turn_nothing_changes(
 
 def steps(ids: list[np.ndarray], drift_m: float = 0.0) -> list[Route]:
     """Return the routes of steps towards a gap, with the discs in the order of `ids` at each."""
-    centres, radii = barrier(49.0)
+    centres, radii = barrier(20.0)
     router, routes = Router(), []
     place, heading_rad = np.array([0.0, 60.0]), 0.0
     for number, order in enumerate(ids):
@@ -120,11 +120,20 @@ def test_a_way_through_a_gap_is_kept_from_step_to_step() -> None:
         assert after.length_m == pytest.approx(before.length_m - 10.0, abs=1e-3)
 
 
-def test_a_way_through_a_gap_is_kept_when_the_discs_are_renumbered() -> None:
-    order = np.arange(16)
+def test_a_way_through_a_gap_is_kept_when_the_discs_are_renumbered(monkeypatch: pytest.MonkeyPatch) -> None:
+    order, touched, along = np.arange(16), [], Plan.along
+
+    def seen(
+        self: Plan, way: Way, via: tuple[tuple[int, int], ...], touch: dict[int, complex], legs: int | None = None
+    ) -> Way | None:
+        touched.append(touch)
+        return along(self, way, via, touch, legs)
+
+    monkeypatch.setattr(Plan, "along", seen)
     routes = steps([order, order, order, order[::-1], order[::-1]])
     assert routes[4].length_m == pytest.approx(routes[2].length_m - 20.0, abs=1e-3)
     assert routes[3].via == tuple((15 - disc, side) for disc, side in routes[2].via) != ()
+    assert touched[2] == {15 - disc: towards for disc, towards in touched[1].items()} != {}
 
 
 def test_a_way_through_a_gap_is_kept_while_the_discs_drift() -> None:
@@ -135,7 +144,7 @@ def test_a_way_through_a_gap_is_kept_while_the_discs_drift() -> None:
 
 @pytest.mark.parametrize("step_m", [3.0, 10.0])
 def test_a_gap_is_flown_through_step_by_step(step_m: float) -> None:
-    centres, radii = barrier(49.0)
+    centres, radii = barrier(20.0)
     scene = (np.array([0.0, 400.0]), np.array([2000.0, 500.0]), centres, radii)
     arrived, flown_m, deepest_m, first = arrival(scene[0], 0.0, scene, TURN_M, step_m)
     assert arrived
