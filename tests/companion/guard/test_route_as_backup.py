@@ -300,7 +300,7 @@ def stretches_of(
 
 
 def test_along_the_route_the_time_goes_on_with_every_step() -> None:
-    """20 steps of straight line at once, six into the bend and through it, 25 of the straight line after it, and one."""
+    """20 steps of straight line at once, six into the bend and out of it, 25 of the line after it, and one."""
     entered, looked = stretches_of(PLANE, discs((0.0, 900.0, 10.0), speed_m_s=1.0), Pose(0.0, 0.0, 0.0), DT_S)
     times_s = [0.75, 10.75, 11.25, 11.75, 12.25, 12.75, 13.25, 13.75, 26.25]
     assert [at_s for _, at_s in entered] == pytest.approx(times_s)
