@@ -171,7 +171,8 @@ def test_the_stretches_of_a_route_hang_together_and_stay_near_it(bends: list[tup
         bend_1_m = math.copysign(1.0 / radius_m, turn_rad)
         pieces.append(Piece(*arcs.end_of(pieces[-1]), bend_1_m, abs(turn_rad) * radius_m))
         pieces.append(Piece(*arcs.end_of(pieces[-1]), 0.0, line_m))
-    way, along_m, pose, flown = route(*pieces), 0.0, Pose(0.0, 0.0, 0.0), []
+    way, along_m, pose = route(*pieces), 0.0, Pose(0.0, 0.0, 0.0)
+    flown: list[Piece] = []
     while along_m < sum(piece.length_m for piece in pieces) - STEP_M:
         stretch = next_stretch(MODEL, way, along_m, pose, DT_S)
         flown += stretch.pieces

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -273,11 +273,16 @@ def test_of_the_headings_that_the_fan_offers_the_first_eight_are_compared_with_t
 def test_a_ray_longer_than_the_fence_is_not_looked_for(horizon_s: float, looked_for: bool) -> None:
     guarded = Guard(replace(PLANE, fence_ned_m=((-60.0, -80.0), (60.0, -80.0), (60.0, 80.0), (-60.0, 80.0))))
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, discs((0.0, 900.0, 5.0), speed_m_s=2.0), DT_S, ())
-    looked = []
+    looked: list[Pose] = []
+
+    def headings_rad(_self: BackupSearch, pose: Pose, _discs: object) -> Iterator[float]:
+        looked.append(pose)
+        return iter(())
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(BackupSearch, "likely_headings_rad", lambda *_: iter(looked.append(True) or ()))
+        patch.setattr(BackupSearch, "likely_headings_rad", headings_rad)
         guarded._search(flight, horizon_s).ray(flight.tip, 20.0, 0.0, 0.0, False)
-    assert looked == [True] * looked_for
+    assert looked == [flight.tip] * looked_for
 
 
 def test_moving_discs_inside_a_fence_are_kept_clear_of_for_the_horizon() -> None:
