@@ -19,7 +19,7 @@ from sim.approaches import threat_approaches
 from sim.arena.flight import AgentFlight, ArenaFlight, fly_arena
 from sim.arena.missions import RandomMission
 from sim.arena.plan_task import Needs
-from sim.arena.planner import Plan, plan
+from sim.arena.planner import Plan, leads_on, plan
 from sim.score import AgentScore, score
 
 CLOCK_S = 1e-6
@@ -166,7 +166,8 @@ def _planned(mission: Mission, flight: ArenaFlight) -> Plan:
     there = mission.model_copy(update={"agents": (agent,), "arrival_radius_m": arrival_m})
     needs = Needs(room_m(mission, agent), TURN_STEPS * agent.speed_m_s * mission.guidance_step_s)
     until_s = TIME_SHARE * (mission.max_time_s - engaged_s)
-    return plan(there, agent.id, mission.targets[0].position_ned_m, until_s, 0, needs)
+    found = plan(there, agent.id, mission.targets[0].position_ned_m, until_s, 0, needs)
+    return found if len(found.way) and leads_on(there, agent.id, found, needs) else NO_PLAN
 
 
 def _certificate(agent: AgentFlight) -> str:
