@@ -32,6 +32,7 @@ from companion.guidance.resolution import (
     PIVOTING,
     SLOWING,
     STOPPING,
+    Arc,
     AtEffect,
     Peers,
     Resolution,
@@ -40,6 +41,9 @@ from companion.guidance.resolution import (
 
 SPEED_FRACTIONS = (1.0, 0.75, 0.5, 0.35, 0.2, 0.1, 0.05)
 """Fractions of the cruise speed that are tried for a heading before the vehicle stops."""
+BACK_RAD = 1.9
+"""Turn to the right from the wanted heading from which a shorter one to the left is taken instead: a single neighbour
+straight ahead asks for a little more than a right angle, and two can ask for a way back."""
 STANDING_M_S = 0.2
 """Speed below which a vehicle stands: the way on which it comes to a stop is shorter than a few centimetres."""
 OPENING_RAD = 0.2
@@ -83,9 +87,9 @@ def keep_apart(wanted_rad: float, start: Start, peers: Peers, part: float) -> Re
     step_m = cruise_m_s * (start.dt_s + start.rules.reaction_s)
     narrow = [band for band in bands if band.share_m < step_m]
     arcs = [(band.bearing_rad, math.acos(band.share_m / step_m)) for band in narrow]
-    chosen_rad = first_clockwise(wanted_rad, [(middle, half + OPENING_RAD) for middle, half in arcs])
+    chosen_rad = _first_free(wanted_rad, [(middle, half + OPENING_RAD) for middle, half in arcs])
     if chosen_rad is None:
-        chosen_rad = first_clockwise(wanted_rad, arcs)
+        chosen_rad = _first_free(wanted_rad, arcs)
     if chosen_rad is None:
         return Resolution(start.at_effect.heading_rad % math.tau, 0.0, STOPPING, _in_the_way(wanted_rad, bands))
     for fraction in SPEED_FRACTIONS:
@@ -100,6 +104,20 @@ def keep_apart(wanted_rad: float, start: Start, peers: Peers, part: float) -> Re
         return Resolution(_turned_rad(start, chosen_rad, 0.0), 0.0, PIVOTING, _in_the_way(wanted_rad, bands))
     # Who brakes keeps its heading, and with it the way to a stop that the others reckon with.
     return Resolution(start.at_effect.heading_rad % math.tau, 0.0, STOPPING, _in_the_way(wanted_rad, bands))
+
+
+def _first_free(wanted_rad: float, arcs: Sequence[Arc]) -> float | None:
+    """Return the first free heading clockwise or, where that leads back and is the longer turn, counterclockwise."""
+    right_rad = first_clockwise(wanted_rad, arcs)
+    if right_rad is None:
+        return None
+    turned_rad = (right_rad - wanted_rad) % math.tau
+    if turned_rad <= BACK_RAD:
+        return right_rad
+    mirrored_rad = first_clockwise(-wanted_rad % math.tau, [(-middle, half) for middle, half in arcs])
+    if mirrored_rad is None or (mirrored_rad + wanted_rad) % math.tau >= turned_rad:
+        return right_rad
+    return -mirrored_rad % math.tau
 
 
 def _bands(start: Start, peers: Peers, part: float) -> list[_Band]:

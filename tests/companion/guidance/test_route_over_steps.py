@@ -151,3 +151,13 @@ def test_plans_of_two_questions_that_are_asked_in_turn_are_both_made(little_effo
     assert len(plans) == 2
     for goal in goals:
         assert routes[goal].length_m == pytest.approx(shortest_route(START, goal, *HONEYCOMB).length_m)
+
+
+def test_a_small_disc_that_comes_between_a_vehicle_and_its_way_does_not_need_another_plan(plans: list[Plan]) -> None:
+    centres, radii, ids = np.array([[500.0, 5.0], [30.0, -9.0]]), np.array([100.0, 3.0]), np.arange(2)
+    router, goal = Router(), (1000.0, 0.0)
+    assert router.route(Departure((0.0, 3.0)), goal, centres, radii, ids).via == ((0, 1),)
+    blown = router.route(Departure((0.0, -3.0)), goal, centres, radii, ids)
+    assert blown.via in (((1, 1), (0, 1)), ((1, -1), (0, 1)))
+    assert blown.length_m == pytest.approx(shortest_route((0.0, -3.0), goal, centres, radii).length_m)
+    assert len(plans) == 2  # of which one is that of the line above

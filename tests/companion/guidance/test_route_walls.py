@@ -13,17 +13,22 @@ from scipy.sparse.csgraph import dijkstra
 from companion.geo.kinematics import shorter_turn_rad, turn_towards
 from companion.guidance.route.router import Departure, Goal, Reach, Route, Router, shortest_route
 from companion.guidance.route.walls import Polygon, Walls
+from sim.shortest_path import shortest_path_length, walls_of
 from tests.companion.guidance.test_route import NO_DISCS, Scene, depth_m, flown, unit
 
 SQUARE = ((-100.0, -100.0), (100.0, -100.0), (100.0, 100.0), (-100.0, 100.0))
 L_SHAPE = ((0.0, 0.0), (100.0, 0.0), (100.0, 30.0), (30.0, 30.0), (30.0, 100.0), (0.0, 100.0))
 
 
+def polygons_of(walls: Walls) -> list[np.ndarray]:
+    """Return the corners (V, 2) of each polygon, m."""
+    return [np.array(polygon, dtype=float) for polygon in (walls.fence, *walls.exclusions) if polygon]
+
+
 def edges_of(walls: Walls) -> np.ndarray:
     """Return the edges (E, 2, 2) of all polygons, m."""
-    polygons = [np.array(polygon, dtype=float) for polygon in (walls.fence, *walls.exclusions) if polygon]
     stacked: np.ndarray = np.concatenate(
-        [np.stack((polygon, np.roll(polygon, -1, axis=0)), axis=1) for polygon in polygons]
+        [np.stack((polygon, np.roll(polygon, -1, axis=0)), axis=1) for polygon in polygons_of(walls)]
     )
     return stacked
 
@@ -260,6 +265,28 @@ def test_flown_step_by_step_between_walls_it_arrives_and_keeps_the_clearance(hea
     assert nearest_m > 150.0 - 0.5
 
 
+@pytest.mark.slow
+@settings(max_examples=300)
+@given(seed=st.integers(0, 1_000_000))
+def test_the_length_is_that_of_the_planner_of_the_arena(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    fence = star(rng, np.zeros(2), 250.0) if rng.random() < 0.6 else ()
+    exclusions = tuple(star(rng, rng.uniform(-150.0, 150.0, 2), 50.0) for _ in range(int(rng.integers(1, 4))))
+    walls = Walls(fence, exclusions, float(rng.choice([0.5, 2.0, 6.0])))
+    centres, radii = rng.uniform(-150.0, 150.0, (9, 2)), 10.0 ** rng.uniform(0.0, 1.7, 9)
+    start, goal = rng.uniform(-180.0, 180.0, (2, 2))
+    wanted_m = shortest_path_length(start, goal, centres, radii, walls_of(polygons_of(walls), walls.clearance_m))
+    route = shortest_route(start, goal, centres, radii, walls=walls)
+    if math.isfinite(wanted_m) and route.reach is Reach.TARGET:
+        assert route.length_m == pytest.approx(wanted_m, rel=1e-6)
+    elif depth_m(np.array([start, goal]), centres, radii) < 0.0:
+        # What is outside the fence or too near to a wall the planner of the arena judges otherwise.
+        ends_m = apart_m(np.array([start, goal]), edges_of(walls)).min()
+        outside = [not inside((float(end[0]), float(end[1])), fence) for end in (start, goal)] if fence else [False]
+        within = [inside((float(end[0]), float(end[1])), box) for box in exclusions for end in (start, goal)]
+        assert (ends_m < walls.clearance_m) or any(outside + within) or math.isinf(wanted_m)
+
+
 corner = st.tuples(st.integers(-8, 8).map(float), st.integers(-8, 8).map(float))
 
 
@@ -329,3 +356,17 @@ def test_a_scene_turned_moved_or_mirrored_has_a_way_of_the_same_length(
     other = shortest_route(moved(start), moved(goal), moved(centres), radii, walls=walls)
     assert other.reach is plain.reach
     assert other.length_m == pytest.approx(plain.length_m, rel=1e-5, abs=1e-3)
+
+
+def test_a_wall_ahead_that_cannot_be_avoided_is_approached_no_nearer_than_a_turn_must() -> None:
+    walls = Walls(SQUARE, (), 5.0)
+    route = shortest_route((85.0, 0.0), (-50.0, 3.0), *NO_DISCS, 0.0, 12.0, walls)
+    assert (route.reach, route.turn) == (Reach.TARGET, 1)
+    assert clearance_m(route, walls) == pytest.approx(3.0, abs=1e-2)
+
+
+def test_on_the_fence_and_heading_out_no_arc_beyond_it_counts() -> None:
+    route = shortest_route((-100.0, 0.0), (0.0, -50.0), *NO_DISCS, 0.5 * math.pi + 0.2, 10.0, Walls(SQUARE))
+    assert route.reach is Reach.TARGET
+    assert math.cos(route.heading_rad) > 0.0
+    assert flown(route)[:, 0].min() > -100.0 - 1e-3

@@ -334,6 +334,16 @@ def test_a_vehicle_that_can_stop_and_has_no_free_way_stops() -> None:
     assert (chosen.speed_m_s, chosen.reason) == (0.0, STOPPING)
 
 
+@pytest.mark.parametrize("start_ned_m", [(67.0, 55.0), (69.0, 54.0), (70.0, 57.5), (72.0, 53.0)])
+def test_where_keeping_right_would_lead_back_between_two_that_stand_it_passes_on_the_left(
+    start_ned_m: tuple[float, float],
+) -> None:
+    rules = Rules(separation_m=5.0, n_max=0.5, speed_m_s=3.0, can_stop=True, braking_m_s2=4.0)
+    standing = [swarm.Craft(79.3, 57.5, 0.0, 0.0, None), swarm.Craft(66.0, 62.9, 0.0, 0.0, None)]
+    outcome = swarm.fly([swarm.bound(start_ned_m, (94.8, 52.8), 3.0, 0), *standing], rules, 60.0, arrival_radius_m=2.0)
+    assert (outcome.arrived, outcome.breaches) == (1, 0)
+
+
 def test_a_vehicle_that_can_stop_must_say_how_hard_it_brakes() -> None:
     with pytest.raises(ValueError, match="braking_m_s2"):
         decide(Motion(0.0, 0.0, 0.0, 5.0), 0.0, [Motion(50.0, 0.0, 0.0, 5.0)], replace(COPTERS, braking_m_s2=None))
