@@ -32,6 +32,7 @@ class Status:
         self._options = options
         self.sent_bytes = 0
         self._said = ""
+        self._revision = station.revision
         self._told_at_s: float | None = None
         self._told_bytes = 0
 
@@ -47,12 +48,15 @@ class Status:
         )
 
     def news(self, now_s: float, frames: int) -> list[str]:
-        """Return the messages that are due: of the mission if it changed, of the link every STATUS_PERIOD_S."""
+        """Return the messages that are due: of mission and picture on changes, of the link every STATUS_PERIOD_S."""
         lines = []
         line = f"{self._mission_line()} ({_WORDS[self._options.authentication]})"
         if line != self._said:
             lines.append(line)
             self._said = line
+        if self._station.revision != self._revision:
+            self._revision = self._station.revision
+            lines.append(f"picture: revision {self._revision}, {len(self._station.mission.threats)} threats")
         if self._told_at_s is None:
             self._told_at_s = now_s
         elif now_s - self._told_at_s >= STATUS_PERIOD_S:

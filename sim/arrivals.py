@@ -16,8 +16,8 @@ class Sample(NamedTuple):
     """The agents' and the targets' rows at one time, rounded as in the trajectory."""
 
     t_s: float
-    agents: np.ndarray  # (N, 4) north m, east m, heading deg, speed m/s
-    targets: np.ndarray  # (K, 4)
+    agents: np.ndarray  # (N, 3) north m, east m, heading deg
+    targets: np.ndarray  # (K, 3)
     apart_m: np.ndarray  # (N, K)
 
 
@@ -29,27 +29,28 @@ class Passages:
         self._crafts = crafts_of(mission)
         self._last: Sample | None = None
 
-    def near(self, t_s: float, agents: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    def near(self, t_s: float, agents: np.ndarray, targets: np.ndarray, matter: np.ndarray | bool = True) -> np.ndarray:
         """Return (N, K) bool, who comes near what on the path from the last sample to this, or is near at this.
 
-        `agents` (N, 4) and `targets` (K, 4) hold north m, east m, heading deg, speed m/s.
+        `agents` (N, 4) and `targets` (K, 4) hold north m, east m, heading deg, speed m/s; `matter` (N, K) says of whom
+        and what it is asked.
         """
         agents, targets = rounded_rows(agents), rounded_rows(targets)
         offset_m = agents[:, None, :2] - targets[:, :2]
         now = Sample(round(t_s, TIME_DECIMALS), agents, targets, np.hypot(offset_m[..., 0], offset_m[..., 1]))
-        near: np.ndarray = now.apart_m <= self._radius_m
+        near: np.ndarray = (now.apart_m <= self._radius_m) & matter
         if self._last is not None:
-            self._look_between(self._last, now, near)
+            self._look_between(self._last, now, near, matter)
         self._last = now
         return near
 
-    def _look_between(self, last: Sample, now: Sample, near: np.ndarray) -> None:
+    def _look_between(self, last: Sample, now: Sample, near: np.ndarray, matter: np.ndarray | bool) -> None:
         """Set in `near` who comes near what between two samples, at which it is not near."""
         lasts_s = np.array([now.t_s - last.t_s])
-        chords_m, moves_m = (np.hypot(*(after[:, :2] - before[:, :2]).T) for before, after in _pairs(last, now))
-        ways_m = self._crafts.reach_m(chords_m, lasts_s)[:, None] + moves_m
-        may = ~near & (0.5 * (last.apart_m + now.apart_m - ways_m) <= self._radius_m)
-        agent, target = np.nonzero(may)
+        agents_m, targets_m = now.agents[:, :2] - last.agents[:, :2], now.targets[:, :2] - last.targets[:, :2]
+        moves_m = np.hypot(targets_m[:, 0], targets_m[:, 1])
+        ways_m = self._crafts.reach_m(np.hypot(agents_m[:, 0], agents_m[:, 1]), lasts_s)[:, None] + moves_m
+        agent, target = np.nonzero(matter & ~near & (last.apart_m + now.apart_m - ways_m <= 2.0 * self._radius_m))
         if agent.size == 0:
             return
         lasts_s = np.repeat(lasts_s, len(agent))
@@ -64,10 +65,13 @@ class Arrivals:
     """The open targets and the arrived agents, by index, of one flight of a resolved mission."""
 
     def __init__(self, mission: Mission) -> None:
-        self._mission = mission
         self._passages = Passages(mission)
         self.open = list(range(len(mission.targets)))
-        self._arrived: set[int] = set()
+        self._awaited = np.array(
+            [[agent.only_target in (None, target.id) for target in mission.targets] for agent in mission.agents]
+        ).reshape(len(mission.agents), len(mission.targets))
+        """(N, K) bool, which agents may still arrive at which targets."""
+        self._on_their_way = np.ones(len(mission.agents), dtype=bool)
 
     def note(self, t_s: float, agents: np.ndarray, alive: Sequence[bool], targets: np.ndarray) -> bool:
         """Note the arrivals up to this sample, targets in file order; return whether the flight is over.
@@ -75,21 +79,13 @@ class Arrivals:
         It is over when every target is reached, or every agent alive has arrived. `agents` (N, 4) and `targets` (K, 4)
         are rows of north m, east m, heading deg, speed m/s.
         """
-        near = self._passages.near(t_s, agents, targets)
-        flying = [index for index, living in enumerate(alive) if living and index not in self._arrived]
-        for target in list(self.open):
-            target_id = self._mission.targets[target].id
-            here = [
-                index
-                for index in np.flatnonzero(near[:, target]).tolist()
-                if index in flying and self._mission.agents[index].only_target in (None, target_id)
-            ]
-            if here:
-                self._arrived.update(here)
-                flying = [index for index in flying if index not in self._arrived]
+        living = np.asarray(alive, dtype=bool)
+        near = self._passages.near(t_s, agents, targets, self._awaited & living[:, None])
+        for target in np.flatnonzero(near.any(axis=0)).tolist():
+            here = near[:, target] & self._on_their_way
+            if here.any():
+                self._on_their_way &= ~here
+                self._awaited[here] = False
+                self._awaited[:, target] = False
                 self.open.remove(target)
-        return not self.open or not flying
-
-
-def _pairs(last: Sample, now: Sample) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    return (last.agents, now.agents), (last.targets, now.targets)
+        return not self.open or not (self._on_their_way & living).any()

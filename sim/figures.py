@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Polygon
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from companion.mission.model import Mission
@@ -28,6 +28,7 @@ from sim.trajectory import Trajectory
 DETECTION_COLOUR = "#1f5fd0"
 ATTACK_COLOUR = "#d01c1c"
 TARGET_COLOUR = "#111111"
+WALL_COLOUR = "#7a5200"
 AGENT_COLOURS = (
     "#1b9e77",
     "#d95f02",
@@ -109,7 +110,8 @@ def draw_flight(axes: Axes, flown: FlownMission, framed: Trajectory | None = Non
     unit_m, unit = _frame(axes, trajectory if framed is None else framed, mission)
     axes.set_xlabel(f"east ({unit})")
     axes.set_ylabel(f"north ({unit})")
-    legend = _draw_threats(axes, trajectory, mission, unit_m)
+    legend = _draw_walls(axes, mission, unit_m)
+    legend += _draw_threats(axes, trajectory, mission, unit_m)
     legend += _draw_targets(axes, trajectory, unit_m)
     legend += _draw_agents(axes, trajectory, flown.score, unit_m)
     return legend, unit
@@ -183,6 +185,7 @@ def _frame(axes: Axes, trajectory: Trajectory, mission: Mission) -> tuple[float,
         for sample in (0, -1):
             centre_m = trajectory.threats_ned_m[sample, index]
             shown_m.append(np.stack((centre_m - threat.detection_radius_m, centre_m + threat.detection_radius_m)))
+    shown_m += [np.array(polygon) for polygon in (mission.fence or (), *mission.exclusions) if polygon]
     every_m = np.concatenate(shown_m)
     low_m, high_m = every_m.min(axis=0), every_m.max(axis=0)
     width_m = max(float((high_m - low_m).max()), 1.0)
@@ -195,6 +198,21 @@ def _frame(axes: Axes, trajectory: Trajectory, mission: Mission) -> tuple[float,
     axes.grid(True, color="#e6e6e6", lw=0.6)
     axes.set_axisbelow(True)
     return unit_m, unit
+
+
+def _draw_walls(axes: Axes, mission: Mission, unit_m: float) -> list[Line2D]:
+    """Draw the fence and the exclusions, where there are any; return the legend's entries."""
+    legend = []
+    if mission.fence is not None:
+        corners = np.array(mission.fence)[:, ::-1] / unit_m
+        axes.add_patch(Polygon(corners, fill=False, ec=WALL_COLOUR, lw=1.2, ls="-", zorder=2))
+        legend.append(Line2D([], [], color=WALL_COLOUR, lw=1.2, label="fence"))
+    for exclusion in mission.exclusions:
+        corners = np.array(exclusion)[:, ::-1] / unit_m
+        axes.add_patch(Polygon(corners, fc="none", ec=WALL_COLOUR, lw=0.8, hatch="////", zorder=2))
+    if mission.exclusions:
+        legend.append(Line2D([], [], color=WALL_COLOUR, lw=0.8, ls=(0, (1, 1)), label="exclusion (hatched)"))
+    return legend
 
 
 def _draw_threats(axes: Axes, trajectory: Trajectory, mission: Mission, unit_m: float) -> list[Line2D]:

@@ -38,6 +38,7 @@ from sim.aircraft import Aircraft, AutopilotLink
 from sim.detector import Detector, Fleet
 from sim.flight_files import FlightFiles
 from sim.flight_record import FlightRecord
+from sim.holding import holding_side
 from sim.loop import START_S, TOLERANCE_S, Loop, Outcome, Parts, Watch
 from sim.safety_pilot import SafetyPilot
 from sim.scaling import CRUISE_M_S
@@ -314,7 +315,7 @@ class _Hangar:
         mission, autopilot = self.mission, self.options.autopilot
         north_m, east_m = spec.position_ned_m
         return StandIn(
-            _build(autopilot, spec),
+            _build(autopilot, mission, spec),
             Setup(
                 system_id,
                 self.frame,
@@ -350,7 +351,7 @@ def _write_configs(fleet: Sequence[Aircraft], folder: Path, autopilot: str) -> N
         (folder / f"companion-{aircraft.spec.id}.yaml").write_text(dump_config(config), encoding="utf-8")
 
 
-def _build(autopilot: str, spec: AgentSpec) -> Callable[[Start], Craft]:
+def _build(autopilot: str, mission: Mission, spec: AgentSpec) -> Callable[[Start], Craft]:
     if autopilot == "kinematic":
-        return kinematic_profile(spec.n_max, spec.speed_m_s, spec.speed_m_s)
+        return kinematic_profile(spec.n_max, spec.speed_m_s, spec.speed_m_s, holding_side(mission, spec))
     return CRAFTS[autopilot]

@@ -212,15 +212,12 @@ class TrajectoryFile:
         self._bytes += len(data)
 
 
-def rounded_rows(rows: np.ndarray) -> np.ndarray:  # (N, 4) -> (N, 4)
-    """Return rows (north m, east m, heading deg, speed m/s) with the decimals that they have in a trajectory."""
-    trajectory = _trajectory(np.zeros(1), (tuple(range(len(rows))), (), ()), rows[None])
-    columns = (
-        trajectory.agents_ned_m[0],
-        trajectory.agents_heading_deg[0, :, None],
-        trajectory.agents_speed_m_s[0, :, None],
-    )
-    return np.concatenate(columns, axis=1)
+def rounded_rows(rows: np.ndarray) -> np.ndarray:  # (N, 4) -> (N, 3)
+    """Return north m, east m and heading deg of rows with the decimals that they have in a trajectory."""
+    rounded: np.ndarray = np.empty((len(rows), 3))
+    rounded[:, :2] = _rounded(rows[:, :2], POSITION_DECIMALS)
+    rounded[:, 2] = _headings_deg(rows[:, 2])
+    return rounded
 
 
 def read_csv(path: Path) -> Trajectory:
@@ -321,8 +318,7 @@ def _trajectory(
 ) -> Trajectory:
     """Return the rounded Trajectory of times (S,) s and values (S, N + K + M, 4): north, east, heading, speed."""
     ned_m = _rounded(values[..., :2], POSITION_DECIMALS)
-    # Rounding can give 360 degrees again, which is north, 0.
-    heading_deg = _rounded(values[..., 2] % FULL_TURN_DEG, HEADING_DECIMALS) % FULL_TURN_DEG
+    heading_deg = _headings_deg(values[..., 2])
     speed_m_s = _rounded(values[..., 3], SPEED_DECIMALS)
     first_target = len(ids[0])
     first_threat = first_target + len(ids[1])
@@ -346,6 +342,13 @@ def _trajectory(
         threats_heading_deg=heading_deg[:, threats],
         threats_speed_m_s=speed_m_s[:, threats],
     )
+
+
+def _headings_deg(heading_deg: np.ndarray) -> np.ndarray:
+    """Return rounded headings in [0, 360)."""
+    # Rounding can give 360 degrees again, which is north, 0.
+    headings_deg: np.ndarray = _rounded(heading_deg % FULL_TURN_DEG, HEADING_DECIMALS) % FULL_TURN_DEG
+    return headings_deg
 
 
 def _rounded(values: np.ndarray, decimals: int) -> np.ndarray:

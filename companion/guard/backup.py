@@ -242,12 +242,15 @@ class BackupSearch:
         the pose. The path is what `companion/guard/follow.py` predicts, so it is exact, however narrow the way.
         """
         flight = self._flight
+        # Who can stop does so; at rest it has no turning circle either.
+        if self._limits.braking_m_s2 is not None:
+            return None
         pieces_of_route = tuple(flight.route)
         rate_1_m = self._vehicle.curvature_1_m(step.speed_m_s)
         # No way on need be clear where the route ends: one may be clear straight on from there.
         pieces_of_route += (straight(end_of(pieces_of_route[-1]), math.tau / rate_1_m),)
         finite = all(map(math.isfinite, itertools.chain(*pieces_of_route)))
-        if self._limits.braking_m_s2 is not None or not finite:
+        if not finite:
             return None
         step_m = step.speed_m_s * flight.dt_s
         route = Path(pieces_of_route, 0, step.speed_m_s, math.inf)

@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.guard.types import Piece
 
-FOLLOWING_SHARE = 0.35
+FOLLOWING_SHARE = 0.45
 """A vehicle steered by `course_rad` stays within this share of (v dt)^2 / R of an arc of radius R (measured over random
 routes at steps of 0.1 to 5 s: tests/companion/guidance/test_course.py)."""
 CLOSING_STEPS = 4.0

@@ -54,9 +54,11 @@ TIGHTEST_SHARE = 0.999
 """Share of the least turn radius from which an arc counts as the tightest."""
 LONGEST_TURN_RAD = 3.0
 """Greatest turn whose end is demanded at once: less than pi, so that the turn goes by its own side."""
-STAYING_RADII = 6.0
-"""Distance from the nearest safe point, in radii of the circle to arrive on, up to which the vehicle stays there: its
-loiter circle may lead away from it by a diameter."""
+PLANNING_STEPS = 10.0
+"""Number of guidance steps for which a vehicle without a route makes straight for its place while one is planned."""
+STAYING_RADII = 20.0
+"""Distance from the nearest safe point, in radii of the circle to arrive on, up to which the vehicle stays there: among
+discs the guard may lead it far around before it is back."""
 STANDING_M = 1.0
 """Distance from the nearest safe point within which a vehicle that can stop stays."""
 WALL_SHARE = 22.0
@@ -200,6 +202,7 @@ class RoutedLaw:
         self._circle: tuple[tuple[float, float], TurningPlace] | None = None
         self._stay: _Stay | None = None
         self._progress: Progress | None = None
+        self._planning_from_s: float | None = None
 
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """Return the direction of the route, bent by the surrogate's gradient where it does not oppose the route."""
@@ -210,9 +213,8 @@ class RoutedLaw:
         self._planned = planned
         route = planned.route
         if route.reach in (Reach.NONE, Reach.PLANNING):
-            stay = "no way to the target" if route.reach is Reach.NONE else None
-            note = route.reach.value if route.reach is Reach.PLANNING else None
-            return SteeringDemand(direction(task.pull, self._wall_gradient(motion, view)), stay, note, route=route)
+            return self._without_route(task, motion, view, route, now_s)
+        self._planning_from_s = None
         note = NEAREST_NOTE if planned.short else None
         self._stay = self._staying(planned, task, motion)
         if self._stay is not None:
@@ -228,6 +230,18 @@ class RoutedLaw:
         if note is None and waited_s > self._patience_s():
             note = f"no nearer to its goal for {waited_s:.0f} s"
         return SteeringDemand(wanted, note=note, opposed=opposed, route=route)
+
+    def _without_route(self, task: Task, motion: Motion, view: View, route: Route, now_s: float) -> SteeringDemand:
+        """Return the demand while there is no route: straight for the place, but only for a while if one is planned.
+
+        A plan that is made while the vehicle moves on may be out of date when it is done: then it waits for it.
+        """
+        pull = direction(task.pull, self._wall_gradient(motion, view))
+        if route.reach is Reach.NONE:
+            return SteeringDemand(pull, stay="no way to the target", route=route)
+        self._planning_from_s = now_s if self._planning_from_s is None else self._planning_from_s
+        waits = now_s - self._planning_from_s > PLANNING_STEPS * self._settings.guidance_step_s
+        return SteeringDemand(pull, route.reach.value if waits else None, route.reach.value, route=route)
 
     def _patience_s(self) -> float:
         limits = self._settings.limits

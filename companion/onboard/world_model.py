@@ -65,7 +65,13 @@ class WorldModel:
 
     @property
     def missing(self) -> str | None:
-        """What of the picture in force was not heard yet, in words; None if it is whole or nothing at all was heard."""
+        """What the vehicle waits for, in words: threats of the picture in force, then the place of its own target.
+
+        None if both were heard, or nothing at all.
+        """
+        target_id = self.target_id
+        if self._picture.missing is None and target_id is not None and target_id not in self._beliefs.targets:
+            return f"target {target_id} not heard"
         return self._picture.missing
 
     def age_s(self, now_s: float) -> float | None:

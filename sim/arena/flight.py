@@ -35,6 +35,7 @@ from groundstation.radio import Radio
 from groundstation.schedule import Broadcaster
 from sim.air_link import LINK_STREAM, LossyLink
 from sim.flight_record import FlightRecord
+from sim.holding import holding_side
 from sim.loop import START_S, Loop, Outcome, Parts
 from sim.trajectory import Trajectory
 from sim.transmitter import RADIO_TICK_S, Transmitter
@@ -109,6 +110,7 @@ class _PointVehicle:
         self._companion = Companion(config, self._adapter, law)
         self._wind_m_s = (0.0, 0.0)
         self._rate_rad_s = turn_rate_rad_s(spec.speed_m_s, spec.n_max)
+        self._hold_side = holding_side(mission, spec)
         self._mission = mission
         self._frame = frame
         self._air = air
@@ -132,7 +134,8 @@ class _PointVehicle:
         pose = (self.north_m, self.east_m, self.heading_rad, self.spec.speed_m_s)
         if self._adapter.setpoint is None:
             # Until its companion has a picture it circles where it is.
-            self.north_m, self.east_m, self.heading_rad = advance(*pose, self._rate_rad_s, dt_s)
+            rate_rad_s = self._hold_side * self._rate_rad_s
+            self.north_m, self.east_m, self.heading_rad = advance(*pose, rate_rad_s, dt_s)
         else:
             heading_rad = crabbed(self._adapter.setpoint.heading_rad, self.spec.speed_m_s, self._wind_m_s)
             self.north_m, self.east_m, self.heading_rad = turn_towards(*pose, heading_rad, self._rate_rad_s, dt_s)

@@ -41,8 +41,10 @@ class Kinematic(ArduPilot):
     armable = frozenset({STABILIZE, GUIDED, LOITER})
     gcs_failsafe = "FS_GCS_ENABLE"
 
-    def __init__(self, start: Start, n_max: float, min_speed_m_s: float, max_speed_m_s: float) -> None:
-        """Begin in the air.
+    def __init__(
+        self, start: Start, n_max: float, min_speed_m_s: float, max_speed_m_s: float, hold_side: float = 1.0
+    ) -> None:
+        """Begin in the air; without a setpoint the point circles to `hold_side`, 1.0 to the right and -1.0 to the left.
 
         Raises:
             ValueError: `start` is on the ground, where a vehicle that cannot stop cannot be.
@@ -54,6 +56,7 @@ class Kinematic(ArduPilot):
         self._n_max = n_max
         self._min_speed_m_s = min_speed_m_s
         self._max_speed_m_s = max_speed_m_s
+        self._hold_side = hold_side
         self._setpoint: Setpoint | None = None
         speed_m_s = clip(self.body.airspeed_m_s, min_speed_m_s, max_speed_m_s)
         self._air_m_s = speed_m_s * math.cos(self.body.heading_rad), speed_m_s * math.sin(self.body.heading_rad)
@@ -107,11 +110,11 @@ class Kinematic(ArduPilot):
                 body.climb_m_s = clip(up_m_s, -_DESCENT_M_S, _CLIMB_M_S)
         rate_rad_s = self._n_max * GRAVITY_M_S2 / speed_m_s
         if wanted_rad is None:
-            # Without a setpoint the tightest circle to the right keeps it near, but for the wind.
+            # Without a setpoint the tightest circle keeps it near, but for the wind.
+            body.turn_rate_rad_s = self._hold_side * rate_rad_s
             body.north_m, body.east_m, body.heading_rad = advance(
-                body.north_m, body.east_m, body.heading_rad, speed_m_s, rate_rad_s, dt_s
+                body.north_m, body.east_m, body.heading_rad, speed_m_s, body.turn_rate_rad_s, dt_s
             )
-            body.turn_rate_rad_s = rate_rad_s
         else:
             body.north_m, body.east_m, body.heading_rad = turn_towards(
                 body.north_m, body.east_m, body.heading_rad, speed_m_s, wanted_rad, rate_rad_s, dt_s
@@ -133,8 +136,12 @@ class Kinematic(ArduPilot):
         self._setpoint = None
 
 
-def kinematic_profile(n_max: float, min_speed_m_s: float, max_speed_m_s: float) -> Callable[[Start], Kinematic]:
+def kinematic_profile(
+    n_max: float, min_speed_m_s: float, max_speed_m_s: float, hold_side: float = 1.0
+) -> Callable[[Start], Kinematic]:
     """Return the constructor of a `Kinematic` with these speed bounds and a turn rate of at most n_max g / v.
+
+    Without a setpoint it circles to `hold_side`: 1.0 is the right.
 
     Raises:
         ValueError: n_max is not positive, or the speeds are not 0 < min_speed_m_s <= max_speed_m_s < infinity.
@@ -142,4 +149,6 @@ def kinematic_profile(n_max: float, min_speed_m_s: float, max_speed_m_s: float) 
     """
     if not (n_max > 0.0 and 0.0 < min_speed_m_s <= max_speed_m_s < math.inf):
         raise ValueError("a kinematic profile needs n_max > 0 and 0 < min_speed_m_s <= max_speed_m_s")
-    return partial(Kinematic, n_max=n_max, min_speed_m_s=min_speed_m_s, max_speed_m_s=max_speed_m_s)
+    return partial(
+        Kinematic, n_max=n_max, min_speed_m_s=min_speed_m_s, max_speed_m_s=max_speed_m_s, hold_side=hold_side
+    )

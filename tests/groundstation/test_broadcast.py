@@ -77,9 +77,18 @@ def mission_of(
         **{
             **dict(load_mission("paper-static")),
             "agents": tuple(AgentSpec(id=k, north_m=n, east_m=e, heading_deg=0.0) for k, (n, e) in agents.items()),
-            "targets": tuple(TargetSpec(id=k, north_m=n, east_m=e) for k, (n, e) in targets.items()),
+            "targets": tuple(
+                TargetSpec(id=k, north_m=n, east_m=e, speed_bound_m_s=10.0) for k, (n, e) in targets.items()
+            ),
             "threats": tuple(
-                ThreatSpec(id=k, north_m=n, east_m=e, detection_radius_m=5_000.0, attack_radius_m=2_000.0)
+                ThreatSpec(
+                    id=k,
+                    north_m=n,
+                    east_m=e,
+                    detection_radius_m=5_000.0,
+                    attack_radius_m=2_000.0,
+                    speed_bound_m_s=10.0,
+                )
                 for k, (n, e) in threats.items()
             ),
         }

@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.patches import Polygon
 
-from sim.figures import clearance_png, plot_paths
+from sim.figures import clearance_png, draw_flight, plot_paths
 from sim.flown import FlownMission
 from sim.report import Pictures, write_report
 from sim.score import Score, score
@@ -51,6 +53,8 @@ def mission_of(agents: int, targets: int, threats: int, name: str = "two by two"
             for index in range(threats)
         ),
         losses=tuple(SimpleNamespace(agent=agent, t_s=20.0) for agent in losses),
+        fence=None,
+        exclusions=(),
         arrival_radius_m=50.0,
         separation_m=20.0,
         broadcast_period_s=5.0,
@@ -135,6 +139,20 @@ def test_the_picture_of_the_paths_is_written_and_returned(tmp_path: Path) -> Non
     png = plot_paths(flown_of(trajectory, mission, found), tmp_path / "paths.png", "a run")
     assert png.startswith(PNG_SIGNATURE)
     assert (tmp_path / "paths.png").read_bytes() == png
+
+
+def test_fence_and_exclusions_are_drawn_to_their_places_and_named(tmp_path: Path) -> None:
+    trajectory, mission, found = run_of(1, 1, 1)
+    mission.fence = ((-9_000.0, -8_000.0), (9_000.0, -8_000.0), (9_000.0, 7_000.0), (-9_000.0, 7_000.0))
+    mission.exclusions = (((100.0, 200.0), (300.0, 200.0), (300.0, 600.0)),)
+    axes = Figure().subplots()
+    legend, unit = draw_flight(axes, flown_of(trajectory, mission, found))
+    drawn = [patch.get_xy().tolist() for patch in axes.patches if isinstance(patch, Polygon)]
+    assert unit == "km"
+    assert [corners[0] for corners in drawn] == [[-8.0, -9.0], [0.2, 0.1]]
+    assert [entry.get_label() for entry in legend][:2] == ["fence", "exclusion (hatched)"]
+    assert axes.get_xlim()[0] < -8.0
+    assert axes.get_ylim()[1] > 9.0
 
 
 @pytest.mark.slow

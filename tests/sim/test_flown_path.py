@@ -10,7 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.geo.kinematics import turn_rate_rad_s, turn_towards
+from companion.mission.model import AgentSpec, Mission, TargetSpec
+from sim.arrivals import Arrivals
 from sim.flown_path import ROUNDING_M, Crafts, Paths, Pose, first_within, flown, nearest, straight
+from sim.score import score
+from sim.trajectory import TrajectoryBuilder
 
 SPEED_M_S, N_MAX = 60.0, 1.0
 RATE_RAD_S = turn_rate_rad_s(SPEED_M_S, N_MAX)
@@ -79,3 +83,34 @@ def test_a_vehicle_that_jumped_is_taken_to_have_moved_straight() -> None:
     after = Pose(np.array([[1_000.0, 0.0]]), np.array([170.0]))
     path = flown(Pose(np.zeros((1, 2)), np.zeros(1)), after, np.array([1.0]), crafts)
     assert path.at(np.array([0.25]))[0] == pytest.approx([250.0, 0.0])
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.5, 2.0, 5.0]), st.floats(1.0, 200.0))
+def test_the_arrivals_found_step_by_step_are_those_of_the_score(seed: int, step_s: float, radius_m: float) -> None:
+    draw = np.random.default_rng(seed)
+    mission = Mission(
+        name="random turns",
+        agents=tuple(
+            AgentSpec(id=k + 1, north_m=0.0, east_m=100.0 * k, heading_deg=0.0, speed_m_s=SPEED_M_S, n_max=N_MAX)
+            for k in range(3)
+        ),
+        targets=tuple(TargetSpec(id=k + 1, north_m=300.0, east_m=150.0 * k) for k in range(3)),
+        arrival_radius_m=radius_m,
+        integration_step_s=step_s,
+        guidance_step_s=step_s,
+    )
+    arrivals, record = Arrivals(mission), TrajectoryBuilder([1, 2, 3], [1, 2, 3], [])
+    poses = [(0.0, 100.0 * k, 0.0) for k in range(3)]
+    targets = np.array([(300.0, 150.0 * k, 0.0, 0.0) for k in range(3)])
+    for step in range(30):
+        rows = np.array([(north_m, east_m, math.degrees(heading), SPEED_M_S) for north_m, east_m, heading in poses])
+        record.append(step * step_s, rows, targets, [])
+        if arrivals.note(step * step_s, rows, [True] * 3, targets):
+            break
+        wanted_rad = draw.uniform(-math.pi, math.pi, 3)
+        poses = [
+            turn_towards(*pose, SPEED_M_S, float(wanted), RATE_RAD_S, step_s)
+            for pose, wanted in zip(poses, wanted_rad, strict=True)
+        ]
+    found = score(record.build(), mission)
+    assert [index for index, target in enumerate(found.per_target) if target.reached_t_s is None] == arrivals.open

@@ -15,6 +15,7 @@ from companion.guard.guard import Guard
 from companion.guard.types import (
     BACKUP,
     KEEP_OUT,
+    Hints,
     Motion,
     Piece,
     Setpoint,
@@ -128,3 +129,17 @@ def test_who_brakes_turns_back_to_its_line_as_the_speed_flown_allows(
     assert guarded._search(flight, math.inf).continued() == pytest.approx(
         (side * 0.01 * G_M_S2 / turning_m_s * DT_S, 0.0)
     )
+
+
+def test_who_wants_to_stand_beside_a_disc_that_may_be_faster_gets_an_answer_whatever_its_route() -> None:
+    limits = replace(COPTER, speed_max_m_s=8.0)
+    route = (Piece(0.0, 0.0, 0.0, 0.0, 500.0),)
+    verdict = Guard(limits).check(
+        Setpoint(0.0, 0.0, 100.0),
+        replace(NORTHWARD, speed_m_s=0.0),
+        discs((100.0, 0.0, 90.0), speed_m_s=10.0),
+        0.0,
+        DT_S,
+        Hints(route),
+    )
+    assert verdict.setpoint is not None

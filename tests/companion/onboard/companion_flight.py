@@ -162,19 +162,33 @@ class Flight:
         directive: Directive = Directive.NORMAL,
         threats: tuple[ThreatEntry, ...] = (),
         agents: tuple[AgentEntry, ...] = (),
+        revision: int = 1,
+        lost: tuple[int, ...] = (),
     ) -> None:
+        """Broadcast a state in frames of four threats; `lost` are the indices of those that do not arrive."""
         self.sequence += 1
         targets = () if target is None else (TargetEntry(4, *target),)
         me = AgentEntry(ME, 0.0, 0.0, 4 if targets else None)
         parts = [threats[k : k + THREATS_PER_FRAME] for k in range(0, max(1, len(threats)), THREATS_PER_FRAME)]
-        points = [(one.north_m, one.east_m) for one in (*targets, *threats)] + [one.position_ned_m for one in agents]
+        points = [one.position_ned_m for one in agents]
+        points += [(one.north_m, one.east_m) for one in (*targets, *threats)]
         unit_cm = frame_resolution_cm([p for p in points if p is not None], [one.detection_radius_m for one in threats])
         for index, part in enumerate(parts):
             stamp = Stamp(EPOCH_S, round((self.now_s - EPOCH_S) * 1000), self.sequence, index, len(parts))
             frame = StateFrame(
-                stamp, *ORIGIN_DEG, directive, 1, len(threats), len(targets), unit_cm, (me, *agents), targets, part
+                stamp,
+                *ORIGIN_DEG,
+                directive,
+                revision,
+                len(threats),
+                len(targets),
+                unit_cm,
+                (me, *agents),
+                targets,
+                part,
             )
-            self.hear(self._writer.encode(frame))
+            if index not in lost:
+                self.hear(self._writer.encode(frame))
 
     def bands(self, *bands: BandEntry) -> None:
         """Broadcast the heights of the threats of the last state frame."""

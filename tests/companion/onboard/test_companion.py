@@ -159,6 +159,41 @@ def test_without_a_picture_it_is_idle_and_engages_with_the_first(kind: str) -> N
     assert flight.tick()[0].purpose is Purpose.TARGET
 
 
+FIVE = tuple(ThreatEntry(k, 9_000.0, 3_000.0 * k, 400.0, 200.0, 0.0) for k in range(1, 6))
+"""Threats out of the way, in two frames."""
+
+
+def test_with_a_part_of_the_picture_it_does_not_engage_and_says_what_is_missing() -> None:
+    flight = guided()
+    flight.broadcast(threats=FIVE, lost=(1,))
+    assert (flight.tick()[0].purpose, flight.tick()[0].reason) == (Purpose.IDLE, "4 of 5 threats heard")
+    flight.broadcast(threats=FIVE, lost=(0,))
+    assert flight.tick()[0].purpose is Purpose.TARGET
+
+
+def test_a_new_revision_heard_in_part_makes_it_loiter_until_the_rest_is_heard() -> None:
+    flight = guided()
+    flight.broadcast(threats=FIVE)
+    assert flight.tick()[0].purpose is Purpose.TARGET
+    flight.broadcast(threats=FIVE, revision=2, lost=(0,))
+    decision, _ = flight.tick()
+    words = "new revision: 1 of 5 threats heard"
+    assert (decision.purpose, decision.stage, decision.reason) == (Purpose.LOITER, Stage.LOITERING, words)
+    assert words in decision.triggers
+    flight.broadcast(threats=FIVE, revision=2, lost=(1,))
+    assert flight.tick()[0].purpose is Purpose.TARGET
+
+
+def test_a_directive_in_a_frame_of_a_part_of_a_picture_is_obeyed() -> None:
+    flight = guided()
+    flight.broadcast(threats=FIVE)
+    flight.tick()
+    flight.at(2_000.0, 0.0)
+    flight.broadcast(threats=FIVE, revision=2, lost=(0,), directive=Directive.RETURN)
+    decision, _ = flight.tick()
+    assert (decision.purpose, decision.reason) == (Purpose.RETURN, "directive return")
+
+
 def test_with_an_old_picture_it_does_not_engage() -> None:
     flight = guided()
     flight.broadcast()

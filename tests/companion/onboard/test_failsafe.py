@@ -160,6 +160,13 @@ def test_the_first_picture_ever_ends_the_wait_for_one_at_once() -> None:
     assert standing(GOOD, before=before, t_s=0.0).stage is Stage.FRESH
 
 
+def test_what_is_missing_of_the_picture_ends_as_a_trigger_as_soon_as_it_is_heard() -> None:
+    before = standing(replace(GOOD, missing="3 of 5 threats heard"))
+    assert (before.stage, before.triggers[0].cause) == (Stage.LOITERING, Cause.PICTURE)
+    assert standing(replace(GOOD, missing="4 of 5 threats heard"), before=before).words == "4 of 5 threats heard"
+    assert standing(GOOD, before=before, t_s=0.1).stage is Stage.FRESH
+
+
 def test_a_battery_that_was_low_must_recover_well_above_its_limit() -> None:
     before = standing(replace(GOOD, battery_percent=25.0), t_s=0.0)
     margin = 25.0 + BATTERY_MARGIN_PERCENT

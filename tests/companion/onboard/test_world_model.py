@@ -276,9 +276,10 @@ def test_an_agent_told_to_loiter_has_no_target() -> None:
 
 @st.composite
 def histories(draw: st.DrawFn) -> list[StateFrame]:
-    """Return broadcasts of one to three frames, in which targets, threats and peers come and go."""
+    """Return broadcasts of one to three frames, each of a new revision: targets, threats and peers come and go."""
     frames = []
     for sequence in range(1, draw(st.integers(2, 5))):
+        broadcast: list[StateFrame] = []
         count = draw(st.integers(1, 3))
         mine = draw(st.integers(0, count))  # count: the agent itself is missing
         for index in range(count):
@@ -296,7 +297,9 @@ def histories(draw: st.DrawFn) -> list[StateFrame]:
                 replace(THREAT, id=identity, north_m=10.0 * sequence)
                 for identity in sorted(draw(st.sets(st.integers(1, 3))))
             )
-            frames.append(state(sequence, agents, targets, threats, index=index, count=count))
+            broadcast.append(state(sequence, agents, targets, threats, index=index, count=count, revision=sequence))
+        told = {threat.id for frame in broadcast for threat in frame.threats}
+        frames += [replace(frame, picture_threats=len(told)) for frame in broadcast]
     return frames
 
 
@@ -342,19 +345,19 @@ def test_no_frame_that_arrives_makes_the_picture_older(history: list[StateFrame]
 @pytest.mark.slow
 @settings(max_examples=150)
 @given(histories(), st.data())
-def test_a_threat_is_only_lost_if_a_whole_broadcast_lacked_it(history: list[StateFrame], data: st.DataObject) -> None:
+def test_a_threat_is_only_lost_if_a_whole_picture_lacked_it(history: list[StateFrame], data: st.DataObject) -> None:
     now_s = history[-1].stamp.unix_s
     arriving = data.draw(st.lists(st.sampled_from(history), max_size=12))
     picture = WorldModel(ME)
-    for index, frame in enumerate(arriving):
-        before = len(picture.view(now_s).threats_ned_m)
+    for frame in arriving:
+        before = set(picture.view(now_s).threat_ids.tolist())
         taken = picture.take_state(frame, now_s)
-        parts = {
-            other.stamp.frame_index for other in arriving[: index + 1] if other.stamp.sequence == frame.stamp.sequence
-        }
-        if len(picture.view(now_s).threats_ned_m) < before:
+        lost = before - set(picture.view(now_s).threat_ids.tolist())
+        if lost:
+            told = {t.id for f in history if f.revision == frame.revision for t in f.threats}
             assert taken
-            assert parts == set(range(frame.stamp.frame_count))
+            assert picture.view(now_s).whole
+            assert not lost & told
 
 
 # Another plane
@@ -976,3 +979,123 @@ def test_waiting_frames_of_a_broadcast_heard_whole_keep_all_that_they_hold() -> 
         picture.take(fleet(1, threats=threats, index=index, count=2, epoch_s=later), time_of(1, later))
     picture.take(mission(1, 1, epoch_s=later), time_of(1, later))
     assert picture.view(time_of(1, later)).threat_ids.tolist() == [1]
+
+
+# Whole pictures
+
+STANDING = tuple(ThreatEntry(k, 1_000.0 * k, -500.0 * k, 300.0, 100.0, 0.0) for k in range(1, 6))
+
+
+def parts(
+    sequence: int, threats: tuple[ThreatEntry, ...], *, revision: int = 1, epoch_s: int = EPOCH_S
+) -> list[StateFrame]:
+    """Return a broadcast in frames of two threats each, every one with the vehicle and its target."""
+    cut = [threats[at : at + 2] for at in range(0, len(threats), 2)] or [()]
+    return [
+        state(
+            sequence,
+            threats=part,
+            index=index,
+            count=len(cut),
+            revision=revision,
+            picture_threats=len(threats),
+            epoch_s=epoch_s,
+        )
+        for index, part in enumerate(cut)
+    ]
+
+
+def test_until_every_threat_of_the_picture_was_heard_it_is_not_whole_and_there_is_no_target() -> None:
+    first, second, third = parts(1, STANDING)
+    picture = picture_of(first, third)
+    assert picture.missing == "3 of 5 threats heard"
+    view = picture.view(time_of(1))
+    assert (view.whole, view.target_ned_m) == (False, None)
+    assert view.threat_ids.tolist() == [1, 2, 5]
+    picture.take(second, time_of(1))
+    assert picture.missing is None
+    assert (picture.view(time_of(1)).whole, picture.view(time_of(1)).target_ned_m) == (True, (10.0, 20.0))
+
+
+def test_parts_of_several_broadcasts_of_one_revision_make_a_whole_picture() -> None:
+    one, two = parts(1, STANDING), parts(4, STANDING)
+    assert picture_of(one[0], two[1], two[2]).missing is None
+
+
+def test_parts_of_two_revisions_do_not() -> None:
+    one, two = parts(1, STANDING), parts(2, STANDING, revision=2)
+    assert picture_of(*one[:2], two[2]).missing == "1 of 5 threats heard"
+
+
+def test_a_new_revision_voids_a_whole_picture_as_soon_as_one_frame_of_it_is_heard() -> None:
+    grown = (*STANDING[:4], replace(STANDING[4], detection_radius_m=900.0))
+    picture = picture_of(*parts(1, STANDING))
+    picture.take(parts(2, grown, revision=2)[0], time_of(2))
+    assert picture.missing == "new revision: 2 of 5 threats heard"
+    assert picture.view(time_of(2)).threat_ids.tolist() == [1, 2, 3, 4, 5]
+    for frame in parts(3, grown, revision=2):
+        picture.take(frame, time_of(3))
+    assert picture.missing is None
+    assert picture.view(time_of(3)).detection_radius_m[4] == 900.0
+
+
+def test_a_frame_of_a_revision_overtaken_by_a_radii_frame_brings_its_directive_and_nothing_else() -> None:
+    picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)), radii(3, RADII, revision=2))
+    late = fleet(2, targets=target_at(99.0), threats=(replace(PLACE, north_m=9.0),), directive=Directive.RETURN)
+    assert not picture.take(late, time_of(3))
+    assert picture.directive is Directive.RETURN
+    assert picture.view(time_of(3)).threats_ned_m.tolist() == [[1_000.0, 2_000.0]]
+
+
+def test_radii_of_a_revision_that_is_over_are_refused() -> None:
+    picture = heard(mission(1, 1), fleet(2, threats=(PLACE,), revision=2))
+    assert not picture.take(radii(1, RADII, revision=1), time_of(2))
+    assert len(picture.view(time_of(2)).threat_ids) == 0
+
+
+def test_a_packed_picture_is_whole_only_with_its_number_of_threats_its_places_and_its_radii() -> None:
+    picture = heard(fleet(1, threats=(PLACE, replace(PLACE, id=2))), radii(1, RADII))
+    assert picture.missing == "0 threats heard, of how many is not known"
+    picture.take(mission(1, 2), time_of(1))
+    assert picture.missing == "1 of 2 threats heard"
+    picture.take(radii(1, replace(RADII, id=2)), time_of(1))
+    assert picture.missing is None
+
+
+def test_places_that_wait_for_the_origin_are_gone_with_their_revision() -> None:
+    picture = heard(fleet(1, threats=(PLACE,)), radii(2, RADII, revision=2), mission(2, 1, revision=2))
+    assert picture.missing == "0 of 1 threats heard"
+    assert len(picture.view(time_of(2)).threat_ids) == 0
+
+
+def test_a_new_revision_forgets_the_bands_of_the_one_before() -> None:
+    picture = banded(*BANDS)
+    picture.take_state(state(2, threats=(LOW, HIGH), revision=2), time_of(2))
+    assert ids_at(picture, 450.0, 550.0, time_of(2)) == [1, 2]
+
+
+def test_whoever_knows_the_picture_but_not_the_place_of_its_target_says_so() -> None:
+    picture = heard(mission(1), fleet(1, targets=(), index=0, count=2))
+    assert picture.missing == "target 1 not heard"
+    assert picture.view(time_of(1)).whole
+    picture.take(fleet(1, (), index=1, count=2), time_of(1))
+    assert picture.missing is None
+
+
+def test_a_coarser_word_never_replaces_a_finer_one_on_a_threat_that_stands() -> None:
+    fine = STANDING[0]
+    coarse = replace(fine, north_m=1_010.0, detection_radius_m=320.0, attack_radius_m=120.0)
+    inside = replace(fine, north_m=1_002.0, detection_radius_m=298.0, attack_radius_m=98.0)
+    picture = picture_of(state(1, threats=(fine,)), state(2, threats=(coarse,)))
+    view = picture.view(time_of(2))
+    assert (view.threats_ned_m[0, 0], view.detection_radius_m[0], view.threat_age_s[0]) == (1_000.0, 300.0, 0.0)
+    picture.take(state(3, threats=(inside,)), time_of(3))
+    assert picture.view(time_of(3)).detection_radius_m[0] == 298.0
+    picture.take(state(4, threats=(coarse,), revision=2), time_of(4))
+    assert picture.view(time_of(4)).detection_radius_m[0] == 320.0
+
+
+def test_of_a_threat_that_moves_the_newest_word_counts() -> None:
+    moved = replace(THREAT, north_m=1_020.0, detection_radius_m=540.0, attack_radius_m=240.0)
+    picture = picture_of(state(1, threats=(THREAT,)), state(2, threats=(moved,)))
+    assert picture.view(time_of(2)).detection_radius_m[0] == 540.0

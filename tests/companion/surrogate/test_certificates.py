@@ -30,9 +30,16 @@ def small(**changes: object) -> dict[str, Any]:
     base: dict[str, Any] = {
         "name": "small",
         "agents": [{"id": 1, "north_m": 0.0, "east_m": 0.0, "heading_deg": 0.0}],
-        "targets": [{"id": 1, "north_m": 60_000.0, "east_m": 0.0}],
+        "targets": [{"id": 1, "north_m": 60_000.0, "east_m": 0.0, "speed_bound_m_s": 10.0}],
         "threats": [
-            {"id": 1, "north_m": 30_000.0, "east_m": 40_000.0, "detection_radius_m": 1e4, "attack_radius_m": 5e3}
+            {
+                "id": 1,
+                "north_m": 30_000.0,
+                "east_m": 40_000.0,
+                "detection_radius_m": 1e4,
+                "attack_radius_m": 5e3,
+                "speed_bound_m_s": 10.0,
+            }
         ],
     }
     return {**base, **changes}
@@ -57,7 +64,7 @@ def crowd(surrogate: str, agents: int, kinds: list[tuple[float, float]], speed_b
             "agents": [
                 {"id": k + 1, "north_m": -1000.0 * k, "east_m": 0.0, "heading_deg": 0.0} for k in range(agents)
             ],
-            "targets": [{"id": 1, "north_m": 900_000.0, "east_m": 0.0}],
+            "targets": [{"id": 1, "north_m": 900_000.0, "east_m": 0.0, "speed_bound_m_s": 10.0}],
             "threats": [
                 {
                     "id": k + 1, "north_m": 5e5, "east_m": 1e5 * k, "detection_radius_m": kind[0],
