@@ -275,7 +275,8 @@ class BackupSearch:
                 return None
             flown += stretch.pieces
             left_m -= stretch.steps * step_m
-            after_s += stretch.steps * flight.dt_s
+            # The wind may slow it all the way, while the discs grow.
+            after_s += stretch.steps * step_m / (step.speed_m_s - self._limits.wind_m_s)
             along_m, pose = stretch.along_m, end_of(stretch.pieces[-1])
             if stretch.steps == 1 and count % every and left_m > 0.0:
                 continue

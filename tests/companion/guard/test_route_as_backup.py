@@ -245,32 +245,46 @@ def test_a_route_far_away_is_no_back_up_through_the_discs_on_the_way_to_it(east_
     assert Guard(PLANE).check(AHEAD, motion, GATE, 0.0, DT_S, Hints(beside)).changes[0] == KEEP_OUT
 
 
-@settings(max_examples=80, derandomize=True)
-@given(
-    route=st.lists(
-        st.builds(
-            Piece,
-            st.floats(-600.0, 600.0),
-            st.floats(-600.0, 600.0),
-            st.floats(-4.0, 4.0),
-            st.floats(-0.2, 0.2) | st.just(0.0),
-            st.floats(0.0, 400.0),
-        ),
-        min_size=1,
-        max_size=4,
+ANY_ROUTE = st.lists(
+    st.builds(
+        Piece,
+        st.floats(-600.0, 600.0),
+        st.floats(-600.0, 600.0),
+        st.floats(-4.0, 4.0),
+        st.floats(-0.2, 0.2) | st.just(0.0),
+        st.floats(0.0, 400.0),
     ),
-    rows=st.lists(
-        st.tuples(st.floats(-600.0, 600.0), st.floats(-600.0, 600.0), st.floats(5.0, 120.0)), min_size=1, max_size=12
-    ),
+    min_size=1,
+    max_size=4,
 )
+"""Pieces that need not hang together, nor be wide enough for the vehicle to follow."""
+
+ANY_DISCS = st.lists(
+    st.tuples(st.floats(-600.0, 600.0), st.floats(-600.0, 600.0), st.floats(5.0, 120.0)), min_size=1, max_size=12
+)
+
+
+@settings(max_examples=80, derandomize=True)
+@given(route=ANY_ROUTE, rows=ANY_DISCS)
 def test_a_path_along_whatever_is_called_a_route_enters_no_disc(
     route: list[Piece], rows: list[tuple[float, float, float]]
 ) -> None:
-    """Its pieces need not hang together, nor be wide enough for the vehicle to follow."""
     guarded = Guard(PLANE)
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, discs(*rows), DT_S, tuple(route))
     path = along_route(guarded, flight, Pose(0.0, 0.0, 0.0), 0.5)
     assert path is None or not any(arcs.is_hit(piece, flight.discs, 0.0, 0.5) for piece in path.pieces)
+
+
+@settings(max_examples=60, derandomize=True)
+@given(route=ANY_ROUTE, rows=ANY_DISCS, disc_m_s=st.floats(0.1, 8.0), wind_m_s=st.just(0.0) | st.floats(0.1, 8.0))
+def test_a_path_along_whatever_is_called_a_route_enters_no_moving_disc_at_the_least_speed_over_the_ground(
+    route: list[Piece], rows: list[tuple[float, float, float]], disc_m_s: float, wind_m_s: float
+) -> None:
+    guarded = Guard(replace(PLANE, wind_m_s=wind_m_s))
+    scene = discs(*rows, speed_m_s=disc_m_s)
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, tuple(route))
+    path = along_route(guarded, flight, Pose(0.0, 0.0, 0.0), 0.5)
+    assert path is None or arcs.is_clear(path.pieces, flight.discs, 20.0 - wind_m_s, DT_S - 1e-6, 0.5 - 1e-6)
 
 
 def stretches_of(
@@ -305,6 +319,34 @@ def test_along_the_route_the_time_goes_on_with_every_step() -> None:
     times_s = [0.75, 10.75, 11.25, 11.75, 12.25, 12.75, 13.25, 13.75, 26.25]
     assert [at_s for _, at_s in entered] == pytest.approx(times_s)
     assert len(looked) == len(entered)
+
+
+def test_from_a_place_on_the_route_what_is_left_of_it_is_looked_at() -> None:
+    entered, _ = stretches_of(PLANE, discs((0.0, 900.0, 10.0), speed_m_s=1.0), Pose(105.0, 0.0, 0.0), DT_S)
+    assert entered[-1][1] == pytest.approx(0.75 + 40 * DT_S)
+
+
+def test_with_short_steps_a_way_on_is_looked_for_after_the_last_one_and_not_half_a_metre_before_the_end() -> None:
+    """The vehicle begins two steps of 1.05 m and half a metre before the end, straight on included."""
+    guarded, looked = Guard(PLANE), []
+    route = (Piece(0.0, 0.0, 0.0, 0.0, 300.0 * 1.05 + 0.5 - math.tau * RHO_M),)
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, 0.0525, route)
+
+    def nowhere(_self: BackupSearch, pose: Pose, *_: object) -> str:
+        looked.append(pose.north_m / 1.05)
+        return KEEP_OUT
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BackupSearch, "to_rest", nowhere)
+        assert along_route(guarded, flight, Pose(298.0 * 1.05, 0.0, 0.0), 0.0) is None
+    assert looked == pytest.approx([301.0])
+
+
+def test_along_the_route_the_time_goes_on_as_slowly_as_the_wind_may_blow_the_vehicle() -> None:
+    """A step of 10 m may take 10 m / 16 m/s."""
+    scene = discs((0.0, 900.0, 10.0), speed_m_s=1.0)
+    entered, _ = stretches_of(replace(PLANE, wind_m_s=4.0), scene, Pose(0.0, 0.0, 0.0), DT_S)
+    assert [at_s for _, at_s in entered][:3] == pytest.approx([0.75, 0.75 + 20 * 0.625, 0.75 + 21 * 0.625])
 
 
 @pytest.mark.parametrize(("off_m", "both"), [(29.0, False), (31.0, True)])
@@ -397,11 +439,10 @@ def test_among_moving_discs_the_way_on_from_the_route_is_a_ray_clear_from_then_o
     assert asked == [(at, 20.0, 4.5, 0.25, thorough)] * 2
 
 
-@pytest.mark.parametrize("last", [False, True])
-def test_only_where_the_route_ends_are_all_headings_of_a_ray_tried(last: bool) -> None:
+def test_only_where_the_route_ends_are_all_headings_of_a_ray_tried() -> None:
     guarded, asked = Guard(PLANE), []
     scene = discs((9e3, 0.0, 10.0), speed_m_s=1.0)
-    route = (Piece(0.0, 0.0, 0.0, 0.0, 100.0), Piece(100.0, 0.0, 0.0, 0.005, 100.0))
+    route = (Piece(0.0, 0.0, 0.0, 0.0, 100.0), Piece(100.0, 0.0, 0.0, 0.005, 350.5 - math.tau * RHO_M))
     flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, route)
 
     def ray(_self: BackupSearch, pose: Pose, _m_s: float, at_s: float, spare_m: float, thorough: bool) -> None:
@@ -413,8 +454,8 @@ def test_only_where_the_route_ends_are_all_headings_of_a_ray_tried(last: bool) -
     assert path is None
     assert {thorough for _, _, thorough in asked[:-1]} == {False} and asked[-1][2]
     assert {spare_m for _, spare_m, _ in asked} == {0.25}
-    # 200 m of route, and straight on for the length of a circle: 456 m.
-    assert asked[-1][0] == pytest.approx(0.5 + 46 * DT_S)
+    # With straight on for the length of a circle it is 450.5 m: a step is looked at beyond the 45 whole ones.
+    assert [at_s for at_s, _, _ in asked[-2:]] == pytest.approx([0.5 + 45 * DT_S, 0.5 + 46 * DT_S])
 
 
 def test_among_moving_discs_the_route_serves_through_a_gap_too_narrow_to_turn_in() -> None:
