@@ -207,11 +207,11 @@ class RoutedLaw:
     def steer(self, task: Task, motion: Motion, view: View, now_s: float) -> SteeringDemand:
         """Return the direction of the route, bent by the surrogate's gradient where it does not oppose the route."""
         if task.loitering:
-            self._planned = None
             return SteeringDemand(direction(task.pull, self._wall_gradient(motion, view)))
         planned, beside_m = self._followed(task, motion, view, now_s)
-        self._planned = planned
         route = planned.route
+        if route.pieces:
+            self._planned = planned
         if route.reach in (Reach.NONE, Reach.PLANNING):
             return self._without_route(task, motion, view, route, now_s)
         self._planning_from_s = None
@@ -239,6 +239,7 @@ class RoutedLaw:
         pull = direction(task.pull, self._wall_gradient(motion, view))
         if route.reach is Reach.NONE:
             return SteeringDemand(pull, stay="no way to the target", route=route)
+        self._progress = watched(self._progress, task.place_ned_m, math.inf, task.refused, self._step_m, now_s)
         self._planning_from_s = now_s if self._planning_from_s is None else self._planning_from_s
         waits = now_s - self._planning_from_s > PLANNING_STEPS * self._settings.guidance_step_s
         return SteeringDemand(pull, route.reach.value if waits else None, route.reach.value, route=route)
@@ -296,7 +297,8 @@ class RoutedLaw:
         progress, before = self._progress, self._planned
         if progress is None or progress.place_ned_m != task.place_ned_m:
             return ()
-        if before is not None and progress.refused and now_s - progress.since_s > self._patience_s():
+        waited = progress.refused and now_s - progress.since_s > self._patience_s()
+        if waited and before is not None and before.asked.place_ned_m == task.place_ned_m:
             kept_m = before.obstacles.radii_m + self._held_m
             room = self._room(before.obstacles.centres_ned_m, kept_m, 0.0)
             self._progress = progress = after_closing(progress, before.route.pieces, room, self._circle_m, now_s)
