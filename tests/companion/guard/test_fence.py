@@ -246,12 +246,41 @@ def test_an_exclusion_needs_no_fence(point: tuple[float, float], depth_m: float)
     assert Fence(None, [HOUSE]).depth_m(*point) == depth_m
 
 
-YARDS = (((-60.0, -50.0), (-10.0, 0.0), (-50.0, 60.0)), ((5.0, -20.0), (30.0, -10.0), (5.0, 25.0), (20.0, -5.0)))
+@pytest.mark.parametrize(
+    ("point", "depth_m"),
+    [((9.5, 0.0), -1.5), ((7.5, 0.0), -1.5), ((10.5, 0.0), -1.5), ((4.0, 0.0), 2.0), ((9.5, -6.0), -1.5)],
+)
+def test_outside_the_fence_and_in_an_exclusion_at_once_is_not_inside(
+    point: tuple[float, float], depth_m: float
+) -> None:
+    """The exclusion reaches over the fence; where both are violated the nearer of their edges counts."""
+    gate = ((6.0, -3.0), (12.0, -3.0), (12.0, 3.0), (6.0, 3.0))
+    assert Fence(SQUARE, [gate]).depth_m(*point) == depth_m
+
+
+@pytest.mark.parametrize(
+    ("east_m", "depth_m"), [(-7.0, 1.0), (-5.0, -1.0), (-2.5, 1.5), (0.0, -1.0), (2.0, 1.0), (7.0, 1.0)]
+)
+def test_between_the_teeth_of_an_exclusion_is_outside_of_it(east_m: float, depth_m: float) -> None:
+    """A comb with its back in the north and three teeth, each 2 m wide and 3 m from the next."""
+    comb = [(4.0, -6.0), (-6.0, -6.0), (-6.0, -4.0), (3.0, -4.0), (3.0, -1.0), (-6.0, -1.0), (-6.0, 1.0), (3.0, 1.0)]
+    comb += [(3.0, 4.0), (-6.0, 4.0), (-6.0, 6.0), (4.0, 6.0)]
+    assert Fence(SQUARE, [comb]).depth_m(0.0, east_m) == depth_m
+    assert Fence(SQUARE, [comb[::-1]]).depth_m(0.0, east_m) == depth_m
+
+
+def test_the_end_of_a_piece_that_comes_near_an_edge_aslant_keeps_the_margin_too() -> None:
+    """The line would reach the edge at 20 m north 0.71 m after the piece ends, which is half a metre from it."""
+    aslant = Piece(0.0, 0.0, math.pi / 4.0, 0.0, 19.5 * math.sqrt(2.0))
+    assert [Fence(box(20.0)).holds([aslant], margin_m) for margin_m in (0.4, 0.6)] == [True, False]
+
+
+YARDS = (((-10.0, 0.0), (-50.0, 60.0), (-60.0, -50.0)), ((30.0, -10.0), (5.0, 25.0), (20.0, -5.0), (5.0, -20.0)))
 
 
 @settings(max_examples=100, derandomize=True)
 @given(
-    corners=st.none() | st.just(((-70.0, -70.0), (70.0, -70.0), (40.0, 70.0), (-70.0, 70.0))),
+    corners=st.none() | st.just(((70.0, -70.0), (40.0, 70.0), (-70.0, 70.0), (-70.0, -70.0))),
     yards=st.lists(st.sampled_from(YARDS), min_size=1, max_size=2, unique=True),
     piece=PIECES,
     margin_m=st.floats(0.0, 5.0),

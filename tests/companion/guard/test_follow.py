@@ -86,16 +86,20 @@ def test_on_an_arc_the_heading_wanted_is_the_chords_and_on_the_least_radius_that
     bend_1_m = side / (over * RHO_M)
     bend = route(Piece(0.0, 0.0, 0.0, bend_1_m, 200.0))
     on_it = arcs.pose_at(bend, 40.0)
-    least_rad = STEP_M / RHO_M
-    turn_rad = min(lead_steps * STEP_M / (over * RHO_M), least_rad)
-    assert follow.course_turn_rad(MODEL, bend, 40.0, on_it, DT_S) == pytest.approx(side * turn_rad)
+    turned_in = on_it._replace(heading_rad=on_it.heading_rad + side * 0.1)
+    turn_rad = lead_steps * STEP_M / (over * RHO_M) - 0.1
+    assert follow.course_turn_rad(MODEL, bend, 40.0, turned_in, DT_S) == pytest.approx(side * turn_rad)
 
 
-@pytest.mark.parametrize(("along_m", "turn_m"), [(32.0, 0.0), (42.0, 0.0), (48.0, 5.0 * (1.0 + RHO_M / 200.0) - 2.0)])
+@pytest.mark.parametrize(
+    ("along_m", "turn_m"),
+    [(32.0, 0.0), (42.0, 0.0), (48.0, 5.0 * (1.0 + RHO_M / 200.0) - 2.0), (343.0, 7.0), (355.0, 0.0)],
+)
 def test_the_piece_a_step_ahead_says_how_far_the_course_looks(along_m: float, turn_m: float) -> None:
-    """A bend of 200 m radius begins after 50 m of straight line."""
-    bend = route(Piece(0.0, 0.0, 0.0, 0.0, 50.0), Piece(50.0, 0.0, 0.0, 1.0 / 200.0, 300.0))
-    turn_rad = follow.course_turn_rad(MODEL, bend, along_m, Pose(along_m, 0.0, 0.0), DT_S)
+    """A bend of 200 m radius begins after 50 m of straight line and ends after 350 m."""
+    bend = Piece(50.0, 0.0, 0.0, 1.0 / 200.0, 300.0)
+    way = route(Piece(0.0, 0.0, 0.0, 0.0, 50.0), bend, arcs.straight(arcs.end_of(bend), 100.0))
+    turn_rad = follow.course_turn_rad(MODEL, way, along_m, arcs.pose_at(way, along_m), DT_S)
     assert turn_rad == pytest.approx(turn_m / 200.0)
 
 
@@ -154,8 +158,12 @@ def test_only_from_a_line_that_the_vehicle_is_on_and_flies_along_is_the_rest_of_
     assert follow.next_stretch(MODEL, LINE, 0.0, Pose(0.0, side * beside_m, side * off_rad), DT_S).steps == steps
 
 
-def test_on_an_arc_there_is_no_whole_line_to_fly() -> None:
-    assert follow.next_stretch(MODEL, BENDS, 60.0, arcs.pose_at(BENDS, 60.0), DT_S).steps == 1
+def test_on_an_arc_there_is_no_whole_line_to_fly_and_a_step_leads_as_far_along_it_as_it_ends() -> None:
+    bend = route(Piece(0.0, 0.0, 0.0, 1.0 / 45.0, 200.0))
+    stretch = follow.next_stretch(MODEL, bend, 60.0, arcs.pose_at(bend, 60.0), DT_S)
+    assert stretch.steps == 1
+    nearest_m = arcs.nearest_along_m(bend, arcs.end_of(stretch.pieces[-1]))
+    assert stretch.along_m == pytest.approx(nearest_m, abs=0.02)
 
 
 @settings(max_examples=40, derandomize=True)
