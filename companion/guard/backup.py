@@ -34,6 +34,12 @@ from companion.guard.vehicle import GREATEST_TURN_RAD, Step, VehicleModel
 
 MOST_STRETCHES = 400
 """Number of stretches along the route (steps on arcs, and whole straight lines) within which a way on must be clear."""
+OFF_ROUTE_STEPS = 3.0
+"""Number of steps that a vehicle may be off the route at the beginning of a stretch for discs far from the route not to
+matter to it: one that cannot follow the route may meet any disc."""
+NEAR_ROUTE_STEPS = 6.0
+"""Number of steps, beyond a turning circle, within which a disc is near the route: OFF_ROUTE_STEPS, one that is flown,
+and up to two across a rounded square (`VehicleModel.circle`)."""
 CIRCLE_PARTS = 24
 """Number of places, per circumference of the turning circle flown along the route, at which a clear one is tried."""
 FOLLOW_RAD = 0.01
@@ -256,17 +262,21 @@ class BackupSearch:
         route = Path(pieces_of_route, 0, step.speed_m_s, math.inf)
         along_m = nearest_along_m(route, pose)
         left_m = sum(stretch.length_m for stretch in route.pieces) - along_m
-        discs = flight.discs if flight.moving else discs_near(route.pieces, flight.discs, 2.0 / rate_1_m + 4.0 * step_m)
+        reach_m = 2.0 / rate_1_m + NEAR_ROUTE_STEPS * step_m + spare_m
+        near = flight.discs if flight.moving else discs_near(route.pieces, flight.discs, reach_m)
         around = math.ceil(math.tau / (rate_1_m * step_m))
         every = max(1, around // CIRCLE_PARTS)
         flown: list[Piece] = []
         for count in range(1, MOST_STRETCHES + 1):
             stretch = next_stretch(self._vehicle, route, along_m, pose, flight.dt_s)
+            off_m = math.dist(pose[:2], pose_at(route, along_m)[:2])
+            discs = near if off_m <= OFF_ROUTE_STEPS * step_m else flight.discs
             if self._enters(stretch.pieces, discs, step, after_s, spare_m):
                 return None
             flown += stretch.pieces
             left_m -= stretch.steps * step_m
-            after_s += stretch.steps * flight.dt_s
+            # The wind may slow it all the way, while the discs grow.
+            after_s += stretch.steps * step_m / (step.speed_m_s - self._limits.wind_m_s)
             along_m, pose = stretch.along_m, end_of(stretch.pieces[-1])
             if stretch.steps == 1 and count % every and left_m > 0.0:
                 continue

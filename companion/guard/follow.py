@@ -100,7 +100,7 @@ def discs_near(route: Iterable[Piece], discs: Sequence[Disc], reach_m: float) ->
     middles_m, halves_m = [], []
     for piece in route:
         half_m = 0.5 * piece.length_m
-        if piece.curvature_1_m != 0.0 and abs(piece.curvature_1_m) * half_m > 1.0:
+        if abs(piece.curvature_1_m) * half_m > 1.0:
             north_m, east_m, half_m = circle_of(piece)
             middles_m.append((north_m, east_m))
         else:

@@ -6,15 +6,19 @@ route or world model cannot reach the vehicle.
 Assumptions, each monitored: a command begins to act `reaction_s` after it is given; the vehicle then turns by the
 shorter side at rate_share n g / v until the heading is reached and flies straight; no disc moves faster than its bound;
 the wind stays within its bound; reported positions are within their error bound; `check` is called every `dt_s`.
-Theorem: from a certified state no disc is ever entered and no fence left, whatever is wanted.
+Theorem: from a certificate "for ever" no disc is ever entered and no fence left, whatever is wanted; from one "until t"
+not before t; "none" says nothing (Verdict.certified_s: infinite, t, 0).
 Proof: the *tip* is the state at which the next command begins to act; it follows from the motion and the commands in
-flight. Between calls the guard holds a path from the tip that is clear at all later times. A wanted step is let through
-only if it and a new path from its end are clear: that path is held next. Otherwise the held path is continued; what is
-left of a clear path is clear, so nothing needs to be certified again. A path ends on a turning circle or at rest,
-which discs that stand still never reach, or (discs that move) on a ray u from p at speed v: with d = p - c, disc radius
-R + w t, a = v^2 - w^2, b = 2 (v d.u - w R), c0 = |d|^2 - R^2 the squared distance less the squared radius is
-a t^2 + b t + c0, which is never negative iff c0 >= 0 and (b >= 0 or b^2 <= 4 a c0). A later report of a disc within its
-bound lies inside the earlier one grown, so it takes nothing away. By induction there is always a choice.
+flight. Between calls the guard holds a path from the tip that is clear at all later times, or until t. A wanted step is
+let through only if it and a new path from its end are clear: that path is held next. Otherwise the held path is
+continued; what is left of a clear path is clear, so nothing needs to be certified again. A path follows circles, lines
+and the route exactly as the vehicle is predicted to fly them, step by step (companion/guard/follow.py). It ends on a
+turning circle or at rest, which discs that stand still never reach, or (discs that move) on a ray u from p at speed v:
+with d = p - c, disc radius R + w t, a = v^2 - w^2, b = 2 (v d.u - w R), c0 = |d|^2 - R^2 the squared distance less the
+squared radius is a t^2 + b t + c0, which is never negative iff c0 >= 0 and (b >= 0 or b^2 <= 4 a c0), and whose least
+value until t is at one of the ends or at the vertex. A later report of a disc within its bound lies inside the earlier
+one grown, so it takes nothing away; a disc that was never reported is no disc of the theorem, so whoever knows that one
+is missing must not claim a certificate. By induction there is always a choice.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Sequence
@@ -82,10 +83,10 @@ def _arena_table(runs: Sequence[Run], folder: Path) -> str:
             summary.family,
             summary.law,
             f"{summary.feasible} of {summary.flights}",
-            f"{100.0 * summary.arrivals.value:.1f} %",
+            "-" if math.isnan(summary.arrivals.value) else f"{100.0 * summary.arrivals.value:.1f} %",
             str(summary.entries),
             str(summary.breaches),
-            f"{summary.ratio_median.value:.4f}",
+            "-" if math.isnan(summary.ratio_median.value) else f"{summary.ratio_median.value:.4f}",
             f"{summary.decision_median_us:.0f}",
             end_section=place + 1 == len(found) or found[place + 1].family != summary.family,
         )

@@ -109,7 +109,6 @@ class _PointVehicle:
         self._adapter = PointAdapter(False, frame.to_global(self.north_m, self.east_m), config.height_m)
         self._companion = Companion(config, self._adapter, law)
         self._wind_m_s = (0.0, 0.0)
-        self._rate_rad_s = turn_rate_rad_s(spec.speed_m_s, spec.n_max)
         self._hold_side = holding_side(mission, spec)
         self._mission = mission
         self._frame = frame
@@ -132,13 +131,14 @@ class _PointVehicle:
         """Fly for one integration step towards the heading of the last setpoint."""
         dt_s = self._mission.integration_step_s
         pose = (self.north_m, self.east_m, self.heading_rad, self.spec.speed_m_s)
+        rate_rad_s = turn_rate_rad_s(self.spec.speed_m_s, self.spec.n_max)
         if self._adapter.setpoint is None:
             # Until its companion has a picture it circles where it is.
-            rate_rad_s = self._hold_side * self._rate_rad_s
+            rate_rad_s *= self._hold_side
             self.north_m, self.east_m, self.heading_rad = advance(*pose, rate_rad_s, dt_s)
         else:
             heading_rad = crabbed(self._adapter.setpoint.heading_rad, self.spec.speed_m_s, self._wind_m_s)
-            self.north_m, self.east_m, self.heading_rad = turn_towards(*pose, heading_rad, self._rate_rad_s, dt_s)
+            self.north_m, self.east_m, self.heading_rad = turn_towards(*pose, heading_rad, rate_rad_s, dt_s)
         self.north_m += self._wind_m_s[0] * dt_s
         self.east_m += self._wind_m_s[1] * dt_s
 

@@ -123,6 +123,22 @@ def plan(
     return Plan(way_length_m(best), bound_m, _way(task.pose, best), method, time.perf_counter() - began_s)
 
 
+def leads_on(mission: Mission, agent_id: int, planned: Plan, needs: Needs) -> bool:
+    """Return whether the end of a plan among threats that stand still has a turning circle, to one side, that is clear.
+
+    From an end without one the agent might not be able to fly on.
+    """
+    heading_rad = float(planned.way[-1, 2])
+    task = task_of(mission, agent_id, planned.way[-1, :2], 0.0, needs)
+    places_m = np.array([threat.position_ned_m for threat in mission.threats]).reshape(-1, 2)
+    to_right = np.array([-math.sin(heading_rad), math.cos(heading_rad)])
+    centres_m = planned.way[-1, :2] + task.turn_radius_m * np.outer((1.0, -1.0), to_right)
+    disc_m = np.linalg.norm(centres_m[:, None] - places_m, axis=-1) - task.radii_m
+    wall_m = wall_distance_m(centres_m, task.walls) - task.walls.clearance_m
+    room_m = np.minimum(disc_m.min(axis=1, initial=math.inf), wall_m.min(axis=1, initial=math.inf))
+    return bool((room_m >= task.turn_radius_m).any())
+
+
 def target_stays_clear(mission: Mission, target_ned_m: Sequence[float] | np.ndarray, until_s: float) -> bool:
     """Return whether a place (2,) in m stays clear of every threat until `until_s`, wherever the threats go.
 

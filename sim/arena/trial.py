@@ -18,8 +18,8 @@ from companion.onboard.decision import Purpose, certificate_of
 from sim.approaches import threat_approaches
 from sim.arena.flight import AgentFlight, ArenaFlight, fly_arena
 from sim.arena.missions import RandomMission
-from sim.arena.plan_task import Needs
-from sim.arena.planner import Plan, plan
+from sim.arena.plan_task import Needs, ground_turn_radius_m
+from sim.arena.planner import Plan, leads_on, plan
 from sim.score import AgentScore, score
 
 CLOCK_S = 1e-6
@@ -42,6 +42,8 @@ LIMITS_MS = ((25, 20.0), (100, 50.0), (400, 100.0))
 RATIO_LIMIT = 1.05
 LATE_SHARE = 0.25
 """Last part of a flight, in which an agent that is on its way comes nearer to its target than it was before."""
+SILENT_CIRCLES, SILENT_STEPS = 4.0, 30.0
+"""Turning circles and guidance steps after which an agent that comes no nearer must have said why."""
 OUT_OF_TIME = "out of time on its way"
 NO_PLAN = Plan(math.inf, math.inf, np.empty((0, 3)), "none", 0.0)
 ASSIGNED = "assigned"
@@ -166,7 +168,8 @@ def _planned(mission: Mission, flight: ArenaFlight) -> Plan:
     there = mission.model_copy(update={"agents": (agent,), "arrival_radius_m": arrival_m})
     needs = Needs(room_m(mission, agent), TURN_STEPS * agent.speed_m_s * mission.guidance_step_s)
     until_s = TIME_SHARE * (mission.max_time_s - engaged_s)
-    return plan(there, agent.id, mission.targets[0].position_ned_m, until_s, 0, needs)
+    found = plan(there, agent.id, mission.targets[0].position_ned_m, until_s, 0, needs)
+    return found if len(found.way) and leads_on(there, agent.id, found, needs) else NO_PLAN
 
 
 def _certificate(agent: AgentFlight) -> str:
@@ -193,14 +196,24 @@ def _reason(mission: Mission, flight: ArenaFlight, index: int) -> str:
 
 
 def _comes_nearer(mission: Mission, flight: ArenaFlight, index: int) -> bool:
-    """Return whether an agent was nearer to its target in the last part of its flight than ever before."""
+    """Return whether an agent was nearer to its target in the last part of its flight than ever before.
+
+    That part is at least as long as the time after which its companion must say that it comes no nearer.
+    """
     last, trajectory = flight.agents[index].last, flight.trajectory
     if last is None or last.target_id is None:
         return False
     target = trajectory.targets_ned_m[:, trajectory.target_ids.index(last.target_id)]
     to_go_m = np.linalg.norm(trajectory.agents_ned_m[:, index] - target, axis=-1)
-    before = int((1.0 - LATE_SHARE) * len(to_go_m))
-    step_m = mission.agents[index].speed_m_s * mission.guidance_step_s
+    agent, engaged_s = mission.agents[index], flight.agents[index].engaged_t_s
+    circle_s = math.tau * ground_turn_radius_m(agent.speed_m_s, agent.n_max, 0.0) / agent.speed_m_s
+    silent_s = SILENT_CIRCLES * circle_s + SILENT_STEPS * mission.guidance_step_s
+    end_s = float(trajectory.t_s[-1])
+    late_s = end_s - max(LATE_SHARE * end_s, silent_s)
+    if late_s <= engaged_s:
+        return True
+    before = int(np.searchsorted(trajectory.t_s, late_s))
+    step_m = agent.speed_m_s * mission.guidance_step_s
     return bool(to_go_m[before:].min() < to_go_m[:before].min(initial=math.inf) - step_m)
 
 

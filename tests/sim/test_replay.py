@@ -63,7 +63,10 @@ def test_a_threat_moved_in_the_recording_is_seen_in_the_decisions(recorded: Path
             return raw
         frame = decode_frame(raw_frame(raw))
         assert isinstance(frame, StateFrame)
-        threats = tuple(replace(threat, north_m=0.0, east_m=0.0) for threat in frame.threats)
+        # Onto the vehicle's target, where they are in its way.
+        own = next(agent.target_id for agent in frame.agents if agent.id == 1)
+        there = next((target for target in frame.targets if target.id == own), frame.targets[0])
+        threats = tuple(replace(threat, north_m=there.north_m, east_m=there.east_m) for threat in frame.threats)
         return FrameWriter().encode(replace(frame, threats=threats))
 
     records = [(t_s, moved(raw)) for t_s, raw in read_tlog(recorded / "vehicle-1.tlog")]

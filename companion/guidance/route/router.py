@@ -28,9 +28,9 @@ from companion.guidance.route.walls import NO_WALLS, Walls, WallSet
 
 SWITCH_SHARE = 0.02
 """Share of the kept route's length that a new route on other sides of discs must save (docs/method.md section 3)."""
-BASE_WORK_US = 5000.0
+BASE_WORK_US = 7000.0
 """Work of one call of a router until it pauses, in nominal microseconds, without any discs."""
-DISC_WORK_US = 60.0
+DISC_WORK_US = 100.0
 """The same for each disc and each corner of a wall."""
 REPLAN_STEPS = 10
 """Number of calls within which a kept route is compared with a new one at least once while anything changes."""

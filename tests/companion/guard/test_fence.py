@@ -207,6 +207,128 @@ def test_a_fence_with_a_spit_of_outside_across_a_piece_does_not_hold_it(
         assert Fence(fence[:: -1 if mirrored else 1]).holds([piece], 1.0) is held
 
 
+@settings(max_examples=150, derandomize=True)
+@given(
+    piece=PIECES | st.builds(Piece, st.just(3.0), st.just(-5.0), st.floats(-7.0, 7.0), st.just(-0.2), st.just(40.0)),
+    places=st.lists(st.tuples(st.floats(-90.0, 90.0), st.floats(-90.0, 90.0)), max_size=5),
+)
+def test_the_distances_from_a_piece_are_those_of_each_place(piece: Piece, places: list[tuple[float, float]]) -> None:
+    norths_m, easts_m = np.array(places).reshape(-1, 2).T
+    one_by_one = [arcs.distance_m(piece, *place) for place in places]
+    assert arcs.distances_m(piece, norths_m, easts_m).tolist() == pytest.approx(one_by_one, abs=1e-9)
+
+
+HOUSE = ((-2.0, -2.0), (1.0, -2.0), (1.0, 3.0), (-2.0, 3.0))
+"""A polygon to stay outside of, within SQUARE."""
+
+
+@pytest.mark.parametrize(
+    ("point", "depth_m"),
+    [
+        ((0.0, 0.0), -1.0),
+        ((0.0, 2.5), -0.5),
+        ((3.0, 0.0), 2.0),
+        ((6.5, 0.0), 1.5),
+        ((-5.0, 7.0), 1.0),
+        ((9.0, 0.0), -1.0),
+        ((0.0, 20.0), -12.0),
+    ],
+)
+def test_depth_is_negative_in_an_exclusion_too_and_there_the_distance_out_of_it(
+    point: tuple[float, float], depth_m: float
+) -> None:
+    assert Fence(SQUARE, [HOUSE]).depth_m(*point) == depth_m
+    assert Fence(SQUARE[::-1], [HOUSE[::-1]]).depth_m(*point) == depth_m
+
+
+@pytest.mark.parametrize(("point", "depth_m"), [((0.0, 0.0), -1.0), ((4.0, 0.0), 3.0), ((-40.0, 2.0), 38.0)])
+def test_an_exclusion_needs_no_fence(point: tuple[float, float], depth_m: float) -> None:
+    assert Fence(None, [HOUSE]).depth_m(*point) == depth_m
+
+
+@pytest.mark.parametrize(
+    ("point", "depth_m"),
+    [((9.5, 0.0), -1.5), ((7.5, 0.0), -1.5), ((10.5, 0.0), -1.5), ((4.0, 0.0), 2.0), ((9.5, -6.0), -1.5)],
+)
+def test_outside_the_fence_and_in_an_exclusion_at_once_is_not_inside(
+    point: tuple[float, float], depth_m: float
+) -> None:
+    """The exclusion reaches over the fence; where both are violated the nearer of their edges counts."""
+    gate = ((6.0, -3.0), (12.0, -3.0), (12.0, 3.0), (6.0, 3.0))
+    assert Fence(SQUARE, [gate]).depth_m(*point) == depth_m
+
+
+@pytest.mark.parametrize(
+    ("east_m", "depth_m"), [(-7.0, 1.0), (-5.0, -1.0), (-2.5, 1.5), (0.0, -1.0), (2.0, 1.0), (7.0, 1.0)]
+)
+def test_between_the_teeth_of_an_exclusion_is_outside_of_it(east_m: float, depth_m: float) -> None:
+    """A comb with its back in the north and three teeth, each 2 m wide and 3 m from the next."""
+    comb = [(4.0, -6.0), (-6.0, -6.0), (-6.0, -4.0), (3.0, -4.0), (3.0, -1.0), (-6.0, -1.0), (-6.0, 1.0), (3.0, 1.0)]
+    comb += [(3.0, 4.0), (-6.0, 4.0), (-6.0, 6.0), (4.0, 6.0)]
+    assert Fence(SQUARE, [comb]).depth_m(0.0, east_m) == depth_m
+    assert Fence(SQUARE, [comb[::-1]]).depth_m(0.0, east_m) == depth_m
+
+
+def test_the_end_of_a_piece_that_comes_near_an_edge_aslant_keeps_the_margin_too() -> None:
+    """The line would reach the edge at 20 m north 0.71 m after the piece ends, which is half a metre from it."""
+    aslant = Piece(0.0, 0.0, math.pi / 4.0, 0.0, 19.5 * math.sqrt(2.0))
+    assert [Fence(box(20.0)).holds([aslant], margin_m) for margin_m in (0.4, 0.6)] == [True, False]
+
+
+YARDS = (((-10.0, 0.0), (-50.0, 60.0), (-60.0, -50.0)), ((30.0, -10.0), (5.0, 25.0), (20.0, -5.0), (5.0, -20.0)))
+
+
+@settings(max_examples=100, derandomize=True)
+@given(
+    corners=st.none() | st.just(((70.0, -70.0), (40.0, 70.0), (-70.0, 70.0), (-70.0, -70.0))),
+    yards=st.lists(st.sampled_from(YARDS), min_size=1, max_size=2, unique=True),
+    piece=PIECES,
+    margin_m=st.floats(0.0, 5.0),
+)
+def test_all_polygons_hold_a_piece_exactly_when_each_of_them_does(
+    corners: tuple[tuple[float, float], ...] | None,
+    yards: list[tuple[tuple[float, float], ...]],
+    piece: Piece,
+    margin_m: float,
+) -> None:
+    each = [Fence(None, [yard]) for yard in yards] + ([] if corners is None else [Fence(corners)])
+    fence = Fence(corners, yards)
+    depths_m = [polygon.depth_m(piece.north_m, piece.east_m) for polygon in each]
+    inside_m = [-depth_m for depth_m in depths_m if depth_m < 0.0]
+    assert fence.depth_m(piece.north_m, piece.east_m) == (-min(inside_m) if inside_m else min(depths_m))
+    assert fence.holds([piece], margin_m) == all(polygon.holds([piece], margin_m) for polygon in each)
+
+
+@pytest.mark.parametrize("heading_rad", [0.3, 3.5])
+def test_a_line_without_end_is_held_unless_it_crosses_something(heading_rad: float) -> None:
+    """It begins 10 m south of an exclusion."""
+    yard = [(10.0, -100.0), (20.0, -100.0), (20.0, 100.0), (10.0, 100.0)]
+    line = Piece(0.0, 0.0, heading_rad, 0.0, math.inf)
+    assert Fence(None, [yard]).holds([line], 1.0) is (heading_rad == 3.5)
+
+
+def test_no_line_in_a_fence_is_longer_than_from_corner_to_corner_of_its_box_and_without_a_fence_any_may_be() -> None:
+    fence = ((-3.0, -100.0), (27.0, -80.0), (10.0, -60.0))
+    assert Fence(fence, [SQUARE]).longest_m == 50.0
+    assert Fence(None, [fence]).longest_m == math.inf
+
+
+def excluded(limits: Limits) -> Callable[[float], Verdict]:
+    """Return the verdict as a function of how far an exclusion ahead has moved in from 300 m."""
+
+    def verdict(inward_m: float) -> Verdict:
+        north_m = 300.0 - inward_m
+        yard = ((north_m, -500.0), (north_m + 50.0, -500.0), (north_m + 50.0, 500.0), (north_m, 500.0))
+        return check(AHEAD, NORTHWARD, NOTHING, replace(limits, exclusions_ned_m=(yard,)))
+
+    return verdict
+
+
+@pytest.mark.parametrize(("limits", "room_m"), [(PLANE, 10.0 + RHO_M), (COPTER, 110.0)])
+def test_without_any_fence_an_exclusion_is_turned_or_stopped_before(limits: Limits, room_m: float) -> None:
+    assert_refused_from(300.0 - room_m - SPARE_M, excluded(limits), FENCE)
+
+
 @pytest.mark.parametrize("over_m", [1e-5, 1e-3, 0.1, 1.0, 10.0])
 def test_a_piece_that_leaves_the_fence_and_comes_back_is_not_held(over_m: float) -> None:
     arc = Piece(0.0, 0.0, 0.0, 0.05, 0.05**-1 * math.pi)

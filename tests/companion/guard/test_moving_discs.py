@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +27,7 @@ from companion.guard.types import (
     Setpoint,
     Verdict,
 )
+from companion.guard.vehicle import VehicleModel
 from tests.companion.guard.guard_flight import (
     AHEAD,
     COPTER,
@@ -224,6 +225,64 @@ def test_a_disc_as_fast_as_the_vehicle_is_kept_clear_of_for_the_horizon_and_no_l
 def test_in_wind_as_fast_as_the_vehicle_means_as_fast_as_it_is_up_wind(disc_m_s: float, certified_s: float) -> None:
     scene = discs((5000.0, 0.0, 50.0), speed_m_s=disc_m_s)
     assert check(AHEAD, NORTHWARD, scene, replace(PLANE, wind_m_s=4.0)).certified_s == certified_s
+
+
+@pytest.mark.parametrize(
+    ("limits", "unit_s"),
+    [
+        (Limits(20.0, 20.0, 1.0, 50.0, 120.0, reaction_s=0.7, wind_m_s=4.0), 0.7 + math.tau * 24.0 / G_M_S2),
+        (Limits(0.0, 20.0, 1.0, 50.0, 120.0, braking_m_s2=4.0), math.tau * 20.0 / G_M_S2 + 5.0),
+    ],
+)
+def test_unless_it_is_given_the_horizon_is_64_8_or_2_times_the_time_to_react_turn_around_and_stop(
+    limits: Limits, unit_s: float
+) -> None:
+    assert VehicleModel(limits).horizons_s() == pytest.approx((64.0 * unit_s, 8.0 * unit_s, 2.0 * unit_s))
+
+
+@pytest.mark.parametrize(("north_m", "count"), [(9_000.0, 64.0), (2_000.0, 8.0), (400.0, 2.0), (100.0, None)])
+def test_of_the_horizons_the_longest_that_is_clear_is_certified(north_m: float, count: float | None) -> None:
+    limits = replace(PLANE, horizon_s=None)
+    scene = discs((north_m, 0.0, 50.0), speed_m_s=25.0)
+    unit_s = math.tau * 20.0 / G_M_S2
+    assert Guard(limits).certify(NORTHWARD, scene, DT_S) == pytest.approx(0.0 if count is None else count * unit_s)
+    certified_s = 0.0 if count is None else DT_S + count * unit_s
+    assert check(AHEAD, NORTHWARD, scene, limits).certified_s == pytest.approx(certified_s)
+
+
+def test_among_slower_discs_only_the_longest_horizon_takes_the_place_of_for_ever() -> None:
+    guarded = Guard(replace(PLANE, horizon_s=None))
+    longest_s = 64.0 * math.tau * 20.0 / G_M_S2
+    assert guarded._horizons_s(discs((0.0, 0.0, 1.0), speed_m_s=19.9), 20.0) == pytest.approx((math.inf, longest_s))
+    assert len(guarded._horizons_s(discs((0.0, 0.0, 1.0), speed_m_s=20.0), 20.0)) == 3
+
+
+@pytest.mark.parametrize(("nth", "found"), [(8, True), (9, False)])
+def test_of_the_headings_that_the_fan_offers_the_first_eight_are_compared_with_the_fence(nth: int, found: bool) -> None:
+    """The fence is 200 m north and far elsewhere; all headings but the one at nth place lead out of it."""
+    guarded = Guard(replace(PLANE, fence_ned_m=((-5e3, -5e3), (200.0, -5e3), (200.0, 5e3), (-5e3, 5e3))))
+    scene = discs((-900.0, 0.0, 50.0), speed_m_s=2.0)
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, ())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(backup, "fan_rad", lambda *_: [0.0] * (nth - 1) + [math.pi / 2.0])
+        ray = guarded._search(flight, 30.0).ray(flight.tip, 20.0, 0.0, 0.0, True)
+    assert (ray is not None) is found
+
+
+@pytest.mark.parametrize(("horizon_s", "looked_for"), [(9.9, True), (10.1, False)])
+def test_a_ray_longer_than_the_fence_is_not_looked_for(horizon_s: float, looked_for: bool) -> None:
+    guarded = Guard(replace(PLANE, fence_ned_m=((-60.0, -80.0), (60.0, -80.0), (60.0, 80.0), (-60.0, 80.0))))
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, discs((0.0, 900.0, 5.0), speed_m_s=2.0), DT_S, ())
+    looked: list[Pose] = []
+
+    def headings_rad(_self: BackupSearch, pose: Pose, _discs: object) -> Iterator[float]:
+        looked.append(pose)
+        return iter(())
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BackupSearch, "likely_headings_rad", headings_rad)
+        guarded._search(flight, horizon_s).ray(flight.tip, 20.0, 0.0, 0.0, False)
+    assert looked == [flight.tip] * looked_for
 
 
 def test_moving_discs_inside_a_fence_are_kept_clear_of_for_the_horizon() -> None:

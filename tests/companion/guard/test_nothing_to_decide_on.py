@@ -132,11 +132,9 @@ def test_limits_at_the_edge_of_sense_are_taken() -> None:
     replace(PLANE, wind_m_s=19.9)
     replace(PLANE, speed_min_m_s=0.5)
     replace(COPTER, wind_m_s=19.9)
-    Limits(0.0, 0.0, 0.1, 50.0, 50.0, braking_m_s2=0.1, fence_ned_m=((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), horizon_s=0.0)
-
-
-def test_discs_are_kept_clear_of_for_half_a_minute_unless_told_otherwise() -> None:
-    assert PLANE.horizon_s == 30.0
+    triangle = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+    Limits(0.0, 0.0, 0.1, 50.0, 50.0, braking_m_s2=0.1, fence_ned_m=triangle, horizon_s=0.0)
+    replace(PLANE, exclusions_ned_m=(triangle,))
 
 
 @pytest.mark.parametrize("last", [(), ((math.nan, 1.0),), ((0.0, math.inf),)])

@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.geo.kinematics import turn_towards
 from companion.guard import arcs
-from companion.guard.arcs import Path, Pose
+from companion.guard.arcs import Disc, Path, Pose
 from companion.guard.backup import BackupSearch, Flight
 from companion.guard.guard import Guard
 from companion.guard.types import (
@@ -18,6 +20,7 @@ from companion.guard.types import (
     KEEP_OUT,
     Discs,
     Hints,
+    Limits,
     Motion,
     Piece,
 )
@@ -28,12 +31,16 @@ from tests.companion.guard.guard_flight import (
     COPTER,
     DT_S,
     G_M_S2,
+    HAIR,
     NORTHWARD,
     NOTHING,
     PLANE,
+    RHO_M,
+    SPARE_M,
     Vehicle,
     apart_m,
     assert_hangs_together,
+    box,
     check,
     discs,
     sent,
@@ -229,6 +236,241 @@ def test_what_a_change_of_speed_costs_is_kept_clear_along_the_route_too(spare_m:
         patch.setattr(BackupSearch, "to_rest", lambda _, pose, *__: circle if pose[0] > 150.0 else KEEP_OUT)
         path = along_route(guarded, flight, Pose(0.0, 0.0, 0.0), spare_m)
     assert (path is not None) is clear
+
+
+@pytest.mark.parametrize("east_m", [200.0, 1_000.0, 5_000.0])
+def test_a_route_far_away_is_no_back_up_through_the_discs_on_the_way_to_it(east_m: float) -> None:
+    motion = replace(NORTHWARD, north_m=60.0)
+    beside = (Piece(0.0, east_m, 0.0, 0.0, 4_000.0),)
+    assert Guard(PLANE).check(AHEAD, motion, GATE, 0.0, DT_S, Hints(beside)).changes[0] == KEEP_OUT
+
+
+ANY_ROUTE = st.lists(
+    st.builds(
+        Piece,
+        st.floats(-600.0, 600.0),
+        st.floats(-600.0, 600.0),
+        st.floats(-4.0, 4.0),
+        st.floats(-0.2, 0.2) | st.just(0.0),
+        st.floats(0.0, 400.0),
+    ),
+    min_size=1,
+    max_size=4,
+)
+"""Pieces that need not hang together, nor be wide enough for the vehicle to follow."""
+
+ANY_DISCS = st.lists(
+    st.tuples(st.floats(-600.0, 600.0), st.floats(-600.0, 600.0), st.floats(5.0, 120.0)), min_size=1, max_size=12
+)
+
+
+@settings(max_examples=80, derandomize=True)
+@given(route=ANY_ROUTE, rows=ANY_DISCS)
+def test_a_path_along_whatever_is_called_a_route_enters_no_disc(
+    route: list[Piece], rows: list[tuple[float, float, float]]
+) -> None:
+    guarded = Guard(PLANE)
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, discs(*rows), DT_S, tuple(route))
+    path = along_route(guarded, flight, Pose(0.0, 0.0, 0.0), 0.5)
+    assert path is None or not any(arcs.is_hit(piece, flight.discs, 0.0, 0.5) for piece in path.pieces)
+
+
+@settings(max_examples=60, derandomize=True)
+@given(route=ANY_ROUTE, rows=ANY_DISCS, disc_m_s=st.floats(0.1, 8.0), wind_m_s=st.just(0.0) | st.floats(0.1, 8.0))
+def test_a_path_along_whatever_is_called_a_route_enters_no_moving_disc_at_the_least_speed_over_the_ground(
+    route: list[Piece], rows: list[tuple[float, float, float]], disc_m_s: float, wind_m_s: float
+) -> None:
+    guarded = Guard(replace(PLANE, wind_m_s=wind_m_s))
+    scene = discs(*rows, speed_m_s=disc_m_s)
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, tuple(route))
+    path = along_route(guarded, flight, Pose(0.0, 0.0, 0.0), 0.5)
+    assert path is None or arcs.is_clear(path.pieces, flight.discs, 20.0 - wind_m_s, DT_S - 1e-6, 0.5 - 1e-6)
+
+
+def stretches_of(
+    limits: Limits, around: Discs, begin: Pose, dt_s: float, horizon_s: float = math.inf
+) -> tuple[list[tuple[int, float]], list[Pose]]:
+    """Return the number of discs that each stretch is compared with and its time, and where a way on is looked for.
+
+    The route leads 205 m north and turns left; no way on is found.
+    """
+    guarded, entered, looked = Guard(limits), [], []
+    route = (Piece(0.0, 0.0, 0.0, 0.0, 205.0), Piece(205.0, 0.0, 0.0, -0.005, 50.0))
+    flight = guarded._flight(begin, 20.0, NORTHWARD, around, dt_s, route)
+
+    def enters(_self: BackupSearch, _pieces: object, near: list[Disc], _step: Step, at_s: float, _: float) -> bool:
+        entered.append((len(near), at_s))
+        return False
+
+    def way_on(_self: BackupSearch, pose: Pose, *_: object) -> None:
+        looked.append(pose)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BackupSearch, "_enters", enters)
+        patch.setattr(BackupSearch, "_way_on", way_on)
+        path = guarded._search(flight, horizon_s).along_route(begin, Step(0.0, 20.0), 0.75, 0.25)
+    assert path is None
+    return entered, looked
+
+
+def test_along_the_route_the_time_goes_on_with_every_step() -> None:
+    """20 steps of straight line at once, six into the bend and out of it, 25 of the line after it, and one."""
+    entered, looked = stretches_of(PLANE, discs((0.0, 900.0, 10.0), speed_m_s=1.0), Pose(0.0, 0.0, 0.0), DT_S)
+    times_s = [0.75, 10.75, 11.25, 11.75, 12.25, 12.75, 13.25, 13.75, 26.25]
+    assert [at_s for _, at_s in entered] == pytest.approx(times_s)
+    assert len(looked) == len(entered)
+
+
+def test_from_a_place_on_the_route_what_is_left_of_it_is_looked_at() -> None:
+    entered, _ = stretches_of(PLANE, discs((0.0, 900.0, 10.0), speed_m_s=1.0), Pose(105.0, 0.0, 0.0), DT_S)
+    assert entered[-1][1] == pytest.approx(0.75 + 40 * DT_S)
+
+
+def test_with_short_steps_a_way_on_is_looked_for_after_the_last_one_and_not_half_a_metre_before_the_end() -> None:
+    """The vehicle begins two steps of 1.05 m and half a metre before the end, straight on included."""
+    guarded, looked = Guard(PLANE), []
+    route = (Piece(0.0, 0.0, 0.0, 0.0, 300.0 * 1.05 + 0.5 - math.tau * RHO_M),)
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, 0.0525, route)
+
+    def nowhere(_self: BackupSearch, pose: Pose, *_: object) -> str:
+        looked.append(pose.north_m / 1.05)
+        return KEEP_OUT
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BackupSearch, "to_rest", nowhere)
+        assert along_route(guarded, flight, Pose(298.0 * 1.05, 0.0, 0.0), 0.0) is None
+    assert looked == pytest.approx([301.0])
+
+
+def test_along_the_route_the_time_goes_on_as_slowly_as_the_wind_may_blow_the_vehicle() -> None:
+    """A step of 10 m may take 10 m / 16 m/s."""
+    scene = discs((0.0, 900.0, 10.0), speed_m_s=1.0)
+    entered, _ = stretches_of(replace(PLANE, wind_m_s=4.0), scene, Pose(0.0, 0.0, 0.0), DT_S)
+    assert [at_s for _, at_s in entered][:3] == pytest.approx([0.75, 0.75 + 20 * 0.625, 0.75 + 21 * 0.625])
+
+
+@pytest.mark.parametrize(("off_m", "both"), [(29.0, False), (31.0, True)])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_disc_far_from_the_route_matters_from_three_steps_off_it_on(off_m: float, both: bool, side: float) -> None:
+    near, far = (100.0, 60.0, 10.0), (100.0, 2_000.0, 10.0)
+    entered, _ = stretches_of(PLANE, discs(near, far), Pose(40.0, side * off_m, 0.0), DT_S)
+    assert entered[0] == (2 if both else 1, 0.75)
+    assert entered[20][0] == 1
+
+
+def test_on_the_route_what_is_within_a_circle_and_six_steps_and_what_a_change_of_speed_costs_matters() -> None:
+    reach_m = 2.0 * RHO_M + 60.0 + 0.25
+    for hair_m, count in ((-HAIR, 1), (HAIR, 0)):
+        north_m = -10.0 - reach_m - SPARE_M - hair_m
+        entered, _ = stretches_of(PLANE, discs((north_m, 0.0, 10.0)), Pose(0.0, 0.0, 0.0), DT_S)
+        assert entered[0][0] == count
+
+
+def test_among_moving_discs_all_of_them_matter_along_the_route() -> None:
+    entered, _ = stretches_of(PLANE, discs((9e3, 0.0, 10.0), speed_m_s=1.0), Pose(0.0, 0.0, 0.0), DT_S)
+    assert {count for count, _ in entered} == {1}
+
+
+@pytest.mark.parametrize(("wind_m_s", "disc_m_s"), [(0.0, 3.0), (4.0, 3.0), (0.0, 25.0)])
+def test_along_the_route_a_moving_disc_is_as_large_as_when_the_vehicle_passes_it(
+    wind_m_s: float, disc_m_s: float
+) -> None:
+    guarded = Guard(replace(PLANE, wind_m_s=wind_m_s))
+    line, slow_m_s = Piece(0.0, 0.0, 0.0, 0.0, 100.0), 20.0 - wind_m_s
+    t_s = np.linspace(0.0, 100.0 / slow_m_s, 100_001)
+    edge_m = float(np.min(np.hypot(slow_m_s * t_s - 70.0, 200.0) - disc_m_s * (2.0 + t_s))) - 0.5
+    for hair_m, enters in ((-1e-6, False), (1e-6, True)):
+        scene = discs((70.0, 200.0, 10.0), speed_m_s=disc_m_s)
+        flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, ())
+        disc = (70.0, 200.0, edge_m + hair_m, disc_m_s)
+        assert guarded._search(flight, math.inf)._enters([line], [disc], Step(0.0, 20.0), 2.0, 0.5) is enters
+
+
+def test_along_the_route_a_vehicle_that_the_wind_may_hold_in_place_passes_no_moving_disc() -> None:
+    guarded = Guard(Limits(8.5, 20.0, 1.0, 50.0, 120.0, wind_m_s=8.2))
+    scene = discs((-900.0, 0.0, 10.0), speed_m_s=1.0)
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 8.5, NORTHWARD, scene, DT_S, ())
+    line = Piece(0.0, 0.0, 0.0, 0.0, 1.0)
+    for speed_m_s, enters in ((8.5, True), (8.8, False)):
+        step = Step(0.0, speed_m_s)
+        assert guarded._search(flight, math.inf)._enters([line], flight.discs, step, 0.0, 0.0) is enters
+
+
+@pytest.mark.parametrize("disc_m_s", [0.0, 1.0])
+@pytest.mark.parametrize(("north_m", "enters"), [(100.6, False), (100.4, True)])
+def test_along_the_route_the_fence_is_kept_clear_of_whether_discs_move_or_not(
+    disc_m_s: float, north_m: float, enters: bool
+) -> None:
+    guarded = Guard(replace(PLANE, fence_ned_m=box(north_m)))
+    scene = discs((-900.0, 0.0, 10.0), speed_m_s=disc_m_s)
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, ())
+    line = Piece(0.0, 0.0, 0.0, 0.0, 100.0)
+    assert guarded._search(flight, math.inf)._enters([line], flight.discs, Step(0.0, 20.0), 0.0, 0.5) is enters
+
+
+@pytest.mark.parametrize("grown_m", [0.4, 0.6])
+def test_along_the_route_discs_that_stand_still_are_kept_clear_of_at_any_time(grown_m: float) -> None:
+    guarded = Guard(PLANE)
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, NOTHING, DT_S, ())
+    line, disc = Piece(0.0, 0.0, 0.0, 0.0, 100.0), (50.0, 20.0, 19.0 + grown_m, 0.0)
+    enters = guarded._search(flight, math.inf)._enters([line], [disc], Step(0.0, 20.0), 9.0, 0.5)
+    assert enters is (grown_m > 0.5)
+
+
+@pytest.mark.parametrize("horizon_s", [math.inf, 7.0])
+@pytest.mark.parametrize("thorough", [False, True])
+def test_among_moving_discs_the_way_on_from_the_route_is_a_ray_clear_from_then_on(
+    horizon_s: float, thorough: bool
+) -> None:
+    guarded, asked = Guard(PLANE), []
+    scene = discs((900.0, 0.0, 10.0), speed_m_s=1.0)
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, ())
+    line, at = (Piece(80.0, 0.0, 0.2, 0.0, 140.0),), Pose(80.0, 0.0, 0.2)
+
+    def ray(_self: BackupSearch, *arguments: object) -> tuple[Piece, ...] | None:
+        asked.append(arguments)
+        return line if len(asked) == 1 else None
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BackupSearch, "ray", ray)
+        search = guarded._search(flight, horizon_s)
+        onward = [search._way_on(at, Step(0.1, 20.0), flight.discs, 4.5, 0.25, thorough) for _ in range(2)]
+    assert onward == [Path(line, 0, 20.0, 4.5 + horizon_s), None]
+    assert asked == [(at, 20.0, 4.5, 0.25, thorough)] * 2
+
+
+def test_only_where_the_route_ends_are_all_headings_of_a_ray_tried() -> None:
+    guarded, asked = Guard(PLANE), []
+    scene = discs((9e3, 0.0, 10.0), speed_m_s=1.0)
+    route = (Piece(0.0, 0.0, 0.0, 0.0, 100.0), Piece(100.0, 0.0, 0.0, 0.005, 350.5 - math.tau * RHO_M))
+    flight = guarded._flight(Pose(0.0, 0.0, 0.0), 20.0, NORTHWARD, scene, DT_S, route)
+
+    def ray(_self: BackupSearch, pose: Pose, _m_s: float, at_s: float, spare_m: float, thorough: bool) -> None:
+        asked.append((at_s, spare_m, thorough))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BackupSearch, "ray", ray)
+        path = guarded._search(flight, math.inf).along_route(Pose(0.0, 0.0, 0.0), Step(0.0, 20.0), 0.5, 0.25)
+    assert path is None
+    assert {thorough for _, _, thorough in asked[:-1]} == {False} and asked[-1][2]
+    assert {spare_m for _, spare_m, _ in asked} == {0.25}
+    # With straight on for the length of a circle it is 450.5 m: a step is looked at beyond the 45 whole ones.
+    assert [at_s for at_s, _, _ in asked[-2:]] == pytest.approx([0.5 + 45 * DT_S, 0.5 + 46 * DT_S])
+
+
+def test_among_moving_discs_the_route_serves_through_a_gap_too_narrow_to_turn_in() -> None:
+    """A disc shuts the way straight on, so that nothing but the route leads out; one far behind moves."""
+    guarded, motion = Guard(PLANE), replace(NORTHWARD, north_m=10.0)
+    bent = (Piece(0.0, 0.0, 0.0, 0.0, 140.0), Piece(140.0, 0.0, 0.0, 1.0 / 60.0, 94.0))
+    shut = Discs(
+        np.vstack([GATE.centres_ned_m, [400.0, 0.0], [-500.0, 0.0]]),
+        np.append(GATE.radii_m, [200.0, 20.0]),
+        np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.0]),
+    )
+    assert check(AHEAD, motion, shut, PLANE).changes[0] == KEEP_OUT
+    verdict = guarded.check(AHEAD, motion, shut, 0.0, DT_S, Hints(bent))
+    assert (verdict.changes, verdict.certified_s) == ((), math.inf)
+    assert_hangs_together(guarded._path)
 
 
 def test_a_corridor_without_an_end_in_sight_is_not_entered() -> None:

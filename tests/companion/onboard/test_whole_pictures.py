@@ -43,7 +43,9 @@ BROADCASTS = 12
 PER_FRAME = 2
 SIDE_M = 10_000.0
 UNIT_CM = 37
-RADII_CM = 5
+MOST_M = 9_000.0
+"""Radius beyond which nothing grows, so that it fits its field."""
+RADII_CM = 20
 MOST_LATE = 2
 """Greatest number of broadcasts by which a frame comes late."""
 ERROR_M = 1e-6
@@ -101,7 +103,9 @@ def world(chance: random.Random) -> list[Told]:
             else:
                 old = threats[identity]
                 new = (
-                    replace(old, radius_m=2.0 * old.radius_m) if event == "grow" else replace(old, north_m=somewhere())
+                    replace(old, radius_m=min(2.0 * old.radius_m, MOST_M))
+                    if event == "grow"
+                    else replace(old, north_m=somewhere())
                 )
                 threats = {**threats, identity: replace(new, changed=revision)}
         broadcasts.append(Told(sequence, revision, threats))

@@ -763,7 +763,7 @@ def test_an_agent_without_a_place_returns_without_one_beside_those_that_have_one
         AgentEntry(k, None, None, None) if place is None else AgentEntry(k, place[0], place[1], None)
         for k, place in enumerate(places)
     ]
-    decoded = state_through(state_of(agents=tuple(entries)))
+    decoded = state_through(state_of(resolution_cm=611, agents=tuple(entries)))
     for sent, got in zip(places, decoded.agents, strict=True):
         if sent is None:
             assert got.position_ned_m is None
