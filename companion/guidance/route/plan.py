@@ -27,10 +27,6 @@ LEAST_SAVING = 0.01
 """Share of a way's length that one along arcs which touch small discs must save to be taken instead of it."""
 TIGHT_TRIES = 5
 """Number of rough ways that are tried to be made flyable."""
-TIGHT_WORK_US = 60.0
-"""Further work that one plan may do for such ways, for each disc and each corner, in nominal microseconds."""
-MOST_TIGHT_WORK_US = 6000.0
-"""Greatest further work of that kind."""
 TIGHTENING_US = 400.0
 """Work of making a rough way flyable, in nominal microseconds."""
 TIGHT_STATES = 600
@@ -104,7 +100,6 @@ class Plan:
         """The polygons on whose wrong side the start is; the way leads across their edges."""
         if walls is not None and len(walls.corner):
             self._add(walls)
-        self._further_us = min(TIGHT_WORK_US * len(self.everything.centre), MOST_TIGHT_WORK_US)
 
     def _add(self, walls: WallSet) -> None:
         discs, place = self.everything, self.pose.place
@@ -372,8 +367,6 @@ class Plan:
         small = arc_m > scene.collide_m
         if not scene.pose.limited or not any(small[disc] for disc in search.discs):
             return None
-        effort.left_us += self._further_us
-        self._further_us = 0.0
         below_m = math.inf if way is None else (1.0 - LEAST_SAVING) * way.length_m
         for _ in range(TIGHT_TRIES):
             rough = Search(Scene(scene.pose, goal, obstacles, small))
