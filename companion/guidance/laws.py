@@ -39,7 +39,7 @@ LEAST_CLEARANCE_M = 0.05
 costs: for rounding."""
 FOLLOWING_SHARES = (1.0, 0.4)
 """Shares of what following may cost that the route keeps from discs and walls, the first that leaves a way. On arcs of
-one radius the vehicle cuts in by 0.36 of it; the rest is for changes from arc to arc."""
+one radius the vehicle cuts in by 0.28 of it; the rest is for changes from arc to arc."""
 GREATEST_STEP_TURN_RAD = 1.0
 """Greatest turn of one guidance step along a circle to arrive on."""
 CIRCLE_SLACK = 1.05
