@@ -279,7 +279,9 @@ class Guard:
         endless = self._path is not None and math.isinf(self._left_s)
         for horizon_s in horizons_s[:1] if endless else horizons_s:
             search = self._search(flight, horizon_s)
-            for step in search.choices(wanted):
+            # Where nothing is clear for ever, what is wanted for a shorter time goes before what is not for a longer.
+            only_wanted = not math.isinf(horizons_s[0]) and horizon_s != horizons_s[-1]
+            for step in (wanted,) if only_wanted else search.choices(wanted):
                 if step is wanted and search.follows(wanted):
                     found = search.accepted(step, False)
                     if isinstance(found, str):
@@ -293,7 +295,7 @@ class Guard:
                     self._hold(found)
                     return step
                 reason = reason or found
-            if self._path is None:
+            if self._path is None and not only_wanted:
                 found = search.from_tip()
                 if isinstance(found, Path):
                     self._hold(found)
