@@ -27,7 +27,7 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 with the guidance that it checks."""
 GREATEST_TURN_RAD = 3.0
 """Greatest turn of one step, less than pi so that the vehicle's shorter side is the side that was checked."""
-HORIZON_TURNS = (64.0, 8.0, 2.0)
+HORIZON_TURNS = (64.0, 8.0, 1.0)
 """Multiples of the time to turn around and stop for which a path is certified where none is for ever, the longest
 first (docs/guard.md, Horizon)."""
 LEAST_ARC_M = 1e-9

@@ -17,6 +17,7 @@ PASSING = "right of way: keeping a neighbour on the left"
 TURNING_RIGHT = "right of way: turning to the right, because a neighbour is on the left"
 SLOWING = "right of way: slowing down"
 LATE = "right of way: keeping clear of a neighbour seen too late"
+EVADING = "right of way: out of the way of a stranger"
 PIVOTING = "right of way: turning on the spot to where the way is free"
 STOPPING = "right of way: stopping until the way is free"
 
@@ -29,6 +30,7 @@ class Peers(NamedTuple):
 
     places_ned_m: np.ndarray  # (P, 2) m
     velocities_m_s: np.ndarray  # (P, 2) m/s, over ground
+    strangers: np.ndarray | None = None  # (P,) bool, who is not of the fleet and keeps to no rule; None: nobody
 
 
 class AtEffect(NamedTuple):

@@ -35,7 +35,7 @@ from companion.guidance.resolution import (
     first_clockwise,
     inside,
 )
-from companion.guidance.stopping import Start, keep_apart
+from companion.guidance.stopping import Start, evading, keep_apart
 
 LEFT_FRACTIONS = (1.0, 0.5, 0.25, 0.125)
 """Fractions of a wanted turn to the left that are tried: a turn to the left moves the reserved disc twice as fast as
@@ -84,7 +84,7 @@ def give_way(
     """
     if rules.can_stop:
         start = Start(motion, at_effect or AtEffect(motion.heading_rad, motion.speed_m_s), rules, dt_s)
-        return keep_apart(wanted_rad, start, peers, _part(motion, rules, dt_s))
+        return evading(start, peers) or keep_apart(wanted_rad, start, peers, _part(motion, rules, dt_s))
     wanted_rad %= math.tau
     neighbours = _neighbours(motion, peers, rules, dt_s)
     if not neighbours:

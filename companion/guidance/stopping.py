@@ -28,6 +28,7 @@ from companion.geo.right_of_way import (
 )
 from companion.guard.types import Motion
 from companion.guidance.resolution import (
+    EVADING,
     PASSING,
     PIVOTING,
     SLOWING,
@@ -44,6 +45,8 @@ SPEED_FRACTIONS = (1.0, 0.75, 0.5, 0.35, 0.2, 0.1, 0.05)
 BACK_RAD = 1.9
 """Turn to the right from the wanted heading from which a shorter one to the left is taken instead: a single neighbour
 straight ahead asks for a little more than a right angle, and two can ask for a way back."""
+EVADING_SHARE = 2.0
+"""Distance from a stranger's course, in separations, up to which a vehicle makes way."""
 STANDING_M_S = 0.2
 """Speed below which a vehicle stands: the way on which it comes to a stop is shorter than a few centimetres."""
 OPENING_RAD = 0.2
@@ -104,6 +107,37 @@ def keep_apart(wanted_rad: float, start: Start, peers: Peers, part: float) -> Re
         return Resolution(_turned_rad(start, chosen_rad, 0.0), 0.0, PIVOTING, _in_the_way(wanted_rad, bands))
     # Who brakes keeps its heading, and with it the way to a stop that the others reckon with.
     return Resolution(start.at_effect.heading_rad % math.tau, 0.0, STOPPING, _in_the_way(wanted_rad, bands))
+
+
+def evading(start: Start, peers: Peers) -> Resolution | None:
+    """Return the way across the course of a stranger that flies at this vehicle; None if none does.
+
+    Half of the gap is enough only if the other one keeps the other half, and who is not of the fleet may not.
+    """
+    if peers.strangers is None:
+        return None
+    motion, rules = start.motion, start.rules
+    kept_m = EVADING_SHARE * (rules.separation_m + 2.0 * rules.position_error_m)
+    for peer in np.flatnonzero(peers.strangers).tolist():
+        north_m_s, east_m_s = peers.velocities_m_s[peer].tolist()
+        speed_m_s = math.hypot(north_m_s, east_m_s)
+        if speed_m_s < STANDING_M_S:
+            continue
+        ahead = (north_m_s / speed_m_s, east_m_s / speed_m_s)
+        north_m = motion.north_m - float(peers.places_ned_m[peer, 0])
+        east_m = motion.east_m - float(peers.places_ned_m[peer, 1])
+        along_m = north_m * ahead[0] + east_m * ahead[1]
+        right_m = east_m * ahead[0] - north_m * ahead[1]
+        # To get out of the way takes the time to gather speed, which is about that to a stop, and the way itself.
+        takes_s = start.dt_s + rules.reaction_s + 2.0 * rules.speed_m_s / braking_m_s2(rules)
+        takes_s += (kept_m - abs(right_m)) / rules.speed_m_s
+        if along_m <= 0.0 or abs(right_m) >= kept_m or along_m > takes_s * speed_m_s:
+            continue
+        # Head-on both turn right: this vehicle's right is the other one's left.
+        side = -1.0 if right_m <= 0.0 else 1.0
+        heading_rad = (math.atan2(ahead[1], ahead[0]) + side * math.pi / 2.0) % math.tau
+        return Resolution(heading_rad, rules.speed_m_s, EVADING, peer)
+    return None
 
 
 def _first_free(wanted_rad: float, arcs: Sequence[Arc]) -> float | None:

@@ -95,7 +95,7 @@ def test_from_an_uncertified_start_a_disc_is_entered() -> None:
 @pytest.mark.slow
 def test_from_a_start_at_the_fence_it_is_left() -> None:
     fence = [[-2000.0, -2000.0], [9000.0, -2000.0], [9000.0, 2000.0], [-2000.0, 2000.0]]
-    one = flown(agents=[agent(1, 0.0, 1999.5, 0.0)], targets=[target(1, 6000.0, 0.0)], fence=fence)
+    one = flown(agents=[agent(1, 0.0, 1999.5, 45.0)], targets=[target(1, 6000.0, 0.0)], fence=fence)
     assert ["m from the fence" in warning for warning in one.warnings] == [True]
     assert one.outside_fence
 

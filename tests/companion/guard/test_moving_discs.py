@@ -490,3 +490,14 @@ def test_the_ray_in_hand_serves_again_after_a_turn_off_it() -> None:
         vehicle.obey(sent(verdict))
         assert apart_m(vehicle.fly(DT_S), scene) > 0.0
     assert refused > 5
+
+
+@pytest.mark.parametrize(("disc_m_s", "north_m", "turns"), [(1.0, 150.0, 1.0), (1.0, 400.0, 8.0), (1.0, 1_200.0, 64.0)])
+def test_in_a_fence_what_is_wanted_goes_first_for_the_longest_time_that_it_is_certified(
+    disc_m_s: float, north_m: float, turns: float
+) -> None:
+    limits = replace(PLANE, fence_ned_m=box(3e3), horizon_s=None)
+    verdict = check(AHEAD, NORTHWARD, discs((north_m, 0.0, 50.0), speed_m_s=disc_m_s), limits)
+    around_s = math.tau * 20.0 / G_M_S2
+    assert verdict.changes == ()
+    assert verdict.certified_s == pytest.approx(turns * around_s + DT_S)
