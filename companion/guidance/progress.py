@@ -24,6 +24,8 @@ CLOSED_PATIENCES = 20.0
 """How long a passage stays closed, in times without coming nearer."""
 CLOSED_M = 1.0
 """Width by which what closes a passage overlaps its sides."""
+SAME_GAINS = 20.0
+"""Distance that a goal may move from step to step and still be the same, in the least gain that is progress."""
 PLACES = 200
 """Number of places along a route at which room to turn is looked for."""
 
@@ -61,12 +63,18 @@ def watched(
 
     A way that is shorter by less than `gain_m` is no progress, so that circling is none.
     """
-    if before is None or before.place_ned_m != place_ned_m:
+    if before is None or not is_same(before.place_ned_m, place_ned_m, gain_m):
         return Progress(place_ned_m, to_go_m, now_s, refused)
+    before = before._replace(place_ned_m=place_ned_m)
     closed = tuple(passage for passage in before.closed if passage.until_s > now_s)
     if to_go_m <= before.least_m - gain_m:
         return Progress(place_ned_m, to_go_m, now_s, refused, closed)
     return before._replace(refused=before.refused or refused, closed=closed)
+
+
+def is_same(place_ned_m: tuple[float, float], other_ned_m: tuple[float, float], gain_m: float) -> bool:
+    """Return whether two places are the same goal, which may have moved a little from one broadcast to the next."""
+    return math.dist(place_ned_m, other_ned_m) <= SAME_GAINS * gain_m
 
 
 def patience_s(turn_radius_m: float, speed_m_s: float, step_s: float) -> float:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from companion.guidance.route.passing import tightened
 from companion.guidance.route.reachability import Shores, batches, free_of, nearest_points
 from companion.guidance.route.scene import Aim, Obstacles, Pose, Scene, State, covered_stretches, tolerance_m_of
 from companion.guidance.route.search import Effort, Search, chain_free, chains
@@ -21,6 +22,15 @@ NEAREST_TRIES = 8
 """Number of points nearest to the goal that are tried."""
 LEAST_CLEARANCE = 1000.0
 """Least clearance of walls in tolerances of the scene: a wall without any width has corners that leak."""
+
+LEAST_SAVING = 0.01
+"""Share of a way's length that one along arcs which touch small discs must save to be taken instead of it."""
+TIGHT_TRIES = 5
+"""Number of rough ways that are tried to be made flyable."""
+TIGHTENING_US = 400.0
+"""Work of making a rough way flyable, in nominal microseconds."""
+TIGHT_STATES = 600
+"""Number of states after which the search for a rough way gives up."""
 
 DEEP_SHARE = 0.05
 """Depth inside a disc, as a share of its radius, from which a vehicle heads straight out of it, and below it partly."""
@@ -53,6 +63,11 @@ class Way(NamedTuple):
         """The circles of obstacles on the way: index and side."""
         goal_node = self.scene.circles.goal_node
         return tuple((state.circle, state.side) for state in self.chain[:-1] if state.circle < goal_node)
+
+    @property
+    def touch(self) -> dict[int, complex]:
+        """The discs smaller than a turn that its arcs touch, and in which directions from their centres."""
+        return self.scene.circles.touch
 
     @property
     def end_side(self) -> int:
@@ -132,13 +147,16 @@ class Plan:
                     return way
         return None
 
-    def along(self, way: Way, via: tuple[tuple[int, int], ...], legs: int | None = None) -> Way | None:
+    def along(
+        self, way: Way, via: tuple[tuple[int, int], ...], touch: dict[int, complex], legs: int | None = None
+    ) -> Way | None:
         """Return the way from this plan's pose along circles, (index, side) in order; None if it is not free.
 
-        Like the earlier `way` it leads to the plan's goal or to the same point, and keeps the turn limit or not. If
-        only the vehicle has moved since that way was checked, it is enough to check the first few `legs`.
+        `touch` are those that its arcs touch, and where. Like the earlier `way` it leads to the plan's goal or to the
+        same point, and keeps the turn limit or not. If only the vehicle has moved since that way was checked, it is
+        enough to check the first few `legs`.
         """
-        scene = self._scene_like(way)
+        scene = self._scene_like(way).touching(touch)
         if way.to_target and not len(self._safe_points()):
             return None
         if scene.is_there:
@@ -150,12 +168,14 @@ class Plan:
                 return Way(way.to_target, scene, chain)
         return None
 
-    def rejoining(self, way: Way, via: tuple[tuple[int, int], ...], effort: Effort) -> Way | None:
+    def rejoining(
+        self, way: Way, via: tuple[tuple[int, int], ...], touch: dict[int, complex], effort: Effort
+    ) -> Way | None:
         """Return the shortest free way from this plan's pose to one of the next circles and on along the others.
 
         It is what `along` finds if another obstacle is between the vehicle and its way. None if there is none nearby.
         """
-        scene = self._scene_like(way)
+        scene = self._scene_like(way).touching(touch)
         circles, best = scene.circles, None
         for index in REJOIN_AT:
             if index >= len(via):
@@ -169,7 +189,7 @@ class Plan:
                 if stop.value is None:
                     continue
                 head = Way(True, search.scene, search.chain(stop.value))
-                found = self.along(way, (*head.via, *via[index:]))
+                found = self.along(way, (*head.via, *via[index:]), touch)
                 if found is not None and (best is None or found.length_m < best.length_m):
                     best = found
             else:
@@ -327,14 +347,58 @@ class Plan:
                 asked = True
             if found is None:
                 found = yield from search.run(MAX_STATES, effort)
-            if found is not None:
-                return Way(to_target, scene, search.chain(found))
+            way = None if found is None else Way(to_target, scene, search.chain(found))
+            tighter = self._tighter(search, way, goal, obstacles, effort)
+            if tighter is not None:
+                return tighter._replace(to_target=to_target)
+            if way is not None:
+                return way
+        return None
+
+    def _tighter(self, search: Search, way: Way | None, goal: Aim, obstacles: Obstacles, effort: Effort) -> Way | None:
+        """Return a way with arcs that touch discs smaller than a turn, if that saves enough of the way around those.
+
+        A rough way, with arcs of the discs' own radii, is never longer. It is made flyable; the discs at which that
+        fails are gone around with wide arcs, and another rough way is sought. Nothing waits for it: it is given up when
+        no effort is left.
+        """
+        scene = search.scene
+        arc_m = np.array(scene.circles.radius_m[: scene.circles.goal_node])
+        small = arc_m > scene.collide_m
+        if not scene.pose.limited or not any(small[disc] for disc in search.discs):
+            return None
+        below_m = math.inf if way is None else (1.0 - LEAST_SAVING) * way.length_m
+        for _ in range(TIGHT_TRIES):
+            rough = Search(Scene(scene.pose, goal, obstacles, small))
+            found = _at_once(rough.run(TIGHT_STATES, effort, below_m))
+            if found is None:
+                return None
+            effort.left_us -= TIGHTENING_US
+            chain = rough.chain(found)
+            tight = {state.circle for state in chain[:-1] if state.circle < len(small) and small[state.circle]}
+            made = tightened(rough.scene, chain, scene, tight)
+            if made.chain and made.chain[-1].length_m < below_m:
+                return Way(True, made.scene, made.chain)
+            blamed = list(made.blamed or tight)
+            if not blamed:
+                return None
+            small[blamed] = False
         return None
 
     def _is_joined(self, scene: Scene) -> bool:
         """Return whether there is a way to the goal at all, without the turn limit."""
         shores = Shores(Obstacles(scene.centre, scene.collide_m, scene.bands), scene.tolerance_m)
         return bool(shores.joined(0j, self._safe_points() - scene.pose.place).any())
+
+
+def _at_once(work: Generator[None, None, int | None]) -> int | None:
+    """Return what a search finds before it pauses, None if that is nothing."""
+    try:
+        next(work)
+    except StopIteration as stop:
+        found: int | None = stop.value
+        return found
+    return None
 
 
 def _shores_us(obstacles: Obstacles) -> float:

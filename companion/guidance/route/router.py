@@ -184,19 +184,19 @@ class _Memory:
             return None
         if not way.to_target and _differ(question, before, 0.0):
             return None
-        via = way.via
+        via, touch = way.via, way.touch
         if self.discs is not question.discs:
             old, new = self.discs.ids.tolist(), question.discs.ids.tolist()
             index_of = {identity: index for index, identity in enumerate(new)}
-            moved = [
-                (index_of.get(old[index]) if index < len(old) else index - len(old) + len(new), side)
-                for index, side in via
-            ]
-            via = tuple((index, side) for index, side in moved if index is not None)
+            now = {
+                index: index_of.get(old[index]) if index < len(old) else index - len(old) + len(new) for index, _ in via
+            }
+            via = tuple((index, side) for was, side in via if (index := now[was]) is not None)
+            touch = {index: towards for disc, towards in touch.items() if (index := now.get(disc)) is not None}
         standing = question.discs is self.discs and question.goal == before.goal
-        found = plan.along(way, via, CHANGED_LEGS if standing else None)
+        found = plan.along(way, via, touch, CHANGED_LEGS if standing else None)
         if found is None and via:
-            found = plan.rejoining(way, via, effort)
+            found = plan.rejoining(way, via, touch, effort)
         if found is not None:
             self.way, self.discs = found, question.discs
         return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -92,7 +93,18 @@ class _Circles:
         self.first_band = self.goal_node + 3
         # The sides on which a way may arrive at the goal: of its own choice if it is a circle, 1 if it is a place.
         self.goal_sides = (goal.side,) if goal.side else (1, -1) if goal.radius_m else (1,)
+        self.touch: dict[int, complex] = {}
+        """The direction, of length 1, from a disc's centre to where an arc that is no circle about it touches it."""
         self._tolerance_m = tolerance_m
+
+    def moved(self, places: dict[int, tuple[complex, float]]) -> _Circles:
+        """Return the same circles, some of them with another centre and radius, in m."""
+        circles = copy.copy(self)
+        circles.north_m, circles.east_m, circles.radius_m = self.north_m[:], self.east_m[:], self.radius_m[:]
+        for index, (centre, radius_m) in places.items():
+            circles.north_m[index], circles.east_m[index] = centre.real, centre.imag
+            circles.radius_m[index] = radius_m
+        return circles
 
     def tangent(self, circle: int, side: int, to: int, to_side: int) -> tuple[float, float] | None:
         """Return heading (rad) and length (m) of the tangent from one circle to another; None if there is none.
@@ -121,7 +133,8 @@ class Scene:
     walls' bands, shrunk likewise and by the tolerance.
     """
 
-    def __init__(self, pose: Pose, goal: Aim, obstacles: Obstacles) -> None:
+    def __init__(self, pose: Pose, goal: Aim, obstacles: Obstacles, rough: np.ndarray | None = None) -> None:
+        """Prepare a search; `rough`, (M,) bool, are discs whose arcs have their own radius though too small to fly."""
         self.pose = pose
         radii_m, turn_radius_m = obstacles.radius_m, pose.turn_radius_m
         self.centre = obstacles.centre - pose.place  # about the start, so that large coordinates cost no digits
@@ -129,6 +142,8 @@ class Scene:
         self.start_m = np.abs(self.centre)  # (M,) from the start to the centres
         self.tolerance_m = tolerance_m_of(self.start_m, radii_m, self.goal)
         wide_m = np.maximum(radii_m, TURN_SLACK * turn_radius_m) if pose.limited else radii_m
+        if rough is not None:
+            wide_m = np.where(rough, radii_m, wide_m)
         arc_m = np.minimum(wide_m, self.start_m)
         self.near: list[int] = []  # discs that a turning circle may meet
         if pose.limited:
@@ -157,6 +172,33 @@ class Scene:
         aim = Aim(self.goal, goal_radius_m, goal.side)
         self.circles = _Circles(self.centre, arc_m, aim, pose, self.tolerance_m)
         self._covers: dict[int, list[tuple[float, float, int]]] = {}
+
+    def touching(self, touch: dict[int, complex]) -> Scene:
+        """Return the scene with arcs that touch discs smaller than a turn in given directions, of length 1.
+
+        An arc is narrower if the start or a goal's place is inside it; where it could not be flown then, it stays as it
+        is. For checks of a way only, since a search looks for a disc where its circle is.
+        """
+        if not touch:
+            return self
+        turn_m, places = self.pose.turn_radius_m, {}
+        ends = (0j,) if self.circles.radius_m[self.circles.goal_node] else (0j, self.goal)
+        for disc, towards in touch.items():
+            collide_m = float(self.collide_m[disc])
+            centre, at = complex(self.centre[disc]), collide_m * towards
+            radius_m = TURN_SLACK * turn_m
+            for end in ends:
+                # The circle through a place that touches a line at a point of it.
+                before_m = collide_m - ((end - centre) * towards.conjugate()).real
+                if before_m > 0.0:
+                    radius_m = min(radius_m, abs(end - centre - at) ** 2 / (2.0 * before_m))
+            if radius_m >= turn_m and collide_m < radius_m:
+                places[disc] = centre + at - radius_m * towards, radius_m
+        scene = copy.copy(self)
+        scene.circles = self.circles.moved(places)
+        scene.circles.touch = {disc: touch[disc] for disc in places}
+        scene._covers = {}
+        return scene
 
     def _shrunk(self, bands: Bands, goal: Aim) -> Bands:
         """Return the bands about the start, shrunk to pass at start and goal and by the tolerance."""
@@ -287,7 +329,7 @@ class Scene:
             angle_rad = heading_rad - side * HALF_PI
             states.append(State(0.0, node, side, angle_rad, math.tau, NOTHING, NO_PARENT, heading_rad, 0.0))
         for disc in self.near:
-            start_m, radius_m = float(self.start_m[disc]), circles.radius_m[disc]
+            start_m, radius_m = math.hypot(circles.north_m[disc], circles.east_m[disc]), circles.radius_m[disc]
             if abs(start_m - radius_m) > SNAP_SHARE * radius_m or radius_m == 0.0:
                 continue
             angle_rad = math.atan2(-circles.east_m[disc], -circles.north_m[disc])

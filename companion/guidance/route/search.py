@@ -56,18 +56,20 @@ class Search:
                 state = state._replace(free_rad=free_rad, blocker=blocker)
             self._enter(state)
 
-    def run(self, max_states: int, effort: Effort) -> Generator[None, None, int | None]:
+    def run(self, max_states: int, effort: Effort, below_m: float = math.inf) -> Generator[None, None, int | None]:
         """Return the index of the state at the goal, or None if none was found with `max_states` states.
 
-        It pauses whenever no effort is left. If it returns None and `exhausted` is true, there is no way; otherwise
-        `run` may be called again with a higher limit.
+        It must be shorter than `below_m`. It pauses whenever no effort is left. If it returns None and `exhausted` is
+        true, there is no way; otherwise `run` may be called again with a higher limit.
         """
         scene, goal_node = self.scene, self.scene.circles.goal_node
         while self._open and len(self.states) < max_states:
             if effort.left_us <= 0.0:
                 yield
             effort.left_us -= 4.0
-            _, length_m, parent, to, side, heading_rad, segment_m, others = heapq.heappop(self._open)
+            bound_m, length_m, parent, to, side, heading_rad, segment_m, others = heapq.heappop(self._open)
+            if bound_m >= below_m:
+                return None
             if others:
                 heapq.heappush(self._open, (*others.pop(), others))
             begin = self.states[parent]
@@ -85,6 +87,11 @@ class Search:
             free = scene.free_rad(to, side, angle_rad)
             effort.left_us -= self._enter(State(length_m, to, side, angle_rad, *free, parent, heading_rad, segment_m))
         return None
+
+    @property
+    def discs(self) -> list[int]:
+        """The discs that were taken in."""
+        return self._discs
 
     @property
     def exhausted(self) -> bool:

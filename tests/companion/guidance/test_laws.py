@@ -217,7 +217,8 @@ def test_no_wish_turns_the_vehicle_by_another_side_than_the_route(
         discs.append((away_m * math.cos(bearing_rad), away_m * math.sin(bearing_rad), share * away_m - 2.0))
     wish = steered(place_ned_m, view_of(*discs), replace(NORTHWARDS, heading_rad=heading_rad))
     assert wish.route is not None
-    if wish.stay is None and wish.route.turn != 0:
+    # A turn that ends within the step is followed by what comes after it.
+    if wish.stay is None and wish.route.turn != 0 and wish.route.pieces[0].length_m > SPEED_M_S * 0.5:
         assert wish.route.turn * shorter_turn_rad(heading_rad, wish.pull.heading_rad) >= -1e-9
 
 
@@ -284,7 +285,9 @@ def test_a_place_within_the_arrival_radius_of_a_clear_circle_is_reached_though_i
         pose = Motion(north_m, east_m, heading_rad, SPEED_M_S)
         assert math.dist(pose.position_ned_m, (1_000.0, 0.0)) > 400.0
         nearest_m = min(nearest_m, math.dist(pose.position_ned_m, place_ned_m))
-    assert nearest_m < ARRIVAL_RADIUS_M
+        if nearest_m < 0.8 * ARRIVAL_RADIUS_M:
+            return
+    raise AssertionError(f"it came no nearer than {nearest_m:.0f} m")
 
 
 def test_with_no_way_at_all_it_wants_to_stay() -> None:
