@@ -182,6 +182,12 @@ def test_the_fan_offers_no_turn_past_a_disc_on_its_arc(heading_rad: float, side:
     assert passed == pytest.approx([count * math.tau / 32.0 for count in range(1, 5)])
 
 
+def test_the_fan_offers_a_turn_away_from_a_disc_that_grows_over_where_the_turn_began() -> None:
+    """After a quarter of a circle, 3.9 s, the disc behind has a radius of 37 m; the turn began 30 m from its centre."""
+    behind = np.array([[-30.0, 0.0, 25.0, 3.0]])
+    assert math.pi / 2.0 in arcs.fan_rad(Pose(0.0, 0.0, 0.0), 0.02, math.inf, 20.0, behind, 3.0)
+
+
 def test_on_an_arc_a_moving_disc_counts_as_large_as_at_its_end() -> None:
     arc = Piece(0.0, 0.0, 0.0, 0.02, 25.0)
     far_m = math.dist(
