@@ -240,13 +240,13 @@ def test_in_wind_as_fast_as_the_vehicle_means_as_fast_as_it_is_up_wind(disc_m_s:
         (Limits(0.0, 20.0, 1.0, 50.0, 120.0, braking_m_s2=4.0), math.tau * 20.0 / G_M_S2 + 5.0),
     ],
 )
-def test_unless_it_is_given_the_horizon_is_64_8_or_2_times_the_time_to_react_turn_around_and_stop(
+def test_unless_it_is_given_the_horizon_is_64_8_or_1_times_the_time_to_react_turn_around_and_stop(
     limits: Limits, unit_s: float
 ) -> None:
-    assert VehicleModel(limits).horizons_s() == pytest.approx((64.0 * unit_s, 8.0 * unit_s, 2.0 * unit_s))
+    assert VehicleModel(limits).horizons_s() == pytest.approx((64.0 * unit_s, 8.0 * unit_s, 1.0 * unit_s))
 
 
-@pytest.mark.parametrize(("north_m", "count"), [(9_000.0, 64.0), (2_000.0, 8.0), (400.0, 2.0), (100.0, None)])
+@pytest.mark.parametrize(("north_m", "count"), [(9_000.0, 64.0), (2_000.0, 8.0), (400.0, 1.0), (100.0, None)])
 def test_of_the_horizons_the_longest_that_is_clear_is_certified(north_m: float, count: float | None) -> None:
     limits = replace(PLANE, horizon_s=None)
     scene = discs((north_m, 0.0, 50.0), speed_m_s=25.0)
