@@ -49,11 +49,13 @@ def survivors(
                 if worker.pipe not in ready and not late:
                     continue
                 busy.remove(worker)
+                ended = False
                 try:
                     found = worker.pipe.recv() if worker.pipe in ready else f"took longer than {limit_s:g} s"
-                except EOFError:
-                    found = "its process ended"
-                if worker.pipe in ready and worker.process.is_alive():
+                except (EOFError, ConnectionResetError):
+                    # A process that has just ended may still count as alive.
+                    found, ended = "its process ended", True
+                if worker.pipe in ready and not ended and worker.process.is_alive():
                     idle.append((worker.process, worker.pipe))
                 else:
                     worker.process.kill()
