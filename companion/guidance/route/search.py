@@ -59,8 +59,7 @@ class Search:
     def run(self, max_states: int, effort: Effort, below_m: float = math.inf) -> Generator[None, None, int | None]:
         """Return the index of the state at the goal, or None if none was found with `max_states` states.
 
-        It must be shorter than `below_m`. It pauses whenever no effort is left. If it returns None and `exhausted` is
-        true, there is no way; otherwise `run` may be called again with a higher limit.
+        It must be shorter than `below_m`. It pauses whenever no effort is left.
         """
         scene, goal_node = self.scene, self.scene.circles.goal_node
         while self._open and len(self.states) < max_states:
@@ -92,11 +91,6 @@ class Search:
     def discs(self) -> list[int]:
         """The discs that were taken in."""
         return self._discs
-
-    @property
-    def exhausted(self) -> bool:
-        """Whether no candidate is left to try."""
-        return not self._open
 
     def chain(self, state: int) -> list[State]:
         """Return the states from the start to the one with the given index, in order."""

@@ -235,6 +235,13 @@ def test_to_a_place_inside_a_disc_it_goes_as_near_as_it_may_and_says_so() -> Non
     assert (wish.stay, wish.note) == (None, "target out of reach: to the nearest safe point")
 
 
+def flown(pose: Motion, wish: SteeringDemand) -> Motion:
+    """Return where a vehicle is after one step that flies exactly what its law wants."""
+    rate_rad_s = SPEED_M_S / TURN_RADIUS_M
+    here = (pose.north_m, pose.east_m, pose.heading_rad)
+    return Motion(*turn_towards(*here, SPEED_M_S, wish.pull.heading_rad, rate_rad_s, 0.5), SPEED_M_S)
+
+
 def fly(law: RoutedLaw, place_ned_m: tuple[float, float], view: View, steps: int) -> list[SteeringDemand]:
     """Return the wishes of a law whose vehicle flies exactly as it is wanted to."""
     pose, wishes = NORTHWARDS, []
@@ -242,16 +249,7 @@ def fly(law: RoutedLaw, place_ned_m: tuple[float, float], view: View, steps: int
         wish = law.steer(to(place_ned_m, pose), pose, view, 0.5 * step)
         wishes.append(wish)
         if wish.stay is None:
-            north_m, east_m, heading_rad = turn_towards(
-                pose.north_m,
-                pose.east_m,
-                pose.heading_rad,
-                SPEED_M_S,
-                wish.pull.heading_rad,
-                SPEED_M_S / TURN_RADIUS_M,
-                0.5,
-            )
-            pose = Motion(north_m, east_m, heading_rad, SPEED_M_S)
+            pose = flown(pose, wish)
     return wishes
 
 
@@ -273,16 +271,7 @@ def test_a_place_within_the_arrival_radius_of_a_clear_circle_is_reached_though_i
     for step in range(120):
         wish = law.steer(to(place_ned_m, pose), pose, view, 0.5 * step)
         assert (wish.stay, wish.note) == (None, None)
-        north_m, east_m, heading_rad = turn_towards(
-            pose.north_m,
-            pose.east_m,
-            pose.heading_rad,
-            SPEED_M_S,
-            wish.pull.heading_rad,
-            SPEED_M_S / TURN_RADIUS_M,
-            0.5,
-        )
-        pose = Motion(north_m, east_m, heading_rad, SPEED_M_S)
+        pose = flown(pose, wish)
         assert math.dist(pose.position_ned_m, (1_000.0, 0.0)) > 400.0
         nearest_m = min(nearest_m, math.dist(pose.position_ned_m, place_ned_m))
         if nearest_m < 0.8 * ARRIVAL_RADIUS_M:

@@ -14,7 +14,17 @@ from companion.geo.kinematics import turn_rate_rad_s, turn_towards
 from companion.geo.right_of_way import Rules, interaction_radius_m, reserved_radius_m
 from companion.guard.types import Motion
 from companion.guidance import separation as right_of_way
-from companion.guidance.resolution import CIRCLING, LATE, PASSING, PIVOTING, STOPPING, AtEffect, Peers, Resolution
+from companion.guidance.resolution import (
+    CIRCLING,
+    EVADING,
+    LATE,
+    PASSING,
+    PIVOTING,
+    STOPPING,
+    AtEffect,
+    Peers,
+    Resolution,
+)
 from companion.guidance.separation import give_way
 from tests.benchmarks import swarm
 
@@ -357,3 +367,36 @@ def test_an_exactly_symmetric_circle_resolves_only_because_shares_are_uneven(mon
     monkeypatch.undo()
     outcome = swarm.fly(swarm.circle(10, 16.0, PLANES, np.random.default_rng(0)), PLANES, 240.0)
     assert outcome.arrived == 10
+
+
+# A stranger, who keeps to no rule
+
+
+@pytest.mark.parametrize(("east_m", "heading_rad"), [(0.0, math.pi / 2.0), (5.0, math.pi / 2.0), (-5.0, 1.5 * math.pi)])
+def test_a_copter_makes_way_across_the_course_of_a_stranger_to_the_side_on_which_it_is(
+    east_m: float, heading_rad: float
+) -> None:
+    """The stranger comes from the north; straight ahead this vehicle turns to its right."""
+    motion, at_it = Motion(0.0, east_m, 0.0, 10.0), np.array([[60.0, 0.0]])
+    peers = Peers(at_it, np.array([[-15.0, 0.0]]), np.array([True]))
+    chosen = give_way(0.0, motion, peers, COPTERS, DT_S)
+    assert (chosen.reason, chosen.speed_m_s, chosen.peer) == (EVADING, COPTERS.speed_m_s, 0)
+    assert chosen.heading_rad == pytest.approx(heading_rad)
+
+
+@pytest.mark.parametrize(
+    ("place", "velocity", "stranger"),
+    [
+        ((60.0, 0.0), (-15.0, 0.0), False),
+        ((60.0, 41.0), (-15.0, 0.0), True),
+        ((-60.0, 0.0), (-15.0, 0.0), True),
+        ((1_000.0, 0.0), (-15.0, 0.0), True),
+        ((60.0, 0.0), (-0.1, 0.0), True),
+    ],
+    ids=["of the fleet", "passing", "flying away", "far away", "standing"],
+)
+def test_who_is_of_the_fleet_or_does_not_come_at_it_is_no_stranger_to_flee(
+    place: tuple[float, float], velocity: tuple[float, float], stranger: bool
+) -> None:
+    peers = Peers(np.array([place]), np.array([velocity]), np.array([stranger]))
+    assert give_way(0.0, Motion(0.0, 0.0, 0.0, 10.0), peers, COPTERS, DT_S).reason != EVADING
