@@ -90,3 +90,12 @@ def limit_turn(
     if abs(wanted_turn_rad) <= greatest_turn_rad:
         return wanted_rad % math.tau, False
     return (heading_rad + math.copysign(greatest_turn_rad, wanted_turn_rad)) % math.tau, True
+
+
+def nearest_on_way(point: complex, way: complex) -> complex:
+    """Return the point of a straight way that begins at 0 that is nearest to a point; north is the real part, m."""
+    length_m2 = way.real * way.real + way.imag * way.imag
+    if length_m2 == 0.0:
+        return 0.0j
+    share = (point.real * way.real + point.imag * way.imag) / length_m2
+    return min(max(share, 0.0), 1.0) * way

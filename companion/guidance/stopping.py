@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.geo.kinematics import limit_turn, shorter_turn_rad
+from companion.geo.kinematics import limit_turn, nearest_on_way, shorter_turn_rad
 from companion.geo.right_of_way import (
     LEAST_PART,
     Rules,
@@ -192,21 +192,12 @@ def _between(ours: complex, place: complex, theirs: complex) -> complex:
     if _cross(ours, place, theirs):
         return 0.0j
     vectors = (
-        place - _nearest(place, ours),
-        place + theirs - _nearest(place + theirs, ours),
-        place + _nearest(-place, theirs),
-        place + _nearest(ours - place, theirs) - ours,
+        place - nearest_on_way(place, ours),
+        place + theirs - nearest_on_way(place + theirs, ours),
+        place + nearest_on_way(-place, theirs),
+        place + nearest_on_way(ours - place, theirs) - ours,
     )
     return min(vectors, key=abs)
-
-
-def _nearest(point: complex, way: complex) -> complex:
-    """Return the point of a way that begins at 0 that is nearest to a point."""
-    length2 = way.real * way.real + way.imag * way.imag
-    if length2 == 0.0:
-        return 0.0j
-    share = (point.real * way.real + point.imag * way.imag) / length2
-    return min(max(share, 0.0), 1.0) * way
 
 
 def _cross(ours: complex, place: complex, theirs: complex) -> bool:

@@ -41,6 +41,11 @@ class View:
     whole: bool = True
     """Whether every threat of the broadcast's picture was heard; if not, nothing can be certified."""
 
+    @property
+    def traffic_ids(self) -> np.ndarray:  # (S,) int
+        """Ids of the detected aircraft, NOBODY for one that is not a known agent: they are the last of the peers."""
+        return self.peer_ids[len(self.peer_ids) - len(self.traffic_ned_m) :]
+
 
 @dataclass(frozen=True)
 class Traffic:

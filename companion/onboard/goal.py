@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from companion.geo.kinematics import nearest_on_way
 from companion.guidance.view import View
 from companion.onboard.config import Config
 from companion.onboard.decision import Purpose
@@ -96,13 +97,9 @@ def choose_goal(situation: Situation, before: Engagement, config: Config, loiter
 
 def _passing_m(situation: Situation, target_ned_m: tuple[float, float]) -> float:
     """Return the least distance from the target on the straight way from the last tick's position to this one."""
-    here, there = situation.position_ned_m, situation.came_from_ned_m or situation.position_ned_m
-    along = (here[0] - there[0], here[1] - there[1])
-    length_m2 = along[0] ** 2 + along[1] ** 2
-    to_target = (target_ned_m[0] - there[0], target_ned_m[1] - there[1])
-    share = (along[0] * to_target[0] + along[1] * to_target[1]) / length_m2 if length_m2 > 0.0 else 0.0
-    share = min(max(share, 0.0), 1.0)
-    return math.hypot(to_target[0] - share * along[0], to_target[1] - share * along[1])
+    began = complex(*(situation.came_from_ned_m or situation.position_ned_m))
+    to_target = complex(*target_ned_m) - began
+    return abs(to_target - nearest_on_way(to_target, complex(*situation.position_ned_m) - began))
 
 
 def _why_home(situation: Situation) -> str | None:

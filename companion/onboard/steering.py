@@ -298,7 +298,7 @@ def _right_of_way(
     given = give_way(
         wanted_rad,
         moment.motion,
-        Peers(moment.view.traffic_ned_m, moment.view.traffic_velocity_m_s, _strangers(moment.view)),
+        Peers(moment.view.traffic_ned_m, moment.view.traffic_velocity_m_s, moment.view.traffic_ids == NOBODY),
         steering.rules,
         steering.config.guidance_step_s,
         at_effect,
@@ -312,7 +312,7 @@ def _right_of_way(
 
 def _named(peer: int | None, view: View) -> str:
     """Return the words for a neighbour, given by its index among the detected traffic."""
-    identity = NOBODY if peer is None else int(view.peer_ids[len(view.peer_ids) - len(view.traffic_ned_m) + peer])
+    identity = NOBODY if peer is None else int(view.traffic_ids[peer])
     return "not of the fleet" if identity == NOBODY else f"agent {identity}"
 
 
@@ -332,13 +332,6 @@ def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: Steer
     verdict = steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, hints)
     # A path that is clear of all discs heard of is certified only if no other is still to be heard of.
     return verdict if view.whole else replace(verdict, certified_s=0.0)
-
-
-def _strangers(view: View) -> np.ndarray:  # (S,) bool
-    """Return which of the detected aircraft are not known agents; the traffic is the last of the view's peers."""
-    seen = len(view.traffic_ned_m)
-    strangers: np.ndarray = view.peer_ids[len(view.peer_ids) - seen :] == NOBODY
-    return strangers
 
 
 def _is_crowded(motion: Motion, view: View, interaction_m: float) -> bool:
