@@ -17,6 +17,8 @@ class Abilities:
 
     speed_min_m_s: float = 0.0
     speed_max_m_s: float = math.inf
+    airspeed_max_m_s: float = math.inf
+    """Greatest true airspeed that the vehicle's controller reaches; inf where no parameter tells it."""
     n_max: float = math.inf
     """Load factor of the turn rate n_max g / v that its turns achieve."""
     reaction_s: float = 0.0

@@ -79,6 +79,7 @@ class ArduCopterAdapter(VelocityAdapter):
         top_speed_m_s = TOP_SPEED_AT_45_DEG_M_S * math.tan(lean_rad) ** _TOP_SPEED_EXPONENT
         return Abilities(
             speed_max_m_s=SPEED_SHARE * top_speed_m_s,
+            airspeed_max_m_s=top_speed_m_s,
             n_max=TURN_SHARE * acceleration_m_s2 / GRAVITY_M_S2,
             reaction_s=REACTION_S,
             braking_m_s2=BRAKING_SHARE * acceleration_m_s2,
