@@ -136,6 +136,8 @@ class LimitsSection(Section):
     """Turn rate that the vehicle achieves, as a share of n_max g/v."""
     wind_m_s: NotNegative = 0.0
     """The strongest wind, gusts included, in which the guard must still keep the vehicle out of the discs."""
+    airspeed_max_m_s: Positive | None = None
+    """Greatest airspeed that the vehicle was measured to reach; None: what its parameters tell."""
     position_error_m: NotNegative = 0.0
     """Greatest distance between the vehicle's true and reported position."""
     fence: Polygon | None = None
