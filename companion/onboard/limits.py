@@ -50,6 +50,8 @@ class Shortage(NamedTuple):
 
     words: str
     remedy: str
+    reach: str
+    """The airspeed that it reaches and what that follows from: "10.3 (ANGLE_MAX 3000)"."""
 
 
 def beyond_airspeed(configured: LimitsSection, abilities: Abilities) -> Shortage | None:
@@ -74,10 +76,12 @@ def beyond_airspeed(configured: LimitsSection, abilities: Abilities) -> Shortage
         ways.append(f"speed_m_s and wind_m_s to {_inwards(most_m_s)} together")
     if abilities.airspeed_remedy and by == abilities.airspeed_by:
         ways.append(abilities.airspeed_remedy)
+    reach = f"{_inwards(most_m_s)} ({by})"
     return Shortage(
         f"limits.speed_m_s {limits.speed_m_s:.4g} + wind_m_s {limits.wind_m_s:.4g} = {needed_m_s:.4g} m/s through the "
-        f"air; reaches {_inwards(most_m_s)} ({by})",
-        f"set {', '.join(ways)}",
+        f"air; it reaches {reach}",
+        f"set {' or '.join(ways)}",
+        reach,
     )
 
 

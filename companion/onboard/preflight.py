@@ -115,7 +115,7 @@ def _airspeed(limits: LimitsSection, abilities: Abilities) -> Iterator[Finding]:
     """Yield whether a vehicle that is steered over the ground can fly its speed against its wind."""
     shortage = beyond_airspeed(limits, abilities)
     if shortage is not None:
-        yield Finding(False, *shortage)
+        yield Finding(False, shortage.words, shortage.remedy)
     elif limits.airspeed_max_m_s is not None or math.isfinite(abilities.airspeed_max_m_s):
         yield Finding(True, f"limits.speed_m_s + wind_m_s: {limits.speed_m_s + limits.wind_m_s:g} m/s through the air")
     elif abilities.airspeed_by and limits.wind_m_s > 0.0:
