@@ -486,6 +486,35 @@ def test_in_a_wind_that_leaves_it_no_speed_it_does_not_engage() -> None:
     assert decision.reason.startswith("limits.wind_m_s 9.5 is not below the 8.")
 
 
+def test_a_speed_and_a_wind_beyond_its_airspeed_keep_it_from_engaging() -> None:
+    windy = CONFIG.limits.model_copy(update={"speed_m_s": 8.0, "wind_m_s": 5.0})
+    flight = real_copter(CONFIG.model_copy(update={"limits": windy}))
+    tell(flight, **DEFAULTS)
+    decision, _ = flight.companion.tick(flight.now_s)
+    assert decision.reason == (
+        "limits.speed_m_s 8 + wind_m_s 5 = 13 m/s through the air; it reaches 10.3 (ANGLE_MAX 3000): "
+        "set speed_m_s to 5.3 or wind_m_s to 2.3 or ANGLE_MAX to 4500 (15 m/s)"
+    )
+    tell(flight, ANGLE_MAX=4500.0)
+    assert flight.companion.tick(flight.now_s)[0].purpose is Purpose.TARGET
+
+
+def test_a_lean_that_is_lowered_in_flight_makes_it_loiter_in_its_wind() -> None:
+    windy = CONFIG.limits.model_copy(update={"speed_m_s": 8.0, "wind_m_s": 5.0})
+    flight = real_copter(CONFIG.model_copy(update={"limits": windy}))
+    tell(flight, **{**DEFAULTS, "ANGLE_MAX": 4500.0})
+    assert flight.companion.tick(flight.now_s)[0].purpose is Purpose.TARGET
+    tell(flight, ANGLE_MAX=3000.0)
+    assert flight.companion.tick(flight.now_s)[0].reason == ABILITIES_CHANGED
+
+
+def test_a_parameter_that_no_vehicle_has_keeps_it_from_engaging() -> None:
+    flight = real_copter()
+    tell(flight, **{**DEFAULTS, "ANGLE_MAX": 0.0})
+    decision, _ = flight.companion.tick(flight.now_s)
+    assert decision.reason == "ANGLE_MAX 0 is not a sane value (1000 to 8000): correct it on the autopilot"
+
+
 class Crawler(ObedientCopter):
     """A point that cannot stop and hardly moves."""
 

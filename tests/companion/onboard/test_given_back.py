@@ -22,10 +22,12 @@ def config_of(section: AutopilotSection | None = None) -> Config:
     return CONFIG.model_copy(update={"limits": LIMITS, "autopilot": section})
 
 
-def low(section: AutopilotSection | None = None, height_mm: int = LOW_MM, **threats: tuple[ThreatEntry, ...]) -> Flight:
+def low(
+    section: AutopilotSection | None = None, height_mm: int = LOW_MM, threats: tuple[ThreatEntry, ...] = ()
+) -> Flight:
     """Return a flight whose copter was handed over at a height, standing, with a target."""
     flight = guided(config_of(section))
-    flight.broadcast(**threats)
+    flight.broadcast(threats=threats)
     flight.position(height_mm=height_mm)
     return flight
 
