@@ -10,7 +10,7 @@ from companion.onboard.config import AutopilotSection, Config, LimitsSection
 from companion.onboard.flight_log import Mark, decision_frame, mark_frame
 from companion.onboard.identification.identifier import Identifier
 from companion.protocol.authenticator import Authenticator, Trust
-from companion.protocol.codec import FrameWriter
+from companion.protocol.codec import Directive, FrameWriter, Stamp, StateFrame
 from sim.aircraft import AutopilotLink
 from sim.loop import START_S
 from sim.safety_pilot import SafetyPilot
@@ -43,6 +43,11 @@ def config_of(kind: str, **more: object) -> Config:
     )
 
 
+def square_m(half_m: float) -> tuple[tuple[float, float], ...]:
+    """Return the corners (north, east) of a square about the origin."""
+    return (half_m, half_m), (half_m, -half_m), (-half_m, -half_m), (-half_m, half_m)
+
+
 class IdentifyFlight:
     """A stand-in in the air with the companion that identifies it, on one virtual clock."""
 
@@ -68,6 +73,10 @@ class IdentifyFlight:
         self.vehicle.wind_m_s = wind_m_s
         self.records: list[tuple[float, bytes]] = []
         self.sent_s: list[float] = []
+        self.asked_m_s: list[float] = []
+        """Speed of each setpoint sent."""
+        self.silent = False
+        """Whether nothing of the vehicle reaches the companion."""
         self.t_s = 0.0
         self.said: list[str] = []
         self._pilot = None if kind == "kinematic" else SafetyPilot(kind, 1)
@@ -77,6 +86,17 @@ class IdentifyFlight:
     def write(self, t_s: float, frame: bytes) -> None:
         """Keep a frame as a log does."""
         self.records.append((t_s, frame))
+
+    @property
+    def now_s(self) -> float:
+        """The Unix time of the flight."""
+        return START_S + self.t_s
+
+    def tell_origin(self) -> None:
+        """Let the companion hear a picture without threats, whose origin is where the vehicle begins."""
+        stamp = Stamp(int(START_S), 0, 1, 0, 1)
+        state = StateFrame(stamp, *ORIGIN_DEG, Directive.NORMAL, 1, 0, 0, 100, (), (), ())
+        self.companion.hear(self._marks.encode(state), self.now_s)
 
     def fly(self, until: Callable[[], bool] = lambda: False) -> None:
         """Fly until the pattern has ended or a condition holds."""
@@ -91,7 +111,7 @@ class IdentifyFlight:
         self.vehicle.step_to(now_s)
         for order in [] if self._pilot is None else self._pilot.orders(self.t_s, self.vehicle.mode):
             self.vehicle.receive(order, now_s)
-        for frame in self.vehicle.telemetry(now_s):
+        for frame in [] if self.silent else self.vehicle.telemetry(now_s):
             self._link.deliver(frame, now_s)
         if slots % round(self.companion.config.guidance_step_s / SLOT_S) == 0:
             decision, frames = self.companion.tick(now_s)
@@ -103,8 +123,10 @@ class IdentifyFlight:
             frames = self.companion.repeat(now_s)
             if steered and not self.companion.steers:
                 self.write(now_s, mark_frame(Mark.WITHDRAWN, 1))
-        if self.companion.steers:
+        engagement = self.companion.engagement
+        if engagement is not None and engagement.setpoint is not None:
             self.sent_s.append(self.t_s)
+            self.asked_m_s.append(engagement.setpoint.setpoint.speed_m_s)
         self._link.send(frames, now_s)
 
     def _end(self) -> None:

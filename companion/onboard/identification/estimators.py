@@ -35,6 +35,8 @@ LEAST_STEP_SHARE = 0.12
 """Least step of the commanded speed that counts, as a share of the greatest commanded speed."""
 ANSWERED_SHARE = 0.4
 """Share of a step of speed that the vehicle must have made for the step to count: some ignore the speed asked for."""
+LEAST_STEP_S = 1.5
+"""Least time after a step of speed that must be seen."""
 BEFORE_STEP_S = 1.0
 """Time before a step of speed that is counted with it."""
 SLOWEST_M_S2 = 0.5
@@ -185,10 +187,14 @@ def _speed_steps(part: Stretch, sign: float) -> Iterator[Span]:
         ends_s = stepped_s + abs(to_m_s - from_m_s) / SLOWEST_M_S2 + SETTLING_S
         if index + 1 < len(steps):
             ends_s = min(ends_s, float(part.command_s[steps[index + 1][0]]))
+        # A turn costs a copter speed, and in wind it changes what any speed is over ground.
+        turned = np.nonzero(np.abs(part.heading_rad[last:] - part.heading_rad[last]) > SAME_COURSE_RAD)[0]
+        if len(turned):
+            ends_s = min(ends_s, float(part.command_s[last + int(turned[0])]))
         within = (part.reply_s >= begins_s - BEFORE_STEP_S) & (part.reply_s <= ends_s)
         before = within & (part.reply_s <= begins_s)
         times_s, flown_m_s = part.reply_s[within], speed_m_s[within]
-        if not before.any() or times_s[-1] < stepped_s + BEFORE_STEP_S:
+        if not before.any() or times_s[-1] < stepped_s + LEAST_STEP_S:
             continue
         starts_m_s = float(np.median(speed_m_s[before]))
         settles_m_s = _settled(times_s, flown_m_s, starts_m_s + to_m_s - from_m_s)

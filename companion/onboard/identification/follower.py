@@ -20,13 +20,18 @@ STEP_S = 0.05
 """Longest step of the model's motion: half the period of the fastest telemetry that is asked for."""
 CELLS = 20
 """Cells of the grid along each parameter."""
-REFINEMENTS = 4
-"""Number of grids, each about the cells of the one before that fit nearly as well as the best."""
-DEVIATIONS = 1.96
-"""Half the width of a 95 % interval of a normal distribution, in standard deviations."""
+REFINEMENTS = 8
+"""Greatest number of grids, each about the best cells of the one before."""
+ENOUGH_CELLS = 12
+"""Number of cells within the interval from which it is resolved."""
+KEPT_CELLS = 0.05
+"""Share of a grid's cells about which the next grid is laid."""
+DEVIATIONS = 2.3
+"""Half the width of an interval in standard deviations: more than the 1.96 of a normal distribution, for the levels and
+the autocorrelation that are estimated first. With it 91 to 98 % of the intervals held the truth, of 120 vehicles."""
 LEAST_FREE = 3.0
 """Least number of independent residuals that is reckoned with, however alike neighbouring ones are."""
-DELAY_RESOLUTION_S = 0.02
+DELAY_RESOLUTION_S = 0.03
 """Half the least width of a delay's interval: the times of commands and telemetry are no better known. Chosen."""
 RATE_RESOLUTION = 0.02
 """Half the least width of a rate's interval, as a share of the rate: what the model leaves out. Chosen."""
@@ -78,26 +83,36 @@ def followed(spans: Sequence[Span], slowest: float, fastest: float) -> Followed 
     steps = [_steps(span) for span in spans]
     delays_s = np.linspace(0.0, LONGEST_DELAY_S, CELLS + 1)
     rates = np.geomspace(slowest, fastest, CELLS + 1)
-    best = (0.0, slowest)
     for _ in range(REFINEMENTS):
-        squares = sum((_squares(*each, delays_s, rates) for each in zip(spans, steps, strict=True)), np.zeros(()))
+        squares = np.zeros((CELLS + 1, CELLS + 1))
+        for each in zip(spans, steps, strict=True):
+            squares += _squares(*each, delays_s, rates)
         at = np.unravel_index(int(np.argmin(squares)), squares.shape)
         best = (float(delays_s[at[0]]), float(rates[at[1]]))
-        near = squares <= squares[at] * (1.0 + _slack(spans, steps, best)) + np.finfo(float).tiny
-        low_s, high_s = _about(delays_s, near.any(axis=1), 0.0, LONGEST_DELAY_S)
-        low, high = _about(rates, near.any(axis=0), slowest, fastest)
-        found = (delays_s[near.any(axis=1)], rates[near.any(axis=0)])
+        most = float(squares[at]) * (1.0 + _slack(spans, steps, best)) + np.finfo(float).tiny
+        near = np.less_equal(squares, most)
+        found = (delays_s[near.max(axis=1)], rates[near.max(axis=0)])
+        if np.count_nonzero(near) >= ENOUGH_CELLS:
+            break
+        # Delay and rate make up for each other: on a coarse grid the best cell need not be next to the best value.
+        near = np.less_equal(squares, max(most, float(np.quantile(squares, KEPT_CELLS))))
+        low_s, high_s = _about(delays_s, near.max(axis=1), 0.0, LONGEST_DELAY_S)
+        low, high = _about(rates, near.max(axis=0), slowest, fastest)
         delays_s, rates = np.linspace(low_s, high_s, CELLS + 1), np.geomspace(low, high, CELLS + 1)
-    delay_s = Estimate(
-        best[0],
-        max(0.0, min(found[0][0], best[0] - DELAY_RESOLUTION_S)),
-        max(found[0][-1], best[0] + DELAY_RESOLUTION_S),
-    )
-    open_ended = found[1][-1] >= fastest * (1.0 - 1e-9)
-    rate_high = math.inf if open_ended else max(float(found[1][-1]), best[1] * (1.0 + RATE_RESOLUTION))
     return Followed(
-        Estimate(*map(float, delay_s)),
-        Estimate(best[1], min(float(found[1][0]), best[1] * (1.0 - RATE_RESOLUTION)), rate_high),
+        Estimate(
+            best[0],
+            max(0.0, min(float(found[0][0]), best[0] - DELAY_RESOLUTION_S)),
+            max(float(found[0][-1]), best[0] + DELAY_RESOLUTION_S),
+        ),
+        Estimate(
+            best[1],
+            min(float(found[1][0]), best[1] * (1.0 - RATE_RESOLUTION)),
+            # A rate beyond what the commands ask for fits as well as any greater one.
+            math.inf
+            if found[1][-1] >= fastest * (1.0 - 1e-9)
+            else max(float(found[1][-1]), best[1] * (1.0 + RATE_RESOLUTION)),
+        ),
     )
 
 

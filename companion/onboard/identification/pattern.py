@@ -37,8 +37,8 @@ SLOW_SHARE = 0.5
 """Lesser speed of a vehicle that can stop, as a share of its cruise speed."""
 SLOW_AIRSPEED_SHARE = 0.85
 """Lesser speed of a plane, as a share of its cruise speed, if its autopilot lets it fly so slowly."""
-SLOW_S = 10.0
-"""Time allowed for a plane's step of speed."""
+SLOW_S = 8.0
+"""Time of a plane's step of speed: ArduPlane takes 5.9 s for 3 m/s (docs/autopilots.md)."""
 STANDING_WITHIN_M = 0.5
 """Distance from the place that is held within which a vehicle is not moved back."""
 
@@ -48,6 +48,8 @@ class Act(Enum):
 
     COURSE = "course"
     """A course at a speed, until both are reached."""
+    SPEED = "speed"
+    """A speed, for a time: a plane's speed over ground does not say whether it has it."""
     STOP = "stop"
     """Standing still."""
     HOLD = "hold"
@@ -117,8 +119,9 @@ def pattern_of(
     most_s = _speed_s(limits, can_stop)
     turn(2)
     if slow_m_s is not None:
-        speed(Act.COURSE, f"slow to {slow_m_s:.3g} m/s", slow_m_s, most_s)
-        speed(Act.COURSE, f"faster to {speed_m_s:.3g} m/s", speed_m_s, most_s)
+        step = Act.COURSE if can_stop else Act.SPEED
+        speed(step, f"slow to {slow_m_s:.3g} m/s", slow_m_s, most_s)
+        speed(step, f"faster to {speed_m_s:.3g} m/s", speed_m_s, most_s)
     turn(-2)
     if can_stop:
         speed(Act.STOP, "stop", 0.0, most_s)
