@@ -198,6 +198,16 @@ def test_a_vehicle_blown_to_the_fence_is_told_to_stand() -> None:
     assert flight.asked_m_s[-1] == 0.0
 
 
+def test_a_vehicle_that_does_not_turn_is_not_left_to_fly_on() -> None:
+    flight = IdentifyFlight(config_of("arducopter"))
+    hand_over(flight)
+    flight.vehicle.craft.body.north_m = 700.0
+    flight.fly()
+    assert flight.companion.end is not None
+    assert flight.companion.end.words.startswith("it does not fly what it is asked to")
+    assert flight.asked_m_s[-1] == 0.0
+
+
 def test_a_fence_whose_origin_is_not_known_is_waited_for() -> None:
     flight = IdentifyFlight(config_of("arducopter", limits=limits_with(fence=square_m(450.0))))
     flight.fly(lambda: flight.t_s > 6.0)
