@@ -72,6 +72,11 @@ class Adapter(Protocol):
         ...
 
     @property
+    def sees_others(self) -> bool | None:
+        """Whether the vehicle has a detector: True once it showed anybody, False if it has none, None if not known."""
+        ...
+
+    @property
     def telemetry(self) -> Telemetry:
         """The newest telemetry of the autopilot."""
         ...

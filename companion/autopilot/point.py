@@ -18,6 +18,7 @@ class PointAdapter:
     steerable = True
     refusal: str | None = None
     missing_telemetry: str | None = None
+    sees_others: bool | None = True
     abilities = Abilities()
     parameters_known = True
 

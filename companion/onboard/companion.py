@@ -25,6 +25,7 @@ from companion.onboard.goal import Goal, Situation, choose_goal
 from companion.onboard.navigation import Located, Navigation, navigate, outside_fence, plane_of
 from companion.onboard.readiness import may_hold, not_reachable, not_ready, not_steerable
 from companion.onboard.reporter import Reporter
+from companion.onboard.senses import without_a_sense
 from companion.onboard.setpoint_stream import AutopilotStream
 from companion.onboard.steering import Moment, Steered, adapted, outgrown, steer, steering_of
 from companion.onboard.traffic import detected
@@ -232,9 +233,10 @@ class Companion:
         self.engagement = before
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
         motion = located.motion
-        seen = detected(self.adapter.neighbours, plane, motion, telemetry.altitude_m, config, now_s)
+        neighbours = self.adapter.neighbours if config.detector == "adsb" else ()
+        seen = detected(neighbours, plane, motion, telemetry.altitude_m, config, now_s)
         view = world_model.view(now_s, _band_m(telemetry, config.height_m))
-        view = world_model.with_traffic(view, seen.traffic)
+        view = world_model.with_traffic(view, seen.traffic, seen.elsewhere)
         status = self._assess(age_s, now_s)
         situation = Situation(
             motion.position_ned_m,
@@ -248,7 +250,9 @@ class Companion:
         steered = steer(self.steering, goal, Moment(motion, view, self.flown_m, now_s, before.refused), before)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
-        notes = (steered.note, duplicate, HOME_TOO_FAR if located.home.too_far else None)
+        blind = without_a_sense(config, world_model.others_untold, self.adapter.sees_others)
+        too_far = HOME_TOO_FAR if located.home.too_far else None
+        notes = (steered.note, duplicate, blind, steered.unseparated, too_far)
         return Decision(
             t_s=now_s,
             purpose=steered.purpose,
