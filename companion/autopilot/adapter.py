@@ -77,6 +77,11 @@ class Adapter(Protocol):
         ...
 
     @property
+    def asks_for_others(self) -> bool:
+        """Whether the autopilot sends what its detector shows only when it is asked."""
+        ...
+
+    @property
     def telemetry(self) -> Telemetry:
         """The newest telemetry of the autopilot."""
         ...

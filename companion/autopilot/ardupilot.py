@@ -10,7 +10,7 @@ from companion.autopilot.parameters import Wanted
 
 RATES_HZ = {**COMMON_RATES_HZ, common.MAVLINK_MSG_ID_ADSB_VEHICLE: ADSB_RATE_HZ}
 """Rates of the messages that ArduPilot is asked for: unlike PX4 it sends ADSB_VEHICLE to nobody who did not ask."""
-RECEIVER = Wanted(ADSB_TYPE, NO_RECEIVER)
+RECEIVER = Wanted(ADSB_TYPE, NO_RECEIVER, optional=True)
 """The parameter that says whether there is an ADS-B receiver; a small board has neither."""
 
 

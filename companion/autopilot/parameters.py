@@ -46,6 +46,9 @@ class Wanted:
     others: tuple[tuple[str, float], ...] = ()
     """The parameter's names in other versions, each with the factor that converts its value to that of `name`."""
 
+    optional: bool = False
+    """Whether nothing waits for it: not every autopilot of the kind has it."""
+
     @property
     def names(self) -> tuple[str, ...]:
         """All names of the parameter, the first name first."""
@@ -63,6 +66,7 @@ class ParameterReader:
         for one in self._wanted:
             self._meanings.update({name: (one.name, factor) for name, factor in one.others})
         self._defaults = {one.name: one.default for one in self._wanted}
+        self._needed = tuple(one.name for one in self._wanted if not one.optional)
         self._told: dict[str, float] = {}
         self._tries = dict.fromkeys(self._defaults, 0)
         self._answered: set[str] = set()
@@ -77,8 +81,8 @@ class ParameterReader:
 
     @property
     def all_known(self) -> bool:
-        """Whether each parameter was received, or requested TRIES times in vain."""
-        return self._given_up or len(self._told) == len(self._defaults)
+        """Whether each parameter that is not optional was received, or requested TRIES times in vain."""
+        return self._given_up or all(name in self._told for name in self._needed)
 
     @property
     def assumed(self) -> tuple[str, ...]:
@@ -107,7 +111,7 @@ class ParameterReader:
         """Return the names to request now, all names of each parameter that is due."""
         if now_s < self._next_s:
             return []
-        self._given_up = self._given_up or all(self._spent(name, now_s) for name in self._defaults)
+        self._given_up = self._given_up or all(self._spent(name, now_s) for name in self._needed)
         waiting = [one for one in self._wanted if self._may_ask(one.name, now_s)][:REQUESTS_AT_ONCE]
         for one in waiting:
             self._tries[one.name] += 1

@@ -19,6 +19,7 @@ class PointAdapter:
     refusal: str | None = None
     missing_telemetry: str | None = None
     sees_others: bool | None = True
+    asks_for_others = False
     abilities = Abilities()
     parameters_known = True
 

@@ -250,7 +250,7 @@ class Companion:
         steered = steer(self.steering, goal, Moment(motion, view, self.flown_m, now_s, before.refused), before)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
-        blind = without_a_sense(config, world_model.others_untold, self.adapter.sees_others)
+        blind = without_a_sense(config, world_model.others_told, self.adapter.sees_others)
         too_far = HOME_TOO_FAR if located.home.too_far else None
         notes = (steered.note, duplicate, blind, steered.unseparated, too_far)
         return Decision(

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
 from companion.onboard.config import Config
+from companion.onboard.senses import sense_of_others
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,13 @@ def findings(
         else Finding(False, "no genuine broadcast heard", "check broadcast.link, its keys, and this computer's clock")
     )
     return found
+
+
+def finding_on_others(config: Config, adapter: LinkedAdapter, told: tuple[int, int]) -> Finding:
+    """Return which sense of the others the vehicle has; see `senses.sense_of_others` for `told`."""
+    sense = sense_of_others(config, told, adapter.sees_others, adapter.asks_for_others)
+    remedy = "set ADSB_TYPE and reboot, fly in Case I, which tells the places, or set separation by height or time"
+    return Finding(sense.exists or config.detector == "none", sense.words, remedy)
 
 
 def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: float) -> Iterator[Finding]:

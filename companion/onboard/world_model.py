@@ -64,10 +64,10 @@ class WorldModel:
         return self._beliefs.target_of(self.agent_id)
 
     @property
-    def others_untold(self) -> bool:
-        """Whether other agents are known of, and the place of none of them was ever told."""
+    def others_told(self) -> tuple[int, int]:
+        """Of how many other agents the broadcast tells, and of how many the place."""
         others = [agent for identity, (agent, _) in self._beliefs.agents.items() if identity != self.agent_id]
-        return bool(others) and all(agent.position_ned_m is None for agent in others)
+        return len(others), sum(agent.position_ned_m is not None for agent in others)
 
     @property
     def missing(self) -> str | None:
