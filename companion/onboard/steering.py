@@ -30,7 +30,7 @@ from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
 from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry
 from companion.onboard.law_settings import law_settings
-from companion.onboard.limits import within
+from companion.onboard.limits import unable, within
 from companion.onboard.neighbours import Neighbours, neighbours_of
 
 STANDING_WITHIN_M = 1.0
@@ -143,21 +143,23 @@ def adapted(steering: Steering, configured: LimitsSection, abilities: Abilities)
     if abilities == steering.abilities:
         return steering
     limits = within(configured, abilities)
-    unable = None
-    if limits.wind_m_s >= limits.speed_m_s:
-        unable = f"limits.wind_m_s {limits.wind_m_s:g} is not below the {limits.speed_m_s:.3g} m/s that it can fly"
-    elif limits != steering.config.limits:
+    why_not = unable(configured, abilities, can_stop=steering.can_stop)
+    if why_not is None and limits != steering.config.limits:
         config = steering.config.model_copy(update={"limits": limits})
         try:
             steering = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
         except ValueError:
-            unable = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
-    return replace(steering, abilities=abilities, unable=unable)
+            why_not = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
+    return replace(steering, abilities=abilities, unable=why_not)
 
 
 def outgrown(steering: Steering, configured: LimitsSection, abilities: Abilities) -> bool:
-    """Return whether the vehicle's abilities now give other limits than those that it is steered by."""
-    return abilities != steering.abilities and within(configured, abilities) != steering.config.limits
+    """Return whether the vehicle's abilities now give other limits than those that it is steered by, or are too few."""
+    if abilities == steering.abilities:
+        return False
+    if within(configured, abilities) != steering.config.limits:
+        return True
+    return unable(configured, abilities, can_stop=steering.can_stop) is not None
 
 
 def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) -> Steered:
