@@ -255,7 +255,7 @@ class Companion:
         motion = located.motion
         neighbours = self.adapter.neighbours if config.detector == "adsb" else ()
         seen = detected(neighbours, plane, motion, telemetry.altitude_m, config, now_s)
-        view = world_model.view(now_s, _band_m(telemetry, config.height_m))
+        view = world_model.view(now_s, band_m(telemetry, config.height_m))
         view = world_model.with_traffic(view, seen.traffic, seen.elsewhere)
         status = self._assess(age_s, now_s)
         situation = Situation(
@@ -328,7 +328,7 @@ def adapter_of(config: Config) -> Adapter:
     return ADAPTERS[config.autopilot.kind](config.autopilot.system_id)
 
 
-def _band_m(telemetry: Telemetry, height_m: float) -> tuple[float, float]:
+def band_m(telemetry: Telemetry, height_m: float) -> tuple[float, float]:
     """Return least and greatest altitude above sea level on the way to a height above home, with BAND_MARGIN_M.
 
     NaN where the vehicle's altitude or height is not known.
