@@ -227,7 +227,9 @@ class Companion:
         plane = plane_of(world_model.origin_deg, self.navigation.plane, telemetry)
         if plane is not self.navigation.plane:
             # Loiter place, last position and certified path are coordinates on another plane.
-            before = before._replace(loiter_place_ned_m=None, last_fix=None)
+            before = before._replace(
+                loiter_place_ned_m=None, loiter_about_ned_m=None, target_ned_m=None, last_fix=None
+            )
             self.steering.guard.reset()
         self.engagement = before
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
@@ -283,6 +285,8 @@ class Companion:
             giving_way=goal.giving_way,
             at_home=goal.at_home,
             loiter_place_ned_m=steered.loiter_place_ned_m,
+            loiter_about_ned_m=_about_ned_m(before, goal, steered),
+            target_ned_m=goal.place_ned_m if goal.purpose is Purpose.TARGET else before.target_ned_m,
             refused=not REFUSALS.isdisjoint(steered.verdict.changes),
             uncertified_from_s=uncertified_from_s,
             abilities_changed=before.abilities_changed,
@@ -296,6 +300,13 @@ def adapter_of(config: Config) -> Adapter:
     if config.autopilot is None:
         return ADAPTERS["kinematic"]()
     return ADAPTERS[config.autopilot.kind](config.autopilot.system_id)
+
+
+def _about_ned_m(before: Engagement, goal: Goal, steered: Steered) -> tuple[float, float] | None:
+    """Return what the loiter place is chosen for: a vehicle that has one keeps it when it must only wait."""
+    if steered.loiter_place_ned_m is None:
+        return None
+    return before.loiter_about_ned_m if goal.about_ned_m is None else goal.about_ned_m
 
 
 def _band_m(telemetry: Telemetry, height_m: float) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -12,12 +13,20 @@ from companion.geo.kinematics import limit_turn
 from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.guard.guard import Guard
 from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
+from companion.guidance.approach import (
+    STANDING_WITHIN_M,
+    STAYING_WITHIN_M,
+    Flown,
+    approach_speed_m_s,
+    bounded,
+    towards,
+)
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
 from companion.guidance.resolution import AtEffect, Peers
 from companion.guidance.separation import give_way
 from companion.guidance.steering import (
-    APPROACH_GAIN_1_S,
     Occupied,
+    SteeringVector,
     attraction,
     claim_m,
     loiter_attraction,
@@ -25,7 +34,6 @@ from companion.guidance.steering import (
     loiter_radius_m,
     loiter_spacing_m,
 )
-from companion.guidance.stopping import STANDING_M_S
 from companion.guidance.view import NOBODY, View
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.decision import Purpose
@@ -33,9 +41,8 @@ from companion.onboard.engagement import Engagement
 from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry
 from companion.onboard.law_settings import law_settings
 from companion.onboard.limits import within
-
-STANDING_WITHIN_M = 1.0
-"""Distance from its loiter place within which a vehicle that can stop stands still."""
+from companion.onboard.navigation import COURSE_SPEED_M_S
+from companion.onboard.standing import flown_of, pace_of, standing_place
 
 
 @dataclass(frozen=True)
@@ -73,6 +80,8 @@ class Moment(NamedTuple):
     now_s: float
     refused: bool = False
     """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
+    flown: Flown | None = None
+    """The velocity from which the next one is commanded, for a vehicle that can stop; None for another."""
 
 
 class Steered(NamedTuple):
@@ -163,14 +172,16 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     """Pass the stages from the goal to the guarded setpoint; `before` holds the latches of the last tick."""
     limits, dt_s = steering.config.limits, steering.config.guidance_step_s
     in_force = None if before.setpoint is None else before.setpoint.setpoint
-    moment = moment._replace(motion=_as_commanded(steering, moment.motion, in_force))
-    motion = moment.motion
+    motion = _as_commanded(steering, moment.motion, in_force)
+    flown = flown_of(steering.config, motion, in_force) if steering.can_stop else None
+    moment = moment._replace(motion=motion, flown=flown)
     crowded = not steering.can_stop and _is_crowded(motion, moment.view, steering.interaction_m)
-    intent = _intent(steering, goal, moment, before.loiter_place_ned_m, crowded)
-    wanted_rad, speed_m_s = _wanted(steering, intent, motion)
+    intent = _intent(steering, goal, moment, before, crowded)
+    wanted_rad, speed_m_s = _wanted(steering, intent, moment)
     last = None if limits.reaction_s == 0.0 else in_force
     at_effect = None if last is None else AtEffect(last.heading_rad, last.speed_m_s)
-    steered_rad, speed_m_s, gave_way = _right_of_way(steering, wanted_rad, speed_m_s, moment, at_effect)
+    turned_rad, speed_m_s = _within_pace(steering, wanted_rad, speed_m_s, moment)
+    steered_rad, speed_m_s, gave_way = _right_of_way(steering, turned_rad, speed_m_s, moment, at_effect)
     # The turn is limited at the greatest of the speeds until the end of the step, as the guard does.
     faster_m_s = max(motion.speed_m_s, speed_m_s)
     from_rad = motion.heading_rad
@@ -189,56 +200,67 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
         loiter_place_ned_m=intent.loiter_place_ned_m,
         wanted_heading_rad=wanted_rad,
         gave_way=gave_way,
-        turn_limited=limited,
+        turn_limited=limited or turned_rad != wanted_rad,
         verdict=_guarded(steering, setpoint, moment, intent.demand, crowded),
     )
 
 
 def _as_commanded(steering: Steering, motion: Motion, in_force: Setpoint | None) -> Motion:
-    """Return the motion; a vehicle that can stop and stands has the heading that it was commanded to start on.
+    """Return the motion; a vehicle that can stop and hardly moves has the heading that it was commanded to fly on.
 
     Its yaw says nothing about that: a copter starts in any direction, and not all turn their nose while they stand.
     """
-    if not steering.can_stop or in_force is None or max(motion.speed_m_s, in_force.speed_m_s) >= STANDING_M_S:
+    if not steering.can_stop or in_force is None or motion.speed_m_s >= COURSE_SPEED_M_S:
         return motion
     return replace(motion, heading_rad=in_force.heading_rad)
 
 
-def _intent(
-    steering: Steering, goal: Goal, moment: Moment, place_ned_m: tuple[float, float] | None, crowded: bool
-) -> _Intent:
+def _intent(steering: Steering, goal: Goal, moment: Moment, before: Engagement, crowded: bool) -> _Intent:
     """Return the law's demand for the goal; if the law stays, its demand for loitering.
 
-    `place_ned_m`: where the vehicle has loitered up to now, if it has; otherwise a loiter place is chosen.
+    The place where the vehicle has loitered up to now is kept, unless it is now to loiter at something else.
     """
     purpose, reason = goal.purpose, goal.reason
+    place_ned_m = before.loiter_place_ned_m
     if goal.place_ned_m is None:
-        place_ned_m = _place_to_loiter(steering, moment, place_ned_m)
+        if steering.can_stop and goal.about_ned_m not in (None, before.loiter_about_ned_m):
+            place_ned_m = None
+        place_ned_m = _place_to_loiter(steering, moment, place_ned_m, goal.about_ned_m)
         demand, speed_m_s = _loiter(steering, place_ned_m, moment, crowded)
     else:
         demand, speed_m_s = _go(steering, goal.place_ned_m, purpose, moment, crowded)
     stay, note = demand.stay, demand.note
     if stay is not None:
         purpose, reason = Purpose.LOITER, stay
-        place_ned_m = _place_to_loiter(steering, moment, place_ned_m)
+        place_ned_m = _place_to_loiter(steering, moment, place_ned_m, None)
         demand, speed_m_s = _loiter(steering, place_ned_m, moment, crowded)
     kept_ned_m = place_ned_m if purpose is Purpose.LOITER else None
     return _Intent(purpose, reason, demand, speed_m_s, stay, note, kept_ned_m)
 
 
 def _place_to_loiter(
-    steering: Steering, moment: Moment, before_ned_m: tuple[float, float] | None
+    steering: Steering,
+    moment: Moment,
+    before_ned_m: tuple[float, float] | None,
+    about_ned_m: tuple[float, float] | None,
 ) -> tuple[float, float]:
-    """Return the present loiter place, or a new one that leaves room to those that go first or are on their way."""
+    """Return the present loiter place, or a new one that leaves room to those that go first or are on their way.
+
+    A vehicle that can stop does so as near to what it is to loiter at as it can stand soon, else where it comes to a
+    stop; one that cannot circles about where it is.
+    """
     view, loiter = moment.view, steering.loiter
     occupied = Occupied(view.loitering_ned_m, loiter.spacing_m, view.claimed_ned_m, loiter.claim_m)
-    return loiter_place(moment.motion.position_ned_m, occupied, before_ned_m)
+    here_ned_m = moment.motion.position_ned_m
+    if moment.flown is not None and before_ned_m is None:
+        here_ned_m = standing_place(steering.config, view, here_ned_m, moment.flown, about_ned_m)
+    return loiter_place(here_ned_m, occupied, before_ned_m)
 
 
 def _go(
     steering: Steering, place_ned_m: tuple[float, float], purpose: Purpose, moment: Moment, crowded: bool
 ) -> tuple[SteeringDemand, float]:
-    """Return the law's demand for going to a place, and the speed to fly at in m/s."""
+    """Return the law's demand for going to a place, and the speed to fly at in m/s: to stand there, if it can stop."""
     pull = attraction(moment.motion.position_ned_m, place_ned_m)
     task = Task(
         place_ned_m=place_ned_m,
@@ -250,7 +272,12 @@ def _go(
         refused=moment.refused,
         crowded=crowded,
     )
-    return steering.law.steer(task, moment.motion, moment.view, moment.now_s), steering.config.limits.speed_m_s
+    demand = steering.law.steer(task, moment.motion, moment.view, moment.now_s)
+    if moment.flown is None:
+        return demand, steering.config.limits.speed_m_s
+    pace = pace_of(steering.config)
+    to_go_m = pull.strength_m if demand.route is None or not demand.route.pieces else demand.route.length_m
+    return demand, approach_speed_m_s(max(0.0, to_go_m - moment.flown.speed_m_s * pace.delay_s), pace)
 
 
 def _loiter(
@@ -258,12 +285,11 @@ def _loiter(
 ) -> tuple[SteeringDemand, float]:
     """Return the law's demand for loitering at a place, and the speed to fly at in m/s."""
     here_ned_m = moment.motion.position_ned_m
-    speed_m_s = steering.config.limits.speed_m_s
-    if steering.can_stop:
-        pull = attraction(here_ned_m, place_ned_m)
-        speed_m_s = 0.0 if pull.strength_m <= STANDING_WITHIN_M else speed_m_s
-    else:
+    if moment.flown is None:
         pull = loiter_attraction(here_ned_m, place_ned_m, steering.loiter.radius_m)
+    else:
+        way = towards(complex(*place_ned_m), complex(*here_ned_m), moment.flown, pace_of(steering.config))
+        pull = SteeringVector(way.real, way.imag)
     task = Task(
         place_ned_m=place_ned_m,
         pull=pull,
@@ -273,19 +299,30 @@ def _loiter(
         arrival_m=ARRIVAL_SHARE * steering.config.arrival_radius_m,
         crowded=crowded,
     )
-    return steering.law.steer(task, moment.motion, moment.view, moment.now_s), speed_m_s
+    demand = steering.law.steer(task, moment.motion, moment.view, moment.now_s)
+    if moment.flown is None:
+        return demand, steering.config.limits.speed_m_s
+    stands = moment.flown.speed_m_s == 0.0
+    if math.dist(here_ned_m, place_ned_m) <= (STAYING_WITHIN_M if stands else STANDING_WITHIN_M):
+        return demand, 0.0
+    # The repulsion of a disc is far greater than the way to the place: it turns the vehicle, and does not chase it.
+    most_m = pull.strength_m + STAYING_WITHIN_M
+    return demand, approach_speed_m_s(min(demand.pull.strength_m, most_m), pace_of(steering.config))
 
 
-def _wanted(steering: Steering, intent: _Intent, motion: Motion) -> tuple[float, float]:
+def _wanted(steering: Steering, intent: _Intent, moment: Moment) -> tuple[float, float]:
     """Return the heading (rad) and speed (m/s) that follow from the law's demand."""
     pull, speed_m_s = intent.demand.pull, intent.speed_m_s
-    strength_m = pull.strength_m
-    stands = steering.can_stop and speed_m_s == 0.0 and strength_m <= STANDING_WITHIN_M
-    if steering.can_stop and intent.purpose is not Purpose.TARGET and not stands:
-        speed_m_s = min(steering.config.limits.speed_m_s, APPROACH_GAIN_1_S * strength_m)
-    if stands or strength_m == 0.0:
-        return motion.heading_rad, speed_m_s
+    if pull.strength_m == 0.0 or (moment.flown is not None and speed_m_s == 0.0):
+        return moment.motion.heading_rad, speed_m_s
     return pull.heading_rad, speed_m_s
+
+
+def _within_pace(steering: Steering, wanted_rad: float, speed_m_s: float, moment: Moment) -> tuple[float, float]:
+    """Return heading (rad) and speed (m/s) of what a vehicle that can stop reaches of a velocity in a step."""
+    if moment.flown is None:
+        return wanted_rad, speed_m_s
+    return bounded(moment.flown, Flown(wanted_rad, speed_m_s), pace_of(steering.config))
 
 
 def _right_of_way(
