@@ -24,7 +24,7 @@ from companion.guidance.view import View
 from companion.onboard.config import Config
 
 PLACES_ON_THE_WAY = 12
-"""Number of places, evenly between a target and where the vehicle can stop, of which the first that will do is taken."""
+"""Number of places, evenly from a target to where the vehicle can stop, of which the first that will do is taken."""
 
 
 def pace_of(config: Config) -> Pace:
