@@ -227,9 +227,7 @@ class Companion:
         plane = plane_of(world_model.origin_deg, self.navigation.plane, telemetry)
         if plane is not self.navigation.plane:
             # Loiter place, last position and certified path are coordinates on another plane.
-            before = before._replace(
-                loiter_place_ned_m=None, loiter_about_ned_m=None, target_ned_m=None, last_fix=None
-            )
+            before = before._replace(loiter_place_ned_m=None, loiter_about_ned_m=None, target_ned_m=None, last_fix=None)
             self.steering.guard.reset()
         self.engagement = before
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
