@@ -15,10 +15,13 @@ from companion.geo.kinematics import PIVOT_SPEED_M_S
 from companion.geo.right_of_way import SPEED_UP_SHARE
 
 GAIN_1_S = 0.5
-"""Greatest speed near a place, per metre of distance from it. Copters follow a velocity with a lag of 0.5 to 0.62 s
-(docs/autopilots.md) behind decisions each half second: with twice the gain they swing."""
-GAIN_REACTIONS = 0.4
-"""Bound of the gain for slower vehicles: what gain and the time until a decision acts may come to together."""
+"""Greatest speed near a place, per metre of distance from it: with twice as much copters, which follow a velocity late,
+swing about the place."""
+GAIN_DELAYS = 0.45
+"""Bound of the gain for slower vehicles: its product with the time until a decision acts."""
+SPEED_LAG_S = 0.4
+"""Lag of a speed beyond the reaction: copters follow a velocity 0.5 to 0.62 s late (docs/autopilots.md), of which the
+adapters' reaction of 0.2 s holds what their lead in turns leaves, and a speed has no lead."""
 BRAKING_SHARE = 0.8
 """Share of the braking that an approach uses: the rest is for the lag that follows a speed."""
 TURNING_AROUND_RAD = 0.5 * math.pi
@@ -51,13 +54,13 @@ class Pace(NamedTuple):
 
     @property
     def delay_s(self) -> float:
-        """Time from a decision to the middle of its effect."""
-        return self.reaction_s + 0.5 * self.dt_s
+        """Time from a decision on a speed to the middle of its effect."""
+        return self.reaction_s + SPEED_LAG_S + 0.5 * self.dt_s
 
     @property
     def gain_1_s(self) -> float:
         """Speed near a place, per metre of distance from it."""
-        return min(GAIN_1_S, GAIN_REACTIONS / max(self.delay_s, 1e-9))
+        return min(GAIN_1_S, GAIN_DELAYS / self.delay_s)
 
 
 class Flown(NamedTuple):
@@ -99,16 +102,19 @@ def led(commanded: Flown, measured: Flown, pace: Pace) -> Flown:
     return _flown(measured.vector + ahead * (most_m_s / abs(ahead)), commanded.heading_rad)
 
 
-def bounded(before: Flown, wanted: Flown, pace: Pace) -> Flown:
+def bounded(before: Flown, wanted: Flown, to_go_m: float, pace: Pace) -> Flown:
     """Return the velocity to command for a step on the way from the one before to the wanted one.
 
-    Near its cruise speed a vehicle that is not to turn around keeps its speed: the turn limit makes an arc of it. Else
-    the velocity goes straight towards the wanted one, by no more than braking, speeding up and turning allow together.
+    Near its cruise speed a vehicle keeps its speed (the turn limit makes an arc of the turn) unless it is to turn
+    around, or what it flies to, at a distance of `to_go_m`, lies inside the circle of that turn. Else the velocity goes
+    straight towards the wanted one, by no more than braking, speeding up and turning allow together.
     """
     off_rad = abs(math.remainder(wanted.heading_rad - before.heading_rad, math.tau))
-    steady_m_s = CRUISING_SHARE * pace.cruise_m_s
-    if off_rad <= TURNING_AROUND_RAD and min(before.speed_m_s, wanted.speed_m_s) >= steady_m_s:
-        return wanted
+    if off_rad <= TURNING_AROUND_RAD and min(before.speed_m_s, wanted.speed_m_s) >= CRUISING_SHARE * pace.cruise_m_s:
+        faster_m_s = max(before.speed_m_s, wanted.speed_m_s)
+        chord_m = 2.0 * faster_m_s * faster_m_s / pace.sideways_m_s2 * math.sin(off_rad)
+        if to_go_m >= chord_m:
+            return wanted
     change = wanted.vector - before.vector
     if before.speed_m_s >= PIVOT_SPEED_M_S:
         change *= min(1.0, 1.0 / max(_effort(change * cmath.rect(1.0, -before.heading_rad), pace), 1e-12))
@@ -117,14 +123,8 @@ def bounded(before: Flown, wanted: Flown, pace: Pace) -> Flown:
         change *= min(1.0, most_m_s / max(abs(change), 1e-12))
     after = _flown(before.vector + change, wanted.heading_rad)
     # What the turn of a step cannot reach is flown when it can: until then the vehicle only gets slower.
-    faster_m_s = max(before.speed_m_s, after.speed_m_s)
-    most_rad = pace.sideways_m_s2 / max(faster_m_s, PIVOT_SPEED_M_S) * pace.dt_s
-    turn_rad = math.remainder(after.heading_rad - before.heading_rad, math.tau)
-    short_rad = abs(turn_rad) - most_rad
-    if short_rad <= 0.0:
-        return after
-    slow_m_s = after.speed_m_s * max(0.0, math.cos(min(short_rad, math.pi)))
-    return Flown(after.heading_rad, slow_m_s)
+    short_rad = abs(math.remainder(after.heading_rad - _turned_rad(before, after, pace), math.tau))
+    return Flown(after.heading_rad, after.speed_m_s * max(0.0, math.cos(short_rad)))
 
 
 def towards(place: complex, here: complex, flown: Flown, pace: Pace) -> complex:
@@ -133,13 +133,22 @@ def towards(place: complex, here: complex, flown: Flown, pace: Pace) -> complex:
 
 
 def time_to_stand_s(place: complex, here: complex, flown: Flown, pace: Pace, longest_s: float) -> float:
-    """Return how long a vehicle takes to stand at a place, infinity if longer than `longest_s`; without lag or wind."""
+    """Return how long a vehicle takes to stand at a place, in still air; infinity if longer than `longest_s`.
+
+    Its velocity follows the commanded one with a lag of the reaction and SPEED_LAG_S.
+    """
+    velocity_m_s = flown.vector
+    followed = -math.expm1(-pace.dt_s / (pace.reaction_s + SPEED_LAG_S))
     for step in range(math.ceil(longest_s / pace.dt_s)):
-        if abs(place - here) <= STAYING_WITHIN_M and flown.speed_m_s < STANDING_M_S:
-            return step * pace.dt_s + pace.reaction_s
+        away_m = abs(place - here)
+        if away_m <= STAYING_WITHIN_M and abs(velocity_m_s) < STANDING_M_S:
+            return step * pace.dt_s
         way = towards(place, here, flown, pace)
-        flown = bounded(flown, _flown(way * (approach_speed_m_s(abs(way), pace) / (abs(way) or 1.0)), 0.0), pace)
-        here += flown.vector * pace.dt_s
+        wanted_m_s = approach_speed_m_s(abs(way), pace) if away_m > STANDING_WITHIN_M else 0.0
+        after = bounded(flown, _flown(way * (wanted_m_s / (abs(way) or 1.0)), flown.heading_rad), abs(way), pace)
+        flown = Flown(_turned_rad(flown, after, pace), after.speed_m_s)
+        before_m_s, velocity_m_s = velocity_m_s, velocity_m_s + (flown.vector - velocity_m_s) * followed
+        here += 0.5 * (before_m_s + velocity_m_s) * pace.dt_s
     return math.inf
 
 
@@ -148,6 +157,14 @@ def _flown(vector: complex, standing_rad: float) -> Flown:
     if vector == 0.0:
         return Flown(standing_rad % math.tau, 0.0)
     return Flown(cmath.phase(vector) % math.tau, abs(vector))
+
+
+def _turned_rad(before: Flown, after: Flown, pace: Pace) -> float:
+    """Return the heading that the turn of a step reaches, at the greater of the speeds before and after it."""
+    faster_m_s = max(before.speed_m_s, after.speed_m_s, PIVOT_SPEED_M_S)
+    most_rad = pace.sideways_m_s2 / faster_m_s * pace.dt_s
+    turn_rad = math.remainder(after.heading_rad - before.heading_rad, math.tau)
+    return (before.heading_rad + min(max(turn_rad, -most_rad), most_rad)) % math.tau
 
 
 def _effort(change: complex, pace: Pace) -> float:

@@ -106,13 +106,22 @@ class Steered(NamedTuple):
     """The guard's verdict, with the setpoint that may be sent."""
 
 
+class _Demanded(NamedTuple):
+    """The law's demand for going to a place or loitering at it."""
+
+    demand: SteeringDemand
+    speed_m_s: float
+    """The speed to fly at: of a vehicle that can stop, the one from which it comes to stand there."""
+    to_go_m: float
+    """Length of the way to the place."""
+
+
 class _Intent(NamedTuple):
-    """The law's demand for a goal, with the speed to fly at; the fields are as in Steered."""
+    """The law's demand for a goal; the other fields are as in Steered."""
 
     purpose: Purpose
     reason: str
-    demand: SteeringDemand
-    speed_m_s: float
+    demanded: _Demanded
     stay: str | None
     note: str | None
     loiter_place_ned_m: tuple[float, float] | None
@@ -177,11 +186,12 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     moment = moment._replace(motion=motion, flown=flown)
     crowded = not steering.can_stop and _is_crowded(motion, moment.view, steering.interaction_m)
     intent = _intent(steering, goal, moment, before, crowded)
-    wanted_rad, speed_m_s = _wanted(steering, intent, moment)
+    wanted = turned = _wanted(intent.demanded, moment)
+    if flown is not None:
+        turned = bounded(flown, wanted, intent.demanded.to_go_m, pace_of(steering.config))
     last = None if limits.reaction_s == 0.0 else in_force
     at_effect = None if last is None else AtEffect(last.heading_rad, last.speed_m_s)
-    turned_rad, speed_m_s = _within_pace(steering, wanted_rad, speed_m_s, moment)
-    steered_rad, speed_m_s, gave_way = _right_of_way(steering, turned_rad, speed_m_s, moment, at_effect)
+    steered_rad, speed_m_s, gave_way = _right_of_way(steering, *turned, moment, at_effect)
     # The turn is limited at the greatest of the speeds until the end of the step, as the guard does.
     faster_m_s = max(motion.speed_m_s, speed_m_s)
     from_rad = motion.heading_rad
@@ -194,14 +204,14 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     return Steered(
         purpose=intent.purpose,
         reason=intent.reason,
-        demand=intent.demand,
+        demand=intent.demanded.demand,
         stay=intent.stay,
         note=intent.note,
         loiter_place_ned_m=intent.loiter_place_ned_m,
-        wanted_heading_rad=wanted_rad,
+        wanted_heading_rad=wanted.heading_rad,
         gave_way=gave_way,
-        turn_limited=limited or turned_rad != wanted_rad,
-        verdict=_guarded(steering, setpoint, moment, intent.demand, crowded),
+        turn_limited=limited or turned.heading_rad != wanted.heading_rad,
+        verdict=_guarded(steering, setpoint, moment, intent.demanded.demand, crowded),
     )
 
 
@@ -226,16 +236,16 @@ def _intent(steering: Steering, goal: Goal, moment: Moment, before: Engagement, 
         if steering.can_stop and goal.about_ned_m not in (None, before.loiter_about_ned_m):
             place_ned_m = None
         place_ned_m = _place_to_loiter(steering, moment, place_ned_m, goal.about_ned_m)
-        demand, speed_m_s = _loiter(steering, place_ned_m, moment, crowded)
+        demanded = _loiter(steering, place_ned_m, moment, crowded)
     else:
-        demand, speed_m_s = _go(steering, goal.place_ned_m, purpose, moment, crowded)
-    stay, note = demand.stay, demand.note
+        demanded = _go(steering, goal.place_ned_m, purpose, moment, crowded)
+    stay, note = demanded.demand.stay, demanded.demand.note
     if stay is not None:
         purpose, reason = Purpose.LOITER, stay
         place_ned_m = _place_to_loiter(steering, moment, place_ned_m, None)
-        demand, speed_m_s = _loiter(steering, place_ned_m, moment, crowded)
+        demanded = _loiter(steering, place_ned_m, moment, crowded)
     kept_ned_m = place_ned_m if purpose is Purpose.LOITER else None
-    return _Intent(purpose, reason, demand, speed_m_s, stay, note, kept_ned_m)
+    return _Intent(purpose, reason, demanded, stay, note, kept_ned_m)
 
 
 def _place_to_loiter(
@@ -259,8 +269,8 @@ def _place_to_loiter(
 
 def _go(
     steering: Steering, place_ned_m: tuple[float, float], purpose: Purpose, moment: Moment, crowded: bool
-) -> tuple[SteeringDemand, float]:
-    """Return the law's demand for going to a place, and the speed to fly at in m/s: to stand there, if it can stop."""
+) -> _Demanded:
+    """Return the law's demand for going to a place."""
     pull = attraction(moment.motion.position_ned_m, place_ned_m)
     task = Task(
         place_ned_m=place_ned_m,
@@ -273,17 +283,16 @@ def _go(
         crowded=crowded,
     )
     demand = steering.law.steer(task, moment.motion, moment.view, moment.now_s)
-    if moment.flown is None:
-        return demand, steering.config.limits.speed_m_s
-    pace = pace_of(steering.config)
     to_go_m = pull.strength_m if demand.route is None or not demand.route.pieces else demand.route.length_m
-    return demand, approach_speed_m_s(max(0.0, to_go_m - moment.flown.speed_m_s * pace.delay_s), pace)
+    if moment.flown is None:
+        return _Demanded(demand, steering.config.limits.speed_m_s, to_go_m)
+    pace = pace_of(steering.config)
+    to_go_m = max(0.0, to_go_m - moment.flown.speed_m_s * pace.delay_s)
+    return _Demanded(demand, approach_speed_m_s(to_go_m, pace), to_go_m)
 
 
-def _loiter(
-    steering: Steering, place_ned_m: tuple[float, float], moment: Moment, crowded: bool
-) -> tuple[SteeringDemand, float]:
-    """Return the law's demand for loitering at a place, and the speed to fly at in m/s."""
+def _loiter(steering: Steering, place_ned_m: tuple[float, float], moment: Moment, crowded: bool) -> _Demanded:
+    """Return the law's demand for loitering at a place."""
     here_ned_m = moment.motion.position_ned_m
     if moment.flown is None:
         pull = loiter_attraction(here_ned_m, place_ned_m, steering.loiter.radius_m)
@@ -301,28 +310,21 @@ def _loiter(
     )
     demand = steering.law.steer(task, moment.motion, moment.view, moment.now_s)
     if moment.flown is None:
-        return demand, steering.config.limits.speed_m_s
+        return _Demanded(demand, steering.config.limits.speed_m_s, pull.strength_m)
     stands = moment.flown.speed_m_s == 0.0
     if math.dist(here_ned_m, place_ned_m) <= (STAYING_WITHIN_M if stands else STANDING_WITHIN_M):
-        return demand, 0.0
+        return _Demanded(demand, 0.0, 0.0)
     # The repulsion of a disc is far greater than the way to the place: it turns the vehicle, and does not chase it.
-    most_m = pull.strength_m + STAYING_WITHIN_M
-    return demand, approach_speed_m_s(min(demand.pull.strength_m, most_m), pace_of(steering.config))
+    away_m = min(demand.pull.strength_m, pull.strength_m + STAYING_WITHIN_M)
+    return _Demanded(demand, approach_speed_m_s(away_m, pace_of(steering.config)), away_m)
 
 
-def _wanted(steering: Steering, intent: _Intent, moment: Moment) -> tuple[float, float]:
-    """Return the heading (rad) and speed (m/s) that follow from the law's demand."""
-    pull, speed_m_s = intent.demand.pull, intent.speed_m_s
+def _wanted(demanded: _Demanded, moment: Moment) -> Flown:
+    """Return the velocity that follows from the law's demand."""
+    pull, speed_m_s = demanded.demand.pull, demanded.speed_m_s
     if pull.strength_m == 0.0 or (moment.flown is not None and speed_m_s == 0.0):
-        return moment.motion.heading_rad, speed_m_s
-    return pull.heading_rad, speed_m_s
-
-
-def _within_pace(steering: Steering, wanted_rad: float, speed_m_s: float, moment: Moment) -> tuple[float, float]:
-    """Return heading (rad) and speed (m/s) of what a vehicle that can stop reaches of a velocity in a step."""
-    if moment.flown is None:
-        return wanted_rad, speed_m_s
-    return bounded(moment.flown, Flown(wanted_rad, speed_m_s), pace_of(steering.config))
+        return Flown(moment.motion.heading_rad, speed_m_s)
+    return Flown(pull.heading_rad, speed_m_s)
 
 
 def _right_of_way(
