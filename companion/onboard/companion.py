@@ -23,7 +23,18 @@ from companion.onboard.engagement import Engagement, GridSetpoint
 from companion.onboard.failsafe import Failsafe, FailsafeInputs, FailsafeStatus
 from companion.onboard.goal import Goal, Situation, choose_goal
 from companion.onboard.navigation import Located, Navigation, navigate, outside_fence, plane_of
-from companion.onboard.readiness import may_hold, not_reachable, not_ready, not_steerable
+from companion.onboard.readiness import (
+    HAND_OVER_AGAIN,
+    below_words,
+    beyond_limits,
+    is_below,
+    is_straight_up,
+    may_hold,
+    not_reachable,
+    not_ready,
+    not_steerable,
+    told_by_autopilot,
+)
 from companion.onboard.reporter import Reporter
 from companion.onboard.setpoint_stream import AutopilotStream
 from companion.onboard.steering import Moment, Steered, adapted, outgrown, steer, steering_of
@@ -136,6 +147,11 @@ class Companion:
             self.engagement = self.engagement._replace(setpoint=None)
         return self._frames(requests, now_s)
 
+    def is_waited_for(self, decision: Decision) -> bool:
+        """Return whether a person has handed over a vehicle in the air that the companion does not steer."""
+        adapter = self.adapter
+        return decision.purpose is Purpose.IDLE and adapter.steerable and adapter.telemetry.in_air is not False
+
     def report(self, now_s: float) -> list[bytes]:
         """Return the report for the uplink if one is due and the vehicle knows where it is."""
         return self._reporter.due(self.adapter.telemetry, self.flown_m, now_s)
@@ -191,11 +207,15 @@ class Companion:
             idle = not_ready(self.adapter, unable, status, self._outside_fence(), self.steering.config)
         if idle is None:
             return self._steer(age_s, now_s)
+        return self._idle(idle, age_s, now_s)
+
+    def _idle(self, idle: str, age_s: float | None, now_s: float) -> Decision:
+        """Send no setpoint; `idle` is why."""
         if self.engagement is not None:
             self._assess(age_s, now_s)
             self._disengage()
-        status = self.failsafe.status
-        return Decision(now_s, Purpose.IDLE, idle, status.stage, age_s, triggers=status.all_words)
+        status, note = self.failsafe.status, told_by_autopilot(self.adapter)
+        return Decision(now_s, Purpose.IDLE, idle, status.stage, age_s, triggers=status.all_words, note=note)
 
     def _disengage(self) -> None:
         """End the engagement and forget its state: the safety pilot controls the vehicle."""
@@ -223,7 +243,7 @@ class Companion:
     def _steer(self, age_s: float | None, now_s: float) -> Decision:
         """Pass the stages from the vehicle's position to the setpoint, and keep what the next tick needs."""
         telemetry, config, world_model = self.adapter.telemetry, self.steering.config, self.world_model
-        before = self.engagement or Engagement()
+        before = self.engagement or Engagement(climbs=is_below(telemetry, config))
         plane = plane_of(world_model.origin_deg, self.navigation.plane, telemetry)
         if plane is not self.navigation.plane:
             # Loiter place, last position and certified path are coordinates on another plane.
@@ -243,12 +263,17 @@ class Companion:
             status,
             world_model.directive,
             None if before.last_fix is None else before.last_fix.position_ned_m,
+            below_words(telemetry, config) if before.climbs and is_below(telemetry, config) else None,
         )
         goal = choose_goal(situation, before, config, self.steering.loiter)
         steered = steer(self.steering, goal, Moment(motion, view, self.flown_m, now_s, before.refused), before)
+        if situation.below is not None and not is_straight_up(steered.verdict):
+            return self._idle(f"{situation.below}, and no room to climb here: climb {HAND_OVER_AGAIN}", age_s, now_s)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
-        notes = (steered.note, duplicate, HOME_TOO_FAR if located.home.too_far else None)
+        too_far = HOME_TOO_FAR if located.home.too_far else None
+        outside = beyond_limits(motion, telemetry, config)
+        notes = (steered.note, duplicate, too_far, told_by_autopilot(self.adapter), outside)
         return Decision(
             t_s=now_s,
             purpose=steered.purpose,
@@ -288,6 +313,7 @@ class Companion:
             refused=not REFUSALS.isdisjoint(steered.verdict.changes),
             uncertified_from_s=uncertified_from_s,
             abilities_changed=before.abilities_changed,
+            climbs=goal.climbs,
             last_fix=located.fix,
             setpoint=None if setpoint is None else GridSetpoint(setpoint, located.convergence_rad),
         )

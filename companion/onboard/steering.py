@@ -14,6 +14,7 @@ from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.guard.guard import Guard
 from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
 from companion.guidance.approach import (
+    STANDING_M_S,
     STANDING_WITHIN_M,
     STAYING_WITHIN_M,
     Flown,
@@ -40,7 +41,7 @@ from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
 from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry
 from companion.onboard.law_settings import law_settings
-from companion.onboard.limits import within
+from companion.onboard.limits import unable, within
 from companion.onboard.navigation import COURSE_SPEED_M_S
 from companion.onboard.standing import flown_of, pace_of, standing_place
 
@@ -160,21 +161,23 @@ def adapted(steering: Steering, configured: LimitsSection, abilities: Abilities)
     if abilities == steering.abilities:
         return steering
     limits = within(configured, abilities)
-    unable = None
-    if limits.wind_m_s >= limits.speed_m_s:
-        unable = f"limits.wind_m_s {limits.wind_m_s:g} is not below the {limits.speed_m_s:.3g} m/s that it can fly"
-    elif limits != steering.config.limits:
+    why_not = unable(configured, abilities, can_stop=steering.can_stop)
+    if why_not is None and limits != steering.config.limits:
         config = steering.config.model_copy(update={"limits": limits})
         try:
             steering = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
         except ValueError:
-            unable = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
-    return replace(steering, abilities=abilities, unable=unable)
+            why_not = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
+    return replace(steering, abilities=abilities, unable=why_not)
 
 
 def outgrown(steering: Steering, configured: LimitsSection, abilities: Abilities) -> bool:
-    """Return whether the vehicle's abilities now give other limits than those that it is steered by."""
-    return abilities != steering.abilities and within(configured, abilities) != steering.config.limits
+    """Return whether the vehicle's abilities now give other limits than those that it is steered by, or are too few."""
+    if abilities == steering.abilities:
+        return False
+    if within(configured, abilities) != steering.config.limits:
+        return True
+    return unable(configured, abilities, can_stop=steering.can_stop) is not None
 
 
 def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) -> Steered:
@@ -187,7 +190,7 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     crowded = not steering.can_stop and _is_crowded(motion, moment.view, steering.interaction_m)
     intent = _intent(steering, goal, moment, before, crowded)
     wanted = turned = _wanted(intent.demanded, moment)
-    if flown is not None:
+    if flown is not None and not goal.climbs:
         turned = bounded(flown, wanted, intent.demanded.to_go_m, pace_of(steering.config))
     last = None if limits.reaction_s == 0.0 else in_force
     at_effect = None if last is None else AtEffect(last.heading_rad, last.speed_m_s)
@@ -235,6 +238,9 @@ def _intent(steering: Steering, goal: Goal, moment: Moment, before: Engagement, 
     if goal.place_ned_m is None:
         if steering.can_stop and goal.about_ned_m not in (None, before.loiter_about_ned_m):
             place_ned_m = None
+        if goal.climbs and moment.motion.speed_m_s >= STANDING_M_S:
+            # Below its least height nothing but braking moves it: where it then stands is its place.
+            place_ned_m = moment.motion.position_ned_m
         place_ned_m = _place_to_loiter(steering, moment, place_ned_m, goal.about_ned_m)
         demanded = _loiter(steering, place_ned_m, moment, crowded)
     else:
