@@ -253,7 +253,7 @@ class Companion:
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
         motion = located.motion
         seen = detected(self.adapter.neighbours, plane, motion, telemetry.altitude_m, config, now_s)
-        view = world_model.view(now_s, _band_m(telemetry, config.height_m))
+        view = world_model.view(now_s, band_m(telemetry, config.height_m))
         view = world_model.with_traffic(view, seen.traffic)
         status = self._assess(age_s, now_s)
         situation = Situation(
@@ -308,7 +308,7 @@ class Companion:
             giving_way=goal.giving_way,
             at_home=goal.at_home,
             loiter_place_ned_m=steered.loiter_place_ned_m,
-            loiter_about_ned_m=_about_ned_m(before, goal, steered),
+            loiter_about_ned_m=steered.loiter_about_ned_m,
             target_ned_m=goal.place_ned_m if goal.purpose is Purpose.TARGET else before.target_ned_m,
             refused=not REFUSALS.isdisjoint(steered.verdict.changes),
             uncertified_from_s=uncertified_from_s,
@@ -326,14 +326,7 @@ def adapter_of(config: Config) -> Adapter:
     return ADAPTERS[config.autopilot.kind](config.autopilot.system_id)
 
 
-def _about_ned_m(before: Engagement, goal: Goal, steered: Steered) -> tuple[float, float] | None:
-    """Return what the loiter place is chosen for: a vehicle that has one keeps it when it must only wait."""
-    if steered.loiter_place_ned_m is None:
-        return None
-    return before.loiter_about_ned_m if goal.about_ned_m is None else goal.about_ned_m
-
-
-def _band_m(telemetry: Telemetry, height_m: float) -> tuple[float, float]:
+def band_m(telemetry: Telemetry, height_m: float) -> tuple[float, float]:
     """Return least and greatest altitude above sea level on the way to a height above home, with BAND_MARGIN_M.
 
     NaN where the vehicle's altitude or height is not known.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -98,6 +98,8 @@ class Steered(NamedTuple):
     """Remark of the law on its demand, if any."""
     loiter_place_ned_m: tuple[float, float] | None
     """Where the vehicle loiters; None for any other purpose."""
+    loiter_about_ned_m: tuple[float, float] | None
+    """The target or home that this place was chosen for; None if it was chosen for where the vehicle was."""
     wanted_heading_rad: float
     """Heading that the law wants, before the right of way."""
     gave_way: str | None
@@ -126,6 +128,7 @@ class _Intent(NamedTuple):
     stay: str | None
     note: str | None
     loiter_place_ned_m: tuple[float, float] | None
+    loiter_about_ned_m: tuple[float, float] | None
 
 
 def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) -> Steering:
@@ -136,7 +139,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
 
     """
     limits = config.limits
-    guard = Guard(_guard_limits(limits, can_stop))
+    guard = Guard(guard_limits(limits, can_stop))
     rules = _rules(config, can_stop) if config.law == "routed" else None
     radius_m = loiter_radius_m(limits.speed_m_s, limits.n_max, config.guidance_step_s)
     circle_m = 0.0 if can_stop else radius_m
@@ -211,6 +214,7 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
         stay=intent.stay,
         note=intent.note,
         loiter_place_ned_m=intent.loiter_place_ned_m,
+        loiter_about_ned_m=intent.loiter_about_ned_m,
         wanted_heading_rad=wanted.heading_rad,
         gave_way=gave_way,
         turn_limited=limited or turned.heading_rad != wanted.heading_rad,
@@ -250,8 +254,11 @@ def _intent(steering: Steering, goal: Goal, moment: Moment, before: Engagement, 
         purpose, reason = Purpose.LOITER, stay
         place_ned_m = _place_to_loiter(steering, moment, place_ned_m, None)
         demanded = _loiter(steering, place_ned_m, moment, crowded)
-    kept_ned_m = place_ned_m if purpose is Purpose.LOITER else None
-    return _Intent(purpose, reason, demanded, stay, note, kept_ned_m)
+    if purpose is not Purpose.LOITER:
+        return _Intent(purpose, reason, demanded, stay, note, None, None)
+    # Who must only wait keeps the place that it has, and what that was chosen for.
+    about_ned_m = before.loiter_about_ned_m if goal.about_ned_m is None else goal.about_ned_m
+    return _Intent(purpose, reason, demanded, stay, note, place_ned_m, about_ned_m)
 
 
 def _place_to_loiter(
@@ -361,16 +368,21 @@ def _named(peer: int | None, view: View) -> str:
     return "not of the fleet" if identity == NOBODY else f"agent {identity}"
 
 
-def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool) -> Verdict:
-    view = moment.view
-    discs = Discs(
+def discs_of(view: View, keep_out: Literal["attack", "detection"]) -> Discs:
+    """Return the keep-out discs of a view: those of the threats' attack or of their detection radii."""
+    return Discs(
         centres_ned_m=view.threats_ned_m,
-        radii_m=view.attack_radius_m if steering.config.keep_out == "attack" else view.detection_radius_m,
+        radii_m=view.attack_radius_m if keep_out == "attack" else view.detection_radius_m,
         speeds_m_s=view.threat_speed_m_s,
         attack_m=view.attack_radius_m,
         ids=view.threat_ids,
         unit_m=view.unit_m,
     )
+
+
+def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool) -> Verdict:
+    view = moment.view
+    discs = discs_of(view, steering.config.keep_out)
     route = () if demand.route is None else demand.route.pieces
     dt_s = steering.config.guidance_step_s
     hints = Hints(route, keep_right=crowded)
@@ -400,7 +412,8 @@ def _rules(config: Config, can_stop: bool) -> Rules:
     )
 
 
-def _guard_limits(limits: LimitsSection, can_stop: bool) -> Limits:
+def guard_limits(limits: LimitsSection, can_stop: bool) -> Limits:
+    """Return the guard's limits for a vehicle that can keep the given ones."""
     return Limits(
         speed_min_m_s=0.0 if can_stop else limits.speed_m_s,
         speed_max_m_s=limits.speed_m_s,
