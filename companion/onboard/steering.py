@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
-import numpy as np
-
 from companion.autopilot.adapter import Abilities
 from companion.geo.kinematics import limit_turn
 from companion.geo.right_of_way import Rules, interaction_radius_m
@@ -23,7 +21,7 @@ from companion.guidance.approach import (
     towards,
 )
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
-from companion.guidance.resolution import AtEffect, Peers
+from companion.guidance.resolution import AtEffect
 from companion.guidance.separation import give_way
 from companion.guidance.steering import (
     Occupied,
@@ -35,7 +33,7 @@ from companion.guidance.steering import (
     loiter_radius_m,
     loiter_spacing_m,
 )
-from companion.guidance.view import NOBODY, View
+from companion.guidance.view import View
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
@@ -43,6 +41,7 @@ from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry
 from companion.onboard.law_settings import law_settings
 from companion.onboard.limits import unable, within
 from companion.onboard.navigation import COURSE_SPEED_M_S
+from companion.onboard.neighbours import Neighbours, neighbours_of
 from companion.onboard.standing import flown_of, pace_of, standing_place
 
 
@@ -104,6 +103,8 @@ class Steered(NamedTuple):
     """Heading that the law wants, before the right of way."""
     gave_way: str | None
     """Why the right of way changed heading or speed; None if it did not."""
+    unseparated: str | None
+    """From which agents no separation can be promised, because too little is known of them; None: from nobody."""
     turn_limited: bool
     verdict: Verdict
     """The guard's verdict, with the setpoint that may be sent."""
@@ -190,14 +191,15 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     motion = _as_commanded(steering, moment.motion, in_force)
     flown = flown_of(steering.config, motion, in_force) if steering.can_stop else None
     moment = moment._replace(motion=motion, flown=flown)
-    crowded = not steering.can_stop and _is_crowded(motion, moment.view, steering.interaction_m)
+    around = None if steering.rules is None else neighbours_of(moment.view, motion, steering.rules, steering.config)
+    crowded = not steering.can_stop and around is not None and around.within(motion, steering.interaction_m)
     intent = _intent(steering, goal, moment, before, crowded)
     wanted = turned = _wanted(intent.demanded, moment)
     if flown is not None and not goal.climbs:
         turned = bounded(flown, wanted, intent.demanded.to_go_m, pace_of(steering.config))
     last = None if limits.reaction_s == 0.0 else in_force
     at_effect = None if last is None else AtEffect(last.heading_rad, last.speed_m_s)
-    steered_rad, speed_m_s, gave_way = _right_of_way(steering, *turned, moment, at_effect)
+    steered_rad, speed_m_s, gave_way = _right_of_way(steering, *turned, motion, (around, at_effect))
     # The turn is limited at the greatest of the speeds until the end of the step, as the guard does.
     faster_m_s = max(motion.speed_m_s, speed_m_s)
     from_rad = motion.heading_rad
@@ -217,6 +219,7 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
         loiter_about_ned_m=intent.loiter_about_ned_m,
         wanted_heading_rad=wanted.heading_rad,
         gave_way=gave_way,
+        unseparated=None if around is None else around.unseparated,
         turn_limited=limited or turned.heading_rad != wanted.heading_rad,
         verdict=_guarded(steering, setpoint, moment, intent.demanded.demand, crowded),
     )
@@ -341,31 +344,23 @@ def _wanted(demanded: _Demanded, moment: Moment) -> Flown:
 
 
 def _right_of_way(
-    steering: Steering, wanted_rad: float, speed_m_s: float, moment: Moment, at_effect: AtEffect | None
+    steering: Steering,
+    wanted_rad: float,
+    speed_m_s: float,
+    motion: Motion,
+    among: tuple[Neighbours | None, AtEffect | None],
 ) -> tuple[float, float, str | None]:
     """Return heading (rad) and speed (m/s) by the right of way, and why it changed them, or None."""
     # Standing still is always allowed to one that can stop.
-    if steering.rules is None or (steering.can_stop and speed_m_s == 0.0):
+    around, at_effect = among
+    if steering.rules is None or around is None or (steering.can_stop and speed_m_s == 0.0):
         return wanted_rad, speed_m_s, None
-    given = give_way(
-        wanted_rad,
-        moment.motion,
-        Peers(moment.view.traffic_ned_m, moment.view.traffic_velocity_m_s, moment.view.traffic_ids == NOBODY),
-        steering.rules,
-        steering.config.guidance_step_s,
-        at_effect,
-    )
+    given = give_way(wanted_rad, motion, around.peers, steering.rules, steering.config.guidance_step_s, at_effect)
     if given.reason is None:
         return given.heading_rad, speed_m_s, None
     if steering.can_stop:
         speed_m_s = min(speed_m_s, given.speed_m_s)
-    return given.heading_rad, speed_m_s, f"{given.reason} ({_named(given.peer, moment.view)})"
-
-
-def _named(peer: int | None, view: View) -> str:
-    """Return the words for a neighbour, given by its index among the detected traffic."""
-    identity = NOBODY if peer is None else int(view.traffic_ids[peer])
-    return "not of the fleet" if identity == NOBODY else f"agent {identity}"
+    return given.heading_rad, speed_m_s, f"{given.reason} ({around.name(given.peer)})"
 
 
 def discs_of(view: View, keep_out: Literal["attack", "detection"]) -> Discs:
@@ -389,14 +384,6 @@ def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: Steer
     verdict = steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, hints)
     # A path that is clear of all discs heard of is certified only if no other is still to be heard of.
     return verdict if view.whole else replace(verdict, certified_s=0.0)
-
-
-def _is_crowded(motion: Motion, view: View, interaction_m: float) -> bool:
-    """Return whether another vehicle is within the interaction radius."""
-    if len(view.traffic_ned_m) == 0:
-        return False
-    apart_m = np.hypot(view.traffic_ned_m[:, 0] - motion.north_m, view.traffic_ned_m[:, 1] - motion.east_m)
-    return bool(np.any(apart_m <= interaction_m))
 
 
 def _rules(config: Config, can_stop: bool) -> Rules:
