@@ -248,7 +248,7 @@ class Companion:
         plane = plane_of(world_model.origin_deg, self.navigation.plane, telemetry)
         if plane is not self.navigation.plane:
             # Loiter place, last position and certified path are coordinates on another plane.
-            before = before._replace(loiter_place_ned_m=None, last_fix=None)
+            before = before._replace(loiter_place_ned_m=None, loiter_about_ned_m=None, target_ned_m=None, last_fix=None)
             self.steering.guard.reset()
         self.engagement = before
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
@@ -312,6 +312,8 @@ class Companion:
             giving_way=goal.giving_way,
             at_home=goal.at_home,
             loiter_place_ned_m=steered.loiter_place_ned_m,
+            loiter_about_ned_m=steered.loiter_about_ned_m,
+            target_ned_m=goal.place_ned_m if goal.purpose is Purpose.TARGET else before.target_ned_m,
             refused=not REFUSALS.isdisjoint(steered.verdict.changes),
             uncertified_from_s=uncertified_from_s,
             abilities_changed=before.abilities_changed,
