@@ -23,6 +23,8 @@ class Abilities:
     """Time from sending a setpoint until the vehicle obeys it: a pure delay that stands for its lag."""
     braking_m_s2: float = math.inf
     """Deceleration that a vehicle that can stop achieves."""
+    airspeed_max_m_s: float = math.inf
+    """Greatest airspeed that its controller reaches; infinite where that is not known."""
     tracking_m: float = 0.0
     """Greatest distance of the vehicle from the path of arcs and straight lines that guidance and guard assume."""
     assumed: tuple[str, ...] = ()

@@ -32,7 +32,8 @@ class State(Enum):
     ENGAGED = "engaged"
     """The companion controls the vehicle."""
     LOCKED = "locked"
-    """The safety pilot controls the vehicle; nothing is sent until it is disarmed or the take-over is cleared."""
+    """The safety pilot controls the vehicle; nothing is sent until it is disarmed or the take-over is cleared, or
+    where the mode alone decides, until it is handed over anew."""
 
 
 class Authority:
@@ -71,6 +72,8 @@ class Authority:
         restarted = self._heard and telemetry.restarts != self._restarts
         self._restarts = telemetry.restarts
         if not self._resumes_on_stream:
+            if self.state is State.LOCKED and steerable:
+                return
             self._set(State.ENGAGED if steerable else State.WAITING)
         elif not telemetry.armed:
             self._set(State.WAITING)
@@ -92,6 +95,11 @@ class Authority:
         """Lock an engaged vehicle that resumes by itself, as its stream of setpoints had a gap; `why` is the cause."""
         if self._resumes_on_stream and self.state is State.ENGAGED:
             self._lock(f"setpoints stopped: {why}")
+
+    def leave(self, why: str) -> None:
+        """Leave an engaged vehicle that does not obey to its autopilot and the safety pilot; `why`: what it did."""
+        if self.state is State.ENGAGED:
+            self._lock(why)
 
     def clear(self) -> None:
         """Unlock at the safety pilot's order: the vehicle may be handed over again."""

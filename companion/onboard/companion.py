@@ -8,6 +8,7 @@ of way, turn limit, guard (steering) -> adapter (setpoint_stream).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 from companion.autopilot.adapter import Adapter
@@ -16,6 +17,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.files.tlog import whole_frames
 from companion.guard.types import BACKUP, FENCE, KEEP_OUT, NO_BACKUP
 from companion.guidance.laws import SteeringLaw
+from companion.onboard.answer import Rung
 from companion.onboard.authority import Authority, State
 from companion.onboard.config import Config
 from companion.onboard.decision import Decision, Purpose
@@ -23,10 +25,11 @@ from companion.onboard.engagement import Engagement, GridSetpoint
 from companion.onboard.failsafe import Failsafe, FailsafeInputs, FailsafeStatus
 from companion.onboard.goal import Goal, Situation, choose_goal
 from companion.onboard.navigation import Located, Navigation, navigate, outside_fence, plane_of
+from companion.onboard.obedience import NOTHING, Obedience, Seen, in_words, watch
 from companion.onboard.readiness import may_hold, not_reachable, not_ready, not_steerable
 from companion.onboard.reporter import Reporter
 from companion.onboard.setpoint_stream import AutopilotStream
-from companion.onboard.steering import Moment, Steered, adapted, outgrown, steer, steering_of
+from companion.onboard.steering import Moment, Steered, adapted, outgrown, reckoning, steer, steering_of
 from companion.onboard.traffic import detected
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator, Trust
@@ -191,6 +194,10 @@ class Companion:
             idle = not_ready(self.adapter, unable, status, self._outside_fence(), self.steering.config)
         if idle is None:
             return self._steer(age_s, now_s)
+        return self._idle(idle, age_s, now_s)
+
+    def _idle(self, idle: str, age_s: float | None, now_s: float) -> Decision:
+        """Send no setpoint; `idle` is why."""
         if self.engagement is not None:
             self._assess(age_s, now_s)
             self._disengage()
@@ -201,6 +208,8 @@ class Companion:
         """End the engagement and forget its state: the safety pilot controls the vehicle."""
         self.adapter.release()
         self.engagement = None
+        # The next engagement begins with what is configured, and measures anew.
+        self.steering = reckoning(self.steering, self.config.limits, NOTHING)
         self.steering.guard.reset()
 
     def _assess(self, age_s: float | None, now_s: float) -> FailsafeStatus:
@@ -216,22 +225,33 @@ class Companion:
             outside_fence=engagement is not None and self._outside_fence(),
             uncertified_s=0.0 if uncertified_from_s is None else now_s - uncertified_from_s,
             abilities_changed=engagement is not None and engagement.abilities_changed,
+            answer=Obedience().answer if engagement is None else engagement.obedience.answer,
             clock_offset_s=self.failsafe.clock_offset_s,
         )
         return self.failsafe.update(inputs, now_s)
 
     def _steer(self, age_s: float | None, now_s: float) -> Decision:
         """Pass the stages from the vehicle's position to the setpoint, and keep what the next tick needs."""
-        telemetry, config, world_model = self.adapter.telemetry, self.steering.config, self.world_model
+        telemetry, world_model = self.adapter.telemetry, self.world_model
         before = self.engagement or Engagement()
         plane = plane_of(world_model.origin_deg, self.navigation.plane, telemetry)
         if plane is not self.navigation.plane:
             # Loiter place, last position and certified path are coordinates on another plane.
             before = before._replace(loiter_place_ned_m=None, last_fix=None)
             self.steering.guard.reset()
-        self.engagement = before
+        config = self.steering.config
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
         motion = located.motion
+        before = before._replace(
+            obedience=watch(before.obedience, _seen(located, telemetry, before), self.steering.expected)
+        )
+        self.engagement = before
+        answer = before.obedience.answer
+        if answer.rung is Rung.LEFT:
+            self.authority.leave(answer.words)
+            return self._idle(self._not_steerable(now_s) or answer.words, age_s, now_s)
+        self.steering = reckoning(self.steering, self.config.limits, before.obedience.worse)
+        config = self.steering.config
         seen = detected(self.adapter.neighbours, plane, motion, telemetry.altitude_m, config, now_s)
         view = world_model.view(now_s, _band_m(telemetry, config.height_m))
         view = world_model.with_traffic(view, seen.traffic)
@@ -245,7 +265,8 @@ class Companion:
             None if before.last_fix is None else before.last_fix.position_ned_m,
         )
         goal = choose_goal(situation, before, config, self.steering.loiter)
-        steered = steer(self.steering, goal, Moment(motion, view, self.flown_m, now_s, before.refused), before)
+        moment = Moment(motion, view, self.flown_m, now_s, before.refused, answer.speed_share)
+        steered = steer(self.steering, goal, moment, before)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
         notes = (steered.note, duplicate, HOME_TOO_FAR if located.home.too_far else None)
@@ -264,6 +285,7 @@ class Companion:
             broken=steered.verdict.broken,
             gave_way=steered.gave_way,
             note="; ".join(note for note in notes if note is not None) or None,
+            reckons=in_words(before.obedience),
             stay=steered.stay,
             opposed=steered.demand.opposed,
             certified_s=steered.verdict.certified_s,
@@ -288,6 +310,7 @@ class Companion:
             abilities_changed=before.abilities_changed,
             last_fix=located.fix,
             setpoint=None if setpoint is None else GridSetpoint(setpoint, located.convergence_rad),
+            obedience=before.obedience,
         )
 
 
@@ -296,6 +319,25 @@ def adapter_of(config: Config) -> Adapter:
     if config.autopilot is None:
         return ADAPTERS["kinematic"]()
     return ADAPTERS[config.autopilot.kind](config.autopilot.system_id)
+
+
+def _seen(located: Located, telemetry: Telemetry, before: Engagement) -> Seen:
+    """Return what the telemetry says of how the vehicle has answered the setpoint in force, on the picture's plane."""
+    motion, turned_rad = located.motion, located.convergence_rad
+    wind_ned_m_s = None
+    if telemetry.wind_ned_m_s is not None:
+        north_m_s, east_m_s = telemetry.wind_ned_m_s
+        speed_m_s, to_rad = math.hypot(north_m_s, east_m_s), math.atan2(east_m_s, north_m_s) - turned_rad
+        wind_ned_m_s = (speed_m_s * math.cos(to_rad), speed_m_s * math.sin(to_rad))
+    return Seen(
+        at_s=located.fix.at_s,
+        course_rad=motion.heading_rad,
+        speed_m_s=motion.speed_m_s,
+        asked=None if before.setpoint is None else before.setpoint.setpoint,
+        yaw_rad=None if telemetry.yaw_rad is None else telemetry.yaw_rad - turned_rad,
+        airspeed_m_s=telemetry.airspeed_m_s,
+        wind_ned_m_s=wind_ned_m_s,
+    )
 
 
 def _band_m(telemetry: Telemetry, height_m: float) -> tuple[float, float]:

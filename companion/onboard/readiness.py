@@ -19,6 +19,8 @@ def not_steerable(adapter: Adapter, authority: Authority, config: Config, now_s:
     if reason is not None:
         return reason
     if authority.locked:
+        if not adapter.resumes_on_stream:
+            return f"{authority.reason}; nothing is sent until it is handed over anew"
         signal_clears = config.autopilot is not None and config.autopilot.clear == "signal"
         cleared = "disarmed or cleared by a signal" if signal_clears else "disarmed"
         return f"{authority.reason}; nothing is sent until it is {cleared}"

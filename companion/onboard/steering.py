@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -33,6 +34,7 @@ from companion.onboard.engagement import Engagement
 from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry
 from companion.onboard.law_settings import law_settings
 from companion.onboard.limits import within
+from companion.onboard.obedience import Expected, Measured
 
 STANDING_WITHIN_M = 1.0
 """Distance from its loiter place within which a vehicle that can stop stands still."""
@@ -58,6 +60,8 @@ class Steering:
     interaction_m: float
     """Distance within which another vehicle matters to the right of way."""
     loiter: LoiterGeometry
+    expected: Expected
+    """What the vehicle is taken for as long as nothing worse is measured."""
     abilities: Abilities | None = None
     """Abilities that the limits were adapted to; None while they are not known."""
     unable: str | None = None
@@ -73,6 +77,8 @@ class Moment(NamedTuple):
     now_s: float
     refused: bool = False
     """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
+    speed_share: float = 1.0
+    """Share of its speed limit that is asked of a vehicle that can stop: less than 1 for one that does not answer."""
 
 
 class Steered(NamedTuple):
@@ -134,6 +140,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
             loiter_spacing_m(config.separation_m, circle_m) + circle_m,
             claim_m(config.separation_m, circle_m),
         ),
+        expected=Expected(limits, can_stop, math.inf, config.guidance_step_s),
     )
 
 
@@ -151,12 +158,31 @@ def adapted(steering: Steering, configured: LimitsSection, abilities: Abilities)
             steering = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
         except ValueError:
             unable = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
-    return replace(steering, abilities=abilities, unable=unable)
+    expected = steering.expected._replace(airspeed_max_m_s=abilities.airspeed_max_m_s)
+    return replace(steering, abilities=abilities, unable=unable, expected=expected)
 
 
 def outgrown(steering: Steering, configured: LimitsSection, abilities: Abilities) -> bool:
-    """Return whether the vehicle's abilities now give other limits than those that it is steered by."""
-    return abilities != steering.abilities and within(configured, abilities) != steering.config.limits
+    """Return whether the vehicle's abilities now give other limits than those that were adopted."""
+    return abilities != steering.abilities and within(configured, abilities) != steering.expected.limits
+
+
+def reckoning(steering: Steering, configured: LimitsSection, found: Measured) -> Steering:
+    """Return the steering for a vehicle that was measured to do worse than its abilities; unchanged if it is made so.
+
+    The new guard keeps the commands in flight, and certifies anew from the present state. Limits that no guard can hold
+    leave the steering as it was.
+    """
+    limits = within(configured, steering.abilities or Abilities(), found)
+    if limits == steering.config.limits:
+        return steering
+    config = steering.config.model_copy(update={"limits": limits})
+    try:
+        remade = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
+    except ValueError:
+        return steering
+    remade.guard.succeed(steering.guard)
+    return replace(remade, abilities=steering.abilities, unable=steering.unable, expected=steering.expected)
 
 
 def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) -> Steered:
@@ -171,6 +197,8 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     last = None if limits.reaction_s == 0.0 else in_force
     at_effect = None if last is None else AtEffect(last.heading_rad, last.speed_m_s)
     steered_rad, speed_m_s, gave_way = _right_of_way(steering, wanted_rad, speed_m_s, moment, at_effect)
+    if steering.can_stop:
+        speed_m_s = min(speed_m_s, moment.speed_share * limits.speed_m_s)
     # The turn is limited at the greatest of the speeds until the end of the step, as the guard does.
     faster_m_s = max(motion.speed_m_s, speed_m_s)
     from_rad = motion.heading_rad
