@@ -29,18 +29,18 @@ LEAST_STEP_S = 0.35
 """Time within which a second sample tells nothing new: telemetry comes ten times a second, a decision each half."""
 GAP_S = 3.0
 """Time between two samples, or three guidance steps if that is longer, after which the window begins anew."""
-LAG_S = 0.75
+LAG_S = 0.6
 """Lag that an obedient vehicle may have beyond its reaction time. Measured on the stand-ins (tests/benchmarks/lags.py):
 what an adapter's lead leaves of a lag is up to 0.6 s at the beginning of a turn."""
 NOISE_M_S = 0.3
 """Error of a reported velocity, which turns a course by this over the speed. Typical of a receiver in the open."""
-COURSE_TOLERANCE_RAD = math.radians(8.0)
+COURSE_TOLERANCE_RAD = math.radians(5.0)
 """Difference from the model's course that is nothing, beside lag, noise and gusts: a course wanders by some degrees."""
-GUST_SHARE = 0.3
+GUST_SHARE = 0.25
 """Share of the configured wind by which a gust may change the velocity for the time of a window."""
 LEAST_SPEED_SHARE = 0.4
 """Share of the speed limit below which the course tells nothing: a copter that starts or stops points anywhere."""
-LEAK_S = 10.0
+LEAK_S = 20.0
 """Time constant with which the model forgets what it should have done, so that an old difference does not last."""
 WORSE_AFTER_S = 1.5
 """Time of consistent evidence after which the vehicle is reckoned to be worse than so far."""
@@ -337,9 +337,8 @@ def _turns(now: Obedience, expected: Expected) -> Obedience:
     model_rad += -math.expm1(-elapsed_s / LEAK_S) * math.remainder(after.course_rad - model_rad, math.tau)
     tolerance_rad = COURSE_TOLERANCE_RAD + LAG_S * reckoned_rad_s
     tolerance_rad += (NOISE_M_S + GUST_SHARE * wind_m_s) / max(after.speed_m_s, PIVOT_SPEED_M_S)
-    now = now._replace(
-        model_rad=model_rad, quiet_turn_rad=now.quiet_turn_rad + min(abs(left_rad), reckoned_rad_s * elapsed_s)
-    )
+    turned_rad = now.quiet_turn_rad + abs(after.course_rad - before.course_rad)
+    now = now._replace(model_rad=model_rad, quiet_turn_rad=turned_rad)
     if behind_rad <= tolerance_rad:
         return now._replace(doubts=now.doubts._replace(turn_s=None), fit=None)
     since_s = before.at_s if now.doubts.turn_s is None else now.doubts.turn_s
@@ -548,6 +547,8 @@ def _eased(now: Obedience, expected: Expected) -> Obedience:
         braking_m_s2 = BETTER_FACTOR * found.braking_m_s2
         full = braking_m_s2 >= FULL_SHARE * expected.limits.braking_m_s2
         eased = eased._replace(braking_m_s2=None if full else round(braking_m_s2, DIGITS))
+    if eased == found:
+        return now
     return now._replace(worse=eased, quiet_since_s=last.at_s, quiet_turn_rad=0.0)
 
 

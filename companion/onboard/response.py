@@ -21,7 +21,7 @@ SUBSTEP_S = 0.25
 """Greatest step in which the models are followed."""
 MOST_SUBSTEPS = 160
 """Most steps in which the models are followed, so that a long stretch costs no more than a short one."""
-ALIKE = 1.1
+ALIKE = 1.05
 """Costs up to this factor apart count as the same; the mildest of such models is taken."""
 
 
