@@ -17,18 +17,24 @@ class Abilities:
 
     speed_min_m_s: float = 0.0
     speed_max_m_s: float = math.inf
+    airspeed_max_m_s: float = math.inf
+    """Greatest true airspeed that the vehicle's controller reaches; inf where no parameter tells it."""
+    airspeed_by: str = ""
+    """What that airspeed follows from, as the vehicle calls it ("ANGLE_MAX 3000"); empty if the air bounds nothing."""
+    airspeed_remedy: str = ""
+    """What a person can set for a greater airspeed ("ANGLE_MAX to 4500 (15 m/s)"); empty if nothing is known."""
     n_max: float = math.inf
     """Load factor of the turn rate n_max g / v that its turns achieve."""
     reaction_s: float = 0.0
     """Time from sending a setpoint until the vehicle obeys it: a pure delay that stands for its lag."""
     braking_m_s2: float = math.inf
     """Deceleration that a vehicle that can stop achieves."""
-    airspeed_max_m_s: float = math.inf
-    """Greatest airspeed that its controller reaches; infinite where that is not known."""
     tracking_m: float = 0.0
     """Greatest distance of the vehicle from the path of arcs and straight lines that guidance and guard assume."""
     assumed: tuple[str, ...] = ()
     """Names of the parameters that the autopilot did not send, for which documented defaults are assumed."""
+    insane: tuple[str, ...] = ()
+    """What is wrong with the parameters that no vehicle can have: with these it is not steered."""
 
 
 class Velocity(NamedTuple):

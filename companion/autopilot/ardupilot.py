@@ -11,14 +11,15 @@ def fence_checks(actions: tuple[float, ...]) -> tuple[ParameterCheck, ...]:
         ParameterCheck(
             "FENCE_ENABLE",
             "the autopilot's own fence holds when the companion is dead",
-            "set FENCE_ENABLE to 1 and upload the fence",
+            1.0,
             allowed=(1.0,),
             when_fenced=True,
+            further=" and upload the fence",
         ),
         ParameterCheck(
             "FENCE_ACTION",
             "a fence that only reports, or that leaves the vehicle in GUIDED, holds nobody",
-            f"set FENCE_ACTION to {actions[0]:g}",
+            actions[0],
             allowed=actions,
             when_fenced=True,
         ),
@@ -30,6 +31,6 @@ def no_gcs_failsafe(name: str) -> ParameterCheck:
     return ParameterCheck(
         name,
         "a vehicle that only listens is out of its ground station's reach by design",
-        f"set {name} to 0",
+        0.0,
         allowed=(0.0,),
     )

@@ -8,7 +8,6 @@ of way, turn limit, guard (steering) -> adapter (setpoint_stream).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 from companion.autopilot.adapter import Adapter
@@ -25,10 +24,22 @@ from companion.onboard.engagement import Engagement, GridSetpoint
 from companion.onboard.failsafe import Failsafe, FailsafeInputs, FailsafeStatus
 from companion.onboard.goal import Goal, Situation, choose_goal
 from companion.onboard.navigation import Located, Navigation, navigate, outside_fence, plane_of
-from companion.onboard.obedience import NOTHING, Obedience, Seen, in_words, watch
-from companion.onboard.readiness import may_hold, not_reachable, not_ready, not_steerable
+from companion.onboard.obedience import NOTHING, Obedience, in_words, watch
+from companion.onboard.readiness import (
+    HAND_OVER_AGAIN,
+    below_words,
+    beyond_limits,
+    is_below,
+    is_straight_up,
+    may_hold,
+    not_reachable,
+    not_ready,
+    not_steerable,
+    told_by_autopilot,
+)
 from companion.onboard.reporter import Reporter
 from companion.onboard.setpoint_stream import AutopilotStream
+from companion.onboard.sighting import seen_of
 from companion.onboard.steering import Moment, Steered, adapted, outgrown, reckoning, steer, steering_of
 from companion.onboard.traffic import detected
 from companion.onboard.world_model import WorldModel
@@ -139,6 +150,11 @@ class Companion:
             self.engagement = self.engagement._replace(setpoint=None)
         return self._frames(requests, now_s)
 
+    def is_waited_for(self, decision: Decision) -> bool:
+        """Return whether a person has handed over a vehicle in the air that the companion does not steer."""
+        adapter = self.adapter
+        return decision.purpose is Purpose.IDLE and adapter.steerable and adapter.telemetry.in_air is not False
+
     def report(self, now_s: float) -> list[bytes]:
         """Return the report for the uplink if one is due and the vehicle knows where it is."""
         return self._reporter.due(self.adapter.telemetry, self.flown_m, now_s)
@@ -201,8 +217,8 @@ class Companion:
         if self.engagement is not None:
             self._assess(age_s, now_s)
             self._disengage()
-        status = self.failsafe.status
-        return Decision(now_s, Purpose.IDLE, idle, status.stage, age_s, triggers=status.all_words)
+        status, note = self.failsafe.status, told_by_autopilot(self.adapter)
+        return Decision(now_s, Purpose.IDLE, idle, status.stage, age_s, triggers=status.all_words, note=note)
 
     def _disengage(self) -> None:
         """End the engagement and forget its state: the safety pilot controls the vehicle."""
@@ -232,28 +248,21 @@ class Companion:
 
     def _steer(self, age_s: float | None, now_s: float) -> Decision:
         """Pass the stages from the vehicle's position to the setpoint, and keep what the next tick needs."""
-        telemetry, world_model = self.adapter.telemetry, self.world_model
-        before = self.engagement or Engagement()
+        telemetry, config, world_model = self.adapter.telemetry, self.steering.config, self.world_model
+        before = self.engagement or Engagement(climbs=is_below(telemetry, config))
         plane = plane_of(world_model.origin_deg, self.navigation.plane, telemetry)
         if plane is not self.navigation.plane:
             # Loiter place, last position and certified path are coordinates on another plane.
             before = before._replace(loiter_place_ned_m=None, last_fix=None)
             self.steering.guard.reset()
-        config = self.steering.config
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
         motion = located.motion
-        before = before._replace(
-            obedience=watch(before.obedience, _seen(located, telemetry, before), self.steering.expected)
-        )
-        self.engagement = before
-        answer = before.obedience.answer
-        if answer.rung is Rung.LEFT:
-            self.authority.leave(answer.words)
-            return self._idle(self._not_steerable(now_s) or answer.words, age_s, now_s)
-        self.steering = reckoning(self.steering, self.config.limits, before.obedience.worse)
+        self.engagement = before = self._watched(before, located)
+        if self.authority.locked:
+            return self._idle(self._not_steerable(now_s) or "", age_s, now_s)
         config = self.steering.config
         seen = detected(self.adapter.neighbours, plane, motion, telemetry.altitude_m, config, now_s)
-        view = world_model.view(now_s, _band_m(telemetry, config.height_m))
+        view = world_model.view(now_s, band_m(telemetry, config.height_m))
         view = world_model.with_traffic(view, seen.traffic)
         status = self._assess(age_s, now_s)
         situation = Situation(
@@ -263,13 +272,19 @@ class Companion:
             status,
             world_model.directive,
             None if before.last_fix is None else before.last_fix.position_ned_m,
+            below_words(telemetry, config) if before.climbs and is_below(telemetry, config) else None,
         )
         goal = choose_goal(situation, before, config, self.steering.loiter)
-        moment = Moment(motion, view, self.flown_m, now_s, before.refused, answer.speed_share)
+        share = before.obedience.answer.speed_share
+        moment = Moment(motion, view, self.flown_m, now_s, before.refused, share)
         steered = steer(self.steering, goal, moment, before)
+        if situation.below is not None and not is_straight_up(steered.verdict):
+            return self._idle(f"{situation.below}, and no room to climb here: climb {HAND_OVER_AGAIN}", age_s, now_s)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
-        notes = (steered.note, duplicate, HOME_TOO_FAR if located.home.too_far else None)
+        too_far = HOME_TOO_FAR if located.home.too_far else None
+        outside = beyond_limits(motion, telemetry, config)
+        notes = (steered.note, duplicate, too_far, told_by_autopilot(self.adapter), outside)
         return Decision(
             t_s=now_s,
             purpose=steered.purpose,
@@ -291,6 +306,15 @@ class Companion:
             certified_s=steered.verdict.certified_s,
         )
 
+    def _watched(self, before: Engagement, located: Located) -> Engagement:
+        """Return the engagement after a look at how the vehicle obeys; reckon with what that shows, or let it go."""
+        seen = seen_of(located, self.adapter.telemetry, before)
+        obedience = watch(before.obedience, seen, self.steering.expected)
+        if obedience.answer.rung is Rung.LEFT:
+            self.authority.leave(obedience.answer.words)
+        self.steering = reckoning(self.steering, self.config.limits, obedience.worse)
+        return before._replace(obedience=obedience)
+
     def _engaged_after(
         self, before: Engagement, located: Located, goal: Goal, steered: Steered, now_s: float
     ) -> Engagement:
@@ -308,6 +332,7 @@ class Companion:
             refused=not REFUSALS.isdisjoint(steered.verdict.changes),
             uncertified_from_s=uncertified_from_s,
             abilities_changed=before.abilities_changed,
+            climbs=goal.climbs,
             last_fix=located.fix,
             setpoint=None if setpoint is None else GridSetpoint(setpoint, located.convergence_rad),
             obedience=before.obedience,
@@ -321,26 +346,7 @@ def adapter_of(config: Config) -> Adapter:
     return ADAPTERS[config.autopilot.kind](config.autopilot.system_id)
 
 
-def _seen(located: Located, telemetry: Telemetry, before: Engagement) -> Seen:
-    """Return what the telemetry says of how the vehicle has answered the setpoint in force, on the picture's plane."""
-    motion, turned_rad = located.motion, located.convergence_rad
-    wind_ned_m_s = None
-    if telemetry.wind_ned_m_s is not None:
-        north_m_s, east_m_s = telemetry.wind_ned_m_s
-        speed_m_s, to_rad = math.hypot(north_m_s, east_m_s), math.atan2(east_m_s, north_m_s) - turned_rad
-        wind_ned_m_s = (speed_m_s * math.cos(to_rad), speed_m_s * math.sin(to_rad))
-    return Seen(
-        at_s=located.fix.at_s,
-        course_rad=motion.heading_rad,
-        speed_m_s=motion.speed_m_s,
-        asked=None if before.setpoint is None else before.setpoint.setpoint,
-        yaw_rad=None if telemetry.yaw_rad is None else telemetry.yaw_rad - turned_rad,
-        airspeed_m_s=telemetry.airspeed_m_s,
-        wind_ned_m_s=wind_ned_m_s,
-    )
-
-
-def _band_m(telemetry: Telemetry, height_m: float) -> tuple[float, float]:
+def band_m(telemetry: Telemetry, height_m: float) -> tuple[float, float]:
     """Return least and greatest altitude above sea level on the way to a height above home, with BAND_MARGIN_M.
 
     NaN where the vehicle's altitude or height is not known.

@@ -47,6 +47,9 @@ class AutopilotSection(Section):
     """File that tells a restarted companion who controlled the vehicle."""
     clear: Literal["disarm", "signal"] = "disarm"
     """What clears a take-over of a PX4: disarming only, or also the signal SIGUSR1 to the program."""
+    below_height: Literal["say", "climb"] = "say"
+    """What is done when a vehicle is handed over below `limits.height_min_m`: say what the person must do, or climb
+    straight up to it where it stands (vehicles that can stop)."""
 
     @model_validator(mode="after")
     def _known(self) -> Self:
@@ -55,6 +58,8 @@ class AutopilotSection(Section):
             raise ValueError(f"kind: '{self.kind}'{hint}; allowed: {', '.join(KINDS)}")
         if self.offboard == "direct" and self.kind != "px4-copter":
             raise ValueError(f"offboard: 'direct' with kind '{self.kind}'; allowed: only with px4-copter")
+        if self.below_height == "climb" and not KINDS[self.kind].can_stop:
+            raise ValueError(f"below_height: 'climb' with kind '{self.kind}'; allowed: say, for it cannot stop")
         _checked_link(self.link)
         return self
 
@@ -136,6 +141,8 @@ class LimitsSection(Section):
     """Turn rate that the vehicle achieves, as a share of n_max g/v."""
     wind_m_s: NotNegative = 0.0
     """The strongest wind, gusts included, in which the guard must still keep the vehicle out of the discs."""
+    airspeed_max_m_s: Positive | None = None
+    """Greatest airspeed that the vehicle was measured to reach; None: what its parameters tell."""
     position_error_m: NotNegative = 0.0
     """Greatest distance between the vehicle's true and reported position."""
     fence: Polygon | None = None

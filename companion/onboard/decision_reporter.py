@@ -50,7 +50,7 @@ class DecisionReporter:
         if self._output.waits_for_mavsdk:
             line += ", MAVSDK is not ready yet"
         self._say(line, now_s)
-        self._statustext.note(decision, line)
+        self._statustext.note(decision, line, insists=self._companion.is_waited_for(decision))
         self._send_values(decision, now_s)
         if self._logs.decisions is not None:
             gap_s = self._output.decision_gaps.take_recent_max_s()

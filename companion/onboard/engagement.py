@@ -39,6 +39,8 @@ class Engagement(NamedTuple):
     """Time since which the guard has had no certified back-up; None if it has one."""
     abilities_changed: bool = False
     """Whether the vehicle's abilities now give other limits than those that guard and guidance steer by."""
+    climbs: bool = False
+    """Whether the vehicle was handed over below `limits.height_min_m` and climbs to it before anything else."""
     last_fix: PositionFix | None = None
     """Position of the vehicle at the last tick."""
     setpoint: GridSetpoint | None = None

@@ -45,6 +45,8 @@ class Situation(NamedTuple):
     directive: Directive
     came_from_ned_m: tuple[float, float] | None = None
     """Where the vehicle was at the last tick, if it was steered: it may have passed its target between two ticks."""
+    below: str | None = None
+    """That the vehicle was handed over below the height where steering begins, and still is; None if not."""
 
 
 class Goal(NamedTuple):
@@ -59,11 +61,15 @@ class Goal(NamedTuple):
     """Where the target was when the vehicle arrived at it; None before that."""
     giving_way: bool = False
     """Whether the vehicle waits because another agent arrives at the target first."""
+    climbs: bool = False
+    """Whether the vehicle climbs at its place before anything else."""
 
 
 def choose_goal(situation: Situation, before: Engagement, config: Config, loiter: LoiterGeometry) -> Goal:
     """Return what to do now; `before` holds the latches of the last tick."""
     arrived, giving_way = before.arrived_ned_m, before.giving_way
+    if situation.below is not None:
+        return Goal(Purpose.LOITER, f"{situation.below}: climbs", None, False, arrived, giving_way, climbs=True)
     homing = _why_home(situation)
     if homing is not None:
         # A loiter circle begun just inside reaches out by its width: that is still being home.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
 from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry
 from companion.onboard.law_settings import law_settings
-from companion.onboard.limits import within
+from companion.onboard.limits import unable, within
 from companion.onboard.obedience import Expected, Measured
 
 STANDING_WITHIN_M = 1.0
@@ -123,7 +123,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
 
     """
     limits = config.limits
-    guard = Guard(_guard_limits(limits, can_stop))
+    guard = Guard(guard_limits(limits, can_stop))
     rules = _rules(config, can_stop) if config.law == "routed" else None
     radius_m = loiter_radius_m(limits.speed_m_s, limits.n_max, config.guidance_step_s)
     circle_m = 0.0 if can_stop else radius_m
@@ -149,22 +149,25 @@ def adapted(steering: Steering, configured: LimitsSection, abilities: Abilities)
     if abilities == steering.abilities:
         return steering
     limits = within(configured, abilities)
-    unable = None
-    if limits.wind_m_s >= limits.speed_m_s:
-        unable = f"limits.wind_m_s {limits.wind_m_s:g} is not below the {limits.speed_m_s:.3g} m/s that it can fly"
-    elif limits != steering.config.limits:
+    why_not = unable(configured, abilities, can_stop=steering.can_stop)
+    if why_not is None and limits != steering.config.limits:
         config = steering.config.model_copy(update={"limits": limits})
         try:
             steering = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
         except ValueError:
-            unable = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
-    expected = steering.expected._replace(airspeed_max_m_s=abilities.airspeed_max_m_s)
-    return replace(steering, abilities=abilities, unable=unable, expected=expected)
+            why_not = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
+    reached_m_s = min(abilities.airspeed_max_m_s, configured.airspeed_max_m_s or math.inf)
+    expected = steering.expected._replace(airspeed_max_m_s=reached_m_s)
+    return replace(steering, abilities=abilities, unable=why_not, expected=expected)
 
 
 def outgrown(steering: Steering, configured: LimitsSection, abilities: Abilities) -> bool:
-    """Return whether the vehicle's abilities now give other limits than those that were adopted."""
-    return abilities != steering.abilities and within(configured, abilities) != steering.expected.limits
+    """Return whether the vehicle's abilities now give other limits than those that were adopted, or are too few."""
+    if abilities == steering.abilities:
+        return False
+    if within(configured, abilities) != steering.expected.limits:
+        return True
+    return unable(configured, abilities, can_stop=steering.can_stop) is not None
 
 
 def reckoning(steering: Steering, configured: LimitsSection, found: Measured) -> Steering:
@@ -344,16 +347,21 @@ def _named(peer: int | None, view: View) -> str:
     return "not of the fleet" if identity == NOBODY else f"agent {identity}"
 
 
-def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool) -> Verdict:
-    view = moment.view
-    discs = Discs(
+def discs_of(view: View, keep_out: Literal["attack", "detection"]) -> Discs:
+    """Return the keep-out discs of a view: those of the threats' attack or of their detection radii."""
+    return Discs(
         centres_ned_m=view.threats_ned_m,
-        radii_m=view.attack_radius_m if steering.config.keep_out == "attack" else view.detection_radius_m,
+        radii_m=view.attack_radius_m if keep_out == "attack" else view.detection_radius_m,
         speeds_m_s=view.threat_speed_m_s,
         attack_m=view.attack_radius_m,
         ids=view.threat_ids,
         unit_m=view.unit_m,
     )
+
+
+def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool) -> Verdict:
+    view = moment.view
+    discs = discs_of(view, steering.config.keep_out)
     route = () if demand.route is None else demand.route.pieces
     dt_s = steering.config.guidance_step_s
     hints = Hints(route, keep_right=crowded)
@@ -383,7 +391,8 @@ def _rules(config: Config, can_stop: bool) -> Rules:
     )
 
 
-def _guard_limits(limits: LimitsSection, can_stop: bool) -> Limits:
+def guard_limits(limits: LimitsSection, can_stop: bool) -> Limits:
+    """Return the guard's limits for a vehicle that can keep the given ones."""
     return Limits(
         speed_min_m_s=0.0 if can_stop else limits.speed_m_s,
         speed_max_m_s=limits.speed_m_s,

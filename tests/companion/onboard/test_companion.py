@@ -139,7 +139,8 @@ def test_it_is_idle_below_the_height_where_steering_begins() -> None:
     flight.broadcast()
     flight.position(height_mm=4_900)
     decision, setpoint = flight.tick()
-    assert (decision.purpose, decision.reason, setpoint) == (Purpose.IDLE, "below height_min_m", None)
+    words = "below limits.height_min_m 5 m at 4.9 m: climb in another mode, then hand over again"
+    assert (decision.purpose, decision.reason, setpoint) == (Purpose.IDLE, words, None)
     flight.position(height_mm=5_000)
     assert flight.tick()[0].purpose is Purpose.TARGET
     flight.position(height_mm=4_900)

@@ -261,5 +261,7 @@ def test_every_demand_is_of_a_parameter_that_is_read_and_names_itself_in_the_rem
     adapter = ADAPTERS[kind]()
     assert {demand.name for demand in adapter.parameter_checks} <= {wanted.name for wanted in adapter.wanted}
     for demand in adapter.parameter_checks:
-        assert demand.name in demand.remedy
-        assert demand.words
+        told = adapter.parameters.told_as(demand.name)
+        assert demand.name in demand.remedy(told)
+        assert demand.words(told)
+        assert demand.met_by(demand.best)
