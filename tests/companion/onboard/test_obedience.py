@@ -197,7 +197,7 @@ def test_what_is_reckoned_with_is_what_it_does_or_it_is_slowed(
     limits = within(COPTER, Abilities(), state.worse)
     reckoned_s = needed_s(limits.n_max / COPTER.n_max, limits.reaction_s)
     true_s = needed_s(share, delay_s)
-    assert reckoned_s >= 0.6 * true_s - 1.2 or rungs != {Rung.ANSWERS}
+    assert reckoned_s >= 0.5 * true_s - 1.2 or rungs != {Rung.ANSWERS}
 
 
 def test_a_copter_that_accelerates_and_brakes_at_a_third_is_measured_and_reckoned_with() -> None:
