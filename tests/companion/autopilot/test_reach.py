@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -19,6 +20,7 @@ from companion.autopilot.registry import ADAPTERS
 from companion.geo.air_density import ALTITUDE_MAX_M, true_per_indicated
 from companion.guard.types import Setpoint
 
+PAGE = Path(__file__).parents[3] / "docs" / "autopilots.md"
 SYSTEM = 7
 REAL_KINDS = sorted(set(ADAPTERS) - {"kinematic"})
 _LINK = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
@@ -221,3 +223,20 @@ def test_an_optional_parameter_is_asked_for_a_few_times_like_any_other() -> None
     adapter = vehicle("px4-copter")
     asked = [name for step in range(200) for name in adapter.parameters.due(0.1 * step)]
     assert asked.count("SIH_KDV") == TRIES
+
+
+def test_the_page_lists_which_values_are_sane() -> None:
+    page = PAGE.read_text(encoding="utf-8").split("<!-- sane -->")[1]
+    rows = [
+        f"| `{kind}` | {' or '.join(one.names)} | {sane_words(one)} |"
+        for kind in ADAPTERS
+        for one in ADAPTERS[kind]().wanted
+        if one.least > -math.inf
+    ]
+    assert page.strip().splitlines()[2:] == rows
+
+
+def sane_words(one: Wanted) -> str:
+    """Return the sane values of a parameter in the unit of each of its names."""
+    factors = (1.0, *(factor for _, factor in one.others))
+    return " or ".join(dict.fromkeys(f"{one.least / factor:g} to {one.greatest / factor:g}" for factor in factors))
