@@ -35,7 +35,7 @@ _TOP_SPEED_EXPONENT = math.log(TOP_SPEED_AT_45_DEG_M_S / TOP_SPEED_AT_30_DEG_M_S
 SPEED_SHARE = 0.85
 """Share of the top speed that is commanded at most: a speed beyond reach winds up the controller, and turns need some
 of the lean angle."""
-TRACKING_M = 1.5
+TRACKING_M = 1.6
 """Distance within which the vehicle stays of its path with REACTION_S, at 4 and 8 m/s; measured like REACTION_S."""
 LEAN_MAX_CDEG = 4500.0
 """Greatest lean angle (ANGLE_MAX) that `companion check` allows: the greatest one that was measured."""

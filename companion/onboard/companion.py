@@ -253,7 +253,7 @@ class Companion:
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
         motion = located.motion
         seen = detected(self.adapter.neighbours, plane, motion, telemetry.altitude_m, config, now_s)
-        view = world_model.view(now_s, _band_m(telemetry, config.height_m))
+        view = world_model.view(now_s, band_m(telemetry, config.height_m))
         view = world_model.with_traffic(view, seen.traffic)
         status = self._assess(age_s, now_s)
         situation = Situation(
@@ -324,7 +324,7 @@ def adapter_of(config: Config) -> Adapter:
     return ADAPTERS[config.autopilot.kind](config.autopilot.system_id)
 
 
-def _band_m(telemetry: Telemetry, height_m: float) -> tuple[float, float]:
+def band_m(telemetry: Telemetry, height_m: float) -> tuple[float, float]:
     """Return least and greatest altitude above sea level on the way to a height above home, with BAND_MARGIN_M.
 
     NaN where the vehicle's altitude or height is not known.

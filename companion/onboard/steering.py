@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -117,7 +117,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
 
     """
     limits = config.limits
-    guard = Guard(_guard_limits(limits, can_stop))
+    guard = Guard(guard_limits(limits, can_stop))
     rules = _rules(config, can_stop) if config.law == "routed" else None
     radius_m = loiter_radius_m(limits.speed_m_s, limits.n_max, config.guidance_step_s)
     circle_m = 0.0 if can_stop else radius_m
@@ -318,16 +318,21 @@ def _named(peer: int | None, view: View) -> str:
     return "not of the fleet" if identity == NOBODY else f"agent {identity}"
 
 
-def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool) -> Verdict:
-    view = moment.view
-    discs = Discs(
+def discs_of(view: View, keep_out: Literal["attack", "detection"]) -> Discs:
+    """Return the keep-out discs of a view: those of the threats' attack or of their detection radii."""
+    return Discs(
         centres_ned_m=view.threats_ned_m,
-        radii_m=view.attack_radius_m if steering.config.keep_out == "attack" else view.detection_radius_m,
+        radii_m=view.attack_radius_m if keep_out == "attack" else view.detection_radius_m,
         speeds_m_s=view.threat_speed_m_s,
         attack_m=view.attack_radius_m,
         ids=view.threat_ids,
         unit_m=view.unit_m,
     )
+
+
+def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool) -> Verdict:
+    view = moment.view
+    discs = discs_of(view, steering.config.keep_out)
     route = () if demand.route is None else demand.route.pieces
     dt_s = steering.config.guidance_step_s
     hints = Hints(route, keep_right=crowded)
@@ -357,7 +362,8 @@ def _rules(config: Config, can_stop: bool) -> Rules:
     )
 
 
-def _guard_limits(limits: LimitsSection, can_stop: bool) -> Limits:
+def guard_limits(limits: LimitsSection, can_stop: bool) -> Limits:
+    """Return the guard's limits for a vehicle that can keep the given ones."""
     return Limits(
         speed_min_m_s=0.0 if can_stop else limits.speed_m_s,
         speed_max_m_s=limits.speed_m_s,
