@@ -36,6 +36,7 @@ from companion.onboard.readiness import (
     told_by_autopilot,
 )
 from companion.onboard.reporter import Reporter
+from companion.onboard.senses import without_a_sense
 from companion.onboard.setpoint_stream import AutopilotStream
 from companion.onboard.steering import Moment, Steered, adapted, outgrown, steer, steering_of
 from companion.onboard.traffic import detected
@@ -247,14 +248,15 @@ class Companion:
         plane = plane_of(world_model.origin_deg, self.navigation.plane, telemetry)
         if plane is not self.navigation.plane:
             # Loiter place, last position and certified path are coordinates on another plane.
-            before = before._replace(loiter_place_ned_m=None, last_fix=None)
+            before = before._replace(loiter_place_ned_m=None, loiter_about_ned_m=None, target_ned_m=None, last_fix=None)
             self.steering.guard.reset()
         self.engagement = before
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
         motion = located.motion
-        seen = detected(self.adapter.neighbours, plane, motion, telemetry.altitude_m, config, now_s)
+        neighbours = self.adapter.neighbours if config.detector == "adsb" else ()
+        seen = detected(neighbours, plane, motion, telemetry.altitude_m, config, now_s)
         view = world_model.view(now_s, band_m(telemetry, config.height_m))
-        view = world_model.with_traffic(view, seen.traffic)
+        view = world_model.with_traffic(view, seen.traffic, seen.elsewhere)
         status = self._assess(age_s, now_s)
         situation = Situation(
             motion.position_ned_m,
@@ -273,7 +275,9 @@ class Companion:
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
         too_far = HOME_TOO_FAR if located.home.too_far else None
         outside = beyond_limits(motion, telemetry, config)
-        notes = (steered.note, duplicate, too_far, told_by_autopilot(self.adapter), outside)
+        blind = without_a_sense(config, world_model.others_told, self.adapter.sees_others)
+        told = told_by_autopilot(self.adapter)
+        notes = (steered.note, duplicate, blind, steered.unseparated, too_far, told, outside)
         return Decision(
             t_s=now_s,
             purpose=steered.purpose,
@@ -308,6 +312,8 @@ class Companion:
             giving_way=goal.giving_way,
             at_home=goal.at_home,
             loiter_place_ned_m=steered.loiter_place_ned_m,
+            loiter_about_ned_m=steered.loiter_about_ned_m,
+            target_ned_m=goal.place_ned_m if goal.purpose is Purpose.TARGET else before.target_ned_m,
             refused=not REFUSALS.isdisjoint(steered.verdict.changes),
             uncertified_from_s=uncertified_from_s,
             abilities_changed=before.abilities_changed,
