@@ -165,6 +165,8 @@ class TelemetryReader:
         self.neighbours: dict[int, Neighbour] = {}
         """The detected aircraft by their ICAO address."""
         self.rejected: Counter[str] = Counter()
+        self.seen_s = -math.inf
+        """Time of the newest detection of any other aircraft."""
         self.system_id = system_id
         self.foreign_ids: set[int] = set()
         """System ids of the other autopilots heard on the same link."""
@@ -360,6 +362,7 @@ class TelemetryReader:
         if message.ICAO_address not in self.neighbours and len(self.neighbours) >= MAX_NEIGHBOURS:
             self.rejected["too many neighbours"] += 1
             return
+        self.seen_s = now_s
         self.neighbours[message.ICAO_address] = Neighbour(
             agent_id=_agent_id(message.callsign) if flags & common.ADSB_FLAGS_VALID_CALLSIGN else None,
             lat_deg=message.lat / 1e7,

@@ -38,6 +38,7 @@ from companion.onboard.readiness import (
     told_by_autopilot,
 )
 from companion.onboard.reporter import Reporter
+from companion.onboard.senses import without_a_sense
 from companion.onboard.setpoint_stream import AutopilotStream
 from companion.onboard.sighting import seen_of
 from companion.onboard.steering import Moment, Steered, adapted, outgrown, reckoning, steer, steering_of
@@ -253,7 +254,7 @@ class Companion:
         plane = plane_of(world_model.origin_deg, self.navigation.plane, telemetry)
         if plane is not self.navigation.plane:
             # Loiter place, last position and certified path are coordinates on another plane.
-            before = before._replace(loiter_place_ned_m=None, last_fix=None)
+            before = before._replace(loiter_place_ned_m=None, loiter_about_ned_m=None, target_ned_m=None, last_fix=None)
             self.steering.guard.reset()
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
         motion = located.motion
@@ -261,9 +262,10 @@ class Companion:
         if self.authority.locked:
             return self._idle(self._not_steerable(now_s) or "", age_s, now_s)
         config = self.steering.config
-        seen = detected(self.adapter.neighbours, plane, motion, telemetry.altitude_m, config, now_s)
+        neighbours = self.adapter.neighbours if config.detector == "adsb" else ()
+        seen = detected(neighbours, plane, motion, telemetry.altitude_m, config, now_s)
         view = world_model.view(now_s, band_m(telemetry, config.height_m))
-        view = world_model.with_traffic(view, seen.traffic)
+        view = world_model.with_traffic(view, seen.traffic, seen.elsewhere)
         status = self._assess(age_s, now_s)
         situation = Situation(
             motion.position_ned_m,
@@ -275,16 +277,16 @@ class Companion:
             below_words(telemetry, config) if before.climbs and is_below(telemetry, config) else None,
         )
         goal = choose_goal(situation, before, config, self.steering.loiter)
-        share = before.obedience.answer.speed_share
-        moment = Moment(motion, view, self.flown_m, now_s, before.refused, share)
+        moment = Moment(motion, view, self.flown_m, now_s, before.refused, before.obedience.answer.speed_share)
         steered = steer(self.steering, goal, moment, before)
         if situation.below is not None and not is_straight_up(steered.verdict):
             return self._idle(f"{situation.below}, and no room to climb here: climb {HAND_OVER_AGAIN}", age_s, now_s)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
         too_far = HOME_TOO_FAR if located.home.too_far else None
-        outside = beyond_limits(motion, telemetry, config)
-        notes = (steered.note, duplicate, too_far, told_by_autopilot(self.adapter), outside)
+        blind = without_a_sense(config, world_model.others_told, self.adapter.sees_others)
+        told = (told_by_autopilot(self.adapter), beyond_limits(motion, telemetry, config))
+        notes = (steered.note, duplicate, blind, steered.unseparated, too_far, *told)
         return Decision(
             t_s=now_s,
             purpose=steered.purpose,
@@ -329,6 +331,8 @@ class Companion:
             giving_way=goal.giving_way,
             at_home=goal.at_home,
             loiter_place_ned_m=steered.loiter_place_ned_m,
+            loiter_about_ned_m=steered.loiter_about_ned_m,
+            target_ned_m=goal.place_ned_m if goal.purpose is Purpose.TARGET else before.target_ned_m,
             refused=not REFUSALS.isdisjoint(steered.verdict.changes),
             uncertified_from_s=uncertified_from_s,
             abilities_changed=before.abilities_changed,

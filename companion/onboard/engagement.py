@@ -33,6 +33,10 @@ class Engagement(NamedTuple):
     """Whether the vehicle has returned home."""
     loiter_place_ned_m: tuple[float, float] | None = None
     """Where the vehicle loiters; None while it goes somewhere."""
+    loiter_about_ned_m: tuple[float, float] | None = None
+    """The target or home that this loiter place was chosen for; None if it was chosen for where the vehicle was."""
+    target_ned_m: tuple[float, float] | None = None
+    """Where the target was that the vehicle last went to; None before the first."""
     refused: bool = False
     """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
     uncertified_from_s: float | None = None
