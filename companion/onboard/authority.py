@@ -14,7 +14,13 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import Telemetry
 
-FAILSAFE_STATES = frozenset({common.MAV_STATE_CRITICAL, common.MAV_STATE_EMERGENCY})
+FAILSAFE_STATES = {
+    common.MAV_STATE_CRITICAL: "CRITICAL",
+    common.MAV_STATE_EMERGENCY: "EMERGENCY",
+    common.MAV_STATE_FLIGHT_TERMINATION: "FLIGHT_TERMINATION",
+}
+"""The MAV_STATEs by which an autopilot says that one of its failsafes acts, ArduPilot also that it warns, and their
+words."""
 
 MODE_LEFT = "taken over: the mode was changed"
 FAILSAFE = "autopilot's failsafe"

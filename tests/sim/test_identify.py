@@ -165,6 +165,13 @@ def test_a_plane_with_a_low_battery_gets_no_further_setpoint() -> None:
     assert flight.sent_s[-1] <= low_s + 2.0
 
 
+def test_with_a_low_battery_it_does_not_begin() -> None:
+    flight = IdentifyFlight(config_of("arducopter"))
+    flight.vehicle.battery.percent = 10.0
+    flight.fly(lambda: flight.t_s > 6.0)
+    assert flight.said[-1] == "battery low" and flight.sent_s == []
+
+
 def test_silence_of_the_autopilot_ends_it() -> None:
     flight = IdentifyFlight(config_of("px4-copter"))
     hand_over(flight)

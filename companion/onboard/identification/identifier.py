@@ -295,6 +295,7 @@ def _pattern_limits(limits: LimitsSection, can_stop: bool, slow_m_s: float | Non
 
 
 def _decision(words: str, wanted_rad: float, verdict: Verdict, now_s: float) -> Decision:
+    """Return a step of the pattern as a decision, without the guard's broken assumptions: they are what is measured."""
     return Decision(
         t_s=now_s,
         purpose=Purpose.LOITER,
@@ -305,6 +306,5 @@ def _decision(words: str, wanted_rad: float, verdict: Verdict, now_s: float) -> 
         turn_limited=TURN in verdict.changes,
         setpoint=verdict.setpoint,
         guard_changes=tuple(change for change in verdict.changes if change != TURN),
-        broken=verdict.broken,
         certified_s=verdict.certified_s,
     )
