@@ -37,8 +37,8 @@ from companion.protocol.authenticator import Authenticator
 LONGEST_STOP_S = 8.0
 """Time for which a vehicle that can stop is told to stand, before the setpoints end, if it does not stand sooner."""
 STRAY = 1.5
-"""How many times as far as the pattern leads a vehicle may get before it counts as one that does not obey: PX4's quadrotor
-with its own drag, which turns at a third of what it is asked, got 20 % farther than the sluggish vehicle of the room."""
+"""How many times as far as its pattern leads a vehicle may get before it counts as one that does not obey. PX4's
+quadrotor with its own drag, which turned at a third of what it was asked, got 1.1 times as far."""
 FLOWN = "the pattern is flown"
 NO_ORIGIN = "fence and exclusions are about the broadcast's origin, and no broadcast is heard"
 
