@@ -210,7 +210,7 @@ def test_a_vehicle_blown_to_the_fence_is_told_to_stand() -> None:
 def test_a_vehicle_that_does_not_turn_is_not_left_to_fly_on() -> None:
     flight = IdentifyFlight(config_of("arducopter"))
     hand_over(flight)
-    flight.vehicle.craft.body.north_m = 700.0
+    flight.vehicle.craft.body.north_m = 1_000.0
     flight.fly()
     assert flight.companion.end is not None
     assert flight.companion.end.words.startswith("it does not fly what it is asked to")
