@@ -165,6 +165,13 @@ def test_a_plane_with_a_low_battery_gets_no_further_setpoint() -> None:
     assert flight.sent_s[-1] <= low_s + 2.0
 
 
+def test_with_a_low_battery_it_does_not_begin() -> None:
+    flight = IdentifyFlight(config_of("arducopter"))
+    flight.vehicle.battery.percent = 10.0
+    flight.fly(lambda: flight.t_s > 6.0)
+    assert flight.said[-1] == "battery low" and flight.sent_s == []
+
+
 def test_silence_of_the_autopilot_ends_it() -> None:
     flight = IdentifyFlight(config_of("px4-copter"))
     hand_over(flight)
@@ -203,7 +210,7 @@ def test_a_vehicle_blown_to_the_fence_is_told_to_stand() -> None:
 def test_a_vehicle_that_does_not_turn_is_not_left_to_fly_on() -> None:
     flight = IdentifyFlight(config_of("arducopter"))
     hand_over(flight)
-    flight.vehicle.craft.body.north_m = 700.0
+    flight.vehicle.craft.body.north_m = 1_000.0
     flight.fly()
     assert flight.companion.end is not None
     assert flight.companion.end.words.startswith("it does not fly what it is asked to")
