@@ -46,6 +46,8 @@ class AgentFigures:
     """Length of its path from the hand-over to its arrival, or to the end."""
     farthest_after_arrival_m: float | None
     """Greatest distance from its target once it had arrived."""
+    farthest_at_the_end_m: float | None
+    """Greatest distance from its target in the last HELD_S seconds: of a plane, its circle's far side."""
     stands_after_s: float | None
     held_within_m: float | None
     """Radius about its mean place in the last seconds that holds 95 % of them; None before it stood."""
@@ -89,7 +91,7 @@ class Figures:
     load: float
     """Greatest load average of the computer while it was flown."""
     said: str
-    """The last line of agent 1's companion."""
+    """What agent 1's companion said last of what it does."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as JSON has them."""
@@ -171,8 +173,9 @@ def _flown(trajectory: Trajectory, mission: Mission, scored: Score, which: tuple
     figures: dict[str, Any] = {
         "id": agent.id,
         "arrived_s": None if arrived_s is None else round(arrived_s - hand_over_s, 1),
-        "path_m": round(_length_m(ned_m[(t_s >= hand_over_s) & (t_s <= (arrived_s or t_s[-1]))]), 1),
+        "path_m": round(path_length_m(ned_m[(t_s >= hand_over_s) & (t_s <= (arrived_s or t_s[-1]))]), 1),
         "farthest_after_arrival_m": None,
+        "farthest_at_the_end_m": None,
         "stands_after_s": None,
         "held_within_m": None,
         "off_target_m": None,
@@ -182,6 +185,7 @@ def _flown(trajectory: Trajectory, mission: Mission, scored: Score, which: tuple
     target = next(target for target in mission.targets if target.id == agent.target_id)
     off_m = np.hypot(*(ned_m - target.position_ned_m).T)
     figures["farthest_after_arrival_m"] = round(float(off_m[t_s >= arrived_s].max()), 1)
+    figures["farthest_at_the_end_m"] = round(float(off_m[t_s >= t_s[-1] - HELD_S].max()), 1)
     standing_s = standing_from_s(t_s, trajectory.agents_speed_m_s[:, index], arrived_s)
     if standing_s is not None:
         last_m = ned_m[t_s >= max(standing_s, t_s[-1] - HELD_S)]
@@ -210,12 +214,13 @@ def _followed(
         last_setpoint_s=round(float(sent_s[-1] - event_s), 2) if len(sent_s) else None,
         first_setpoint_s=round(float(sent_s[0] - event_s), 2) if len(sent_s) else None,
         stands_after_s=None if standing_s is None else round(standing_s - event_s, 1),
-        flown_m=round(_length_m(trajectory.agents_ned_m[flown, 0]), 1),
+        flown_m=round(path_length_m(trajectory.agents_ned_m[flown, 0]), 1),
         mode=[mode for at_s, mode in modes if at_s <= until_s][-1],
     )
 
 
-def _length_m(ned_m: np.ndarray) -> float:
+def path_length_m(ned_m: np.ndarray) -> float:
+    """Return the length of a path of positions (S, 2)."""
     return float(np.hypot(*np.diff(ned_m, axis=0).T).sum())
 
 
@@ -224,5 +229,5 @@ def _heights_m(heights_m: Sequence[float]) -> tuple[float, float]:
 
 
 def _last_line(log: Path) -> str:
-    lines = log.read_text(encoding="utf-8").splitlines()
+    lines = [line for line in log.read_text(encoding="utf-8").splitlines() if ", picture " in line]
     return lines[-1].partition(" ")[2] if lines else ""
