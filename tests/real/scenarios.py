@@ -26,7 +26,7 @@ Figure = Literal[
     "farthest_at_the_end_m",
     "stands_after_s",
     "held_within_m",
-    "last_setpoint_s",
+    "last_after_told_s",
     "gap_s",
 ]
 """Figures of a flight that a scenario may bound (tests/real/score.py)."""
@@ -249,7 +249,7 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario("person", "a person takes it over, gives it back, and sends it home",
              STRAIGHT, events=(Event(15.0, ChooseMode("wait")), Event(25.0, ChooseMode("guided")),
                                Event(40.0, ChooseMode("return_home"))),
-             at_most={**SAFE, "last_setpoint_s": 0.3}, most_s=55.0),
+             at_most={**SAFE, "last_after_told_s": 0.2}, most_s=55.0),
     Scenario("killed", "kill -9 of the companion", STRAIGHT,
              events=(Event(20.0, Signal("companion", signal.SIGKILL)),), at_most=SAFE, most_s=45.0),
     Scenario("restarted", "kill -9 of the companion, started again after 3 s", STRAIGHT,
