@@ -47,6 +47,7 @@ from sim.stop import Stop, disk_stop
 from sim.trajectory import Trajectory
 from sim.transmitter import RADIO_TICK_S, Transmitter
 from sim.vehicles import CRAFTS, LOCKSTEP_RATES_HZ, Craft, Home, Setup, StandIn, Start, kinematic_profile
+from sim.vehicles.parameters import set_parameters
 from sim.vehicles.routing import Router
 from sim.wind import WindField
 from sim.world import World
@@ -91,6 +92,8 @@ class FlightOptions:
     """Radio whose byte budget the broadcast keeps to; None: the mission's periods alone decide what is broadcast."""
     one_radio: bool = False
     """Whether the broadcast reaches each companion through its autopilot, inside V2_EXTENSION."""
+    parameters: tuple[tuple[str, float], ...] = ()
+    """Names and values of autopilot parameters that differ from the stand-ins' defaults."""
     stop: Callable[[], Stop | None] = lambda: None
     """Function that is asked at every tick whether to end the flight early, and why."""
 
@@ -155,7 +158,7 @@ def fly(mission: Mission, seed: int, options: FlightOptions | None = None) -> Fl
     """Fly a resolved mission until every target is reached, no agent flies on, or its time is up.
 
     Raises:
-        InputError: the mission asks for something that is not flown.
+        InputError: the mission asks for something that is not flown, or a parameter is unknown or out of its range.
 
     """
     options = options or FlightOptions()
@@ -314,7 +317,7 @@ class _Hangar:
     def _stand_in(self, spec: AgentSpec, system_id: int, height_m: float) -> StandIn:
         mission, autopilot = self.mission, self.options.autopilot
         north_m, east_m = spec.position_ned_m
-        return StandIn(
+        vehicle = StandIn(
             _build(autopilot, mission, spec),
             Setup(
                 system_id,
@@ -336,6 +339,8 @@ class _Hangar:
                 },
             ),
         )
+        set_parameters(vehicle.craft, self.options.parameters)
+        return vehicle
 
 
 def _parts(whole_s: float, longest_s: float) -> int:
