@@ -80,6 +80,16 @@ class Adapter(Protocol):
         ...
 
     @property
+    def sees_others(self) -> bool | None:
+        """Whether the vehicle has a detector: True once it showed anybody, False if it has none, None if not known."""
+        ...
+
+    @property
+    def asks_for_others(self) -> bool:
+        """Whether the autopilot sends what its detector shows only when it is asked."""
+        ...
+
+    @property
     def telemetry(self) -> Telemetry:
         """The newest telemetry of the autopilot."""
         ...

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from companion.autopilot.adapter import Abilities
-from companion.autopilot.ardupilot import fence_checks, no_gcs_failsafe
+from companion.autopilot.ardupilot import RATES_HZ, RECEIVER, fence_checks, no_gcs_failsafe
 from companion.autopilot.heartbeat import ARDUCOPTER
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
@@ -48,6 +48,7 @@ WANTED = (
     Wanted("FS_GCS_ENABLE", 0.0),
     Wanted("FENCE_ENABLE", 0.0),
     Wanted("FENCE_ACTION", 1.0),
+    RECEIVER,
 )
 PARAMETER_CHECKS = (
     ParameterCheck(
@@ -69,6 +70,7 @@ class ArduCopterAdapter(VelocityAdapter):
 
     identity = ARDUCOPTER
     wanted: tuple[Wanted, ...] = WANTED
+    rates_hz = RATES_HZ
     parameter_checks = PARAMETER_CHECKS
     lead_s = LEAD_S
 

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities
 from companion.autopilot.air import AirDensity
-from companion.autopilot.ardupilot import fence_checks, no_gcs_failsafe
+from companion.autopilot.ardupilot import RATES_HZ, RECEIVER, fence_checks, no_gcs_failsafe
 from companion.autopilot.commands import Command
 from companion.autopilot.course import CourseRamp
 from companion.autopilot.heartbeat import ARDUPLANE
@@ -65,6 +65,7 @@ WANTED = (
     Wanted("FS_GCS_ENABL", 0.0),
     Wanted("FENCE_ENABLE", 0.0),
     Wanted("FENCE_ACTION", 0.0),
+    RECEIVER,
 )
 PARAMETER_CHECKS = (
     ParameterCheck("ROLL_LIMIT_DEG", "it bounds how fast the plane turns", 45.0, 30.0, 65.0),
@@ -91,6 +92,7 @@ class ArduPlaneAdapter(LinkedAdapter):
 
     identity = ARDUPLANE
     wanted: tuple[Wanted, ...] = WANTED
+    rates_hz = RATES_HZ
     parameter_checks = PARAMETER_CHECKS
 
     def __init__(self, system_id: int | None = None) -> None:
@@ -114,7 +116,7 @@ class ArduPlaneAdapter(LinkedAdapter):
             reaction_s=REACTION_S,
             tracking_m=TRACKING_M,
             assumed=tuple(
-                name for name in self.parameters.assumed if not name.startswith(("FS_", "FENCE_", "WP_LOITER"))
+                name for name in self.parameters.assumed if not name.startswith(("FS_", "FENCE_", "WP_LOITER", "ADSB_"))
             ),
             insane=self.parameters.insane + self._contradiction(),
         )

@@ -16,6 +16,7 @@ from companion.guidance.settings import DEFAULT_LAW, LawName, SurrogateName
 from companion.mission.model import (
     MAX_ITEMS,
     CostWeights,
+    DetectorName,
     Identity,
     Mission,
     NotNegative,
@@ -228,6 +229,9 @@ class Config(Section):
     """Age above which another agent's broadcast position is ignored."""
     vertical_separation_m: NotNegative = 0.0
     """Difference in height from which neighbours are ignored; 0: neighbours at any height count."""
+    detector: DetectorName = "adsb"
+    """By what the right of way knows the others: what the autopilot reports of them and, of those that it does not
+    show, the broadcast; the broadcast alone; or nothing at all."""
     detector_range_m: NotNegative = 2_000.0
     """Distance within which the neighbours that the autopilot reports (ADSB_VEHICLE) count."""
     report_period_s: NotNegative = 0.0
@@ -350,6 +354,7 @@ def config_for_agent(mission: Mission, agent_id: int, law: LawName) -> Config:
         guidance_step_s=mission.guidance_step_s,
         range_policy=mission.range_policy,
         peer_memory_s=mission.lost_after_s,
+        detector=mission.detector,
         detector_range_m=mission.detector_range_m,
         report_period_s=mission.report_period_s if mission.case == "II" else 0.0,
         staleness=StalenessSection(

@@ -15,6 +15,7 @@ from companion.autopilot.parameters import Told
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.limits import beyond_airspeed
+from companion.onboard.senses import sense_of_others
 
 ONE_SPEED_SLACK = 0.1
 """How far the configured speed may be, as a share, from the only speed of a vehicle that cannot change it."""
@@ -47,6 +48,13 @@ def findings(
         else Finding(False, "no genuine broadcast heard", "check broadcast.link, its keys, and this computer's clock")
     )
     return found
+
+
+def finding_on_others(config: Config, adapter: LinkedAdapter, told: tuple[int, int]) -> Finding:
+    """Return which sense of the others the vehicle has; see `senses.sense_of_others` for `told`."""
+    sense = sense_of_others(config, told, adapter.sees_others, adapter.asks_for_others)
+    remedy = "set ADSB_TYPE and reboot, fly in Case I, which tells the places, or set separation by height or time"
+    return Finding(sense.exists or config.detector == "none", sense.words, remedy)
 
 
 def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: float) -> Iterator[Finding]:

@@ -73,6 +73,7 @@ class ArduCopter(ArduPilot):
         Parameter("PSC_JERK_XY", _JERK_M_S3, 1.0, 20.0),
         Parameter("FENCE_ENABLE", 0.0, 0.0, 1.0),
         Parameter("FENCE_ACTION", 1.0, 0.0, 5.0),
+        Parameter("ADSB_TYPE", 0.0, 0.0, 4.0),
     )
     modes = COPTER_MODES
     first_mode = STABILIZE

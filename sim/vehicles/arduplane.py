@@ -122,6 +122,7 @@ class ArduPlane(ArduPilot):
         Parameter("FS_LONG_ACTN", 0.0, 0.0, 4.0),
         Parameter("FENCE_ENABLE", 0.0, 0.0, 1.0),
         Parameter("FENCE_ACTION", 0.0, 0.0, 6.0),
+        Parameter("ADSB_TYPE", 0.0, 0.0, 4.0),
     )
     modes = MODES
     first_mode = MANUAL

@@ -47,7 +47,8 @@ async def fly_pattern(config: Config, stop: asyncio.Event) -> tuple[End, list[Ro
             logged = config.model_copy(update={"log_dir": stack.enter_context(TemporaryDirectory())})
         folder = await run_companion(logged, stop, build)
         assert folder is not None
-        log = folder / f"vehicle-{config.agent_id}.tlog"
+        # By another name than a log of `companion run`: a replay decides as that does.
+        log = (folder / f"vehicle-{config.agent_id}.tlog").rename(folder / f"identify-{config.agent_id}.tlog")
         if config.log_dir is not None:
             click.echo(f"log: {log}")
         return flown[0].end or NOT_FLOWN, table_of(read_tlog(log), config)

@@ -896,6 +896,7 @@ def test_parameters_are_listed_read_and_set() -> None:
         "PSC_JERK_XY": 5.0,
         "FENCE_ENABLE": 0.0,
         "FENCE_ACTION": 1.0,
+        "ADSB_TYPE": 0.0,
     }
     (changed,) = of_type(
         vehicle.receive(pack(companion.param_set_encode(1, 1, b"WPNAV_ACCEL", 500.0, 9)), 0.0), "PARAM_VALUE"
