@@ -1,0 +1,91 @@
+"""The table of flights, as docs/real-autopilots.md shows it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from tests.real.kinds import KINDS
+
+_COLUMNS = (
+    "scenario",
+    "vehicle",
+    "entries",
+    "breaches (least, m)",
+    "targets",
+    "arrived after (s), path (m)",
+    "beside the stand-in",
+    "then at most (m) from the target",
+    "stands after (s)",
+    "holds within (m)",
+    "longest gap (s)",
+    "not as wanted",
+)
+_EVENT_COLUMNS = (
+    "scenario",
+    "vehicle",
+    "event",
+    "last setpoint after (s)",
+    "first setpoint after (s)",
+    "stands after (s)",
+    "flown (m)",
+)
+
+
+def table(out: Path) -> str:
+    """Return the flights below a folder as a markdown table, and what followed their events as another."""
+    flights = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(out.glob("*/figures.json"))]
+    rows = [_row(flight) for flight in flights]
+    events = [_event_row(flight, event) for flight in flights for event in flight["events"]]
+    text = _head(_COLUMNS) + "".join(rows)
+    if events:
+        text += "\n" + _head(_EVENT_COLUMNS) + "".join(events)
+    return text
+
+
+def _head(columns: Sequence[str]) -> str:
+    return f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}\n"
+
+
+def _row(flight: dict[str, Any]) -> str:
+    agents = flight["agents"]
+    reached = len([agent for agent in agents if agent["arrived_s"] is not None])
+    least = flight["least_separation_m"]
+    cells = [
+        flight["scenario"],
+        KINDS[flight["kind"]].title,
+        f"{flight['entries']}" + (f" ({flight['deepest_m']:g} m)" if flight["entries"] else ""),
+        f"{flight['breaches']} ({least:g})" if least is not None else "",
+        f"{reached} of {len(agents)}",
+        _each(agents, lambda agent: f"{_number(agent['arrived_s'])}, {agent['path_m']:.0f}"),
+        flight.get("beside", ""),
+        _each(agents, lambda agent: _number(agent["farthest_after_arrival_m"])),
+        _each(agents, lambda agent: _number(agent["stands_after_s"])),
+        _each(agents, lambda agent: _number(agent["held_within_m"])),
+        _each(agents, lambda agent: _number(agent["gap_s"])),
+        "; ".join(flight["broken"]),
+    ]
+    return f"| {' | '.join(cells)} |\n"
+
+
+def _event_row(flight: dict[str, Any], event: dict[str, Any]) -> str:
+    cells = [
+        flight["scenario"],
+        KINDS[flight["kind"]].title,
+        event["what"],
+        _number(event["last_setpoint_s"]),
+        _number(event["first_setpoint_s"]),
+        _number(event["stands_after_s"]),
+        _number(event["flown_m"]),
+    ]
+    return f"| {' | '.join(cells)} |\n"
+
+
+def _each(agents: list[dict[str, Any]], text: Callable[[dict[str, Any]], str]) -> str:
+    return "; ".join(text(agent) for agent in agents)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:g}"
