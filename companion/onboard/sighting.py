@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from companion.autopilot.telemetry import Telemetry
+from companion.geo.air_density import true_per_indicated
 from companion.onboard.engagement import Engagement
 from companion.onboard.navigation import Located
 from companion.onboard.obedience import Seen
@@ -21,12 +22,15 @@ def seen_of(located: Located, telemetry: Telemetry, before: Engagement, now_s: f
         north_m_s, east_m_s = telemetry.wind_ned_m_s
         speed_m_s, to_rad = math.hypot(north_m_s, east_m_s), math.atan2(east_m_s, north_m_s) - turned_rad
         wind_ned_m_s = (speed_m_s * math.cos(to_rad), speed_m_s * math.sin(to_rad))
+    airspeed_m_s = math.nan
+    if now_s - telemetry.airspeed_at_s <= TOLD_MAX_AGE_S:
+        airspeed_m_s = telemetry.airspeed_m_s * true_per_indicated(telemetry.altitude_m)
     return Seen(
         at_s=located.fix.at_s,
         course_rad=motion.heading_rad,
         speed_m_s=motion.speed_m_s,
         asked=None if before.setpoint is None else before.setpoint.setpoint,
         yaw_rad=None if telemetry.yaw_rad is None else telemetry.yaw_rad - turned_rad,
-        airspeed_m_s=telemetry.airspeed_m_s if now_s - telemetry.airspeed_at_s <= TOLD_MAX_AGE_S else math.nan,
+        airspeed_m_s=airspeed_m_s,
         wind_ned_m_s=wind_ned_m_s,
     )
