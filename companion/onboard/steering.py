@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from companion.autopilot.adapter import Abilities
-from companion.geo.kinematics import limit_turn
+from companion.geo.kinematics import limit_turn, shorter_turn_rad
 from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.guard.guard import Guard
+from companion.guard.lead import MOST_LEAD_RAD
 from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
 from companion.guidance.resolution import AtEffect, Peers
@@ -169,16 +171,16 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     intent = _intent(steering, goal, moment, before.loiter_place_ned_m, crowded)
     wanted_rad, speed_m_s = _wanted(steering, intent, motion)
     last = None if limits.reaction_s == 0.0 else in_force
-    at_effect = None if last is None else AtEffect(last.heading_rad, last.speed_m_s)
+    # When this decision begins to act, the vehicle has turned by the last setpoint for the reaction time.
+    from_rad = steering.guard.tip(motion, moment.now_s, dt_s)[0].heading_rad
+    at_effect = None if last is None else AtEffect(from_rad % math.tau, last.speed_m_s)
     steered_rad, speed_m_s, gave_way = _right_of_way(steering, wanted_rad, speed_m_s, moment, at_effect)
     # The turn is limited at the greatest of the speeds until the end of the step, as the guard does.
     faster_m_s = max(motion.speed_m_s, speed_m_s)
-    from_rad = motion.heading_rad
-    if last is not None:
-        faster_m_s = max(faster_m_s, last.speed_m_s) if steering.can_stop else faster_m_s
-        # When this decision begins to act, the vehicle has turned by the last setpoint for the reaction time.
-        from_rad = limit_turn(from_rad, last.heading_rad, faster_m_s, limits.n_max, limits.reaction_s)[0]
-    heading_rad, limited = limit_turn(from_rad, steered_rad, faster_m_s, limits.n_max, dt_s)
+    if last is not None and steering.can_stop:
+        faster_m_s = max(faster_m_s, last.speed_m_s)
+    aim_rad = steered_rad if in_force is None else _by_the_side_begun(from_rad, steered_rad, in_force.heading_rad)
+    heading_rad, limited = limit_turn(from_rad, aim_rad, faster_m_s, limits.n_max, dt_s)
     setpoint = Setpoint(heading_rad, speed_m_s, steering.config.height_m)
     return Steered(
         purpose=intent.purpose,
@@ -190,7 +192,7 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
         wanted_heading_rad=wanted_rad,
         gave_way=gave_way,
         turn_limited=limited,
-        verdict=_guarded(steering, setpoint, moment, intent.demand, crowded),
+        verdict=_guarded(steering, setpoint, moment, intent.demand, crowded, steered_rad),
     )
 
 
@@ -316,7 +318,19 @@ def _named(peer: int | None, view: View) -> str:
     return "not of the fleet" if identity == NOBODY else f"agent {identity}"
 
 
-def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool) -> Verdict:
+def _by_the_side_begun(from_rad: float, wanted_rad: float, commanded_rad: float) -> float:
+    """Return the heading to turn to: the wanted one or, where that is behind, a quarter turn to the commanded side.
+
+    A vehicle that hardly answers stays opposite to what it wants, where the shorter side changes with every report.
+    """
+    if abs(shorter_turn_rad(from_rad, wanted_rad)) <= MOST_LEAD_RAD:
+        return wanted_rad
+    return from_rad + math.copysign(MOST_LEAD_RAD, shorter_turn_rad(commanded_rad, wanted_rad))
+
+
+def _guarded(
+    steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool, towards_rad: float
+) -> Verdict:
     view = moment.view
     discs = Discs(
         centres_ned_m=view.threats_ned_m,
@@ -328,7 +342,7 @@ def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: Steer
     )
     route = () if demand.route is None else demand.route.pieces
     dt_s = steering.config.guidance_step_s
-    hints = Hints(route, keep_right=crowded)
+    hints = Hints(route, keep_right=crowded, towards_rad=towards_rad)
     verdict = steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, hints)
     # A path that is clear of all discs heard of is certified only if no other is still to be heard of.
     return verdict if view.whole else replace(verdict, certified_s=0.0)
