@@ -77,6 +77,39 @@ def check(config: str, wait_s: float) -> int:
     return run_until_signal(lambda stop: check_vehicle(loaded, wait_s, stop))
 
 
+@cli.command("identify")
+@click.argument("config")
+@click.option("--log", "log", metavar="FILE.tlog", help="Read this log of a flight instead of flying.")
+@click.option("--write", "writes", is_flag=True, help="Write the limits that proved too good into CONFIG.")
+def identify_command(config: str, log: str | None, writes: bool) -> int:
+    """Measure how well the vehicle of CONFIG obeys, and compare that with what is reckoned with.
+
+    Hand the vehicle over in the air. It then flies a pattern of one to two minutes at its height, inside the fence:
+    steps of course and speed, stops and a hold, or a circle. A change of the mode ends it at once.
+
+    Exit status 0 if nothing is worse than reckoned with, 1 if something is or the pattern was not flown to its end, 2
+    for unusable input.
+
+    Example: companion identify companion.yaml --write
+    """
+    from companion.files.tlog import read_tlog
+    from companion.onboard.config import load_config
+    from companion.onboard.identification.service import check_writable, fly_pattern, report, table_of, write_limits
+    from companion.runtime.clock import run_until_signal
+
+    loaded = load_config(config)
+    if writes:
+        check_writable(config)
+    if log is not None:
+        end, table = None, table_of(read_tlog(log), loaded)
+    else:
+        end, table = run_until_signal(lambda stop: fly_pattern(loaded, stop))
+    status = report(end, table)
+    if writes:
+        write_limits(config, table)
+    return status
+
+
 @cli.command("replay")
 @click.argument("log", metavar="FILE.tlog")
 @click.option("--config", metavar="CONFIG", show_default="companion-N.yaml beside vehicle-N.tlog", help="Its settings.")

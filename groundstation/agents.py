@@ -88,7 +88,7 @@ class DeadReckoner:
         check_reckonable(mission, model, mission.name)
         self._delay_s = mission.link.delay_s
         self._step_s = mission.guidance_step_s
-        self._detector_range_m = mission.detector_range_m
+        self._detector_range_m = mission.detector_range_m if mission.detector == "adsb" else -1.0
         self._wind_bound_m_s = mission.wind.speed_m_s + mission.wind.gust_m_s
         self._start_s = self._at_s = now_s
         self._steps = 0

@@ -124,8 +124,9 @@ class Aircraft:
         """Give the companion broadcasts, telemetry and detections, let it decide, and send what it has to send."""
         now_s = START_S + t_s
         self._hear(t_s)
+        passed_on = [] if self.detector is None else self.vehicle.hear_adsb(self.detector.look(snapshot), now_s)
         self._exchange_telemetry(now_s)
-        for frame in [] if self.detector is None else self.detector.look(snapshot):
+        for frame in passed_on:
             self.autopilot.deliver(frame, now_s)
         companion = self.autopilot.companion
         began_ns = time.perf_counter_ns()

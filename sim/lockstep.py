@@ -47,6 +47,7 @@ from sim.stop import Stop, disk_stop
 from sim.trajectory import Trajectory
 from sim.transmitter import RADIO_TICK_S, Transmitter
 from sim.vehicles import CRAFTS, LOCKSTEP_RATES_HZ, Craft, Home, Setup, StandIn, Start, kinematic_profile
+from sim.vehicles.adsb import ADSB_TYPE
 from sim.vehicles.routing import Router
 from sim.wind import WindField
 from sim.world import World
@@ -289,14 +290,15 @@ class _Hangar:
         config = config_for_agent(mission, spec.id, options.law)
         system_id = index % _MAX_SYSTEM_ID + 1
         is_point = options.autopilot == "kinematic"
-        has_detector = mission.case == "II" or options.law == "routed"
+        # The paper's laws look at nobody in Case I, and would only be slowed by it.
+        has_detector = mission.detector == "adsb" and (mission.case == "II" or options.law == "routed")
         step_s = mission.integration_step_s
         loops = _parts(step_s, KINEMATIC_REPEAT_S) if is_point else max(1, round(step_s / LOOP_PERIOD_S))
         return Aircraft(
             spec,
             AutopilotLink(
                 Companion(config, ADAPTERS[options.autopilot]()),
-                self._stand_in(spec, system_id, config.height_m),
+                self._stand_in(spec, system_id, config.height_m, has_detector),
                 log,
                 Router(system_id) if options.one_radio else None,
             ),
@@ -311,10 +313,10 @@ class _Hangar:
             None if is_point else SafetyPilot(options.autopilot, system_id),
         )
 
-    def _stand_in(self, spec: AgentSpec, system_id: int, height_m: float) -> StandIn:
+    def _stand_in(self, spec: AgentSpec, system_id: int, height_m: float, has_detector: bool) -> StandIn:
         mission, autopilot = self.mission, self.options.autopilot
         north_m, east_m = spec.position_ned_m
-        return StandIn(
+        vehicle = StandIn(
             _build(autopilot, mission, spec),
             Setup(
                 system_id,
@@ -336,6 +338,9 @@ class _Hangar:
                 },
             ),
         )
+        if has_detector and ADSB_TYPE in vehicle.parameters:
+            vehicle.parameters[ADSB_TYPE] = 1.0
+        return vehicle
 
 
 def _parts(whole_s: float, longest_s: float) -> int:

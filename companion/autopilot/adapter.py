@@ -17,6 +17,12 @@ class Abilities:
 
     speed_min_m_s: float = 0.0
     speed_max_m_s: float = math.inf
+    airspeed_max_m_s: float = math.inf
+    """Greatest true airspeed that the vehicle's controller reaches; inf where no parameter tells it."""
+    airspeed_by: str = ""
+    """What that airspeed follows from, as the vehicle calls it ("ANGLE_MAX 3000"); empty if the air bounds nothing."""
+    airspeed_remedy: str = ""
+    """What a person can set for a greater airspeed ("ANGLE_MAX to 4500 (15 m/s)"); empty if nothing is known."""
     n_max: float = math.inf
     """Load factor of the turn rate n_max g / v that its turns achieve."""
     reaction_s: float = 0.0
@@ -27,6 +33,8 @@ class Abilities:
     """Greatest distance of the vehicle from the path of arcs and straight lines that guidance and guard assume."""
     assumed: tuple[str, ...] = ()
     """Names of the parameters that the autopilot did not send, for which documented defaults are assumed."""
+    insane: tuple[str, ...] = ()
+    """What is wrong with the parameters that no vehicle can have: with these it is not steered."""
 
 
 class Velocity(NamedTuple):
@@ -69,6 +77,16 @@ class Adapter(Protocol):
     @property
     def neighbours(self) -> Collection[Neighbour]:
         """The aircraft that the vehicle's own detector has seen; they may be old: see `Neighbour.seen_at_s`."""
+        ...
+
+    @property
+    def sees_others(self) -> bool | None:
+        """Whether the vehicle has a detector: True once it showed anybody, False if it has none, None if not known."""
+        ...
+
+    @property
+    def asks_for_others(self) -> bool:
+        """Whether the autopilot sends what its detector shows only when it is asked."""
         ...
 
     @property

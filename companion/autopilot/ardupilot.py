@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
+from pymavlink.dialects.v20 import common
+
+from companion.autopilot.linked import ADSB_RATE_HZ, ADSB_TYPE, COMMON_RATES_HZ, NO_RECEIVER
 from companion.autopilot.parameter_checks import ParameterCheck
+from companion.autopilot.parameters import Wanted
+
+RATES_HZ = {**COMMON_RATES_HZ, common.MAVLINK_MSG_ID_ADSB_VEHICLE: ADSB_RATE_HZ}
+"""Rates of the messages that ArduPilot is asked for: unlike PX4 it sends ADSB_VEHICLE to nobody who did not ask."""
+RECEIVER = Wanted(ADSB_TYPE, NO_RECEIVER, optional=True)
+"""The parameter that says whether there is an ADS-B receiver; a small board has neither."""
 
 
 def fence_checks(actions: tuple[float, ...]) -> tuple[ParameterCheck, ...]:
@@ -11,14 +20,15 @@ def fence_checks(actions: tuple[float, ...]) -> tuple[ParameterCheck, ...]:
         ParameterCheck(
             "FENCE_ENABLE",
             "the autopilot's own fence holds when the companion is dead",
-            "set FENCE_ENABLE to 1 and upload the fence",
+            1.0,
             allowed=(1.0,),
             when_fenced=True,
+            further=" and upload the fence",
         ),
         ParameterCheck(
             "FENCE_ACTION",
             "a fence that only reports, or that leaves the vehicle in GUIDED, holds nobody",
-            f"set FENCE_ACTION to {actions[0]:g}",
+            actions[0],
             allowed=actions,
             when_fenced=True,
         ),
@@ -30,6 +40,6 @@ def no_gcs_failsafe(name: str) -> ParameterCheck:
     return ParameterCheck(
         name,
         "a vehicle that only listens is out of its ground station's reach by design",
-        f"set {name} to 0",
+        0.0,
         allowed=(0.0,),
     )

@@ -9,17 +9,20 @@ plane circles nearby.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities
-from companion.autopilot.ardupilot import fence_checks, no_gcs_failsafe
+from companion.autopilot.air import AirDensity
+from companion.autopilot.ardupilot import RATES_HZ, RECEIVER, fence_checks, no_gcs_failsafe
 from companion.autopilot.commands import Command
 from companion.autopilot.course import CourseRamp
 from companion.autopilot.heartbeat import ARDUPLANE
 from companion.autopilot.linked import LinkedAdapter, is_usable, milliseconds
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
+from companion.geo.air_density import true_per_indicated
 from companion.geo.kinematics import GRAVITY_M_S2, turn_rate_rad_s
 from companion.guard.types import Setpoint
 
@@ -55,22 +58,33 @@ _KEEP_SPEED = -1.0
 """Value of the speed of MAV_CMD_DO_REPOSITION that leaves it unchanged."""
 
 WANTED = (
-    Wanted("ROLL_LIMIT_DEG", 45.0, (("LIM_ROLL_CD", 0.01),)),
-    Wanted("WP_LOITER_RAD", 60.0),
-    Wanted("AIRSPEED_MIN", 9.0, (("ARSPD_FBW_MIN", 1.0),)),
-    Wanted("AIRSPEED_MAX", 22.0, (("ARSPD_FBW_MAX", 1.0),)),
+    Wanted("ROLL_LIMIT_DEG", 45.0, (("LIM_ROLL_CD", 0.01),), least=10.0, greatest=85.0),
+    Wanted("WP_LOITER_RAD", 60.0, least=-5_000.0, greatest=5_000.0),
+    Wanted("AIRSPEED_MIN", 9.0, (("ARSPD_FBW_MIN", 1.0),), least=5.0, greatest=60.0),
+    Wanted("AIRSPEED_MAX", 22.0, (("ARSPD_FBW_MAX", 1.0),), least=5.0, greatest=120.0),
     Wanted("FS_GCS_ENABL", 0.0),
     Wanted("FENCE_ENABLE", 0.0),
     Wanted("FENCE_ACTION", 0.0),
+    RECEIVER,
 )
 PARAMETER_CHECKS = (
-    ParameterCheck("ROLL_LIMIT_DEG", "it bounds how fast the plane turns", "set ROLL_LIMIT_DEG to 45", 30.0, 65.0),
-    ParameterCheck(
-        "WP_LOITER_RAD", "a plane whose companion died circles so wide", "set WP_LOITER_RAD to 60", 20.0, 200.0
-    ),
+    ParameterCheck("ROLL_LIMIT_DEG", "it bounds how fast the plane turns", 45.0, 30.0, 65.0),
+    ParameterCheck("WP_LOITER_RAD", "a plane whose companion died circles so wide", 60.0, 20.0, 200.0),
     no_gcs_failsafe("FS_GCS_ENABL"),
     *fence_checks((1.0, 8.0)),
 )
+
+
+class _Sent(NamedTuple):
+    """What was commanded last, and when; NaN and -inf before the first command of an engagement."""
+
+    height_m: float
+    indicated_m_s: float
+    commanded_s: float
+    loiter_s: float
+
+
+_NOTHING_SENT = _Sent(math.nan, math.nan, -math.inf, -math.inf)
 
 
 class ArduPlaneAdapter(LinkedAdapter):
@@ -78,31 +92,33 @@ class ArduPlaneAdapter(LinkedAdapter):
 
     identity = ARDUPLANE
     wanted: tuple[Wanted, ...] = WANTED
+    rates_hz = RATES_HZ
     parameter_checks = PARAMETER_CHECKS
 
     def __init__(self, system_id: int | None = None) -> None:
         """Listen to the autopilot of this system id; None for whichever is heard first."""
         super().__init__(system_id)
         self._ramp = CourseRamp()
-        self._height_m = math.nan
-        self._speed_m_s = math.nan
-        self._commanded_s = -math.inf
-        self._loiter_s = -math.inf
+        self._air = AirDensity()
+        self._sent = _NOTHING_SENT
 
     @property
     def abilities(self) -> Abilities:
-        """The performance limits that follow from ROLL_LIMIT_DEG, AIRSPEED_MIN and AIRSPEED_MAX."""
+        """The performance limits that follow from ROLL_LIMIT_DEG and, as true airspeeds, AIRSPEED_MIN and _MAX."""
         bank_rad = self._bank_max_rad() - math.radians(BANK_RESERVE_DEG)
-        slowest_m_s = max(self.parameters.value("AIRSPEED_MIN"), 1.0)
+        slowest_m_s, fastest_m_s = (self._air.ratio * indicated_m_s for indicated_m_s in self._indicated_m_s())
         return Abilities(
             speed_min_m_s=slowest_m_s,
-            speed_max_m_s=max(self.parameters.value("AIRSPEED_MAX"), slowest_m_s),
+            speed_max_m_s=fastest_m_s,
+            airspeed_max_m_s=fastest_m_s,
+            airspeed_by=str(self.parameters.told_as("AIRSPEED_MAX")),
             n_max=TURN_SHARE * math.tan(bank_rad),
             reaction_s=REACTION_S,
             tracking_m=TRACKING_M,
             assumed=tuple(
-                name for name in self.parameters.assumed if not name.startswith(("FS_", "FENCE_", "WP_LOITER"))
+                name for name in self.parameters.assumed if not name.startswith(("FS_", "FENCE_", "WP_LOITER", "ADSB_"))
             ),
+            insane=self.parameters.insane + self._contradiction(),
         )
 
     def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
@@ -110,6 +126,7 @@ class ArduPlaneAdapter(LinkedAdapter):
         present_rad = self._course_rad()
         if present_rad is None or not is_usable(setpoint, convergence_rad):
             return []
+        self._air.engage()
         bank_rad = self._bank_rad(setpoint.heading_rad + convergence_rad, present_rad, now_s)
         if not math.isfinite(bank_rad):
             return []
@@ -121,12 +138,28 @@ class ArduPlaneAdapter(LinkedAdapter):
         """Forget the course and which height and speed were commanded."""
         super().release()
         self._ramp.release()
-        self._height_m = self._speed_m_s = math.nan
-        self._loiter_s = self._commanded_s = -math.inf
+        self._air.release()
+        self._sent = _NOTHING_SENT
+
+    def receive(self, datagram: bytes, now_s: float) -> None:
+        """Process bytes from the autopilot link, and note how dense the air is where the plane flies."""
+        super().receive(datagram, now_s)
+        self._air.note(self.telemetry.altitude_m)
+
+    def _indicated_m_s(self) -> tuple[float, float]:
+        """Return least and greatest indicated airspeed: the autopilot refuses what is outside."""
+        slowest_m_s = self.parameters.value("AIRSPEED_MIN")
+        return slowest_m_s, max(self.parameters.value("AIRSPEED_MAX"), slowest_m_s)
+
+    def _contradiction(self) -> tuple[str, ...]:
+        """Return what is wrong between AIRSPEED_MIN and AIRSPEED_MAX."""
+        slowest, fastest = self.parameters.told_as("AIRSPEED_MIN"), self.parameters.told_as("AIRSPEED_MAX")
+        if self.parameters.value("AIRSPEED_MAX") >= self.parameters.value("AIRSPEED_MIN"):
+            return ()
+        return (f"{fastest} is below {slowest}",)
 
     def _bank_max_rad(self) -> float:
-        limit_deg = self.parameters.value("ROLL_LIMIT_DEG")
-        return math.radians(min(max(limit_deg, 2.0 * BANK_RESERVE_DEG), GREATEST_BANK_DEG))
+        return math.radians(min(self.parameters.value("ROLL_LIMIT_DEG"), GREATEST_BANK_DEG))
 
     def _bank_rad(self, wanted_rad: float, present_rad: float, now_s: float) -> float:
         telemetry = self.telemetry
@@ -143,11 +176,12 @@ class ArduPlaneAdapter(LinkedAdapter):
         return min(max(bank_rad, -bank_max_rad), bank_max_rad)
 
     def _queue_commands(self, setpoint: Setpoint, now_s: float) -> None:
-        again = now_s - self._commanded_s >= RESEND_PERIOD_S
+        sent = self._sent
+        again = now_s - sent.commanded_s >= RESEND_PERIOD_S
         if again:
-            self._commanded_s = now_s
-        if again or not abs(setpoint.altitude_m - self._height_m) <= HEIGHT_STEP_M:
-            self._height_m = setpoint.altitude_m
+            sent = sent._replace(commanded_s=now_s)
+        if again or not abs(setpoint.altitude_m - sent.height_m) <= HEIGHT_STEP_M:
+            sent = sent._replace(height_m=setpoint.altitude_m)
             self._commands.queue(
                 Command(
                     common.MAV_CMD_GUIDED_CHANGE_ALTITUDE,
@@ -156,19 +190,23 @@ class ArduPlaneAdapter(LinkedAdapter):
                     altitude_m=setpoint.altitude_m,
                 )
             )
-        if again or not abs(setpoint.speed_m_s - self._speed_m_s) <= SPEED_STEP_M_S:
-            self._speed_m_s = setpoint.speed_m_s
+        # A setpoint's speed is through the air, the command's is what the airspeed sensor shows.
+        slowest_m_s, fastest_m_s = self._indicated_m_s()
+        indicated_m_s = setpoint.speed_m_s / true_per_indicated(self.telemetry.altitude_m)
+        indicated_m_s = min(max(indicated_m_s, slowest_m_s), fastest_m_s)
+        if again or not abs(indicated_m_s - sent.indicated_m_s) <= SPEED_STEP_M_S:
+            sent = sent._replace(indicated_m_s=indicated_m_s)
             self._commands.queue(
                 Command(
                     common.MAV_CMD_GUIDED_CHANGE_SPEED,
-                    f"airspeed {setpoint.speed_m_s:.1f} m/s",
-                    (_AIRSPEED, setpoint.speed_m_s, 0.0, 0.0),
+                    f"indicated airspeed {indicated_m_s:.1f} m/s",
+                    (_AIRSPEED, indicated_m_s, 0.0, 0.0),
                     frame=common.MAV_FRAME_GLOBAL_RELATIVE_ALT,
                 )
             )
         telemetry = self.telemetry
-        if now_s - self._loiter_s >= LOITER_PERIOD_S and math.isfinite(telemetry.lat_deg):
-            self._loiter_s = now_s
+        if now_s - sent.loiter_s >= LOITER_PERIOD_S and math.isfinite(telemetry.lat_deg):
+            sent = sent._replace(loiter_s=now_s)
             self._commands.queue(
                 Command(
                     common.MAV_CMD_DO_REPOSITION,
@@ -179,6 +217,7 @@ class ArduPlaneAdapter(LinkedAdapter):
                     altitude_m=setpoint.altitude_m,
                 )
             )
+        self._sent = sent
 
     def _bank(self, bank_rad: float, now_s: float) -> bytes:
         return self._pack(

@@ -25,17 +25,18 @@ TRACKING_M = 3.0
 """Distance within which the rover is assumed to stay of its path. Guessed."""
 
 WANTED = (
-    Wanted("CRUISE_SPEED", 2.0),
-    Wanted("WP_SPEED", 2.0),
-    Wanted("ATC_TURN_MAX_G", 0.6),
-    Wanted("ATC_ACCEL_MAX", 1.0),
+    # WP_SPEED 0 stands for CRUISE_SPEED.
+    Wanted("CRUISE_SPEED", 2.0, least=0.1, greatest=50.0),
+    Wanted("WP_SPEED", 2.0, least=0.0, greatest=50.0),
+    Wanted("ATC_TURN_MAX_G", 0.6, least=0.05, greatest=10.0),
+    Wanted("ATC_ACCEL_MAX", 1.0, least=0.0, greatest=20.0),
     Wanted("FS_GCS_ENABLE", 0.0),
     Wanted("FENCE_ENABLE", 0.0),
     Wanted("FENCE_ACTION", 1.0),
 )
 PARAMETER_CHECKS = (
     no_gcs_failsafe("FS_GCS_ENABLE"),
-    ParameterCheck("ATC_TURN_MAX_G", "it bounds how fast the rover turns", "set ATC_TURN_MAX_G to 0.6", 0.1, 1.0),
+    ParameterCheck("ATC_TURN_MAX_G", "it bounds how fast the rover turns", 0.6, 0.1, 1.0),
     *fence_checks((1.0, 2.0, 3.0, 4.0)),
 )
 
@@ -55,11 +56,12 @@ class ArduRoverAdapter(VelocityAdapter):
         speed_m_s = self.parameters.value("WP_SPEED") or self.parameters.value("CRUISE_SPEED")
         return Abilities(
             speed_max_m_s=max(speed_m_s, 0.1),
-            n_max=TURN_SHARE * max(self.parameters.value("ATC_TURN_MAX_G"), 0.01),
+            n_max=TURN_SHARE * self.parameters.value("ATC_TURN_MAX_G"),
             reaction_s=REACTION_S,
             braking_m_s2=BRAKING_SHARE * acceleration_m_s2,
             tracking_m=TRACKING_M,
             assumed=tuple(name for name in self.parameters.assumed if not name.startswith(("FS_", "FENCE_"))),
+            insane=self.parameters.insane,
         )
 
     def _climb_m_s(self, height_m: float) -> float:

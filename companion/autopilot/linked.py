@@ -28,6 +28,15 @@ COMMON_RATES_HZ: Mapping[int, float] = {
     common.MAVLINK_MSG_ID_HOME_POSITION: 0.2,
 }
 """The messages that every adapter requests, by message id, and their rates."""
+ADSB_RATE_HZ = 10.0
+"""Rate of ADSB_VEHICLE that ArduPilot is asked for: at each of these times it sends one of those that it knows, and
+begins with the first again after a second at the earliest."""
+ASK_AGAIN_S = 30.0
+"""Time after which ADSB_VEHICLE, once it came, is asked for again: another program may have ended the stream."""
+ADSB_TYPE = "ADSB_TYPE"
+"""ArduPilot's parameter that says which ADS-B receiver is mounted."""
+NO_RECEIVER = 0.0
+"""Value of ADSB_TYPE without a receiver."""
 HEIGHT_GAIN_1_S = 0.5
 """Commanded vertical speed per metre of height error."""
 VERTICAL_SPEED_M_S = 2.0
@@ -59,6 +68,7 @@ class LinkedAdapter(ABC):
         self._commands = Commands()
         self._mav: common.MAVLink | None = None
         self._asked_after: int | None = None
+        self._asked_adsb_s = -math.inf
 
     @property
     def can_stop(self) -> bool:
@@ -81,6 +91,14 @@ class LinkedAdapter(ABC):
         return self._reader.neighbours.values()
 
     @property
+    def sees_others(self) -> bool | None:
+        """Whether the vehicle has a detector: True once it showed anybody, False if it has none, None if not known."""
+        # Whoever was seen stays there until another is.
+        if self._reader.neighbours:
+            return True
+        return False if self.parameters.values.get(ADSB_TYPE) == NO_RECEIVER else None
+
+    @property
     def rejected(self) -> Mapping[str, int]:
         """The number of rejected messages, by reason."""
         return self._reader.rejected
@@ -98,7 +116,14 @@ class LinkedAdapter(ABC):
     @property
     def failures(self) -> tuple[str, ...]:
         """The requests and commands that the autopilot did not accept, each as one short line."""
-        return self._message_intervals.failures + self._commands.failures
+        failures = self._message_intervals.failures + self._commands.failures
+        # A board without ADS-B refuses that: it is no failure, but a vehicle without a detector.
+        return tuple(failure for failure in failures if not failure.startswith(_adsb().name))
+
+    @property
+    def asks_for_others(self) -> bool:
+        """Whether the autopilot sends what its detector shows only when it is asked."""
+        return common.MAVLINK_MSG_ID_ADSB_VEHICLE in self.rates_hz
 
     @property
     def missing_telemetry(self) -> str | None:
@@ -157,6 +182,11 @@ class LinkedAdapter(ABC):
             self._asked_after = telemetry.restarts
             for message_id, rate_hz in self.rates_hz.items():
                 self._message_intervals.queue(_interval(message_id, rate_hz))
+            self._asked_adsb_s = now_s
+        seen_s = self._reader.seen_s
+        if self.asks_for_others and math.isfinite(seen_s) and now_s - max(self._asked_adsb_s, seen_s) >= ASK_AGAIN_S:
+            self._asked_adsb_s = now_s
+            self._message_intervals.queue(_adsb())
         frames = [self._pack(message) for message in self._message_intervals.due(now_s, self._system_id)]
         return frames + [self._pack(request(name, self._system_id)) for name in self.parameters.due(now_s)]
 
@@ -248,6 +278,10 @@ def is_usable(setpoint: Setpoint, convergence_rad: float) -> bool:
 def milliseconds(now_s: float) -> int:
     """Return a time in milliseconds, wrapped to the 32 bits of a setpoint's time_boot_ms."""
     return int(now_s * 1000.0) % _UINT32
+
+
+def _adsb() -> Command:
+    return _interval(common.MAVLINK_MSG_ID_ADSB_VEHICLE, ADSB_RATE_HZ)
 
 
 def _interval(message_id: int, rate_hz: float) -> Command:

@@ -5,32 +5,43 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from companion.autopilot.parameters import Told
+
 
 @dataclass(frozen=True)
 class ParameterCheck:
-    """The values allowed for one parameter (by its first name in `Wanted`), the reason, and the remedy."""
+    """The values allowed for one parameter (by its first name in `Wanted`, in that name's unit), reason and remedy."""
 
     name: str
     why: str
-    remedy: str
+    best: float
+    """The value that a person is told to set."""
     least: float = -math.inf
     greatest: float = math.inf
     allowed: tuple[float, ...] = ()
     """The only allowed values; if empty, `least` and `greatest` bound the value."""
     when_fenced: bool = False
     """Whether the check applies only to a vehicle whose companion has a fence or exclusions."""
+    further: str = ""
+    """What the remedy says after the value, beginning with a space."""
+    when_told: bool = False
+    """Whether the check applies only to a vehicle that has the parameter: some versions do not."""
 
     def met_by(self, value: float) -> bool:
         """Return whether a value is allowed."""
         return value in self.allowed if self.allowed else self.least <= value <= self.greatest
 
-    @property
-    def words(self) -> str:
-        """The allowed values in words, for messages."""
+    def words(self, told: Told) -> str:
+        """Return the allowed values in words and in the unit that the vehicle uses."""
         if self.allowed:
-            return " or ".join(f"{value:g}" for value in self.allowed)
+            return " or ".join(f"{told.in_its_unit(value):g}" for value in self.allowed)
+        least, greatest = told.in_its_unit(self.least), told.in_its_unit(self.greatest)
         if self.least == -math.inf:
-            return f"at most {self.greatest:g}"
+            return f"at most {greatest:g}"
         if self.greatest == math.inf:
-            return f"at least {self.least:g}"
-        return f"{self.least:g} to {self.greatest:g}"
+            return f"at least {least:g}"
+        return f"{least:g} to {greatest:g}"
+
+    def remedy(self, told: Told) -> str:
+        """Return what to set, by the name and in the unit that the vehicle uses: in another it would be dangerous."""
+        return f"set {told.name} to {told.in_its_unit(self.best):g}{self.further}"

@@ -10,6 +10,7 @@ import math
 import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common
 
@@ -45,11 +46,39 @@ class Wanted:
     default: float
     others: tuple[tuple[str, float], ...] = ()
     """The parameter's names in other versions, each with the factor that converts its value to that of `name`."""
+    least: float = -math.inf
+    greatest: float = math.inf
+    """The sane values, in the unit of `name`: a value outside is told to the person and never reckoned with."""
+    optional: bool = False
+    """Whether only some vehicles have it: nobody waits for it, and a vehicle that does not tell it lacks it."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """All names of the parameter, the first name first."""
         return (self.name, *(name for name, _ in self.others))
+
+    def is_sane(self, value: float) -> bool:
+        """Return whether a value, in the unit of `name`, is one that a vehicle can have."""
+        return math.isfinite(value) and self.least <= value <= self.greatest
+
+
+class Told(NamedTuple):
+    """A parameter as one vehicle calls it."""
+
+    name: str
+    """Its name in the vehicle's firmware."""
+    value: float
+    """Its value in the unit of that name."""
+    factor: float
+    """Factor that converts the value to the unit of the first name in `Wanted`."""
+
+    def __str__(self) -> str:
+        """Return name and value, as messages say them."""
+        return f"{self.name} {self.value:g}"
+
+    def in_its_unit(self, value: float) -> float:
+        """Return in the unit of this name a value given in the unit of the first name."""
+        return value / self.factor
 
 
 class ParameterReader:
@@ -57,14 +86,15 @@ class ParameterReader:
 
     def __init__(self, wanted: Iterable[Wanted], bytewise: bool) -> None:
         """Read the wanted parameters; `bytewise` is true for PX4, which writes integers bytewise into the float."""
-        self._wanted = tuple(wanted)
+        self._wanted = {one.name: one for one in wanted}
         self._bytewise = bytewise
-        self._meanings = {one.name: (one.name, 1.0) for one in self._wanted}
-        for one in self._wanted:
+        self._meanings = {one.name: (one.name, 1.0) for one in self._wanted.values()}
+        for one in self._wanted.values():
             self._meanings.update({name: (one.name, factor) for name, factor in one.others})
-        self._defaults = {one.name: one.default for one in self._wanted}
-        self._told: dict[str, float] = {}
-        self._tries = dict.fromkeys(self._defaults, 0)
+        self._demanded = tuple(one.name for one in self._wanted.values() if not one.optional)
+        self._told: dict[str, Told] = {}
+        self._insane: dict[str, str] = {}
+        self._tries = dict.fromkeys(self._wanted, 0)
         self._answered: set[str] = set()
         self._asked_s: dict[str, float] = {}
         self._next_s = -math.inf
@@ -72,43 +102,70 @@ class ParameterReader:
 
     @property
     def values(self) -> Mapping[str, float]:
-        """The values that the autopilot sent, by the first name of each parameter."""
-        return self._told
+        """The finite values that the autopilot sent, by the first name of each parameter and in that name's unit."""
+        return {name: told.value * told.factor for name, told in self._told.items()}
 
     @property
     def all_known(self) -> bool:
-        """Whether each parameter was received, or requested TRIES times in vain."""
-        return self._given_up or len(self._told) == len(self._defaults)
+        """Whether each parameter that is not optional was received, or requested TRIES times in vain."""
+        return self._given_up or all(name in self._told for name in self._demanded)
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """The first names of the parameters that the autopilot has not sent."""
-        return tuple(name for name in self._defaults if name not in self._told)
+        """The first names of the parameters that are not optional and that the autopilot has not sent."""
+        return tuple(name for name in self._demanded if name not in self._told)
+
+    @property
+    def insane(self) -> tuple[str, ...]:
+        """What is wrong with the values that no vehicle can have, one sentence each, by the name that was heard."""
+        return tuple(self._insane.values())
 
     def value(self, name: str) -> float:
-        """Return the value of a parameter (by its first name) as received, or else its documented default."""
-        return self._told.get(name, self._defaults[name])
+        """Return a parameter's value by its first name; its default if it was not received or is not sane."""
+        one = self._wanted[name]
+        told = self._told.get(name)
+        value = one.default if told is None else told.value * told.factor
+        return value if one.is_sane(value) else one.default
+
+    def heard(self, name: str) -> bool:
+        """Return whether the autopilot sent a sane value of a parameter, by its first name."""
+        return name in self._told and name not in self._insane
+
+    def told_as(self, name: str) -> Told:
+        """Return a parameter, by its first name, as the vehicle calls it; as its first name if it was not received."""
+        return self._told.get(name) or Told(name, self._wanted[name].default, 1.0)
+
+    def other_names(self, name: str) -> tuple[tuple[str, float], ...]:
+        """Return the names of a parameter in other versions with their factors, as in `Wanted`."""
+        return self._wanted[name].others
 
     def restart(self) -> None:
         """Request all parameters again after the autopilot has restarted; earlier values are used until it answers."""
-        self._tries = dict.fromkeys(self._defaults, 0)
+        self._tries = dict.fromkeys(self._wanted, 0)
         self._answered.clear()
         self._asked_s.clear()
 
     def take(self, message: Message) -> None:
-        """Store a PARAM_VALUE, requested or not; unknown parameters and values that are not finite are ignored."""
-        name, factor = self._meanings.get(message.param_id.rstrip("\0"), (None, 0.0))
-        value = _value(message, self._bytewise)
-        if name is not None and math.isfinite(value):
-            self._told[name] = value * factor
+        """Store a PARAM_VALUE, requested or not; an unknown parameter is ignored, a value that is not sane is named."""
+        heard = message.param_id.rstrip("\0")
+        name, factor = self._meanings.get(heard, (None, 0.0))
+        if name is None:
+            return
+        one, value = self._wanted[name], _value(message, self._bytewise)
+        self._insane.pop(name, None)
+        if not one.is_sane(value * factor) and (one.least, one.greatest) != (-math.inf, math.inf):
+            sane = f"{one.least / factor:g} to {one.greatest / factor:g}"
+            self._insane[name] = f"{heard} {value:g} is not a sane value ({sane})"
+        if math.isfinite(value):
+            self._told[name] = Told(heard, value, factor)
             self._answered.add(name)
 
     def due(self, now_s: float) -> list[str]:
         """Return the names to request now, all names of each parameter that is due."""
         if now_s < self._next_s:
             return []
-        self._given_up = self._given_up or all(self._spent(name, now_s) for name in self._defaults)
-        waiting = [one for one in self._wanted if self._may_ask(one.name, now_s)][:REQUESTS_AT_ONCE]
+        self._given_up = self._given_up or all(self._spent(name, now_s) for name in self._demanded)
+        waiting = [one for one in self._wanted.values() if self._may_ask(one.name, now_s)][:REQUESTS_AT_ONCE]
         for one in waiting:
             self._tries[one.name] += 1
             self._asked_s[one.name] = now_s

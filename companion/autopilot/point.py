@@ -18,6 +18,8 @@ class PointAdapter:
     steerable = True
     refusal: str | None = None
     missing_telemetry: str | None = None
+    sees_others: bool | None = True
+    asks_for_others = False
     abilities = Abilities()
     parameters_known = True
 

@@ -21,12 +21,14 @@ WANTED = (
     Wanted("COM_OF_LOSS_T", 1.0),
     Wanted("COM_OBL_RC_ACT", 0.0),
     Wanted("GF_ACTION", 2.0),
+    # In PX4 1.12 and 1.13 alone, beside COM_OBL_RC_ACT.
+    Wanted("COM_OBL_ACT", 0.0, optional=True),
 )
 PARAMETER_CHECKS = (
     ParameterCheck(
         "COM_OF_LOSS_T",
         "so long after its companion died the vehicle flies on by the last setpoint",
-        "set COM_OF_LOSS_T to 1",
+        1.0,
         # Longer than STREAM_GAP_S, the gap after which the companion itself counts its stream as ended.
         0.8,
         1.0,
@@ -34,14 +36,22 @@ PARAMETER_CHECKS = (
     ParameterCheck(
         "COM_OBL_RC_ACT",
         "only 5 (Hold) keeps place and height when the stream ends; 0 drifts and sinks, or flies straight on",
-        "set COM_OBL_RC_ACT to 5",
+        5.0,
         allowed=(5.0,),
+    ),
+    ParameterCheck(
+        "COM_OBL_ACT",
+        "without radio control it counts instead of COM_OBL_RC_ACT, and only 1 (Hold) keeps place and height",
+        1.0,
+        allowed=(1.0,),
+        when_told=True,
     ),
     ParameterCheck(
         "GF_ACTION",
         "the autopilot's own fence holds when the companion is dead",
-        "set GF_ACTION to 2 (Hold) or 3 (Return) and upload the fence",
+        2.0,
         allowed=(2.0, 3.0, 5.0),
         when_fenced=True,
+        further=" (Hold) or 3 (Return) and upload the fence",
     ),
 )

@@ -29,11 +29,22 @@ SPEED_SHARE = 0.85
 TRACKING_M = 1.5
 """Distance within which the vehicle stays of its path with REACTION_S, at 5 and 10 m/s; measured like REACTION_S."""
 
-WANTED = (*px4.WANTED, Wanted("MPC_ACC_HOR", 3.0), Wanted("MPC_XY_VEL_MAX", 12.0))
+DRAG_UNKNOWN = "not told by its parameters"
+"""Why a vehicle's greatest airspeed is not known: PX4 has no parameter of a real vehicle's drag."""
+
+WANTED = (
+    *px4.WANTED,
+    Wanted("MPC_ACC_HOR", 3.0, least=0.3, greatest=30.0),
+    Wanted("MPC_XY_VEL_MAX", 12.0, least=0.5, greatest=60.0),
+    Wanted("MPC_TILTMAX_AIR", 45.0, least=5.0, greatest=89.0, optional=True),
+    # Of PX4's own simulator alone: the drag, N per m/s, and the mass, kg.
+    Wanted("SIH_KDV", 1.0, least=0.0, greatest=100.0, optional=True),
+    Wanted("SIH_MASS", 1.0, least=0.01, greatest=1000.0, optional=True),
+)
 PARAMETER_CHECKS = (
     *px4.PARAMETER_CHECKS,
-    ParameterCheck("MPC_ACC_HOR", "it bounds how fast the copter turns and stops", "set MPC_ACC_HOR to 3", 1.0, 10.0),
-    ParameterCheck("MPC_XY_VEL_MAX", "it bounds the speed of the copter", "set MPC_XY_VEL_MAX to 12", 2.0, 20.0),
+    ParameterCheck("MPC_ACC_HOR", "it bounds how fast the copter turns and stops", 3.0, 1.0, 10.0),
+    ParameterCheck("MPC_XY_VEL_MAX", "it bounds the speed of the copter", 12.0, 2.0, 20.0),
 )
 
 
@@ -49,16 +60,33 @@ class Px4CopterAdapter(VelocityAdapter):
 
     @property
     def abilities(self) -> Abilities:
-        """The performance limits that follow from MPC_ACC_HOR and MPC_XY_VEL_MAX."""
-        acceleration_m_s2 = max(self.parameters.value("MPC_ACC_HOR"), 0.1)
+        """The performance limits that follow from MPC_ACC_HOR and MPC_XY_VEL_MAX; the airspeed in PX4's simulator."""
+        acceleration_m_s2 = self.parameters.value("MPC_ACC_HOR")
+        airspeed_m_s, by = self._airspeed()
         return Abilities(
-            speed_max_m_s=SPEED_SHARE * max(self.parameters.value("MPC_XY_VEL_MAX"), 0.1),
+            speed_max_m_s=SPEED_SHARE * self.parameters.value("MPC_XY_VEL_MAX"),
+            airspeed_max_m_s=airspeed_m_s,
+            airspeed_by=by,
             n_max=TURN_SHARE * acceleration_m_s2 / GRAVITY_M_S2,
             reaction_s=REACTION_S,
             braking_m_s2=BRAKING_SHARE * acceleration_m_s2,
             tracking_m=TRACKING_M,
             assumed=tuple(name for name in self.parameters.assumed if name.startswith("MPC_")),
+            insane=self.parameters.insane,
         )
+
+    def _airspeed(self) -> tuple[float, str]:
+        """Return the greatest airspeed and what it follows from; inf for a vehicle whose drag is not known.
+
+        MPC_XY_VEL_MAX does not bound it: that limits the speed over the ground, whatever the wind.
+        """
+        parameters = self.parameters
+        drag = parameters.value("SIH_KDV")
+        if not parameters.heard("SIH_KDV") or drag == 0.0:
+            return math.inf, DRAG_UNKNOWN
+        tilt_rad = math.radians(parameters.value("MPC_TILTMAX_AIR"))
+        names = (parameters.told_as(name) for name in ("MPC_TILTMAX_AIR", "SIH_KDV", "SIH_MASS"))
+        return parameters.value("SIH_MASS") * GRAVITY_M_S2 * math.tan(tilt_rad) / drag, ", ".join(map(str, names))
 
     def hold(self, now_s: float) -> list[bytes]:
         """Return a setpoint of zero velocity with the present yaw; no frames until the yaw is known."""

@@ -11,6 +11,7 @@ import math
 
 from companion.autopilot import px4
 from companion.autopilot.adapter import Abilities
+from companion.autopilot.air import AirDensity
 from companion.autopilot.course import CourseRamp
 from companion.autopilot.heartbeat import PX4_PLANE
 from companion.autopilot.linked import LinkedAdapter, is_usable
@@ -43,11 +44,15 @@ BANK_SHARE = 0.7
 TRACKING_M = 2.0
 """Distance within which the vehicle stays of its path with REACTION_S; measured like REACTION_S."""
 
-WANTED = (*px4.WANTED, Wanted("FW_AIRSPD_TRIM", 15.0), Wanted("FW_R_LIM", 50.0))
+WANTED = (
+    *px4.WANTED,
+    Wanted("FW_AIRSPD_TRIM", 15.0, least=5.0, greatest=60.0),
+    Wanted("FW_R_LIM", 50.0, least=10.0, greatest=85.0),
+)
 PARAMETER_CHECKS = (
     *px4.PARAMETER_CHECKS,
-    ParameterCheck("FW_AIRSPD_TRIM", "it is the speed, whatever is asked for", "set FW_AIRSPD_TRIM to 15", 8.0, 40.0),
-    ParameterCheck("FW_R_LIM", "it bounds how fast the plane turns", "set FW_R_LIM to 50", 30.0, 65.0),
+    ParameterCheck("FW_AIRSPD_TRIM", "it is the speed, whatever is asked for", 15.0, 8.0, 40.0),
+    ParameterCheck("FW_R_LIM", "it bounds how fast the plane turns", 50.0, 30.0, 65.0),
 )
 
 
@@ -63,19 +68,23 @@ class Px4PlaneAdapter(LinkedAdapter):
         """Listen to the autopilot of this system id; None for whichever is heard first."""
         super().__init__(system_id)
         self._ramp = CourseRamp()
+        self._air = AirDensity()
 
     @property
     def abilities(self) -> Abilities:
-        """The performance limits that follow from FW_AIRSPD_TRIM and FW_R_LIM."""
-        speed_m_s = max(self.parameters.value("FW_AIRSPD_TRIM"), 1.0)
-        bank_rad = math.radians(min(max(self.parameters.value("FW_R_LIM"), 5.0), 65.0))
+        """The performance limits that follow from FW_AIRSPD_TRIM, a calibrated airspeed, and FW_R_LIM."""
+        speed_m_s = self._air.ratio * self.parameters.value("FW_AIRSPD_TRIM")
+        bank_rad = math.radians(min(self.parameters.value("FW_R_LIM"), 65.0))
         return Abilities(
             speed_min_m_s=speed_m_s,
             speed_max_m_s=speed_m_s,
+            airspeed_max_m_s=speed_m_s,
+            airspeed_by=str(self.parameters.told_as("FW_AIRSPD_TRIM")),
             n_max=min(N_MAX, BANK_SHARE * math.tan(bank_rad)),
             reaction_s=REACTION_S,
             tracking_m=TRACKING_M,
             assumed=tuple(name for name in self.parameters.assumed if name.startswith("FW_")),
+            insane=self.parameters.insane,
         )
 
     @property
@@ -88,6 +97,7 @@ class Px4PlaneAdapter(LinkedAdapter):
         present_rad = self._course_rad()
         if present_rad is None or not is_usable(setpoint, convergence_rad):
             return []
+        self._air.engage()
         abilities = self.abilities
         course_rad, rate_rad_s = self._ramp.towards(
             setpoint.heading_rad + convergence_rad,
@@ -112,6 +122,12 @@ class Px4PlaneAdapter(LinkedAdapter):
         """Forget the course of the engagement that ended."""
         super().release()
         self._ramp.release()
+        self._air.release()
+
+    def receive(self, datagram: bytes, now_s: float) -> None:
+        """Process bytes from the autopilot link, and note how dense the air is where the plane flies."""
+        super().receive(datagram, now_s)
+        self._air.note(self.telemetry.altitude_m)
 
     def _course(self, course_rad: float, height_m: float, now_s: float) -> list[bytes]:
         telemetry = self.telemetry

@@ -157,6 +157,38 @@ def parse_yaml(text: str, source: str) -> object:
     return data
 
 
+def with_numbers(text: str, section: str, values: Mapping[str, float], source: str) -> str:
+    """Return a YAML document with numbers set in one of its sections, and everything else as it was.
+
+    Comments and layout stay. A key that is not there goes before the section's others, a section after the document.
+
+    Raises:
+        InputError: not YAML, or the section is no mapping of its own.
+
+    """
+    parse_yaml(text, source)
+    top = yaml.compose(text, Loader=_Loader)
+    assert isinstance(top, yaml.MappingNode)
+    found = next((value for key, value in top.value if key.value == section), None)
+    if found is None:
+        inner = ", ".join(f"{key}: {value:g}" for key, value in values.items())
+        return f"{text.rstrip()}\n{section}: {{{inner}}}\n"
+    if not isinstance(found, yaml.MappingNode) or not found.value:
+        raise InputError(f"{source}: {section}: not a mapping that numbers can be written into")
+    present = {key.value: value for key, value in found.value}
+    first = found.value[0][0].start_mark
+    between = ", " if found.flow_style else "\n" + " " * first.column
+    edits = [
+        (present[key].start_mark.index, present[key].end_mark.index, f"{value:g}")
+        if key in present
+        else (first.index, first.index, f"{key}: {value:g}{between}")
+        for key, value in values.items()
+    ]
+    for start, end, written in sorted(edits, reverse=True):
+        text = text[:start] + written + text[end:]
+    return text
+
+
 def validated(model: type[SectionT], data: object, source: str) -> SectionT:
     """Return parsed data as a model; raise InputError, naming `source`, with the first fault on one line."""
     try:

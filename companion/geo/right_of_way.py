@@ -138,6 +138,42 @@ def least_detector_range_m(rules: Rules, dt_s: float) -> float:
     return least_spacing_m(rules, dt_s) + 2.0 * cruise_m_s * dt_s
 
 
+def growth_m(speed_m_s: float, age_s: float, moving_told: bool, rules: Rules, dt_s: float) -> float:
+    """Return how far what a vehicle reserves may lie off where a word of an age puts it, m (docs/separation.md).
+
+    The word puts a vehicle that can stop on the way that it flew at `speed_m_s` for its age, and then to a stop; any
+    other on the circle to the right at the end of that way. Without a told velocity (`moving_told`) it stands there. A
+    word of now needs no growth.
+    """
+    if age_s <= 0.0:
+        return 0.0
+    quickest = max(speed_m_s, rules.speed_m_s)
+    sideways = rules.n_max * GRAVITY_M_S2
+    if not rules.can_stop:
+        if not moving_told:
+            return quickest * age_s + 2.0 * circle(quickest, rules, dt_s)[1]
+        # A circle's centre moves at up to twice the speed, to a left turn; where it is carried on, at the speed.
+        return speed_m_s * age_s + min(0.5 * sideways * age_s, 2.0 * speed_m_s) * age_s
+    most_m = quickest * age_s + way_to_stop_m(quickest, rules)
+    if not moving_told:
+        return most_m
+    braking = braking_m_s2(rules)
+    gained_m_s = min(quickest - speed_m_s, SPEED_UP_SHARE * braking * age_s)
+    gaining_s = gained_m_s / (SPEED_UP_SHARE * braking)
+    ahead_m = gained_m_s * (age_s - 0.5 * gaining_s)
+    ahead_m += way_to_stop_m(speed_m_s + gained_m_s, rules) - way_to_stop_m(speed_m_s, rules)
+    aside_m = 0.5 * sideways * age_s * (age_s + (speed_m_s + gained_m_s) / braking)
+    return min(ahead_m + aside_m, most_m)
+
+
+def greatest_growth_m(rules: Rules, dt_s: float) -> float:
+    """Return the growth from which on a word of another vehicle is too old to promise anything by, m.
+
+    It is the interaction radius: beyond that a word would forbid more than the other vehicle itself could.
+    """
+    return interaction_radius_m(rules, dt_s)
+
+
 def reserved_gap_m(first: Motion, second: Motion, rules: Rules, dt_s: float) -> float:
     """Return the distance between what two vehicles reserve, m; below 0 the rule cannot promise to keep them apart.
 

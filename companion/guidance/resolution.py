@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,11 +26,23 @@ Arc = tuple[float, float]
 
 
 class Peers(NamedTuple):
-    """The other aircraft that the vehicle's own detector shows."""
+    """The other aircraft, each as last seen or told, and how old and how uncertain that is."""
 
     places_ned_m: np.ndarray  # (P, 2) m
     velocities_m_s: np.ndarray  # (P, 2) m/s, over ground
     strangers: np.ndarray | None = None  # (P,) bool, who is not of the fleet and keeps to no rule; None: nobody
+    ages_s: np.ndarray | None = None  # (P,) s, how long ago each was there; None: all are there now
+    growths_m: np.ndarray | None = None  # (P,) m, how far what it reserves may lie off since; None: nowhere
+
+    def rows(self) -> Iterator[tuple[complex, complex, float, float]]:
+        """Yield the place, m, the velocity, m/s, the age, s, and the growth, m, of each; north is the real part."""
+        count = len(self.places_ned_m)
+        ages_s = [0.0] * count if self.ages_s is None else self.ages_s.tolist()
+        growths_m = [0.0] * count if self.growths_m is None else self.growths_m.tolist()
+        # Plain floats: for the dozens of peers that a detector shows this is faster than a dozen array operations.
+        places, velocities = self.places_ned_m.tolist(), self.velocities_m_s.tolist()
+        for place, velocity, age_s, growth_m in zip(places, velocities, ages_s, growths_m, strict=True):
+            yield complex(*place), complex(*velocity), age_s, growth_m
 
 
 class AtEffect(NamedTuple):

@@ -120,12 +120,13 @@ def evading(start: Start, peers: Peers) -> Resolution | None:
     kept_m = EVADING_SHARE * (rules.separation_m + 2.0 * rules.position_error_m)
     for peer in np.flatnonzero(peers.strangers).tolist():
         north_m_s, east_m_s = peers.velocities_m_s[peer].tolist()
+        age_s = 0.0 if peers.ages_s is None else float(peers.ages_s[peer])
         speed_m_s = math.hypot(north_m_s, east_m_s)
         if speed_m_s < STANDING_M_S:
             continue
         ahead = (north_m_s / speed_m_s, east_m_s / speed_m_s)
-        north_m = motion.north_m - float(peers.places_ned_m[peer, 0])
-        east_m = motion.east_m - float(peers.places_ned_m[peer, 1])
+        north_m = motion.north_m - float(peers.places_ned_m[peer, 0]) - north_m_s * age_s
+        east_m = motion.east_m - float(peers.places_ned_m[peer, 1]) - east_m_s * age_s
         along_m = north_m * ahead[0] + east_m * ahead[1]
         right_m = east_m * ahead[0] - north_m * ahead[1]
         # To get out of the way takes the time to gather speed, which is about that to a stop, and the way itself.
@@ -161,18 +162,18 @@ def _bands(start: Start, peers: Peers, part: float) -> list[_Band]:
         return []
     reach_m = interaction_radius_m(rules, dt_s) + way_to_stop_m(rules.speed_m_s, rules) / LEAST_PART
     here = complex(motion.north_m, motion.east_m)
-    apart_m = np.hypot(peers.places_ned_m[:, 0] - motion.north_m, peers.places_ned_m[:, 1] - motion.east_m)
-    near = np.flatnonzero(apart_m < reach_m).tolist()
     ours = _way(motion.speed_m_s, complex(math.cos(motion.heading_rad), math.sin(motion.heading_rad)), rules)
     kept_m = rules.separation_m + 2.0 * rules.position_error_m + way_width_m(motion.speed_m_s, rules)
     bands = []
-    for peer in near:
-        place = complex(*peers.places_ned_m[peer].tolist()) - here
-        velocity = complex(*peers.velocities_m_s[peer].tolist())
+    for peer, (there, velocity, age_s, growth_m) in enumerate(peers.rows()):
+        place = there - here
         speed_m_s = abs(velocity)
-        theirs = _way(speed_m_s, velocity / speed_m_s if speed_m_s > 0.0 else 1.0 + 0.0j, rules)
+        if abs(place) >= reach_m + speed_m_s * age_s + growth_m:
+            continue
+        # It may have braked since, or flown on and not brake before now.
+        theirs = _way(speed_m_s, velocity / speed_m_s if speed_m_s > 0.0 else 1.0 + 0.0j, rules) + velocity * age_s
         across = _between(ours, place, theirs) or place
-        gap_m = abs(across) - kept_m - way_width_m(speed_m_s, rules)
+        gap_m = abs(across) - kept_m - growth_m - way_width_m(speed_m_s, rules)
         axis = across / (abs(across) or 1.0)
         ahead_m = max(0.0, ours.real * axis.real + ours.imag * axis.imag)
         bands.append(_Band(math.atan2(axis.imag, axis.real), ahead_m, max(part * gap_m, 0.0), peer))

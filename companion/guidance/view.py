@@ -14,6 +14,31 @@ def _no_rows() -> np.ndarray:  # (0, 2)
     return np.zeros((0, 2))
 
 
+def _no_ids() -> np.ndarray:  # (0,)
+    return np.zeros(0, dtype=int)
+
+
+def _nothing() -> np.ndarray:  # (0,)
+    return np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Others:
+    """The other aircraft as they were last known: first those that the own detector shows, then those told.
+
+    Of an agent that is both seen and told only what is seen is here.
+    """
+
+    ids: np.ndarray = field(default_factory=_no_ids)  # (Q,) int, NOBODY for one that is not a known agent
+    places_ned_m: np.ndarray = field(default_factory=_no_rows)  # (Q, 2) m, when they were known
+    velocities_m_s: np.ndarray = field(default_factory=_no_rows)  # (Q, 2) m/s, zero where none was told
+    ages_s: np.ndarray = field(default_factory=_nothing)  # (Q,) s, since place and velocity were both true
+    moving_told: np.ndarray = field(default_factory=_nothing)  # (Q,) bool, whether a velocity was told
+    rounding_m: np.ndarray = field(default_factory=_nothing)  # (Q,) m, greatest error of a place by the wire's rounding
+    seen: int = 0
+    """How many of them, the first ones, the own detector shows."""
+
+
 @dataclass(frozen=True)
 class View:
     """The world model at one moment, as arrays for the guidance law."""
@@ -36,6 +61,8 @@ class View:
     """(C, 2) m, targets assigned to other agents, which a vehicle that loiters leaves room to reach."""
     traffic_ned_m: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m, all detected aircraft
     traffic_velocity_m_s: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m/s
+    others: Others = field(default_factory=Others)
+    """Everybody who may count to the right of way."""
     unit_m: float = 0.0
     """Unit of the threats' places and radii as they were told, m."""
     whole: bool = True
@@ -55,3 +82,5 @@ class Traffic:
     """Its agent id; None for an aircraft that is not of the fleet."""
     position_ned_m: tuple[float, float]
     velocity_m_s: tuple[float, float]
+    age_s: float = 0.0
+    """Time since it was seen; its position is that of then, carried on by its velocity."""

@@ -66,6 +66,8 @@ SpeedBound = Annotated[float, Field(ge=0, le=MAX_SPEED_M_S)]
 Height = Annotated[float, Field(ge=0, le=MAX_HEIGHT_M)]
 Level = Annotated[float, Field(ge=MIN_LEVEL_M, le=MAX_LEVEL_M)]
 SwitchingShare = Annotated[float, Field(ge=0, lt=1)]
+DetectorName = Literal["adsb", "broadcast", "none"]
+"""Senses of other vehicles: an ADS-B receiver beside the broadcast, the broadcast alone, none."""
 Identity = Annotated[int, Field(ge=1, le=MAX_ID)]
 Count = Annotated[int, Field(ge=0, le=MAX_ITEMS)]
 
@@ -338,6 +340,8 @@ class Mission(Section):
     assignment_period_s: Period = 25.0
     arrival_radius_m: Positive = 300.0
     separation_m: Positive = 100.0
+    detector: DetectorName = "adsb"
+    """Which sense of one another the agents have: an ADS-B receiver each, the broadcast's word alone, or none."""
     detector_range_m: NotNegative = 2_000.0
     heading_hold_s: Period = 5.0
     lost_after_s: Positive = 30.0

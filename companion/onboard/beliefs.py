@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.protocol.codec import (
     AgentEntry,
@@ -17,6 +18,9 @@ from companion.protocol.codec import (
     ThreatEntry,
 )
 
+STANDING_M_S = 0.5
+"""Speed below which an agent that is told without a heading stands still (on the wire 0, or hardly more)."""
+
 
 @dataclass(frozen=True)
 class Heard:
@@ -27,6 +31,13 @@ class Heard:
     """Epoch and sequence of the broadcast."""
 
 
+class ToldMotion(NamedTuple):
+    """The velocity of an agent as told, and when that was true by this vehicle's clock."""
+
+    velocity_m_s: tuple[float, float]
+    true_at_s: float
+
+
 class Beliefs:
     """The newest entry heard of each agent, target and threat, by id; velocities and bands are told by other frames."""
 
@@ -34,7 +45,7 @@ class Beliefs:
         self.agents: dict[int, tuple[AgentEntry, Heard]] = {}
         self.targets: dict[int, tuple[TargetEntry, Heard]] = {}
         self.threats: dict[int, tuple[ThreatEntry, Heard]] = {}
-        self.agent_velocities_m_s: dict[int, tuple[float, float]] = {}
+        self.agent_motions: dict[int, ToldMotion] = {}
         self.threat_velocities_m_s: dict[int, tuple[float, float]] = {}
         self.unit_m = 0.0
         """Unit of the places in the newest frame."""
@@ -80,17 +91,16 @@ class Beliefs:
             threat = known[0]
         self.threats[threat.id] = (threat, heard)
 
-    def take_motion(self, frame: MotionFrame) -> None:
-        """Take the velocities of agents and threats."""
+    def take_motion(self, frame: MotionFrame, true_at_s: float) -> None:
+        """Take the velocities of agents and threats from a frame that was true at a time by this vehicle's clock."""
         for agent in frame.agents:
-            if agent.heading_rad is None:
-                # It stands still, or its heading is not known: its velocity of before is no better guess than none.
-                self.agent_velocities_m_s.pop(agent.id, None)
-            else:
-                self.agent_velocities_m_s[agent.id] = (
-                    agent.speed_m_s * math.cos(agent.heading_rad),
-                    agent.speed_m_s * math.sin(agent.heading_rad),
-                )
+            if agent.heading_rad is None and agent.speed_m_s >= STANDING_M_S:
+                # It goes anywhere: its velocity of before is no better guess than none.
+                self.agent_motions.pop(agent.id, None)
+                continue
+            heading_rad = agent.heading_rad or 0.0
+            velocity_m_s = (agent.speed_m_s * math.cos(heading_rad), agent.speed_m_s * math.sin(heading_rad))
+            self.agent_motions[agent.id] = ToldMotion(velocity_m_s, true_at_s - agent.age_s)
         for threat in frame.threats:
             self.threat_velocities_m_s[threat.id] = (threat.velocity_north_m_s, threat.velocity_east_m_s)
 
@@ -103,8 +113,8 @@ class Beliefs:
         for known in (self.agents, self.targets):
             for identity in [key for key, (_, heard) in known.items() if is_gone(heard)]:
                 del known[identity]
-        for identity in self.agent_velocities_m_s.keys() - self.agents.keys():
-            del self.agent_velocities_m_s[identity]
+        for identity in self.agent_motions.keys() - self.agents.keys():
+            del self.agent_motions[identity]
 
     def forget_threats(self, stays: Callable[[int], bool]) -> None:
         """Forget the threats that do not stay, by id, and velocities and bands of those not known any more."""

@@ -16,6 +16,7 @@ from companion.guidance.settings import DEFAULT_LAW, LawName, SurrogateName
 from companion.mission.model import (
     MAX_ITEMS,
     CostWeights,
+    DetectorName,
     Identity,
     Mission,
     NotNegative,
@@ -47,6 +48,9 @@ class AutopilotSection(Section):
     """File that tells a restarted companion who controlled the vehicle."""
     clear: Literal["disarm", "signal"] = "disarm"
     """What clears a take-over of a PX4: disarming only, or also the signal SIGUSR1 to the program."""
+    below_height: Literal["say", "climb"] = "say"
+    """What is done when a vehicle is handed over below `limits.height_min_m`: say what the person must do, or climb
+    straight up to it where it stands (vehicles that can stop)."""
 
     @model_validator(mode="after")
     def _known(self) -> Self:
@@ -55,6 +59,8 @@ class AutopilotSection(Section):
             raise ValueError(f"kind: '{self.kind}'{hint}; allowed: {', '.join(KINDS)}")
         if self.offboard == "direct" and self.kind != "px4-copter":
             raise ValueError(f"offboard: 'direct' with kind '{self.kind}'; allowed: only with px4-copter")
+        if self.below_height == "climb" and not KINDS[self.kind].can_stop:
+            raise ValueError(f"below_height: 'climb' with kind '{self.kind}'; allowed: say, for it cannot stop")
         _checked_link(self.link)
         return self
 
@@ -136,6 +142,8 @@ class LimitsSection(Section):
     """Turn rate that the vehicle achieves, as a share of n_max g/v."""
     wind_m_s: NotNegative = 0.0
     """The strongest wind, gusts included, in which the guard must still keep the vehicle out of the discs."""
+    airspeed_max_m_s: Positive | None = None
+    """Greatest airspeed that the vehicle was measured to reach; None: what its parameters tell."""
     position_error_m: NotNegative = 0.0
     """Greatest distance between the vehicle's true and reported position."""
     fence: Polygon | None = None
@@ -221,6 +229,9 @@ class Config(Section):
     """Age above which another agent's broadcast position is ignored."""
     vertical_separation_m: NotNegative = 0.0
     """Difference in height from which neighbours are ignored; 0: neighbours at any height count."""
+    detector: DetectorName = "adsb"
+    """By what the right of way knows the others: what the autopilot reports of them and, of those that it does not
+    show, the broadcast; the broadcast alone; or nothing at all."""
     detector_range_m: NotNegative = 2_000.0
     """Distance within which the neighbours that the autopilot reports (ADSB_VEHICLE) count."""
     report_period_s: NotNegative = 0.0
@@ -343,6 +354,7 @@ def config_for_agent(mission: Mission, agent_id: int, law: LawName) -> Config:
         guidance_step_s=mission.guidance_step_s,
         range_policy=mission.range_policy,
         peer_memory_s=mission.lost_after_s,
+        detector=mission.detector,
         detector_range_m=mission.detector_range_m,
         report_period_s=mission.report_period_s if mission.case == "II" else 0.0,
         staleness=StalenessSection(

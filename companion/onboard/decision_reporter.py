@@ -9,6 +9,7 @@ from companion.onboard.decision import Decision
 from companion.onboard.flight_log import summary_line
 from companion.onboard.log_folder import LogFolder
 from companion.onboard.output import AutopilotOutput
+from companion.onboard.senses import sense_of_others
 from companion.onboard.statustext import StatusReporter
 from companion.runtime.console import program_logger
 from companion.runtime.systemd import Notifier
@@ -38,6 +39,8 @@ class DecisionReporter:
         self._statustext = _statustext(companion.config)
         is_signed = companion.config.broadcast is None or companion.config.broadcast.trust != "unsigned"
         self._trust = "" if is_signed else ", unsigned"
+        self._sense: str | None = None
+        """What was said last of the vehicle's sense of the others."""
         self._said: set[str] = set()
         """Lines printed for the last decision."""
 
@@ -50,7 +53,7 @@ class DecisionReporter:
         if self._output.waits_for_mavsdk:
             line += ", MAVSDK is not ready yet"
         self._say(line, now_s)
-        self._statustext.note(decision, line)
+        self._statustext.note(decision, line, insists=self._companion.is_waited_for(decision))
         self._send_values(decision, now_s)
         if self._logs.decisions is not None:
             gap_s = self._output.decision_gaps.take_recent_max_s()
@@ -62,13 +65,25 @@ class DecisionReporter:
             self._output.send_status(frame)
 
     def _say(self, line: str, now_s: float) -> None:
-        for news in [*self._monitor.news(now_s), line]:
+        for news in [*self._monitor.news(now_s), *self._sense_news(), line]:
             if news not in self._said:
                 LOGGER.info("%s", news)
                 self._logs.vehicle.tell(now_s, news)
         if self._said != {line}:
             self._notifier.status(line)
         self._said = {line}
+
+    def _sense_news(self) -> list[str]:
+        """Return by what the vehicle knows where the others are, if that changed and enough is known to say it."""
+        companion, adapter = self._companion, self._companion.adapter
+        if not adapter.parameters_known or companion.world_model.origin_deg is None:
+            return []
+        told = companion.world_model.others_told
+        sense = sense_of_others(companion.config, told, adapter.sees_others, adapter.asks_for_others)
+        if sense.words == self._sense:
+            return []
+        self._sense = sense.words
+        return [sense.words if sense.exists else f"warning: {sense.words}"]
 
     def _send_values(self, decision: Decision, now_s: float) -> None:
         if self._statustext.values_due(now_s):

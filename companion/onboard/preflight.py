@@ -9,9 +9,16 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from companion.autopilot.adapter import Abilities
 from companion.autopilot.linked import LinkedAdapter
+from companion.autopilot.parameters import Told
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
-from companion.onboard.config import Config
+from companion.onboard.config import Config, LimitsSection
+from companion.onboard.limits import beyond_airspeed
+from companion.onboard.senses import sense_of_others
+
+ONE_SPEED_SLACK = 0.1
+"""How far the configured speed may be, as a share, from the only speed of a vehicle that cannot change it."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +50,13 @@ def findings(
     return found
 
 
+def finding_on_others(config: Config, adapter: LinkedAdapter, told: tuple[int, int]) -> Finding:
+    """Return which sense of the others the vehicle has; see `senses.sense_of_others` for `told`."""
+    sense = sense_of_others(config, told, adapter.sees_others, adapter.asks_for_others)
+    remedy = "set ADSB_TYPE and reboot, fly in Case I, which tells the places, or set separation by height or time"
+    return Finding(sense.exists or config.detector == "none", sense.words, remedy)
+
+
 def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: float) -> Iterator[Finding]:
     telemetry = adapter.telemetry
     link = config.autopilot.link if config.autopilot else "none"
@@ -60,28 +74,36 @@ def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: f
 
 
 def _demands(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
-    told = adapter.parameters.values
+    parameters = adapter.parameters
+    told = parameters.values
     for demand in adapter.parameter_checks:
         if demand.when_fenced and config.limits.fence is None and not config.limits.exclusions:
             continue
-        if demand.name not in told:
-            yield Finding(False, f"{demand.name}: not told; {demand.why}", f"{demand.remedy}, or check the link")
-        else:
-            value = told[demand.name]
-            words = f"{demand.name}: {value:g}; allowed: {demand.words}; {demand.why}"
-            yield Finding(demand.met_by(value), words, demand.remedy)
+        named = parameters.told_as(demand.name)
+        if demand.name in told:
+            words = f"{named.name}: {named.value:g}; allowed: {demand.words(named)}; {demand.why}"
+            yield Finding(demand.met_by(told[demand.name]), words, demand.remedy(named))
+        elif not demand.when_told:
+            others = [Told(name, math.nan, factor) for name, factor in parameters.other_names(demand.name)]
+            nor = "".join(f", nor {other.name}" for other in others)
+            ways = " (".join([demand.remedy(named), *map(demand.remedy, others)]) + ")" * len(others)
+            yield Finding(False, f"{demand.name}: not told{nor}; {demand.why}", f"{ways}, or check the link")
 
 
 def _abilities(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
     abilities, limits = adapter.abilities, config.limits
+    for words in abilities.insane:
+        yield Finding(False, words, "correct it on the autopilot")
     if abilities.assumed:
         names = ", ".join(abilities.assumed)
         yield Finding(False, f"not told, so assumed: {names}", "check the link; these are the autopilot's defaults")
     low_m_s, high_m_s = abilities.speed_min_m_s, abilities.speed_max_m_s
     # Rounded inwards, so that the advised speed is one that the vehicle can fly.
     span = f"{_rounded(low_m_s, math.ceil)} to {_rounded(high_m_s, math.floor)}"
+    # A vehicle that flies at one speed alone does so whatever is configured: near it is good enough.
+    slack_m_s = ONE_SPEED_SLACK * low_m_s if low_m_s == high_m_s else 0.0
     yield Finding(
-        low_m_s <= limits.speed_m_s <= high_m_s,
+        low_m_s - slack_m_s <= limits.speed_m_s <= high_m_s + slack_m_s,
         f"limits.speed_m_s: {limits.speed_m_s:g}; this vehicle flies {span} m/s",
         f"set limits.speed_m_s within {span}",
     )
@@ -93,6 +115,24 @@ def _abilities(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
         f"limits.wind_m_s: {limits.wind_m_s:g}, below the speed it must fly in",
         "lower limits.wind_m_s, or fly on another day",
     )
+    if adapter.can_stop:
+        yield from _airspeed(limits, abilities)
+
+
+def _airspeed(limits: LimitsSection, abilities: Abilities) -> Iterator[Finding]:
+    """Yield whether a vehicle that is steered over the ground can fly its speed against its wind."""
+    shortage = beyond_airspeed(limits, abilities)
+    if shortage is not None:
+        yield Finding(False, shortage.words, shortage.remedy)
+    elif limits.airspeed_max_m_s is not None or math.isfinite(abilities.airspeed_max_m_s):
+        yield Finding(True, f"limits.speed_m_s + wind_m_s: {limits.speed_m_s + limits.wind_m_s:g} m/s through the air")
+    elif abilities.airspeed_by and limits.wind_m_s > 0.0:
+        needed_m_s = limits.speed_m_s + limits.wind_m_s
+        yield Finding(
+            True,
+            f"limits.speed_m_s + wind_m_s: {needed_m_s:g} m/s through the air; whether this vehicle reaches it is "
+            f"{abilities.airspeed_by}: measure it and set limits.airspeed_max_m_s",
+        )
 
 
 def _at_most(key: str, configured: float, able: float, words: str) -> Finding:

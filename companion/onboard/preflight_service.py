@@ -19,10 +19,11 @@ from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import HEARTBEAT_PERIOD_S
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.onboard.config import ONE_RADIO, Config
-from companion.onboard.preflight import Finding, findings
+from companion.onboard.preflight import Finding, finding_on_others, findings
 from companion.onboard.state_files import saved_authority
 from companion.onboard.trust import trust_of
-from companion.protocol.authenticator import Authenticator
+from companion.onboard.world_model import WorldModel
+from companion.protocol.authenticator import Authenticated, Authenticator
 from companion.protocol.frame import raw_frames
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait
@@ -63,7 +64,7 @@ def report(found: list[Finding]) -> int:
 class _Checker:
     def __init__(self, config: Config, stack: ExitStack) -> None:
         assert config.autopilot is not None and config.broadcast is not None
-        self._config, self._autopilot, self._broadcast, self._stack = config, config.autopilot, config.broadcast, stack
+        self._config, self._autopilot, self._stack = config, config.autopilot, stack
         adapter = ADAPTERS[config.autopilot.kind](config.autopilot.system_id)
         assert isinstance(adapter, LinkedAdapter)
         self._adapter = adapter
@@ -72,6 +73,7 @@ class _Checker:
         is_stream = self._broadcast_link is not None and self._broadcast_link.scheme == "serial"
         # Without the saved state: a frame that an earlier companion accepted is genuine, too.
         self._authenticator = Authenticator(trust_of(config.broadcast), is_stream=is_stream)
+        self._world_model = WorldModel(config.agent_id, clocks_agree=self._authenticator.trust.clock_checked)
         self._clock = SteadyClock()
         self._link_heard = self._broadcast_heard = False
         self._authority_warning: str | None = None
@@ -96,7 +98,7 @@ class _Checker:
         began_s, heartbeat_s = time.monotonic(), -math.inf
         while not stop.is_set() and time.monotonic() - began_s < wait_s:
             now_s = self._clock.now_s()
-            self._broadcast_heard |= bool(self._authenticator.due(now_s))
+            self._believe(self._authenticator.due(now_s), now_s)
             if self._all_known and time.monotonic() - began_s >= SETTLING_S:
                 return
             if now_s - heartbeat_s >= HEARTBEAT_PERIOD_S:
@@ -115,6 +117,8 @@ class _Checker:
             broadcast_heard=self._broadcast_heard,
             now_s=self._clock.now_s(),
         )
+        if self._adapter.refusal is None:
+            found.append(finding_on_others(self._config, self._adapter, self._world_model.others_told))
         if self._authority_warning is not None:
             found.append(Finding(False, self._authority_warning, "remove it while the vehicle is disarmed"))
         return found
@@ -126,7 +130,13 @@ class _Checker:
         return self._adapter.refusal is None and self._adapter.parameters_known and self._broadcast_heard and healthy
 
     def _from_broadcast(self, datagram: bytes) -> None:
-        self._broadcast_heard |= bool(self._authenticator.admit(datagram, self._clock.now_s()))
+        now_s = self._clock.now_s()
+        self._believe(self._authenticator.admit(datagram, now_s), now_s)
+
+    def _believe(self, admitted: list[Authenticated], now_s: float) -> None:
+        self._broadcast_heard |= bool(admitted)
+        for _, frame in admitted:
+            self._world_model.take(frame, now_s)
 
     def _from_autopilot(self, datagram: bytes) -> None:
         self._link_heard = True

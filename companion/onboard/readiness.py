@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 from companion.autopilot.adapter import Adapter
-from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
+from companion.autopilot.linked import COURSE_SPEED_M_S
+from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S, Telemetry
+from companion.guard.types import Motion, Verdict
 from companion.onboard.authority import FAILSAFE, FAILSAFE_STATES, Authority, State
 from companion.onboard.config import Config
 from companion.onboard.failsafe import SEVERITY, Cause, FailsafeStatus, Stage
@@ -11,6 +15,9 @@ from companion.onboard.failsafe import SEVERITY, Cause, FailsafeStatus, Stage
 PICTURE_CAUSES = (Cause.BROADCAST, Cause.PICTURE)
 """Causes of triggers that say that the picture is not good enough to begin an engagement with."""
 NOT_HANDED_OVER = "not armed and in the guided mode"
+HAND_OVER_AGAIN = "in another mode, then hand over again"
+SPEED_SLACK = 1.2
+"""How many times its speed limit and the wind together a vehicle may fly before it is said: it sways in turns."""
 
 
 def not_steerable(adapter: Adapter, authority: Authority, config: Config, now_s: float) -> str | None:
@@ -19,6 +26,8 @@ def not_steerable(adapter: Adapter, authority: Authority, config: Config, now_s:
     if reason is not None:
         return reason
     if authority.locked:
+        if not adapter.resumes_on_stream:
+            return f"{authority.reason}; nothing is sent until it is handed over anew"
         signal_clears = config.autopilot is not None and config.autopilot.clear == "signal"
         cleared = "disarmed or cleared by a signal" if signal_clears else "disarmed"
         return f"{authority.reason}; nothing is sent until it is {cleared}"
@@ -48,7 +57,8 @@ def unheard(adapter: Adapter, now_s: float) -> str | None:
 def unfit(adapter: Adapter, config: Config, now_s: float) -> str | None:
     """Return why the vehicle's state does not allow steering, even if it was handed over; None if it does."""
     telemetry = adapter.telemetry
-    if telemetry.system_status in FAILSAFE_STATES:
+    # ArduPilot says so for mere warnings, too, and obeys as long as its mode stays: there the mode alone decides.
+    if adapter.resumes_on_stream and telemetry.system_status in FAILSAFE_STATES:
         return FAILSAFE
     if telemetry.position_at_s is None:
         return "no position yet"
@@ -85,10 +95,57 @@ def not_ready(
         if trigger.cause in PICTURE_CAUSES and SEVERITY[trigger.stage] >= SEVERITY[Stage.LOITERING]:
             return trigger.words
     if outside_fence:
-        return "outside the fence"
-    if adapter.telemetry.height_m < config.limits.height_min_m:
-        return "below height_min_m"
+        return f"outside the fence: fly inside {HAND_OVER_AGAIN}"
+    if is_below(adapter.telemetry, config) and not may_climb(adapter, config):
+        return f"{below_words(adapter.telemetry, config)}: climb {HAND_OVER_AGAIN}"
     return None
+
+
+def is_below(telemetry: Telemetry, config: Config) -> bool:
+    """Return whether the vehicle is below the height where steering begins."""
+    return telemetry.height_m < config.limits.height_min_m
+
+
+def below_words(telemetry: Telemetry, config: Config) -> str:
+    """Return in words how far the vehicle is below the height where steering begins."""
+    return f"below limits.height_min_m {config.limits.height_min_m:g} m at {telemetry.height_m:.1f} m"
+
+
+def may_climb(adapter: Adapter, config: Config) -> bool:
+    """Return whether the companion itself may climb to the height where steering begins, straight up.
+
+    That is what `autopilot.below_height: climb` asks of a vehicle that can stop, once it stands.
+    """
+    telemetry, section = adapter.telemetry, config.autopilot
+    if section is None or section.below_height != "climb" or not adapter.can_stop:
+        return False
+    return math.hypot(telemetry.velocity_north_m_s, telemetry.velocity_east_m_s) < COURSE_SPEED_M_S
+
+
+def is_straight_up(verdict: Verdict) -> bool:
+    """Return whether a setpoint leaves a vehicle that climbs where it is: nothing else moves it at that height."""
+    setpoint = verdict.setpoint
+    return not verdict.changes and setpoint is not None and setpoint.speed_m_s < COURSE_SPEED_M_S
+
+
+def told_by_autopilot(adapter: Adapter) -> str | None:
+    """Return what the autopilot says of its own state that calls for the person's attention; None if nothing."""
+    state = FAILSAFE_STATES.get(adapter.telemetry.system_status or 0)
+    return None if state is None else f"the autopilot says {state}"
+
+
+def beyond_limits(motion: Motion, telemetry: Telemetry, config: Config) -> str | None:
+    """Return by which limits of height and speed the vehicle was given back outside, and what it does; None if none."""
+    limits, said = config.limits, []
+    if telemetry.height_m > limits.height_max_m:
+        said.append(
+            f"above limits.height_max_m {limits.height_max_m:g} m at {telemetry.height_m:.1f} m: descends to "
+            f"{config.height_m:g} m"
+        )
+    fastest_m_s = limits.speed_m_s + limits.wind_m_s
+    if motion.speed_m_s > SPEED_SLACK * fastest_m_s:
+        said.append(f"faster than limits.speed_m_s {limits.speed_m_s:.3g} m/s at {motion.speed_m_s:.3g}: slows down")
+    return ", ".join(said) or None
 
 
 def may_hold(adapter: Adapter, authority: Authority, config: Config, stream_ended: bool, now_s: float) -> bool:

@@ -15,11 +15,13 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from companion.autopilot.offboard import Offboard
 from companion.errors import InputError
+from companion.onboard.authority import State
 from companion.onboard.companion import Companion
-from companion.onboard.config import ONE_RADIO, AutopilotSection, BroadcastSection, Config
+from companion.onboard.config import ONE_RADIO, AutopilotSection, Config
 from companion.onboard.decision import Decision, Purpose
 from companion.onboard.decision_reporter import DecisionReporter
 from companion.onboard.inputs import AutopilotInput, BroadcastInput
@@ -44,8 +46,18 @@ from companion.transport.endpoints import Link, Sender, open_duplex, open_receiv
 LOGGER = program_logger("companion")
 
 
-async def run_companion(config: Config, stop: asyncio.Event) -> None:
+Build = Callable[[Config, Authenticator, State], Companion]
+"""Makes the companion of a flight from its configuration, its authenticator and the state saved before."""
+
+
+def _steering(config: Config, authenticator: Authenticator, was: State) -> Companion:
+    return Companion(config, authenticator=authenticator, was=was)
+
+
+async def run_companion(config: Config, stop: asyncio.Event, build: Build = _steering) -> Path | None:
     """Steer until `stop` is set; print a line when the decision changes, and regularly how well the broadcast is heard.
+
+    Returns the folder of the logs, if there is one; `build` makes the companion.
 
     Raises:
         InputError: a link cannot be opened, a key or state file cannot be used, or a log cannot be written.
@@ -57,7 +69,7 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
         # Opened first and so closed last, after everything that still has messages to print or bytes to write.
         stack.enter_context(messages_written_by("companion", _io_thread("words", stack).do))
         files = _io_thread("files", stack)
-        vehicle = _prepare(config, config.autopilot, config.broadcast, files, stack)
+        vehicle = _prepare(config, build, files, stack)
         try:
             output, uplink = await _open_links(vehicle, config.autopilot, stack)
         except InputError:
@@ -73,6 +85,7 @@ async def run_companion(config: Config, stop: asyncio.Event) -> None:
             vehicle.flight.companion.authenticator.trust.words,
         )
         await SetpointLoop(vehicle, output, uplink).run(stop)
+    return vehicle.logs.path
 
 
 @dataclass(frozen=True)
@@ -89,17 +102,17 @@ class _Vehicle:
     notifier: Notifier
 
 
-def _prepare(
-    config: Config, autopilot: AutopilotSection, broadcast: BroadcastSection, files: IoThread, stack: ExitStack
-) -> _Vehicle:
+def _prepare(config: Config, build: Build, files: IoThread, stack: ExitStack) -> _Vehicle:
     """Read keys and state files, make the companion and open the logs, which `stack` closes; raises InputError."""
+    autopilot, broadcast = config.autopilot, config.broadcast
+    assert autopilot is not None and broadcast is not None
     link = None if broadcast.link == ONE_RADIO else parse_link(broadcast.link)
     trust, state = trust_of(broadcast), saved_authenticator_state(broadcast)
     authenticator = Authenticator(trust, state, is_stream=_is_stream(link))
     authority_before, warning = saved_authority(autopilot)
     if warning is not None:
         LOGGER.info("warning: %s", warning)
-    companion = Companion(config, authenticator=authenticator, was=authority_before)
+    companion = build(config, authenticator, authority_before)
     clock = SteadyClock()
     logs = open_log_folder(config, files, stack)
     flight = RecordedCompanion(companion, clock, logs.vehicle)

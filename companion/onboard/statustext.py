@@ -16,6 +16,8 @@ from companion.onboard.failsafe import Stage
 
 TEXT_PERIOD_S = 2.0
 """Shortest time between two texts; of several lines that come meanwhile the newest is sent."""
+REPEAT_S = 10.0
+"""Time after which a text that a person must act on is sent again: it may have been missed."""
 MOST_CHUNKS = 4
 """Most STATUSTEXT messages of CHUNK_BYTES that one line takes; a longer line is cut."""
 CHUNK_BYTES = 50
@@ -43,18 +45,28 @@ class StatusReporter:
         self._began_s: float | None = None
         self._line = self._said = ""
         self._severity = common.MAV_SEVERITY_INFO
+        self._insists = False
         self._text_s = self._values_s = -math.inf
         self._text_id = 0
 
-    def note(self, decision: Decision, line: str) -> None:
-        """Note the severity of a decision and the line that describes it."""
-        self._line = line
+    def note(self, decision: Decision, line: str, *, insists: bool = False) -> None:
+        """Note the severity of a decision and the line that describes it.
+
+        `insists`: whether a person waits for the companion, and must act first: the line is repeated.
+        """
+        self._line, self._insists = line, insists
         self._severity = UNCERTIFIED_SEVERITY if decision.uncertified else SEVERITIES[decision.stage]
+        if insists:
+            self._severity = min(self._severity, common.MAV_SEVERITY_WARNING)
 
     def text(self, now_s: float, system_id: int | None) -> list[bytes]:
-        """Return the newest line as STATUSTEXT frames if it changed and the last text was TEXT_PERIOD_S ago."""
-        waits = now_s - self._text_s < TEXT_PERIOD_S
-        if self._quiet or system_id is None or waits or self._line == self._said:
+        """Return the newest line as STATUSTEXT frames if it is due; else none.
+
+        It is due if it changed and the last text was TEXT_PERIOD_S ago, or if it insists and that was REPEAT_S ago.
+        """
+        since_s = now_s - self._text_s
+        is_due = since_s >= TEXT_PERIOD_S if self._line != self._said else self._insists and since_s >= REPEAT_S
+        if self._quiet or system_id is None or not is_due:
             return []
         self._text_s, self._said = now_s, self._line
         self._mav.srcSystem = system_id

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
-
-import numpy as np
+from typing import Literal, NamedTuple
 
 from companion.autopilot.adapter import Abilities
 from companion.geo.kinematics import limit_turn, shorter_turn_rad
@@ -14,12 +12,21 @@ from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.guard.guard import Guard
 from companion.guard.lead import MOST_LEAD_RAD
 from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
+from companion.guidance.approach import (
+    STANDING_M_S,
+    STANDING_WITHIN_M,
+    STAYING_WITHIN_M,
+    Flown,
+    approach_speed_m_s,
+    bounded,
+    towards,
+)
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
-from companion.guidance.resolution import AtEffect, Peers
+from companion.guidance.resolution import AtEffect
 from companion.guidance.separation import give_way
 from companion.guidance.steering import (
-    APPROACH_GAIN_1_S,
     Occupied,
+    SteeringVector,
     attraction,
     claim_m,
     loiter_attraction,
@@ -27,17 +34,17 @@ from companion.guidance.steering import (
     loiter_radius_m,
     loiter_spacing_m,
 )
-from companion.guidance.stopping import STANDING_M_S
-from companion.guidance.view import NOBODY, View
+from companion.guidance.view import View
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.decision import Purpose
 from companion.onboard.engagement import Engagement
 from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry
 from companion.onboard.law_settings import law_settings
-from companion.onboard.limits import within
-
-STANDING_WITHIN_M = 1.0
-"""Distance from its loiter place within which a vehicle that can stop stands still."""
+from companion.onboard.limits import unable, within
+from companion.onboard.navigation import COURSE_SPEED_M_S
+from companion.onboard.neighbours import Neighbours, neighbours_of
+from companion.onboard.obedience import Expected, Measured
+from companion.onboard.standing import flown_of, pace_of, standing_place
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,8 @@ class Steering:
     interaction_m: float
     """Distance within which another vehicle matters to the right of way."""
     loiter: LoiterGeometry
+    expected: Expected
+    """What the vehicle is taken for as long as nothing worse is measured."""
     abilities: Abilities | None = None
     """Abilities that the limits were adapted to; None while they are not known."""
     unable: str | None = None
@@ -75,6 +84,10 @@ class Moment(NamedTuple):
     now_s: float
     refused: bool = False
     """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
+    speed_share: float = 1.0
+    """Share of its speed limit that is asked of a vehicle that can stop: less than 1 for one that does not answer."""
+    flown: Flown | None = None
+    """The velocity from which the next one is commanded, for a vehicle that can stop; None for another."""
 
 
 class Steered(NamedTuple):
@@ -90,25 +103,39 @@ class Steered(NamedTuple):
     """Remark of the law on its demand, if any."""
     loiter_place_ned_m: tuple[float, float] | None
     """Where the vehicle loiters; None for any other purpose."""
+    loiter_about_ned_m: tuple[float, float] | None
+    """The target or home that this place was chosen for; None if it was chosen for where the vehicle was."""
     wanted_heading_rad: float
     """Heading that the law wants, before the right of way."""
     gave_way: str | None
     """Why the right of way changed heading or speed; None if it did not."""
+    unseparated: str | None
+    """From which agents no separation can be promised, because too little is known of them; None: from nobody."""
     turn_limited: bool
     verdict: Verdict
     """The guard's verdict, with the setpoint that may be sent."""
 
 
+class _Demanded(NamedTuple):
+    """The law's demand for going to a place or loitering at it."""
+
+    demand: SteeringDemand
+    speed_m_s: float
+    """The speed to fly at: of a vehicle that can stop, the one from which it comes to stand there."""
+    to_go_m: float
+    """Length of the way to the place."""
+
+
 class _Intent(NamedTuple):
-    """The law's demand for a goal, with the speed to fly at; the fields are as in Steered."""
+    """The law's demand for a goal; the other fields are as in Steered."""
 
     purpose: Purpose
     reason: str
-    demand: SteeringDemand
-    speed_m_s: float
+    demanded: _Demanded
     stay: str | None
     note: str | None
     loiter_place_ned_m: tuple[float, float] | None
+    loiter_about_ned_m: tuple[float, float] | None
 
 
 def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) -> Steering:
@@ -119,7 +146,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
 
     """
     limits = config.limits
-    guard = Guard(_guard_limits(limits, can_stop))
+    guard = Guard(guard_limits(limits, can_stop))
     rules = _rules(config, can_stop) if config.law == "routed" else None
     radius_m = loiter_radius_m(limits.speed_m_s, limits.n_max, config.guidance_step_s)
     circle_m = 0.0 if can_stop else radius_m
@@ -136,6 +163,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
             loiter_spacing_m(config.separation_m, circle_m) + circle_m,
             claim_m(config.separation_m, circle_m),
         ),
+        expected=Expected(limits, can_stop, math.inf, config.guidance_step_s),
     )
 
 
@@ -144,37 +172,65 @@ def adapted(steering: Steering, configured: LimitsSection, abilities: Abilities)
     if abilities == steering.abilities:
         return steering
     limits = within(configured, abilities)
-    unable = None
-    if limits.wind_m_s >= limits.speed_m_s:
-        unable = f"limits.wind_m_s {limits.wind_m_s:g} is not below the {limits.speed_m_s:.3g} m/s that it can fly"
-    elif limits != steering.config.limits:
+    why_not = unable(configured, abilities, can_stop=steering.can_stop)
+    if why_not is None and limits != steering.config.limits:
         config = steering.config.model_copy(update={"limits": limits})
         try:
             steering = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
         except ValueError:
-            unable = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
-    return replace(steering, abilities=abilities, unable=unable)
+            why_not = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
+    reached_m_s = min(abilities.airspeed_max_m_s, configured.airspeed_max_m_s or math.inf)
+    expected = steering.expected._replace(airspeed_max_m_s=reached_m_s)
+    return replace(steering, abilities=abilities, unable=why_not, expected=expected)
 
 
 def outgrown(steering: Steering, configured: LimitsSection, abilities: Abilities) -> bool:
-    """Return whether the vehicle's abilities now give other limits than those that it is steered by."""
-    return abilities != steering.abilities and within(configured, abilities) != steering.config.limits
+    """Return whether the vehicle's abilities now give other limits than those that were adopted, or are too few."""
+    if abilities == steering.abilities:
+        return False
+    if within(configured, abilities) != steering.expected.limits:
+        return True
+    return unable(configured, abilities, can_stop=steering.can_stop) is not None
+
+
+def reckoning(steering: Steering, configured: LimitsSection, found: Measured) -> Steering:
+    """Return the steering for a vehicle that was measured to do worse than its abilities; unchanged if it is made so.
+
+    The new guard keeps the commands in flight, and certifies anew from the present state. Limits that no guard can hold
+    leave the steering as it was.
+    """
+    limits = within(configured, steering.abilities or Abilities(), found)
+    if limits == steering.config.limits:
+        return steering
+    config = steering.config.model_copy(update={"limits": limits})
+    try:
+        remade = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
+    except ValueError:
+        return steering
+    remade.guard.succeed(steering.guard)
+    return replace(remade, abilities=steering.abilities, unable=steering.unable, expected=steering.expected)
 
 
 def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) -> Steered:
     """Pass the stages from the goal to the guarded setpoint; `before` holds the latches of the last tick."""
     limits, dt_s = steering.config.limits, steering.config.guidance_step_s
     in_force = None if before.setpoint is None else before.setpoint.setpoint
-    moment = moment._replace(motion=_as_commanded(steering, moment.motion, in_force))
-    motion = moment.motion
-    crowded = not steering.can_stop and _is_crowded(motion, moment.view, steering.interaction_m)
-    intent = _intent(steering, goal, moment, before.loiter_place_ned_m, crowded)
-    wanted_rad, speed_m_s = _wanted(steering, intent, motion)
+    motion = _as_commanded(steering, moment.motion, in_force)
+    flown = flown_of(steering.config, motion, in_force) if steering.can_stop else None
+    moment = moment._replace(motion=motion, flown=flown)
+    around = None if steering.rules is None else neighbours_of(moment.view, motion, steering.rules, steering.config)
+    crowded = not steering.can_stop and around is not None and around.within(motion, steering.interaction_m)
+    intent = _intent(steering, goal, moment, before, crowded)
+    wanted = turned = _wanted(intent.demanded, moment)
+    if flown is not None and not goal.climbs:
+        turned = bounded(flown, wanted, intent.demanded.to_go_m, pace_of(steering.config))
     last = None if limits.reaction_s == 0.0 else in_force
     # When this decision begins to act, the vehicle has turned by the last setpoint for the reaction time.
     from_rad = steering.guard.tip(motion, moment.now_s, dt_s)[0].heading_rad
     at_effect = None if last is None else AtEffect(from_rad % math.tau, last.speed_m_s)
-    steered_rad, speed_m_s, gave_way = _right_of_way(steering, wanted_rad, speed_m_s, moment, at_effect)
+    steered_rad, speed_m_s, gave_way = _right_of_way(steering, *turned, motion, (around, at_effect))
+    if steering.can_stop:
+        speed_m_s = min(speed_m_s, moment.speed_share * limits.speed_m_s)
     # The turn is limited at the greatest of the speeds until the end of the step, as the guard does.
     faster_m_s = max(motion.speed_m_s, speed_m_s)
     if last is not None and steering.can_stop:
@@ -182,65 +238,85 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     aim_rad = steered_rad if in_force is None else _by_the_side_begun(from_rad, steered_rad, in_force.heading_rad)
     heading_rad, limited = limit_turn(from_rad, aim_rad, faster_m_s, limits.n_max, dt_s)
     setpoint = Setpoint(heading_rad, speed_m_s, steering.config.height_m)
+    towards_rad = wanted.heading_rad if gave_way is None else steered_rad
     return Steered(
         purpose=intent.purpose,
         reason=intent.reason,
-        demand=intent.demand,
+        demand=intent.demanded.demand,
         stay=intent.stay,
         note=intent.note,
         loiter_place_ned_m=intent.loiter_place_ned_m,
-        wanted_heading_rad=wanted_rad,
+        loiter_about_ned_m=intent.loiter_about_ned_m,
+        wanted_heading_rad=wanted.heading_rad,
         gave_way=gave_way,
-        turn_limited=limited,
-        verdict=_guarded(steering, setpoint, moment, intent.demand, crowded, steered_rad),
+        unseparated=None if around is None else around.unseparated,
+        turn_limited=limited or turned.heading_rad != wanted.heading_rad,
+        verdict=_guarded(steering, setpoint, moment, intent.demanded.demand, crowded, towards_rad),
     )
 
 
 def _as_commanded(steering: Steering, motion: Motion, in_force: Setpoint | None) -> Motion:
-    """Return the motion; a vehicle that can stop and stands has the heading that it was commanded to start on.
+    """Return the motion; a vehicle that can stop and hardly moves has the heading that it was commanded to fly on.
 
     Its yaw says nothing about that: a copter starts in any direction, and not all turn their nose while they stand.
     """
-    if not steering.can_stop or in_force is None or max(motion.speed_m_s, in_force.speed_m_s) >= STANDING_M_S:
+    if not steering.can_stop or in_force is None or motion.speed_m_s >= COURSE_SPEED_M_S:
         return motion
     return replace(motion, heading_rad=in_force.heading_rad)
 
 
-def _intent(
-    steering: Steering, goal: Goal, moment: Moment, place_ned_m: tuple[float, float] | None, crowded: bool
-) -> _Intent:
+def _intent(steering: Steering, goal: Goal, moment: Moment, before: Engagement, crowded: bool) -> _Intent:
     """Return the law's demand for the goal; if the law stays, its demand for loitering.
 
-    `place_ned_m`: where the vehicle has loitered up to now, if it has; otherwise a loiter place is chosen.
+    The place where the vehicle has loitered up to now is kept, unless it is now to loiter at something else.
     """
     purpose, reason = goal.purpose, goal.reason
+    place_ned_m = before.loiter_place_ned_m
     if goal.place_ned_m is None:
-        place_ned_m = _place_to_loiter(steering, moment, place_ned_m)
-        demand, speed_m_s = _loiter(steering, place_ned_m, moment, crowded)
+        if steering.can_stop and goal.about_ned_m not in (None, before.loiter_about_ned_m):
+            place_ned_m = None
+        if goal.climbs and moment.motion.speed_m_s >= STANDING_M_S:
+            # Below its least height nothing but braking moves it: where it then stands is its place.
+            place_ned_m = moment.motion.position_ned_m
+        place_ned_m = _place_to_loiter(steering, moment, place_ned_m, goal.about_ned_m)
+        demanded = _loiter(steering, place_ned_m, moment, crowded)
     else:
-        demand, speed_m_s = _go(steering, goal.place_ned_m, purpose, moment, crowded)
-    stay, note = demand.stay, demand.note
+        demanded = _go(steering, goal.place_ned_m, purpose, moment, crowded)
+    stay, note = demanded.demand.stay, demanded.demand.note
     if stay is not None:
         purpose, reason = Purpose.LOITER, stay
-        place_ned_m = _place_to_loiter(steering, moment, place_ned_m)
-        demand, speed_m_s = _loiter(steering, place_ned_m, moment, crowded)
-    kept_ned_m = place_ned_m if purpose is Purpose.LOITER else None
-    return _Intent(purpose, reason, demand, speed_m_s, stay, note, kept_ned_m)
+        place_ned_m = _place_to_loiter(steering, moment, place_ned_m, None)
+        demanded = _loiter(steering, place_ned_m, moment, crowded)
+    if purpose is not Purpose.LOITER:
+        return _Intent(purpose, reason, demanded, stay, note, None, None)
+    # Who must only wait keeps the place that it has, and what that was chosen for.
+    about_ned_m = before.loiter_about_ned_m if goal.about_ned_m is None else goal.about_ned_m
+    return _Intent(purpose, reason, demanded, stay, note, place_ned_m, about_ned_m)
 
 
 def _place_to_loiter(
-    steering: Steering, moment: Moment, before_ned_m: tuple[float, float] | None
+    steering: Steering,
+    moment: Moment,
+    before_ned_m: tuple[float, float] | None,
+    about_ned_m: tuple[float, float] | None,
 ) -> tuple[float, float]:
-    """Return the present loiter place, or a new one that leaves room to those that go first or are on their way."""
+    """Return the present loiter place, or a new one that leaves room to those that go first or are on their way.
+
+    A vehicle that can stop does so as near to what it is to loiter at as it can stand soon, else where it comes to a
+    stop; one that cannot circles about where it is.
+    """
     view, loiter = moment.view, steering.loiter
     occupied = Occupied(view.loitering_ned_m, loiter.spacing_m, view.claimed_ned_m, loiter.claim_m)
-    return loiter_place(moment.motion.position_ned_m, occupied, before_ned_m)
+    here_ned_m = moment.motion.position_ned_m
+    if moment.flown is not None and before_ned_m is None:
+        here_ned_m = standing_place(steering.config, view, here_ned_m, moment.flown, about_ned_m)
+    return loiter_place(here_ned_m, occupied, before_ned_m)
 
 
 def _go(
     steering: Steering, place_ned_m: tuple[float, float], purpose: Purpose, moment: Moment, crowded: bool
-) -> tuple[SteeringDemand, float]:
-    """Return the law's demand for going to a place, and the speed to fly at in m/s."""
+) -> _Demanded:
+    """Return the law's demand for going to a place."""
     pull = attraction(moment.motion.position_ned_m, place_ned_m)
     task = Task(
         place_ned_m=place_ned_m,
@@ -252,20 +328,23 @@ def _go(
         refused=moment.refused,
         crowded=crowded,
     )
-    return steering.law.steer(task, moment.motion, moment.view, moment.now_s), steering.config.limits.speed_m_s
+    demand = steering.law.steer(task, moment.motion, moment.view, moment.now_s)
+    to_go_m = pull.strength_m if demand.route is None or not demand.route.pieces else demand.route.length_m
+    if moment.flown is None:
+        return _Demanded(demand, steering.config.limits.speed_m_s, to_go_m)
+    pace = pace_of(steering.config)
+    to_go_m = max(0.0, to_go_m - moment.flown.speed_m_s * pace.delay_s)
+    return _Demanded(demand, approach_speed_m_s(to_go_m, pace), to_go_m)
 
 
-def _loiter(
-    steering: Steering, place_ned_m: tuple[float, float], moment: Moment, crowded: bool
-) -> tuple[SteeringDemand, float]:
-    """Return the law's demand for loitering at a place, and the speed to fly at in m/s."""
+def _loiter(steering: Steering, place_ned_m: tuple[float, float], moment: Moment, crowded: bool) -> _Demanded:
+    """Return the law's demand for loitering at a place."""
     here_ned_m = moment.motion.position_ned_m
-    speed_m_s = steering.config.limits.speed_m_s
-    if steering.can_stop:
-        pull = attraction(here_ned_m, place_ned_m)
-        speed_m_s = 0.0 if pull.strength_m <= STANDING_WITHIN_M else speed_m_s
-    else:
+    if moment.flown is None:
         pull = loiter_attraction(here_ned_m, place_ned_m, steering.loiter.radius_m)
+    else:
+        way = towards(complex(*place_ned_m), complex(*here_ned_m), moment.flown, pace_of(steering.config))
+        pull = SteeringVector(way.real, way.imag)
     task = Task(
         place_ned_m=place_ned_m,
         pull=pull,
@@ -275,85 +354,79 @@ def _loiter(
         arrival_m=ARRIVAL_SHARE * steering.config.arrival_radius_m,
         crowded=crowded,
     )
-    return steering.law.steer(task, moment.motion, moment.view, moment.now_s), speed_m_s
+    demand = steering.law.steer(task, moment.motion, moment.view, moment.now_s)
+    if moment.flown is None:
+        return _Demanded(demand, steering.config.limits.speed_m_s, pull.strength_m)
+    stands = moment.flown.speed_m_s == 0.0
+    if math.dist(here_ned_m, place_ned_m) <= (STAYING_WITHIN_M if stands else STANDING_WITHIN_M):
+        return _Demanded(demand, 0.0, 0.0)
+    # The repulsion of a disc is far greater than the way to the place: it turns the vehicle, and does not chase it.
+    away_m = min(demand.pull.strength_m, pull.strength_m + STAYING_WITHIN_M)
+    return _Demanded(demand, approach_speed_m_s(away_m, pace_of(steering.config)), away_m)
 
 
-def _wanted(steering: Steering, intent: _Intent, motion: Motion) -> tuple[float, float]:
-    """Return the heading (rad) and speed (m/s) that follow from the law's demand."""
-    pull, speed_m_s = intent.demand.pull, intent.speed_m_s
-    strength_m = pull.strength_m
-    stands = steering.can_stop and speed_m_s == 0.0 and strength_m <= STANDING_WITHIN_M
-    if steering.can_stop and intent.purpose is not Purpose.TARGET and not stands:
-        speed_m_s = min(steering.config.limits.speed_m_s, APPROACH_GAIN_1_S * strength_m)
-    if stands or strength_m == 0.0:
-        return motion.heading_rad, speed_m_s
-    return pull.heading_rad, speed_m_s
+def _wanted(demanded: _Demanded, moment: Moment) -> Flown:
+    """Return the velocity that follows from the law's demand."""
+    pull, speed_m_s = demanded.demand.pull, demanded.speed_m_s
+    if pull.strength_m == 0.0 or (moment.flown is not None and speed_m_s == 0.0):
+        return Flown(moment.motion.heading_rad, speed_m_s)
+    return Flown(pull.heading_rad, speed_m_s)
 
 
 def _right_of_way(
-    steering: Steering, wanted_rad: float, speed_m_s: float, moment: Moment, at_effect: AtEffect | None
+    steering: Steering,
+    wanted_rad: float,
+    speed_m_s: float,
+    motion: Motion,
+    among: tuple[Neighbours | None, AtEffect | None],
 ) -> tuple[float, float, str | None]:
     """Return heading (rad) and speed (m/s) by the right of way, and why it changed them, or None."""
     # Standing still is always allowed to one that can stop.
-    if steering.rules is None or (steering.can_stop and speed_m_s == 0.0):
+    around, at_effect = among
+    if steering.rules is None or around is None or (steering.can_stop and speed_m_s == 0.0):
         return wanted_rad, speed_m_s, None
-    given = give_way(
-        wanted_rad,
-        moment.motion,
-        Peers(moment.view.traffic_ned_m, moment.view.traffic_velocity_m_s, moment.view.traffic_ids == NOBODY),
-        steering.rules,
-        steering.config.guidance_step_s,
-        at_effect,
-    )
+    given = give_way(wanted_rad, motion, around.peers, steering.rules, steering.config.guidance_step_s, at_effect)
     if given.reason is None:
         return given.heading_rad, speed_m_s, None
     if steering.can_stop:
         speed_m_s = min(speed_m_s, given.speed_m_s)
-    return given.heading_rad, speed_m_s, f"{given.reason} ({_named(given.peer, moment.view)})"
-
-
-def _named(peer: int | None, view: View) -> str:
-    """Return the words for a neighbour, given by its index among the detected traffic."""
-    identity = NOBODY if peer is None else int(view.traffic_ids[peer])
-    return "not of the fleet" if identity == NOBODY else f"agent {identity}"
+    return given.heading_rad, speed_m_s, f"{given.reason} ({around.name(given.peer)})"
 
 
 def _by_the_side_begun(from_rad: float, wanted_rad: float, commanded_rad: float) -> float:
-    """Return the heading to turn to: the wanted one or, where that is behind, a quarter turn to the commanded side.
+    """Return the heading to turn to: the wanted one or, if that is by the other side than was begun, a quarter turn.
 
     A vehicle that hardly answers stays opposite to what it wants, where the shorter side changes with every report.
     """
-    if abs(shorter_turn_rad(from_rad, wanted_rad)) <= MOST_LEAD_RAD:
+    turn_rad, begun_rad = shorter_turn_rad(from_rad, wanted_rad), shorter_turn_rad(commanded_rad, wanted_rad)
+    if abs(turn_rad) <= MOST_LEAD_RAD or turn_rad * begun_rad >= 0.0:
         return wanted_rad
-    return from_rad + math.copysign(MOST_LEAD_RAD, shorter_turn_rad(commanded_rad, wanted_rad))
+    return from_rad + math.copysign(MOST_LEAD_RAD, begun_rad)
+
+
+def discs_of(view: View, keep_out: Literal["attack", "detection"]) -> Discs:
+    """Return the keep-out discs of a view: those of the threats' attack or of their detection radii."""
+    return Discs(
+        centres_ned_m=view.threats_ned_m,
+        radii_m=view.attack_radius_m if keep_out == "attack" else view.detection_radius_m,
+        speeds_m_s=view.threat_speed_m_s,
+        attack_m=view.attack_radius_m,
+        ids=view.threat_ids,
+        unit_m=view.unit_m,
+    )
 
 
 def _guarded(
     steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool, towards_rad: float
 ) -> Verdict:
     view = moment.view
-    discs = Discs(
-        centres_ned_m=view.threats_ned_m,
-        radii_m=view.attack_radius_m if steering.config.keep_out == "attack" else view.detection_radius_m,
-        speeds_m_s=view.threat_speed_m_s,
-        attack_m=view.attack_radius_m,
-        ids=view.threat_ids,
-        unit_m=view.unit_m,
-    )
+    discs = discs_of(view, steering.config.keep_out)
     route = () if demand.route is None else demand.route.pieces
     dt_s = steering.config.guidance_step_s
     hints = Hints(route, keep_right=crowded, towards_rad=towards_rad)
     verdict = steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, hints)
     # A path that is clear of all discs heard of is certified only if no other is still to be heard of.
     return verdict if view.whole else replace(verdict, certified_s=0.0)
-
-
-def _is_crowded(motion: Motion, view: View, interaction_m: float) -> bool:
-    """Return whether another vehicle is within the interaction radius."""
-    if len(view.traffic_ned_m) == 0:
-        return False
-    apart_m = np.hypot(view.traffic_ned_m[:, 0] - motion.north_m, view.traffic_ned_m[:, 1] - motion.east_m)
-    return bool(np.any(apart_m <= interaction_m))
 
 
 def _rules(config: Config, can_stop: bool) -> Rules:
@@ -369,7 +442,8 @@ def _rules(config: Config, can_stop: bool) -> Rules:
     )
 
 
-def _guard_limits(limits: LimitsSection, can_stop: bool) -> Limits:
+def guard_limits(limits: LimitsSection, can_stop: bool) -> Limits:
+    """Return the guard's limits for a vehicle that can keep the given ones."""
     return Limits(
         speed_min_m_s=0.0 if can_stop else limits.speed_m_s,
         speed_max_m_s=limits.speed_m_s,

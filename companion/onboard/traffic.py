@@ -22,6 +22,8 @@ class Detected(NamedTuple):
     traffic: tuple[Traffic, ...] = ()
     duplicate_agent_id: bool = False
     """Whether another vehicle uses this vehicle's agent id in its callsign."""
+    elsewhere: tuple[int, ...] = ()
+    """Agents that are seen, but at a height or a distance at which they do not matter."""
 
 
 def detected(
@@ -44,6 +46,7 @@ def detected(
 
     """
     traffic: list[Traffic] = []
+    elsewhere: list[int] = []
     duplicate = False
     own_transponder_m = max(config.separation_m, OWN_TRANSPONDER_S * config.limits.speed_m_s)
     for neighbour in neighbours:
@@ -60,7 +63,9 @@ def detected(
                 continue
             duplicate, identity = True, None
         above_m = abs(neighbour.altitude_m - altitude_m)
-        elsewhere = 0.0 < config.vertical_separation_m <= above_m
-        if not elsewhere and apart_m <= config.detector_range_m:
-            traffic.append(Traffic(identity, (north_m, east_m), (north_m_s, east_m_s)))
-    return Detected(tuple(traffic), duplicate)
+        over_or_under = 0.0 < config.vertical_separation_m <= above_m
+        if not over_or_under and apart_m <= config.detector_range_m:
+            traffic.append(Traffic(identity, (north_m, east_m), (north_m_s, east_m_s), age_s))
+        elif identity is not None:
+            elsewhere.append(identity)
+    return Detected(tuple(traffic), duplicate, tuple(elsewhere))

@@ -7,7 +7,7 @@ missing in a broadcast of which every frame was heard, a threat only when a pict
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from companion.guidance.view import Traffic, View
@@ -64,6 +64,12 @@ class WorldModel:
         return self._beliefs.target_of(self.agent_id)
 
     @property
+    def others_told(self) -> tuple[int, int]:
+        """Of how many other agents the broadcast tells, and of how many the place."""
+        others = [agent for identity, (agent, _) in self._beliefs.agents.items() if identity != self.agent_id]
+        return len(others), sum(agent.position_ned_m is not None for agent in others)
+
+    @property
     def missing(self) -> str | None:
         """What the vehicle waits for, in words: threats of the picture in force, then the place of its own target.
 
@@ -89,7 +95,7 @@ class WorldModel:
         if isinstance(frame, MissionFrame):
             return self.take_mission(frame, now_s)
         if isinstance(frame, MotionFrame):
-            return self.take_motion(frame)
+            return self.take_motion(frame, now_s)
         return isinstance(frame, BandsFrame) and self.take_bands(frame)
 
     def take_state(self, frame: StateFrame, now_s: float) -> bool:
@@ -156,11 +162,11 @@ class WorldModel:
         self._forget_retired()
         return True
 
-    def take_motion(self, frame: MotionFrame) -> bool:
-        """Merge a motion frame; return whether it was of this epoch and not older than the last one."""
+    def take_motion(self, frame: MotionFrame, now_s: float) -> bool:
+        """Merge a motion frame received at `now_s`; return whether it was of this epoch and not older than the last."""
         if not self.order.take_motion(frame.stamp):
             return False
-        self._beliefs.take_motion(frame)
+        self._beliefs.take_motion(frame, self._sender_clock.true_at_s(frame.stamp, now_s))
         self._tables = None
         return True
 
@@ -189,9 +195,9 @@ class WorldModel:
         view = view_of(threats, peers, self._assigned(), self.peer_memory_s, now_s)
         return view if self._picture.whole else replace(view, whole=False)
 
-    def with_traffic(self, view: View, seen: Sequence[Traffic]) -> View:
-        """Return the view with the traffic that the vehicle's own detector shows."""
-        return with_traffic(view, seen, self._beliefs, self.agent_id)
+    def with_traffic(self, view: View, seen: Sequence[Traffic], elsewhere: Collection[int] = ()) -> View:
+        """Return the view with the traffic that the vehicle's own detector shows; see `world_view.with_traffic`."""
+        return with_traffic(view, seen, elsewhere, self._beliefs, self.agent_id)
 
     def _assigned(self) -> tuple[TargetEntry, Heard] | None:
         """Return the assigned target; None if there is none, its place was not heard or the picture is not whole."""

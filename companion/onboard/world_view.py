@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from companion.guidance.view import NOBODY, Traffic, View
+from companion.guidance.view import NOBODY, Others, Traffic, View
 from companion.onboard.beliefs import Beliefs, Heard
 from companion.protocol.codec import BandEntry, TargetEntry
 
@@ -37,7 +37,11 @@ class PeerTable:
     ids: np.ndarray  # (P,) int
     traffic_ned_m: np.ndarray  # (P, 2) m, positions as broadcast
     velocity_m_s: np.ndarray  # (P, 2) m/s, zero where not heard
+    moving_told: np.ndarray  # (P,) bool, whether a velocity was heard
     true_at_s: np.ndarray  # (P,) s, when the entry was true
+    known_at_s: np.ndarray  # (P,) s, when the older of position and velocity was true
+    rounding_m: float
+    """Greatest error of a position by the rounding on the wire."""
     loiters_first: np.ndarray  # (P,) bool, see Beliefs.loiters_first
     claimed_ned_m: np.ndarray  # (C, 2) m, targets of any other agents, but not this vehicle's own
 
@@ -68,12 +72,18 @@ def peer_table(beliefs: Beliefs, agent_id: int) -> PeerTable:
     entries = [beliefs.agents[identity] for identity in ids]
     claims = {beliefs.target_of(identity) for identity in others} - {beliefs.target_of(agent_id)}
     claimed = [beliefs.targets[target_id][0] for target_id in sorted(beliefs.targets.keys() & claims)]
-    velocities = [beliefs.agent_velocities_m_s.get(identity, (0.0, 0.0)) for identity in ids]
+    motions = [beliefs.agent_motions.get(identity) for identity in ids]
+    velocities = [(0.0, 0.0) if told is None else told.velocity_m_s for told in motions]
+    true_at_s = np.array([heard.true_at_s for _, heard in entries])
+    moving_at_s = np.array([math.inf if told is None else told.true_at_s for told in motions])
     return PeerTable(
         ids=np.array(ids, dtype=int),
         traffic_ned_m=np.array([agent.position_ned_m for agent, _ in entries]).reshape(-1, 2),
         velocity_m_s=np.array(velocities).reshape(-1, 2),
-        true_at_s=np.array([heard.true_at_s for _, heard in entries]),
+        moving_told=np.array([told is not None for told in motions], dtype=bool),
+        true_at_s=true_at_s,
+        known_at_s=np.minimum(true_at_s, moving_at_s),
+        rounding_m=math.sqrt(0.5) * beliefs.unit_m,
         loiters_first=np.array([beliefs.loiters_first(identity, agent_id) for identity in ids], dtype=bool),
         claimed_ned_m=np.array([(target.north_m, target.east_m) for target in claimed]).reshape(-1, 2),
     )
@@ -92,7 +102,7 @@ def view_of(
         threats: The threats that reach the vehicle's height.
         peers: The other agents.
         assigned: The target assigned to the vehicle, if any.
-        peer_memory_s: Age above which a peer is left out.
+        peer_memory_s: Age above which a peer is left out, except of those that may count to the right of way.
         now_s: Time by this vehicle's clock.
 
     """
@@ -116,16 +126,37 @@ def view_of(
         peer_ids=peers.ids[remembered],
         loitering_ned_m=peers_ned_m[remembered & peers.loiters_first],
         claimed_ned_m=peers.claimed_ned_m,
+        others=_told(peers, now_s),
     )
 
 
-def with_traffic(view: View, seen: Sequence[Traffic], beliefs: Beliefs, agent_id: int) -> View:
+def _told(peers: PeerTable, now_s: float) -> Others:
+    """Return the agents whose positions were broadcast, each at the time when position and velocity were both true."""
+    if len(peers.ids) == 0:
+        return Others()
+    # An older velocity than the position: it flew by that to where it was told to be, or nearly so.
+    carried_s = peers.true_at_s - peers.known_at_s
+    return Others(
+        ids=peers.ids,
+        places_ned_m=peers.traffic_ned_m - peers.velocity_m_s * carried_s[:, None],
+        velocities_m_s=peers.velocity_m_s,
+        ages_s=np.maximum(0.0, now_s - peers.known_at_s),
+        moving_told=peers.moving_told,
+        rounding_m=np.full(len(peers.ids), peers.rounding_m),
+    )
+
+
+def with_traffic(
+    view: View, seen: Sequence[Traffic], elsewhere: Collection[int], beliefs: Beliefs, agent_id: int
+) -> View:
     """Return a view with the traffic that the vehicle's own detector shows.
 
-    A peer that is detected takes its position from the detector, not from the broadcast.
+    A peer that is detected takes its position from the detector, not from the broadcast. Those `elsewhere`, by id, are
+    detected where they do not matter to the right of way.
     """
+    others = _with_seen(view.others, seen, elsewhere)
     if not seen:
-        return view
+        return view if others is view.others else replace(view, others=others)
     seen_ids = np.array([other.agent_id or NOBODY for other in seen], dtype=int)
     traffic_ned_m = np.array([other.position_ned_m for other in seen])
     first = np.array([beliefs.loiters_first(other.agent_id, agent_id) for other in seen], dtype=bool)
@@ -145,6 +176,27 @@ def with_traffic(view: View, seen: Sequence[Traffic], beliefs: Beliefs, agent_id
         loitering_ned_m=np.concatenate(
             (view.peers_ned_m[unseen][np.array(heard_first, dtype=bool)], traffic_ned_m[first])
         ),
+        others=others,
+    )
+
+
+def _with_seen(told: Others, seen: Sequence[Traffic], elsewhere: Collection[int]) -> Others:
+    """Return those seen, then those told who are not seen."""
+    if not seen and not elsewhere:
+        return told
+    seen_ids = [other.agent_id or NOBODY for other in seen]
+    unseen = ~np.isin(told.ids, [*seen_ids, *elsewhere])
+    ages_s = np.array([other.age_s for other in seen])
+    velocities_m_s = np.array([other.velocity_m_s for other in seen]).reshape(-1, 2)
+    now_ned_m = np.array([other.position_ned_m for other in seen]).reshape(-1, 2)
+    return Others(
+        ids=np.concatenate((np.array(seen_ids, dtype=int), told.ids[unseen])),
+        places_ned_m=np.concatenate((now_ned_m - velocities_m_s * ages_s[:, None], told.places_ned_m[unseen])),
+        velocities_m_s=np.concatenate((velocities_m_s, told.velocities_m_s[unseen])),
+        ages_s=np.concatenate((ages_s, told.ages_s[unseen])),
+        moving_told=np.concatenate((np.ones(len(seen), dtype=bool), told.moving_told[unseen])).astype(bool),
+        rounding_m=np.concatenate((np.zeros(len(seen)), told.rounding_m[unseen])),
+        seen=len(seen),
     )
 
 

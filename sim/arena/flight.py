@@ -161,7 +161,8 @@ class _PointVehicle:
         """Let the companion detect its neighbours, receive what has arrived, and decide; return the decision."""
         places_m = snapshot.places_m
         apart_m = np.hypot(places_m[:, 0] - self.north_m, places_m[:, 1] - self.east_m)
-        near = [snapshot.neighbours[index] for index in np.flatnonzero(apart_m <= self._mission.detector_range_m)]
+        range_m = self._mission.detector_range_m if self._mission.detector == "adsb" else -1.0
+        near = [snapshot.neighbours[index] for index in np.flatnonzero(apart_m <= range_m)]
         self._adapter.neighbours = [other for other in near if other.agent_id != self.spec.id]
         arrived = list(self._air.deliver(t_s))
         began_ns = time.thread_time_ns()

@@ -15,6 +15,7 @@ from companion.protocol.ed25519 import FrameSigner
 from companion.protocol.mavlink_signing import MavlinkSigner
 from sim.scaling import CRUISE_M_S, scaled
 from sim.vehicles import CRAFTS, DEFAULT_RATES_HZ, Home, Setup, StandIn
+from sim.vehicles.adsb import ADSB_TYPE
 
 KINDS = tuple(CRUISE_M_S)
 """Autopilot kinds with which the faults are flown."""
@@ -118,7 +119,7 @@ def fault_stand_in(setting: Setting, place_m: tuple[float, float], start_s: floa
     `start_s` is in Unix seconds; with `guided` it begins in the guided mode, else in the holding mode.
     """
     mission, kind = setting.mission, setting.kind
-    return StandIn(
+    vehicle = StandIn(
         CRAFTS[kind],
         Setup(
             SYSTEM_ID,
@@ -136,6 +137,9 @@ def fault_stand_in(setting: Setting, place_m: tuple[float, float], start_s: floa
             rates_hz=DEFAULT_RATES_HZ,
         ),
     )
+    if ADSB_TYPE in vehicle.parameters:
+        vehicle.parameters[ADSB_TYPE] = 1.0
+    return vehicle
 
 
 def frame_signer(key: bytes | None) -> FrameSigner:

@@ -208,9 +208,10 @@ class FaultyVehicle:
         """Let the pilot act, then give the companion's process a turn."""
         for order in self.pilot.frames(t_s, self.stand_in.mode):
             self.stand_in.receive(order, START_S + t_s)
+        passed_on = self.stand_in.hear_adsb(self.encounter.look(self.stand_in, t_s), START_S + t_s)
         frames = self.autopilots.telemetry(t_s)
         if self.process.listens:
-            frames += self.encounter.look(self.stand_in, t_s)
+            frames += passed_on
         broadcasts, self._broadcasts = self._broadcasts, []
         self.process.turn(broadcasts, frames)
 

@@ -40,6 +40,7 @@ class ArduPilot:
     mav_type: int
     mav_autopilot: int = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
     announces = True
+    lists_adsb = True
     longest_step_s: float
     parameters: tuple[Parameter, ...]
     modes: Mapping[int, str]

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.geo.air_density import true_per_indicated
 from companion.geo.kinematics import GRAVITY_M_S2, shorter_turn_rad
 from sim.vehicles.ardupilot import ACCEPTED, DENIED, FAILED, UNSUPPORTED, ArduPilot, changes_mode
 from sim.vehicles.craft import Answer, Command, Message, Parameter, Start, Surroundings
@@ -121,6 +122,7 @@ class ArduPlane(ArduPilot):
         Parameter("FS_LONG_ACTN", 0.0, 0.0, 4.0),
         Parameter("FENCE_ENABLE", 0.0, 0.0, 1.0),
         Parameter("FENCE_ACTION", 0.0, 0.0, 6.0),
+        Parameter("ADSB_TYPE", 0.0, 0.0, 4.0),
     )
     modes = MODES
     first_mode = MANUAL
@@ -136,9 +138,10 @@ class ArduPlane(ArduPilot):
         super().__init__(start)
         body = self.body
         if start.in_air and body.airspeed_m_s <= 0.0:
-            body.airspeed_m_s = self.values["AIRSPEED_CRUISE"]
+            body.airspeed_m_s = self.values["AIRSPEED_CRUISE"] * true_per_indicated(body.altitude_m)
         self._wing = FixedWing(AIRFRAME, body)
-        self._airspeed_m_s = body.airspeed_m_s if start.in_air else self.values["AIRSPEED_CRUISE"]
+        indicated_m_s = body.airspeed_m_s / true_per_indicated(body.altitude_m)
+        self._indicated_m_s = indicated_m_s if start.in_air else self.values["AIRSPEED_CRUISE"]
         self._altitude_m = body.altitude_m
         self._climb_m_s = _CLIMB_M_S
         self._centre_m = body.north_m, body.east_m
@@ -206,7 +209,7 @@ class ArduPlane(ArduPilot):
             # A disarmed plane glides down straight ahead.
             altitude_m, climb_m_s = around.home.altitude_m, _CLIMB_M_S
         climb_m_s = climb_towards_m_s(altitude_m - body.altitude_m, _ALTITUDE_GAIN_1_S, climb_m_s, _SINK_M_S)
-        self._wing.fly(self._wanted_bank_rad(now_s, around), self._airspeed_m_s, climb_m_s, around.wind_m_s, dt_s)
+        self._wing.fly(self._wanted_bank_rad(now_s, around), self._indicated_m_s, climb_m_s, around.wind_m_s, dt_s)
         if body.altitude_m <= around.home.altitude_m and body.climb_m_s < 0.0:
             self._touch_down(around)
 
@@ -216,7 +219,7 @@ class ArduPlane(ArduPilot):
         self.body.airspeed_m_s = _TAKEOFF_SPEED_M_S
         self.body.climb_m_s = _TAKEOFF_CLIMB_M_S
         self._altitude_m = self.body.altitude_m + self.values["TKOFF_ALT"]
-        self._airspeed_m_s = self.values["AIRSPEED_CRUISE"]
+        self._indicated_m_s = self.values["AIRSPEED_CRUISE"]
         self._climb_m_s = _TAKEOFF_CLIMB_M_S
 
     def _touch_down(self, around: Surroundings) -> None:
@@ -337,7 +340,7 @@ class ArduPlane(ArduPilot):
     def _fly_at(self, airspeed_m_s: float) -> Answer:
         if not self.values["AIRSPEED_MIN"] <= airspeed_m_s <= self.values["AIRSPEED_MAX"]:
             return FAILED
-        self._airspeed_m_s = airspeed_m_s
+        self._indicated_m_s = airspeed_m_s
         return ACCEPTED
 
     def _guided_altitude(self, command: Command, around: Surroundings, now_s: float) -> Answer:

@@ -81,7 +81,7 @@ class CommandProtocol:
         if not (math.isfinite(message_id) and math.isfinite(interval_us)):
             return int(mavlink.MAV_RESULT_DENIED)
         # Accepted for an unknown message too: ground stations request streams that not every autopilot has.
-        if message_id.is_integer() and self._telemetry.encoder.knows(int(message_id)):
+        if message_id.is_integer() and self._telemetry.streamable(int(message_id)):
             self._telemetry.streams.set_interval(int(message_id), interval_us, t_s)
         return int(mavlink.MAV_RESULT_ACCEPTED)
 

@@ -131,6 +131,8 @@ class Craft(Protocol):
     """The parameters' present values, by name; the stand-in writes into it what a PARAM_SET sets."""
     announces: bool
     """Whether a changed mode or arming is announced by a HEARTBEAT at once, rather than by the next one due."""
+    lists_adsb: bool
+    """Whether it sends the aircraft that its ADS-B receiver hears only when asked, one by one; else each at once."""
     longest_step_s: float
     """Longest `dt_s` that `step` takes: the caller cuts longer ones. Infinity if the motion is exact for any step."""
     body: Body

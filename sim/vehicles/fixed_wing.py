@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from companion.geo.air_density import true_per_indicated
 from companion.geo.kinematics import GRAVITY_M_S2, advance
 from sim.vehicles.craft import Body
 
@@ -40,10 +41,11 @@ class FixedWing:
         self.body = body
 
     def fly(
-        self, bank_rad: float, airspeed_m_s: float, climb_m_s: float, wind_m_s: tuple[float, float], dt_s: float
+        self, bank_rad: float, indicated_m_s: float, climb_m_s: float, wind_m_s: tuple[float, float], dt_s: float
     ) -> None:
-        """Advance by `dt_s` towards a demanded bank, airspeed (positive) and climb, in a wind (north, east; grid)."""
+        """Advance by `dt_s` towards a demanded bank, indicated airspeed (positive) and climb, in a wind (grid)."""
         airframe, body = self.airframe, self.body
+        airspeed_m_s = indicated_m_s * true_per_indicated(body.altitude_m)
         roll_rad = (bank_rad - body.roll_rad) * _share(dt_s, airframe.roll_lag_s)
         limit_rad = airframe.roll_rate_rad_s * dt_s
         roll_rad = body.roll_rad + min(max(roll_rad, -limit_rad), limit_rad)

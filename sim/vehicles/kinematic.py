@@ -30,6 +30,7 @@ class Kinematic(ArduPilot):
     kind = "kinematic"
     mav_type = mavlink.MAV_TYPE_FIXED_WING
     mav_autopilot = mavlink.MAV_AUTOPILOT_GENERIC
+    lists_adsb = False
     longest_step_s = math.inf
     parameters = (Parameter("GUID_TIMEOUT", 3.0, 0.1, 5.0), Parameter("FS_GCS_ENABLE", 0.0, 0.0, 7.0))
     modes = COPTER_MODES

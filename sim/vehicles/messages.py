@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.geo.air_density import true_per_indicated
 from sim.mavlink_sender import MavlinkSender
 from sim.vehicles.craft import Body, Message
 from sim.vehicles.dynamics import CELLS, FlightDynamics
@@ -200,7 +201,7 @@ class MessageEncoder:
         heading_deg = round(math.degrees(body.heading_rad + report.convergence_rad)) % 360
         unknown_throttle = 0
         return self._mav.vfr_hud_encode(
-            self._float(body.airspeed_m_s),
+            self._float(body.airspeed_m_s / true_per_indicated(body.altitude_m)),
             self._float(ground_m_s),
             heading_deg,
             unknown_throttle,

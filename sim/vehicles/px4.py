@@ -260,6 +260,7 @@ class Px4:
     mav_type: int
     mav_autopilot: int = mavlink.MAV_AUTOPILOT_PX4
     announces = False
+    lists_adsb = False
     """PX4 sends HEARTBEAT once a second in any case, so a changed mode shows up to a second late."""
     ready = True
     """Start-up is modelled for the ArduPilot kinds alone."""

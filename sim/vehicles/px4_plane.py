@@ -12,6 +12,7 @@ import math
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.geo.air_density import true_per_indicated
 from companion.geo.kinematics import shorter_turn_rad
 from sim.vehicles import px4
 from sim.vehicles.craft import Parameter, Start, Surroundings
@@ -80,7 +81,7 @@ class Px4Plane(Px4):
         """Begin on the ground, or flying at the airspeed of `start`, or at FW_AIRSPD_TRIM if that is 0."""
         super().__init__(start)
         if start.in_air and start.body.airspeed_m_s <= 0.0:
-            start.body.airspeed_m_s = self.values["FW_AIRSPD_TRIM"]
+            start.body.airspeed_m_s = self.values["FW_AIRSPD_TRIM"] * true_per_indicated(start.body.altitude_m)
         self._wing = FixedWing(_AIRFRAME, start.body)
         self._frozen_climb_m_s: float | None = None
         self._straight_rad = start.body.heading_rad

@@ -234,6 +234,10 @@ class StandIn:
         self._dynamics.step_to(t_s)
         self._telemetry.announce_change(before, t_s)
 
+    def hear_adsb(self, frames: Sequence[bytes], t_s: float) -> list[bytes]:
+        """Let the ADS-B receiver hear frames at the time `t_s`; return those that the autopilot passes on at once."""
+        return [] if self._telemetry.is_silent(t_s) else self._telemetry.adsb.hear(frames, t_s)
+
     def telemetry(self, t_s: float) -> list[bytes]:
         """Return every frame that is due at `t_s`."""
         return self._telemetry.due(t_s)

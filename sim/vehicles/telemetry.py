@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import common as mavlink
 
 from sim.mavlink_sender import MavlinkSender
+from sim.vehicles.adsb import AdsbReceiver
 from sim.vehicles.craft import Craft
 from sim.vehicles.messages import MessageEncoder
 
@@ -104,6 +105,7 @@ class Telemetry:
         """Send for `craft` the messages that `encoder` makes, when `streams` has them due, packed by `sender`."""
         self.encoder = encoder
         self.streams = streams
+        self.adsb = AdsbReceiver(craft, sender)
         self._craft = craft
         self._sender = sender
         self._silent_until_s = -math.inf
@@ -126,9 +128,18 @@ class Telemetry:
         self._craft.texts.clear()
         # There is no home position before the autopilot is ready.
         held_back = None if self._craft.ready else mavlink.MAVLINK_MSG_ID_HOME_POSITION
-        pack, encode = self._sender.pack, self.encoder.encode
-        frames += [pack(encode(message_id, t_s)) for message_id in self.streams.take_due(t_s, held_back)]
+        for message_id in self.streams.take_due(t_s, held_back):
+            if message_id != mavlink.MAVLINK_MSG_ID_ADSB_VEHICLE:
+                frames.append(self._sender.pack(self.encoder.encode(message_id, t_s)))
+            elif (listed := self.adsb.next_listed(t_s)) is not None:
+                frames.append(listed)
         return frames
+
+    def streamable(self, message_id: int) -> bool:
+        """Return whether a message can be streamed by this autopilot."""
+        if message_id == mavlink.MAVLINK_MSG_ID_ADSB_VEHICLE:
+            return self._craft.lists_adsb
+        return self.encoder.knows(message_id)
 
     def message(self, message_id: int, t_s: float) -> bytes:
         """Return the frame of the message with this id, as of `t_s`; raise KeyError for an unknown id."""

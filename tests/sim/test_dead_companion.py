@@ -48,8 +48,8 @@ HOLD = {"COM_OBL_RC_ACT": 5.0}
 @pytest.mark.parametrize(
     ("kind", "speed_m_s", "parameters", "within_m", "stands_after_s"),
     [
-        ("arducopter", 8.0, {}, 40.0, 6.5),
-        ("arducopter", 8.0, {"GUID_TIMEOUT": 1.0}, 24.0, 4.5),
+        ("arducopter", 8.0, {}, 40.0, 6.7),
+        ("arducopter", 8.0, {"GUID_TIMEOUT": 1.0}, 24.0, 4.7),
         ("px4-copter", 10.0, HOLD, 27.0, 4.5),
     ],
 )

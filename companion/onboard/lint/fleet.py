@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from companion.autopilot.kinds import KINDS
@@ -12,7 +13,7 @@ from companion.geo.kinematics import turn_rate_rad_s
 from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission, TargetSpec
 from companion.onboard.config import config_for_agent, fast_enough
-from companion.onboard.limits import within
+from companion.onboard.limits import beyond_airspeed, within
 from companion.onboard.steering import Steering, steering_of
 
 
@@ -58,6 +59,23 @@ def fleet_of(mission: Mission, law: LawName, kind: str, source: str) -> list[Fly
             raise InputError(f"{where}: {one_line(str(error))}") from error
         fleet.append(Flyer(spec, config.height_m, mission.origin.alt_m + config.height_m, steering))
     return fleet
+
+
+def beyond_airspeed_in_wind(mission: Mission, fleet: Sequence[Flyer], kind: str) -> list[str]:
+    """Return the agents whose companion would not begin to steer: their speed and the wind are beyond their reach."""
+    if not KINDS[kind].can_stop:
+        return []  # A plane flies at its airspeed, whatever the wind.
+    abilities, concerns = ADAPTERS[kind]().abilities, []
+    for flyer in fleet:
+        limits = flyer.steering.config.limits
+        shortage = beyond_airspeed(limits, abilities)
+        if shortage is not None:
+            concerns.append(
+                f"{limits.wind_m_s:g} m/s, gusts included, against the {limits.speed_m_s:.3g} m/s of agent "
+                f"{flyer.spec.id}: {kind} reaches {shortage.reach} through the air, so that its companion does not "
+                "begin to steer"
+            )
+    return concerns
 
 
 def nearest_target(mission: Mission, spec: AgentSpec) -> TargetSpec:

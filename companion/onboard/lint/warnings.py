@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from companion.guidance.settings import LawName
 from companion.mission.lint import first_of, lint
 from companion.mission.model import Mission
-from companion.onboard.lint.fleet import fleet_of
+from companion.onboard.lint.fleet import beyond_airspeed_in_wind, fleet_of
 from companion.onboard.lint.reach import circled_targets, out_of_reach, repelled
 from companion.onboard.lint.spacing import mixed_turn_limits, starts_too_near, too_short_a_detector
 from companion.onboard.lint.starts import uncertified_starts
@@ -37,6 +37,7 @@ def _concerns(mission: Mission, law: LawName, kind: str, source: str) -> dict[st
         "agents spacing": starts_too_near(mission, fleet),
         "detector_range_m": too_short_a_detector(mission, fleet),
         "agents n_max": mixed_turn_limits(mission, fleet),
+        "wind": beyond_airspeed_in_wind(mission, fleet, kind),
     }
     if law == "routed":
         return {**found, "targets reach": out_of_reach(mission, fleet)}

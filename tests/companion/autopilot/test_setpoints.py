@@ -14,6 +14,7 @@ from companion.autopilot.heartbeat import IDENTITIES, HeartbeatIdentity
 from companion.autopilot.linked import VERTICAL_SPEED_M_S, LinkedAdapter
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import COMPANION_COMPONENT, Message
+from companion.geo.air_density import true_per_indicated
 from companion.guard.types import Setpoint
 
 SYSTEM = 7
@@ -33,7 +34,7 @@ GOLDEN: dict[str, tuple[str, ...]] = {
     "arduplane": (
         "fd2700000207bf520000881300002365763f68ee8a3e0000000000000000000000000000000000000000000000000701c66844",
         "fd2100000007bf4b00000000000000000000000000000000000000000000000000000000a841f9a70701037ff0",
-        "fd2100000107bf4b000000000000000020410000000000000000000000000000000000000000f8a70701034699",
+        "fd2100000107bf4b0000000000005e081c410000000000000000000000000000000000000000f8a7070103f82d",
         "fd2700000407bf520000ec130000c6c7713fc743a83e0000000000000000000000000000000000000000000000000701c61a19",
         "fd2100000307bf4b0000000080bf00000000000070420000000080a1031c00b4c4040000a841c0000701033483",
     ),
@@ -44,10 +45,10 @@ GOLDEN: dict[str, tuple[str, ...]] = {
         "2506013e00000000c709070101c8d3",
     ),
     "px4-plane": (
-        "fd3500000007bf540000881300000000c842000048c2000098c1226269416fdd5f4000000000000000000000000000000000"
-        "0000000000000000c00d070101199f",
-        "fd3500000107bf540000ec1300000000c842000048c2000098c112d76741d432784000000000000000000000000000000000"
-        "0000000000000000c00d070101f61e",
+        "fd3500000007bf540000881300000000c842000048c2000098c1bab46941c7695a4000000000000000000000000000000000"
+        "0000000000000000c00d0701013928",
+        "fd3500000107bf540000ec1300000000c842000048c2000098c1d33c6841182e724000000000000000000000000000000000"
+        "0000000000000000c00d0701012db1",
     ),
     "ardurover": (
         "fd3500000007bf540000881300000000000000000000000000007c9e1c4128df024000000080000000000000000000000000"
@@ -281,7 +282,7 @@ def test_a_leap_of_the_heading_is_flown_as_a_turn_that_the_vehicle_can_make(name
     adapter = flying(name)
     asked = [sent(adapter, Setpoint(2.0, 8.0, HEIGHT_M), 0.0, 5.0 + 0.1 * step)[0] for step in range(200)]
     courses_rad = [math.atan2(message.vy, message.vx) for message in asked]
-    speed_m_s = 15.0 if name == "px4-plane" else 8.0
+    speed_m_s = 15.0 * true_per_indicated(520.0) if name == "px4-plane" else 8.0
     step_rad = 0.1 * adapter.abilities.n_max * 9.80665 / speed_m_s
     turns_rad = [after - before for before, after in zip(courses_rad[1:-1], courses_rad[2:], strict=True)]
     assert 0.99 * step_rad < max(turns_rad) < 1.01 * step_rad
@@ -410,7 +411,8 @@ def test_height_and_airspeed_are_ordered_when_they_change() -> None:
         (common.MAV_CMD_GUIDED_CHANGE_SPEED, common.MAV_FRAME_GLOBAL_RELATIVE_ALT),
     ]
     assert (changed[0][1].z, changed[0][1].param3) == (120.0, 0.0)
-    assert (changed[1][1].param1, changed[1][1].param2) == (0.0, 20.0)
+    assert changed[1][1].param1 == 0.0
+    assert changed[1][1].param2 == pytest.approx(20.0 / true_per_indicated(520.0))
 
 
 def test_a_loiter_lies_underneath_where_the_plane_was_a_moment_ago() -> None:
@@ -459,7 +461,7 @@ def test_a_command_that_is_denied_is_told() -> None:
     adapter = flying("arduplane")
     orders(adapter, Setpoint(0.0, 22.0, 100.0), 5.0)
     acknowledge(adapter, common.MAV_CMD_GUIDED_CHANGE_SPEED, common.MAV_RESULT_FAILED)
-    assert adapter.failures == ("airspeed 22.0 m/s: failed",)
+    assert adapter.failures == ("indicated airspeed 21.5 m/s: failed",)
 
 
 # What is heard decides whether it is steered

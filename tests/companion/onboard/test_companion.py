@@ -139,7 +139,8 @@ def test_it_is_idle_below_the_height_where_steering_begins() -> None:
     flight.broadcast()
     flight.position(height_mm=4_900)
     decision, setpoint = flight.tick()
-    assert (decision.purpose, decision.reason, setpoint) == (Purpose.IDLE, "below height_min_m", None)
+    words = "below limits.height_min_m 5 m at 4.9 m: climb in another mode, then hand over again"
+    assert (decision.purpose, decision.reason, setpoint) == (Purpose.IDLE, words, None)
     flight.position(height_mm=5_000)
     assert flight.tick()[0].purpose is Purpose.TARGET
     flight.position(height_mm=4_900)
@@ -225,7 +226,7 @@ def test_with_a_target_it_heads_for_it_at_full_speed() -> None:
 
 def test_a_turn_faster_than_the_limit_is_cut_and_said_to_be() -> None:
     flight = guided(CONFIG.model_copy(update={"limits": CONFIG.limits.model_copy(update={"n_max": 0.1})}))
-    flight.broadcast((-5_000.0, 1.0))
+    flight.broadcast((1_000.0, 5_000.0))
     decision, setpoint = flight.at(velocity=(10.0, 0.0))
     assert decision.turn_limited
     assert setpoint is not None
@@ -721,7 +722,7 @@ def test_its_own_echo_is_no_neighbour() -> None:
     assert wanted_beside(CLOSE_M, callsign=b"OW%05d" % ME) == STRAIGHT_RAD
 
 
-@pytest.mark.parametrize(("traffic_ned_m", "speed_m_s"), [((5.0, 0.0), 10.0), ((500.0, 0.0), 0.0)])
+@pytest.mark.parametrize(("traffic_ned_m", "speed_m_s"), [((5.0, 0.0), 1.25), ((500.0, 0.0), 0.0)])
 def test_where_a_neighbour_is_seen_there_is_no_place_to_loiter(
     traffic_ned_m: tuple[float, float], speed_m_s: float
 ) -> None:

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.adapter import Abilities
 from companion.autopilot.arducopter import ArduCopterAdapter
 from companion.autopilot.stream import STREAM_GAP_S
-from companion.onboard.authority import State
+from companion.onboard.authority import FAILSAFE_STATES, State
 from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection, Config
 from companion.onboard.decision import Decision, Purpose
@@ -23,6 +23,8 @@ from tests.companion.onboard.companion_flight import CONFIG, GUIDED, KINDS, ME, 
 
 HOLD_MODE = 4 << 16 | 3 << 24
 """PX4's AUTO.LOITER: where a person, or a failsafe, puts it."""
+RTL = 6
+"""ArduCopter's RTL."""
 PACE_S = 0.1
 
 
@@ -160,9 +162,10 @@ def test_cleared_on_the_spot_it_can_be_handed_over_again() -> None:
     assert flight.tick()[0].purpose is Purpose.TARGET
 
 
-def test_the_autopilots_failsafe_ends_the_stream_for_good() -> None:
+@pytest.mark.parametrize("state", sorted(FAILSAFE_STATES))
+def test_the_autopilots_failsafe_ends_the_stream_for_good(state: int) -> None:
     flight = handed_over()
-    flight.heartbeat(state=common.MAV_STATE_CRITICAL)
+    flight.heartbeat(state=state)
     assert streamed(flight) is None
     flight.heartbeat()
     assert flight.tick()[1] is None
@@ -295,15 +298,31 @@ def test_whatever_happens_nothing_is_sent_outside_offboard_after_an_engagement_u
 # Silence
 
 
-def test_an_autopilots_failsafe_silences_it_while_it_lasts() -> None:
+@pytest.mark.parametrize("state", sorted(FAILSAFE_STATES))
+def test_where_the_mode_alone_decides_a_status_word_is_told_and_changes_nothing(state: int) -> None:
     flight = guided()
     flight.broadcast()
-    assert flight.at()[1] is not None
-    flight.heartbeat(state=common.MAV_STATE_CRITICAL)
+    assert flight.at()[0].note is None
+    flight.heartbeat(state=state)
+    decision, setpoint = flight.at()
+    assert decision.purpose is Purpose.TARGET
+    assert setpoint is not None
+    assert decision.note == f"the autopilot says {FAILSAFE_STATES[state]}"
+    flight.heartbeat(GUIDED, RTL)
     decision, setpoint = flight.tick()
-    assert (decision.purpose, decision.reason, setpoint) == (Purpose.IDLE, "autopilot's failsafe", None)
-    flight.heartbeat()
-    assert flight.at()[0].purpose is Purpose.TARGET
+    assert (decision.purpose, setpoint) == (Purpose.IDLE, None)
+
+
+def test_a_copter_that_returns_on_a_low_battery_comes_home_though_its_autopilot_warns() -> None:
+    flight = guided()
+    flight.home(-400.0, 0.0)
+    flight.broadcast()
+    flight.battery(20)
+    flight.heartbeat(state=common.MAV_STATE_CRITICAL)
+    for north_m in (0.0, -200.0, -300.0):
+        decision, setpoint = flight.at(north_m, 0.0, (-8.0, 0.0), 18_000)
+        assert (decision.purpose, decision.reason) == (Purpose.RETURN, "battery low")
+        assert setpoint is not None and setpoint.vx < -1.0
 
 
 def test_what_the_adapter_keeps_of_a_steering_ends_with_it_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -383,7 +402,8 @@ def test_outside_the_fence_it_does_not_engage() -> None:
     flight = guided(FENCED)
     flight.broadcast()
     decision, setpoint = flight.at(0.0, 950.0)
-    assert (decision.reason, setpoint) == ("outside the fence", None)
+    words = "outside the fence: fly inside in another mode, then hand over again"
+    assert (decision.reason, setpoint) == (words, None)
     assert flight.at(0.0, 850.0)[0].purpose is Purpose.TARGET
 
 
@@ -463,6 +483,35 @@ def test_in_a_wind_that_leaves_it_no_speed_it_does_not_engage() -> None:
     tell(flight, **DEFAULTS)
     decision, _ = flight.companion.tick(flight.now_s)
     assert decision.reason.startswith("limits.wind_m_s 9.5 is not below the 8.")
+
+
+def test_a_speed_and_a_wind_beyond_its_airspeed_keep_it_from_engaging() -> None:
+    windy = CONFIG.limits.model_copy(update={"speed_m_s": 8.0, "wind_m_s": 5.0})
+    flight = real_copter(CONFIG.model_copy(update={"limits": windy}))
+    tell(flight, **DEFAULTS)
+    decision, _ = flight.companion.tick(flight.now_s)
+    assert decision.reason == (
+        "limits.speed_m_s 8 + wind_m_s 5 = 13 m/s through the air; it reaches 10.3 (ANGLE_MAX 3000): "
+        "set speed_m_s to 5.3 or wind_m_s to 2.3 or ANGLE_MAX to 4500 (15 m/s)"
+    )
+    tell(flight, ANGLE_MAX=4500.0)
+    assert flight.companion.tick(flight.now_s)[0].purpose is Purpose.TARGET
+
+
+def test_a_lean_that_is_lowered_in_flight_makes_it_loiter_in_its_wind() -> None:
+    windy = CONFIG.limits.model_copy(update={"speed_m_s": 8.0, "wind_m_s": 5.0})
+    flight = real_copter(CONFIG.model_copy(update={"limits": windy}))
+    tell(flight, **{**DEFAULTS, "ANGLE_MAX": 4500.0})
+    assert flight.companion.tick(flight.now_s)[0].purpose is Purpose.TARGET
+    tell(flight, ANGLE_MAX=3000.0)
+    assert flight.companion.tick(flight.now_s)[0].reason == ABILITIES_CHANGED
+
+
+def test_a_parameter_that_no_vehicle_has_keeps_it_from_engaging() -> None:
+    flight = real_copter()
+    tell(flight, **{**DEFAULTS, "ANGLE_MAX": 0.0})
+    decision, _ = flight.companion.tick(flight.now_s)
+    assert decision.reason == "ANGLE_MAX 0 is not a sane value (1000 to 8000): correct it on the autopilot"
 
 
 class Crawler(ObedientCopter):

@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 
 from companion.autopilot.linked import LinkedAdapter
+from companion.autopilot.parameters import Told
 from companion.autopilot.registry import ADAPTERS
 from companion.onboard.config import ONE_RADIO, Config, load_config
+from companion.onboard.limits import unable
 
 ROOT = Path(__file__).parents[3]
 FOLDER = resources.files("companion.onboard") / "deploy"
@@ -44,6 +46,7 @@ def test_an_example_asks_no_more_than_the_autopilots_defaults_can(name: str) -> 
     abilities, limits = adapter.abilities, config.limits
     assert abilities.speed_min_m_s <= limits.speed_m_s <= abilities.speed_max_m_s
     assert limits.n_max <= abilities.n_max
+    assert unable(limits, abilities, can_stop=adapter.can_stop) is None
     if adapter.can_stop:
         assert limits.braking_m_s2 <= abilities.braking_m_s2
 
@@ -85,6 +88,7 @@ def test_the_page_lists_what_the_check_demands_of_each_autopilot() -> None:
         adapter = build()
         for demand in adapter.parameter_checks:
             default = next(wanted.default for wanted in adapter.wanted if wanted.name == demand.name)
-            fenced = " with `limits.fence`" if demand.when_fenced else ""
-            rows.append(f"| `{kind}` | {demand.name} | {default:g} | {demand.words}{fenced} | {demand.why} |")
+            when = " with `limits.fence`" if demand.when_fenced else " where it exists" if demand.when_told else ""
+            words = demand.words(Told(demand.name, default, 1.0))
+            rows.append(f"| `{kind}` | {demand.name} | {default:g} | {words}{when} | {demand.why} |")
     assert page.strip().splitlines()[2:] == rows

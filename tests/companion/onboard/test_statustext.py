@@ -14,7 +14,7 @@ from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.guard.types import NO_BACKUP
 from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
-from companion.onboard.statustext import CHUNK_BYTES, MOST_CHUNKS, TEXT_PERIOD_S, StatusReporter
+from companion.onboard.statustext import CHUNK_BYTES, MOST_CHUNKS, REPEAT_S, TEXT_PERIOD_S, StatusReporter
 
 SYSTEM = 7
 DECISION = Decision(1_000.0, Purpose.TARGET, "assigned", Stage.COASTING, 17.25, target_id=4)
@@ -71,6 +71,20 @@ def test_texts_keep_their_distance_and_the_newest_line_is_said(lines: list[tuple
     assert all(later - earlier >= TEXT_PERIOD_S for earlier, later in zip(said_s, said_s[1:], strict=False))
     speaking.note(DECISION, "the last")
     assert text_of(speaking.text(now_s + 2.0 * TEXT_PERIOD_S, SYSTEM)) == "the last"
+
+
+def test_a_line_that_a_person_must_act_on_is_repeated() -> None:
+    speaking, said_s = teller(), []
+    for second in range(30):
+        speaking.note(DECISION, "climb", insists=True)
+        if speaking.text(float(second), SYSTEM):
+            said_s.append(second)
+    assert said_s == [0, REPEAT_S, 2 * REPEAT_S]
+    speaking.note(DECISION, "climb", insists=True)
+    (said,) = messages(speaking.text(100.0, SYSTEM))
+    assert said.severity == common.MAV_SEVERITY_WARNING
+    speaking.note(DECISION, "climb")
+    assert speaking.text(200.0, SYSTEM) == []
 
 
 @pytest.mark.parametrize("length", [1, 49, 50, 51, 99, 100, 149, 150, 199])

@@ -384,7 +384,7 @@ def test_the_vehicle_is_not_its_own_peer() -> None:
 
 def test_a_peer_is_extrapolated_along_its_heading() -> None:
     picture = picture_of(state(1, agents=WITH_PEER))
-    assert picture.take_motion(motion(1, AgentMotion(9, math.radians(90.0), 60.0, 0.0)))
+    assert picture.take_motion(motion(1, AgentMotion(9, math.radians(90.0), 60.0, 0.0)), time_of(1))
     assert picture.view(time_of(1) + 2.0).peers_ned_m[0] == pytest.approx((100.0, 320.0))
 
 
@@ -395,9 +395,9 @@ def test_a_peer_whose_motion_is_unknown_stands_where_it_was_heard() -> None:
 
 def test_a_peer_that_came_to_a_stand_is_extrapolated_no_more() -> None:
     picture = picture_of(state(1, agents=WITH_PEER))
-    picture.take_motion(motion(1, AgentMotion(9, math.radians(90.0), 60.0, 0.0)))
+    picture.take_motion(motion(1, AgentMotion(9, math.radians(90.0), 60.0, 0.0)), time_of(1))
     picture.take_state(state(2, agents=WITH_PEER), time_of(2))
-    picture.take_motion(motion(2, AgentMotion(9, None, 0.0, 0.0)))
+    picture.take_motion(motion(2, AgentMotion(9, None, 0.0, 0.0)), time_of(2))
     assert picture.view(time_of(2) + 10.0).peers_ned_m.tolist() == [[100.0, 200.0]]
 
 
@@ -432,24 +432,24 @@ def test_the_targets_of_others_are_claimed_but_not_ones_own() -> None:
 
 def test_the_motion_of_another_epoch_is_refused() -> None:
     picture = picture_of(state(1))
-    assert not picture.take_motion(motion(1, epoch_s=EPOCH_S + 1))
+    assert not picture.take_motion(motion(1, epoch_s=EPOCH_S + 1), time_of(1))
 
 
 def test_a_motion_older_than_the_state_is_refused() -> None:
     picture = picture_of(state(2))
-    assert not picture.take_motion(motion(1))
+    assert not picture.take_motion(motion(1), time_of(1))
 
 
 def test_a_motion_overtaken_by_a_newer_one_is_refused() -> None:
     picture = picture_of(state(1, agents=WITH_PEER))
-    picture.take_motion(motion(3, AgentMotion(9, 0.0, 10.0, 0.0)))
-    assert not picture.take_motion(motion(2, AgentMotion(9, 0.0, 60.0, 0.0)))
+    picture.take_motion(motion(3, AgentMotion(9, 0.0, 10.0, 0.0)), time_of(3))
+    assert not picture.take_motion(motion(2, AgentMotion(9, 0.0, 60.0, 0.0)), time_of(2))
     assert picture.view(time_of(1) + 10.0).peers_ned_m[0] == pytest.approx((200.0, 200.0))
 
 
 def test_a_threat_moves_as_its_motion_says_and_stands_until_one_does() -> None:
     picture = picture_of(state(1, threats=(THREAT, replace(THREAT, id=2))))
-    picture.take_motion(replace(motion(1), threats=(PointMotion(2, 3.0, -4.0, 0.0),)))
+    picture.take_motion(replace(motion(1), threats=(PointMotion(2, 3.0, -4.0, 0.0),)), time_of(1))
     view = picture.view(time_of(1) + 3.0)
     assert view.threat_velocity_m_s.tolist() == [[0.0, 0.0], [3.0, -4.0]]
     assert view.threat_age_s.tolist() == [3.0, 3.0]
@@ -457,7 +457,7 @@ def test_a_threat_moves_as_its_motion_says_and_stands_until_one_does() -> None:
 
 def test_a_motion_makes_the_picture_no_younger() -> None:
     picture = picture_of(state(1))
-    picture.take_motion(motion(1, time_ms=90_000))
+    picture.take_motion(motion(1, time_ms=90_000), time_of(1))
     assert picture.age_s(time_of(1) + 90.0) == pytest.approx(90.0)
 
 

@@ -136,6 +136,12 @@ class Pilot:
         return self.vehicle.truth.speed_m_s
 
     @property
+    def course_deg(self) -> float:
+        """Course over the ground, clockwise from north, between -180 and 180."""
+        north_m_s, east_m_s = self.vehicle.ground_velocity_m_s
+        return math.degrees(math.atan2(east_m_s, north_m_s))
+
+    @property
     def height_m(self) -> float:
         """Height above home."""
         return self.vehicle.truth.altitude_m - GROUND_M

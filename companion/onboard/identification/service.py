@@ -1,0 +1,106 @@
+"""Shell of `companion identify`: flies the pattern or reads a flight log, prints the table, and writes the limits."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+
+from companion.autopilot.kinds import KINDS
+from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
+from companion.files.state import write_state_file
+from companion.files.tlog import read_tlog
+from companion.files.yaml import read_text_file, with_numbers
+from companion.onboard.authority import State
+from companion.onboard.config import Config, packaged_configs, parse_config
+from companion.onboard.identification.estimators import identify
+from companion.onboard.identification.identifier import End, Identifier
+from companion.onboard.identification.table import HEADING, Row, remedies, rows
+from companion.onboard.identification.track import track_of
+from companion.onboard.limits import within
+from companion.onboard.service import run_companion
+from companion.protocol.authenticator import Authenticator
+
+NOT_FLOWN = End("it was stopped before the pattern was flown", complete=False)
+
+
+async def fly_pattern(config: Config, stop: asyncio.Event) -> tuple[End, list[Row]]:
+    """Fly the pattern once the vehicle is handed over; return how it ended and the table of what its log says.
+
+    Raises:
+        InputError: a link cannot be opened, a key or state file cannot be used, or a log cannot be written.
+
+    """
+    flown: list[Identifier] = []
+
+    def build(configured: Config, authenticator: Authenticator, was: State) -> Identifier:
+        flown.append(Identifier(configured, authenticator, was, stop.set))
+        return flown[0]
+
+    with ExitStack() as stack:
+        logged = config
+        if config.log_dir is None:
+            logged = config.model_copy(update={"log_dir": stack.enter_context(TemporaryDirectory())})
+        folder = await run_companion(logged, stop, build)
+        assert folder is not None
+        # By another name than a log of `companion run`: a replay decides as that does.
+        log = (folder / f"vehicle-{config.agent_id}.tlog").rename(folder / f"identify-{config.agent_id}.tlog")
+        if config.log_dir is not None:
+            click.echo(f"log: {log}")
+        return flown[0].end or NOT_FLOWN, table_of(read_tlog(log), config)
+
+
+def table_of(records: Iterable[tuple[float, bytes]], config: Config) -> list[Row]:
+    """Return the table of what a log's records (t_unix_s, frame) say of the vehicle of a configuration."""
+    assert config.autopilot is not None
+    can_stop = KINDS[config.autopilot.kind].can_stop
+    track = track_of(records, config)
+    limits = within(config.limits, track.abilities)
+    return rows(identify(track, limits.n_max, can_stop), limits, can_stop, config.arrival_radius_m)
+
+
+def report(end: End | None, table: list[Row]) -> int:
+    """Print the table, and how the pattern ended if it was flown; return the exit status."""
+    click.echo(HEADING.rstrip())
+    for row in table:
+        click.echo(row.text)
+    if end is not None:
+        click.echo(f"ended: {end.words}")
+    worse = sum(row.worse for row in table)
+    click.echo(f"{len(table)} measured, {worse or 'none'} worse than reckoned with")
+    return EXIT_FAILED if worse or (end is not None and not end.complete) else EXIT_DONE
+
+
+def check_writable(name: str) -> None:
+    """Raise InputError if a configuration is a packaged one, which cannot be written."""
+    if name in packaged_configs():
+        raise InputError(f"--write: '{name}' is a packaged configuration; allowed: a file of your own")
+
+
+def write_limits(name: str, table: list[Row]) -> None:
+    """Write the values that the table asks for into the `limits` of a configuration's file.
+
+    Raises:
+        InputError: the file cannot be read, rewritten or written, or would break a rule.
+
+    """
+    path, values = Path(name), remedies(table)
+    if not values:
+        click.echo("nothing to write")
+        return
+    text = read_text_file(path)
+    before = parse_config(text, name)
+    written = with_numbers(text, "limits", values, name)
+    after = parse_config(written, name)
+    if after != before.model_copy(update={"limits": before.limits.model_copy(update=values)}):
+        raise InputError(f"{name}: limits: cannot be rewritten as they stand; set them by hand: {_words(values)}")
+    write_state_file(path, written)
+    click.echo(f"written into {name}: {_words(values)}")
+
+
+def _words(values: dict[str, float]) -> str:
+    return ", ".join(f"limits.{key} {value:g}" for key, value in values.items())
