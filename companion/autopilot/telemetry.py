@@ -109,6 +109,7 @@ class Telemetry:
     roll_rad: float = math.nan
     attitude_at_s: float | None = None
     airspeed_m_s: float = math.nan
+    """Indicated airspeed."""
     wind_ned_m_s: tuple[float, float] | None = None
     """Velocity of the air (true north, east) as the autopilot estimates it; None where it tells none."""
     gps_fix: int | None = None

@@ -4,7 +4,7 @@ Each tick adds one sample to a bounded window. From it follow what the vehicle a
 worse than configured for long enough to be reckoned with (`Obedience.worse`), and whether it answers at all
 (`companion.onboard.answer`). Everything is a function of logged inputs, so that a replay decides the same.
 
-Docs/method.md, "Does it obey?", derives the tolerances: they hold whatever an obedient vehicle does with the lag that
+The tolerances (docs/obedience.md) hold whatever an obedient vehicle does with the lag that
 its adapter leaves, with gusts up to the configured wind, and with the noise of its receiver.
 """
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from companion.autopilot.telemetry import Telemetry
+from companion.geo.air_density import true_per_indicated
 from companion.onboard.engagement import Engagement
 from companion.onboard.navigation import Located
 from companion.onboard.obedience import Seen
@@ -24,6 +25,6 @@ def seen_of(located: Located, telemetry: Telemetry, before: Engagement) -> Seen:
         speed_m_s=motion.speed_m_s,
         asked=None if before.setpoint is None else before.setpoint.setpoint,
         yaw_rad=None if telemetry.yaw_rad is None else telemetry.yaw_rad - turned_rad,
-        airspeed_m_s=telemetry.airspeed_m_s,
+        airspeed_m_s=telemetry.airspeed_m_s * true_per_indicated(telemetry.altitude_m),
         wind_ned_m_s=wind_ned_m_s,
     )

@@ -14,6 +14,7 @@ from companion.onboard.config import Config, LimitsSection
 from companion.onboard.identification.estimators import Identified, identify
 from companion.onboard.identification.identifier import FLOWN, NO_ORIGIN
 from companion.onboard.identification.service import table_of
+from companion.onboard.identification.table import remedies
 from companion.onboard.identification.track import track_of
 from companion.onboard.limits import within
 from tests.sim.identify_flight import LIMITS, IdentifyFlight, config_of, square_m
@@ -123,6 +124,19 @@ def test_at_its_end_a_copter_stands_and_nothing_more_is_sent(kind: str) -> None:
 
 
 @pytest.mark.slow
+def test_a_copter_that_is_weaker_than_its_parameters_say_is_found_out() -> None:
+    flight = IdentifyFlight(config_of("arducopter"))
+    flight.fly(lambda: flight.companion.steers)
+    flight.vehicle.parameters["WPNAV_ACCEL"] = 90.0
+    flight.fly()
+    table = table_of(flight.records, flight.companion.config)
+    asked = remedies(table)
+    # It was asked for a lateral acceleration of 0.7 of 2.5 m/s^2, and has 0.9.
+    assert 0.3 <= asked["rate_share"] <= 0.9 / 1.75
+    assert asked["braking_m_s2"] <= 0.9
+
+
+@pytest.mark.slow
 def test_a_log_read_from_its_file_gives_the_table_of_the_flight(tmp_path: object) -> None:
     flight = flown("arducopter")
     path = f"{tmp_path}/vehicle-1.tlog"
@@ -210,7 +224,7 @@ def test_a_vehicle_blown_to_the_fence_is_told_to_stand() -> None:
 def test_a_vehicle_that_does_not_turn_is_not_left_to_fly_on() -> None:
     flight = IdentifyFlight(config_of("arducopter"))
     hand_over(flight)
-    flight.vehicle.craft.body.north_m = 700.0
+    flight.vehicle.craft.body.north_m = 1_000.0
     flight.fly()
     assert flight.companion.end is not None
     assert flight.companion.end.words.startswith("it does not fly what it is asked to")

@@ -81,13 +81,18 @@ def check_writable(name: str) -> None:
         raise InputError(f"--write: '{name}' is a packaged configuration; allowed: a file of your own")
 
 
-def write_limits(name: str, table: list[Row]) -> None:
+def write_limits(name: str, end: End | None, table: list[Row]) -> None:
     """Write the values that the table asks for into the `limits` of a configuration's file.
+
+    What a pattern shows that was not flown to its end (`end`, None for a log) is not written.
 
     Raises:
         InputError: the file cannot be read, rewritten or written, or would break a rule.
 
     """
+    if end is not None and not end.complete:
+        click.echo("nothing is written: the pattern was not flown to its end")
+        return
     path, values = Path(name), remedies(table)
     if not values:
         click.echo("nothing to write")

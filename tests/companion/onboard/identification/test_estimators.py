@@ -111,6 +111,13 @@ def test_a_plane_that_circles_finds_the_wind(north_m_s: float, east_m_s: float, 
     assert found.top_speed_m_s is not None and found.top_speed_m_s.value == pytest.approx(15.0, abs=0.5)
 
 
+def test_a_copter_knows_the_wind_that_its_autopilot_tells() -> None:
+    told = np.column_stack((np.arange(20.0), np.full(20, 3.0), np.full(20, 4.0)))
+    found = identify(track(Vehicle(), [8.0, 0.0])._replace(winds=told), N_MAX, True)
+    assert found.wind_ned_m_s == (3.0, 4.0)
+    assert found.wind_m_s is not None and found.wind_m_s.value == 5.0
+
+
 def test_a_plane_that_flies_straight_on_cannot_tell_wind_from_airspeed() -> None:
     assert identify(track(Vehicle(), [15.0] * 4), N_MAX, False).wind_m_s is None
 

@@ -13,6 +13,7 @@ from companion.errors import InputError
 from companion.onboard.config import LimitsSection, load_config
 from companion.onboard.identification.estimators import Identified
 from companion.onboard.identification.follower import Estimate
+from companion.onboard.identification.identifier import End
 from companion.onboard.identification.service import check_writable, report, write_limits
 from companion.onboard.identification.table import Row, remedies, rows
 
@@ -73,18 +74,25 @@ def test_the_status_tells_whether_something_is_worse() -> None:
 def test_what_is_written_is_read_back_and_all_else_stays(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.write_text(CONFIG)
-    write_limits(str(path), table())
+    write_limits(str(path), None, table())
     assert path.read_text() == CONFIG.replace(
         "{speed_m_s: 8, rate_share: 1}", "{reaction_s: 0.95, speed_m_s: 8, rate_share: 0.35}"
     )
     assert load_config(str(path)).limits == LimitsSection(speed_m_s=8.0, reaction_s=0.95, rate_share=0.35)
 
 
+def test_what_half_a_pattern_shows_is_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text(CONFIG)
+    write_limits(str(path), End("battery low", complete=False), table())
+    assert path.read_text() == CONFIG
+
+
 def test_a_value_that_no_rule_allows_is_not_written(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.write_text(CONFIG)
     with pytest.raises(InputError, match="wind_m_s: 9; allowed: less than speed_m_s 8"):
-        write_limits(str(path), [Row("wind", "", "", True, ("wind_m_s", 9.0))])
+        write_limits(str(path), None, [Row("wind", "", "", True, ("wind_m_s", 9.0))])
     assert path.read_text() == CONFIG
 
 
