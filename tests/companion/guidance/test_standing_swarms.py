@@ -84,9 +84,7 @@ def fly_from_a_stand(
         craft.heading_rad = rng.uniform(-math.pi, math.pi)
     longest_m = max(math.dist(here, there) for here, there in ways)
     limit_s = 120.0 + 5.0 * longest_m / rules.speed_m_s
-    return swarm.fly(
-        crafts, rules, limit_s, 10.0, 600.0, arrival_radius_m, standing=True, word_period_s=word_period_s
-    )
+    return swarm.fly(crafts, rules, limit_s, 10.0, 600.0, arrival_radius_m, standing=True, word_period_s=word_period_s)
 
 
 def assert_all_got_away(outcome: swarm.Outcome, rules: Rules) -> None:
