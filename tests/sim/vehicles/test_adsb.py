@@ -87,3 +87,12 @@ def test_ardupilot_says_how_old_its_word_is_and_forgets_who_falls_silent() -> No
 @pytest.mark.parametrize("kind", ["px4-copter", "px4-plane"])
 def test_px4_passes_on_each_at_once_without_being_asked(kind: str) -> None:
     assert len(heard(stand_in(kind), (2, 3), 4.0)) == 16
+
+
+@pytest.mark.parametrize("kind", ["px4-copter", "arducopter"])
+def test_what_comes_from_another_system_is_passed_on_as_the_autopilots_own_and_rubbish_is_not(kind: str) -> None:
+    vehicle = stand_in(kind)
+    ask(vehicle, 10.0)
+    messages = [message for _, message in heard(vehicle, (2,), 2.0)]
+    assert {message.get_srcSystem() for message in messages} == {1}
+    assert vehicle.hear_adsb([b"", b"rubbish", bytes(300)], 2.0) == []
