@@ -119,7 +119,7 @@ def test_crowds_that_stand_get_away_one_after_the_other(
 
 
 @pytest.mark.slow
-@settings(max_examples=30)
+@settings(max_examples=8)
 @given(rules_of_copters(), *SCENES, st.sampled_from([1.0, 1.5, 3.0]))
 def test_crowds_that_only_hear_of_each_other_get_away_too(
     rules: Rules, shape: str, order: str, count: int, closeness: float, seed: int, word_period_s: float
