@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from companion.guard.types import Setpoint
+from companion.onboard.obedience import Obedience
 
 
 class PositionFix(NamedTuple):
@@ -32,6 +33,10 @@ class Engagement(NamedTuple):
     """Whether the vehicle has returned home."""
     loiter_place_ned_m: tuple[float, float] | None = None
     """Where the vehicle loiters; None while it goes somewhere."""
+    loiter_about_ned_m: tuple[float, float] | None = None
+    """The target or home that this loiter place was chosen for; None if it was chosen for where the vehicle was."""
+    target_ned_m: tuple[float, float] | None = None
+    """Where the target was that the vehicle last went to; None before the first."""
     refused: bool = False
     """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
     uncertified_from_s: float | None = None
@@ -44,3 +49,5 @@ class Engagement(NamedTuple):
     """Position of the vehicle at the last tick."""
     setpoint: GridSetpoint | None = None
     """The setpoint in force; None after one was withdrawn or refused by the guard."""
+    obedience: Obedience = Obedience()
+    """How the vehicle has answered its setpoints."""

@@ -61,6 +61,8 @@ class Goal(NamedTuple):
     """Where the target was when the vehicle arrived at it; None before that."""
     giving_way: bool = False
     """Whether the vehicle waits because another agent arrives at the target first."""
+    about_ned_m: tuple[float, float] | None = None
+    """What to loiter at: the target that the vehicle has reached, or its home; None to loiter where it is."""
     climbs: bool = False
     """Whether the vehicle climbs at its place before anything else."""
 
@@ -77,19 +79,23 @@ def choose_goal(situation: Situation, before: Engagement, config: Config, loiter
         home_m = math.dist(situation.position_ned_m, situation.home_ned_m)
         at_home = home_m <= (leaving_m if before.at_home else ARRIVAL_SHARE * config.arrival_radius_m)
         if at_home:
-            return Goal(Purpose.LOITER, f"{homing}: home", None, at_home, arrived, giving_way)
+            home_ned_m = situation.home_ned_m
+            return Goal(Purpose.LOITER, f"{homing}: home", None, at_home, arrived, giving_way, home_ned_m)
         return Goal(Purpose.RETURN, homing, situation.home_ned_m, at_home, arrived, giving_way)
     reason = _why_wait(situation)
     target_ned_m = situation.view.target_ned_m
     if reason is not None or target_ned_m is None:
-        return Goal(Purpose.LOITER, "no target" if reason is None else reason, None, False, arrived, giving_way)
+        # The ground station may know that a target is reached before the vehicle has decided so.
+        about = None if reason is not None else _if_near(arrived or before.target_ned_m, situation, config)
+        words = "no target" if reason is None else reason
+        return Goal(Purpose.LOITER, words, None, False, arrived, giving_way, about)
     target_m = math.dist(situation.position_ned_m, target_ned_m)
     if arrived is not None and math.dist(arrived, target_ned_m) > (1.0 - ARRIVAL_SHARE) * config.arrival_radius_m:
         arrived = None
     if arrived is None and _passing_m(situation, target_ned_m) <= ARRIVAL_SHARE * config.arrival_radius_m:
         arrived = target_ned_m
     if arrived is not None:
-        return Goal(Purpose.LOITER, "arrived", None, False, arrived, giving_way)
+        return Goal(Purpose.LOITER, "arrived", None, False, arrived, giving_way, _if_near(arrived, situation, config))
     # Two cannot both keep their separation within one arrival radius, and one arrival is enough.
     waiting_m = config.arrival_radius_m + WAITING_SPACINGS * loiter.spacing_m
     waiting_m *= 1.0 if not giving_way else WAITING_LEAVE
@@ -99,6 +105,14 @@ def choose_goal(situation: Situation, before: Engagement, config: Config, loiter
     if first is not None:
         return Goal(Purpose.LOITER, f"agent {first} arrives first", None, False, arrived, True)
     return Goal(Purpose.TARGET, "assigned", target_ned_m, False, arrived, False)
+
+
+def _if_near(
+    place_ned_m: tuple[float, float] | None, situation: Situation, config: Config
+) -> tuple[float, float] | None:
+    """Return a place that the vehicle is within the arrival radius of, or has just passed so; else None."""
+    near = place_ned_m is not None and _passing_m(situation, place_ned_m) <= config.arrival_radius_m
+    return place_ned_m if near else None
 
 
 def _passing_m(situation: Situation, target_ned_m: tuple[float, float]) -> float:

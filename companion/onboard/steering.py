@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
@@ -10,12 +11,21 @@ from companion.geo.kinematics import limit_turn
 from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.guard.guard import Guard
 from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
+from companion.guidance.approach import (
+    STANDING_M_S,
+    STANDING_WITHIN_M,
+    STAYING_WITHIN_M,
+    Flown,
+    approach_speed_m_s,
+    bounded,
+    towards,
+)
 from companion.guidance.laws import SteeringDemand, SteeringLaw, Task, law_of
 from companion.guidance.resolution import AtEffect
 from companion.guidance.separation import give_way
 from companion.guidance.steering import (
-    APPROACH_GAIN_1_S,
     Occupied,
+    SteeringVector,
     attraction,
     claim_m,
     loiter_attraction,
@@ -23,7 +33,6 @@ from companion.guidance.steering import (
     loiter_radius_m,
     loiter_spacing_m,
 )
-from companion.guidance.stopping import STANDING_M_S
 from companion.guidance.view import View
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.decision import Purpose
@@ -31,10 +40,10 @@ from companion.onboard.engagement import Engagement
 from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry
 from companion.onboard.law_settings import law_settings
 from companion.onboard.limits import unable, within
+from companion.onboard.navigation import COURSE_SPEED_M_S
 from companion.onboard.neighbours import Neighbours, neighbours_of
-
-STANDING_WITHIN_M = 1.0
-"""Distance from its loiter place within which a vehicle that can stop stands still."""
+from companion.onboard.obedience import Expected, Measured
+from companion.onboard.standing import flown_of, pace_of, standing_place
 
 
 @dataclass(frozen=True)
@@ -57,6 +66,8 @@ class Steering:
     interaction_m: float
     """Distance within which another vehicle matters to the right of way."""
     loiter: LoiterGeometry
+    expected: Expected
+    """What the vehicle is taken for as long as nothing worse is measured."""
     abilities: Abilities | None = None
     """Abilities that the limits were adapted to; None while they are not known."""
     unable: str | None = None
@@ -72,6 +83,10 @@ class Moment(NamedTuple):
     now_s: float
     refused: bool = False
     """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
+    speed_share: float = 1.0
+    """Share of its speed limit that is asked of a vehicle that can stop: less than 1 for one that does not answer."""
+    flown: Flown | None = None
+    """The velocity from which the next one is commanded, for a vehicle that can stop; None for another."""
 
 
 class Steered(NamedTuple):
@@ -87,6 +102,8 @@ class Steered(NamedTuple):
     """Remark of the law on its demand, if any."""
     loiter_place_ned_m: tuple[float, float] | None
     """Where the vehicle loiters; None for any other purpose."""
+    loiter_about_ned_m: tuple[float, float] | None
+    """The target or home that this place was chosen for; None if it was chosen for where the vehicle was."""
     wanted_heading_rad: float
     """Heading that the law wants, before the right of way."""
     gave_way: str | None
@@ -98,16 +115,26 @@ class Steered(NamedTuple):
     """The guard's verdict, with the setpoint that may be sent."""
 
 
+class _Demanded(NamedTuple):
+    """The law's demand for going to a place or loitering at it."""
+
+    demand: SteeringDemand
+    speed_m_s: float
+    """The speed to fly at: of a vehicle that can stop, the one from which it comes to stand there."""
+    to_go_m: float
+    """Length of the way to the place."""
+
+
 class _Intent(NamedTuple):
-    """The law's demand for a goal, with the speed to fly at; the fields are as in Steered."""
+    """The law's demand for a goal; the other fields are as in Steered."""
 
     purpose: Purpose
     reason: str
-    demand: SteeringDemand
-    speed_m_s: float
+    demanded: _Demanded
     stay: str | None
     note: str | None
     loiter_place_ned_m: tuple[float, float] | None
+    loiter_about_ned_m: tuple[float, float] | None
 
 
 def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) -> Steering:
@@ -135,6 +162,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
             loiter_spacing_m(config.separation_m, circle_m) + circle_m,
             claim_m(config.separation_m, circle_m),
         ),
+        expected=Expected(limits, can_stop, math.inf, config.guidance_step_s),
     )
 
 
@@ -150,31 +178,56 @@ def adapted(steering: Steering, configured: LimitsSection, abilities: Abilities)
             steering = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
         except ValueError:
             why_not = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
-    return replace(steering, abilities=abilities, unable=why_not)
+    reached_m_s = min(abilities.airspeed_max_m_s, configured.airspeed_max_m_s or math.inf)
+    expected = steering.expected._replace(airspeed_max_m_s=reached_m_s)
+    return replace(steering, abilities=abilities, unable=why_not, expected=expected)
 
 
 def outgrown(steering: Steering, configured: LimitsSection, abilities: Abilities) -> bool:
-    """Return whether the vehicle's abilities now give other limits than those that it is steered by, or are too few."""
+    """Return whether the vehicle's abilities now give other limits than those that were adopted, or are too few."""
     if abilities == steering.abilities:
         return False
-    if within(configured, abilities) != steering.config.limits:
+    if within(configured, abilities) != steering.expected.limits:
         return True
     return unable(configured, abilities, can_stop=steering.can_stop) is not None
+
+
+def reckoning(steering: Steering, configured: LimitsSection, found: Measured) -> Steering:
+    """Return the steering for a vehicle that was measured to do worse than its abilities; unchanged if it is made so.
+
+    The new guard keeps the commands in flight, and certifies anew from the present state. Limits that no guard can hold
+    leave the steering as it was.
+    """
+    limits = within(configured, steering.abilities or Abilities(), found)
+    if limits == steering.config.limits:
+        return steering
+    config = steering.config.model_copy(update={"limits": limits})
+    try:
+        remade = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
+    except ValueError:
+        return steering
+    remade.guard.succeed(steering.guard)
+    return replace(remade, abilities=steering.abilities, unable=steering.unable, expected=steering.expected)
 
 
 def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) -> Steered:
     """Pass the stages from the goal to the guarded setpoint; `before` holds the latches of the last tick."""
     limits, dt_s = steering.config.limits, steering.config.guidance_step_s
     in_force = None if before.setpoint is None else before.setpoint.setpoint
-    moment = moment._replace(motion=_as_commanded(steering, moment.motion, in_force))
-    motion = moment.motion
+    motion = _as_commanded(steering, moment.motion, in_force)
+    flown = flown_of(steering.config, motion, in_force) if steering.can_stop else None
+    moment = moment._replace(motion=motion, flown=flown)
     around = None if steering.rules is None else neighbours_of(moment.view, motion, steering.rules, steering.config)
     crowded = not steering.can_stop and around is not None and around.within(motion, steering.interaction_m)
-    intent = _intent(steering, goal, moment, before.loiter_place_ned_m, crowded)
-    wanted_rad, speed_m_s = _wanted(steering, intent, motion)
+    intent = _intent(steering, goal, moment, before, crowded)
+    wanted = turned = _wanted(intent.demanded, moment)
+    if flown is not None and not goal.climbs:
+        turned = bounded(flown, wanted, intent.demanded.to_go_m, pace_of(steering.config))
     last = None if limits.reaction_s == 0.0 else in_force
     at_effect = None if last is None else AtEffect(last.heading_rad, last.speed_m_s)
-    steered_rad, speed_m_s, gave_way = _right_of_way(steering, wanted_rad, speed_m_s, motion, (around, at_effect))
+    steered_rad, speed_m_s, gave_way = _right_of_way(steering, *turned, motion, (around, at_effect))
+    if steering.can_stop:
+        speed_m_s = min(speed_m_s, moment.speed_share * limits.speed_m_s)
     # The turn is limited at the greatest of the speeds until the end of the step, as the guard does.
     faster_m_s = max(motion.speed_m_s, speed_m_s)
     from_rad = motion.heading_rad
@@ -187,63 +240,81 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     return Steered(
         purpose=intent.purpose,
         reason=intent.reason,
-        demand=intent.demand,
+        demand=intent.demanded.demand,
         stay=intent.stay,
         note=intent.note,
         loiter_place_ned_m=intent.loiter_place_ned_m,
-        wanted_heading_rad=wanted_rad,
+        loiter_about_ned_m=intent.loiter_about_ned_m,
+        wanted_heading_rad=wanted.heading_rad,
         gave_way=gave_way,
         unseparated=None if around is None else around.unseparated,
-        turn_limited=limited,
-        verdict=_guarded(steering, setpoint, moment, intent.demand, crowded),
+        turn_limited=limited or turned.heading_rad != wanted.heading_rad,
+        verdict=_guarded(steering, setpoint, moment, intent.demanded.demand, crowded),
     )
 
 
 def _as_commanded(steering: Steering, motion: Motion, in_force: Setpoint | None) -> Motion:
-    """Return the motion; a vehicle that can stop and stands has the heading that it was commanded to start on.
+    """Return the motion; a vehicle that can stop and hardly moves has the heading that it was commanded to fly on.
 
     Its yaw says nothing about that: a copter starts in any direction, and not all turn their nose while they stand.
     """
-    if not steering.can_stop or in_force is None or max(motion.speed_m_s, in_force.speed_m_s) >= STANDING_M_S:
+    if not steering.can_stop or in_force is None or motion.speed_m_s >= COURSE_SPEED_M_S:
         return motion
     return replace(motion, heading_rad=in_force.heading_rad)
 
 
-def _intent(
-    steering: Steering, goal: Goal, moment: Moment, place_ned_m: tuple[float, float] | None, crowded: bool
-) -> _Intent:
+def _intent(steering: Steering, goal: Goal, moment: Moment, before: Engagement, crowded: bool) -> _Intent:
     """Return the law's demand for the goal; if the law stays, its demand for loitering.
 
-    `place_ned_m`: where the vehicle has loitered up to now, if it has; otherwise a loiter place is chosen.
+    The place where the vehicle has loitered up to now is kept, unless it is now to loiter at something else.
     """
     purpose, reason = goal.purpose, goal.reason
+    place_ned_m = before.loiter_place_ned_m
     if goal.place_ned_m is None:
-        place_ned_m = _place_to_loiter(steering, moment, place_ned_m)
-        demand, speed_m_s = _loiter(steering, place_ned_m, moment, crowded)
+        if steering.can_stop and goal.about_ned_m not in (None, before.loiter_about_ned_m):
+            place_ned_m = None
+        if goal.climbs and moment.motion.speed_m_s >= STANDING_M_S:
+            # Below its least height nothing but braking moves it: where it then stands is its place.
+            place_ned_m = moment.motion.position_ned_m
+        place_ned_m = _place_to_loiter(steering, moment, place_ned_m, goal.about_ned_m)
+        demanded = _loiter(steering, place_ned_m, moment, crowded)
     else:
-        demand, speed_m_s = _go(steering, goal.place_ned_m, purpose, moment, crowded)
-    stay, note = demand.stay, demand.note
+        demanded = _go(steering, goal.place_ned_m, purpose, moment, crowded)
+    stay, note = demanded.demand.stay, demanded.demand.note
     if stay is not None:
         purpose, reason = Purpose.LOITER, stay
-        place_ned_m = _place_to_loiter(steering, moment, place_ned_m)
-        demand, speed_m_s = _loiter(steering, place_ned_m, moment, crowded)
-    kept_ned_m = place_ned_m if purpose is Purpose.LOITER else None
-    return _Intent(purpose, reason, demand, speed_m_s, stay, note, kept_ned_m)
+        place_ned_m = _place_to_loiter(steering, moment, place_ned_m, None)
+        demanded = _loiter(steering, place_ned_m, moment, crowded)
+    if purpose is not Purpose.LOITER:
+        return _Intent(purpose, reason, demanded, stay, note, None, None)
+    # Who must only wait keeps the place that it has, and what that was chosen for.
+    about_ned_m = before.loiter_about_ned_m if goal.about_ned_m is None else goal.about_ned_m
+    return _Intent(purpose, reason, demanded, stay, note, place_ned_m, about_ned_m)
 
 
 def _place_to_loiter(
-    steering: Steering, moment: Moment, before_ned_m: tuple[float, float] | None
+    steering: Steering,
+    moment: Moment,
+    before_ned_m: tuple[float, float] | None,
+    about_ned_m: tuple[float, float] | None,
 ) -> tuple[float, float]:
-    """Return the present loiter place, or a new one that leaves room to those that go first or are on their way."""
+    """Return the present loiter place, or a new one that leaves room to those that go first or are on their way.
+
+    A vehicle that can stop does so as near to what it is to loiter at as it can stand soon, else where it comes to a
+    stop; one that cannot circles about where it is.
+    """
     view, loiter = moment.view, steering.loiter
     occupied = Occupied(view.loitering_ned_m, loiter.spacing_m, view.claimed_ned_m, loiter.claim_m)
-    return loiter_place(moment.motion.position_ned_m, occupied, before_ned_m)
+    here_ned_m = moment.motion.position_ned_m
+    if moment.flown is not None and before_ned_m is None:
+        here_ned_m = standing_place(steering.config, view, here_ned_m, moment.flown, about_ned_m)
+    return loiter_place(here_ned_m, occupied, before_ned_m)
 
 
 def _go(
     steering: Steering, place_ned_m: tuple[float, float], purpose: Purpose, moment: Moment, crowded: bool
-) -> tuple[SteeringDemand, float]:
-    """Return the law's demand for going to a place, and the speed to fly at in m/s."""
+) -> _Demanded:
+    """Return the law's demand for going to a place."""
     pull = attraction(moment.motion.position_ned_m, place_ned_m)
     task = Task(
         place_ned_m=place_ned_m,
@@ -255,20 +326,23 @@ def _go(
         refused=moment.refused,
         crowded=crowded,
     )
-    return steering.law.steer(task, moment.motion, moment.view, moment.now_s), steering.config.limits.speed_m_s
+    demand = steering.law.steer(task, moment.motion, moment.view, moment.now_s)
+    to_go_m = pull.strength_m if demand.route is None or not demand.route.pieces else demand.route.length_m
+    if moment.flown is None:
+        return _Demanded(demand, steering.config.limits.speed_m_s, to_go_m)
+    pace = pace_of(steering.config)
+    to_go_m = max(0.0, to_go_m - moment.flown.speed_m_s * pace.delay_s)
+    return _Demanded(demand, approach_speed_m_s(to_go_m, pace), to_go_m)
 
 
-def _loiter(
-    steering: Steering, place_ned_m: tuple[float, float], moment: Moment, crowded: bool
-) -> tuple[SteeringDemand, float]:
-    """Return the law's demand for loitering at a place, and the speed to fly at in m/s."""
+def _loiter(steering: Steering, place_ned_m: tuple[float, float], moment: Moment, crowded: bool) -> _Demanded:
+    """Return the law's demand for loitering at a place."""
     here_ned_m = moment.motion.position_ned_m
-    speed_m_s = steering.config.limits.speed_m_s
-    if steering.can_stop:
-        pull = attraction(here_ned_m, place_ned_m)
-        speed_m_s = 0.0 if pull.strength_m <= STANDING_WITHIN_M else speed_m_s
-    else:
+    if moment.flown is None:
         pull = loiter_attraction(here_ned_m, place_ned_m, steering.loiter.radius_m)
+    else:
+        way = towards(complex(*place_ned_m), complex(*here_ned_m), moment.flown, pace_of(steering.config))
+        pull = SteeringVector(way.real, way.imag)
     task = Task(
         place_ned_m=place_ned_m,
         pull=pull,
@@ -278,19 +352,23 @@ def _loiter(
         arrival_m=ARRIVAL_SHARE * steering.config.arrival_radius_m,
         crowded=crowded,
     )
-    return steering.law.steer(task, moment.motion, moment.view, moment.now_s), speed_m_s
+    demand = steering.law.steer(task, moment.motion, moment.view, moment.now_s)
+    if moment.flown is None:
+        return _Demanded(demand, steering.config.limits.speed_m_s, pull.strength_m)
+    stands = moment.flown.speed_m_s == 0.0
+    if math.dist(here_ned_m, place_ned_m) <= (STAYING_WITHIN_M if stands else STANDING_WITHIN_M):
+        return _Demanded(demand, 0.0, 0.0)
+    # The repulsion of a disc is far greater than the way to the place: it turns the vehicle, and does not chase it.
+    away_m = min(demand.pull.strength_m, pull.strength_m + STAYING_WITHIN_M)
+    return _Demanded(demand, approach_speed_m_s(away_m, pace_of(steering.config)), away_m)
 
 
-def _wanted(steering: Steering, intent: _Intent, motion: Motion) -> tuple[float, float]:
-    """Return the heading (rad) and speed (m/s) that follow from the law's demand."""
-    pull, speed_m_s = intent.demand.pull, intent.speed_m_s
-    strength_m = pull.strength_m
-    stands = steering.can_stop and speed_m_s == 0.0 and strength_m <= STANDING_WITHIN_M
-    if steering.can_stop and intent.purpose is not Purpose.TARGET and not stands:
-        speed_m_s = min(steering.config.limits.speed_m_s, APPROACH_GAIN_1_S * strength_m)
-    if stands or strength_m == 0.0:
-        return motion.heading_rad, speed_m_s
-    return pull.heading_rad, speed_m_s
+def _wanted(demanded: _Demanded, moment: Moment) -> Flown:
+    """Return the velocity that follows from the law's demand."""
+    pull, speed_m_s = demanded.demand.pull, demanded.speed_m_s
+    if pull.strength_m == 0.0 or (moment.flown is not None and speed_m_s == 0.0):
+        return Flown(moment.motion.heading_rad, speed_m_s)
+    return Flown(pull.heading_rad, speed_m_s)
 
 
 def _right_of_way(

@@ -226,7 +226,7 @@ def test_with_a_target_it_heads_for_it_at_full_speed() -> None:
 
 def test_a_turn_faster_than_the_limit_is_cut_and_said_to_be() -> None:
     flight = guided(CONFIG.model_copy(update={"limits": CONFIG.limits.model_copy(update={"n_max": 0.1})}))
-    flight.broadcast((-5_000.0, 1.0))
+    flight.broadcast((1_000.0, 5_000.0))
     decision, setpoint = flight.at(velocity=(10.0, 0.0))
     assert decision.turn_limited
     assert setpoint is not None
@@ -722,7 +722,7 @@ def test_its_own_echo_is_no_neighbour() -> None:
     assert wanted_beside(CLOSE_M, callsign=b"OW%05d" % ME) == STRAIGHT_RAD
 
 
-@pytest.mark.parametrize(("traffic_ned_m", "speed_m_s"), [((5.0, 0.0), 10.0), ((500.0, 0.0), 0.0)])
+@pytest.mark.parametrize(("traffic_ned_m", "speed_m_s"), [((5.0, 0.0), 1.25), ((500.0, 0.0), 0.0)])
 def test_where_a_neighbour_is_seen_there_is_no_place_to_loiter(
     traffic_ned_m: tuple[float, float], speed_m_s: float
 ) -> None:
