@@ -106,7 +106,7 @@ def identify_command(config: str, log: str | None, writes: bool) -> int:
         end, table = run_until_signal(lambda stop: fly_pattern(loaded, stop))
     status = report(end, table)
     if writes:
-        write_limits(config, table)
+        write_limits(config, end, table)
     return status
 
 

@@ -23,6 +23,7 @@ from groundstation.radio import Radio, parse_radio
 from sim.flown import KINEMATIC, FlownMission
 from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, FlightOptions, check_flyable, fly
 from sim.outcome import AgentResult, agent_results, first_reason
+from sim.parameter_option import parameter_option
 from sim.scaling import scaled
 from sim.score import score
 from sim.stop import Stop, stop_at_signals
@@ -46,6 +47,7 @@ class FlyOptions:
     radio: str | None
     share: float | None
     one_radio: bool
+    parameters: tuple[tuple[str, float], ...]
     no_scale: bool
     realtime: bool
     allow_monolithic: bool
@@ -55,6 +57,7 @@ class FlyOptions:
         again = f"sim fly {self.mission} --seed {self.seed} --law {self.law} --autopilot {self.autopilot}"
         again += "" if self.vehicles is None else f" --vehicles {self.vehicles}"
         again += "" if radio is None else f" --radio '{self.radio}' --share {radio.share:g}"
+        again += "".join(f" --param {name}={value:g}" for name, value in self.parameters)
         return again + " --one-radio" * self.one_radio + " --no-scale" * self.no_scale
 
 
@@ -94,6 +97,7 @@ class FlownResult:
 @click.option("--share", type=float, help="Of the radio's bytes, for the broadcast; all unless said otherwise.")
 @click.option("--one-radio", is_flag=True, help="The broadcast reaches each companion through its autopilot.")
 @click.option("--no-scale", is_flag=True, help="Fly the mission as it is: it was made for the autopilot's vehicle.")
+@parameter_option()
 @click.option("--realtime", is_flag=True, help="Pace the virtual clock by the wall clock.")
 @click.option("--allow-monolithic", is_flag=True, help="Fly `surrogate: monolithic` all the same, to see it fail.")
 def fly_command(as_json: bool, **options: Any) -> int:  # noqa: ANN401 click gives each option its type
@@ -157,6 +161,7 @@ def fly_mission(options: FlyOptions) -> FlownResult:
                 allow_monolithic=options.allow_monolithic,
                 radio=radio,
                 one_radio=options.one_radio,
+                parameters=options.parameters,
                 stop=stop,
             ),
         )

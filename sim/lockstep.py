@@ -48,6 +48,7 @@ from sim.trajectory import Trajectory
 from sim.transmitter import RADIO_TICK_S, Transmitter
 from sim.vehicles import CRAFTS, LOCKSTEP_RATES_HZ, Craft, Home, Setup, StandIn, Start, kinematic_profile
 from sim.vehicles.adsb import ADSB_TYPE
+from sim.vehicles.parameters import set_parameters
 from sim.vehicles.routing import Router
 from sim.wind import WindField
 from sim.world import World
@@ -92,6 +93,8 @@ class FlightOptions:
     """Radio whose byte budget the broadcast keeps to; None: the mission's periods alone decide what is broadcast."""
     one_radio: bool = False
     """Whether the broadcast reaches each companion through its autopilot, inside V2_EXTENSION."""
+    parameters: tuple[tuple[str, float], ...] = ()
+    """Names and values of autopilot parameters that differ from the stand-ins' defaults."""
     stop: Callable[[], Stop | None] = lambda: None
     """Function that is asked at every tick whether to end the flight early, and why."""
 
@@ -156,7 +159,7 @@ def fly(mission: Mission, seed: int, options: FlightOptions | None = None) -> Fl
     """Fly a resolved mission until every target is reached, no agent flies on, or its time is up.
 
     Raises:
-        InputError: the mission asks for something that is not flown.
+        InputError: the mission asks for something that is not flown, or a parameter is unknown or out of its range.
 
     """
     options = options or FlightOptions()
@@ -340,6 +343,7 @@ class _Hangar:
         )
         if has_detector and ADSB_TYPE in vehicle.parameters:
             vehicle.parameters[ADSB_TYPE] = 1.0
+        set_parameters(vehicle.craft, self.options.parameters)
         return vehicle
 
 

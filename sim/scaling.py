@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from companion.autopilot.adapter import Abilities
+from companion.autopilot.kinds import KINDS
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
 from companion.mission.model import Mission
@@ -73,6 +74,8 @@ def scaled(mission: Mission, kind: str, source: str | None = None) -> Mission:
     for agent in data["agents"]:
         _multiply(agent, (*_AGENT_LENGTHS, "n_max"), factor)
         _fit(agent, abilities)
+        if KINDS[kind].can_stop:
+            _fit_wind(agent, data["wind"]["speed_m_s"] + data["wind"]["gust_m_s"], abilities)
     data["scale"] = {"autopilot": kind, "factor": factor}
     return Mission.model_validate(data)
 
@@ -80,6 +83,13 @@ def scaled(mission: Mission, kind: str, source: str | None = None) -> Mission:
 def _fit(agent: dict[str, Any], abilities: Abilities) -> None:
     agent["n_max"] = min(agent["n_max"], abilities.n_max)
     agent["speed_m_s"] = min(max(agent["speed_m_s"], abilities.speed_min_m_s), abilities.speed_max_m_s)
+
+
+def _fit_wind(agent: dict[str, Any], wind_m_s: float, abilities: Abilities) -> None:
+    """Slow an agent to what its vehicle can fly over ground against the wind; in a stronger wind nothing would help."""
+    left_m_s = abilities.airspeed_max_m_s - wind_m_s
+    if left_m_s > wind_m_s:
+        agent["speed_m_s"] = min(agent["speed_m_s"], left_m_s)
 
 
 def _multiply(section: dict[str, Any], keys: tuple[str, ...], factor: float) -> None:

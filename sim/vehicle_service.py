@@ -22,9 +22,11 @@ from companion.geo.local_frame import LocalFrame
 from companion.protocol.codec import Kind
 from companion.runtime.clock import run_until_signal, wait
 from companion.transport.endpoints import Duplex, Link, Sender, open_duplex, open_sender, parse_link
+from sim.parameter_option import parameter_option
 from sim.sensor import Sensor, detection_of_row
 from sim.vehicles import CRAFTS, Craft, Home, Setup, StandIn, Start, Truth, kinematic_profile
 from sim.vehicles.ardupilot import ArduPilot
+from sim.vehicles.parameters import set_parameters
 from sim.vehicles.routing import Router
 from sim.vehicles.stand_in import parse
 
@@ -201,22 +203,10 @@ def _build(options: VehicleOptions) -> StandIn:
     vehicle.battery.percent = options.battery_percent
     if options.endurance_min is not None:
         vehicle.battery.drain_percent_s = 100.0 / (60.0 * options.endurance_min)
-    _set_parameters(vehicle.craft, options)
+    set_parameters(vehicle.craft, options.parameters)
     if height_m is None and isinstance(vehicle.craft, ArduPilot):
         vehicle.craft.boot(0.0)
     return vehicle
-
-
-def _set_parameters(craft: Craft, options: VehicleOptions) -> None:
-    """Set the parameters of the options; raise InputError for an unknown name or a value out of its range."""
-    known = {parameter.name: parameter for parameter in craft.parameters}
-    for name, value in options.parameters:
-        if name not in known:
-            raise InputError(f"--param: unknown '{name}'{nearest_hint(name, known)}; allowed: {', '.join(known)}")
-        least, greatest = known[name].least, known[name].greatest
-        if not least <= value <= greatest:
-            raise InputError(f"--param: {name}={value:g}; allowed: {least:g} to {greatest:g}")
-        craft.values[name] = value
 
 
 def _require_known(autopilot: str) -> None:
@@ -236,19 +226,6 @@ def _parsed_links(_context: click.Context, _parameter: click.Parameter, values: 
 
 def _parsed_link(_context: click.Context, _parameter: click.Parameter, value: str | None) -> Link | None:
     return None if value is None else parse_link(value)
-
-
-def _parsed_parameters(
-    _context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
-) -> tuple[tuple[str, float], ...]:
-    parsed = []
-    for text in values:
-        name, _, value = text.partition("=")
-        try:
-            parsed.append((name, float(value)))
-        except ValueError as error:
-            raise click.BadParameter(f"'{text}' is not NAME=VALUE", param=parameter) from error
-    return tuple(parsed)
 
 
 def _finite(_context: click.Context, parameter: click.Parameter, value: float) -> float:
@@ -381,14 +358,7 @@ def _finite_if_given(context: click.Context, parameter: click.Parameter, value: 
     callback=_finite_if_given,
     help="Minutes that a full battery lasts once armed; for ever unless given.",
 )
-@click.option(
-    "--param",
-    "parameters",
-    multiple=True,
-    callback=_parsed_parameters,
-    metavar="NAME=VALUE",
-    help="A parameter of the autopilot's that shall be other than it comes; may be given several times.",
-)
+@parameter_option()
 @click.option("--system-id", type=click.IntRange(1, 255), default=1, show_default=True, help="MAVLink system id.")
 def vehicle(**options: Any) -> int:  # noqa: ANN401 click gives each option its type
     """Run one stand-in autopilot that speaks MAVLink, until it is interrupted.

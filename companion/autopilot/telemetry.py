@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega, common
 
 from companion.files.mavlink_layout import HEADER_V2_BYTES, MARKER_V2, frame_parts
 
@@ -37,6 +37,8 @@ _MESSAGE_IDS = frozenset(
         common.MAVLINK_MSG_ID_SYS_STATUS,
         common.MAVLINK_MSG_ID_PARAM_VALUE,
         common.MAVLINK_MSG_ID_COMMAND_ACK,
+        common.MAVLINK_MSG_ID_WIND_COV,
+        ardupilotmega.MAVLINK_MSG_ID_WIND,
     }
 )
 CALLSIGN_PATTERN = r"OW(\d{5})"
@@ -107,6 +109,8 @@ class Telemetry:
     roll_rad: float = math.nan
     attitude_at_s: float | None = None
     airspeed_m_s: float = math.nan
+    wind_ned_m_s: tuple[float, float] | None = None
+    """Velocity of the air (true north, east) as the autopilot estimates it; None where it tells none."""
     gps_fix: int | None = None
     """The receiver's GPS_FIX_TYPE."""
     position_accuracy_m: float = math.nan
@@ -178,6 +182,8 @@ class TelemetryReader:
             "LOCAL_POSITION_NED": self._local_position,
             "ATTITUDE": self._attitude,
             "VFR_HUD": self._airspeed,
+            "WIND": self._wind,
+            "WIND_COV": self._wind_cov,
             "GPS_RAW_INT": self._gps,
             "ESTIMATOR_STATUS": self._estimator,
             "SYS_STATUS": self._battery,
@@ -300,6 +306,17 @@ class TelemetryReader:
         if self._finite(message.airspeed):
             self._update(airspeed_m_s=message.airspeed)
 
+    def _wind(self, message: Message, now_s: float) -> None:
+        """Take ArduPilot's WIND, which tells where the wind comes from."""
+        if self._finite(message.direction, message.speed):
+            to_rad = math.radians(message.direction + 180.0)
+            self._update(wind_ned_m_s=(message.speed * math.cos(to_rad), message.speed * math.sin(to_rad)))
+
+    def _wind_cov(self, message: Message, now_s: float) -> None:
+        """Take PX4's WIND_COV, which tells the velocity of the air."""
+        if self._finite(message.wind_x, message.wind_y):
+            self._update(wind_ned_m_s=(message.wind_x, message.wind_y))
+
     def _gps(self, message: Message, now_s: float) -> None:
         if message.h_acc > 0:
             accuracy_m = message.h_acc / 1000.0
@@ -364,9 +381,18 @@ def messages_in(datagram: bytes) -> Iterator[Message]:
     """
     if _is_one_other_message(datagram):
         return
-    parser = common.MAVLink(None)
+    # WIND is of ArduPilot's dialect, which has all of `common` and takes longer to parse.
+    dialect = ardupilotmega if _is_wind(datagram) else common
+    parser = dialect.MAVLink(None)
     parser.robust_parsing = True
     yield from parser.parse_buffer(bytes(datagram)) or ()
+
+
+def _is_wind(datagram: bytes) -> bool:
+    """Return whether a datagram begins with a WIND message of MAVLink 2."""
+    if len(datagram) < HEADER_V2_BYTES or datagram[0] != MARKER_V2:
+        return False
+    return bool(frame_parts(datagram)[0] == ardupilotmega.MAVLINK_MSG_ID_WIND)
 
 
 def _agent_id(callsign: str) -> int | None:

@@ -88,6 +88,15 @@ class Guard:
         self._left_s = 0.0
         self._threats = ThreatMonitor()
 
+    def succeed(self, before: Guard) -> None:
+        """Continue from the guard of the same vehicle by other limits: keep the commands in flight and the discs heard.
+
+        Its path is not kept, as the vehicle flies it otherwise than it was certified for: a path is certified anew from
+        the present state.
+        """
+        self._called_s, self._motion = before._called_s, before._motion
+        self._commands, self._threats = list(before._commands), before._threats
+
     def certify(self, motion: Motion, discs: Discs, dt_s: float) -> float:
         """Return for how long a start is certified: straight on for the reaction time, then a path that stays clear.
 

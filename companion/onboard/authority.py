@@ -14,7 +14,13 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import Telemetry
 
-FAILSAFE_STATES = frozenset({common.MAV_STATE_CRITICAL, common.MAV_STATE_EMERGENCY})
+FAILSAFE_STATES = {
+    common.MAV_STATE_CRITICAL: "CRITICAL",
+    common.MAV_STATE_EMERGENCY: "EMERGENCY",
+    common.MAV_STATE_FLIGHT_TERMINATION: "FLIGHT_TERMINATION",
+}
+"""The MAV_STATEs by which an autopilot says that one of its failsafes acts, ArduPilot also that it warns, and their
+words."""
 
 MODE_LEFT = "taken over: the mode was changed"
 FAILSAFE = "autopilot's failsafe"
@@ -32,7 +38,8 @@ class State(Enum):
     ENGAGED = "engaged"
     """The companion controls the vehicle."""
     LOCKED = "locked"
-    """The safety pilot controls the vehicle; nothing is sent until it is disarmed or the take-over is cleared."""
+    """The safety pilot controls the vehicle; nothing is sent until it is disarmed or the take-over is cleared, or
+    where the mode alone decides, until it is handed over anew."""
 
 
 class Authority:
@@ -71,6 +78,8 @@ class Authority:
         restarted = self._heard and telemetry.restarts != self._restarts
         self._restarts = telemetry.restarts
         if not self._resumes_on_stream:
+            if self.state is State.LOCKED and steerable:
+                return
             self._set(State.ENGAGED if steerable else State.WAITING)
         elif not telemetry.armed:
             self._set(State.WAITING)
@@ -92,6 +101,11 @@ class Authority:
         """Lock an engaged vehicle that resumes by itself, as its stream of setpoints had a gap; `why` is the cause."""
         if self._resumes_on_stream and self.state is State.ENGAGED:
             self._lock(f"setpoints stopped: {why}")
+
+    def leave(self, why: str) -> None:
+        """Leave an engaged vehicle that does not obey to its autopilot and the safety pilot; `why`: what it did."""
+        if self.state is State.ENGAGED:
+            self._lock(why)
 
     def clear(self) -> None:
         """Unlock at the safety pilot's order: the vehicle may be handed over again."""

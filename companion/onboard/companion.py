@@ -16,6 +16,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.files.tlog import whole_frames
 from companion.guard.types import BACKUP, FENCE, KEEP_OUT, NO_BACKUP
 from companion.guidance.laws import SteeringLaw
+from companion.onboard.answer import Rung
 from companion.onboard.authority import Authority, State
 from companion.onboard.config import Config
 from companion.onboard.decision import Decision, Purpose
@@ -23,6 +24,7 @@ from companion.onboard.engagement import Engagement, GridSetpoint
 from companion.onboard.failsafe import Failsafe, FailsafeInputs, FailsafeStatus
 from companion.onboard.goal import Goal, Situation, choose_goal
 from companion.onboard.navigation import Located, Navigation, navigate, outside_fence, plane_of
+from companion.onboard.obedience import NOTHING, Obedience, in_words, watch
 from companion.onboard.readiness import (
     HAND_OVER_AGAIN,
     below_words,
@@ -38,7 +40,8 @@ from companion.onboard.readiness import (
 from companion.onboard.reporter import Reporter
 from companion.onboard.senses import without_a_sense
 from companion.onboard.setpoint_stream import AutopilotStream
-from companion.onboard.steering import Moment, Steered, adapted, outgrown, steer, steering_of
+from companion.onboard.sighting import seen_of
+from companion.onboard.steering import Moment, Steered, adapted, outgrown, reckoning, steer, steering_of
 from companion.onboard.traffic import detected
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator, Trust
@@ -222,6 +225,8 @@ class Companion:
         """End the engagement and forget its state: the safety pilot controls the vehicle."""
         self.adapter.release()
         self.engagement = None
+        # The next engagement begins with what is configured, and measures anew.
+        self.steering = reckoning(self.steering, self.config.limits, NOTHING)
         self.steering.guard.reset()
 
     def _assess(self, age_s: float | None, now_s: float) -> FailsafeStatus:
@@ -237,6 +242,7 @@ class Companion:
             outside_fence=engagement is not None and self._outside_fence(),
             uncertified_s=0.0 if uncertified_from_s is None else now_s - uncertified_from_s,
             abilities_changed=engagement is not None and engagement.abilities_changed,
+            answer=Obedience().answer if engagement is None else engagement.obedience.answer,
             clock_offset_s=self.failsafe.clock_offset_s,
         )
         return self.failsafe.update(inputs, now_s)
@@ -250,9 +256,12 @@ class Companion:
             # Loiter place, last position and certified path are coordinates on another plane.
             before = before._replace(loiter_place_ned_m=None, loiter_about_ned_m=None, target_ned_m=None, last_fix=None)
             self.steering.guard.reset()
-        self.engagement = before
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
         motion = located.motion
+        self.engagement = before = self._watched(before, located)
+        if self.authority.locked:
+            return self._idle(self._not_steerable(now_s) or "", age_s, now_s)
+        config = self.steering.config
         neighbours = self.adapter.neighbours if config.detector == "adsb" else ()
         seen = detected(neighbours, plane, motion, telemetry.altitude_m, config, now_s)
         view = world_model.view(now_s, band_m(telemetry, config.height_m))
@@ -268,16 +277,16 @@ class Companion:
             below_words(telemetry, config) if before.climbs and is_below(telemetry, config) else None,
         )
         goal = choose_goal(situation, before, config, self.steering.loiter)
-        steered = steer(self.steering, goal, Moment(motion, view, self.flown_m, now_s, before.refused), before)
+        moment = Moment(motion, view, self.flown_m, now_s, before.refused, before.obedience.answer.speed_share)
+        steered = steer(self.steering, goal, moment, before)
         if situation.below is not None and not is_straight_up(steered.verdict):
             return self._idle(f"{situation.below}, and no room to climb here: climb {HAND_OVER_AGAIN}", age_s, now_s)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
         too_far = HOME_TOO_FAR if located.home.too_far else None
-        outside = beyond_limits(motion, telemetry, config)
         blind = without_a_sense(config, world_model.others_told, self.adapter.sees_others)
-        told = told_by_autopilot(self.adapter)
-        notes = (steered.note, duplicate, blind, steered.unseparated, too_far, told, outside)
+        told = (told_by_autopilot(self.adapter), beyond_limits(motion, telemetry, config))
+        notes = (steered.note, duplicate, blind, steered.unseparated, too_far, *told)
         return Decision(
             t_s=now_s,
             purpose=steered.purpose,
@@ -293,10 +302,20 @@ class Companion:
             broken=steered.verdict.broken,
             gave_way=steered.gave_way,
             note="; ".join(note for note in notes if note is not None) or None,
+            reckons=in_words(before.obedience),
             stay=steered.stay,
             opposed=steered.demand.opposed,
             certified_s=steered.verdict.certified_s,
         )
+
+    def _watched(self, before: Engagement, located: Located) -> Engagement:
+        """Return the engagement after a look at how the vehicle obeys; reckon with what that shows, or let it go."""
+        seen = seen_of(located, self.adapter.telemetry, before)
+        obedience = watch(before.obedience, seen, self.steering.expected)
+        if obedience.answer.rung is Rung.LEFT:
+            self.authority.leave(obedience.answer.words)
+        self.steering = reckoning(self.steering, self.config.limits, obedience.worse)
+        return before._replace(obedience=obedience)
 
     def _engaged_after(
         self, before: Engagement, located: Located, goal: Goal, steered: Steered, now_s: float
@@ -320,6 +339,7 @@ class Companion:
             climbs=goal.climbs,
             last_fix=located.fix,
             setpoint=None if setpoint is None else GridSetpoint(setpoint, located.convergence_rad),
+            obedience=before.obedience,
         )
 
 

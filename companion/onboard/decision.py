@@ -58,6 +58,8 @@ class Decision:
     """Why the right of way changed heading or speed; None if it did not."""
     note: str | None = None
     """Remarks of law and companion, e.g. that another vehicle uses this agent id."""
+    reckons: str | None = None
+    """What is reckoned with because it was measured to be worse than configured; None if nothing is."""
     stay: str | None = None
     """Why the law loiters instead of going to the goal's place; None if it does not."""
     opposed: bool = False

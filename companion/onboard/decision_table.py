@@ -35,6 +35,7 @@ COLUMNS = (
     "broken",
     "gave_way",
     "note",
+    "reckons",
     "battery_percent",
     "gap_max_ms",
 )
@@ -75,6 +76,7 @@ class DecisionTable:
                 "; ".join(map(str, decision.broken)),
                 decision.gave_way or "",
                 decision.note or "",
+                decision.reckons or "",
                 _figure(telemetry.battery_percent, 0),
                 _figure(1e3 * gap_s, 0),
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from companion.guard.types import Setpoint
+from companion.onboard.obedience import Obedience
 
 
 class PositionFix(NamedTuple):
@@ -48,3 +49,5 @@ class Engagement(NamedTuple):
     """Position of the vehicle at the last tick."""
     setpoint: GridSetpoint | None = None
     """The setpoint in force; None after one was withdrawn or refused by the guard."""
+    obedience: Obedience = Obedience()
+    """How the vehicle has answered its setpoints."""

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
+from companion.onboard.answer import Answer, Rung
 from companion.onboard.config import Config
 
 CLOCK_DIGITS = 3
@@ -48,6 +49,7 @@ class Cause(Enum):
     RANGE = "range"
     GUARD = "guard"
     ABILITIES = "abilities"
+    OBEDIENCE = "obedience"
     POSITION = "position"
     CLOCK = "clock"
 
@@ -84,6 +86,8 @@ class FailsafeInputs:
     """Time for which the guard has had no certified back-up."""
     abilities_changed: bool = False
     """Whether the vehicle's abilities now give other limits than those that it is steered by."""
+    answer: Answer = Answer()
+    """Whether the vehicle answers its setpoints."""
     clock_offset_s: float = 0.0
     """Offset of the computer's system clock from the clock that ages are computed with."""
 
@@ -216,6 +220,7 @@ def _found(inputs: FailsafeInputs, thresholds: FailsafeThresholds, was_low: bool
         (Cause.RANGE, _if(inputs.out_of_range, Stage.RETURNING, OUT_OF_RANGE)),
         (Cause.GUARD, _if(uncertified, Stage.LOITERING, UNCERTIFIED)),
         (Cause.ABILITIES, _if(inputs.abilities_changed, Stage.LOITERING, ABILITIES_CHANGED)),
+        (Cause.OBEDIENCE, _by_answer(inputs.answer)),
         (Cause.POSITION, _by_accuracy(inputs.position_accuracy_m, thresholds)),
         (Cause.CLOCK, _by_clock(inputs.clock_offset_s, thresholds)),
     )
@@ -255,6 +260,14 @@ def _by_accuracy(accuracy_m: float, thresholds: FailsafeThresholds) -> _Found:
     if math.isnan(accuracy_m):
         return _UNKNOWN
     return _if(accuracy_m > thresholds.position_accuracy_m, Stage.LOITERING, "position not known well enough")
+
+
+def _by_answer(answer: Answer) -> _Found:
+    # Not sticky: the ladder has times of its own.
+    if answer.trigger is None:
+        return _NOTHING
+    stage = Stage.COASTING if answer.rung is Rung.SLOWED else Stage.LOITERING
+    return _Found(stage, answer.trigger, sticky=False)
 
 
 def _by_clock(offset_s: float, thresholds: FailsafeThresholds) -> _Found:

@@ -158,7 +158,7 @@ def decision_frame(decision: Decision) -> DecisionFrame:
         DecisionFlag.STAY: decision.stay is not None,
         DecisionFlag.OPPOSED: decision.opposed,
     }
-    told = (decision.gave_way, decision.note, *decision.triggers)
+    told = (decision.gave_way, decision.note, decision.reckons, *decision.triggers)
     words = (decision.reason, *decision.guard_changes, *decision.broken, *told)
     return DecisionFrame(
         time_us=round(decision.t_s * _MICROSECONDS),
@@ -212,7 +212,7 @@ def summary_line(decision: Decision) -> str:
     """Return a decision as one line of text: purpose, reason, state of the picture, and what changed the setpoint."""
     target = f" {decision.target_id}" if decision.target_id is not None else ""
     changes = f", guard: {', '.join(decision.guard_changes)}" if decision.guard_changes else ""
-    changes += "".join(f", {said}" for said in (decision.note, decision.gave_way) if said is not None)
+    changes += "".join(f", {said}" for said in (decision.note, decision.reckons, decision.gave_way) if said is not None)
     changes += f", broken: {', '.join(decision.broken)}" if decision.broken else ""
     trusted = "picture none" if decision.picture_age_s is None else "picture fresh"
     if decision.picture_age_s is not None and decision.stage is not Stage.FRESH:

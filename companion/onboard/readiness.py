@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-from pymavlink.dialects.v20 import common
-
 from companion.autopilot.adapter import Adapter
 from companion.autopilot.linked import COURSE_SPEED_M_S
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S, Telemetry
@@ -20,7 +18,6 @@ NOT_HANDED_OVER = "not armed and in the guided mode"
 HAND_OVER_AGAIN = "in another mode, then hand over again"
 SPEED_SLACK = 1.2
 """How many times its speed limit and the wind together a vehicle may fly before it is said: it sways in turns."""
-_ALARMING = {common.MAV_STATE_CRITICAL: "CRITICAL", common.MAV_STATE_EMERGENCY: "EMERGENCY"}
 
 
 def not_steerable(adapter: Adapter, authority: Authority, config: Config, now_s: float) -> str | None:
@@ -29,6 +26,8 @@ def not_steerable(adapter: Adapter, authority: Authority, config: Config, now_s:
     if reason is not None:
         return reason
     if authority.locked:
+        if not adapter.resumes_on_stream:
+            return f"{authority.reason}; nothing is sent until it is handed over anew"
         signal_clears = config.autopilot is not None and config.autopilot.clear == "signal"
         cleared = "disarmed or cleared by a signal" if signal_clears else "disarmed"
         return f"{authority.reason}; nothing is sent until it is {cleared}"
@@ -131,7 +130,7 @@ def is_straight_up(verdict: Verdict) -> bool:
 
 def told_by_autopilot(adapter: Adapter) -> str | None:
     """Return what the autopilot says of its own state that calls for the person's attention; None if nothing."""
-    state = _ALARMING.get(adapter.telemetry.system_status or 0)
+    state = FAILSAFE_STATES.get(adapter.telemetry.system_status or 0)
     return None if state is None else f"the autopilot says {state}"
 
 

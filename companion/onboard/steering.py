@@ -42,6 +42,7 @@ from companion.onboard.law_settings import law_settings
 from companion.onboard.limits import unable, within
 from companion.onboard.navigation import COURSE_SPEED_M_S
 from companion.onboard.neighbours import Neighbours, neighbours_of
+from companion.onboard.obedience import Expected, Measured
 from companion.onboard.standing import flown_of, pace_of, standing_place
 
 
@@ -65,6 +66,8 @@ class Steering:
     interaction_m: float
     """Distance within which another vehicle matters to the right of way."""
     loiter: LoiterGeometry
+    expected: Expected
+    """What the vehicle is taken for as long as nothing worse is measured."""
     abilities: Abilities | None = None
     """Abilities that the limits were adapted to; None while they are not known."""
     unable: str | None = None
@@ -80,6 +83,8 @@ class Moment(NamedTuple):
     now_s: float
     refused: bool = False
     """Whether the guard refused the last step, or let the vehicle only continue its back-up."""
+    speed_share: float = 1.0
+    """Share of its speed limit that is asked of a vehicle that can stop: less than 1 for one that does not answer."""
     flown: Flown | None = None
     """The velocity from which the next one is commanded, for a vehicle that can stop; None for another."""
 
@@ -158,6 +163,7 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
             loiter_spacing_m(config.separation_m, circle_m) + circle_m,
             claim_m(config.separation_m, circle_m),
         ),
+        expected=Expected(limits, can_stop, math.inf, config.guidance_step_s),
     )
 
 
@@ -173,16 +179,36 @@ def adapted(steering: Steering, configured: LimitsSection, abilities: Abilities)
             steering = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
         except ValueError:
             why_not = f"its parameters leave {limits.speed_m_s:.3g} m/s and n_max {limits.n_max:.3g}: nothing to fly by"
-    return replace(steering, abilities=abilities, unable=why_not)
+    reached_m_s = min(abilities.airspeed_max_m_s, configured.airspeed_max_m_s or math.inf)
+    expected = steering.expected._replace(airspeed_max_m_s=reached_m_s)
+    return replace(steering, abilities=abilities, unable=why_not, expected=expected)
 
 
 def outgrown(steering: Steering, configured: LimitsSection, abilities: Abilities) -> bool:
-    """Return whether the vehicle's abilities now give other limits than those that it is steered by, or are too few."""
+    """Return whether the vehicle's abilities now give other limits than those that were adopted, or are too few."""
     if abilities == steering.abilities:
         return False
-    if within(configured, abilities) != steering.config.limits:
+    if within(configured, abilities) != steering.expected.limits:
         return True
     return unable(configured, abilities, can_stop=steering.can_stop) is not None
+
+
+def reckoning(steering: Steering, configured: LimitsSection, found: Measured) -> Steering:
+    """Return the steering for a vehicle that was measured to do worse than its abilities; unchanged if it is made so.
+
+    The new guard keeps the commands in flight, and certifies anew from the present state. Limits that no guard can hold
+    leave the steering as it was.
+    """
+    limits = within(configured, steering.abilities or Abilities(), found)
+    if limits == steering.config.limits:
+        return steering
+    config = steering.config.model_copy(update={"limits": limits})
+    try:
+        remade = steering_of(config, steering.can_stop, steering.law if steering.own_law else None)
+    except ValueError:
+        return steering
+    remade.guard.succeed(steering.guard)
+    return replace(remade, abilities=steering.abilities, unable=steering.unable, expected=steering.expected)
 
 
 def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) -> Steered:
@@ -201,6 +227,8 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     last = None if limits.reaction_s == 0.0 else in_force
     at_effect = None if last is None else AtEffect(last.heading_rad, last.speed_m_s)
     steered_rad, speed_m_s, gave_way = _right_of_way(steering, *turned, motion, (around, at_effect))
+    if steering.can_stop:
+        speed_m_s = min(speed_m_s, moment.speed_share * limits.speed_m_s)
     # The turn is limited at the greatest of the speeds until the end of the step, as the guard does.
     faster_m_s = max(motion.speed_m_s, speed_m_s)
     from_rad = motion.heading_rad

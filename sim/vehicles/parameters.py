@@ -1,13 +1,32 @@
-"""A stand-in autopilot's side of MAVLink's parameter protocol."""
+"""A stand-in autopilot's side of MAVLink's parameter protocol, and parameters that a user sets before a flight."""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.errors import InputError, nearest_hint
 from sim.mavlink_sender import MavlinkSender
 from sim.vehicles.craft import Craft, Message, Parameter
+
+
+def set_parameters(craft: Craft, parameters: Iterable[tuple[str, float]]) -> None:
+    """Set parameters by name, as `--param` names them.
+
+    Raises:
+        InputError: a name that the kind does not have, or a value out of its range.
+
+    """
+    known = {parameter.name: parameter for parameter in craft.parameters}
+    for name, value in parameters:
+        if name not in known:
+            raise InputError(f"--param: unknown '{name}'{nearest_hint(name, known)}; allowed: {', '.join(known)}")
+        least, greatest = known[name].least, known[name].greatest
+        if not least <= value <= greatest:
+            raise InputError(f"--param: {name}={value:g}; allowed: {least:g} to {greatest:g}")
+        craft.values[name] = value
 
 
 class ParameterProtocol:

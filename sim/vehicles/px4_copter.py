@@ -1,7 +1,8 @@
 """A copter with PX4: its response to OFFBOARD setpoints, and what it does when they stop.
 
-As measured on PX4 v1.16.1 with realistic drag (docs/autopilots.md). "(code)" marks what was read in its source,
-"(chosen)" what was neither measured nor read.
+As measured on PX4 v1.16.1 in its simulator SIH (docs/autopilots.md). "(code)" marks what was read in its source,
+"(chosen)" what was neither measured nor read. The parameter SIH_KDV is the airframe's drag: 0.2 is that of a copter of
+this size, 1 is what the simulator comes with, and makes the copter turn and stop sluggishly.
 """
 
 from __future__ import annotations
@@ -14,17 +15,14 @@ from companion.geo.kinematics import GRAVITY_M_S2, shorter_turn_rad
 from sim.vehicles import px4
 from sim.vehicles.craft import Parameter, Start, Surroundings
 from sim.vehicles.px4 import Offboard, Px4
+from sim.vehicles.px4_control import Px4Control
 from sim.vehicles.setpoint import clip, rotated
 
-# These five are fitted to the measured steps from 0 to 5 m/s (3.9 m/s after 1 s, 5.1 after 2 s), from 0 to 10 m/s (6.3,
-# 9.4 and 9.95 m/s after 1, 2 and 3 s) and from 10 m/s to 0 (3.0 and 0.4 m/s after 1 and 2 s) within 0.25 m/s, and to
-# the first motion after 0.2 s.
 _REACTION_S = 0.1
-_VELOCITY_GAIN_1_S = 1.481
-_ACCELERATION_LAG_S = 0.103
-_ACCELERATION_M_S2 = 8.155
-_DRAG_1_M = 0.0228
-
+"""Dead time of a setpoint. With it, SIH_KDV 0.2 and the controller's own gains the measured steps (0 to 5 m/s, 0 to 10
+m/s and back) hold within 0.2 m/s."""
+_MASS_KG = 1.0
+"""SIH_MASS (code, default)."""
 _SINK_WITHOUT_STICK_M_S = 0.7
 """Sink rate in POSITION, the mode that COM_OBL_RC_ACT 0 chooses, without radio control."""
 _POSITION_GAIN_1_S = 0.95
@@ -33,16 +31,16 @@ _ALTITUDE_GAIN_1_S = 1.0
 """Gain from an altitude error to a climb rate: MPC_Z_P (code, default)."""
 _VERTICAL_LAG_S = 0.5
 """Time constant with which the climb rate follows its demand (chosen)."""
-_BRAKING_M_S2 = 5.0
-"""Deceleration in HOLD: from 10 m/s the copter stops in 3 s, as measured."""
+_STOP_DELAY_S = 0.6
+"""Time by which the place of a stop is further ahead than braking at MPC_ACC_HOR needs (code)."""
 _LAND_FINAL_M, _RETURN_ARRIVED_M = 10.0, 1.0
 """Height above home below which a landing slows down; distance within which RETURN has reached home, or its height."""
 _TAKE_OFF_DONE_M = 0.1
 """Height below the take-off altitude at which a take-off is complete."""
-_STOPPED_M_S = 0.3
-"""Speed below which a braking copter counts as stopped and holds its place."""
 _STEP_S = 0.05
 """Longest step of the motion."""
+_CONTROL_STEPS = 2
+"""Number of turns of the velocity controller in each step of the motion."""
 
 _PARAMETERS = (
     *px4.COMMON_PARAMETERS,
@@ -63,6 +61,7 @@ _PARAMETERS = (
     Parameter("MPC_Z_VEL_MAX_UP", 3.0, 0.5, 8.0),
     Parameter("RTL_DESCEND_ALT", 30.0, 0.0, 100.0),
     Parameter("RTL_RETURN_ALT", 60.0, 0.0, 150.0),
+    Parameter("SIH_KDV", 0.2, 0.0, 10.0),
 )
 
 
@@ -78,9 +77,11 @@ class Px4Copter(Px4):
     def __init__(self, start: Start) -> None:
         """Begin on the ground, or flying with the velocity of `start`."""
         super().__init__(start)
-        self._acceleration_m_s2 = (0.0, 0.0)
+        self._control: Px4Control | None = None
+        """The velocity controller; None until the first step in the air, and on the ground."""
         self._wanted_m_s = (start.body.velocity_north_m_s, start.body.velocity_east_m_s)
-        self._stopped_at_m: tuple[float, float] | None = None
+        self._stop_m: tuple[float, float] | None = None
+        """Place at which a stop ends; None: no stop is under way."""
         self._has_climbed = False
         """Whether RETURN has climbed to the height at which it flies home."""
 
@@ -94,7 +95,8 @@ class Px4Copter(Px4):
         if not self.in_air and not (self.armed and self._wants_up(around)):
             return
         if not self.armed:
-            self._move(body.velocity_north_m_s, body.velocity_east_m_s, body.climb_m_s - GRAVITY_M_S2 * dt_s, dt_s)
+            velocity_m_s = complex(body.velocity_north_m_s, body.velocity_east_m_s)
+            self._move(velocity_m_s * dt_s, velocity_m_s, body.climb_m_s - GRAVITY_M_S2 * dt_s, dt_s)
         else:
             self._fly(dt_s, around)
         body.airspeed_m_s = math.hypot(
@@ -104,7 +106,8 @@ class Px4Copter(Px4):
             self.in_air = True
         elif body.climb_m_s <= 0.0:
             self._touch_down(around.home)
-            self._acceleration_m_s2 = self._wanted_m_s = (0.0, 0.0)
+            self._control = None
+            self._wanted_m_s = (0.0, 0.0)
 
     def _wants_up(self, around: Surroundings) -> bool:
         if self.mode == px4.TAKE_OFF:
@@ -115,37 +118,31 @@ class Px4Copter(Px4):
         return (asked.climb_m_s or 0.0) > 0.0 or (asked.altitude_m or -math.inf) > around.home.altitude_m
 
     def _fly(self, dt_s: float, around: Surroundings) -> None:
+        velocity, wind = complex(self.body.velocity_north_m_s, self.body.velocity_east_m_s), complex(*around.wind_m_s)
+        drag_1_s = self.values["SIH_KDV"] / _MASS_KG
+        if self._control is None:
+            self._control = Px4Control((velocity - wind) * drag_1_s)
+        before, asked = self._wanted_m_s, None
         if self.mode in px4.STICK_MODES:
             # Without radio control it flies level, and drag alone changes its velocity.
-            wanted_m_s2 = 0.0, 0.0
             climb_m_s = -_SINK_WITHOUT_STICK_M_S if self.mode == px4.POSITION else 0.0
         else:
-            (north_m_s, east_m_s), climb_m_s = self._wanted(around, dt_s)
-            wanted_m_s2 = self._leaning(north_m_s, east_m_s, around.wind_m_s)
+            velocity_m_s, climb_m_s = self._wanted(around, dt_s)
+            asked = complex(*velocity_m_s)
+        ahead = complex(self._wanted_m_s[0] - before[0], self._wanted_m_s[1] - before[1]) / dt_s
         self._turn_nose(dt_s)
-        share = -math.expm1(-dt_s / _ACCELERATION_LAG_S)
-        pull_north, pull_east = self._acceleration_m_s2
-        pull_north += (wanted_m_s2[0] - pull_north) * share
-        pull_east += (wanted_m_s2[1] - pull_east) * share
-        self._acceleration_m_s2 = pull_north, pull_east
-        body = self.body
-        drag_north, drag_east = _drag(body.velocity_north_m_s, body.velocity_east_m_s, around.wind_m_s)
-        body.roll_rad = math.atan2(rotated(pull_north, pull_east, -body.heading_rad)[1], GRAVITY_M_S2)
-        rising_m_s = body.climb_m_s + (climb_m_s - body.climb_m_s) * -math.expm1(-dt_s / _VERTICAL_LAG_S)
-        self._move(
-            body.velocity_north_m_s + (pull_north - drag_north) * dt_s,
-            body.velocity_east_m_s + (pull_east - drag_east) * dt_s,
-            rising_m_s,
-            dt_s,
-        )
-
-    def _leaning(self, north_m_s: float, east_m_s: float, wind_m_s: tuple[float, float]) -> tuple[float, float]:
-        """Return the acceleration (north, east; m/s^2) towards a velocity, with the drag at that velocity added."""
-        body = self.body
-        drag_north, drag_east = _drag(north_m_s, east_m_s, wind_m_s)
-        pull_north = _VELOCITY_GAIN_1_S * (north_m_s - body.velocity_north_m_s) + drag_north
-        pull_east = _VELOCITY_GAIN_1_S * (east_m_s - body.velocity_east_m_s) + drag_east
-        return _within(pull_north, pull_east, min(_ACCELERATION_M_S2, self._tilt_m_s2()))
+        part_s, moved = dt_s / _CONTROL_STEPS, 0j
+        for _ in range(_CONTROL_STEPS):
+            demand = 0j
+            if asked is not None:
+                demand = self._control.demand(asked - velocity, ahead, self._tilt_m_s2(), part_s)
+            after = self._control.lean(demand, velocity, (velocity - wind) * drag_1_s, part_s)
+            moved += 0.5 * (velocity + after) * part_s
+            velocity = after
+        pull = self._control.lean_m_s2
+        self.body.roll_rad = math.atan2(rotated(pull.real, pull.imag, -self.body.heading_rad)[1], GRAVITY_M_S2)
+        rising_m_s = self.body.climb_m_s + (climb_m_s - self.body.climb_m_s) * -math.expm1(-dt_s / _VERTICAL_LAG_S)
+        self._move(moved, velocity, rising_m_s, dt_s)
 
     def _tilt_m_s2(self) -> float:
         return GRAVITY_M_S2 * math.tan(math.radians(self.values["MPC_TILTMAX_AIR"]))
@@ -177,7 +174,7 @@ class Px4Copter(Px4):
     def _fly_mode(self, mode: int) -> None:
         super()._fly_mode(mode)
         self._wanted_m_s = self.body.velocity_north_m_s, self.body.velocity_east_m_s
-        self._stopped_at_m = None
+        self._stop_m = None
         self._has_climbed = False
 
     def _asked_velocity(self) -> tuple[tuple[float, float], float]:
@@ -203,28 +200,23 @@ class Px4Copter(Px4):
         )
 
     def _halting(self, dt_s: float) -> tuple[float, float]:
-        """Return a velocity that falls evenly to 0, and then the one that holds the place of the stop."""
-        if self._stopped_at_m is not None:
-            north_m, east_m = self._stopped_at_m
-            return (
-                _POSITION_GAIN_1_S * (north_m - self.body.north_m),
-                _POSITION_GAIN_1_S * (east_m - self.body.east_m),
-            )
-        speed_m_s = math.hypot(*self._wanted_m_s)
-        less_m_s = _BRAKING_M_S2 * dt_s
-        share = max(1.0 - less_m_s / speed_m_s, 0.0) if speed_m_s else 0.0
-        self._wanted_m_s = self._wanted_m_s[0] * share, self._wanted_m_s[1] * share
-        if not share and math.hypot(self.body.velocity_north_m_s, self.body.velocity_east_m_s) < _STOPPED_M_S:
-            self._stopped_at_m = self.body.north_m, self.body.east_m
-        return self._wanted_m_s
+        """Return the velocity towards the place of a stop, which is as far ahead as braking takes."""
+        body = self.body
+        north_m_s, east_m_s = body.velocity_north_m_s, body.velocity_east_m_s
+        if self._stop_m is None:
+            ahead_s = 0.5 * math.hypot(north_m_s, east_m_s) / self.values["MPC_ACC_HOR"] + _STOP_DELAY_S
+            self._stop_m = body.north_m + north_m_s * ahead_s, body.east_m + east_m_s * ahead_s
+        return self._towards(*self._stop_m, self.values["MPC_XY_VEL_MAX"], dt_s)
 
     def _towards(self, north_m: float, east_m: float, top_m_s: float, dt_s: float) -> tuple[float, float]:
         """Return the velocity towards a place, from which the copter can still stop there, limited in acceleration."""
         away_north_m, away_east_m = north_m - self.body.north_m, east_m - self.body.east_m
         distance_m = math.hypot(away_north_m, away_east_m)
         braking_m_s2 = self.values["MPC_ACC_HOR"]
-        speed_m_s = min(top_m_s, _POSITION_GAIN_1_S * distance_m, math.sqrt(2.0 * braking_m_s2 * distance_m))
-        share_1_s = speed_m_s / distance_m if distance_m else 0.0
+        # The speed from which MPC_ACC_HOR and MPC_JERK_AUTO stop within the distance (code).
+        jerk_m_s = 4.0 * braking_m_s2**2 / self.values["MPC_JERK_AUTO"]
+        speed_m_s = 0.5 * (math.sqrt(jerk_m_s**2 + 8.0 * braking_m_s2 * distance_m) - jerk_m_s)
+        share_1_s = min(top_m_s, speed_m_s) / distance_m if distance_m else 0.0
         change = _within(
             away_north_m * share_1_s - self._wanted_m_s[0],
             away_east_m * share_1_s - self._wanted_m_s[1],
@@ -266,19 +258,13 @@ class Px4Copter(Px4):
         self.body.heading_rad = math.remainder(self.body.heading_rad + turn_rad, math.tau)
         self.body.turn_rate_rad_s = turn_rad / dt_s
 
-    def _move(self, north_m_s: float, east_m_s: float, climb_m_s: float, dt_s: float) -> None:
+    def _move(self, moved_m: complex, velocity_m_s: complex, climb_m_s: float, dt_s: float) -> None:
         body = self.body
-        body.north_m += 0.5 * (body.velocity_north_m_s + north_m_s) * dt_s
-        body.east_m += 0.5 * (body.velocity_east_m_s + east_m_s) * dt_s
+        body.north_m += moved_m.real
+        body.east_m += moved_m.imag
         body.altitude_m += climb_m_s * dt_s
-        body.velocity_north_m_s, body.velocity_east_m_s, body.climb_m_s = north_m_s, east_m_s, climb_m_s
-
-
-def _drag(north_m_s: float, east_m_s: float, wind_m_s: tuple[float, float]) -> tuple[float, float]:
-    """Return the acceleration (north, east; m/s^2) that balances the drag at a velocity over the ground."""
-    air_north_m_s, air_east_m_s = north_m_s - wind_m_s[0], east_m_s - wind_m_s[1]
-    share_1_s = _DRAG_1_M * math.hypot(air_north_m_s, air_east_m_s)
-    return air_north_m_s * share_1_s, air_east_m_s * share_1_s
+        body.velocity_north_m_s, body.velocity_east_m_s = velocity_m_s.real, velocity_m_s.imag
+        body.climb_m_s = climb_m_s
 
 
 def _within(north: float, east: float, greatest: float) -> tuple[float, float]:

@@ -255,7 +255,7 @@ CASES: tuple[tuple[str, tuple[str, ...], tuple[Check, ...]], ...] = (
     (
         "target outside the fence, wind of 0.4 of cruise towards it that nobody configured",
         PLANES,
-        (says("returning: outside the fence", 0.0, 15.0), says("fresh: target", 20.0, 14.0)),
+        (says("returning: outside the fence", 0.0, 15.0), says("fresh: target", 15.0, 19.0)),
     ),
     (
         "handed over outside the fence",

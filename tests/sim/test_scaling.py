@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from companion.autopilot.missions import load_mission_to_fly
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
-from companion.mission.model import Mission, dump_mission, load_mission, parse_mission
+from companion.mission.model import Mission, Wind, dump_mission, load_mission, parse_mission
 from companion.mission.resolve import check_start, resolve
 from sim.scaling import CRUISE_M_S, scaled
 
@@ -86,6 +86,14 @@ def test_paths_fence_and_wind_are_scaled_but_no_height() -> None:
 def test_nobody_is_to_turn_tighter_than_the_kind_can(kind: str) -> None:
     most = ADAPTERS[kind]().abilities.n_max
     assert all(agent.n_max <= most for agent in scaled(paper(), kind).agents)
+
+
+def test_a_copter_is_no_faster_than_it_can_fly_against_the_wind() -> None:
+    windy = paper().model_copy(update={"wind": Wind(from_deg=90.0, speed_m_s=15.0, gust_m_s=7.5)})
+    after = scaled(windy, "arducopter")
+    wind_m_s = after.wind.speed_m_s + after.wind.gust_m_s
+    assert {round(agent.speed_m_s + wind_m_s, 6) for agent in after.agents} == {10.3}
+    assert {round(agent.speed_m_s, 6) for agent in scaled(windy, "arduplane").agents} == {22.0}
 
 
 def test_the_factor_is_written_down_and_read_back() -> None:

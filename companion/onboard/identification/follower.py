@@ -22,6 +22,8 @@ CELLS = 20
 """Cells of the grid along each parameter."""
 REFINEMENTS = 8
 """Greatest number of grids, each about the best cells of the one before."""
+LEAST_GRIDS = 3
+"""Least number of grids: the value itself is known to a cell of the last."""
 ENOUGH_CELLS = 12
 """Number of cells within the interval from which it is resolved."""
 KEPT_CELLS = 0.05
@@ -83,7 +85,7 @@ def followed(spans: Sequence[Span], slowest: float, fastest: float) -> Followed 
     steps = [_steps(span) for span in spans]
     delays_s = np.linspace(0.0, LONGEST_DELAY_S, CELLS + 1)
     rates = np.geomspace(slowest, fastest, CELLS + 1)
-    for _ in range(REFINEMENTS):
+    for grid in range(1, REFINEMENTS + 1):
         squares = np.zeros((CELLS + 1, CELLS + 1))
         for each in zip(spans, steps, strict=True):
             squares += _squares(*each, delays_s, rates)
@@ -92,7 +94,7 @@ def followed(spans: Sequence[Span], slowest: float, fastest: float) -> Followed 
         most = float(squares[at]) * (1.0 + _slack(spans, steps, best)) + np.finfo(float).tiny
         near = np.less_equal(squares, most)
         found = (delays_s[near.max(axis=1)], rates[near.max(axis=0)])
-        if np.count_nonzero(near) >= ENOUGH_CELLS:
+        if grid >= LEAST_GRIDS and np.count_nonzero(near) >= ENOUGH_CELLS:
             break
         # Delay and rate make up for each other: on a coarse grid the best cell need not be next to the best value.
         near = np.less_equal(squares, max(most, float(np.quantile(squares, KEPT_CELLS))))

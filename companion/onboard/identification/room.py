@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +36,8 @@ class Room(NamedTuple):
     """Greatest distance between two points of the path along north or east."""
     clear_m: float
     """Least distance to fence and discs, negative outside the fence or in a disc; infinite where there is neither."""
+    reach_m: float
+    """Greatest distance of the path from where it begins."""
     lasts_s: float
 
 
@@ -69,13 +71,8 @@ def room_of(
         places += flown
     if fence is not None or len(discs.radii_m):
         clear_m = min(clearance_m(place, fence, discs, lasts_s) for place in places[:: max(1, round(1.0 / step_s))])
-    across_m = float(np.ptp(np.array(places), axis=0).max())
-    return Room(across_m, clear_m, lasts_s)
-
-
-def best_course_rad(first_rad: float, clear_m: Sequence[float]) -> float:
-    """Return the course with the greatest clearance, of COURSES courses from `first_rad` on."""
-    return first_rad + int(np.argmax(clear_m)) * math.tau / COURSES
+    away_m = np.array(places) - np.array(motion.position_ned_m)
+    return Room(float(np.ptp(away_m, axis=0).max()), clear_m, float(np.hypot(*away_m.T).max()), lasts_s)
 
 
 def _flown(

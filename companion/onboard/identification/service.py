@@ -47,7 +47,8 @@ async def fly_pattern(config: Config, stop: asyncio.Event) -> tuple[End, list[Ro
             logged = config.model_copy(update={"log_dir": stack.enter_context(TemporaryDirectory())})
         folder = await run_companion(logged, stop, build)
         assert folder is not None
-        log = folder / f"vehicle-{config.agent_id}.tlog"
+        # By another name than a log of `companion run`: a replay decides as that does.
+        log = (folder / f"vehicle-{config.agent_id}.tlog").rename(folder / f"identify-{config.agent_id}.tlog")
         if config.log_dir is not None:
             click.echo(f"log: {log}")
         return flown[0].end or NOT_FLOWN, table_of(read_tlog(log), config)
@@ -80,13 +81,18 @@ def check_writable(name: str) -> None:
         raise InputError(f"--write: '{name}' is a packaged configuration; allowed: a file of your own")
 
 
-def write_limits(name: str, table: list[Row]) -> None:
+def write_limits(name: str, end: End | None, table: list[Row]) -> None:
     """Write the values that the table asks for into the `limits` of a configuration's file.
+
+    What a pattern shows that was not flown to its end (`end`, None for a log) is not written.
 
     Raises:
         InputError: the file cannot be read, rewritten or written, or would break a rule.
 
     """
+    if end is not None and not end.complete:
+        click.echo("nothing is written: the pattern was not flown to its end")
+        return
     path, values = Path(name), remedies(table)
     if not values:
         click.echo("nothing to write")

@@ -82,7 +82,8 @@ def _speed(found: Identified, limits: LimitsSection, can_stop: bool) -> Row:
     name = "top speed" if can_stop else "airspeed"
     top, asked_m_s = found.top_speed_m_s, found.asked_m_s
     worse = top is not None and top.high < REACHED_SHARE * min(asked_m_s, limits.speed_m_s)
-    remedy = None if top is None or not worse else ("speed_m_s", _down(top.low))
+    # A plane flies the airspeed of its autopilot's parameters, whatever is configured here.
+    remedy = None if top is None or not worse or not can_stop else ("speed_m_s", _down(top.low))
     return Row(name, _text(top, "m/s"), f"speed_m_s {limits.speed_m_s:.3g}", worse, remedy)
 
 

@@ -99,6 +99,7 @@ class _Reader:
         self._frame: LocalFrame | None = None
         self._commands: list[tuple[float, float, float]] = []
         self._motions: list[tuple[float, ...]] = []
+        self._winds: list[tuple[float, float, float]] = []
 
     def take(self, t_s: float, data: bytes) -> None:
         """Take in one frame of the log, as a replay sorts them."""
@@ -113,17 +114,20 @@ class _Reader:
                 if mark_of(frame) is Mark.WITHDRAWN:
                     self._commands.append((t_s, math.nan, math.nan))
                 return
-        before_s = self._adapter.telemetry.position_at_s
+        before = self._adapter.telemetry
         self._adapter.receive(data, t_s)
-        if self._adapter.telemetry.position_at_s != before_s:
+        telemetry = self._adapter.telemetry
+        if telemetry.position_at_s != before.position_at_s:
             self._moved(t_s)
+        if telemetry.wind_ned_m_s is not None and telemetry.wind_ned_m_s != before.wind_ned_m_s:
+            self._winds.append((t_s, *telemetry.wind_ned_m_s))
 
     def track(self) -> Track:
         """Return what was collected."""
         return Track(
             np.array(self._commands, dtype=float).reshape(-1, 3),
             np.array(self._motions, dtype=float).reshape(-1, 6),
-            np.zeros((0, 3)),
+            np.array(self._winds, dtype=float).reshape(-1, 3),
             self._adapter.abilities,
         )
 

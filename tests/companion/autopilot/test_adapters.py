@@ -9,7 +9,7 @@ import pytest
 from fastcrc.crc16 import mcrf4xx
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega, common
 
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import (
@@ -31,6 +31,7 @@ GUIDED_MODE = 4
 WANTED = (
     *("HEARTBEAT", "GLOBAL_POSITION_INT", "HOME_POSITION", "ADSB_VEHICLE", "EXTENDED_SYS_STATE", "LOCAL_POSITION_NED"),
     *("ATTITUDE", "VFR_HUD", "GPS_RAW_INT", "ESTIMATOR_STATUS", "SYS_STATUS", "PARAM_VALUE", "COMMAND_ACK"),
+    "WIND_COV",
 )
 
 
@@ -393,6 +394,22 @@ def battery(percent: int) -> bytes:
 def test_the_heartbeat_tells_what_the_autopilot_is_and_how_it_fares() -> None:
     telemetry = reader_of(heartbeat()).telemetry
     assert (telemetry.autopilot, telemetry.mav_type, telemetry.system_status) == (3, 2, common.MAV_STATE_ACTIVE)
+
+
+def test_the_wind_of_ardupilot_is_where_it_blows_to() -> None:
+    message = ardupilotmega.MAVLink_wind_message(direction=270.0, speed=5.0, speed_z=0.0)
+    wind_ned_m_s = reader_of(heartbeat(), told(message)).telemetry.wind_ned_m_s
+    assert wind_ned_m_s == pytest.approx((0.0, 5.0), abs=1e-6)
+
+
+def test_the_wind_of_px4_is_its_velocity() -> None:
+    message = common.MAVLink_wind_cov_message(0, 3.0, -4.0, *(0.0,) * 6)
+    assert reader_of(heartbeat(), told(message)).telemetry.wind_ned_m_s == (3.0, -4.0)
+
+
+def test_a_wind_that_is_no_number_is_none() -> None:
+    message = common.MAVLink_wind_cov_message(0, math.nan, -4.0, *(0.0,) * 6)
+    assert reader_of(heartbeat(), told(message)).telemetry.wind_ned_m_s is None
 
 
 def test_attitude_airspeed_and_the_local_position_are_read() -> None:

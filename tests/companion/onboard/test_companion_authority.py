@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.adapter import Abilities
 from companion.autopilot.arducopter import ArduCopterAdapter
 from companion.autopilot.stream import STREAM_GAP_S
-from companion.onboard.authority import State
+from companion.onboard.authority import FAILSAFE_STATES, State
 from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection, Config
 from companion.onboard.decision import Decision, Purpose
@@ -162,9 +162,10 @@ def test_cleared_on_the_spot_it_can_be_handed_over_again() -> None:
     assert flight.tick()[0].purpose is Purpose.TARGET
 
 
-def test_the_autopilots_failsafe_ends_the_stream_for_good() -> None:
+@pytest.mark.parametrize("state", sorted(FAILSAFE_STATES))
+def test_the_autopilots_failsafe_ends_the_stream_for_good(state: int) -> None:
     flight = handed_over()
-    flight.heartbeat(state=common.MAV_STATE_CRITICAL)
+    flight.heartbeat(state=state)
     assert streamed(flight) is None
     flight.heartbeat()
     assert flight.tick()[1] is None
@@ -297,9 +298,7 @@ def test_whatever_happens_nothing_is_sent_outside_offboard_after_an_engagement_u
 # Silence
 
 
-@pytest.mark.parametrize(
-    "state", [common.MAV_STATE_CRITICAL, common.MAV_STATE_EMERGENCY], ids=["critical", "emergency"]
-)
+@pytest.mark.parametrize("state", sorted(FAILSAFE_STATES))
 def test_where_the_mode_alone_decides_a_status_word_is_told_and_changes_nothing(state: int) -> None:
     flight = guided()
     flight.broadcast()
@@ -308,7 +307,7 @@ def test_where_the_mode_alone_decides_a_status_word_is_told_and_changes_nothing(
     decision, setpoint = flight.at()
     assert decision.purpose is Purpose.TARGET
     assert setpoint is not None
-    assert decision.note == f"the autopilot says {'CRITICAL' if state == common.MAV_STATE_CRITICAL else 'EMERGENCY'}"
+    assert decision.note == f"the autopilot says {FAILSAFE_STATES[state]}"
     flight.heartbeat(GUIDED, RTL)
     decision, setpoint = flight.tick()
     assert (decision.purpose, setpoint) == (Purpose.IDLE, None)

@@ -70,6 +70,7 @@ def test_a_row_tells_what_was_decided_on_what() -> None:
         "broken": "",
         "gave_way": "",
         "note": "",
+        "reckons": "",
         "battery_percent": "80",
         "gap_max_ms": "123",
     }

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.onboard.answer import Answer, Rung
 from companion.onboard.failsafe import (
     BATTERY_MARGIN_PERCENT,
     SEVERITY,
@@ -234,3 +235,23 @@ def test_a_stage_stands_for_its_time_whatever_its_reason(bad: FailsafeInputs, wa
     after = assess(GOOD, LIMITS, before, wait_s)
     waiting = [trigger for trigger in before.triggers if trigger.words != "no picture"]
     assert list(after.triggers) == waiting
+
+
+# Whether the vehicle answers
+
+
+@pytest.mark.parametrize(
+    ("rung", "stage"), [(Rung.ANSWERS, Stage.FRESH), (Rung.SLOWED, Stage.COASTING), (Rung.STOPPED, Stage.LOITERING)]
+)
+def test_a_vehicle_that_does_not_answer_is_not_steered_to_a_target_once_it_is_stopped(rung: Rung, stage: Stage) -> None:
+    assert standing(replace(GOOD, answer=Answer(rung, words="does not turn"))).stage is stage
+
+
+def test_what_was_asked_and_not_done_is_the_reason() -> None:
+    status = standing(replace(GOOD, answer=Answer(Rung.STOPPED, words="does not turn: 0.3 of 15.0 deg/s")))
+    assert status.words == "stopped: does not turn: 0.3 of 15.0 deg/s"
+
+
+def test_a_vehicle_that_answers_again_is_steered_on_at_once_as_the_ladder_has_its_own_times() -> None:
+    before = standing(replace(GOOD, answer=Answer(Rung.SLOWED, words="does not turn")))
+    assert standing(GOOD, before=before, t_s=0.1).stage is Stage.FRESH

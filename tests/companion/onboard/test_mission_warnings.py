@@ -261,3 +261,22 @@ def test_a_mission_of_a_hundred_agents_and_four_hundred_threats_raises_no_doubt(
     agents = [agent(number + 1, 0.0, 900.0 * number, n_max=3.0) for number in range(100)]
     targets = [{"id": number + 1, "north_m": 45000.0, "east_m": 900.0 * number} for number in range(100)]
     assert warnings_of(threats=discs, agents=agents, targets=targets) == []
+
+
+# Speed and wind through the air
+
+
+@pytest.mark.parametrize(
+    ("kind", "speed_m_s", "warns"),
+    [("arducopter", 8.0, True), ("arducopter", 5.2, False), ("px4-copter", 8.0, False), ("arduplane", 22.0, False)],
+)
+def test_a_wind_that_a_copter_cannot_fly_against_is_warned_of(kind: str, speed_m_s: float, warns: bool) -> None:
+    slow = [{**agent(1, 0.0, 0.0), "speed_m_s": speed_m_s, "n_max": 0.1}]
+    wind = {"from_deg": 270.0, "speed_m_s": 4.0, "gust_m_s": 1.0}
+    found = [words for words in warnings_of(kind, agents=slow, wind=wind) if words.startswith("wind: ")]
+    assert len(found) == warns
+    if warns:
+        assert found == [
+            "wind: 5 m/s, gusts included, against the 8 m/s of agent 1: arducopter reaches 10.3 (ANGLE_MAX 3000) "
+            "through the air, so that its companion does not begin to steer"
+        ]

@@ -151,6 +151,97 @@ def test_a_parameter_that_is_not_told_fails(kind: str) -> None:
     assert failures[0].text.startswith(f"{name}: not told")
 
 
+@pytest.mark.parametrize(
+    ("kind", "first", "heard_as", "text", "remedy"),
+    [
+        ("arducopter", "WPNAV_ACCEL", ("WP_ACC", 0.5), "WP_ACC: 0.5; allowed: 1 to 10", "set WP_ACC to 2.5"),
+        (
+            "arducopter",
+            "WPNAV_ACCEL",
+            ("WPNAV_ACCEL", 50.0),
+            "WPNAV_ACCEL: 50; allowed: 100 to 1000",
+            "set WPNAV_ACCEL to 250",
+        ),
+        (
+            "arducopter",
+            "ANGLE_MAX",
+            ("ATC_ANGLE_MAX", 60.0),
+            "ATC_ANGLE_MAX: 60; allowed: 20 to 45",
+            "set ATC_ANGLE_MAX to 30",
+        ),
+        (
+            "arduplane",
+            "ROLL_LIMIT_DEG",
+            ("LIM_ROLL_CD", 2000.0),
+            "LIM_ROLL_CD: 2000; allowed: 3000 to 6500",
+            "set LIM_ROLL_CD to 4500",
+        ),
+    ],
+)
+def test_a_remedy_has_the_name_and_the_unit_that_this_vehicle_uses(
+    kind: str, first: str, heard_as: tuple[str, float], text: str, remedy: str
+) -> None:
+    name, value = heard_as
+    finding = failed(found(heard(kind, {first: math.nan, name: value}), config_of(kind, n_max=0.03, braking_m_s2=0.3)))[
+        0
+    ]
+    assert finding.text.startswith(text)
+    assert finding.remedy == remedy
+
+
+def test_a_parameter_that_is_not_told_is_asked_for_by_each_of_its_names() -> None:
+    finding = failed(found(heard("arducopter", {"WPNAV_ACCEL": math.nan})))[0]
+    assert finding.text.startswith("WPNAV_ACCEL: not told, nor WP_ACC; ")
+    assert finding.remedy == "set WPNAV_ACCEL to 250 (set WP_ACC to 2.5), or check the link"
+
+
+def test_px4s_second_action_counts_where_a_version_has_it() -> None:
+    assert failed(found(heard("px4-copter", {"COM_OBL_ACT": 1.0}))) == []
+    finding = only_failure(found(heard("px4-copter", {"COM_OBL_ACT": 0.0})))
+    assert finding.text.startswith("COM_OBL_ACT: 0; allowed: 1; without radio control")
+    assert finding.remedy == "set COM_OBL_ACT to 1"
+
+
+def test_a_value_that_no_vehicle_has_fails() -> None:
+    failures = failed(found(heard("arduplane", {"AIRSPEED_MIN": 1e30})))
+    assert [finding.text for finding in failures] == ["AIRSPEED_MIN 1e+30 is not a sane value (5 to 60)"]
+
+
+@pytest.mark.parametrize(
+    ("told", "by", "remedy"),
+    [
+        ({"ANGLE_MAX": 3000.0}, "ANGLE_MAX 3000", "ANGLE_MAX to 4500 (15 m/s)"),
+        ({"ANGLE_MAX": math.nan, "ATC_ANGLE_MAX": 30.0}, "ATC_ANGLE_MAX 30", "ATC_ANGLE_MAX to 45 (15 m/s)"),
+    ],
+)
+def test_a_copter_that_cannot_fly_its_speed_against_its_wind_fails(
+    told: dict[str, float], by: str, remedy: str
+) -> None:
+    finding = only_failure(found(heard("arducopter", told), config_of("arducopter", wind_m_s=5.0)))
+    assert finding.text == f"limits.speed_m_s 8 + wind_m_s 5 = 13 m/s through the air; it reaches 10.3 ({by})"
+    assert finding.remedy == f"set speed_m_s to 5.3 or wind_m_s to 2.3 or {remedy}"
+    fit = heard("arducopter", {**told, by.split()[0]: 45.0 if "ATC" in by else 4500.0})
+    assert failed(found(fit, config_of("arducopter", wind_m_s=5.0))) == []
+
+
+def test_where_the_drag_is_not_known_the_person_is_told_and_what_is_stated_counts() -> None:
+    passed = found(heard("px4-copter"), config_of("px4-copter", wind_m_s=5.0))
+    assert failed(passed) == []
+    assert any("15 m/s through the air; whether this vehicle reaches it is not told" in one.text for one in passed)
+    stated = config_of("px4-copter", wind_m_s=5.0, airspeed_max_m_s=12.0)
+    assert only_failure(found(heard("px4-copter"), stated)).remedy == "set speed_m_s to 7 or wind_m_s to 2"
+
+
+def test_px4s_simulator_with_its_own_drag_is_refused_what_it_does_not_reach() -> None:
+    values = {"SIH_KDV": 1.0, "SIH_MASS": 1.0, "MPC_TILTMAX_AIR": 45.0}
+    finding = only_failure(found(heard("px4-copter", values), config_of("px4-copter", speed_m_s=8.0, wind_m_s=5.0)))
+    assert "it reaches 9.8 (MPC_TILTMAX_AIR 45, SIH_KDV 1, SIH_MASS 1)" in finding.text
+
+
+def test_a_plane_of_one_speed_passes_with_about_that() -> None:
+    assert failed(found(heard("px4-plane"), config_of("px4-plane", speed_m_s=15.4))) == []
+
+
 FENCE = ", fence: [[-100, -100], [100, -100], [100, 100]]"
 
 

@@ -6,6 +6,7 @@ import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from statistics import fmean
 
 import pytest
 from hypothesis import given, settings
@@ -246,14 +247,68 @@ def lands(flight: Flight) -> bool:
     return flight.mode == LAND and flight.climb_m_s < -1.0
 
 
-def holds_within_three_seconds(flight: Flight) -> bool:
-    lost(5, 3.0)(flight)
-    slow = flight.speed_m_s < 0.6
-    place_m = flight.place_m
+def holds_within_six_seconds(flight: Flight) -> bool:
+    flight.set_parameter("COM_OBL_RC_ACT", 5)
+    at_speed(flight)
+    last_m = flight.place_m
+    flight.run(7.0)
+    slow, place_m = flight.speed_m_s < 0.6, flight.place_m
     flight.run(20.0)
-    return (
-        slow and flight.mode == HOLD and math.dist(place_m, flight.place_m) < 1.5 and abs(flight.height_m - 100) < 0.5
-    )
+    away_m = math.dist(last_m, place_m)
+    holds = math.dist(place_m, flight.place_m) < 1.5 and abs(flight.height_m - 100) < 0.5
+    return slow and flight.mode == HOLD and holds and abs(away_m - 33.5) < 2.5
+
+
+def brakes_in_hold(flight: Flight) -> bool:
+    at_speed(flight)
+    flight.set_mode(HOLD)
+    return near(speeds(flight, (1.0, 2.0, 3.0), None), (8.67, 5.7, 2.76), 1.4)
+
+
+def turning(rate_deg_s: float, drag: float, speed_m_s: float, lag_deg: float) -> Callable[[Flight], bool]:
+    """Return whether a velocity of 8 m/s that is turned each half second is followed at this mean speed and lag."""
+
+    def holds(flight: Flight) -> bool:
+        flight.set_parameter("SIH_KDV", drag)
+        at_speed(flight, 8.0)
+        began_s, flown_m_s, behind_deg = flight.now_s, [], []
+
+        def turned(_flight: Flight) -> Message:
+            asked_rad = math.radians(rate_deg_s) * 0.5 * math.floor((flight.now_s - began_s) / 0.5 + 1e-6)
+            return local(VELOCITY, vx=8.0 * math.cos(asked_rad), vy=8.0 * math.sin(asked_rad))
+
+        def watch() -> None:
+            flown_m_s.append(flight.speed_m_s)
+            behind_deg.append(-flight.offset_deg(rate_deg_s * (flight.now_s - began_s)))
+
+        flight.run(20.0, turned)
+        flight.run(360.0 / rate_deg_s, turned, watch=watch)
+        return abs(fmean(flown_m_s) - speed_m_s) < 0.2 and abs(fmean(behind_deg) - lag_deg) < 1.5
+
+    return holds
+
+
+def sluggish(make: Make, times_s: tuple[float, ...], wanted_m_s: tuple[float, ...]) -> Callable[[Flight], bool]:
+    """Return whether the speeds after a change of the velocity, with SIH_KDV 1, are those measured."""
+
+    def holds(flight: Flight) -> bool:
+        flight.set_parameter("SIH_KDV", 1.0)
+        flight.engage(velocity(0.0))
+        if make(flight).vx == 0.0:
+            flight.run(25.0, velocity(10.0))
+        return near(speeds(flight, times_s, make), wanted_m_s, 0.35)
+
+    return holds
+
+
+def stops_late_with_more_drag(flight: Flight) -> bool:
+    flight.set_parameter("SIH_KDV", 1.0)
+    flight.set_parameter("COM_OBL_RC_ACT", 5)
+    flight.engage(velocity(8.0))
+    flight.run(25.0, velocity(8.0))
+    last_m = flight.place_m
+    flight.run(7.0)
+    return abs(math.dist(last_m, flight.place_m) - 25.0) < 1.5 and flight.speed_m_s < 0.6
 
 
 def returns_to_offboard_by_itself(action: int) -> Callable[[Flight], bool]:
@@ -268,7 +323,7 @@ def returns_to_offboard_by_itself(action: int) -> Callable[[Flight], bool]:
 def stays_out_after_a_person_chose_another_mode(flight: Flight) -> bool:
     at_speed(flight)
     flight.set_mode(HOLD)
-    flight.run(5.0, velocity(10.0))
+    flight.run(8.0, velocity(10.0))
     return flight.mode == HOLD and flight.speed_m_s < 0.3
 
 
@@ -339,7 +394,22 @@ FACTS = (
     Fact("COM_OBL_RC_ACT 2 drifts", drifts(2, STABILIZED)),
     Fact("COM_OBL_RC_ACT 3 returns", returns),
     Fact("COM_OBL_RC_ACT 4 lands", lands),
-    Fact("COM_OBL_RC_ACT 5 stops in 3 s and holds", holds_within_three_seconds),
+    Fact("COM_OBL_RC_ACT 5 stops 33.5 m after the last setpoint at 10 m/s and holds", holds_within_six_seconds),
+    Fact("HOLD brakes to 8.67, 5.7 and 2.76 m/s after 1, 2 and 3 s", brakes_in_hold),
+    Fact("8 m/s turned at 10 deg/s is followed at 8.1, 9 deg behind", turning(10.0, 0.2, 8.08, 8.7)),
+    Fact("8 m/s turned at 15 deg/s is followed at 8.1, 14 deg behind", turning(15.0, 0.2, 8.07, 13.6)),
+    Fact("SIH_KDV 1, 8 m/s turned at 5 deg/s: 7.5 m/s, 12 deg behind", turning(5.0, 1.0, 7.45, 12.3)),
+    Fact("SIH_KDV 1, 8 m/s turned at 10 deg/s: 6.7 m/s, 19 deg behind", turning(10.0, 1.0, 6.66, 18.5)),
+    Fact("SIH_KDV 1, 8 m/s turned at 15 deg/s: 6.2 m/s, 22 deg behind", turning(15.0, 1.0, 6.22, 22.2)),
+    Fact(
+        "SIH_KDV 1, 5 m/s asked gives 3.0, 3.8, 4.0 and 4.6 at 1, 2, 4 and 10 s",
+        sluggish(velocity(5.0), (1.0, 2.0, 4.0, 10.0), (3.01, 3.77, 4.04, 4.62)),
+    ),
+    Fact(
+        "SIH_KDV 1, stop from 10 m/s leaves 3.6, 2.3, 1.6 and 0.7 at 1, 2, 4 and 10 s",
+        sluggish(velocity(0.0), (1.0, 2.0, 4.0, 10.0), (3.55, 2.25, 1.62, 0.67)),
+    ),
+    Fact("SIH_KDV 1, 8 m/s: it stands 25 m after the last setpoint, after 6.2 s", stops_late_with_more_drag),
     Fact("the stream coming back returns it to OFFBOARD, out of HOLD", returns_to_offboard_by_itself(5)),
     Fact("the stream coming back returns it to OFFBOARD, out of RETURN", returns_to_offboard_by_itself(3)),
     Fact("the stream coming back returns it to OFFBOARD, out of LAND", returns_to_offboard_by_itself(4)),
@@ -398,7 +468,7 @@ def test_return_flies_home_and_lands_there() -> None:
 def test_a_reboot_in_flight_forgets_the_mode_and_the_stream() -> None:
     flight = at_speed(Flight(Px4Copter))
     flight.vehicle.reboot(flight.now_s)
-    flight.run(5.0)
+    flight.run(8.0)
     assert flight.mode == HOLD and flight.armed and flight.speed_m_s < 0.3
     assert flight.set_mode(OFFBOARD)[-1] == REJECTED
 
@@ -421,6 +491,7 @@ def test_an_integer_parameter_travels_by_its_bytes() -> None:
 
 def test_a_wind_above_what_it_can_lean_against_carries_it_off() -> None:
     flight = Flight(Px4Copter)
+    flight.set_parameter("SIH_KDV", 1.0)
     flight.vehicle.wind_m_s = (25.0, 0.0)
     flight.run(20.0)
     assert flight.velocity_m_s[0] > 2.0

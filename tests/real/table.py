@@ -1,0 +1,109 @@
+"""The table of flights, as docs/real-autopilots.md shows it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from tests.real.beside import ratios
+from tests.real.kinds import KINDS
+from tests.real.lane import job_of, jobs
+
+_COLUMNS = (
+    "scenario",
+    "vehicle",
+    "entries",
+    "breaches (least, m)",
+    "targets",
+    "arrived after (s), path (m)",
+    "time, path beside the stand-in's",
+    "then at most, and at the end at most (m) from the target",
+    "stands after (s)",
+    "holds within (m)",
+    "longest gap (s)",
+    "not as wanted",
+)
+_EVENT_COLUMNS = (
+    "scenario",
+    "vehicle",
+    "event",
+    "last setpoint after (s)",
+    "after it was told of the mode (s)",
+    "first setpoint after (s)",
+    "stands after (s)",
+    "flown (m)",
+    "mode at the end",
+)
+
+
+def table(out: Path) -> str:
+    """Return the flights below a folder as a markdown table, and what followed their events as another."""
+    flights = [
+        json.loads(path.read_text(encoding="utf-8")) | {"beside": ratios(path.parent)}
+        for path in sorted(out.glob("*/figures.json"), key=_in_order)
+    ]
+    rows = [_row(flight) for flight in flights]
+    events = [_event_row(flight, event) for flight in flights for event in flight["events"]]
+    text = _head(_COLUMNS) + "".join(rows)
+    if events:
+        text += "\n" + _head(_EVENT_COLUMNS) + "".join(events)
+    return text
+
+
+def _in_order(path: Path) -> int:
+    """Return where a flight stands in the table of scenarios."""
+    job = job_of(path.parent)
+    return [other.name for other in jobs()].index(job.name)
+
+
+def _head(columns: Sequence[str]) -> str:
+    return f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}\n"
+
+
+def _row(flight: dict[str, Any]) -> str:
+    agents = flight["agents"]
+    reached = len([agent for agent in agents if agent["arrived_s"] is not None])
+    least = flight["least_separation_m"]
+    cells = [
+        flight["scenario"],
+        KINDS[flight["kind"]].title,
+        f"{flight['entries']}" + (f" ({flight['deepest_m']:g} m)" if flight["entries"] else ""),
+        f"{flight['breaches']} ({least:g})" if least is not None else "",
+        f"{reached} of {len(agents)}",
+        _each(agents, lambda agent: f"{_number(agent['arrived_s'])}, {agent['path_m']:.0f}"),
+        "; ".join(f"{ratio.time:.2f}, {ratio.path:.2f}" for ratio in flight["beside"]),
+        _each(
+            agents,
+            lambda agent: f"{_number(agent['farthest_after_arrival_m'])}, {_number(agent['farthest_at_the_end_m'])}",
+        ),
+        _each(agents, lambda agent: _number(agent["stands_after_s"])),
+        _each(agents, lambda agent: _number(agent["held_within_m"])),
+        _each(agents, lambda agent: _number(agent["gap_s"])),
+        "; ".join(flight["broken"]),
+    ]
+    return f"| {' | '.join(cells)} |\n"
+
+
+def _event_row(flight: dict[str, Any], event: dict[str, Any]) -> str:
+    cells = [
+        flight["scenario"],
+        KINDS[flight["kind"]].title,
+        event["what"],
+        _number(event["last_setpoint_s"]),
+        _number(event["last_after_told_s"]),
+        _number(event["first_setpoint_s"]),
+        _number(event["stands_after_s"]),
+        _number(event["flown_m"]),
+        KINDS[flight["kind"]].modes.name_of(event["mode"]),
+    ]
+    return f"| {' | '.join(cells)} |\n"
+
+
+def _each(agents: list[dict[str, Any]], text: Callable[[dict[str, Any]], str]) -> str:
+    return "; ".join(text(agent) for agent in agents)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:g}"
