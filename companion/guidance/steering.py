@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -109,7 +110,7 @@ def loiter_radius_m(speed_m_s: float, n_max: float, dt_s: float, wind_m_s: float
     rate_rad_s = turn_rate_rad_s(speed_m_s, n_max)
     windward = 1.0 + wind_m_s / speed_m_s
     radii = max(LOITER_RADII, LOITER_WIND_RADII * windward * windward if wind_m_s else 0.0)
-    return max(radii * speed_m_s / rate_rad_s, LOITER_STEPS * speed_m_s * windward * dt_s)
+    return max(radii * speed_m_s / max(rate_rad_s, sys.float_info.min), LOITER_STEPS * speed_m_s * windward * dt_s)
 
 
 def loiter_attraction(
