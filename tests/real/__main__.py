@@ -47,7 +47,7 @@ def main() -> int:
                 print(f"{folder.name}: {'; '.join(judge(job_of(folder), folder)) or 'as wanted'}")
         elif options.command == "beside":
             for folder in _flown(options.folder):
-                fly_beside(folder, job_of(folder).kind.name)
+                fly_beside(folder, job_of(folder))
         elif options.command == "table":
             print(table(options.folder), end="")
         else:

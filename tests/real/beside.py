@@ -13,6 +13,7 @@ from companion.mission.model import load_mission
 from sim.score import score
 from sim.trajectory import read_csv
 from tests.real.flight import HAND_OVER_AFTER_S, SEED
+from tests.real.lane import Job
 from tests.real.score import path_length_m
 
 FOLDER = "stand-in"
@@ -27,7 +28,7 @@ class Ratio(NamedTuple):
     path: float
 
 
-def fly_beside(folder: Path, kind_name: str) -> None:
+def fly_beside(folder: Path, job: Job) -> None:
     """Fly the mission of the flight in a folder with `sim fly`, into a folder below it.
 
     Raises:
@@ -35,9 +36,11 @@ def fly_beside(folder: Path, kind_name: str) -> None:
 
     """
     command = [
-        sys.executable, "-m", "sim", "fly", str(folder / "mission-begun.yaml"), "--autopilot", kind_name,
+        sys.executable, "-m", "sim", "fly", str(folder / "mission-begun.yaml"), "--autopilot", job.kind.name,
         "--no-scale", "--seed", str(SEED), "--out", str(folder / FOLDER), "--json",
     ]  # fmt: skip
+    for name, value in job.scenario.stand_in_parameters(job.kind).items():
+        command += ["--param", f"{name}={value:g}"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S, check=False)
     if not (folder / FOLDER / "result.json").is_file():
         raise InputError(f"{folder.name}: the stand-in was not flown: {done.stderr.strip()}")
