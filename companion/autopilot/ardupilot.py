@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega, common
 
-from companion.autopilot.linked import ADSB_RATE_HZ, ADSB_TYPE, COMMON_RATES_HZ, NO_RECEIVER
+from companion.autopilot.linked import ADSB_RATE_HZ, ADSB_TYPE, COMMON_RATES_HZ, NO_RECEIVER, WIND_RATE_HZ
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
 
-RATES_HZ = {**COMMON_RATES_HZ, common.MAVLINK_MSG_ID_ADSB_VEHICLE: ADSB_RATE_HZ}
-"""Rates of the messages that ArduPilot is asked for: unlike PX4 it sends ADSB_VEHICLE to nobody who did not ask."""
+RATES_HZ = {
+    **COMMON_RATES_HZ,
+    common.MAVLINK_MSG_ID_ADSB_VEHICLE: ADSB_RATE_HZ,
+    ardupilotmega.MAVLINK_MSG_ID_WIND: WIND_RATE_HZ,
+}
+"""Rates of the messages that ArduPilot is asked for: unlike PX4 it sends ADSB_VEHICLE to nobody who did not ask. A
+copter sends WIND only if it has an estimate of its airspeed."""
 RECEIVER = Wanted(ADSB_TYPE, NO_RECEIVER, optional=True)
 """The parameter that says whether there is an ADS-B receiver; a small board has neither."""
 

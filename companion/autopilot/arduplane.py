@@ -19,7 +19,7 @@ from companion.autopilot.ardupilot import RATES_HZ, RECEIVER, fence_checks, no_g
 from companion.autopilot.commands import Command
 from companion.autopilot.course import CourseRamp
 from companion.autopilot.heartbeat import ARDUPLANE
-from companion.autopilot.linked import LinkedAdapter, is_usable, milliseconds
+from companion.autopilot.linked import AIRSPEED_RATE_HZ, LinkedAdapter, is_usable, milliseconds
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
 from companion.geo.air_density import true_per_indicated
@@ -92,7 +92,7 @@ class ArduPlaneAdapter(LinkedAdapter):
 
     identity = ARDUPLANE
     wanted: tuple[Wanted, ...] = WANTED
-    rates_hz = RATES_HZ
+    rates_hz = {**RATES_HZ, common.MAVLINK_MSG_ID_VFR_HUD: AIRSPEED_RATE_HZ}
     parameter_checks = PARAMETER_CHECKS
 
     def __init__(self, system_id: int | None = None) -> None:

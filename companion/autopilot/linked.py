@@ -37,6 +37,10 @@ ADSB_TYPE = "ADSB_TYPE"
 """ArduPilot's parameter that says which ADS-B receiver is mounted."""
 NO_RECEIVER = 0.0
 """Value of ADSB_TYPE without a receiver."""
+WIND_RATE_HZ = 1.0
+"""Rate of the wind's message, which kinds name differently."""
+AIRSPEED_RATE_HZ = 2.0
+"""Rate of VFR_HUD, from a vehicle that has an airspeed."""
 HEIGHT_GAIN_1_S = 0.5
 """Commanded vertical speed per metre of height error."""
 VERTICAL_SPEED_M_S = 2.0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import common
 
-from companion.autopilot.linked import COMMON_RATES_HZ
+from companion.autopilot.linked import COMMON_RATES_HZ, WIND_RATE_HZ
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
 
@@ -16,6 +16,7 @@ RATES_HZ = {
     **COMMON_RATES_HZ,
     common.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 10.0,
     common.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
+    common.MAVLINK_MSG_ID_WIND_COV: WIND_RATE_HZ,
 }
 WANTED = (
     Wanted("COM_OF_LOSS_T", 1.0),

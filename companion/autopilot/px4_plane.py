@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import math
 
+from pymavlink.dialects.v20 import common
+
 from companion.autopilot import px4
 from companion.autopilot.adapter import Abilities
 from companion.autopilot.air import AirDensity
 from companion.autopilot.course import CourseRamp
 from companion.autopilot.heartbeat import PX4_PLANE
-from companion.autopilot.linked import LinkedAdapter, is_usable
+from companion.autopilot.linked import AIRSPEED_RATE_HZ, LinkedAdapter, is_usable
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
 from companion.geo.kinematics import turn_rate_rad_s
@@ -62,7 +64,7 @@ class Px4PlaneAdapter(LinkedAdapter):
     identity = PX4_PLANE
     wanted = WANTED
     parameter_checks = PARAMETER_CHECKS
-    rates_hz = px4.RATES_HZ
+    rates_hz = {**px4.RATES_HZ, common.MAVLINK_MSG_ID_VFR_HUD: AIRSPEED_RATE_HZ}
 
     def __init__(self, system_id: int | None = None) -> None:
         """Listen to the autopilot of this system id; None for whichever is heard first."""

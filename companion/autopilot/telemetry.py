@@ -109,8 +109,11 @@ class Telemetry:
     roll_rad: float = math.nan
     attitude_at_s: float | None = None
     airspeed_m_s: float = math.nan
+    """Indicated airspeed."""
+    airspeed_at_s: float = -math.inf
     wind_ned_m_s: tuple[float, float] | None = None
     """Velocity of the air (true north, east) as the autopilot estimates it; None where it tells none."""
+    wind_at_s: float = -math.inf
     gps_fix: int | None = None
     """The receiver's GPS_FIX_TYPE."""
     position_accuracy_m: float = math.nan
@@ -304,18 +307,19 @@ class TelemetryReader:
 
     def _airspeed(self, message: Message, now_s: float) -> None:
         if self._finite(message.airspeed):
-            self._update(airspeed_m_s=message.airspeed)
+            self._update(airspeed_m_s=message.airspeed, airspeed_at_s=now_s)
 
     def _wind(self, message: Message, now_s: float) -> None:
         """Take ArduPilot's WIND, which tells where the wind comes from."""
         if self._finite(message.direction, message.speed):
             to_rad = math.radians(message.direction + 180.0)
-            self._update(wind_ned_m_s=(message.speed * math.cos(to_rad), message.speed * math.sin(to_rad)))
+            wind_ned_m_s = (message.speed * math.cos(to_rad), message.speed * math.sin(to_rad))
+            self._update(wind_ned_m_s=wind_ned_m_s, wind_at_s=now_s)
 
     def _wind_cov(self, message: Message, now_s: float) -> None:
         """Take PX4's WIND_COV, which tells the velocity of the air."""
         if self._finite(message.wind_x, message.wind_y):
-            self._update(wind_ned_m_s=(message.wind_x, message.wind_y))
+            self._update(wind_ned_m_s=(message.wind_x, message.wind_y), wind_at_s=now_s)
 
     def _gps(self, message: Message, now_s: float) -> None:
         if message.h_acc > 0:

@@ -6,6 +6,7 @@ A law returns a steering demand. Right of way, turn limit and guard are applied 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -195,7 +196,8 @@ class RoutedLaw:
         ground_m_s = limits.speed_m_s + limits.wind_m_s
         rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
         self._step_m = ground_m_s * settings.guidance_step_s
-        self._turn_radius_m = ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
+        # Their product may be too small for a float.
+        self._turn_radius_m = ground_m_s * ground_m_s / max(limits.speed_m_s * rate_rad_s, sys.float_info.min)
         # A circle of which a step is much more than a radian could not be told from its chords.
         self._circle_m = CIRCLE_SLACK * max(self._turn_radius_m, self._step_m / GREATEST_STEP_TURN_RAD)
         self._period_s = settings.coasting_after_s / COASTING_PERIODS

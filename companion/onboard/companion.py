@@ -258,7 +258,7 @@ class Companion:
             self.steering.guard.reset()
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
         motion = located.motion
-        self.engagement = before = self._watched(before, located)
+        self.engagement = before = self._watched(before, located, now_s)
         if self.authority.locked:
             return self._idle(self._not_steerable(now_s) or "", age_s, now_s)
         config = self.steering.config
@@ -308,9 +308,9 @@ class Companion:
             certified_s=steered.verdict.certified_s,
         )
 
-    def _watched(self, before: Engagement, located: Located) -> Engagement:
+    def _watched(self, before: Engagement, located: Located, now_s: float) -> Engagement:
         """Return the engagement after a look at how the vehicle obeys; reckon with what that shows, or let it go."""
-        seen = seen_of(located, self.adapter.telemetry, before)
+        seen = seen_of(located, self.adapter.telemetry, before, now_s)
         obedience = watch(before.obedience, seen, self.steering.expected)
         if obedience.answer.rung is Rung.LEFT:
             self.authority.leave(obedience.answer.words)

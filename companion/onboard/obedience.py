@@ -219,8 +219,9 @@ def in_words(obedience: Obedience) -> str | None:
         parts.append(f"braking {found.braking_m_s2:.1f} m/s^2")
     wind_m_s = found.wind_m_s
     if found.airspeed_max_m_s is not None:
-        told = "" if wind_m_s is None else f" in {wind_m_s:.1f} m/s of wind"
-        parts.append(f"airspeed {found.airspeed_max_m_s:.1f} m/s{told}")
+        # Without a wind it is the speed over the ground.
+        air, told = ("", "") if wind_m_s is None else ("air", f" in {wind_m_s:.1f} m/s of wind")
+        parts.append(f"{air}speed {found.airspeed_max_m_s:.1f} m/s{told}")
     elif wind_m_s is not None:
         parts.append(f"wind {wind_m_s:.1f} m/s")
     return None if not parts else f"reckons with {', '.join(parts)} measured"

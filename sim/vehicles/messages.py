@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from pymavlink.dialects.v20 import ardupilotmega
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.geo.air_density import true_per_indicated
@@ -78,6 +79,13 @@ class MessageEncoder:
             mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery_status,
             mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._autopilot_version,
         }
+
+        if self._craft.mav_type == mavlink.MAV_TYPE_FIXED_WING:
+            # Copters estimate no airspeed unless they are set up for it, and tell no wind then.
+            if self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
+                self._encoders[ardupilotmega.MAVLINK_MSG_ID_WIND] = self._wind
+            elif self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_PX4:
+                self._encoders[mavlink.MAVLINK_MSG_ID_WIND_COV] = self._wind_cov
 
     def knows(self, message_id: int) -> bool:
         """Return whether `encode` can make the message with this id."""
@@ -208,6 +216,22 @@ class MessageEncoder:
             self._float(body.altitude_m),
             self._float(body.climb_m_s),
         )
+
+    def _wind_to(self, t_s: float) -> tuple[float, float]:
+        """Return the velocity of the air along true north and east."""
+        north_m_s, east_m_s = self._dynamics.wind_m_s
+        return rotated(north_m_s, east_m_s, self._reported(t_s).convergence_rad)
+
+    def _wind(self, t_s: float) -> Message:
+        north_m_s, east_m_s = self._wind_to(t_s)
+        from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s))
+        return ardupilotmega.MAVLink_wind_message(from_deg, math.hypot(north_m_s, east_m_s), 0.0)
+
+    def _wind_cov(self, t_s: float) -> Message:
+        variance, accuracy = 0.1, 1.0
+        north_m_s, east_m_s = self._wind_to(t_s)
+        values = (north_m_s, east_m_s, 0.0, variance, variance, 0.0, accuracy, accuracy)
+        return self._mav.wind_cov_encode(round(t_s * 1e6), *values)
 
     def _gps_raw_int(self, t_s: float) -> Message:
         report = self._reported(t_s)

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from companion.errors import InputError
+from tests.real.beside import fly_beside
 from tests.real.lane import Job, can_have_networks, fly_apart, fly_here, job_of, jobs, judge
 from tests.real.programs import NOT_GIVEN
 from tests.real.table import table
@@ -31,6 +32,8 @@ def main() -> int:
     one.add_argument("folder", type=Path)
     again = commands.add_parser("score", help="score the flights in a folder again")
     again.add_argument("folder", type=Path)
+    beside = commands.add_parser("beside", help="fly the missions of the flights in a folder on the stand-ins, too")
+    beside.add_argument("folder", type=Path)
     shown = commands.add_parser("table", help="the flights in a folder as a markdown table")
     shown.add_argument("folder", type=Path)
     options = parser.parse_args()
@@ -40,8 +43,11 @@ def main() -> int:
         elif options.command == "one":
             print(fly_here(Job.named(options.flight), options.folder))
         elif options.command == "score":
-            for folder in sorted(path.parent for path in options.folder.glob("*/trajectory.csv")):
+            for folder in _flown(options.folder):
                 print(f"{folder.name}: {'; '.join(judge(job_of(folder), folder)) or 'as wanted'}")
+        elif options.command == "beside":
+            for folder in _flown(options.folder):
+                fly_beside(folder, job_of(folder))
         elif options.command == "table":
             print(table(options.folder), end="")
         else:
@@ -50,6 +56,10 @@ def main() -> int:
         print(f"tests.real: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _flown(out: Path) -> list[Path]:
+    return sorted(path.parent for path in out.glob("*/flight.json"))
 
 
 def _fly(patterns: list[str], out: Path, at_once: int) -> int:

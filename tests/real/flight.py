@@ -139,7 +139,7 @@ class Flight:
         self._until(self._hand_over, READY_PATIENCE_S, "guided", sensor.look)
         self._note("handed over")
         due = [(self.notes[-1][0] + event.after_s, event) for event in self.scenario.events]
-        watch = _Watch(self.mission, self.scenario, self.notes[-1][0])
+        watch = _Watch(self.mission, self.scenario, self.kind, self.notes[-1][0])
         while not watch.over(self.vehicles):
             while due and time.time() >= due[0][0]:
                 self._do(due.pop(0)[1])
@@ -298,10 +298,10 @@ class _Sensor:
 class _Watch:
     """Says when a flight is over: some time after all have arrived, or when its time is up."""
 
-    def __init__(self, mission: Mission, scenario: Scenario, hand_over_s: float) -> None:
+    def __init__(self, mission: Mission, scenario: Scenario, kind: Kind, hand_over_s: float) -> None:
         self._places = {target.id: target.position_ned_m for target in mission.targets}
         self._radius_m = mission.arrival_radius_m
-        self._stays_s = scenario.stays_s
+        self._stays_s = scenario.stays_after_s(kind)
         self._ends_s = hand_over_s + scenario.most_s
 
     def over(self, vehicles: dict[int, Vehicle]) -> bool:

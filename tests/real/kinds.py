@@ -16,15 +16,29 @@ class Modes:
     """Mode in which the vehicle holds its place at its height, without radio control."""
     guided: int
     return_home: int
+    land: int | None
+    """None for a vehicle that has no such mode."""
+
+    def name_of(self, mode: int) -> str:
+        """Return what a custom mode is called here; its number if it is none of these."""
+        named = {number: name.replace("_", " ") for name, number in vars(self).items() if number is not None}
+        # GUIDED comes after TAKE OFF, which it is the same as on ArduCopter.
+        return named.get(mode, str(mode))
 
 
 _PX4_AUTO = 4 << 16
-_COPTER = Modes(take_off=4, wait=17, guided=4, return_home=6)
-"""GUIDED, BRAKE, GUIDED, RTL: LOITER without sticks sinks (docs/autopilots.md)."""
-_PLANE = Modes(take_off=13, wait=12, guided=15, return_home=11)
+_COPTER = Modes(take_off=4, wait=17, guided=4, return_home=6, land=9)
+"""GUIDED, BRAKE, GUIDED, RTL, LAND: LOITER without sticks sinks (docs/autopilots.md)."""
+_PLANE = Modes(take_off=13, wait=12, guided=15, return_home=11, land=None)
 """TAKEOFF, LOITER, GUIDED, RTL."""
-_PX4 = Modes(take_off=_PX4_AUTO | 2 << 24, wait=_PX4_AUTO | 3 << 24, guided=6 << 16, return_home=_PX4_AUTO | 5 << 24)
-"""AUTO.TAKEOFF, HOLD, OFFBOARD, RTL."""
+_PX4 = Modes(
+    take_off=_PX4_AUTO | 2 << 24,
+    wait=_PX4_AUTO | 3 << 24,
+    guided=6 << 16,
+    return_home=_PX4_AUTO | 5 << 24,
+    land=_PX4_AUTO | 6 << 24,
+)
+"""AUTO.TAKEOFF, HOLD, OFFBOARD, RTL, LAND."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +61,8 @@ class Kind:
     """Parameters at its start: what `companion check` demands, and what a flight without radio control needs."""
     config: Mapping[str, Any] = field(default_factory=dict)
     """Keys of the companion's configuration that are this vehicle's own."""
+    stand_in: Mapping[str, float] = field(default_factory=dict)
+    """Parameters that make the stand-in the same vehicle."""
     note: str = ""
     """What sets it apart from others of its kind, for tables."""
 
@@ -69,11 +85,11 @@ KINDS = {
     ),
     "px4-copter": Kind(
         "px4-copter", "PX4", "sihsim_quadx", _PX4, 8.0, 30.0, True, _QUAD,
-        {"limits": {"airspeed_max_m_s": 9.8}}, "SIH_KDV 1",
+        {"limits": {"airspeed_max_m_s": 9.8}}, {"SIH_KDV": 1}, "SIH_KDV 1",
     ),
     "px4-copter-low-drag": Kind(
         "px4-copter", "PX4", "sihsim_quadx", _PX4, 8.0, 30.0, True, {**_QUAD, "SIH_KDV": 0.2},
-        note="SIH_KDV 0.2",
+        stand_in={"SIH_KDV": 0.2}, note="SIH_KDV 0.2",
     ),
     "px4-plane": Kind(
         "px4-plane", "PX4", "sihsim_airplane", _PX4, 15.0, 80.0, False, {**_PX4_DEMANDS, "MIS_TAKEOFF_ALT": 80}

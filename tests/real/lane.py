@@ -23,7 +23,7 @@ from tests.real.score import Figures, figures_of
 _SIOCSIFFLAGS = 0x8914
 _IFF_UP_RUNNING = 0x41
 _PROJECT = Path(__file__).parents[2]
-LONGEST_S = 600.0
+LONGEST_S = 1200.0
 
 
 @dataclass(frozen=True)
@@ -153,9 +153,9 @@ def broken_bounds(figures: Figures, job: Job) -> list[str]:
 
 
 def _values(figures: Figures, figure: Figure) -> list[float | None]:
-    if figure == "last_setpoint_s":
+    if figure == "last_after_told_s":
         taken = [event for event in figures.events if event.what in ("mode wait", "mode return_home")]
-        return [0.0 if event.last_setpoint_s is None else event.last_setpoint_s for event in taken]
+        return [event.last_after_told_s for event in taken]
     if figure in ("entries", "breaches", "open_targets"):
         return [getattr(figures, figure)]
     return [getattr(agent, figure) for agent in figures.agents]

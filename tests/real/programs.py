@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import itertools
 import os
 import signal
 import subprocess
@@ -138,24 +139,21 @@ def _defaults(folder: Path, name: str) -> Path:
 
 
 def first_instance() -> int:
-    """Return the first of three instances of PX4 that no other flight on this computer has.
+    """Return the first of three instances of PX4 that no other flight on this computer has, waiting until there are.
 
-    PX4's instances meet in files of /tmp, whatever network they are in.
-
-    Raises:
-        InputError: all are taken.
-
+    PX4's instances meet in files of /tmp, whatever network they are in, and there are ten of them on a computer.
     """
-    for first in (0, 3, 6):
-        lock = Path(tempfile.gettempdir(), f"tests-real-px4-{first}.lock").open("w")  # noqa: SIM115 held until the end
+    for first in itertools.cycle((0, 3, 6)):
+        lock = Path(tempfile.gettempdir(), f"tests-real-px4-{first}.lock").open("w")
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             lock.close()
+            time.sleep(0.5)
         else:
             _HELD.append(lock)
             return first
-    raise InputError("three flights of PX4 are under way; allowed: no more, for PX4 has ten instances on a computer")
+    raise AssertionError("itertools.cycle never ends")
 
 
 def start_ardupilot(vehicle: str, place: Place, folder: Path) -> Program:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import struct
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
@@ -14,7 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.files.tlog import read_tlog
 from companion.mission.model import Mission, load_mission
-from companion.protocol.frame import raw_frame
+from companion.protocol.frame import RawFrame, raw_frame
 from sim.score import Score, score
 from sim.trajectory import Trajectory, read_csv
 
@@ -27,6 +28,8 @@ HELD_S = 15.0
 HELD_SHARE = 95.0
 SETTLED_S = 1.0
 """Time after the hand-over from which gaps between setpoints count."""
+_CUSTOM_MODE = struct.Struct("<I")
+"""The first field of HEARTBEAT's payload."""
 SETPOINTS = frozenset(
     {
         mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
@@ -46,6 +49,8 @@ class AgentFigures:
     """Length of its path from the hand-over to its arrival, or to the end."""
     farthest_after_arrival_m: float | None
     """Greatest distance from its target once it had arrived."""
+    farthest_at_the_end_m: float | None
+    """Greatest distance from its target in the last HELD_S seconds: of a plane, its circle's far side."""
     stands_after_s: float | None
     held_within_m: float | None
     """Radius about its mean place in the last seconds that holds 95 % of them; None before it stood."""
@@ -64,6 +69,8 @@ class EventFigures:
     what: str
     last_setpoint_s: float | None
     """Time from the event to the last setpoint; None if there was none."""
+    last_after_told_s: float | None
+    """Time from the HEARTBEAT that told the companion of another mode to the last setpoint; 0: none came after it."""
     first_setpoint_s: float | None
     stands_after_s: float | None
     """Time from the event to standing."""
@@ -89,7 +96,7 @@ class Figures:
     load: float
     """Greatest load average of the computer while it was flown."""
     said: str
-    """The last line of agent 1's companion."""
+    """What agent 1's companion said last of what it does."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as JSON has them."""
@@ -115,6 +122,7 @@ def figures_of(folder: Path) -> Figures:
         )
         for index, agent in enumerate(mission.agents)
     )
+    heard = _Heard(setpoints[1], mode_changes_s(folder / "logs-1") - begin_s)
     modes = [(t_s - begin_s, mode) for t_s, mode in record["modes"]["1"]]
     return Figures(
         scenario=record["scenario"],
@@ -126,7 +134,7 @@ def figures_of(folder: Path) -> Figures:
         open_targets=scored.targets - scored.targets_reached,
         agents=agents,
         events=tuple(
-            _followed(trajectory, setpoints[1], modes, (event, until[0]))
+            _followed(trajectory, heard, modes, (event, until[0]))
             for event, until in zip(events[:-1], events[1:], strict=True)
         ),
         load=record["load"],
@@ -134,14 +142,31 @@ def figures_of(folder: Path) -> Figures:
     )
 
 
+def _frames(logs: Path) -> Iterator[tuple[float, RawFrame]]:
+    """Yield the frames of a companion's flight logs with their Unix times, of all its starts in order."""
+    for log in sorted(logs.glob("*/vehicle-*.tlog")):
+        for t_s, data in read_tlog(log):
+            yield t_s, raw_frame(data)
+
+
 def setpoint_times_s(logs: Path) -> np.ndarray:  # (S,)
     """Return the Unix times of the setpoints in a companion's flight logs, of all its starts in order."""
-    times_s = [
-        t_s
-        for log in sorted(logs.glob("*/vehicle-*.tlog"))
-        for t_s, data in read_tlog(log)
-        if (frame := raw_frame(data)).component == COMPANION_COMPONENT and frame.message_id in SETPOINTS
-    ]
+    sent = (
+        t_s for t_s, frame in _frames(logs) if frame.component == COMPANION_COMPONENT and frame.message_id in SETPOINTS
+    )
+    return np.array(list(sent))
+
+
+def mode_changes_s(logs: Path) -> np.ndarray:  # (S,)
+    """Return the Unix times at which a companion was told by HEARTBEAT of another mode than before."""
+    times_s, last = [], None
+    for t_s, frame in _frames(logs):
+        if frame.component != mavlink.MAV_COMP_ID_AUTOPILOT1 or frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            continue
+        (mode,) = _CUSTOM_MODE.unpack_from(frame.payload)
+        if mode != last:
+            times_s.append(t_s)
+        last = mode
     return np.array(times_s)
 
 
@@ -171,8 +196,9 @@ def _flown(trajectory: Trajectory, mission: Mission, scored: Score, which: tuple
     figures: dict[str, Any] = {
         "id": agent.id,
         "arrived_s": None if arrived_s is None else round(arrived_s - hand_over_s, 1),
-        "path_m": round(_length_m(ned_m[(t_s >= hand_over_s) & (t_s <= (arrived_s or t_s[-1]))]), 1),
+        "path_m": round(path_length_m(ned_m[(t_s >= hand_over_s) & (t_s <= (arrived_s or t_s[-1]))]), 1),
         "farthest_after_arrival_m": None,
+        "farthest_at_the_end_m": None,
         "stands_after_s": None,
         "held_within_m": None,
         "off_target_m": None,
@@ -182,6 +208,7 @@ def _flown(trajectory: Trajectory, mission: Mission, scored: Score, which: tuple
     target = next(target for target in mission.targets if target.id == agent.target_id)
     off_m = np.hypot(*(ned_m - target.position_ned_m).T)
     figures["farthest_after_arrival_m"] = round(float(off_m[t_s >= arrived_s].max()), 1)
+    figures["farthest_at_the_end_m"] = round(float(off_m[t_s >= t_s[-1] - HELD_S].max()), 1)
     standing_s = standing_from_s(t_s, trajectory.agents_speed_m_s[:, index], arrived_s)
     if standing_s is not None:
         last_m = ned_m[t_s >= max(standing_s, t_s[-1] - HELD_S)]
@@ -192,30 +219,40 @@ def _flown(trajectory: Trajectory, mission: Mission, scored: Score, which: tuple
     return figures
 
 
+class _Heard(NamedTuple):
+    """When agent 1's companion sent setpoints, and was told of another mode."""
+
+    setpoints_s: np.ndarray
+    modes_s: np.ndarray
+
+
 def _followed(
     trajectory: Trajectory,
-    setpoints_s: np.ndarray,
+    heard: _Heard,
     modes: Sequence[tuple[float, int]],
     span: tuple[tuple[float, str], float],
 ) -> EventFigures:
     """Return what followed an event (its time and name) until a time, for agent 1."""
     (event_s, what), until_s = span
     t_s, speed_m_s = trajectory.t_s, trajectory.agents_speed_m_s[:, 0]
-    sent_s = setpoints_s[(setpoints_s > event_s) & (setpoints_s <= until_s)]
+    sent_s = heard.setpoints_s[(heard.setpoints_s > event_s) & (heard.setpoints_s <= until_s)]
+    told_s = heard.modes_s[(heard.modes_s > event_s) & (heard.modes_s <= until_s)]
     within = t_s <= until_s
     standing_s = standing_from_s(t_s[within], speed_m_s[within], event_s)
     flown = (t_s >= event_s) & (t_s <= (until_s if standing_s is None else standing_s))
     return EventFigures(
         what=what,
         last_setpoint_s=round(float(sent_s[-1] - event_s), 2) if len(sent_s) else None,
+        last_after_told_s=round(float(max(0.0, *(sent_s - told_s[0]), 0.0)), 2) if len(told_s) else None,
         first_setpoint_s=round(float(sent_s[0] - event_s), 2) if len(sent_s) else None,
         stands_after_s=None if standing_s is None else round(standing_s - event_s, 1),
-        flown_m=round(_length_m(trajectory.agents_ned_m[flown, 0]), 1),
+        flown_m=round(path_length_m(trajectory.agents_ned_m[flown, 0]), 1),
         mode=[mode for at_s, mode in modes if at_s <= until_s][-1],
     )
 
 
-def _length_m(ned_m: np.ndarray) -> float:
+def path_length_m(ned_m: np.ndarray) -> float:
+    """Return the length of a path of positions (S, 2)."""
     return float(np.hypot(*np.diff(ned_m, axis=0).T).sum())
 
 
@@ -224,5 +261,5 @@ def _heights_m(heights_m: Sequence[float]) -> tuple[float, float]:
 
 
 def _last_line(log: Path) -> str:
-    lines = log.read_text(encoding="utf-8").splitlines()
+    lines = [line for line in log.read_text(encoding="utf-8").splitlines() if ", picture " in line]
     return lines[-1].partition(" ")[2] if lines else ""

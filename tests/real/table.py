@@ -7,7 +7,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from tests.real.beside import ratios
 from tests.real.kinds import KINDS
+from tests.real.lane import job_of, jobs
 
 _COLUMNS = (
     "scenario",
@@ -16,8 +18,8 @@ _COLUMNS = (
     "breaches (least, m)",
     "targets",
     "arrived after (s), path (m)",
-    "beside the stand-in",
-    "then at most (m) from the target",
+    "time, path beside the stand-in's",
+    "then at most, and at the end at most (m) from the target",
     "stands after (s)",
     "holds within (m)",
     "longest gap (s)",
@@ -28,21 +30,32 @@ _EVENT_COLUMNS = (
     "vehicle",
     "event",
     "last setpoint after (s)",
+    "after it was told of the mode (s)",
     "first setpoint after (s)",
     "stands after (s)",
     "flown (m)",
+    "mode at the end",
 )
 
 
 def table(out: Path) -> str:
     """Return the flights below a folder as a markdown table, and what followed their events as another."""
-    flights = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(out.glob("*/figures.json"))]
+    flights = [
+        json.loads(path.read_text(encoding="utf-8")) | {"beside": ratios(path.parent)}
+        for path in sorted(out.glob("*/figures.json"), key=_in_order)
+    ]
     rows = [_row(flight) for flight in flights]
     events = [_event_row(flight, event) for flight in flights for event in flight["events"]]
     text = _head(_COLUMNS) + "".join(rows)
     if events:
         text += "\n" + _head(_EVENT_COLUMNS) + "".join(events)
     return text
+
+
+def _in_order(path: Path) -> int:
+    """Return where a flight stands in the table of scenarios."""
+    job = job_of(path.parent)
+    return [other.name for other in jobs()].index(job.name)
 
 
 def _head(columns: Sequence[str]) -> str:
@@ -60,8 +73,11 @@ def _row(flight: dict[str, Any]) -> str:
         f"{flight['breaches']} ({least:g})" if least is not None else "",
         f"{reached} of {len(agents)}",
         _each(agents, lambda agent: f"{_number(agent['arrived_s'])}, {agent['path_m']:.0f}"),
-        flight.get("beside", ""),
-        _each(agents, lambda agent: _number(agent["farthest_after_arrival_m"])),
+        "; ".join(f"{ratio.time:.2f}, {ratio.path:.2f}" for ratio in flight["beside"]),
+        _each(
+            agents,
+            lambda agent: f"{_number(agent['farthest_after_arrival_m'])}, {_number(agent['farthest_at_the_end_m'])}",
+        ),
         _each(agents, lambda agent: _number(agent["stands_after_s"])),
         _each(agents, lambda agent: _number(agent["held_within_m"])),
         _each(agents, lambda agent: _number(agent["gap_s"])),
@@ -76,9 +92,11 @@ def _event_row(flight: dict[str, Any], event: dict[str, Any]) -> str:
         KINDS[flight["kind"]].title,
         event["what"],
         _number(event["last_setpoint_s"]),
+        _number(event["last_after_told_s"]),
         _number(event["first_setpoint_s"]),
         _number(event["stands_after_s"]),
         _number(event["flown_m"]),
+        KINDS[flight["kind"]].modes.name_of(event["mode"]),
     ]
     return f"| {' | '.join(cells)} |\n"
 
