@@ -333,7 +333,8 @@ def test_a_copter_whose_companion_died_stops(kind: str) -> None:
     assert dead.speed_m_s < 0.1
     assert dead.lost_height_m < 1.0
     assert dead.turned_off_s is not None
-    assert dead.turned_off_s < 5.0
+    # A PX4 brakes in HOLD at MPC_ACC_HOR, and creeps to its place.
+    assert dead.turned_off_s < {"arducopter": 5.0, "px4-copter": 7.5}[kind]
 
 
 @pytest.mark.parametrize("kind", PLANES)
