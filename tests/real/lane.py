@@ -84,7 +84,8 @@ def can_have_networks() -> bool:
 
 
 def _apart(*command: str) -> list[str]:
-    return ["unshare", "--net", "--map-root-user", *command]
+    # Whatever ends a flight early, its programs end with it: the first process of the processes' own name space dies.
+    return ["unshare", "--net", "--pid", "--fork", "--kill-child", "--map-root-user", *command]
 
 
 def fly_apart(job: Job, out: Path) -> Verdict:

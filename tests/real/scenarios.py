@@ -70,6 +70,11 @@ THREE = Scene(
     agents=((0.0, 0.0, 0.0), (200.0, -200.0, 90.0), (400.0, 60.0, 180.0)),
     targets=((400.0, 0.0), (200.0, 200.0), (0.0, 60.0)),
 )
+_LANES_M = (-100.0, -50.0, 0.0, 50.0, 100.0)
+TEN = Scene(
+    agents=(*((-200.0, lane, 0.0) for lane in _LANES_M), *((lane, -200.0, 90.0) for lane in _LANES_M)),
+    targets=(*((200.0, lane) for lane in _LANES_M), *((lane, 200.0) for lane in _LANES_M)),
+)
 
 
 @dataclass(frozen=True)
@@ -253,6 +258,8 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario("crossing-adsb", "the same, each told of the other by ADSB_VEHICLE", CROSSING, adsb=True,
              parameters={"ADSB_TYPE": 1}, at_most=HOLDS),
     Scenario("three-crossing", "three cross, by what is broadcast", THREE, at_most=HOLDS),
+    Scenario("ten-crossing", "two streams of five cross, 50 m apart, by what is broadcast", TEN, COPTERS[:1],
+             at_most=HOLDS, most_s=240.0),
     Scenario("person", "a person takes it over, gives it back, and sends it home",
              STRAIGHT, events=(Event(15.0, ChooseMode("wait")), Event(25.0, ChooseMode("guided")),
                                Event(40.0, ChooseMode("return_home"))),

@@ -23,6 +23,7 @@ from tests.real.score import Figures, figures_of, longest_gap_s, setpoint_times_
 from tests.real.truth import Sample, sample_of, trajectory_of
 
 BEGIN_S = 1_700_000_000.0
+PAGE = Path(__file__).parents[2] / "docs" / "real-autopilots.md"
 CALM = next(scenario for scenario in SCENARIOS if scenario.name == "discs")
 COPTER = KINDS["arducopter"]
 
@@ -144,3 +145,9 @@ def test_a_configuration_is_the_packaged_one_of_its_kind_but_for_the_flights_lin
     assert content["staleness"] == {
         "coasting_after_s": 15, "loitering_after_s": 8, "blind_after_s": 300, "recover_after_s": 1,
     }  # fmt: skip
+
+
+def test_the_page_says_what_each_scenario_shows() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    for scenario in SCENARIOS:
+        assert f"| `{scenario.name}` | {scenario.shows} |" in page

@@ -36,7 +36,7 @@ def found(kind: str) -> Identified:
     config = flown(kind).companion.config
     track = track_of(flown(kind).records, config)
     can_stop = flown(kind).companion.adapter.can_stop
-    return identify(track, within(config.limits, track.abilities).n_max, can_stop)
+    return identify(track, within(config.limits, track.abilities), can_stop)
 
 
 def hand_over(flight: IdentifyFlight) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from companion.geo.kinematics import GRAVITY_M_S2
 from companion.guard.types import PIVOT_SPEED_M_S
+from companion.onboard.config import LimitsSection
 from companion.onboard.identification.follower import DEVIATIONS, Estimate, Followed, Span, followed
 from companion.onboard.identification.track import Stretch, Track, stretches
 
@@ -86,6 +87,8 @@ class Identified(NamedTuple):
     """Time from a setpoint until the speed begins to obey it: of braking, or else of speeding up."""
     rate_share: Estimate | None = None
     """Turn rate, as a share of n_max g/v."""
+    turns_denied: bool = False
+    """Whether reaction and turn rate together are not those that the vehicle is reckoned with."""
     acceleration_m_s2: Estimate | None = None
     braking_m_s2: Estimate | None = None
     top_speed_m_s: Estimate | None = None
@@ -99,10 +102,11 @@ class Identified(NamedTuple):
     """Velocity of the air, north and east."""
 
 
-def identify(track: Track, n_max: float, can_stop: bool) -> Identified:
-    """Return what a track says of its vehicle, whose turn limit is n_max g/v."""
+def identify(track: Track, limits: LimitsSection, can_stop: bool) -> Identified:
+    """Return what a track says of its vehicle, which is reckoned with by `limits`."""
     parts = list(stretches(track))
-    turning = followed([span for part in parts for span in _courses(part, n_max)], *RATE_SHARES)
+    turns = [span for part in parts for span in _courses(part, limits.n_max)]
+    turning = followed(turns, *RATE_SHARES, (limits.reaction_s, limits.rate_share))
     faster = followed([span for part in parts for span in _speed_steps(part, 1.0)], *ACCELERATIONS_M_S2)
     slower = followed([span for part in parts for span in _speed_steps(part, -1.0)], *ACCELERATIONS_M_S2)
     air = _from_circle(parts) if not can_stop else None
@@ -114,6 +118,7 @@ def identify(track: Track, n_max: float, can_stop: bool) -> Identified:
         reaction_s=_delay(turning),
         speed_reaction_s=_delay(answering) if can_stop else None,
         rate_share=None if turning is None else _asked_for(turning.rate),
+        turns_denied=turning is not None and turning.denied,
         acceleration_m_s2=None if faster is None else faster.rate,
         braking_m_s2=None if slower is None else slower.rate,
         top_speed_m_s=_reached(parts, asked_m_s) if can_stop else None if air is None else air[1],

@@ -33,6 +33,9 @@ DEVIATIONS = 2.3
 the autocorrelation that are estimated first. With it 91 to 98 % of the intervals held the truth, of 120 vehicles."""
 LEAST_FREE = 3.0
 """Least number of independent residuals that is reckoned with, however alike neighbouring ones are."""
+MOST_ALIKE = 0.95
+"""Greatest likeness (autocorrelation) of neighbouring residuals that is reckoned with: at 10 Hz a memory of 2 s. What
+is alike for longer is no noise but what the model cannot do, and must not hide a vehicle that does not obey."""
 DELAY_RESOLUTION_S = 0.03
 """Half the least width of a delay's interval: the times of commands and telemetry are no better known. Chosen."""
 RATE_RESOLUTION = 0.02
@@ -64,6 +67,8 @@ class Followed(NamedTuple):
 
     delay_s: Estimate
     rate: Estimate
+    denied: bool
+    """Whether what was reckoned with, delay and rate together, fits worse than what the intervals allow."""
 
 
 class _Steps(NamedTuple):
@@ -74,9 +79,12 @@ class _Steps(NamedTuple):
     reply: np.ndarray  # (M,) index of the reply at the step's end, or -1
 
 
-def followed(spans: Sequence[Span], slowest: float, fastest: float) -> Followed | None:
+def followed(
+    spans: Sequence[Span], slowest: float, fastest: float, reckoned: tuple[float, float] | None = None
+) -> Followed | None:
     """Return delay and greatest rate (`slowest` to `fastest`) that fit best over all spans; None without any span.
 
+    `reckoned`: the delay (s) and the rate that the vehicle is reckoned with, if the flight is to say whether it is so.
     A rate whose interval reaches `fastest` is only known to be at least its low end.
     """
     spans = [span for span in spans if len(span.reply) > CELLS and len(span.command)]
@@ -101,6 +109,7 @@ def followed(spans: Sequence[Span], slowest: float, fastest: float) -> Followed 
         low_s, high_s = _about(delays_s, near.max(axis=1), 0.0, LONGEST_DELAY_S)
         low, high = _about(rates, near.max(axis=0), slowest, fastest)
         delays_s, rates = np.linspace(low_s, high_s, CELLS + 1), np.geomspace(low, high, CELLS + 1)
+    denied = reckoned is not None and _square(spans, steps, reckoned) > most
     return Followed(
         Estimate(
             best[0],
@@ -115,6 +124,7 @@ def followed(spans: Sequence[Span], slowest: float, fastest: float) -> Followed 
             if found[1][-1] >= fastest * (1.0 - 1e-9)
             else max(float(found[1][-1]), best[1] * (1.0 + RATE_RESOLUTION)),
         ),
+        bool(denied),
     )
 
 
@@ -131,7 +141,7 @@ def _slack(spans: Sequence[Span], steps: Sequence[_Steps], best: tuple[float, fl
     for span, step in zip(spans, steps, strict=True):
         off = _residuals(span, step, *best)
         alike = float(off[1:] @ off[:-1] / max(off @ off, np.finfo(float).tiny))
-        alike = min(max(alike, 0.0), 0.98)
+        alike = min(max(alike, 0.0), MOST_ALIKE)
         count += len(off)
         free += len(off) * (1.0 - alike) / (1.0 + alike)
     return DEVIATIONS**2 / max(min(free, count) - 2.0, LEAST_FREE)
@@ -171,6 +181,12 @@ def _squares(span: Span, steps: _Steps, delays_s: np.ndarray, rates: np.ndarray)
     if span.offset_free:
         squares -= total * total / max(len(span.reply) - 1, 1)
     return squares
+
+
+def _square(spans: Sequence[Span], steps: Sequence[_Steps], at: tuple[float, float]) -> float:
+    """Return the sum of squared residuals over all spans at one delay and rate."""
+    point = np.array(at)
+    return sum(float(_squares(*each, point[:1], point[1:])[0, 0]) for each in zip(spans, steps, strict=True))
 
 
 def _residuals(span: Span, steps: _Steps, delay_s: float, rate: float) -> np.ndarray:

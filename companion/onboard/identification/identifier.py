@@ -80,7 +80,9 @@ class Identifier(Companion):
         """Return the frames that repeat the last setpoint; what ends the pattern ends it here, too."""
         requests = self.adapter.requests(now_s)
         if self._flight is not None and self.steers:
-            reason = "setpoints stopped" if self._stream.ended(now_s) else self._why_not(now_s)
+            reason = (
+                "setpoints stopped: this companion was held up" if self._stream.ended(now_s) else self._why_not(now_s)
+            )
             if reason is not None and (self._theirs or self._flight.stops_until_s is None):
                 self._ended(reason, self._located(self.engagement or Engagement(), now_s), self._discs(now_s), now_s)
         return self._frames(requests, now_s)

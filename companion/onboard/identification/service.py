@@ -60,7 +60,7 @@ def table_of(records: Iterable[tuple[float, bytes]], config: Config) -> list[Row
     can_stop = KINDS[config.autopilot.kind].can_stop
     track = track_of(records, config)
     limits = within(config.limits, track.abilities)
-    return rows(identify(track, limits.n_max, can_stop), limits, can_stop, config.arrival_radius_m)
+    return rows(identify(track, limits, can_stop), limits, can_stop, config.arrival_radius_m)
 
 
 def report(end: End | None, table: list[Row]) -> int:

@@ -12,6 +12,8 @@ from companion.onboard.identification.follower import Estimate
 REACTION_TOLERANCE_S = 0.05
 """Difference from the reaction reckoned with that counts as none: to that the adapters' own are known
 (tests/benchmarks/lags.py), and the way flown in it is less than `Abilities.tracking_m`."""
+SHARE_TOLERANCE = 0.05
+"""Share of a turn rate that is none where reaction and turn rate are judged together: telemetry tells it no better."""
 UNKNOWN = "not shown by this flight"
 
 
@@ -44,8 +46,8 @@ def rows(found: Identified, limits: LimitsSection, can_stop: bool, radius_m: flo
     `radius_m`: distance from its place within which a vehicle counts as arrived, with which holding is compared.
     """
     table = [
-        _slow_to_react("reaction to a course", found.reaction_s, limits),
-        _least("turn rate, of n_max g/v", found.rate_share, "", ("rate_share", limits.rate_share)),
+        _slow_to_react("reaction to a course", found.reaction_s, limits, found.turns_denied),
+        _least("turn rate, of n_max g/v", found.rate_share, "", ("rate_share", limits.rate_share), found.turns_denied),
         Row("acceleration", _text(found.acceleration_m_s2, "m/s^2"), "-", False),
     ]
     if can_stop:
@@ -64,16 +66,18 @@ def remedies(table: list[Row]) -> dict[str, float]:
     return found
 
 
-def _slow_to_react(name: str, found: Estimate | None, limits: LimitsSection) -> Row:
-    worse = found is not None and found.low > limits.reaction_s + REACTION_TOLERANCE_S
+def _slow_to_react(name: str, found: Estimate | None, limits: LimitsSection, denied: bool = False) -> Row:
+    """Return the row of a reaction; of a pair that is denied the value itself counts, not its whole interval."""
+    most_s = limits.reaction_s + REACTION_TOLERANCE_S
+    worse = found is not None and (found.value if denied else found.low) > most_s
     remedy = None if found is None or not worse else ("reaction_s", _up(found.high))
     return Row(name, _text(found, "s"), f"reaction_s {limits.reaction_s:g}", worse, remedy)
 
 
-def _least(name: str, found: Estimate | None, unit: str, limit: tuple[str, float]) -> Row:
-    """Return the row of a value that must not be less than a limit, given as key and value."""
+def _least(name: str, found: Estimate | None, unit: str, limit: tuple[str, float], denied: bool = False) -> Row:
+    """Return the row of a value that must not be less than a limit, given as key and value; `denied` as above."""
     key, least = limit
-    worse = found is not None and found.high < least
+    worse = found is not None and (found.value if denied else found.high) < least * (1.0 - SHARE_TOLERANCE * denied)
     remedy = None if found is None or not worse else (key, _down(found.low))
     return Row(name, _text(found, unit), f"{key} {least:.3g}", worse, remedy)
 

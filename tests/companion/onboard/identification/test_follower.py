@@ -55,6 +55,13 @@ def test_a_vehicle_that_is_faster_than_it_is_asked_to_be_is_known_to_be_at_least
     assert found is not None and math.isinf(found.rate.high)
 
 
+def test_what_is_reckoned_with_is_denied_by_a_flight_that_it_does_not_explain() -> None:
+    span = span_of(0.8, 0.5, 0.01, 4)
+    good, bad = followed([span], 0.04, 1.5, (0.8, 0.5)), followed([span], 0.04, 1.5, (0.2, 1.0))
+    assert good is not None and not good.denied
+    assert bad is not None and bad.denied
+
+
 def test_no_flight_says_nothing() -> None:
     assert followed([], 0.04, 1.5) is None
 

@@ -56,6 +56,12 @@ def test_an_interval_that_reaches_what_is_reckoned_with_is_not_worse() -> None:
     assert remedies(table(Identified(braking_m_s2=Estimate(1.8, 1.5, 2.1)))) == {}
 
 
+def test_reaction_and_turn_rate_are_judged_together_where_neither_interval_tells() -> None:
+    creeps = Identified(reaction_s=Estimate(0.1, 0.0, 0.9), rate_share=Estimate(0.8, 0.7, math.inf))
+    assert remedies(table(creeps)) == {}
+    assert remedies(table(creeps._replace(turns_denied=True))) == {"rate_share": 0.7}
+
+
 def test_what_a_flight_does_not_show_is_said() -> None:
     assert all("not shown by this flight" in row.text or row.name == "" for row in table(Identified()))
 
