@@ -351,7 +351,8 @@ def test_a_plane_whose_companion_died_circles_near_by(kind: str, turning: bool) 
 @pytest.mark.parametrize("kind", PX4)
 def test_a_px4_as_it_comes_is_left_in_danger_by_a_dead_companion(kind: str) -> None:
     dead = dies(kind, DEAD_PARAMETERS[kind][-1])
-    assert dead.turned_off_s is None
+    # The copter flies level, and drag alone slows it.
+    assert dead.turned_off_s is None or dead.turned_off_s > 10.0
     assert dead.lost_height_m > 20.0 or dead.farthest_m > 500.0
 
 
