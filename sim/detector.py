@@ -53,25 +53,16 @@ class Fleet:
         )
 
 
-class Detector:
-    """The detector on board one vehicle, with a range."""
+class Transponder:
+    """Packs the state of vehicles as their transponders tell it."""
 
-    def __init__(self, agent_id: int, system_id: int, frame: LocalFrame, range_m: float) -> None:
-        """Mount the detector on an agent with the MAVLink system id `system_id`; its horizontal range is `range_m`."""
-        self._agent_id = agent_id
+    def __init__(self, system_id: int, frame: LocalFrame) -> None:
+        """Pack frames of the MAVLink system id `system_id`, for positions on the plane of `frame`."""
         self._frame = frame
-        self._range_m = range_m
         self._sender = MavlinkSender(system_id, mavlink.MAV_COMP_ID_ADSB)
 
-    def look(self, fleet: Fleet) -> list[bytes]:
-        """Return an ADSB_VEHICLE frame for each neighbour within the range; the fleet must hold the vehicle itself."""
-        others = fleet.ids != self._agent_id
-        (own,) = np.flatnonzero(~others)
-        own_ned_m = fleet.positions_ned_m[own]
-        apart_m = np.hypot(*(fleet.positions_ned_m - own_ned_m).T)
-        return [self._pack(fleet, int(index)) for index in np.flatnonzero(others & (apart_m <= self._range_m))]
-
-    def _pack(self, fleet: Fleet, index: int) -> bytes:
+    def squitter(self, fleet: Fleet, index: int = 0) -> bytes:
+        """Return the ADSB_VEHICLE frame of one vehicle of a fleet, given by its place in it."""
         identity = int(fleet.ids[index])
         lat_deg, lon_deg, convergence_rad = self._frame.to_global_with_convergence(
             *fleet.positions_ned_m[index].tolist()
@@ -96,3 +87,24 @@ class Detector:
             _SQUAWK,
         )
         return self._sender.pack(message)
+
+
+class Detector:
+    """The detector on board one vehicle, with a range."""
+
+    def __init__(self, agent_id: int, system_id: int, frame: LocalFrame, range_m: float) -> None:
+        """Mount the detector on an agent with the MAVLink system id `system_id`; its horizontal range is `range_m`."""
+        self._agent_id = agent_id
+        self._range_m = range_m
+        self._transponder = Transponder(system_id, frame)
+
+    def look(self, fleet: Fleet) -> list[bytes]:
+        """Return an ADSB_VEHICLE frame for each neighbour within the range; the fleet must hold the vehicle itself."""
+        others = fleet.ids != self._agent_id
+        (own,) = np.flatnonzero(~others)
+        own_ned_m = fleet.positions_ned_m[own]
+        apart_m = np.hypot(*(fleet.positions_ned_m - own_ned_m).T)
+        return [
+            self._transponder.squitter(fleet, int(index))
+            for index in np.flatnonzero(others & (apart_m <= self._range_m))
+        ]

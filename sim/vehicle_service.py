@@ -21,10 +21,21 @@ from companion.errors import EXIT_DONE, InputError, nearest_hint
 from companion.geo.local_frame import LocalFrame
 from companion.protocol.codec import Kind
 from companion.runtime.clock import run_until_signal, wait
-from companion.transport.endpoints import Duplex, Link, Sender, open_duplex, open_sender, parse_link
+from companion.transport.endpoints import (
+    Duplex,
+    Link,
+    Receiver,
+    Sender,
+    open_duplex,
+    open_receiver,
+    open_sender,
+    parse_link,
+)
+from sim.detector import Fleet, Transponder
 from sim.parameter_option import parameter_option
 from sim.sensor import Sensor, detection_of_row
 from sim.vehicles import CRAFTS, Craft, Home, Setup, StandIn, Start, Truth, kinematic_profile
+from sim.vehicles.adsb import ADSB_TYPE
 from sim.vehicles.ardupilot import ArduPilot
 from sim.vehicles.parameters import set_parameters
 from sim.vehicles.routing import Router
@@ -63,6 +74,10 @@ class VehicleOptions:
     system_id: int = 1
     sensor: Link | None = None
     """Link to a ground station that gets this vehicle's position as detections of the agent `system_id`; None: none."""
+    adsb_to: tuple[Link, ...] = ()
+    """Links to the receivers of other vehicles that hear this one's transponder, as agent `system_id`; none has one."""
+    adsb_from: Link | None = None
+    """Link on which its own ADS-B receiver hears the transponders of others; None: it has no receiver."""
     in_air_m: float | None = None
     """Height above the ground at which the vehicle begins, armed and in its holding mode; None: on the ground."""
     wind_from_deg: float = 0.0
@@ -90,19 +105,22 @@ async def run_vehicle(
     stop = asyncio.Event() if stop is None else stop
     linked = _LinkedStandIn(_build(options))
     tellers: list[OnTruth] = [] if on_truth is None else [on_truth]
-    sensor: Sender | None = None
+    senders: list[Sender] = []
     try:
-        await linked.open(options.links)
+        await linked.open(options.links, options.adsb_from)
         if options.sensor is not None:
-            sensor = await open_sender(options.sensor)
-            tellers.append(_sensing(options, sensor))
+            senders.append(await open_sender(options.sensor))
+            tellers.append(_sensing(options, senders[-1]))
+        for link in options.adsb_to:
+            senders.append(await open_sender(link))
+            tellers.append(_transponding(options, linked.vehicle, senders[-1]))
         names = ", ".join(str(link) for link in options.links)
         click.echo(f"sim vehicle: {options.autopilot}, system {options.system_id}, on {names}")
         await _fly(linked, tellers, stop)
     finally:
         linked.close()
-        if sensor is not None:
-            sensor.close()
+        for sender in senders:
+            sender.close()
 
 
 class _LinkedStandIn:
@@ -114,11 +132,14 @@ class _LinkedStandIn:
         """The event loop's time at which the stand-in's clock is 0."""
         self._router = Router(vehicle.system_id)
         self._links: list[Duplex] = []
+        self._receiver: Receiver | None = None
 
-    async def open(self, links: Sequence[Link]) -> None:
-        """Open the links and answer on them; raise InputError for one that cannot be opened."""
+    async def open(self, links: Sequence[Link], adsb_from: Link | None) -> None:
+        """Open the links and answer on them, and the receiver's; raise InputError for one that cannot be opened."""
         for index, link in enumerate(links):
             self._links.append(await open_duplex(link, partial(self._answer, index)))
+        if adsb_from is not None:
+            self._receiver = await open_receiver(adsb_from, self._hear_adsb)
 
     def send(self, frames: Iterable[bytes]) -> None:
         """Send frames of the stand-in on every link."""
@@ -130,6 +151,11 @@ class _LinkedStandIn:
         """Close the links that are open."""
         for end_point in self._links:
             end_point.close()
+        if self._receiver is not None:
+            self._receiver.close()
+
+    def _hear_adsb(self, datagram: bytes) -> None:
+        self.send(self.vehicle.hear_adsb([datagram], asyncio.get_running_loop().time() - self.began_s))
 
     def _answer(self, index: int, datagram: bytes) -> None:
         messages = parse(datagram)
@@ -170,6 +196,16 @@ def _sensing(options: VehicleOptions, sender: Sender) -> OnTruth:
     return tell
 
 
+def _transponding(options: VehicleOptions, vehicle: StandIn, sender: Sender) -> OnTruth:
+    """Return the function that sends where the vehicle is to the receiver of another one."""
+    transponder = Transponder(options.system_id, LocalFrame(options.lat_deg, options.lon_deg))
+
+    def tell(_t_unix_s: float, _truth: Truth) -> None:
+        sender.send(transponder.squitter(Fleet.of({options.system_id: vehicle})))
+
+    return tell
+
+
 def _build(options: VehicleOptions) -> StandIn:
     _require_known(options.autopilot)
     height_m = options.in_air_m
@@ -203,6 +239,8 @@ def _build(options: VehicleOptions) -> StandIn:
     vehicle.battery.percent = options.battery_percent
     if options.endurance_min is not None:
         vehicle.battery.drain_percent_s = 100.0 / (60.0 * options.endurance_min)
+    if options.adsb_from is not None and ADSB_TYPE in vehicle.parameters:
+        vehicle.parameters[ADSB_TYPE] = 1.0
     set_parameters(vehicle.craft, options.parameters)
     if height_m is None and isinstance(vehicle.craft, ArduPilot):
         vehicle.craft.boot(0.0)
@@ -297,6 +335,21 @@ def _finite_if_given(context: click.Context, parameter: click.Parameter, value: 
     callback=_parsed_link,
     metavar="URL",
     help="udpout:HOST:PORT of a ground station that shall see this vehicle, as the agent numbered like its system id.",
+)
+@click.option(
+    "--adsb-to",
+    "adsb_to",
+    multiple=True,
+    callback=_parsed_links,
+    metavar="URL",
+    help="udpout:HOST:PORT of another vehicle's --adsb-from, which shall hear this one's ADS-B; may be given often.",
+)
+@click.option(
+    "--adsb-from",
+    "adsb_from",
+    callback=_parsed_link,
+    metavar="URL",
+    help="udpin:HOST:PORT where its own ADS-B receiver hears others; without it the vehicle sees nobody.",
 )
 @click.option(
     "--in-air",

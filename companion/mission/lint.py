@@ -35,7 +35,7 @@ def lint(mission: Mission) -> list[str]:
         found.append("losses: nobody reports in this Case II, so no loss can be known: its target may stay uncovered")
     if mission.case == "I" and mission.report_period_s > 0.0:
         found.append(f"report_period_s: {mission.report_period_s:g}: no effect in Case I, where agents are detected")
-    if mission.case == "II" and mission.detector_range_m <= mission.separation_m:
+    if mission.case == "II" and mission.detector == "adsb" and mission.detector_range_m <= mission.separation_m:
         found.append(
             f"detector_range_m: {mission.detector_range_m:g}: in Case II agents then see each other only when they are "
             f"already within separation_m {mission.separation_m:g}, or not at all"

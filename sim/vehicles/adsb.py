@@ -44,16 +44,17 @@ class AdsbReceiver:
     def hear(self, frames: Sequence[bytes], t_s: float) -> list[bytes]:
         """Hear ADSB_VEHICLE frames at a time; return those that the autopilot passes on at once."""
         if not self._craft.lists_adsb:
-            return list(frames)
+            own = self._sender.mav.srcSystem
+            return [out for frame in frames for out in ([frame] if _system(frame) == own else self._packed(frame))]
         if self._craft.values.get(ADSB_TYPE, 0.0) == 0.0:
             return []
-        parser = mavlink.MAVLink(None)
-        parser.robust_parsing = True
         for frame in frames:
-            for message in parser.parse_buffer(frame) or ():
-                if message.get_type() == "ADSB_VEHICLE":
-                    self._contacts[message.ICAO_address] = _Contact(message, t_s)
+            for message in _contacts_in(frame):
+                self._contacts[message.ICAO_address] = _Contact(message, t_s)
         return []
+
+    def _packed(self, frame: bytes) -> list[bytes]:
+        return [self._sender.pack(message) for message in _contacts_in(frame)]
 
     def next_listed(self, t_s: float) -> bytes | None:
         """Return the frame of the list's next entry, None if nothing is due: the message is due on a link."""
@@ -72,3 +73,15 @@ class AdsbReceiver:
         message = copy.copy(contact.message)
         message.tslc = int(t_s - contact.heard_s)
         return self._sender.pack(message)
+
+
+def _system(frame: bytes) -> int | None:
+    """Return the system id of a MAVLink 2 frame; None if it is shorter than its header."""
+    return frame[5] if len(frame) > 5 else None
+
+
+def _contacts_in(frame: bytes) -> list[Message]:
+    """Return the ADSB_VEHICLE messages in bytes of any kind."""
+    parser = mavlink.MAVLink(None)
+    parser.robust_parsing = True
+    return [message for message in parser.parse_buffer(frame) or () if message.get_type() == "ADSB_VEHICLE"]

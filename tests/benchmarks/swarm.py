@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.geo.kinematics import limit_turn, turn_rate_rad_s, turn_towards
-from companion.geo.right_of_way import Rules, reserved_radius_m
+from companion.geo.right_of_way import Rules, growth_m, reserved_radius_m
 from companion.guard.types import Motion
 from companion.guidance.resolution import AtEffect, Peers, Resolution
 from companion.guidance.separation import give_way
@@ -77,11 +77,13 @@ def fly(
     give: bool = True,
     noise: Callable[[tuple[int, ...]], np.ndarray] | None = None,
     standing: bool = False,
+    word_period_s: float = 0.0,
 ) -> Outcome:
     """Fly until all vehicles have arrived and for `after_s` more, or to the time limit.
 
     Without `give` no vehicle gives way. With `standing` all stand still at first. `noise` returns position errors in m
-    for an array of the given shape. The crafts are changed in place.
+    for an array of the given shape. With `word_period_s` nobody sees anybody: all hear at that period where all were
+    and how they flew. The crafts are changed in place.
     """
     for craft in crafts:
         craft.cruise_m_s = craft.speed_m_s
@@ -92,24 +94,27 @@ def fly(
             craft.shortest_m = math.dist((craft.north_m, craft.east_m), craft.target_ned_m) - arrival_radius_m
     close = np.zeros((len(crafts), len(crafts)), dtype=bool)
     outcome = Outcome(len(crafts), sum(c.target_ned_m is not None for c in crafts), 0, 0, math.inf, 0.0)
-    now_s, end_s = 0.0, time_limit_s
+    now_s, end_s, told_s = 0.0, time_limit_s, -math.inf
     while now_s < end_s:
         positions = np.array([(c.north_m, c.east_m) for c in crafts])
         velocities = np.array([(math.cos(c.heading_rad), math.sin(c.heading_rad)) for c in crafts])
         velocities *= np.array([[c.speed_m_s] for c in crafts])
         settled = np.array([c.place_ned_m is not None for c in crafts])
+        if now_s - told_s >= word_period_s - 1e-9:
+            told_s, told_m, told_m_s = now_s, positions, velocities
         decisions = []
         for k, craft in enumerate(crafts):
             seen = np.hypot(*(positions - positions[k]).T) <= detector_range_m
             seen[k] = False
             wanted_rad = _wanted_rad(craft, positions[seen & settled], rules, arrival_radius_m)
             motion = Motion(craft.north_m, craft.east_m, craft.heading_rad, craft.speed_m_s)
-            heard = positions[seen]
+            heard = told_m[seen]
             if noise is not None:
                 heard = heard + noise(heard.shape)
             if give:
                 at_effect = _at_effect(craft, rules)
-                chosen = give_way(wanted_rad, motion, Peers(heard, velocities[seen]), rules, DT_S, at_effect)
+                peers = _peers(heard, told_m_s[seen], now_s - told_s, rules)
+                chosen = give_way(wanted_rad, motion, peers, rules, DT_S, at_effect)
                 speed_m_s = min(chosen.speed_m_s, _wanted_m_s(craft, rules))
                 decisions.append((_reachable_rad(craft, at_effect, chosen, rules), speed_m_s))
             else:
@@ -128,6 +133,15 @@ def fly(
     outcome.time_s = max((c.done_s for c in crafts if c.done_s is not None), default=math.inf)
     outcome.path_ratios = [c.flown_m / c.shortest_m for c in crafts if c.reached and c.shortest_m > 0.0]
     return outcome
+
+
+def _peers(places_ned_m: np.ndarray, velocities_m_s: np.ndarray, age_s: float, rules: Rules) -> Peers:
+    """Return the others as they were told to be an age ago."""
+    if age_s == 0.0:
+        return Peers(places_ned_m, velocities_m_s)
+    speeds_m_s = np.hypot(*velocities_m_s.T).tolist()
+    growths_m = np.array([growth_m(speed_m_s, age_s, True, rules, DT_S) for speed_m_s in speeds_m_s])
+    return Peers(places_ned_m, velocities_m_s, None, np.full(len(places_ned_m), age_s), growths_m)
 
 
 def _at_effect(craft: Craft, rules: Rules) -> AtEffect:

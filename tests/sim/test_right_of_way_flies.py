@@ -69,6 +69,84 @@ max_time_s: 500
     assert result.threat_entries_detection == 0
 
 
+ENCOUNTER = {
+    # Speed m/s, n_max, separation m, half of the way m, arrival radius m.
+    "arducopter": (8.0, 0.178, 20.0, 150.0, 20.0),
+    "px4-copter": (8.0, 0.2, 20.0, 150.0, 20.0),
+    "arduplane": (22.0, 0.7, 40.0, 900.0, 100.0),
+    "px4-plane": (15.0, 0.7, 30.0, 600.0, 80.0),
+}
+Way = tuple[tuple[float, float, float], tuple[float, float]]
+
+
+def ways_of(encounter: str, half_m: float, separation_m: float) -> list[Way]:
+    """Return for both the start (north m, east m, heading deg) and the target (north m, east m) of an encounter."""
+    onward: Way = ((0.0, 0.0, 0.0), (2.0 * half_m, 0.0))
+    beside_m = 3.0 * separation_m
+    return {
+        "head-on": [onward, ((2.0 * half_m, 0.0, 180.0), (0.0, 0.0))],
+        "crossing": [onward, ((half_m, -half_m, 90.0), (half_m, half_m))],
+        "converging": [
+            ((0.0, -beside_m, 0.0), (2.0 * half_m, beside_m)),
+            ((0.0, beside_m, 0.0), (2.0 * half_m, -beside_m)),
+        ],
+        "overtaking": [onward, ((-2.0 * beside_m, 0.0, 0.0), (2.0 * half_m, 2.0 * beside_m))],
+    }[encounter]
+
+
+def encounter_of(kind: str, encounter: str, sense: str, wind_m_s: float) -> Mission:
+    speed_m_s, n_max, separation_m, half_m, arrival_m = ENCOUNTER[kind]
+    ways = ways_of(encounter, half_m, separation_m)
+    # Who is overtaken is slower where its kind can be; planes of one speed follow each other.
+    slower = 0.6 if encounter == "overtaking" and kind.endswith("copter") else 1.0
+    speeds = (slower * speed_m_s, speed_m_s)
+    agents = [
+        f"north_m: {north_m}, east_m: {east_m}, heading_deg: {heading}, only_target: {k}, speed_m_s: {speeds[k - 1]}"
+        for k, ((north_m, east_m, heading), _) in enumerate(ways, start=1)
+    ]
+    targets = [f"north_m: {north_m}, east_m: {east_m}" for _, (north_m, east_m) in ways]
+    lines = (
+        f"defaults: {{agent: {{n_max: {n_max}, range_m: 20000}}}}\nbroadcast_period_s: 1\ndetector: {sense}\n"
+        f"wind: {{from_deg: 250, speed_m_s: {wind_m_s}}}\narrival_radius_m: {arrival_m}\n"
+        f"separation_m: {separation_m}\nmax_time_s: {6.0 * half_m / speed_m_s + 100.0}\n"
+    )
+    return mission_of(agents, targets, lines)
+
+
+@pytest.mark.parametrize(
+    ("kind", "encounter", "sense", "wind_m_s"),
+    [
+        ("arducopter", "head-on", "adsb", 0.0),
+        ("arducopter", "crossing", "broadcast", 0.0),
+        ("arducopter", "overtaking", "broadcast", 0.0),
+        ("px4-copter", "crossing", "adsb", 0.0),
+        ("px4-copter", "converging", "broadcast", 3.0),
+        ("px4-copter", "head-on", "broadcast", 0.0),
+        ("arduplane", "head-on", "broadcast", 5.0),
+        ("arduplane", "converging", "adsb", 0.0),
+        ("arduplane", "overtaking", "adsb", 5.0),
+        ("px4-plane", "crossing", "adsb", 5.0),
+        ("px4-plane", "converging", "broadcast", 0.0),
+    ],
+)
+def test_two_that_meet_keep_apart_by_what_they_see_or_only_hear(
+    kind: str, encounter: str, sense: str, wind_m_s: float
+) -> None:
+    assert_all_arrive_apart(flown(encounter_of(kind, encounter, sense, wind_m_s), kind), ENCOUNTER[kind][2])
+
+
+def test_two_copters_that_cross_without_any_sense_meet() -> None:
+    result = flown(encounter_of("arducopter", "crossing", "none", 0.0), "arducopter")
+    assert result.min_separation_m is not None
+    assert result.min_separation_m < 5.0
+
+
+def test_a_broadcast_of_which_half_is_lost_keeps_two_copters_apart() -> None:
+    mission = encounter_of("px4-copter", "crossing", "broadcast", 0.0)
+    lossy = mission.model_copy(update={"link": mission.link.model_copy(update={"loss": 0.5})})
+    assert_all_arrive_apart(flown(lossy, "px4-copter", seed=3), 20.0)
+
+
 def test_the_last_of_two_columns_of_planes_finds_its_target_free() -> None:
     def places(begin_m: float, step_m: float, count: int) -> list[float]:
         return [begin_m + k * step_m for k in range(count)]

@@ -11,6 +11,8 @@ from companion.geo.right_of_way import (
     Rules,
     centre_ned_m,
     circle,
+    greatest_growth_m,
+    growth_m,
     least_detector_range_m,
     least_spacing_m,
 )
@@ -111,7 +113,7 @@ def _rules(flyer: Flyer) -> Rules:
 def too_short_a_detector(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
     """Return for each group of vehicles at one height why the detector's range is too short for it, if it is."""
     concerns = []
-    for group in _together(mission, fleet):
+    for group in _together(mission, fleet) if mission.detector == "adsb" else []:
         flyer = max(group, key=lambda one: least_detector_range_m(_rules(one), mission.guidance_step_s))
         needed_m = least_detector_range_m(_rules(flyer), mission.guidance_step_s)
         if mission.detector_range_m < needed_m:
@@ -119,6 +121,31 @@ def too_short_a_detector(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
                 f"{mission.detector_range_m:g}: the right of way needs {needed_m:.0f} m to promise separation_m "
                 f"{mission.separation_m:g} at agent {flyer.spec.id}'s {_rules(flyer).speed_m_s:g} m/s and n_max "
                 f"{_rules(flyer).n_max:g}"
+            )
+    return concerns
+
+
+def too_little_known(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
+    """Return for each group of vehicles at one height why the broadcast alone cannot keep it apart, if that is so."""
+    concerns = []
+    for group in _together(mission, fleet) if mission.detector != "adsb" else []:
+        if mission.detector == "none" or mission.case == "II":
+            concerns.append(
+                f"'{mission.detector}'{' in Case II' * (mission.detector != 'none')}: agents know nothing of one "
+                f"another, so nothing keeps separation_m {mission.separation_m:g}"
+            )
+            continue
+        # At worst a place is told anew just after a step, on a velocity that is half a period older.
+        age_s = (
+            1.5 * mission.broadcast_period_s + mission.link.delay_s + mission.link.jitter_s + mission.guidance_step_s
+        )
+        rules = _rules(max(group, key=lambda one: _rules(one).speed_m_s))
+        grown_m = growth_m(rules.speed_m_s, age_s, True, rules, mission.guidance_step_s)
+        if grown_m > greatest_growth_m(rules, mission.guidance_step_s):
+            concerns.append(
+                f"'broadcast': with broadcast_period_s {mission.broadcast_period_s:g} a word of another agent is up to "
+                f"{age_s:.3g} s old and {grown_m:.0f} m off at {rules.speed_m_s:g} m/s: too much to promise "
+                f"separation_m {mission.separation_m:g} by"
             )
     return concerns
 

@@ -9,7 +9,7 @@ from companion.mission.lint import first_of, lint
 from companion.mission.model import Mission
 from companion.onboard.lint.fleet import beyond_airspeed_in_wind, fleet_of
 from companion.onboard.lint.reach import circled_targets, out_of_reach, repelled
-from companion.onboard.lint.spacing import mixed_turn_limits, starts_too_near, too_short_a_detector
+from companion.onboard.lint.spacing import mixed_turn_limits, starts_too_near, too_little_known, too_short_a_detector
 from companion.onboard.lint.starts import uncertified_starts
 
 
@@ -36,6 +36,7 @@ def _concerns(mission: Mission, law: LawName, kind: str, source: str) -> dict[st
         "agents certificate": uncertified_starts(mission, fleet, kind),
         "agents spacing": starts_too_near(mission, fleet),
         "detector_range_m": too_short_a_detector(mission, fleet),
+        "detector": too_little_known(mission, fleet),
         "agents n_max": mixed_turn_limits(mission, fleet),
         "wind": beyond_airspeed_in_wind(mission, fleet, kind),
     }

@@ -579,6 +579,55 @@ def test_position_and_attitude_are_asked_for_ten_times_a_second(name: str) -> No
     assert adapter.failures == ()
 
 
+def rates_asked(adapter: LinkedAdapter, start_s: float, seconds: float) -> list[tuple[float, int]]:
+    """Return when which message's rate is asked of an autopilot that acknowledges."""
+    rates = []
+    for step in range(round(10 * seconds)):
+        for frame in adapter.requests(start_s + 0.1 * step):
+            message = decoded(frame)
+            if message.get_type() == "COMMAND_LONG":
+                rates.append((start_s + 0.1 * step, int(message.param1)))
+                acknowledge(adapter, message.command)
+    return rates
+
+
+@pytest.mark.parametrize("name", sorted(set(ADAPTERS) - {"kinematic", "ardurover"}))
+def test_the_aircraft_that_it_sees_are_asked_of_an_autopilot_that_sends_them_only_on_request(name: str) -> None:
+    asked_for = [message_id for _, message_id in rates_asked(flying(name), 5.0, 20.0)]
+    assert asked_for.count(common.MAVLINK_MSG_ID_ADSB_VEHICLE) == name.startswith("ardu")
+
+
+def test_the_aircraft_that_it_sees_are_asked_for_again_when_they_came_and_come_no_more() -> None:
+    adapter = flying("arducopter")
+    rates_asked(adapter, 5.0, 20.0)
+    assert adapter.sees_others is None
+    place = (7, 470000000, 80000000, common.ADSB_ALTITUDE_TYPE_GEOMETRIC, 500_000)
+    told(adapter, common.MAVLink_adsb_vehicle_message(*place, 0, 0, 0, b"OW00007", 14, 0, 0x1F, 0), now_s=25.0)
+    assert adapter.sees_others is True
+    again = rates_asked(adapter, 25.0, 50.0)
+    assert [message_id for _, message_id in again] == [common.MAVLINK_MSG_ID_ADSB_VEHICLE]
+    assert again[0][0] == pytest.approx(55.0, abs=0.2)
+
+
+def test_an_ardupilot_whose_parameter_names_no_receiver_sees_nobody() -> None:
+    adapter = flying("arducopter")
+    told(adapter, common.MAVLink_param_value_message(b"ADSB_TYPE", 0.0, common.MAV_PARAM_TYPE_REAL32, 1, 0), now_s=5.0)
+    assert adapter.sees_others is False
+
+
+def test_a_board_that_refuses_adsb_has_not_failed() -> None:
+    adapter = flying("arduplane")
+    for step in range(100):
+        for frame in adapter.requests(5.0 + 0.1 * step):
+            message = decoded(frame)
+            if message.get_type() == "COMMAND_LONG":
+                refused = message.param1 == common.MAVLINK_MSG_ID_ADSB_VEHICLE
+                acknowledge(
+                    adapter, message.command, common.MAV_RESULT_DENIED if refused else common.MAV_RESULT_ACCEPTED
+                )
+    assert adapter.failures == ()
+
+
 def test_after_a_restart_of_the_autopilot_rates_and_parameters_are_asked_for_again() -> None:
     adapter = flying("arducopter")
     asked(adapter, 5.0, 40.0)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.geo.right_of_way import Rules
+from companion.geo.right_of_way import Rules, growth_m
 from tests.benchmarks import swarm
 
 Places = list[tuple[float, float]]
@@ -63,21 +63,28 @@ def ends_of(order: str, starts: Places, spacing_m: float, far_m: float, rng: np.
     return [(north_m, east_m) for north_m, east_m in opposite.tolist()]
 
 
-def fly_from_a_stand(rules: Rules, shape: str, order: str, count: int, closeness: float, seed: int) -> swarm.Outcome:
-    """Return the outcome of a flight of copters that stand at `closeness` times the separation, facing anywhere."""
+def fly_from_a_stand(
+    rules: Rules, shape: str, order: str, count: int, closeness: float, seed: int, word_period_s: float = 0.0
+) -> swarm.Outcome:
+    """Return the outcome of a flight of copters that stand at `closeness` times the separation, facing anywhere.
+
+    With `word_period_s` they know of one another only what is told at that period; targets are then farther apart.
+    """
     rng = np.random.default_rng(seed)
     turn_radius_m = rules.speed_m_s**2 / (rules.n_max * 9.80665)
     # Copters of this harness pass their targets at cruise speed.
     arrival_radius_m = max(0.5 * rules.separation_m, turn_radius_m)
     starts = starts_of(shape, count, closeness * rules.separation_m, rng)
-    ends = ends_of(order, starts, 2.0 * arrival_radius_m + 3.0 * rules.separation_m, 10.0 * rules.speed_m_s, rng)
+    spacing_m = 2.0 * arrival_radius_m + 3.0 * rules.separation_m
+    spacing_m += growth_m(0.0, word_period_s, True, rules, swarm.DT_S)
+    ends = ends_of(order, starts, spacing_m, 10.0 * rules.speed_m_s, rng)
     ways = list(zip(starts, ends, strict=True))
     crafts = [swarm.bound(here, there, rules.speed_m_s, k) for k, (here, there) in enumerate(ways)]
     for craft in crafts:
         craft.heading_rad = rng.uniform(-math.pi, math.pi)
     longest_m = max(math.dist(here, there) for here, there in ways)
     limit_s = 120.0 + 5.0 * longest_m / rules.speed_m_s
-    return swarm.fly(crafts, rules, limit_s, 10.0, 600.0, arrival_radius_m, standing=True)
+    return swarm.fly(crafts, rules, limit_s, 10.0, 600.0, arrival_radius_m, standing=True, word_period_s=word_period_s)
 
 
 def assert_all_got_away(outcome: swarm.Outcome, rules: Rules) -> None:
@@ -109,6 +116,15 @@ def test_crowds_that_stand_get_away_one_after_the_other(
     rules: Rules, shape: str, order: str, count: int, closeness: float, seed: int
 ) -> None:
     assert_all_got_away(fly_from_a_stand(rules, shape, order, count, closeness, seed), rules)
+
+
+@pytest.mark.slow
+@settings(max_examples=8)
+@given(rules_of_copters(), *SCENES, st.sampled_from([1.0, 1.5, 3.0]))
+def test_crowds_that_only_hear_of_each_other_get_away_too(
+    rules: Rules, shape: str, order: str, count: int, closeness: float, seed: int, word_period_s: float
+) -> None:
+    assert_all_got_away(fly_from_a_stand(rules, shape, order, count, closeness, seed, word_period_s), rules)
 
 
 @pytest.mark.parametrize("yaw_rad", [0.0, math.pi / 2, math.pi])

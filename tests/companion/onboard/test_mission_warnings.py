@@ -182,6 +182,24 @@ def test_layers_other_laws_and_vehicles_that_can_stop_need_no_spacing() -> None:
     assert warnings_of(agents=pair(101.0), targets=TWO, threats=[], law="seed") == []
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"detector": "none"}, "detector: 'none': agents know nothing of one another"),
+        ({"detector": "broadcast", "case": "II"}, "detector: 'broadcast' in Case II: agents know nothing"),
+        ({"detector": "broadcast", "broadcast_period_s": 20.0}, "detector: 'broadcast': with broadcast_period_s 20"),
+    ],
+)
+def test_agents_that_know_too_little_of_one_another_are_named(changes: dict[str, Any], words: str) -> None:
+    assert the_warning(agents=pair(8000.0), targets=TWO, threats=[], **changes).startswith(words)
+
+
+@pytest.mark.parametrize("period_s", [0.5, 1.0, 2.0])
+def test_agents_that_hear_of_one_another_often_enough_are_not_warned_of(period_s: float) -> None:
+    told: dict[str, Any] = {"detector": "broadcast", "broadcast_period_s": period_s}
+    assert warnings_of(agents=pair(8000.0), targets=TWO, threats=[], **told) == []
+
+
 def test_a_detector_that_sees_too_late_is_named_with_the_range_it_needs() -> None:
     far = pair(8000.0)
     warning = the_warning(agents=far, targets=TWO, threats=[], detector_range_m=1600.0)
