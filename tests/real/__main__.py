@@ -47,7 +47,9 @@ def main() -> int:
                 print(f"{folder.name}: {'; '.join(judge(job_of(folder), folder)) or 'as wanted'}")
         elif options.command == "beside":
             for folder in _flown(options.folder):
-                fly_beside(folder, job_of(folder))
+                job = job_of(folder)
+                if not job.scenario.events and not job.scenario.refused:
+                    fly_beside(folder, job)
         elif options.command == "table":
             print(table(options.folder), end="")
         else:
