@@ -4,7 +4,8 @@ It checks every input and imports nothing but numpy and the standard library, so
 route or world model cannot reach the vehicle.
 
 Assumptions, each monitored: a command begins to act `reaction_s` after it is given; the vehicle then turns by the
-shorter side at rate_share n g / v until the heading is reached and flies straight; no disc moves faster than its bound;
+shorter side at rate_share n g / v until the heading is reached and flies straight (a heading that leads beyond a step,
+companion/guard/lead.py, is not reached in that step and so changes nothing); no disc moves faster than its bound;
 the wind stays within its bound; reported positions are within their error bound; `check` is called every `dt_s`.
 Theorem: from a certificate "for ever" no disc is ever entered and no fence left, whatever is wanted; from one "until t"
 not before t; "none" says nothing (Verdict.certified_s: infinite, t, 0).
@@ -31,6 +32,7 @@ import numpy as np
 from companion.guard.arcs import Path, Pose, is_clear, pose_at, pose_of, rest_of, seen_from, straight
 from companion.guard.backup import BackupSearch, Flight
 from companion.guard.fence import Fence
+from companion.guard.lead import Turn, commanded_rad
 from companion.guard.threats import ThreatMonitor
 from companion.guard.types import (
     BACKUP,
@@ -142,6 +144,7 @@ class Guard:
             before_m_s = self._vehicle.allowed_m_s(before_m_s)
         changes: list[str] = []
         step, altitude_m = self._vehicle.within_limits(wanted, tip, before_m_s, dt_s, changes)
+        wanted_step = step
         near_m = self._vehicle.reach_m(motion, before_m_s, step, dt_s)
         moving = max(discs.speeds_m_s.tolist(), default=0.0) > 0.0
         if self._fence is None and not moving and min(slack_m, default=math.inf) > near_m:
@@ -157,22 +160,59 @@ class Guard:
             self._rejoin(flight, bool(threats))
             right = self._kept_right(step, flight, changes) if hints.keep_right and not moving else None
             step = right or self._kept_clear(step, flight, self._horizons_s(discs, step.speed_m_s), changes)
-        heading_rad = (tip.heading_rad + step.turn_rad) % math.tau
+        most_rad = self._vehicle.greatest_turn_rad(step.speed_m_s, before_m_s, dt_s)
+        last_rad = self._commands[-1].heading_rad if self._commands else None
+        towards_rad = hints.towards_rad if step is wanted_step else None
+        turn = Turn(tip.heading_rad, step.turn_rad, most_rad, self._motion.heading_rad, last_rad, towards_rad)
+        heading_rad = commanded_rad(turn)
         self._commands.append(Command(self._limits.reaction_s, heading_rad, step.speed_m_s))
         return Verdict(Setpoint(heading_rad, step.speed_m_s, altitude_m), tuple(changes), tuple(broken), self._left_s)
 
     # The reports: what they say of vehicle and discs
 
-    def _elapsed_s(self, now_s: float, dt_s: float) -> float:
-        """Return the time since the last call; after a gap, reset the guard and return 0."""
+    def tip(self, motion: Motion, now_s: float, dt_s: float) -> tuple[Pose, float]:
+        """Return the pose and airspeed at which the next command begins to act, as `check` reckons with this motion.
+
+        The guard's state does not change. The arguments are those of `check`, and finite.
+        """
+        elapsed_s = self._since_s(now_s, dt_s)
+        if elapsed_s is None:
+            return self._vehicle.flown(motion, [], self._limits.reaction_s)
+        motion = self._as_expected(motion, self._expected(elapsed_s))
+        return self._vehicle.flown(motion, self._in_flight(elapsed_s), self._limits.reaction_s)
+
+    def _since_s(self, now_s: float, dt_s: float) -> float | None:
+        """Return the time since the last call; None if there was none, or if it is too long ago to count."""
         elapsed_s = math.inf if self._called_s is None else now_s - self._called_s
         if not 0.0 <= elapsed_s <= GAP_STEPS * dt_s:
+            return None
+        return dt_s if abs(elapsed_s - dt_s) <= CLOCK_TOLERANCE * dt_s else elapsed_s
+
+    def _elapsed_s(self, now_s: float, dt_s: float) -> float:
+        """Return the time since the last call; after a gap, reset the guard and return 0."""
+        elapsed_s = self._since_s(now_s, dt_s)
+        if elapsed_s is None:
             self.reset()
-            elapsed_s = 0.0
-        elif abs(elapsed_s - dt_s) <= CLOCK_TOLERANCE * dt_s:
-            elapsed_s = dt_s
         self._called_s = now_s
-        return elapsed_s
+        return elapsed_s or 0.0
+
+    def _expected(self, elapsed_s: float) -> tuple[Pose, float] | None:
+        """Return the pose and airspeed that the commands lead to after `elapsed_s`; None if there were no commands."""
+        return self._vehicle.flown(self._motion, self._commands, elapsed_s) if self._commands else None
+
+    def _as_expected(self, motion: Motion, expected: tuple[Pose, float] | None) -> Motion:
+        """Return a reported motion; without wind with the expected heading, where that is as good as the reported."""
+        if expected is None or self._limits.wind_m_s > 0.0:
+            return motion
+        heading_rad = expected[0].heading_rad
+        if abs(math.remainder(motion.heading_rad - heading_rad, math.tau)) > HEADING_TOLERANCE_RAD:
+            return motion
+        return Motion(motion.north_m, motion.east_m, heading_rad, motion.speed_m_s)
+
+    def _in_flight(self, elapsed_s: float) -> list[Command]:
+        """Return the commands that act after `elapsed_s` or later, with the times from then on."""
+        moved = [command._replace(starts_s=command.starts_s - elapsed_s) for command in self._commands]
+        return [moved[i] for i in range(len(moved)) if i + 1 == len(moved) or moved[i + 1].starts_s > 0.0]
 
     def _monitored(self, motion: Motion, elapsed_s: float, dt_s: float) -> list[str]:
         """Return the assumptions that the reported motion contradicts, and advance the stored state by `elapsed_s`."""
@@ -183,27 +223,24 @@ class Guard:
             broken.append(WIND)
         if elapsed_s > LATE_SHARE * dt_s:
             broken.append(LATE)
-        heading_rad = motion.heading_rad
-        if self._commands:
-            expected, speed_m_s = self._vehicle.flown(self._motion, self._commands, elapsed_s)
+        expected = self._expected(elapsed_s)
+        if expected is not None:
+            pose, speed_m_s = expected
             change_m_s = abs(speed_m_s - self._motion.speed_m_s)
             turning = limits.braking_m_s2 is None
             if not turning:
                 change_m_s = max(speed_m_s, self._motion.speed_m_s)
-            off_m = math.hypot(motion.north_m - expected.north_m, motion.east_m - expected.east_m)
+            off_m = math.hypot(motion.north_m - pose.north_m, motion.east_m - pose.east_m)
             if off_m > self._vehicle.tolerance_m() + (change_m_s + 2.0 * limits.wind_m_s) * elapsed_s:
                 broken.append(POSITION)
-            off_rad = abs(math.remainder(heading_rad - expected.heading_rad, math.tau))
+            off_rad = abs(math.remainder(motion.heading_rad - pose.heading_rad, math.tau))
             if turning and off_rad > HEADING_TOLERANCE_RAD + COURSE_SHARE * limits.wind_m_s / limits.speed_min_m_s:
                 broken.append(RATE)
-            if limits.wind_m_s == 0.0 and off_rad <= HEADING_TOLERANCE_RAD:
-                heading_rad = expected.heading_rad
             self._along_m += (motion.speed_m_s if limits.wind_m_s > 0.0 else speed_m_s) * elapsed_s
-            moved = [command._replace(starts_s=command.starts_s - elapsed_s) for command in self._commands]
-            self._commands = [moved[i] for i in range(len(moved)) if i + 1 == len(moved) or moved[i + 1].starts_s > 0.0]
+            self._commands = self._in_flight(elapsed_s)
         self._left_s -= elapsed_s
         self._threats.elapse(elapsed_s)
-        self._motion = Motion(motion.north_m, motion.east_m, heading_rad, motion.speed_m_s)
+        self._motion = self._as_expected(motion, expected)
         return broken
 
     def _horizons_s(self, discs: Discs, speed_m_s: float) -> tuple[float, ...]:

@@ -163,6 +163,8 @@ class Hints:
     keep_right: bool = False
     """Whether, as long as the right-hand turning circle is clear, only that circle serves as back-up and replaces a
     refused setpoint: the right of way between vehicles rests on it (docs/separation.md)."""
+    towards_rad: float | None = None
+    """The heading at which the wanted turn ends in later steps: the command does not lead beyond it."""
 
 
 NO_HINTS = Hints()

@@ -94,9 +94,14 @@ def approach_m(speed_m_s: float, pace: Pace) -> float:
 
 
 def led(commanded: Flown, measured: Flown, pace: Pace) -> Flown:
-    """Return the commanded velocity, brought back to where a vehicle that follows it may be behind it."""
+    """Return the commanded velocity, brought back to where a vehicle that follows it may be behind it.
+
+    It may always be a quarter turn ahead of the measured one, or a reversal that has passed through standing still: a
+    vehicle that the wind carries along would otherwise be commanded on by what the wind does.
+    """
     ahead = commanded.vector - measured.vector
     most_m_s = max(SPEED_UP_SHARE * pace.braking_m_s2, pace.sideways_m_s2) * (pace.reaction_s + pace.dt_s + LEAD_S)
+    most_m_s = max(most_m_s, math.sqrt(2.0) * measured.speed_m_s)
     if abs(ahead) <= most_m_s:
         return commanded
     return _flown(measured.vector + ahead * (most_m_s / abs(ahead)), commanded.heading_rad)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from companion.autopilot.adapter import Abilities
-from companion.geo.kinematics import limit_turn
+from companion.geo.kinematics import limit_turn, shorter_turn_rad
 from companion.geo.right_of_way import Rules, interaction_radius_m
 from companion.guard.guard import Guard
+from companion.guard.lead import MOST_LEAD_RAD
 from companion.guard.types import Discs, Hints, Limits, Motion, Setpoint, Verdict
 from companion.guidance.approach import (
     STANDING_M_S,
@@ -224,19 +225,20 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
     if flown is not None and not goal.climbs:
         turned = bounded(flown, wanted, intent.demanded.to_go_m, pace_of(steering.config))
     last = None if limits.reaction_s == 0.0 else in_force
-    at_effect = None if last is None else AtEffect(last.heading_rad, last.speed_m_s)
+    # When this decision begins to act, the vehicle has turned by the last setpoint for the reaction time.
+    from_rad = steering.guard.tip(motion, moment.now_s, dt_s)[0].heading_rad
+    at_effect = None if last is None else AtEffect(from_rad % math.tau, last.speed_m_s)
     steered_rad, speed_m_s, gave_way = _right_of_way(steering, *turned, motion, (around, at_effect))
     if steering.can_stop:
         speed_m_s = min(speed_m_s, moment.speed_share * limits.speed_m_s)
     # The turn is limited at the greatest of the speeds until the end of the step, as the guard does.
     faster_m_s = max(motion.speed_m_s, speed_m_s)
-    from_rad = motion.heading_rad
-    if last is not None:
-        faster_m_s = max(faster_m_s, last.speed_m_s) if steering.can_stop else faster_m_s
-        # When this decision begins to act, the vehicle has turned by the last setpoint for the reaction time.
-        from_rad = limit_turn(from_rad, last.heading_rad, faster_m_s, limits.n_max, limits.reaction_s)[0]
-    heading_rad, limited = limit_turn(from_rad, steered_rad, faster_m_s, limits.n_max, dt_s)
+    if last is not None and steering.can_stop:
+        faster_m_s = max(faster_m_s, last.speed_m_s)
+    aim_rad = steered_rad if in_force is None else _by_the_side_begun(from_rad, steered_rad, in_force.heading_rad)
+    heading_rad, limited = limit_turn(from_rad, aim_rad, faster_m_s, limits.n_max, dt_s)
     setpoint = Setpoint(heading_rad, speed_m_s, steering.config.height_m)
+    towards_rad = wanted.heading_rad if gave_way is None else steered_rad
     return Steered(
         purpose=intent.purpose,
         reason=intent.reason,
@@ -249,7 +251,7 @@ def steer(steering: Steering, goal: Goal, moment: Moment, before: Engagement) ->
         gave_way=gave_way,
         unseparated=None if around is None else around.unseparated,
         turn_limited=limited or turned.heading_rad != wanted.heading_rad,
-        verdict=_guarded(steering, setpoint, moment, intent.demanded.demand, crowded),
+        verdict=_guarded(steering, setpoint, moment, intent.demanded.demand, crowded, towards_rad),
     )
 
 
@@ -391,6 +393,17 @@ def _right_of_way(
     return given.heading_rad, speed_m_s, f"{given.reason} ({around.name(given.peer)})"
 
 
+def _by_the_side_begun(from_rad: float, wanted_rad: float, commanded_rad: float) -> float:
+    """Return the heading to turn to: the wanted one or, if that is by the other side than was begun, a quarter turn.
+
+    A vehicle that hardly answers stays opposite to what it wants, where the shorter side changes with every report.
+    """
+    turn_rad, begun_rad = shorter_turn_rad(from_rad, wanted_rad), shorter_turn_rad(commanded_rad, wanted_rad)
+    if abs(turn_rad) <= MOST_LEAD_RAD or turn_rad * begun_rad >= 0.0:
+        return wanted_rad
+    return from_rad + math.copysign(MOST_LEAD_RAD, begun_rad)
+
+
 def discs_of(view: View, keep_out: Literal["attack", "detection"]) -> Discs:
     """Return the keep-out discs of a view: those of the threats' attack or of their detection radii."""
     return Discs(
@@ -403,12 +416,14 @@ def discs_of(view: View, keep_out: Literal["attack", "detection"]) -> Discs:
     )
 
 
-def _guarded(steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool) -> Verdict:
+def _guarded(
+    steering: Steering, wanted: Setpoint, moment: Moment, demand: SteeringDemand, crowded: bool, towards_rad: float
+) -> Verdict:
     view = moment.view
     discs = discs_of(view, steering.config.keep_out)
     route = () if demand.route is None else demand.route.pieces
     dt_s = steering.config.guidance_step_s
-    hints = Hints(route, keep_right=crowded)
+    hints = Hints(route, keep_right=crowded, towards_rad=towards_rad)
     verdict = steering.guard.check(wanted, moment.motion, discs, moment.now_s, dt_s, hints)
     # A path that is clear of all discs heard of is certified only if no other is still to be heard of.
     return verdict if view.whole else replace(verdict, certified_s=0.0)
