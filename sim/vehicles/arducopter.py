@@ -15,10 +15,10 @@ from functools import partial
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.geo.kinematics import GRAVITY_M_S2, shorter_turn_rad
-from sim.vehicles.ardupilot import ACCEPTED, DENIED, FAILED, UNSUPPORTED, ArduPilot, changes_mode
+from sim.vehicles.ardupilot import ACCEPTED, BATTERY_PARAMETERS, DENIED, FAILED, UNSUPPORTED, ArduPilot, changes_mode
 from sim.vehicles.copter_control import Bounds, CopterControl, drag_m_s2, lean_m_s2
 from sim.vehicles.craft import Answer, Command, Message, Parameter, Start, Surroundings
-from sim.vehicles.modes import ARMABLE_MODES, BRAKE, COPTER_MODES, GUIDED, LAND, RTL, STABILIZE, STICK_MODES
+from sim.vehicles.modes import ARMABLE_MODES, BRAKE, COPTER_MODES, GUIDED, LAND, LOITER, RTL, STABILIZE, STICK_MODES
 from sim.vehicles.setpoint import SANE_POSITION_M, Setpoint, clip, global_place_m, rotated, understood
 
 _JERK_M_S3 = 5.0
@@ -28,6 +28,12 @@ _BRAKE_M_S2 = 7.5
 _CONTROL_STEP_S = 0.01
 """Greatest time between two turns of the horizontal controller. The autopilot takes 400 a second; with steps of 0.01 s
 the figures are within 2 % of those."""
+_EKF_FAILSAFE_S = 8.0
+"""Time without a GPS fix after which the EKF failsafe lands the copter (measured)."""
+_EKF_LANDS = frozenset({1.0, 3.0})
+"""Values of FS_EKF_ACTION that land (parameter reference)."""
+_POSITION_MODES = frozenset({GUIDED, LOITER, RTL, BRAKE})
+"""Modes that need a position."""
 _CLIMB_M_S = 2.5
 _DESCENT_M_S = 1.5
 """Greatest climb and descent rate, except in the modes that are flown by sticks."""
@@ -71,6 +77,8 @@ class ArduCopter(ArduPilot):
         Parameter("FS_GCS_ENABLE", 0.0, 0.0, 7.0),
         Parameter("WPNAV_SPEED", 1000.0, 10.0, 2000.0),
         Parameter("PSC_JERK_XY", _JERK_M_S3, 1.0, 20.0),
+        *BATTERY_PARAMETERS,
+        Parameter("FS_EKF_ACTION", 1.0, 0.0, 3.0),
         Parameter("FENCE_ENABLE", 0.0, 0.0, 1.0),
         Parameter("FENCE_ACTION", 1.0, 0.0, 5.0),
         Parameter("ADSB_TYPE", 0.0, 0.0, 4.0),
@@ -82,6 +90,7 @@ class ArduCopter(ArduPilot):
     stick_modes = STICK_MODES
     return_mode = RTL
     armable = ARMABLE_MODES
+    battery_modes = {1: LAND, 2: RTL, 3: RTL, 4: LAND}
     gcs_failsafe = "FS_GCS_ENABLE"
 
     def __init__(self, start: Start) -> None:
@@ -91,6 +100,7 @@ class ArduCopter(ArduPilot):
         self._takeoff_altitude_m: float | None = None
         self._control: CopterControl | None = None
         """The horizontal controller; None until the first step in the air, and on the ground."""
+        self._fix_lost_at_s: float | None = None
         self._commands |= {
             mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
             mavlink.MAV_CMD_NAV_LAND: partial(self._change, LAND),
@@ -131,6 +141,20 @@ class ArduCopter(ArduPilot):
             self._fly(False, around, now_s + dt_s - expires_s)
         else:
             self._fly(now_s < expires_s, around, dt_s)
+
+    def watch(self, now_s: float, has_fix: bool, battery_v: float, around: Surroundings) -> None:
+        """Do what the battery's failsafe says; without a GPS fix for _EKF_FAILSAFE_S land, in a mode that needs it."""
+        super().watch(now_s, has_fix, battery_v, around)
+        if has_fix:
+            self._fix_lost_at_s = None
+            return
+        if self._fix_lost_at_s is None:
+            self._fix_lost_at_s = now_s
+        acts = self.values["FS_EKF_ACTION"] in _EKF_LANDS and self.mode in _POSITION_MODES
+        if acts and self.armed and self.in_air and now_s - self._fix_lost_at_s >= _EKF_FAILSAFE_S:
+            self._enter(LAND, around)
+            self.failsafe = True
+            self.texts.append("EKF Failsafe: changed to LAND Mode")
 
     def _expires_s(self) -> float:
         if self._setpoint is None:

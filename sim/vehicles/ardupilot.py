@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -28,6 +29,24 @@ ACCEPTED = Answer((mavlink.MAV_RESULT_ACCEPTED,))
 DENIED = Answer((mavlink.MAV_RESULT_DENIED,))
 FAILED = Answer((mavlink.MAV_RESULT_FAILED,))
 UNSUPPORTED = Answer((mavlink.MAV_RESULT_UNSUPPORTED,))
+
+BATTERY_LOW_AFTER_S = 10.0
+"""Time below BATT_LOW_VOLT before the battery counts as low: BATT_LOW_TIMER's default (code)."""
+BATTERY_PARAMETERS = (Parameter("BATT_LOW_VOLT", 10.5, 0.0, 100.0), Parameter("BATT_FS_LOW_ACT", 0.0, 0.0, 10.0))
+"""Parameters of the battery's failsafe, with ArduCopter's defaults (code); the voltage 0 turns it off."""
+
+
+@dataclass(slots=True)
+class _Times:
+    """When what an autopilot watches by time began or was last seen."""
+
+    ready_s: float | None = None
+    """When start-up ends; None: it has ended."""
+    ground_station_s: float | None = None
+    """When the ground station was last heard; None: not yet."""
+    battery_low_s: float | None = None
+    """When the battery fell below BATT_LOW_VOLT; infinity once that had its effect."""
+
 
 OnCommand = Callable[[Command, Surroundings, float], Answer]
 """Handler of a command, given the surroundings and the time in seconds."""
@@ -54,6 +73,8 @@ class ArduPilot:
     """The modes that are flown by the pilot's sticks."""
     return_mode: int
     armable: frozenset[int]
+    battery_modes: Mapping[int, int]
+    """The mode to which a low battery leads, by BATT_FS_LOW_ACT; no mode is changed by others, such as 0."""
     gcs_failsafe: str
     """The name of the parameter that enables the ground station failsafe when it is not 0."""
 
@@ -67,8 +88,8 @@ class ArduPilot:
         self.mode = self.guided_mode if start.guided else self.holding_mode if start.in_air else self.first_mode
         self.values = {parameter.name: parameter.default for parameter in self.parameters}
         self.texts: list[str] = []
-        self._ready_at_s: float | None = None
-        self._ground_station_at_s: float | None = None
+        self.warned = False
+        self._times = _Times()
         self._commands: dict[int, OnCommand] = {
             mavlink.MAV_CMD_DO_SET_MODE: self._do_set_mode,
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_disarm,
@@ -96,36 +117,53 @@ class ArduPilot:
     def heartbeat_heard(self, system: int, component: int, mav_type: int, now_s: float) -> None:
         """Note when the ground station was last heard; only a mode change ends its failsafe, not a new heartbeat."""
         if system == GROUND_STATION_SYSTEM:
-            self._ground_station_at_s = now_s
+            self._times.ground_station_s = now_s
+
+    def watch(self, now_s: float, has_fix: bool, battery_v: float, around: Surroundings) -> None:
+        """Latch the warning of a low battery, and do what BATT_FS_LOW_ACT says of it."""
+        if battery_v > self.values.get("BATT_LOW_VOLT", 0.0) or not self.armed:
+            if self._times.battery_low_s != math.inf:
+                self._times.battery_low_s = None
+            return
+        if self._times.battery_low_s is None:
+            self._times.battery_low_s = now_s
+        if now_s - self._times.battery_low_s < BATTERY_LOW_AFTER_S:
+            return
+        self._times.battery_low_s = math.inf
+        self.texts += [f"Battery 1 is low {battery_v:.2f}V used 0 mAh", "Battery Failsafe"]
+        mode = self.battery_modes.get(int(self.values["BATT_FS_LOW_ACT"]))
+        if mode is not None and self.in_air:
+            self._enter(mode, around)
+        self.warned = True
 
     def reboot(self, now_s: float) -> None:
         """Restart in the first mode without setpoints; a vehicle in the air stays armed, as after a watchdog reset."""
         self.mode = self.first_mode
-        self.failsafe = False
-        self._ground_station_at_s = None
+        self.failsafe = self.warned = False
+        self._times = _Times()
         self._forget()
         self.boot(now_s)
 
     def boot(self, now_s: float) -> None:
         """Begin start-up: until the vehicle is ready, a mode that is set is acknowledged, and then lost."""
-        self._ready_at_s = now_s + READY_AFTER_S
+        self._times.ready_s = now_s + READY_AFTER_S
 
     @property
     def ready(self) -> bool:
         """Whether start-up has ended, so that the vehicle can be armed."""
-        return self._ready_at_s is None
+        return self._times.ready_s is None
 
     def _forget(self) -> None:
         """Drop the setpoints and targets of the mode that ends."""
 
     def _mind_time(self, now_s: float, around: Surroundings) -> None:
         """Do what is due by time alone: end start-up, and trigger the ground station failsafe."""
-        if self._ready_at_s is not None and now_s >= self._ready_at_s:
-            self._ready_at_s = None
+        if self._times.ready_s is not None and now_s >= self._times.ready_s:
+            self._times.ready_s = None
             if self.mode != self.first_mode:
                 self._enter(self.first_mode, around)
             self.texts.append(READY_TEXT)
-        heard_s = self._ground_station_at_s
+        heard_s = self._times.ground_station_s
         if (
             heard_s is not None
             and now_s - heard_s > GCS_TIMEOUT_S

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.geo.air_density import true_per_indicated
 from companion.geo.kinematics import GRAVITY_M_S2, shorter_turn_rad
-from sim.vehicles.ardupilot import ACCEPTED, DENIED, FAILED, UNSUPPORTED, ArduPilot, changes_mode
+from sim.vehicles.ardupilot import ACCEPTED, BATTERY_PARAMETERS, DENIED, FAILED, UNSUPPORTED, ArduPilot, changes_mode
 from sim.vehicles.craft import Answer, Command, Message, Parameter, Start, Surroundings
 from sim.vehicles.fixed_wing import Airframe, FixedWing, climb_towards_m_s, loiter_course_rad
 from sim.vehicles.setpoint import ABSOLUTE_FRAMES, RELATIVE_FRAMES, SANE_POSITION_M, clip, global_place_m
@@ -120,6 +120,7 @@ class ArduPlane(ArduPilot):
         Parameter("TKOFF_ALT", 50.0, 0.0, 200.0),
         Parameter("FS_GCS_ENABL", 0.0, 0.0, 3.0),
         Parameter("FS_LONG_ACTN", 0.0, 0.0, 4.0),
+        *BATTERY_PARAMETERS,
         Parameter("FENCE_ENABLE", 0.0, 0.0, 1.0),
         Parameter("FENCE_ACTION", 0.0, 0.0, 6.0),
         Parameter("ADSB_TYPE", 0.0, 0.0, 4.0),
@@ -131,6 +132,7 @@ class ArduPlane(ArduPilot):
     stick_modes = _STICK_MODES
     return_mode = RTL
     armable = frozenset({MANUAL, STABILIZE, FBWA, FBWB, CRUISE, TAKEOFF, GUIDED})
+    battery_modes = {1: RTL}
     gcs_failsafe = "FS_GCS_ENABL"
 
     def __init__(self, start: Start) -> None:

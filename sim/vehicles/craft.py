@@ -142,6 +142,8 @@ class Craft(Protocol):
     in_air: bool
     failsafe: bool
     """Whether a failsafe is active: HEARTBEAT's state is then MAV_STATE_CRITICAL."""
+    warned: bool
+    """Whether a warning that changes no mode is latched: HEARTBEAT's state is then MAV_STATE_CRITICAL too."""
     texts: list[str]
     """Texts that wait to be sent to everybody as STATUSTEXT of severity info; the stand-in sends and removes them."""
 
@@ -181,6 +183,10 @@ class Craft(Protocol):
 
     def step(self, now_s: float, dt_s: float, around: Surroundings) -> None:
         """Advance motion and mode logic from `now_s` to `now_s + dt_s`; `dt_s` is at most `longest_step_s`."""
+        ...
+
+    def watch(self, now_s: float, has_fix: bool, battery_v: float, around: Surroundings) -> None:
+        """Take what the autopilot's failsafes watch: whether the GPS receiver has a fix, and the battery's voltage."""
         ...
 
     def reboot(self, now_s: float) -> None:

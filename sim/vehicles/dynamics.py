@@ -92,6 +92,7 @@ class FlightDynamics:
             self.craft.step(self.now_s, until_s - self.now_s, around)
             self.now_s = until_s
             self.sensors.remember(self.craft.body, until_s)
+            self.craft.watch(until_s, self.sensors.has_fix, self.battery.voltage_mv() / 1000.0, around)
         self._geodetic = None
 
     def surroundings(self) -> Surroundings:

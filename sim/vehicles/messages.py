@@ -119,7 +119,7 @@ class MessageEncoder:
 
     def _heartbeat(self, t_s: float) -> Message:
         state = mavlink.MAV_STATE_ACTIVE if self._craft.in_air else mavlink.MAV_STATE_STANDBY
-        if self._craft.failsafe:
+        if self._craft.failsafe or self._craft.warned:
             state = mavlink.MAV_STATE_CRITICAL
         return self._mav.heartbeat_encode(
             self._craft.mav_type, self._craft.mav_autopilot, self._craft.base_mode(), self._craft.mode, state

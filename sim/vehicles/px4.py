@@ -264,6 +264,8 @@ class Px4:
     """PX4 sends HEARTBEAT once a second in any case, so a changed mode shows up to a second late."""
     ready = True
     """Start-up is modelled for the ArduPilot kinds alone."""
+    warned = False
+    """PX4's warnings do not change HEARTBEAT's state."""
     longest_step_s: float
     reaction_s: float
     """Dead time from a setpoint to its first effect."""
@@ -329,6 +331,9 @@ class Px4:
     def heartbeat_heard(self, system: int, component: int, mav_type: int, now_s: float) -> None:
         """Ignore a heartbeat: the data link loss failsafe (NAV_DLL_ACT) is off by default and not modelled."""
 
+    def watch(self, now_s: float, has_fix: bool, battery_v: float, around: Surroundings) -> None:
+        """Ignore fix and battery: a kind for which the failsafe was measured overrides this."""
+
     def reboot(self, now_s: float) -> None:
         """Restart in HOLD without setpoints; a vehicle in the air stays armed (chosen)."""
         self._stream.forget()
@@ -347,13 +352,19 @@ class Px4:
             elif self._stream.is_old_enough():
                 self._stream.is_awaited = False
                 self._intended = OFFBOARD
-        self.failsafe = self.armed and self._intended == OFFBOARD and self._stream_lost(now_s)
         mode = self._intended
+        self.failsafe = self.armed and self._intended == OFFBOARD and self._stream_lost(now_s)
         if self.failsafe:
             mode = _LOSS_MODES.get(int(self.values["COM_OBL_RC_ACT"]), HOLD)
+        if self.armed and self._is_blind(now_s):
+            self.failsafe, mode = True, LAND
         if mode != self.mode:
             self._fly_mode(mode)
         self._mind_ground(now_s)
+
+    def _is_blind(self, now_s: float) -> bool:
+        """Return whether the autopilot has no position to fly by; a kind for which it was measured overrides this."""
+        return False
 
     def _mind_ground(self, now_s: float) -> None:
         if self.in_air or not self.armed:

@@ -8,6 +8,7 @@ this size, 1 is what the simulator comes with, and makes the copter turn and sto
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -21,8 +22,6 @@ from sim.vehicles.setpoint import clip, rotated
 _REACTION_S = 0.1
 """Dead time of a setpoint. With it, SIH_KDV 0.2 and the controller's own gains the measured steps (0 to 5 m/s, 0 to 10
 m/s and back) hold within 0.2 m/s."""
-_MASS_KG = 1.0
-"""SIH_MASS (code, default)."""
 _SINK_WITHOUT_STICK_M_S = 0.7
 """Sink rate in POSITION, the mode that COM_OBL_RC_ACT 0 chooses, without radio control."""
 _POSITION_GAIN_1_S = 0.95
@@ -39,6 +38,8 @@ _TAKE_OFF_DONE_M = 0.1
 """Height below the take-off altitude at which a take-off is complete."""
 _STEP_S = 0.05
 """Longest step of the motion."""
+_BLIND_AFTER_S, _SEES_AFTER_S = 6.0, 3.0
+"""Time without a GPS fix after which it lands, and with one again after which it goes back to its mode (measured)."""
 _CONTROL_STEPS = 2
 """Number of turns of the velocity controller in each step of the motion."""
 
@@ -62,7 +63,15 @@ _PARAMETERS = (
     Parameter("RTL_DESCEND_ALT", 30.0, 0.0, 100.0),
     Parameter("RTL_RETURN_ALT", 60.0, 0.0, 150.0),
     Parameter("SIH_KDV", 0.2, 0.0, 10.0),
+    Parameter("SIH_MASS", 1.0, 0.1, 100.0),
 )
+
+
+class _Fix(NamedTuple):
+    """Whether there is a GPS fix, and since when."""
+
+    is_there: bool = True
+    since_s: float = -math.inf
 
 
 class Px4Copter(Px4):
@@ -82,8 +91,20 @@ class Px4Copter(Px4):
         self._wanted_m_s = (start.body.velocity_north_m_s, start.body.velocity_east_m_s)
         self._stop_m: tuple[float, float] | None = None
         """Place at which a stop ends; None: no stop is under way."""
+        self._fix = _Fix()
         self._has_climbed = False
         """Whether RETURN has climbed to the height at which it flies home."""
+
+    def watch(self, now_s: float, has_fix: bool, battery_v: float, around: Surroundings) -> None:
+        """Note since when there is a GPS fix, or none."""
+        if has_fix != self._fix.is_there:
+            # A gap that was too short to blind it leaves nothing to wait for.
+            was_blind = self._is_blind(now_s)
+            self._fix = _Fix(has_fix, now_s if was_blind or not has_fix else -math.inf)
+
+    def _is_blind(self, now_s: float) -> bool:
+        elapsed_s = now_s - self._fix.since_s
+        return elapsed_s < _SEES_AFTER_S if self._fix.is_there else elapsed_s >= _BLIND_AFTER_S
 
     def blow(self, wind_m_s: tuple[float, float]) -> None:
         """Change nothing at once: the velocity over the ground changes only as the drag acts."""
@@ -119,7 +140,7 @@ class Px4Copter(Px4):
 
     def _fly(self, dt_s: float, around: Surroundings) -> None:
         velocity, wind = complex(self.body.velocity_north_m_s, self.body.velocity_east_m_s), complex(*around.wind_m_s)
-        drag_1_s = self.values["SIH_KDV"] / _MASS_KG
+        drag_1_s = self.values["SIH_KDV"] / self.values["SIH_MASS"]
         if self._control is None:
             self._control = Px4Control((velocity - wind) * drag_1_s)
         before, asked = self._wanted_m_s, None

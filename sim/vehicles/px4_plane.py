@@ -1,7 +1,8 @@
 """A plane with PX4: its response to OFFBOARD setpoints, and what it does when they stop.
 
 As measured on PX4 v1.16.1 at 15 m/s (docs/autopilots.md). "(chosen)" marks what was neither measured nor read. A
-setpoint steers the plane only if it has a position. Turns are limited by the bank alone.
+setpoint steers the plane only if it has a position. Turns are limited by the bank alone. With SIH_T_MAX 6, as the
+simulator's airplane comes, it reaches 13.6 m/s indicated and flies too low; here it has the thrust for its speeds.
 
 Not modelled: the approach to a landing (the plane circles down), the roll on the runway, stall.
 """
@@ -13,7 +14,7 @@ import math
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.geo.air_density import true_per_indicated
-from companion.geo.kinematics import shorter_turn_rad
+from companion.geo.kinematics import GRAVITY_M_S2, shorter_turn_rad
 from sim.vehicles import px4
 from sim.vehicles.craft import Parameter, Start, Surroundings
 from sim.vehicles.fixed_wing import Airframe, FixedWing, climb_towards_m_s, loiter_course_rad
@@ -50,6 +51,13 @@ _TAKE_OFF_SPEED_M_S = 1.0
 """Airspeed with which the plane is launched by hand."""
 _LAND_SINK_M_S = 1.5
 """Sink rate in LAND (chosen)."""
+_STOCK_THRUST_N = 6.0
+"""SIH_T_MAX of the simulator's airplane, as it comes (code)."""
+_STOCK_FASTEST_M_S = 13.6
+"""Greatest indicated airspeed with _STOCK_THRUST_N: measured 13.5 to 13.6 m/s where 15 and 18 were asked for. It grows
+with the root of the thrust, as the drag with the square of the speed."""
+_THRUST_N = 13.0
+"""Default of SIH_T_MAX here: enough for FW_AIRSPD_MAX."""
 _STEP_S = 0.05
 """Longest step of the motion."""
 
@@ -65,6 +73,7 @@ _PARAMETERS = (
     Parameter("NAV_LOITER_RAD", 80.0, 25.0, 1000.0),
     Parameter("RTL_DESCEND_ALT", 30.0, 0.0, 100.0),
     Parameter("RTL_RETURN_ALT", 60.0, 0.0, 150.0),
+    Parameter("SIH_T_MAX", _THRUST_N, 0.5, 100.0),
 )
 
 
@@ -101,12 +110,18 @@ class Px4Plane(Px4):
             self.in_air = True
             self.body.airspeed_m_s = max(self.body.airspeed_m_s, _TAKE_OFF_SPEED_M_S)
         bank_rad, climb_m_s = self._wanted(around)
-        speed_m_s = self.values["FW_AIRSPD_TRIM"]
-        if self._hold.speed_m_s is not None:
-            speed_m_s = clip(self._hold.speed_m_s, self.values["FW_AIRSPD_MIN"], self.values["FW_AIRSPD_MAX"])
+        speed_m_s = min(self._asked_speed_m_s(), self._fastest_m_s())
         self._wing.fly(bank_rad, speed_m_s, climb_m_s, around.wind_m_s, dt_s)
         if self.body.altitude_m <= around.home.altitude_m and self.body.climb_m_s <= 0.0:
             self._touch_down(around.home)
+
+    def _asked_speed_m_s(self) -> float:
+        if self._hold.speed_m_s is None:
+            return self.values["FW_AIRSPD_TRIM"]
+        return clip(self._hold.speed_m_s, self.values["FW_AIRSPD_MIN"], self.values["FW_AIRSPD_MAX"])
+
+    def _fastest_m_s(self) -> float:
+        return _STOCK_FASTEST_M_S * math.sqrt(self.values["SIH_T_MAX"] / _STOCK_THRUST_N)
 
     def _wanted(self, around: Surroundings) -> tuple[float, float]:
         """Return the bank (rad) and the climb rate (m/s) that the mode demands."""
@@ -184,8 +199,15 @@ class Px4Plane(Px4):
         return clip(bank_rad, -limit_rad, limit_rad)
 
     def _climb_to(self, altitude_m: float) -> float:
+        """Return the climb rate towards an altitude, less the height that the autopilot gives for lacking airspeed.
+
+        TECS controls height and airspeed by their energies' sum and difference (code): at full thrust the plane flies
+        as much lower as its airspeed is too low, 77.3 m where 80 are asked for with 13.6 m/s where 15 are (measured).
+        """
+        asked_m_s, fastest_m_s = self._asked_speed_m_s(), self._fastest_m_s()
+        lacking_m2_s2 = max(asked_m_s**2 - fastest_m_s**2, 0.0) * true_per_indicated(self.body.altitude_m) ** 2
         return climb_towards_m_s(
-            altitude_m - self.body.altitude_m,
+            altitude_m - 0.5 * lacking_m2_s2 / GRAVITY_M_S2 - self.body.altitude_m,
             _ALTITUDE_GAIN_1_S,
             self.values["FW_T_CLMB_R_SP"],
             self.values["FW_T_SINK_R_SP"],

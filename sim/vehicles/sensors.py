@@ -61,6 +61,11 @@ class Sensors:
         """Whether the estimate equals the truth: no noise, no delay, and a fix."""
         return self.noise_m == 0.0 and self.delay_s == 0.0 and self._lost_at_s is None
 
+    @property
+    def has_fix(self) -> bool:
+        """Whether the receiver has a fix."""
+        return self._lost_at_s is None
+
     def lose_fix(self, lost: bool, now_s: float) -> None:
         """Make the receiver lose its fix at `now_s`, or find it again."""
         if lost != (self._lost_at_s is not None):

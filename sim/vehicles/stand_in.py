@@ -184,6 +184,15 @@ class StandIn:
         """Make the GPS receiver lose its fix, so that positions drift away from the truth; or find it again."""
         self.sensors.lose_fix(lost, self._dynamics.now_s)
 
+    def warn(self, text: str) -> None:
+        """Latch a warning that changes no mode, as "Radio Failsafe - Continuing Guided Mode": HEARTBEAT is CRITICAL.
+
+        It lasts until the autopilot is rebooted. `text` is sent as STATUSTEXT. PX4 has no such state, and ignores it.
+        """
+        if self.craft.mav_autopilot != mavlink.MAV_AUTOPILOT_PX4:
+            self.craft.warned = True
+            self.craft.texts.append(text)
+
     def reboot(self, t_s: float) -> None:
         """Reboot the autopilot: it is silent for a while, its clock restarts at 0, mode and setpoints are lost."""
         self.step_to(t_s)

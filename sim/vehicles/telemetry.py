@@ -149,11 +149,11 @@ class Telemetry:
         """Return the frame of a STATUSTEXT; a longer text is cut to 50 bytes."""
         return self._sender.pack(self._sender.mav.statustext_encode(severity, text.encode()[:_TEXT_BYTES]))
 
-    def heartbeat_state(self) -> tuple[int, bool, bool]:
-        """Return the state whose change is announced by a HEARTBEAT at once: mode, armed, failsafe."""
-        return self._craft.mode, self._craft.armed, self._craft.failsafe
+    def heartbeat_state(self) -> tuple[int, bool, bool, bool]:
+        """Return the state whose change is announced by a HEARTBEAT at once: mode, armed, failsafe, warned."""
+        return self._craft.mode, self._craft.armed, self._craft.failsafe, self._craft.warned
 
-    def announce_change(self, before: tuple[int, bool, bool], t_s: float) -> list[bytes]:
+    def announce_change(self, before: tuple[int, bool, bool, bool], t_s: float) -> list[bytes]:
         """Return a heartbeat if the state changed since `before`, and make the streamed one due as well.
 
         The returned one goes to the link that the change came from, the streamed one to all.

@@ -59,6 +59,8 @@ class Flight:
         """What happened, with its Unix time: the hand-over and each event."""
         self._load: list[float] = []
         self._relay_due_s = 0.0
+        self._turned_s = math.inf
+        self._pause_s = 0.0
         self._first_instance = first_instance() if kind.firmware == "PX4" else 0
         keygen(folder / "keys")
         (folder / "mission.yaml").write_text(dump_mission(self.mission), encoding="utf-8")
@@ -138,6 +140,7 @@ class Flight:
         # ArduCopter waits in a mode of its own until now; PX4 takes OFFBOARD once setpoints stream.
         self._until(self._hand_over, READY_PATIENCE_S, "guided", sensor.look)
         self._note("handed over")
+        self._pause_s = 0.0
         due = [(self.notes[-1][0] + event.after_s, event) for event in self.scenario.events]
         watch = _Watch(self.mission, self.scenario, self.kind, self.notes[-1][0])
         while not watch.over(self.vehicles):
@@ -166,6 +169,7 @@ class Flight:
             vehicle.drain()
 
     def _turn(self, look: Callable[[], None] = lambda: None) -> None:
+        self._pause_s = max(self._pause_s, time.monotonic() - self._turned_s)
         for vehicle in self.vehicles.values():
             vehicle.poll()
             if not vehicle.program.runs:
@@ -174,6 +178,7 @@ class Flight:
                 raise GroundFailure("this PX4's simulator has no wind: SIH_WIND_N is unknown to it")
         look()
         self._relay()
+        self._turned_s = time.monotonic()
         time.sleep(POLL_S)
 
     def _relay(self) -> None:
@@ -230,6 +235,7 @@ class Flight:
             "begin_unix_s": begin_s,
             "notes": self.notes,
             "load": max(self._load),
+            "pause_s": round(self._pause_s, 3),
             "modes": {agent_id: vehicle.modes for agent_id, vehicle in self.vehicles.items()},
             "heights_m": {
                 agent_id: [

@@ -95,6 +95,8 @@ class Figures:
     events: tuple[EventFigures, ...]
     load: float
     """Greatest load average of the computer while it was flown."""
+    pause_s: float
+    """Longest time for which this lane itself, which asks for 0.02 s, was not run: what the computer was late by."""
     said: str
     """What agent 1's companion said last of what it does."""
 
@@ -138,6 +140,7 @@ def figures_of(folder: Path) -> Figures:
             for event, until in zip(events[:-1], events[1:], strict=True)
         ),
         load=record["load"],
+        pause_s=record["pause_s"],
         said=_last_line(folder / "companion-1.log"),
     )
 

@@ -22,7 +22,7 @@ _COLUMNS = (
     "then at most, and at the end at most (m) from the target",
     "stands after (s)",
     "holds within (m)",
-    "longest gap (s)",
+    "longest gap (s), pause of the computer",
     "not as wanted",
 )
 _EVENT_COLUMNS = (
@@ -80,7 +80,7 @@ def _row(flight: dict[str, Any]) -> str:
         ),
         _each(agents, lambda agent: _number(agent["stands_after_s"])),
         _each(agents, lambda agent: _number(agent["held_within_m"])),
-        _each(agents, lambda agent: _number(agent["gap_s"])),
+        _each(agents, lambda agent: _number(agent["gap_s"])) + f" ({flight['pause_s']:.2f})",
         "; ".join(flight["broken"]),
     ]
     return f"| {' | '.join(cells)} |\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +90,7 @@ def flown(folder: Path, *, drift_m_s: float = 0.0) -> Figures:
     writer.close()
     (folder / "companion-1.log").write_text("1.0 companion: loiter\n")
     record = {
-        "scenario": "discs", "kind": "arducopter", "begin_unix_s": BEGIN_S, "load": 1.0,
+        "scenario": "discs", "kind": "arducopter", "begin_unix_s": BEGIN_S, "load": 1.0, "pause_s": 0.03,
         "notes": [(BEGIN_S, "ready"), (BEGIN_S + 2.0, "handed over"), (BEGIN_S + 129.0, "over")],
         "modes": {"1": [(BEGIN_S + 2.0, 4)]}, "heights_m": {"1": [29.5, 30.5]},
     }  # fmt: skip
@@ -145,6 +146,14 @@ def test_a_configuration_is_the_packaged_one_of_its_kind_but_for_the_flights_lin
     assert content["staleness"] == {
         "coasting_after_s": 15, "loitering_after_s": 8, "blind_after_s": 300, "recover_after_s": 1,
     }  # fmt: skip
+
+
+def test_a_gap_is_not_the_companions_fault_while_the_computer_itself_stood_still(tmp_path: Path) -> None:
+    figures = flown(tmp_path)
+    late = replace(figures, agents=(replace(figures.agents[0], gap_s=0.8),))
+    assert any(line.startswith("gap_s") for line in broken_bounds(late, Job(CALM, "arducopter")))
+    stood = replace(late, pause_s=0.4)
+    assert not any(line.startswith("gap_s") for line in broken_bounds(stood, Job(CALM, "arducopter")))
 
 
 def test_the_page_says_what_each_scenario_shows() -> None:

@@ -18,7 +18,7 @@ from companion.autopilot.telemetry import COMPANION_COMPONENT
 from sim.vehicles.ardupilot import READY_TEXT
 from tests.sim.vehicles.pilot import GROUND_M, HEIGHT_M, NAN, Pilot
 
-STABILIZE, GUIDED, LOITER, RTL, BRAKE = 0, 4, 5, 6, 17
+STABILIZE, GUIDED, LOITER, RTL, LAND, BRAKE = 0, 4, 5, 6, 9, 17
 ACCEPTED = [common.MAV_RESULT_ACCEPTED]
 DO_SET_MODE = common.MAV_CMD_DO_SET_MODE
 
@@ -283,6 +283,71 @@ def brake_holds() -> bool:
     return pilot.height_m == HEIGHT_M and pilot.speed_m_s < 0.01
 
 
+def status(pilot: Pilot) -> int:
+    """Return the state in the newest heartbeat."""
+    return int([message for message in pilot.told if message.get_type() == "HEARTBEAT"][-1].system_status)
+
+
+def obeys(pilot: Pilot) -> bool:
+    """Return whether it still reaches a velocity that is asked for."""
+    pilot.wait(8.0, lambda: pilot.velocity(0.0, 5.0))
+    return bool(abs(pilot.vehicle.ground_velocity_m_s[1] - 5.0) < 0.1)
+
+
+def lands_without_gps() -> bool:
+    pilot = copter()
+    pilot.wait(2.0, lambda: pilot.velocity(5.0, 0.0))
+    pilot.vehicle.lose_gps(True)
+    pilot.wait(7.8, lambda: pilot.velocity(5.0, 0.0))
+    before = pilot.vehicle.mode, status(pilot)
+    pilot.wait(0.5, lambda: pilot.velocity(5.0, 0.0))
+    landing = pilot.vehicle.mode, status(pilot), pilot.texts()
+    pilot.vehicle.lose_gps(False)
+    pilot.wait(10.0, lambda: pilot.velocity(5.0, 0.0))
+    stays = pilot.vehicle.mode == LAND and pilot.height_m < HEIGHT_M - 10.0
+    told = ["EKF Failsafe: changed to LAND Mode"]
+    return before == (GUIDED, common.MAV_STATE_ACTIVE) and landing == (LAND, common.MAV_STATE_CRITICAL, told) and stays
+
+
+def goes_on_after_a_short_loss_of_gps() -> bool:
+    pilot = copter()
+    pilot.vehicle.lose_gps(True)
+    pilot.wait(6.0, lambda: pilot.velocity(5.0, 0.0))
+    pilot.vehicle.lose_gps(False)
+    pilot.wait(6.0, lambda: pilot.velocity(5.0, 0.0))
+    return pilot.vehicle.mode == GUIDED and obeys(pilot)
+
+
+def low_battery(action: float) -> tuple[int, int]:
+    """Return mode and state after a battery below BATT_LOW_VOLT for 11 s."""
+    pilot = copter()
+    pilot.set("BATT_LOW_VOLT", 11.0)
+    pilot.set("BATT_FS_LOW_ACT", action)
+    pilot.vehicle.battery.percent = 20.0
+    pilot.wait(11.0)
+    return pilot.vehicle.mode, status(pilot)
+
+
+def latches_a_warning_and_obeys() -> bool:
+    pilot = copter()
+    pilot.set("BATT_LOW_VOLT", 11.0)
+    pilot.vehicle.battery.percent = 20.0
+    pilot.wait(9.0)
+    early = status(pilot)
+    pilot.wait(2.0)
+    pilot.vehicle.battery.percent = 100.0
+    pilot.wait(20.0, lambda: pilot.velocity(5.0, 0.0))
+    latched = (early, status(pilot)) == (common.MAV_STATE_ACTIVE, common.MAV_STATE_CRITICAL)
+    return latched and pilot.vehicle.mode == GUIDED and obeys(pilot) and "Battery Failsafe" in pilot.texts()
+
+
+def goes_on_without_radio_control() -> bool:
+    pilot = copter()
+    pilot.vehicle.warn("Radio Failsafe - Continuing Guided Mode")
+    pilot.wait(2.0)
+    return status(pilot) == common.MAV_STATE_CRITICAL and pilot.vehicle.mode == GUIDED and obeys(pilot)
+
+
 def loses_a_mode_that_was_set_too_early() -> bool:
     pilot = Pilot("arducopter", flying=False, guided=False)
     pilot.vehicle.craft.boot(0.0)  # type: ignore[attr-defined]
@@ -318,6 +383,12 @@ ROWS: list[tuple[str, Callable[[], bool]]] = [
     ("the ground station's loss returns it with FS_GCS_ENABLE 1", ground_station_loss_returns_if_enabled),
     ("LOITER without sticks sinks at 2.5 m/s", loiter_sinks_without_sticks),
     ("BRAKE holds", brake_holds),
+    ("GPS lost: it lands after 8 s, CRITICAL, and goes on when GPS is back", lands_without_gps),
+    ("GPS lost for 6 s does nothing", goes_on_after_a_short_loss_of_gps),
+    ("a low battery without an action latches CRITICAL, and GUIDED goes on", latches_a_warning_and_obeys),
+    ("a low battery lands with BATT_FS_LOW_ACT 1", lambda: low_battery(1.0) == (LAND, common.MAV_STATE_CRITICAL)),
+    ("a low battery returns with BATT_FS_LOW_ACT 2", lambda: low_battery(2.0) == (RTL, common.MAV_STATE_CRITICAL)),
+    ("radio control lost with continue in guided latches CRITICAL, and GUIDED goes on", goes_on_without_radio_control),
     ("a mode set before it is ready is acknowledged and lost", loses_a_mode_that_was_set_too_early),
     ("it says when it is ready", says_when_it_is_ready),
 ]

@@ -330,6 +330,24 @@ def bank_keeps_altitude_and_speed() -> bool:
     )
 
 
+def turned_after_silence_s() -> float:
+    """Return how long after the last bank of a straight flight it has turned by 90 degrees, back to its loiter."""
+    pilot = Pilot("arduplane")
+    pilot.wait(20.0)
+    pilot.command(common.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    pilot.wait(40.0, lambda: pilot.roll(min(max(3.0 * pilot.off_deg(0.0), -45.0), 45.0)))
+    return pilot.until(lambda: abs(pilot.off_deg(0.0)) >= 90.0)
+
+
+def low_battery_mode(action: float) -> int:
+    pilot = plane()
+    pilot.set("BATT_LOW_VOLT", 11.0)
+    pilot.set("BATT_FS_LOW_ACT", action)
+    pilot.vehicle.battery.percent = 20.0
+    pilot.wait(11.0)
+    return pilot.vehicle.mode
+
+
 def bank_reverts_to_the_heading() -> bool:
     pilot = plane()
     pilot.wait(5.0, lambda: pilot.roll(40.0))
@@ -427,6 +445,9 @@ ROWS: list[tuple[str, Callable[[], bool]]] = [
     ("a carrot 120 m ahead needs a radius of 5 to 20 m", near_carrots_need_a_small_radius),
     ("a carrot climbs but does not descend", carrots_lift_but_do_not_lower),
     ("a bank is held exactly, altitude and speed are kept", bank_keeps_altitude_and_speed),
+    ("silence: turned by 90 degrees after 6.7 s", lambda: abs(turned_after_silence_s() - 6.7) < 0.6),
+    ("a low battery does nothing with BATT_FS_LOW_ACT 0", lambda: low_battery_mode(0.0) == GUIDED),
+    ("a low battery returns with BATT_FS_LOW_ACT 1", lambda: low_battery_mode(1.0) == RTL),
     ("an expired bank leaves the heading that was before", bank_reverts_to_the_heading),
     ("an expired bank leaves the loiter that was before", bank_reverts_to_the_circle),
     ("2 Hz of bank are enough", minds_two_hertz_of_bank),

@@ -346,6 +346,23 @@ def reads_offboard_after_landing_and_will_not_arm(flight: Flight) -> bool:
     return reads and denied and flight.command(common.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == [ACCEPTED]
 
 
+def lands_without_gps_and_comes_back(flight: Flight) -> bool:
+    at_speed(flight, 5.0)
+    flight.vehicle.lose_gps(True)
+    flight.run(5.8, velocity(5.0))
+    before = flight.mode
+    flight.run(1.4, velocity(5.0))
+    landing, critical = flight.mode, flight.critical
+    flight.run(8.0, velocity(5.0))
+    height_m = flight.height_m
+    flight.vehicle.lose_gps(False)
+    flight.run(2.6, velocity(5.0))
+    waits = flight.mode
+    flight.run(4.0, velocity(5.0))
+    back = flight.mode == OFFBOARD and flight.speed_m_s > 4.5
+    return (before, landing, waits) == (OFFBOARD, LAND, LAND) and critical and height_m < 95.0 and back
+
+
 def turns_a_body_velocity_with_the_nose(flight: Flight) -> bool:
     flight.engage(velocity(0.0, mask=VELOCITY_YAW, yaw=math.pi / 2.0))
     flight.run(3.0, velocity(0.0, mask=VELOCITY_YAW, yaw=math.pi / 2.0))
@@ -414,6 +431,7 @@ FACTS = (
     Fact("the stream coming back returns it to OFFBOARD, out of RETURN", returns_to_offboard_by_itself(3)),
     Fact("the stream coming back returns it to OFFBOARD, out of LAND", returns_to_offboard_by_itself(4)),
     Fact("a person's other mode stays, whatever is streamed", stays_out_after_a_person_chose_another_mode),
+    Fact("GPS lost: it lands after 6 s, and is back in OFFBOARD 3 s after GPS", lands_without_gps_and_comes_back),
     Fact("after landing it reads OFFBOARD and will not arm", reads_offboard_after_landing_and_will_not_arm),
 )
 

@@ -134,6 +134,19 @@ def trim_is_the_speed(flight: Flight) -> bool:
     return abs(flight.airspeed_m_s - 18.0) < 0.1
 
 
+def flies_slow_and_low_with_the_stock_thrust(asked_m_s: float, ground_m_s: float, height_m: float) -> Fact:
+    """Return the row for SIH_T_MAX 6, 80 m and an airspeed that are asked for, 490 m up: what was flown."""
+
+    def holds(flight: Flight) -> bool:
+        flight.set_parameter("SIH_T_MAX", 6.0)
+        flight.set_parameter("FW_AIRSPD_TRIM", asked_m_s)
+        flight.engage(course(0.0, 80.0))
+        flight.run(60.0, course(0.0, 80.0))
+        return abs(flight.speed_m_s - ground_m_s) < 0.25 and abs(flight.height_m - height_m) < 1.6
+
+    return Fact(f"SIH_T_MAX 6, {asked_m_s:g} m/s and 80 m asked: {ground_m_s} m/s at {height_m} m", holds)
+
+
 def change_speed_works_in_hold(flight: Flight) -> bool:
     results = flight.command(common.MAV_CMD_DO_CHANGE_SPEED, 0.0, 18.0, -1.0)
     flight.run(15.0)
@@ -281,6 +294,8 @@ FACTS = (
     Fact("a wanted |v| of 25 m/s does nothing", wants_speed(25.0)),
     Fact("DO_CHANGE_SPEED in OFFBOARD is acknowledged and does nothing", change_speed_is_accepted_and_nothing),
     Fact("FW_AIRSPD_TRIM is the speed in OFFBOARD", trim_is_the_speed),
+    flies_slow_and_low_with_the_stock_thrust(15.0, 13.9, 77.3),
+    flies_slow_and_low_with_the_stock_thrust(18.0, 13.98, 71.6),
     Fact("DO_CHANGE_SPEED in HOLD works", change_speed_works_in_hold),
     Fact("DO_REPOSITION in HOLD works, its speed too", reposition_works_in_hold),
     Fact("mask 0xDC7 keeps OFFBOARD and freezes the attitude", velocity_alone_freezes_the_attitude),
