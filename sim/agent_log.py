@@ -66,5 +66,6 @@ class AgentLog:
 
 def _why(decision: Decision) -> str:
     """Return what a decision says of the state in which it has its certificate."""
-    told = (*decision.broken, *decision.triggers, *decision.guard_changes, decision.stay, decision.note)
+    remarks = (decision.stay, decision.note, decision.reckons)
+    told = (*decision.broken, *decision.triggers, *decision.guard_changes, *remarks)
     return "; ".join(dict.fromkeys(str(word) for word in told if word)) or decision.reason

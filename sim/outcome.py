@@ -118,7 +118,7 @@ def _outcome(flown: FlownMission, spec: AgentSpec, scored: AgentScore, log: Agen
 
 def _words(decision: Decision) -> str:
     """Return what a decision says of its reason: the reason itself, remarks, and the failsafe's triggers."""
-    told = (decision.reason, decision.note, decision.gave_way, *decision.triggers)
+    told = (decision.reason, decision.note, decision.reckons, decision.gave_way, *decision.triggers)
     return "; ".join(dict.fromkeys(word for word in told if word)) or decision.purpose.value
 
 
@@ -176,6 +176,7 @@ def _told(decision: Decision, t_s: float) -> dict[str, Any]:
         "purpose": decision.purpose.value,
         "reason": decision.reason,
         "note": decision.note,
+        "reckons": decision.reckons,
         "stage": decision.stage.value,
         "triggers": list(decision.triggers),
         "certificate": decision.certificate_words,

@@ -17,7 +17,7 @@ from companion.geo.right_of_way import SPEED_UP_SHARE
 GAIN_1_S = 0.5
 """Greatest speed near a place, per metre of distance from it: with twice as much copters, which follow a velocity late,
 swing about the place."""
-GAIN_DELAYS = 0.45
+GAIN_DELAYS = 0.6
 """Bound of the gain for slower vehicles: its product with the time until a decision acts."""
 SPEED_LAG_S = 0.4
 """Lag of a speed beyond the reaction: copters follow a velocity 0.5 to 0.62 s late (docs/autopilots.md), of which the
@@ -32,8 +32,8 @@ STANDING_WITHIN_M = 0.5
 """Distance from its place within which a vehicle stops."""
 STAYING_WITHIN_M = 1.0
 """Distance from its place within which a vehicle that stands stays standing."""
-STANDS_WITHIN_S = 13.0
-"""Time in which a vehicle is to stand at a place that it chooses on its way: 15 s, less what a lag may add."""
+STANDS_WITHIN_S = 12.0
+"""Time in which a vehicle is to stand at a place that it chooses on its way: 15 s, less what lags and steps may add."""
 STANDING_M_S = 0.3
 """Speed below which a vehicle stands."""
 LEAD_S = 1.0
@@ -161,7 +161,7 @@ def _flown(vector: complex, standing_rad: float) -> Flown:
     """Return a velocity vector as a heading and a speed; `standing_rad` is the heading of one that is zero."""
     if vector == 0.0:
         return Flown(standing_rad % math.tau, 0.0)
-    return Flown(cmath.phase(vector) % math.tau, abs(vector))
+    return Flown(math.atan2(vector.imag, vector.real) % math.tau, abs(vector))
 
 
 def _turned_rad(before: Flown, after: Flown, pace: Pace) -> float:

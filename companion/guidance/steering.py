@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from companion.geo.kinematics import turn_rate_rad_s
+from companion.geo.kinematics import advance, turn_rate_rad_s
 from companion.guidance.view import NOBODY, View
 from companion.surrogate.cost import Weights
 from companion.surrogate.networks import MonolithicNetwork, slots
@@ -20,10 +21,9 @@ LOITER_STEPS = 2.0
 """Least radius of a loiter circle in the lengths flown in a guidance step, so that a step's chord stays near it."""
 LOITER_CAPTURE = 2.0
 """Gain that steers onto the loiter circle: tangent of the course correction per radius of distance from the circle."""
-APPROACH_GAIN_1_S = 0.5
-"""Speed at which a vehicle that can stop approaches its loiter place, per metre of distance."""
-
-
+LOITER_WIND_RADII = 1.2
+"""Least radius of a loiter circle in turn radii down the greatest wind: over the ground no tighter circle can be flown.
+"""
 _RINGS = np.array(
     [(0.0, 0.0)]
     + [
@@ -105,10 +105,12 @@ def attraction(position_ned_m: tuple[float, float], target_ned_m: tuple[float, f
     return SteeringVector(target_ned_m[0] - position_ned_m[0], target_ned_m[1] - position_ned_m[1])
 
 
-def loiter_radius_m(speed_m_s: float, n_max: float, dt_s: float) -> float:
-    """Return the radius at which a vehicle that cannot stop circles its loiter place."""
-    turn_radius_m = speed_m_s / turn_rate_rad_s(speed_m_s, n_max)
-    return max(LOITER_RADII * turn_radius_m, LOITER_STEPS * speed_m_s * dt_s)
+def loiter_radius_m(speed_m_s: float, n_max: float, dt_s: float, wind_m_s: float = 0.0) -> float:
+    """Return the radius at which a vehicle that cannot stop circles its loiter place, in a wind of up to `wind_m_s`."""
+    rate_rad_s = turn_rate_rad_s(speed_m_s, n_max)
+    windward = 1.0 + wind_m_s / speed_m_s
+    radii = max(LOITER_RADII, LOITER_WIND_RADII * windward * windward if wind_m_s else 0.0)
+    return max(radii * speed_m_s / max(rate_rad_s, sys.float_info.min), LOITER_STEPS * speed_m_s * windward * dt_s)
 
 
 def loiter_attraction(
@@ -126,6 +128,17 @@ def loiter_attraction(
     course_rad = bearing_rad + math.pi / 2 + math.atan(LOITER_CAPTURE * excess)
     strength_m = max(distance_m, radius_m)
     return SteeringVector(strength_m * math.cos(course_rad), strength_m * math.sin(course_rad))
+
+
+def circling(
+    pose: tuple[float, float, float], speed_m_s: float, lead_s: float, place_ned_m: tuple[float, float], radius_m: float
+) -> SteeringVector:
+    """Return the steering vector of a vehicle that circles a place, from its north (m), east (m) and heading (rad).
+
+    A heading is flown from the reaction time on and for a step: what counts is where the vehicle is `lead_s` later.
+    """
+    north_m, east_m, _ = advance(*pose, speed_m_s, 0.0, lead_s)
+    return loiter_attraction((north_m, east_m), place_ned_m, radius_m)
 
 
 def loiter_spacing_m(separation_m: float, radius_m: float) -> float:

@@ -52,8 +52,11 @@ SURE_SHARE = 0.5
 """A fit counts if its model is at most this share as far from the track as the model that is reckoned with."""
 TURNED_RAD = math.radians(12.0)
 """Turn from which a fit counts: a vehicle that has not turned at all may be late or may be stuck."""
-BETTER_AFTER_S = 60.0
-"""Time without evidence after which what is reckoned with gets a step better; doubled by every time it was worse."""
+BETTER_AFTER_S = 180.0
+"""Time without evidence after which turns and braking are reckoned a step better; doubled by every time they were
+worse. A vehicle that is asked for less than it can shows nothing, so that this is a guess, made seldom."""
+SPEED_BETTER_AFTER_S = 60.0
+"""The same for wind and reachable speed, which change with the wind."""
 BETTER_TURN_RAD = math.pi / 2.0
 """Turn in that time without which nothing is known of turns."""
 BETTER_FACTOR = 1.5
@@ -61,7 +64,7 @@ BETTER_FACTOR = 1.5
 FULL_SHARE = 0.9
 """Share from which the vehicle counts as it was configured."""
 MOST_DOUBLINGS = 4
-"""Number of times that BETTER_AFTER_S is doubled."""
+"""Number of times that these times are doubled."""
 ANSWER_S = 4.0
 """Time, beyond the reaction time, within which a vehicle must begin to do what it is asked."""
 PLANE_ANSWER_S = 6.0
@@ -413,13 +416,16 @@ def _braking(now: Obedience, expected: Expected) -> Obedience:
         return now
     fit = fitted(points, 1.0, reaction_s)
     slowed_m_s = points[0].value - points[-1].value
-    if fit.cost > SURE_SHARE * fit.as_reckoned or slowed_m_s < off_m_s / 2.0 or fit.share > WORSE_SHARE:
+    if fit.cost > SURE_SHARE * fit.as_reckoned or slowed_m_s < off_m_s / 2.0:
         return now
-    found_m_s2 = round(fit.share * braking_m_s2, DIGITS)
-    return _worsened(
-        now._replace(measured=now.measured._replace(braking_m_s2=found_m_s2)),
-        now.worse._replace(braking_m_s2=found_m_s2),
-    )
+    found = now.worse
+    if fit.share <= WORSE_SHARE:
+        found = found._replace(braking_m_s2=round(fit.share * braking_m_s2, DIGITS))
+    if fit.delay_s >= reaction_s + LATER_S:
+        found = found._replace(reaction_s=round(fit.delay_s, DIGITS))
+    braked_m_s2 = round(fit.share * braking_m_s2, DIGITS)
+    now = now._replace(measured=now.measured._replace(braking_m_s2=braked_m_s2, reaction_s=fit.delay_s))
+    return now if found == now.worse else _worsened(now, found)
 
 
 def _off_m_s(expected: Expected) -> float:
@@ -532,9 +538,11 @@ def _unreached_m_s(now: Obedience, expected: Expected) -> float | None:
 def _eased(now: Obedience, expected: Expected) -> Obedience:
     """Return the monitor that reckons with something better, if nothing has spoken against it for long enough."""
     last, found = now.samples[-1], now.worse
-    waits_s = BETTER_AFTER_S * 2 ** min(max(now.worsenings - 1, 0), MOST_DOUBLINGS)
-    if found == NOTHING or last.at_s - now.quiet_since_s < waits_s:
+    quiet_s = (last.at_s - now.quiet_since_s) / 2 ** min(max(now.worsenings - 1, 0), MOST_DOUBLINGS)
+    if found == NOTHING or quiet_s < SPEED_BETTER_AFTER_S:
         return now
+    if quiet_s < BETTER_AFTER_S:
+        return now._replace(worse=found._replace(airspeed_max_m_s=None, wind_ned_m_s=None))
     eased = Measured(found.rate_share, found.reaction_s, None, found.braking_m_s2)
     if now.quiet_turn_rad >= BETTER_TURN_RAD:
         share = BETTER_FACTOR * _share(found)

@@ -28,8 +28,8 @@ from companion.guidance.steering import (
     Occupied,
     SteeringVector,
     attraction,
+    circling,
     claim_m,
-    loiter_attraction,
     loiter_place,
     loiter_radius_m,
     loiter_spacing_m,
@@ -148,7 +148,8 @@ def steering_of(config: Config, can_stop: bool, law: SteeringLaw | None = None) 
     limits = config.limits
     guard = Guard(guard_limits(limits, can_stop))
     rules = _rules(config, can_stop) if config.law == "routed" else None
-    radius_m = loiter_radius_m(limits.speed_m_s, limits.n_max, config.guidance_step_s)
+    n_max = limits.rate_share * limits.n_max
+    radius_m = loiter_radius_m(limits.speed_m_s, n_max, config.guidance_step_s, limits.wind_m_s)
     circle_m = 0.0 if can_stop else radius_m
     return Steering(
         config=config,
@@ -341,7 +342,10 @@ def _loiter(steering: Steering, place_ned_m: tuple[float, float], moment: Moment
     """Return the law's demand for loitering at a place."""
     here_ned_m = moment.motion.position_ned_m
     if moment.flown is None:
-        pull = loiter_attraction(here_ned_m, place_ned_m, steering.loiter.radius_m)
+        config, motion = steering.config, moment.motion
+        pose = (motion.north_m, motion.east_m, motion.heading_rad)
+        lead_s = config.limits.reaction_s + 0.5 * config.guidance_step_s
+        pull = circling(pose, motion.speed_m_s, lead_s, place_ned_m, steering.loiter.radius_m)
     else:
         way = towards(complex(*place_ned_m), complex(*here_ned_m), moment.flown, pace_of(steering.config))
         pull = SteeringVector(way.real, way.imag)

@@ -22,8 +22,8 @@ from companion.guidance.steering import (
     Occupied,
     SteeringVector,
     attraction,
+    circling,
     claim_m,
-    loiter_attraction,
     loiter_place,
     loiter_radius_m,
     loiter_spacing_m,
@@ -218,7 +218,10 @@ class _Loitering:
         )
         place = loiter_place(position, occupied, self._places_ned_m[agent])
         self._places_ned_m[agent] = place
-        return loiter_attraction(position, place, loiter_m)
+        speed_m_s = self._mission.agents[agent].speed_m_s
+        north_m, east_m, heading_rad = agents.poses[agent]
+        lead_s = 0.5 * self._mission.guidance_step_s
+        return circling((north_m, east_m, heading_rad), speed_m_s, lead_s, place, loiter_m)
 
 
 def _settled(ids: np.ndarray, agent: int, heard: _Heard) -> np.ndarray:

@@ -115,7 +115,7 @@ def test_a_copter_on_its_way_is_behind_where_it_is_reckoned_to_be_by_no_more_tha
     fly(watch.mission, 1, FlightOptions(autopilot="arducopter", watch=watch))
     (speed_m_s,) = {agent.speed_m_s for agent in watch.mission.agents}
     behind_s = np.max(watch.error_m) / speed_m_s
-    assert HAND_OVER_S + 0.5 < behind_s < HAND_OVER_S + 1.2
+    assert HAND_OVER_S + 0.3 < behind_s < HAND_OVER_S + 1.2
 
 
 def test_in_wind_an_agent_is_where_it_is_reckoned_to_be_within_the_stated_doubt() -> None:

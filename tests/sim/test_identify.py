@@ -137,6 +137,17 @@ def test_a_copter_that_is_weaker_than_its_parameters_say_is_found_out() -> None:
 
 
 @pytest.mark.slow
+def test_a_quadrotor_with_the_drag_that_px4_comes_with_is_found_out() -> None:
+    flight = IdentifyFlight(config_of("px4-copter"))
+    flight.vehicle.parameters["SIH_KDV"] = 1.0
+    flight.fly()
+    # The real PX4 with it: rate_share 0.7 and speed_m_s 7.1 (docs/identify.md).
+    asked = remedies(table_of(flight.records, flight.companion.config))
+    assert asked["rate_share"] == pytest.approx(0.7, abs=0.11)
+    assert asked["speed_m_s"] == pytest.approx(7.1, abs=0.3)
+
+
+@pytest.mark.slow
 def test_a_log_read_from_its_file_gives_the_table_of_the_flight(tmp_path: object) -> None:
     flight = flown("arducopter")
     path = f"{tmp_path}/vehicle-1.tlog"

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from companion.guard.fence import Fence
 from companion.guard.guard import Guard
-from companion.guard.types import TURN, Discs, Limits, Setpoint, Verdict
+from companion.guard.types import TURN, Discs, Hints, Limits, Setpoint, Verdict
 from companion.onboard.authority import MODE_LEFT, State
 from companion.onboard.companion import REFUSALS, Companion, band_m
 from companion.onboard.config import Config, LimitsSection
@@ -278,7 +278,8 @@ class Identifier(Companion):
         self, flight: _Flight, asked: tuple[float, float], located: Located, discs: Discs, now_s: float
     ) -> Verdict:
         setpoint = Setpoint(*asked, flight.height_m)
-        return flight.guard.check(setpoint, located.motion, discs, now_s, self.config.guidance_step_s)
+        hints = Hints(towards_rad=setpoint.heading_rad)
+        return flight.guard.check(setpoint, located.motion, discs, now_s, self.config.guidance_step_s, hints)
 
 
 def _slow_m_s(limits: LimitsSection, can_stop: bool, speed_min_m_s: float) -> float | None:

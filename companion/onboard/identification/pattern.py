@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from companion.geo.kinematics import turn_rate_rad_s
 from companion.guard.types import Motion
-from companion.guidance.steering import APPROACH_GAIN_1_S, attraction, loiter_attraction, loiter_radius_m
+from companion.guidance.approach import GAIN_1_S
+from companion.guidance.steering import attraction, loiter_attraction, loiter_radius_m
 from companion.onboard.config import LimitsSection
 
 LONGEST_TURN_S = 8.0
@@ -172,7 +173,7 @@ def wanted(pattern: Pattern, progress: Progress, motion: Motion) -> tuple[float,
     if leg.act is Act.HOLD:
         pull = attraction(motion.position_ned_m, progress.place_ned_m)
         if pull.strength_m > STANDING_WITHIN_M:
-            return pull.heading_rad, min(APPROACH_GAIN_1_S * pull.strength_m, 1.0)
+            return pull.heading_rad, min(GAIN_1_S * pull.strength_m, 1.0)
     return course_rad, leg.speed_m_s
 
 

@@ -14,6 +14,7 @@ from companion.guidance.steering import (
     PairSurrogate,
     SteeringVector,
     attraction,
+    circling,
     claim_m,
     direction,
     loiter_attraction,
@@ -266,6 +267,37 @@ def test_from_anywhere_the_loiter_reaches_its_circle_and_stays_on_it_clockwise(
             assert 0.9 * radius_m < math.dist((north_m, east_m), place) < 1.2 * radius_m
             about_rad += turned_rad(before_rad, math.atan2(east_m - place[1], north_m - place[0]))
     assert 0.8 * math.tau < about_rad < 1.4 * math.tau
+
+
+@settings(max_examples=40)
+@given(
+    speed_m_s=st.floats(12.0, 30.0),
+    n_max=st.floats(0.3, 1.0),
+    wind=st.floats(0.0, 0.5),
+    wind_rad=HEADINGS,
+    heading_rad=HEADINGS,
+)
+def test_a_circle_begun_at_its_place_leads_no_farther_away_than_the_bound_in_wind(
+    speed_m_s: float, n_max: float, wind: float, wind_rad: float, heading_rad: float
+) -> None:
+    dt_s, wind_m_s, place = 0.5, wind * speed_m_s, (0.0, 0.0)
+    radius_m = loiter_radius_m(speed_m_s, n_max, dt_s, wind_m_s)
+    fastest_m_s = speed_m_s + wind_m_s
+    rho_m = fastest_m_s * fastest_m_s / (n_max * G_M_S2)
+    north_m = east_m = 0.0
+    steps = math.ceil(5.0 * math.tau * radius_m / ((speed_m_s - wind_m_s) * dt_s))
+    for step in range(steps):
+        across_m_s = wind_m_s * math.sin(wind_rad - heading_rad)
+        ground_m_s = wind_m_s * math.cos(wind_rad - heading_rad) + math.sqrt(speed_m_s**2 - across_m_s**2)
+        pull = circling((north_m, east_m, heading_rad), ground_m_s, 0.5 * dt_s, place, radius_m)
+        wanted_rad, _ = limit_turn(heading_rad, pull.heading_rad, ground_m_s, n_max, dt_s)
+        rate_rad_s = turn_rate_rad_s(ground_m_s, n_max)
+        north_m, east_m, heading_rad = turn_towards(
+            north_m, east_m, heading_rad, ground_m_s, wanted_rad, rate_rad_s, dt_s
+        )
+        away_m = math.hypot(north_m, east_m)
+        assert away_m <= max(radius_m, 2.0 * rho_m) + fastest_m_s * dt_s
+        assert step < 0.4 * steps or away_m <= 1.1 * radius_m
 
 
 @pytest.mark.parametrize(

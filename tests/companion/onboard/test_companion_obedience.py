@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -13,13 +14,21 @@ from companion.guard.types import Discs, Limits, Motion, Setpoint
 from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
 from companion.onboard.flight_log import decision_frame, summary_line
-from tests.companion.onboard.companion_flight import Flight, guided
+from companion.protocol.codec import ThreatEntry
+from tests.companion.onboard.companion_flight import CONFIG, Flight, guided
+from tests.companion.onboard.test_obedience import COPTER, Vehicle
 
 STEP_S = 0.5
 SPEED_M_S = 10.0
 MODE_LOITER = 5
 MODE_HOLD = 4 << 16 | 3 << 24
 """PX4's AUTO.LOITER."""
+
+DISCS = (
+    ThreatEntry(1, 300.0, 10.0, 60.0, 30.0, 0.0),
+    ThreatEntry(2, 420.0, -50.0, 45.0, 30.0, 0.0),
+    ThreatEntry(3, 560.0, 30.0, 60.0, 30.0, 0.0),
+)
 
 
 class Drifter:
@@ -124,6 +133,59 @@ def test_what_is_reckoned_with_is_a_part_of_the_decision_and_of_its_check_sum() 
     changed = Decision(**{**vars(decision), "reckons": reckoning})
     assert reckoning in summary_line(changed)
     assert decision_frame(changed).words_crc != decision_frame(decision).words_crc
+
+
+@dataclass
+class Way:
+    """A flight of a small stand-in among discs: what was reckoned with, and how near the discs it came."""
+
+    nearest_m: float = math.inf
+    """Least distance from the edge of a disc."""
+    reckoned: list[str] = field(default_factory=list)
+    arrived: bool = False
+    n_max: list[float] = field(default_factory=list)
+
+
+def flown(vehicle: Vehicle, duration_s: float) -> Way:
+    """Fly a vehicle, which heads away from its target at first, to the target behind three discs."""
+    limits = vehicle.limits.model_copy(update={"range_m": 50_000.0, "wind_m_s": 0.0})
+    vehicle.limits = limits
+    flight = guided(CONFIG.model_copy(update={"limits": limits, "arrival_radius_m": 30.0}), "arducopter")
+    north_m = east_m = 0.0
+    way = Way()
+    for step in range(round(duration_s / STEP_S)):
+        if step % 2 == 0:
+            flight.broadcast((800.0, 0.0), threats=DISCS)
+        velocity = (vehicle.speed_m_s * math.cos(vehicle.course_rad), vehicle.speed_m_s * math.sin(vehicle.course_rad))
+        decision, _sent = flight.at(north_m, east_m, velocity)
+        way.arrived = way.arrived or decision.reason == "arrived"
+        way.n_max.append(flight.companion.steering.config.limits.n_max)
+        if decision.reckons is not None and decision.reckons not in way.reckoned:
+            way.reckoned.append(decision.reckons)
+        if decision.setpoint is None or way.arrived:
+            break
+        for part in range(10):
+            part_s = STEP_S / 10.0
+            vehicle.fly(decision.setpoint, flight.now_s + part * part_s, part_s)
+            north_m += vehicle.speed_m_s * math.cos(vehicle.course_rad) * part_s
+            east_m += vehicle.speed_m_s * math.sin(vehicle.course_rad) * part_s
+            apart_m = [math.hypot(north_m - d.north_m, east_m - d.east_m) - d.detection_radius_m for d in DISCS]
+            way.nearest_m = min(way.nearest_m, *apart_m)
+        flight.now_s += STEP_S
+    return way
+
+
+def test_a_late_copter_among_discs_is_reckoned_with_as_late_enters_none_and_arrives() -> None:
+    way = flown(Vehicle(COPTER, delay_s=2.5, course_rad=math.pi), 200.0)
+    assert way.reckoned[0].startswith("reckons with reaction 2.")
+    assert way.nearest_m > 0.0
+    assert way.arrived
+
+
+def test_an_obedient_copter_among_the_same_discs_is_reckoned_with_as_configured() -> None:
+    way = flown(Vehicle(COPTER, course_rad=math.pi), 200.0)
+    assert (way.reckoned, way.nearest_m > 0.0, way.arrived) == ([], True, True)
+    assert set(way.n_max) == {COPTER.n_max}
 
 
 def test_a_guard_that_takes_over_keeps_the_commands_in_flight() -> None:
