@@ -117,7 +117,7 @@ class _Checker:
             broadcast_heard=self._broadcast_heard,
             now_s=self._clock.now_s(),
         )
-        if self._adapter.refusal is None:
+        if self._adapter.refusal is None and self._adapter.telemetry.heartbeat_at_s is not None:
             found.append(finding_on_others(self._config, self._adapter, self._world_model.others_told))
         if self._authority_warning is not None:
             found.append(Finding(False, self._authority_warning, "remove it while the vehicle is disarmed"))

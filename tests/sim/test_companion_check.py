@@ -84,6 +84,7 @@ def test_a_vehicle_fit_to_fly_passes_in_every_point(capsys: pytest.CaptureFixtur
     assert "pass  arducopter, system 1" in said
     assert "pass  GUID_TIMEOUT: 1" in said
     assert "pass  broadcast heard" in said
+    assert "pass  others: no receiver (ADSB_TYPE 0); none in the broadcast" in said
     assert "FAIL" not in said
     assert "none failed" in said
 

@@ -336,3 +336,37 @@ def test_a_port_in_use_is_an_input_error_that_frees_the_other_links() -> None:
                 again.bind((LOCALHOST, other.port))
 
     asyncio.run(body())
+
+
+def test_a_vehicle_hears_the_transponder_of_another_if_it_has_a_receiver() -> None:
+    async def body() -> set[bytes]:
+        receiver, port = free_port(), free_port()
+        callsigns: set[bytes] = set()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as companion:
+            companion.bind((LOCALHOST, port))
+            companion.setblocking(False)
+            seen = VehicleOptions(
+                "px4-copter",
+                (Link("udpout", LOCALHOST, free_port()),),
+                system_id=9,
+                adsb_to=(Link("udpout", LOCALHOST, receiver),),
+            )
+            seeing = VehicleOptions(
+                "px4-copter", (Link("udpout", LOCALHOST, port),), adsb_from=Link("udpin", LOCALHOST, receiver)
+            )
+            stop = asyncio.Event()
+            tasks = [asyncio.create_task(run_vehicle(options, stop=stop)) for options in (seeing, seen)]
+            loop = asyncio.get_running_loop()
+
+            async def listen() -> None:
+                while not callsigns:
+                    for message in common.MAVLink(None).parse_buffer(await loop.sock_recv(companion, 2048)) or ():
+                        if message.get_type() == "ADSB_VEHICLE" and message.get_srcSystem() == 1:
+                            callsigns.add(message.callsign.encode())
+
+            await asyncio.wait_for(listen(), 20.0)
+            stop.set()
+            await asyncio.gather(*tasks)
+        return callsigns
+
+    assert asyncio.run(body()) == {b"OW00009"}

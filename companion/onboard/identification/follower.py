@@ -33,6 +33,10 @@ DEVIATIONS = 2.3
 the autocorrelation that are estimated first. With it 91 to 98 % of the intervals held the truth, of 120 vehicles."""
 LEAST_FREE = 3.0
 """Least number of independent residuals that is reckoned with, however alike neighbouring ones are."""
+ASKED_S = 2.0
+"""Time over which a rate that is asked for must last to count: single commands come in steps."""
+FOLLOWED_SHARE = 0.85
+"""Share of the rate that is asked for from which the vehicle counts as following: a greater one is then not known."""
 MOST_ALIKE = 0.95
 """Greatest likeness (autocorrelation) of neighbouring residuals that is reckoned with: at 10 Hz a memory of 2 s. What
 is alike for longer is no noise but what the model cannot do, and must not hide a vehicle that does not obey."""
@@ -109,7 +113,9 @@ def followed(
         low_s, high_s = _about(delays_s, near.max(axis=1), 0.0, LONGEST_DELAY_S)
         low, high = _about(rates, near.max(axis=0), slowest, fastest)
         delays_s, rates = np.linspace(low_s, high_s, CELLS + 1), np.geomspace(low, high, CELLS + 1)
-    denied = reckoned is not None and _square(spans, steps, reckoned) > most
+    # What is asked for slowly is followed slowly: that says nothing of what the vehicle can do.
+    asked_enough = best[1] < FOLLOWED_SHARE * _asked_rate(spans)
+    denied = reckoned is not None and asked_enough and _square(spans, steps, reckoned) > most
     return Followed(
         Estimate(
             best[0],
@@ -121,11 +127,29 @@ def followed(
             min(float(found[1][0]), best[1] * (1.0 - RATE_RESOLUTION)),
             # A rate beyond what the commands ask for fits as well as any greater one.
             math.inf
-            if found[1][-1] >= fastest * (1.0 - 1e-9)
+            if not asked_enough or found[1][-1] >= fastest * (1.0 - 1e-9)
             else max(float(found[1][-1]), best[1] * (1.0 + RATE_RESOLUTION)),
         ),
         bool(denied),
     )
+
+
+def _asked_rate(spans: Sequence[Span]) -> float:
+    """Return the greatest rate that the commands ask for over ASKED_S, or over all of a span that has fewer of them."""
+    rates = []
+    for span in spans:
+        within = (span.command_s >= span.reply_s[0] - ASKED_S) & (span.command_s <= span.reply_s[-1])
+        times_s, command = span.command_s[within], span.command[within]
+        if len(times_s) < 2:
+            continue
+        later = np.searchsorted(times_s, times_s + min(ASKED_S, float(times_s[-1] - times_s[0])) - STEP_S)
+        first = np.nonzero(later < len(times_s))[0]
+        later = later[first]
+        passed_s = np.maximum(times_s[later] - times_s[first], STEP_S)
+        rates.append(
+            float(np.max(np.abs(command[later] - command[first]) / passed_s)) / float(np.median(span.rate_1_s))
+        )
+    return max(rates, default=0.0)
 
 
 def _about(grid: np.ndarray, near: np.ndarray, least: float, greatest: float) -> tuple[float, float]:

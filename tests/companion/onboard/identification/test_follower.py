@@ -62,6 +62,15 @@ def test_what_is_reckoned_with_is_denied_by_a_flight_that_it_does_not_explain() 
     assert bad is not None and bad.denied
 
 
+def test_a_turn_that_is_asked_for_slowly_says_only_that_the_vehicle_turns_as_fast() -> None:
+    command_s = np.arange(0.0, 30.0, 0.2)
+    command = np.clip(0.15 * RATE * (command_s - 5.0), 0.0, 0.4)
+    reply_s = np.arange(0.1, 30.0, 0.1)
+    reply = np.interp(reply_s - 0.4, command_s, command)
+    found = followed([Span(command_s, command, reply_s, reply, np.full(len(reply), RATE), True)], 0.04, 1.5, (0.2, 1.0))
+    assert found is not None and math.isinf(found.rate.high) and not found.denied
+
+
 def test_no_flight_says_nothing() -> None:
     assert followed([], 0.04, 1.5) is None
 
