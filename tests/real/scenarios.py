@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from companion.geo.kinematics import turn_rate_rad_s
+from companion.guidance.steering import loiter_radius_m
 from companion.mission.model import Mission
 from tests.real.config import deployed
 from tests.real.kinds import KINDS, Kind
@@ -16,8 +16,6 @@ ORIGIN = {"lat_deg": -35.363261, "lon_deg": 149.165230, "alt_m": 584.0}
 """Where ArduPilot's own simulator starts, too."""
 DRAWN_FOR_M_S = 8.0
 """Speed for which the places below are drawn; lengths are multiplied by a kind's speed over it."""
-CIRCLE_SHARE = 1.5
-"""Greatest distance from its target of a plane that circles there, as a multiple of its turn's radius."""
 Figure = Literal[
     "entries",
     "breaches",
@@ -156,13 +154,17 @@ class Scenario:
         return kind.speed_m_s if self.speed_m_s is None else self.speed_m_s
 
     def bounds(self, kind: Kind) -> dict[Figure, float]:
-        """Return the bounds with a kind: a vehicle that cannot stop circles where another stands."""
+        """Return the bounds with a kind: a vehicle that cannot stop circles where another stands.
+
+        Its circle is about a place within the arrival radius.
+        """
         if kind.can_stop or "stands_after_s" not in self.at_most:
             return dict(self.at_most)
-        agent = self.mission(kind).agents[0]
-        radius_m = agent.speed_m_s / turn_rate_rad_s(agent.speed_m_s, agent.n_max)
+        mission = self.mission(kind)
+        agent = mission.agents[0]
+        radius_m = loiter_radius_m(agent.speed_m_s, agent.n_max, mission.guidance_step_s, self.wind_m_s)
         others = {figure: bound for figure, bound in self.at_most.items() if figure not in _STANDING}
-        return {**others, "farthest_at_the_end_m": CIRCLE_SHARE * radius_m}
+        return {**others, "farthest_at_the_end_m": mission.arrival_radius_m + radius_m}
 
     def stand_in_parameters(self, kind: Kind) -> dict[str, float]:
         """Return the parameters that make a stand-in fly as the kind does in this scenario."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,8 @@ from tests.real.beside import ratios
 from tests.real.kinds import KINDS
 from tests.real.lane import job_of, jobs
 
+MOST_AGENTS = 3
+"""Most agents that a row shows one by one."""
 _COLUMNS = (
     "scenario",
     "vehicle",
@@ -72,15 +74,12 @@ def _row(flight: dict[str, Any]) -> str:
         f"{flight['entries']}" + (f" ({flight['deepest_m']:g} m)" if flight["entries"] else ""),
         f"{flight['breaches']} ({least:g})" if least is not None else "",
         f"{reached} of {len(agents)}",
-        _each(agents, lambda agent: f"{_number(agent['arrived_s'])}, {agent['path_m']:.0f}"),
+        _each(agents, "arrived_s", "path_m"),
         "; ".join(f"{ratio.time:.2f}, {ratio.path:.2f}" for ratio in flight["beside"]),
-        _each(
-            agents,
-            lambda agent: f"{_number(agent['farthest_after_arrival_m'])}, {_number(agent['farthest_at_the_end_m'])}",
-        ),
-        _each(agents, lambda agent: _number(agent["stands_after_s"])),
-        _each(agents, lambda agent: _number(agent["held_within_m"])),
-        _each(agents, lambda agent: _number(agent["gap_s"])) + f" ({flight['pause_s']:.2f})",
+        _each(agents, "farthest_after_arrival_m", "farthest_at_the_end_m"),
+        _each(agents, "stands_after_s"),
+        _each(agents, "held_within_m"),
+        _each(agents, "gap_s") + f" ({flight['pause_s']:.2f})",
         "; ".join(flight["broken"]),
     ]
     return f"| {' | '.join(cells)} |\n"
@@ -101,8 +100,14 @@ def _event_row(flight: dict[str, Any], event: dict[str, Any]) -> str:
     return f"| {' | '.join(cells)} |\n"
 
 
-def _each(agents: list[dict[str, Any]], text: Callable[[dict[str, Any]], str]) -> str:
-    return "; ".join(text(agent) for agent in agents)
+def _each(agents: list[dict[str, Any]], *keys: str) -> str:
+    """Return these figures of each agent, or the least and greatest of many agents."""
+    if len(agents) <= MOST_AGENTS:
+        return "; ".join(", ".join(_number(agent[key]) for key in keys) for agent in agents)
+    known = {key: [agent[key] for agent in agents if agent[key] is not None] for key in keys}
+    return ", ".join(
+        f"{_number(min(values))} to {_number(max(values))}" if values else "-" for values in known.values()
+    )
 
 
 def _number(value: float | None) -> str:

@@ -385,6 +385,13 @@ def test_a_deaf_plane_is_left_to_its_autopilot() -> None:
     assert loop.fly(math.pi / 2.0, 10.0).answer.rung is Rung.LEFT
 
 
+def test_a_plane_that_keeps_a_course_ten_degrees_beside_the_asked_one_answers() -> None:
+    loop = Loop(Vehicle(PLANE, can_stop=False, speed_m_s=16.0))
+    for _ in range(60):
+        state = loop.step(0.0, look=lambda seen: seen._replace(course_rad=seen.course_rad - math.radians(10.0)))
+        assert state.answer.rung is Rung.ANSWERS
+
+
 def test_a_copter_that_answers_again_gets_its_speed_back_after_a_while() -> None:
     loop = Loop(Vehicle(deaf=True))
     loop.fly(math.pi / 2.0, 6.0)
