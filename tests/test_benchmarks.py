@@ -32,6 +32,7 @@ SMALLEST = {
     "route_time": "lattice walled --counts 25 --flights 1",
     "serial_radio": "--seconds 2 --agents 10",
     "signing": "--rounds 1 --frames 20",
+    "standing": "arducopter",
     "swarm": "circle --count 4 --free 12 --seeds 1 --time-limit 100",
 }
 """Arguments that make each benchmark short, by its name."""

@@ -40,6 +40,9 @@ GUST_SHARE = 0.25
 """Share of the configured wind by which a gust may change the velocity for the time of a window."""
 LEAST_SPEED_SHARE = 0.4
 """Share of the speed limit below which the course tells nothing: a copter that starts or stops points anywhere."""
+MOST_TOLD_RAD = 1.0
+"""Turn that a vehicle may make between two samples, beyond which its course tells nothing: on the way from one to the
+other it may have turned to and fro, and by either side."""
 LEAK_S = 20.0
 """Time constant with which the model forgets what it should have done, so that an old difference does not last."""
 WORSE_AFTER_S = 1.5
@@ -304,6 +307,11 @@ def _asked_at(samples: Sequence[Sample], at_s: float) -> Sample | None:
 
 
 def _tells_course(before: Sample, after: Sample, expected: Expected) -> bool:
+    """Return whether two samples tell how the vehicle turned between them."""
+    fastest_m_s = max(before.speed_m_s, after.speed_m_s, PIVOT_SPEED_M_S)
+    turn_rad = expected.limits.n_max * GRAVITY_M_S2 / fastest_m_s * (after.at_s - before.at_s)
+    if turn_rad > MOST_TOLD_RAD:
+        return False
     least_m_s = max(LEAST_SPEED_SHARE * min(expected.limits.speed_m_s, after.asked_m_s), PIVOT_SPEED_M_S)
     return min(before.speed_m_s, after.speed_m_s) >= least_m_s and after.asked_m_s >= PIVOT_SPEED_M_S
 

@@ -117,6 +117,8 @@ def test_vehicles_that_see_each_other_too_late_breach_the_separation() -> None:
         agents=[agent(1, -3500.0, 0.0, 0.0), agent(2, 3500.0, 0.0, 180.0)],
         targets=[target(1, 8000.0, 0.0), target(2, -8000.0, 0.0)],
         detector_range_m=350.0,
+        # In Case I the centre would tell each of the other in time.
+        case="II",
     )
     assert ["detector_range_m: 350" in warning for warning in one.warnings] == [True]
     assert one.score.separation_breaches > 0

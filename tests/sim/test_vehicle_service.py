@@ -23,6 +23,7 @@ from mavsdk.plugins.telemetry import FlightMode
 from pymavlink.dialects.v20 import common
 
 from companion.errors import InputError
+from companion.geo.air_density import true_per_indicated
 from companion.protocol.v2_extension import wrap
 from companion.transport.endpoints import Link
 from sim.vehicle_service import VehicleOptions, run_vehicle, vehicle
@@ -299,7 +300,8 @@ def test_in_the_air_it_begins_armed_in_the_mode_that_holds_it_at_cruise_in_the_w
         assert (heartbeat.custom_mode, heartbeat.base_mode & 128) == (mode, 128)
         assert hud.alt == pytest.approx(580.0, abs=2.0)
         # A copter stands over the ground; a plane that heads north is carried east.
-        assert hud.groundspeed == pytest.approx(math.hypot(speed_m_s, 2.0) if speed_m_s else 0.0, abs=0.1)
+        true_m_s = speed_m_s * true_per_indicated(580.0)
+        assert hud.groundspeed == pytest.approx(math.hypot(true_m_s, 2.0) if speed_m_s else 0.0, abs=0.1)
         assert protocol.newest["SYS_STATUS"].battery_remaining == 40
 
     asyncio.run(body())

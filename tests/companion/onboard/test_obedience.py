@@ -430,3 +430,13 @@ def test_a_plane_that_the_wind_holds_somewhat_beside_its_course_answers(beside_d
         state = watch(state, seen, Expected(limits, False, 15.5, 0.5))
     assert state.answer.rung is rung
     assert "above the reachable" not in state.answer.words
+
+
+def test_a_vehicle_that_turns_by_more_than_a_radian_in_a_step_is_not_judged_by_its_course() -> None:
+    limits = LimitsSection(speed_m_s=39.0, n_max=6.8)
+    state = Obedience()
+    for step, course_deg in enumerate([0, 80, 170, 90, 10, -70, -150, 120, 40, -40, -120, 160] * 3):
+        seen = Seen(2.0 * step, math.radians(course_deg), 39.0, Setpoint(math.radians(course_deg + 100), 39.0, 80.0))
+        state = watch(state, seen, Expected(limits, False, math.inf, 2.0))
+    assert state.answer.rung is Rung.ANSWERS
+    assert in_words(state) is None
