@@ -114,7 +114,7 @@ def followed(
         low, high = _about(rates, near.max(axis=0), slowest, fastest)
         delays_s, rates = np.linspace(low_s, high_s, CELLS + 1), np.geomspace(low, high, CELLS + 1)
     # What is asked for slowly is followed slowly: that says nothing of what the vehicle can do.
-    asked_enough = best[1] < FOLLOWED_SHARE * _asked_rate(spans)
+    asked_enough = best[1] < FOLLOWED_SHARE * asked_rate(spans)
     denied = reckoned is not None and asked_enough and _square(spans, steps, reckoned) > most
     return Followed(
         Estimate(
@@ -134,7 +134,7 @@ def followed(
     )
 
 
-def _asked_rate(spans: Sequence[Span]) -> float:
+def asked_rate(spans: Sequence[Span]) -> float:
     """Return the greatest rate that the commands ask for over ASKED_S, or over all of a span that has fewer of them."""
     rates = []
     for span in spans:
