@@ -73,6 +73,13 @@ def test_the_reaction_is_the_adapters_own_to_what_is_known_of_it(kind: str) -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
+def test_a_vehicle_that_obeys_is_asked_neither_for_more_reaction_nor_for_slower_turns(kind: str) -> None:
+    asked = remedies(table_of(flown(kind).records, flown(kind).companion.config))
+    assert not {"reaction_s", "rate_share"} & set(asked)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
 def test_stand_ins_turn_as_fast_as_their_adapters_ask(kind: str) -> None:
     share = found(kind).rate_share
     assert share is not None and share.high >= 0.99 and share.low > 0.85

@@ -30,7 +30,7 @@ LEAST_TURN_RAD = math.radians(20.0)
 """Least turn that is commanded in a piece from which reaction and turn rate are read."""
 ASKED_SHARE = 0.5
 """Share of n_max g/v that must be asked for in a piece from which reaction and turn rate are read. To the small steps
-of a gentle turn no vehicle answers by a pure delay and a rate: the stand-ins, which turn at 1, seemed to turn at 0.3."""
+of a gentle turn no vehicle answers by a pure delay and a rate: stand-ins, which turn at 1, seemed to turn at 0.3."""
 SAME_SPEED_SHARE = 0.1
 """Change of the commanded speed up to which it hardly changes, as a share of the greatest commanded speed."""
 LONGEST_SILENCE_S = 1.0
@@ -48,18 +48,18 @@ ACCELERATIONS_M_S2 = (0.05, 15.0)
 """Least and greatest acceleration that is looked for."""
 LEAST_STEP_M_S = 1.0
 """Least step of the commanded speed that counts."""
-LEAST_STEP_SHARE = 0.12
-"""Least step of the commanded speed that counts, as a share of the greatest commanded speed."""
+LEAST_STEP_SHARE = 0.25
+"""Least step of the commanded speed that counts, as a share of the greatest commanded speed: in a smaller one a copter
+is still tilting."""
+LEAST_PLANE_STEP_SHARE = 0.12
+"""The same for a plane, whose pattern asks for 0.15 of its speed."""
 ANSWERED_SHARE = 0.4
 """Share of a step of speed that the vehicle must have made for the step to count: some ignore the speed asked for."""
 LEAST_STEP_S = 1.5
 """Least time after a step of speed that must be seen."""
-LONGEST_RAMP_S = 1.0
-"""Longest time in which a step of speed is commanded. A longer ramp, such as an approach, shows how fast it was asked
-for and not what the vehicle can: the stand-ins, which brake after 0.3 s, seemed to react after 0.45 s."""
-LEAST_STEPS = 2
-"""Least number of steps to one side, of a vehicle that can stop: the interval of a single one leaves out how tilting
-for it differs from a pure delay. A plane's pattern has but one."""
+LONGEST_RAMP_S = 0.3
+"""Longest time in which a step of speed is commanded: one command. A ramp, such as an approach, shows how fast it was
+asked for and not what the vehicle can: stand-ins, which brake after 0.3 s, seemed to react after 0.45 s."""
 BEFORE_STEP_S = 1.0
 """Time before a step of speed that is counted with it."""
 SLOWEST_M_S2 = 0.5
@@ -158,9 +158,9 @@ def identify(track: Track, limits: LimitsSection, can_stop: bool) -> Identified:
 
 
 def _stepped(parts: Sequence[Stretch], sign: float, can_stop: bool) -> Followed | None:
-    """Return how the steps of the speed to one side are followed; None if they are too few."""
-    steps = [span for part in parts for span in _speed_steps(part, sign)]
-    return followed(steps, *ACCELERATIONS_M_S2) if len(steps) >= (LEAST_STEPS if can_stop else 1) else None
+    """Return how the steps of the speed to one side are followed; None without any."""
+    share = LEAST_STEP_SHARE if can_stop else LEAST_PLANE_STEP_SHARE
+    return followed([span for part in parts for span in _speed_steps(part, sign, share)], *ACCELERATIONS_M_S2)
 
 
 def _asked_for(share: Estimate) -> Estimate:
@@ -257,10 +257,13 @@ def _on_speed(part: Stretch, level: np.ndarray, speed_m_s: np.ndarray) -> np.nda
     return on
 
 
-def _speed_steps(part: Stretch, sign: float) -> Iterator[Span]:
-    """Yield speed and commanded speed about each step to a greater (sign 1) or a lesser (-1) commanded speed."""
+def _speed_steps(part: Stretch, sign: float, share: float) -> Iterator[Span]:
+    """Yield speed and commanded speed about each step to a greater (sign 1) or a lesser (-1) commanded speed.
+
+    A step must be at least `share` of the greatest commanded speed.
+    """
     speed_m_s = np.hypot(*part.velocity_m_s.T)
-    steps = _steps_of(part)
+    steps = _steps_of(part, share)
     for index, (first, last) in enumerate(steps):
         from_m_s, to_m_s = float(part.speed_m_s[first - 1]), float(part.speed_m_s[last])
         if (to_m_s - from_m_s) * sign <= 0.0:
@@ -299,10 +302,10 @@ def _settled(times_s: np.ndarray, speed_m_s: np.ndarray, otherwise_m_s: float) -
     return float(np.median(speed_m_s[last])) if abs(slope_m_s2) < 0.2 else otherwise_m_s
 
 
-def _steps_of(part: Stretch) -> list[tuple[int, int]]:
+def _steps_of(part: Stretch, share: float) -> list[tuple[int, int]]:
     """Return the first and the last command of each step of the commanded speed; a ramp to one side is one step."""
     changes_m_s = np.diff(part.speed_m_s)
-    least_m_s = max(LEAST_STEP_M_S, LEAST_STEP_SHARE * float(part.speed_m_s.max()))
+    least_m_s = max(LEAST_STEP_M_S, share * float(part.speed_m_s.max()))
     found: list[tuple[int, int]] = []
     for index in np.nonzero(changes_m_s)[0].tolist():
         follows = bool(found) and found[-1][1] == index and changes_m_s[index] * changes_m_s[index - 1] > 0.0

@@ -40,8 +40,8 @@ FOLLOWED_SHARE = 0.85
 MOST_ALIKE = 0.95
 """Greatest likeness (autocorrelation) of neighbouring residuals that is reckoned with: at 10 Hz a memory of 2 s. What
 is alike for longer is no noise but what the model cannot do, and must not hide a vehicle that does not obey."""
-DELAY_RESOLUTION_S = 0.03
-"""Half the least width of a delay's interval: the times of commands and telemetry are no better known. Chosen."""
+DELAY_RESOLUTION_S = 0.05
+"""Half the least width of a delay's interval: half the period of telemetry at 10 Hz, the age of its newest."""
 RATE_RESOLUTION = 0.02
 """Half the least width of a rate's interval, as a share of the rate: what the model leaves out. Chosen."""
 

@@ -151,11 +151,11 @@ def test_a_turn_seen_with_gaps_does_not_count() -> None:
 def test_a_speed_that_is_ramped_down_shows_no_braking() -> None:
     ramp_m_s = [8.0] * 16 + [7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0] + [0.0] * 16
     found = identify(track(Vehicle(), ramp_m_s * 2, repeats=1), LIMITS, True)
-    assert found.braking_m_s2 is None and found.speed_reaction_s is None
+    assert found.braking_m_s2 is None
 
 
-def test_one_step_of_speed_shows_no_braking() -> None:
-    assert identify(track(Vehicle(), [8.0, 0.0, 8.0]), LIMITS, True).braking_m_s2 is None
+def test_a_small_step_of_speed_shows_no_braking() -> None:
+    assert identify(track(Vehicle(), [8.0, 6.5, 5.0]), LIMITS, True).braking_m_s2 is None
 
 
 def test_a_copter_that_is_told_to_creep_does_not_hold_a_place() -> None:
