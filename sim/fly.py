@@ -241,7 +241,7 @@ def _resolved(options: FlyOptions, law: LawName) -> Mission:
     check_flyable(resolved, source, options.allow_monolithic)
     if resolved.surrogate == "monolithic":
         click.echo(f"sim: warning: {source}: surrogate: 'monolithic' should not fly: {WHY_NOT_MONOLITHIC}", err=True)
-    for warning in lint_flight(resolved, law, (options.autopilot,), source):
+    for warning in lint_flight(resolved, law, (options.autopilot,), source, options.parameters):
         click.echo(f"sim: warning: {source}: {warning}", err=True)
     return resolved
 

@@ -146,12 +146,17 @@ class ParameterReader:
         self._asked_s.clear()
 
     def take(self, message: Message) -> None:
-        """Store a PARAM_VALUE, requested or not; an unknown parameter is ignored, a value that is not sane is named."""
+        """Store a PARAM_VALUE, requested or not."""
         heard = message.param_id.rstrip("\0")
+        if heard in self._meanings:
+            self.tell(heard, _value(message, self._bytewise))
+
+    def tell(self, heard: str, value: float) -> None:
+        """Store a value by one of a parameter's names; an unknown one is ignored, a value that is not sane is named."""
         name, factor = self._meanings.get(heard, (None, 0.0))
         if name is None:
             return
-        one, value = self._wanted[name], _value(message, self._bytewise)
+        one = self._wanted[name]
         self._insane.pop(name, None)
         if not one.is_sane(value * factor) and (one.least, one.greatest) != (-math.inf, math.inf):
             sane = f"{one.least / factor:g} to {one.greatest / factor:g}"

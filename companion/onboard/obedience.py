@@ -574,7 +574,7 @@ def _answers(now: Obedience, expected: Expected) -> Obedience:
     wind_m_s = now.measured.wind_m_s
     if wind_m_s is not None:
         words += f"; wind {wind_m_s:.1f} m/s measured"
-        if expected.limits.speed_m_s + wind_m_s > expected.airspeed_max_m_s:
+        if expected.can_stop and expected.limits.speed_m_s + wind_m_s > expected.airspeed_max_m_s:
             needed = f"{expected.limits.speed_m_s:g} + {wind_m_s:.1f}"
             words += f", {needed} above the reachable {expected.airspeed_max_m_s:.1f} m/s"
     now = now._replace(answer=worse(answer, words, expected.can_stop, last.at_s), quiet_since_s=last.at_s)

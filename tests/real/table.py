@@ -9,7 +9,7 @@ from typing import Any
 
 from tests.real.beside import ratios
 from tests.real.kinds import KINDS
-from tests.real.lane import job_of, jobs
+from tests.real.lane import Job, job_of, jobs
 
 MOST_AGENTS = 3
 """Most agents that a row shows one by one."""
@@ -46,12 +46,18 @@ def table(out: Path) -> str:
         json.loads(path.read_text(encoding="utf-8")) | {"beside": ratios(path.parent)}
         for path in sorted(out.glob("*/figures.json"), key=_in_order)
     ]
-    rows = [_row(flight) for flight in flights]
+    rows = [_row(flight) for flight in flights if _is_a_mission(flight)]
     events = [_event_row(flight, event) for flight in flights for event in flight["events"]]
     text = _head(_COLUMNS) + "".join(rows)
     if events:
         text += "\n" + _head(_EVENT_COLUMNS) + "".join(events)
     return text
+
+
+def _is_a_mission(flight: dict[str, Any]) -> bool:
+    """Return whether a flight has more to show than what followed its events."""
+    scenario = Job.named(f"{flight['scenario']}:{flight['kind']}").scenario
+    return scenario.refused or "open_targets" in scenario.at_most or bool(flight["broken"])
 
 
 def _in_order(path: Path) -> int:

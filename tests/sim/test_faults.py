@@ -254,8 +254,14 @@ CASES: tuple[tuple[str, tuple[str, ...], tuple[Check, ...]], ...] = (
     ),
     (
         "target outside the fence, wind of 0.4 of cruise towards it that nobody configured",
-        PLANES,
+        ("arduplane",),
         (says("returning: outside the fence", 0.0, 15.0), says("fresh: target", 15.0, 19.0)),
+    ),
+    (
+        # It hears of the wind from its autopilot before it is at the fence, and turns earlier.
+        "target outside the fence, wind of 0.4 of cruise towards it that nobody configured",
+        ("px4-plane",),
+        (steers(0.0, 30.0), inside),
     ),
     (
         "handed over outside the fence",

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from companion.autopilot.adapter import Abilities
 from companion.autopilot.kinds import KINDS
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError, one_line
@@ -37,14 +38,22 @@ class Flyer(NamedTuple):
         return ground_m_s * ground_m_s / (limits.speed_m_s * rate_rad_s)
 
 
-def fleet_of(mission: Mission, law: LawName, kind: str, source: str) -> list[Flyer]:
+def abilities_of(kind: str, parameters: Sequence[tuple[str, float]]) -> Abilities:
+    """Return what a kind of autopilot can do with parameters, by name, that differ from its defaults."""
+    adapter = ADAPTERS[kind]()
+    for name, value in parameters:
+        adapter.parameters.tell(name, value)
+    return adapter.abilities
+
+
+def fleet_of(mission: Mission, law: LawName, kind: str, abilities: Abilities, source: str) -> list[Flyer]:
     """Return the vehicles of a resolved mission as an autopilot kind flies them; errors name `source`.
 
     Raises:
         InputError: guard or law cannot hold the limits of an agent.
 
     """
-    can_stop, abilities = KINDS[kind].can_stop, ADAPTERS[kind]().abilities
+    can_stop = KINDS[kind].can_stop
     fleet = []
     for index, spec in enumerate(mission.agents):
         where = f"{source}: agents[{index}]"
@@ -61,11 +70,11 @@ def fleet_of(mission: Mission, law: LawName, kind: str, source: str) -> list[Fly
     return fleet
 
 
-def beyond_airspeed_in_wind(mission: Mission, fleet: Sequence[Flyer], kind: str) -> list[str]:
+def beyond_airspeed_in_wind(fleet: Sequence[Flyer], kind: str, abilities: Abilities) -> list[str]:
     """Return the agents whose companion would not begin to steer: their speed and the wind are beyond their reach."""
     if not KINDS[kind].can_stop:
         return []  # A plane flies at its airspeed, whatever the wind.
-    abilities, concerns = ADAPTERS[kind]().abilities, []
+    concerns = []
     for flyer in fleet:
         limits = flyer.steering.config.limits
         shortage = beyond_airspeed(limits, abilities)

@@ -298,3 +298,21 @@ def test_a_wind_that_a_copter_cannot_fly_against_is_warned_of(kind: str, speed_m
             "wind: 5 m/s, gusts included, against the 8 m/s of agent 1: arducopter reaches 10.3 (ANGLE_MAX 3000) "
             "through the air, so that its companion does not begin to steer"
         ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "warns"),
+    [
+        ("arducopter", (("ANGLE_MAX", 4500.0),), False),
+        ("arducopter", (("ANGLE_MAX", 2500.0),), True),
+        ("px4-copter", (("SIH_KDV", 2.0),), True),
+    ],
+)
+def test_a_wind_is_set_against_what_the_given_parameters_reach(
+    kind: str, parameters: tuple[tuple[str, float], ...], warns: bool
+) -> None:
+    slow = [{**agent(1, 0.0, 0.0), "speed_m_s": 8.0, "n_max": 0.1}]
+    wind = {"from_deg": 270.0, "speed_m_s": 4.0, "gust_m_s": 1.0}
+    mission = mission_of(agents=slow, wind=wind)
+    found = lint_flight(mission, "routed", (kind,), "mission.yaml", parameters)
+    assert any(words.startswith("wind: ") for words in found) is warns

@@ -419,3 +419,14 @@ def test_a_copter_that_stays_on_the_spot_does_not_answer() -> None:
 def test_a_measurement_is_a_value() -> None:
     assert Measured().wind_m_s is None
     assert Measured(wind_ned_m_s=(3.0, 4.0)).wind_m_s == 5.0
+
+
+@pytest.mark.parametrize(("beside_deg", "rung"), [(12.0, Rung.ANSWERS), (40.0, Rung.LEFT)])
+def test_a_plane_that_the_wind_holds_somewhat_beside_its_course_answers(beside_deg: float, rung: Rung) -> None:
+    limits = LimitsSection(speed_m_s=15.0, n_max=0.4, reaction_s=0.2, wind_m_s=7.0)
+    state = Obedience()
+    for step in range(60):
+        seen = Seen(0.5 * step, math.radians(beside_deg), 6.2, Setpoint(0.0, 15.0, 80.0), wind_ned_m_s=(-7.0, 0.0))
+        state = watch(state, seen, Expected(limits, False, 15.5, 0.5))
+    assert state.answer.rung is rung
+    assert "above the reachable" not in state.answer.words
