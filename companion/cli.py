@@ -87,22 +87,21 @@ def identify_command(config: str, log: str | None, writes: bool) -> int:
     Hand the vehicle over in the air. It then flies a pattern of one to two minutes at its height, inside the fence:
     steps of course and speed, stops and a hold, or a circle. A change of the mode ends it at once.
 
-    Exit status 0 if nothing is worse than reckoned with, 1 if something is or the pattern was not flown to its end, 2
-    for unusable input.
+    Exit status 0 if nothing is worse than reckoned with, 1 if something is, nothing was measured, or the pattern was
+    not flown to its end, 2 for unusable input.
 
     Example: companion identify companion.yaml --write
     """
-    from companion.files.tlog import read_tlog
     from companion.onboard.config import load_config
-    from companion.onboard.identification.service import check_writable, fly_pattern, report, table_of, write_limits
+    from companion.onboard.identification.service import check_writable, fly_pattern, report, table_of_log, write_limits
     from companion.runtime.clock import run_until_signal
 
-    loaded = load_config(config)
     if writes:
         check_writable(config)
     if log is not None:
-        end, table = None, table_of(read_tlog(log), loaded)
+        end, table = None, table_of_log(log, config)
     else:
+        loaded = load_config(config)
         end, table = run_until_signal(lambda stop: fly_pattern(loaded, stop))
     status = report(end, table)
     if writes:

@@ -277,18 +277,7 @@ def load_config(name_or_path: str) -> Config:
         InputError: the file cannot be read, is not YAML, or breaks a rule.
 
     """
-    if name_or_path in packaged_configs():
-        text = (resources.files("companion.onboard") / "configs" / f"{name_or_path}.yaml").read_text(encoding="utf-8")
-    else:
-        path = Path(name_or_path)
-        if not is_there(path):
-            hint = nearest_hint(name_or_path, packaged_configs())
-            raise InputError(
-                f"{name_or_path}: no such configuration file or packaged one{hint}; "
-                f"packaged: {', '.join(packaged_configs())}"
-            )
-        text = read_text_file(path)
-    config = parse_config(text, name_or_path)
+    config = read_config(name_or_path)
     for key in ("autopilot", "broadcast"):
         if getattr(config, key) is None:
             raise InputError(f"{name_or_path}: {key}: missing; `companion run` needs its link")
@@ -307,6 +296,27 @@ def load_config(name_or_path: str) -> Config:
             f"{name_or_path}: surrogate: 'monolithic' flies only in the simulator; allowed: pairwise, analytic"
         )
     return config
+
+
+def read_config(name_or_path: str) -> Config:
+    """Read a configuration, a file or a packaged one, with or without links.
+
+    Raises:
+        InputError: the file cannot be read, is not YAML, or breaks a rule.
+
+    """
+    if name_or_path in packaged_configs():
+        text = (resources.files("companion.onboard") / "configs" / f"{name_or_path}.yaml").read_text(encoding="utf-8")
+    else:
+        path = Path(name_or_path)
+        if not is_there(path):
+            hint = nearest_hint(name_or_path, packaged_configs())
+            raise InputError(
+                f"{name_or_path}: no such configuration file or packaged one{hint}; "
+                f"packaged: {', '.join(packaged_configs())}"
+            )
+        text = read_text_file(path)
+    return parse_config(text, name_or_path)
 
 
 def dump_config(config: Config) -> str:

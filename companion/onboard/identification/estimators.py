@@ -15,7 +15,7 @@ import numpy as np
 from companion.geo.kinematics import GRAVITY_M_S2
 from companion.guard.types import PIVOT_SPEED_M_S
 from companion.onboard.config import LimitsSection
-from companion.onboard.identification.follower import DEVIATIONS, Estimate, Followed, Span, followed
+from companion.onboard.identification.follower import DEVIATIONS, Estimate, Followed, Span, asked_rate, followed
 from companion.onboard.identification.track import Stretch, Track, stretches
 
 COURSE_SPEED_M_S = 1.0
@@ -24,20 +24,42 @@ COURSE_SHARE = 0.4
 """Share of the greatest commanded speed below which a course is not counted: the vehicle stops or starts there."""
 LEAST_COURSE_S = 4.0
 """Shortest piece of flight from which a course is counted."""
+LEAST_TURNS_RAD = math.radians(70.0)
+"""Least sum of such turns: less than the first turn of the pattern, of a plane too."""
 LEAST_TURN_RAD = math.radians(20.0)
 """Least turn that is commanded in a piece from which reaction and turn rate are read."""
+ASKED_SHARE = 0.5
+"""Share of n_max g/v that must be asked for in a piece from which reaction and turn rate are read. To the small steps
+of a gentle turn no vehicle answers by a pure delay and a rate: stand-ins, which turn at 1, seemed to turn at 0.3."""
+SAME_SPEED_SHARE = 0.1
+"""Change of the commanded speed up to which it hardly changes, as a share of the greatest commanded speed."""
+LONGEST_SILENCE_S = 1.0
+"""Time without a position over which a course is not followed."""
+OBSERVED_S = 1.0
+"""Time over which it is observed whether the speed still changes."""
+CALM_M_S2 = 0.5
+"""Change of the speed up to which it counts as not changing: a fifth of what a copter has for speed and turn."""
+ANSWERED_AFTER_S = 2.0
+"""Time after which a vehicle that is told another speed has at any rate begun to take it, and is seen to: the sluggish
+one of docs/identify.md begins after 1.5 s."""
 RATE_SHARES = (0.04, 1.5)
 """Least and greatest share of n_max g/v that is looked for."""
 ACCELERATIONS_M_S2 = (0.05, 15.0)
 """Least and greatest acceleration that is looked for."""
 LEAST_STEP_M_S = 1.0
 """Least step of the commanded speed that counts."""
-LEAST_STEP_SHARE = 0.12
-"""Least step of the commanded speed that counts, as a share of the greatest commanded speed."""
+LEAST_STEP_SHARE = 0.25
+"""Least step of the commanded speed that counts, as a share of the greatest commanded speed: in a smaller one a copter
+is still tilting."""
+LEAST_PLANE_STEP_SHARE = 0.12
+"""The same for a plane, whose pattern asks for 0.15 of its speed."""
 ANSWERED_SHARE = 0.4
 """Share of a step of speed that the vehicle must have made for the step to count: some ignore the speed asked for."""
 LEAST_STEP_S = 1.5
 """Least time after a step of speed that must be seen."""
+LONGEST_RAMP_S = 0.3
+"""Longest time in which a step of speed is commanded: one command. A ramp, such as an approach, shows how fast it was
+asked for and not what the vehicle can: stand-ins, which brake after 0.3 s, seemed to react after 0.45 s."""
 BEFORE_STEP_S = 1.0
 """Time before a step of speed that is counted with it."""
 SLOWEST_M_S2 = 0.5
@@ -58,6 +80,10 @@ STANDING_M_S = 0.5
 """Speed below which a vehicle stands."""
 HOLDING_M_S = 1.0
 """Greatest speed that is commanded while a vehicle holds its place."""
+CREEPING_M_S = 0.1
+"""Median of the commanded speed above which a vehicle is perhaps not told to hold its place but to go, slowly."""
+CREPT_SHARE = 0.5
+"""Share of the way that it is told to go from which it goes: one that is off its place does not get away from there."""
 LEAST_HOLD_S = 6.0
 """Shortest time of holding from which its accuracy is told."""
 LEAST_CIRCLE_RAD = math.radians(300.0)
@@ -105,10 +131,12 @@ class Identified(NamedTuple):
 def identify(track: Track, limits: LimitsSection, can_stop: bool) -> Identified:
     """Return what a track says of its vehicle, which is reckoned with by `limits`."""
     parts = list(stretches(track))
-    turns = [span for part in parts for span in _courses(part, limits.n_max)]
-    turning = followed(turns, *RATE_SHARES, (limits.reaction_s, limits.rate_share))
-    faster = followed([span for part in parts for span in _speed_steps(part, 1.0)], *ACCELERATIONS_M_S2)
-    slower = followed([span for part in parts for span in _speed_steps(part, -1.0)], *ACCELERATIONS_M_S2)
+    turns = [span for part in parts for span in _courses(part, limits.n_max, can_stop)]
+    enough = (
+        sum(float(np.ptp(_in_force(turn.command_s, turn.command, turn.reply_s))) for turn in turns) >= LEAST_TURNS_RAD
+    )
+    turning = followed(turns if enough else [], *RATE_SHARES, (limits.reaction_s, limits.rate_share))
+    faster, slower = (_stepped(parts, sign, can_stop) for sign in (1.0, -1.0))
     air = _from_circle(parts) if not can_stop else None
     told = _told_wind(track)
     wind = told if air is None else air[0]
@@ -127,6 +155,12 @@ def identify(track: Track, limits: LimitsSection, can_stop: bool) -> Identified:
         wind_m_s=None if wind is None else wind[0],
         wind_ned_m_s=None if wind is None else wind[1],
     )
+
+
+def _stepped(parts: Sequence[Stretch], sign: float, can_stop: bool) -> Followed | None:
+    """Return how the steps of the speed to one side are followed; None without any."""
+    share = LEAST_STEP_SHARE if can_stop else LEAST_PLANE_STEP_SHARE
+    return followed([span for part in parts for span in _speed_steps(part, sign, share)], *ACCELERATIONS_M_S2)
 
 
 def _asked_for(share: Estimate) -> Estimate:
@@ -155,12 +189,22 @@ def _runs(mask: np.ndarray) -> Iterator[tuple[int, int]]:
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
-def _courses(part: Stretch, n_max: float) -> Iterator[Span]:
-    """Yield course and commanded course of each piece in which the vehicle neither stops nor starts but turns."""
+def _courses(part: Stretch, n_max: float, can_stop: bool) -> Iterator[Span]:
+    """Yield course and commanded course of each piece in which the guard's model of a turn holds and is put to a test.
+
+    The vehicle neither stops nor starts there, is seen without a gap, and is asked to turn faster than ASKED_SHARE.
+    """
     speed_m_s = np.hypot(*part.velocity_m_s.T)
     least_m_s = max(COURSE_SPEED_M_S, COURSE_SHARE * float(part.speed_m_s.max()))
     asked_m_s = _in_force(part.command_s, part.speed_m_s, part.reply_s)
-    for first, end in _runs((speed_m_s >= least_m_s) & (asked_m_s >= least_m_s)):
+    fits = (speed_m_s >= least_m_s) & (asked_m_s >= least_m_s)
+    # What a copter needs to change its speed is missing in its turn; a plane turns by its wings.
+    levels = _levels(part, least_m_s) if can_stop else np.cumsum(_turns_true(part.speed_m_s >= least_m_s))
+    level = _in_force(part.command_s, levels, part.reply_s)
+    if can_stop:
+        fits &= _on_speed(part, level, speed_m_s)
+    fits[1:] &= (np.diff(part.reply_s) <= LONGEST_SILENCE_S) & (level[1:] == level[:-1])
+    for first, end in _runs(fits):
         times_s = part.reply_s[first:end]
         if end - first < 2 or times_s[-1] - times_s[0] < LEAST_COURSE_S:
             continue
@@ -170,25 +214,63 @@ def _courses(part: Stretch, n_max: float) -> Iterator[Span]:
             continue
         turns = round(float(commanded_rad[0] - course_rad[0]) / math.tau)
         fastest_m_s = np.maximum(speed_m_s[first:end], asked_m_s[first:end])
-        yield Span(
-            part.command_s,
-            part.heading_rad - turns * math.tau,
+        # A standing vehicle is told any heading: that asks for no turn of its course.
+        since = int(np.argmax(levels == level[first]))
+        span = Span(
+            part.command_s[since:],
+            part.heading_rad[since:] - turns * math.tau,
             times_s,
             course_rad,
             n_max * GRAVITY_M_S2 / np.maximum(fastest_m_s, PIVOT_SPEED_M_S),
             offset_free=True,
         )
+        if asked_rate([span]) >= ASKED_SHARE:
+            yield span
 
 
-def _speed_steps(part: Stretch, sign: float) -> Iterator[Span]:
-    """Yield speed and commanded speed about each step to a greater (sign 1) or a lesser (-1) commanded speed."""
+def _turns_true(mask: np.ndarray) -> np.ndarray:
+    """Return where values become true."""
+    turns: np.ndarray = mask & ~np.concatenate(([False], mask[:-1]))
+    return turns
+
+
+def _levels(part: Stretch, least_m_s: float) -> np.ndarray:
+    """Return for each command the number of the level of speed that it belongs to: one that hardly changes."""
+    same_m_s = SAME_SPEED_SHARE * float(part.speed_m_s.max())
+    level, at_m_s, levels = 0, math.inf, []
+    for asked_m_s in part.speed_m_s.tolist():
+        if abs(asked_m_s - at_m_s) > same_m_s or (asked_m_s < least_m_s) != (at_m_s < least_m_s):
+            level, at_m_s = level + 1, asked_m_s
+        levels.append(level)
+    return np.array(levels)
+
+
+def _on_speed(part: Stretch, level: np.ndarray, speed_m_s: np.ndarray) -> np.ndarray:
+    """Return where the speed has once stopped changing since another level of it was commanded, of each reply."""
+    earlier_m_s = np.interp(part.reply_s - OBSERVED_S, part.reply_s, speed_m_s)
+    calm = np.abs(speed_m_s - earlier_m_s) <= CALM_M_S2 * OBSERVED_S
+    on = np.zeros(len(level), dtype=bool)
+    for number in np.unique(level).tolist():
+        within = level == number
+        times_s = part.reply_s[within]
+        on[within] = np.logical_or.accumulate(calm[within] & (times_s - times_s[0] >= ANSWERED_AFTER_S))
+    return on
+
+
+def _speed_steps(part: Stretch, sign: float, share: float) -> Iterator[Span]:
+    """Yield speed and commanded speed about each step to a greater (sign 1) or a lesser (-1) commanded speed.
+
+    A step must be at least `share` of the greatest commanded speed.
+    """
     speed_m_s = np.hypot(*part.velocity_m_s.T)
-    steps = _steps_of(part)
+    steps = _steps_of(part, share)
     for index, (first, last) in enumerate(steps):
         from_m_s, to_m_s = float(part.speed_m_s[first - 1]), float(part.speed_m_s[last])
         if (to_m_s - from_m_s) * sign <= 0.0:
             continue
         begins_s, stepped_s = float(part.command_s[first]), float(part.command_s[last])
+        if stepped_s - begins_s > LONGEST_RAMP_S:
+            continue
         ends_s = stepped_s + abs(to_m_s - from_m_s) / SLOWEST_M_S2 + SETTLING_S
         if index + 1 < len(steps):
             ends_s = min(ends_s, float(part.command_s[steps[index + 1][0]]))
@@ -220,10 +302,10 @@ def _settled(times_s: np.ndarray, speed_m_s: np.ndarray, otherwise_m_s: float) -
     return float(np.median(speed_m_s[last])) if abs(slope_m_s2) < 0.2 else otherwise_m_s
 
 
-def _steps_of(part: Stretch) -> list[tuple[int, int]]:
+def _steps_of(part: Stretch, share: float) -> list[tuple[int, int]]:
     """Return the first and the last command of each step of the commanded speed; a ramp to one side is one step."""
     changes_m_s = np.diff(part.speed_m_s)
-    least_m_s = max(LEAST_STEP_M_S, LEAST_STEP_SHARE * float(part.speed_m_s.max()))
+    least_m_s = max(LEAST_STEP_M_S, share * float(part.speed_m_s.max()))
     found: list[tuple[int, int]] = []
     for index in np.nonzero(changes_m_s)[0].tolist():
         follows = bool(found) and found[-1][1] == index and changes_m_s[index] * changes_m_s[index - 1] > 0.0
@@ -285,6 +367,9 @@ def _held(parts: Sequence[Stretch]) -> Estimate | None:
             if part.reply_s[end - 1] - part.reply_s[first] < LEAST_HOLD_S:
                 continue
             off_m = np.hypot(*(part.place_ned_m[first:end] - part.place_ned_m[first]).T)
+            told_m = float(asked_m_s[first:end].mean() * (part.reply_s[end - 1] - part.reply_s[first]))
+            if float(np.median(asked_m_s[first:end])) > CREEPING_M_S and off_m[-1] > CREPT_SHARE * told_m:
+                continue
             errors += zip(part.reply_s[first:end].tolist(), off_m.tolist(), strict=True)
     return _quantile(np.array(errors)) if errors else None
 

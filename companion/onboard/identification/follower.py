@@ -40,8 +40,8 @@ FOLLOWED_SHARE = 0.85
 MOST_ALIKE = 0.95
 """Greatest likeness (autocorrelation) of neighbouring residuals that is reckoned with: at 10 Hz a memory of 2 s. What
 is alike for longer is no noise but what the model cannot do, and must not hide a vehicle that does not obey."""
-DELAY_RESOLUTION_S = 0.03
-"""Half the least width of a delay's interval: the times of commands and telemetry are no better known. Chosen."""
+DELAY_RESOLUTION_S = 0.05
+"""Half the least width of a delay's interval: half the period of telemetry at 10 Hz, the age of its newest."""
 RATE_RESOLUTION = 0.02
 """Half the least width of a rate's interval, as a share of the rate: what the model leaves out. Chosen."""
 
@@ -114,7 +114,7 @@ def followed(
         low, high = _about(rates, near.max(axis=0), slowest, fastest)
         delays_s, rates = np.linspace(low_s, high_s, CELLS + 1), np.geomspace(low, high, CELLS + 1)
     # What is asked for slowly is followed slowly: that says nothing of what the vehicle can do.
-    asked_enough = best[1] < FOLLOWED_SHARE * _asked_rate(spans)
+    asked_enough = best[1] < FOLLOWED_SHARE * asked_rate(spans)
     denied = reckoned is not None and asked_enough and _square(spans, steps, reckoned) > most
     return Followed(
         Estimate(
@@ -134,7 +134,7 @@ def followed(
     )
 
 
-def _asked_rate(spans: Sequence[Span]) -> float:
+def asked_rate(spans: Sequence[Span]) -> float:
     """Return the greatest rate that the commands ask for over ASKED_S, or over all of a span that has fewer of them."""
     rates = []
     for span in spans:

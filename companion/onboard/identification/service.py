@@ -16,11 +16,11 @@ from companion.files.state import write_state_file
 from companion.files.tlog import read_tlog
 from companion.files.yaml import read_text_file, with_numbers
 from companion.onboard.authority import State
-from companion.onboard.config import Config, packaged_configs, parse_config
+from companion.onboard.config import Config, packaged_configs, parse_config, read_config
 from companion.onboard.identification.estimators import identify
 from companion.onboard.identification.identifier import End, Identifier
-from companion.onboard.identification.table import HEADING, Row, remedies, rows
-from companion.onboard.identification.track import track_of
+from companion.onboard.identification.table import HEADING, Row, obedience_shown, remedies, rows
+from companion.onboard.identification.track import Track, track_of
 from companion.onboard.limits import within
 from companion.onboard.service import run_companion
 from companion.protocol.authenticator import Authenticator
@@ -56,9 +56,28 @@ async def fly_pattern(config: Config, stop: asyncio.Event) -> tuple[End, list[Ro
 
 def table_of(records: Iterable[tuple[float, bytes]], config: Config) -> list[Row]:
     """Return the table of what a log's records (t_unix_s, frame) say of the vehicle of a configuration."""
+    return _table(track_of(records, config), config)
+
+
+def table_of_log(log: str, name: str) -> list[Row]:
+    """Return the table of what the log of a flight says of the vehicle of a configuration, read without its links.
+
+    Raises:
+        InputError: the configuration or the log cannot be read, it names no autopilot, or the log is of another one.
+
+    """
+    config = read_config(name)
+    if config.autopilot is None:
+        raise InputError(f"{name}: autopilot: missing; a log is read as that of its kind, so give autopilot.kind")
+    track = track_of(read_tlog(log), config)
+    if track.refusal is not None:
+        raise InputError(f"{log}: {track.refusal}")
+    return _table(track, config)
+
+
+def _table(track: Track, config: Config) -> list[Row]:
     assert config.autopilot is not None
     can_stop = KINDS[config.autopilot.kind].can_stop
-    track = track_of(records, config)
     limits = within(config.limits, track.abilities)
     return rows(identify(track, limits, can_stop), limits, can_stop, config.arrival_radius_m)
 
@@ -71,8 +90,14 @@ def report(end: End | None, table: list[Row]) -> int:
     if end is not None:
         click.echo(f"ended: {end.words}")
     worse = sum(row.worse for row in table)
-    click.echo(f"{len(table)} measured, {worse or 'none'} worse than reckoned with")
-    return EXIT_FAILED if worse or (end is not None and not end.complete) else EXIT_DONE
+    shown = obedience_shown(table)
+    if shown:
+        measured = sum(row.shown for row in table)
+        click.echo(f"{measured} of {len(table)} measured, {worse or 'none'} worse than reckoned with")
+    else:
+        click.echo(f"the {'log' if end is None else 'flight'} shows nothing of how the vehicle obeys")
+    failed = worse or not shown or (end is not None and not end.complete)
+    return EXIT_FAILED if failed else EXIT_DONE
 
 
 def check_writable(name: str) -> None:

@@ -15,6 +15,8 @@ REACTION_TOLERANCE_S = 0.05
 SHARE_TOLERANCE = 0.05
 """Share of a turn rate that is none where reaction and turn rate are judged together: telemetry tells it no better."""
 UNKNOWN = "not shown by this flight"
+WIND = "wind"
+"""Name of the wind's row: the only one that says nothing of the vehicle."""
 
 
 class Row(NamedTuple):
@@ -27,12 +29,17 @@ class Row(NamedTuple):
     remedy: tuple[str, float] | None = None
 
     @property
+    def shown(self) -> bool:
+        """Whether the flight shows the value at all."""
+        return self.measured != UNKNOWN
+
+    @property
     def text(self) -> str:
         """The line as it is printed."""
         verdict = "ok"
         if self.worse:
             verdict = "worse" if self.remedy is None else f"worse: set limits.{self.remedy[0]} to {self.remedy[1]:g}"
-        if self.measured == UNKNOWN:
+        if not self.shown:
             verdict = "-"
         return f"{self.name:<24} {self.measured:<30} {self.reckoned:<26} {verdict}"
 
@@ -55,6 +62,11 @@ def rows(found: Identified, limits: LimitsSection, can_stop: bool, radius_m: flo
         table.append(_slow_to_react("reaction to a speed", found.speed_reaction_s, limits))
         table.append(_least("braking", found.braking_m_s2, "m/s^2", braking))
     return [*table, _speed(found, limits, can_stop), _hold(found.hold_m, can_stop, radius_m), _wind(found, limits)]
+
+
+def obedience_shown(table: list[Row]) -> bool:
+    """Return whether a table says anything of how the vehicle obeys."""
+    return any(row.shown for row in table if row.name != WIND)
 
 
 def remedies(table: list[Row]) -> dict[str, float]:
@@ -105,7 +117,7 @@ def _wind(found: Identified, limits: LimitsSection) -> Row:
     if found.wind_ned_m_s is not None:
         north_m_s, east_m_s = found.wind_ned_m_s
         text += f" from {math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0:.0f} deg"
-    return Row("wind", text, f"wind_m_s {limits.wind_m_s:g}", worse, remedy)
+    return Row(WIND, text, f"wind_m_s {limits.wind_m_s:g}", worse, remedy)
 
 
 def _text(found: Estimate | None, unit: str) -> str:

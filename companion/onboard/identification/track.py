@@ -33,6 +33,8 @@ class Track(NamedTuple):
     winds: np.ndarray  # (W, 3): time s, wind's velocity north m/s and east m/s, as the autopilot told it
     abilities: Abilities
     """The vehicle's abilities by the parameters that the log holds."""
+    refusal: str | None = None
+    """Why the log is not one of the configuration's autopilot; None if it is, or holds no autopilot's heartbeat."""
 
 
 class Stretch(NamedTuple):
@@ -129,6 +131,7 @@ class _Reader:
             np.array(self._motions, dtype=float).reshape(-1, 6),
             np.array(self._winds, dtype=float).reshape(-1, 3),
             self._adapter.abilities,
+            self._adapter.refusal,
         )
 
     def _decided(self, t_s: float, frame: RawFrame) -> None:

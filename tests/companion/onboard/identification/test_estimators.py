@@ -33,12 +33,12 @@ class Vehicle(NamedTuple):
     """Standard deviation of its distance from its place, north and east each."""
 
 
-def track(vehicle: Vehicle, speeds_m_s: list[float], seed: int = 0, turns: bool = False) -> Track:
-    """Return the track of a vehicle that is asked for each speed for 8 s; with `turns` on a course that circles."""
+def track(vehicle: Vehicle, speeds_m_s: list[float], seed: int = 0, turn_rad: float = 0.0, repeats: int = 16) -> Track:
+    """Return the track of a vehicle that is asked, every 0.5 s, for each speed `repeats` times and to turn further."""
     rng = np.random.default_rng(seed)
-    command_s = np.arange(0.0, 8.0 * len(speeds_m_s), 0.5)
-    asked_m_s = np.repeat(speeds_m_s, 16).astype(float)
-    heading_rad = np.cumsum(np.full(len(command_s), 0.15)) if turns else np.zeros(len(command_s))
+    command_s = 0.5 * np.arange(repeats * len(speeds_m_s))
+    asked_m_s = np.repeat(speeds_m_s, repeats).astype(float)
+    heading_rad = np.cumsum(np.full(len(command_s), turn_rad))
     fine_s = np.arange(0.0, command_s[-1] + 0.5, FINE_S)
     speed_m_s, rows = asked_m_s[0], []
     for t_s in fine_s.tolist():
@@ -107,7 +107,7 @@ def test_how_well_a_place_is_held_is_the_distance_of_95_of_100() -> None:
 @given(st.floats(-6.0, 6.0), st.floats(-6.0, 6.0), st.floats(0.02, 0.4), st.integers(0, 1_000))
 def test_a_plane_that_circles_finds_the_wind(north_m_s: float, east_m_s: float, noise_m_s: float, seed: int) -> None:
     vehicle = Vehicle(noise_m_s=noise_m_s, wind_ned_m_s=(north_m_s, east_m_s))
-    found = identify(track(vehicle, [15.0] * 4, seed, turns=True), LIMITS, False)
+    found = identify(track(vehicle, [15.0] * 4, seed, turn_rad=0.15), LIMITS, False)
     assert found.wind_ned_m_s == pytest.approx((north_m_s, east_m_s), abs=0.5)
     assert found.top_speed_m_s is not None and found.top_speed_m_s.value == pytest.approx(15.0, abs=0.5)
 
@@ -117,6 +117,49 @@ def test_a_copter_knows_the_wind_that_its_autopilot_tells() -> None:
     found = identify(track(Vehicle(), [8.0, 0.0])._replace(winds=told), LIMITS, True)
     assert found.wind_ned_m_s == (3.0, 4.0)
     assert found.wind_m_s is not None and found.wind_m_s.value == 5.0
+
+
+def test_a_turn_that_is_asked_for_fast_shows_reaction_and_turn_rate() -> None:
+    found = identify(track(Vehicle(), [8.0, 8.0, 8.0], turn_rad=0.12), LIMITS, True)
+    assert found.reaction_s is not None
+    assert found.rate_share is not None and math.isinf(found.rate_share.high)
+
+
+def test_a_turn_that_is_asked_for_slowly_shows_neither() -> None:
+    found = identify(track(Vehicle(), [8.0, 8.0, 8.0], turn_rad=0.05), LIMITS, True)
+    assert found.reaction_s is None and found.rate_share is None
+
+
+def test_a_heading_told_to_a_copter_that_stands_is_no_turn_of_its_course() -> None:
+    started = track(Vehicle(), [0.0, 8.0, 8.0, 8.0], turn_rad=0.02)
+    started.commands[:17, 1] -= 2.0
+    found = identify(started, LIMITS, True)
+    assert found.reaction_s is None and found.rate_share is None
+
+
+def test_a_turn_while_a_copter_changes_its_speed_does_not_count() -> None:
+    turning = track(Vehicle(), [8.0, 6.0, 4.0, 6.0] * 4, turn_rad=0.16, repeats=4)
+    assert identify(turning, LIMITS, True).rate_share is None
+
+
+def test_a_turn_seen_with_gaps_does_not_count() -> None:
+    turning = track(Vehicle(), [8.0, 8.0, 8.0], turn_rad=0.12)
+    seen = turning.motions[turning.motions[:, 1] % 4.0 > 1.5]
+    assert identify(turning._replace(motions=seen), LIMITS, True).rate_share is None
+
+
+def test_a_speed_that_is_ramped_down_shows_no_braking() -> None:
+    ramp_m_s = [8.0] * 16 + [7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0] + [0.0] * 16
+    found = identify(track(Vehicle(), ramp_m_s * 2, repeats=1), LIMITS, True)
+    assert found.braking_m_s2 is None
+
+
+def test_a_small_step_of_speed_shows_no_braking() -> None:
+    assert identify(track(Vehicle(), [8.0, 6.5, 5.0]), LIMITS, True).braking_m_s2 is None
+
+
+def test_a_copter_that_is_told_to_creep_does_not_hold_a_place() -> None:
+    assert identify(track(Vehicle(), [8.0, 0.4, 0.4, 0.4]), LIMITS, True).hold_m is None
 
 
 def test_a_plane_that_flies_straight_on_cannot_tell_wind_from_airspeed() -> None:

@@ -6,10 +6,12 @@ import math
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
+from pymavlink.dialects.v20 import common
 
 from companion.cli import cli
 from companion.errors import InputError
+from companion.files.tlog import TlogWriter
 from companion.onboard.config import LimitsSection, load_config
 from companion.onboard.identification.estimators import Identified
 from companion.onboard.identification.follower import Estimate
@@ -74,7 +76,7 @@ def test_a_wind_stronger_than_configured_is_told_with_where_it_comes_from() -> N
 
 def test_the_status_tells_whether_something_is_worse() -> None:
     assert report(None, table()) == 1
-    assert report(None, table(Identified())) == 0
+    assert report(None, table(SLUGGISH._replace(reaction_s=None, speed_reaction_s=None, rate_share=None))) == 0
 
 
 def test_what_is_written_is_read_back_and_all_else_stays(tmp_path: Path) -> None:
@@ -112,8 +114,52 @@ def test_a_log_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     assert isinstance(result.exception, InputError)
 
 
-def test_an_empty_log_shows_nothing(tmp_path: Path) -> None:
-    log = tmp_path / "vehicle-1.tlog"
-    log.write_bytes(b"")
-    result = CliRunner().invoke(cli, ["identify", "copter-demo-1", "--log", str(log)], standalone_mode=False)
+def read(tmp_path: Path, frames: list[bytes], config: str = CONFIG) -> Result:
+    """Return what `companion identify --log` makes of a log of these frames."""
+    log, path = tmp_path / "vehicle-1.tlog", tmp_path / "c.yaml"
+    path.write_text(config)
+    with TlogWriter(log) as writer:
+        for index, frame in enumerate(frames):
+            writer.write(float(index), frame)
+    return CliRunner().invoke(cli, ["identify", str(path), "--log", str(log)], standalone_mode=False)
+
+
+def heartbeat(mav_type: int, system_id: int = 1) -> bytes:
+    message = common.MAVLink_heartbeat_message(mav_type, common.MAV_AUTOPILOT_ARDUPILOTMEGA, 0x81, 4, 4, 3)
+    return bytes(message.pack(common.MAVLink(None, srcSystem=system_id, srcComponent=1)))
+
+
+def test_a_log_without_a_flight_is_no_clean_one(tmp_path: Path) -> None:
+    result = read(tmp_path, [])
+    assert result.return_value == 1
     assert result.output.count("not shown by this flight") == 8
+    assert result.output.endswith("the log shows nothing of how the vehicle obeys\n")
+
+
+def test_the_wind_alone_says_nothing_of_the_vehicle() -> None:
+    assert report(None, table(Identified(wind_m_s=Estimate(1.0, 0.9, 1.1), wind_ned_m_s=(1.0, 0.0)))) == 1
+
+
+def test_a_log_of_another_kind_is_refused_naming_both(tmp_path: Path) -> None:
+    result = read(tmp_path, [heartbeat(common.MAV_TYPE_FIXED_WING)])
+    assert isinstance(result.exception, InputError)
+    assert "vehicle-1.tlog: heard ArduPilot of MAV_TYPE 1, configured autopilot.kind arducopter" in str(
+        result.exception
+    )
+
+
+def test_a_log_of_another_system_is_refused_naming_both(tmp_path: Path) -> None:
+    configured = CONFIG.replace("kind: arducopter", "kind: arducopter, system_id: 4")
+    result = read(tmp_path, [heartbeat(common.MAV_TYPE_QUADROTOR, system_id=7)], configured)
+    assert isinstance(result.exception, InputError)
+    assert "heard system 7, configured autopilot.system_id 4" in str(result.exception)
+
+
+def test_a_log_is_read_without_the_link_of_the_broadcast(tmp_path: Path) -> None:
+    without = "".join(line for line in CONFIG.splitlines(keepends=True) if "broadcast" not in line)
+    assert read(tmp_path, [heartbeat(common.MAV_TYPE_QUADROTOR)], without).return_value == 1
+
+
+def test_a_log_is_not_read_without_the_kind_of_the_autopilot(tmp_path: Path) -> None:
+    result = read(tmp_path, [], "agent_id: 1\n")
+    assert isinstance(result.exception, InputError) and "c.yaml: autopilot: missing" in str(result.exception)
