@@ -16,7 +16,7 @@ SMALLEST = {
     "assignment": "--scenes 1",
     "bench": "--rounds 1 --calls 5 --flights 1 --flight-s 10",
     "carousel": "",
-    "case_two": "--seeds 1 --error-seeds 1 --time-limit 80",
+    "case_two": "--seeds 1 --error-seeds 1 --time-limit 45",
     "decision": "seed --threats 4 --scenes 1 --time-limit 50",
     "faults": "--first 1",
     "flood": "--seconds 1 --rate 300 --virtual 10",

@@ -26,7 +26,7 @@ def test_a_good_mission_raises_no_warning(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 2, 5, 8])
+@pytest.mark.parametrize("seed", [2, 8])
 def test_a_mission_without_a_warning_flies_as_its_author_hopes(seed: int) -> None:
     mission, kind = good_mission(seed)
     scored = score(fly(mission, seed, FlightOptions(law="routed", autopilot=kind)).trajectory, mission)

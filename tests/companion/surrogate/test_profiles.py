@@ -235,7 +235,7 @@ def torch_gradient(profile: RadialProfile, geometry: Geometry) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("profile", SMOOTH, ids=lambda p: type(p).__name__)
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(geometry=geometries())
 def test_the_gradient_is_the_one_autograd_finds(profile: RadialProfile, geometry: Geometry) -> None:
     points = np.concatenate((geometry.agents_ned_m, geometry.threats_ned_m))
@@ -246,7 +246,7 @@ def test_the_gradient_is_the_one_autograd_finds(profile: RadialProfile, geometry
 
 
 @pytest.mark.parametrize("profile", SMOOTH, ids=lambda p: type(p).__name__)
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(geometry=geometries(min_threats=1))
 def test_the_gradient_is_the_one_central_differences_find(profile: RadialProfile, geometry: Geometry) -> None:
     closed = geometry.gradient(profile)
