@@ -32,7 +32,7 @@ STANDING_WITHIN_M = 0.5
 """Distance from its place within which a vehicle stops."""
 STAYING_WITHIN_M = 1.0
 """Distance from its place within which a vehicle that stands stays standing."""
-STANDS_WITHIN_S = 12.0
+STANDS_WITHIN_S = 11.0
 """Time in which a vehicle is to stand at a place that it chooses on its way: 15 s, less what lags and steps may add."""
 STANDING_M_S = 0.3
 """Speed below which a vehicle stands."""
