@@ -11,8 +11,18 @@ from hypothesis import strategies as st
 
 from companion.guard.guard import Guard
 from companion.guard.lead import MOST_LEAD_RAD, Turn, commanded_rad
-from companion.guard.types import Hints, Limits, Motion, Setpoint
-from tests.companion.guard.guard_flight import AHEAD, COPTER, DT_S, NORTHWARD, NOTHING, PLANE, turn_rate_rad_s
+from companion.guard.types import THREAT_FASTER, Hints, Limits, Motion, Setpoint
+from tests.companion.guard.guard_flight import (
+    AHEAD,
+    COPTER,
+    DT_S,
+    G_M_S2,
+    NORTHWARD,
+    NOTHING,
+    PLANE,
+    discs,
+    turn_rate_rad_s,
+)
 
 STEP_RAD = 0.1
 TURNING = Turn(tip_rad=1.0, turn_rad=STEP_RAD, most_rad=STEP_RAD, measured_rad=1.0, last_rad=1.2, towards_rad=None)
@@ -111,3 +121,17 @@ def test_the_tip_is_where_the_guard_reckons_its_next_step_from(
     again = Guard(limits)
     again.check(replace(AHEAD, heading_rad=0.1), NORTHWARD, NOTHING, 0.0, DT_S)
     assert again.check(beyond, motion, NOTHING, elapsed_s, DT_S).changes == ("turn rate",)
+
+
+def test_a_guard_that_succeeds_another_keeps_the_commands_in_flight_and_the_discs_heard() -> None:
+    limits = replace(PLANE, reaction_s=0.7)
+    first, second, fresh = Guard(limits), Guard(replace(limits, n_max=0.5)), Guard(limits)
+    first.check(replace(AHEAD, heading_rad=0.24), NORTHWARD, discs((60.0, 90.0, 20.0)), 0.0, DT_S)
+    second.succeed(first)
+    motion = Motion(10.0, 0.0, 0.0, 20.0)
+    later_rad = [guard.tip(motion, DT_S, DT_S)[0].heading_rad for guard in (first, second, fresh)]
+    assert later_rad == pytest.approx([0.24, 0.5 * G_M_S2 / 20.0 * DT_S, 0.0])
+    verdict = second.check(AHEAD, motion, discs((60.0, 50.0, 20.0)), DT_S, DT_S)
+    assert THREAT_FASTER in verdict.broken
+    # What the one is commanded from now on is nothing to the other.
+    assert first.tip(motion, DT_S, DT_S)[0].heading_rad == later_rad[0]
