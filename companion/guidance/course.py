@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from companion.guard.types import Piece
+from companion.guard.types import ROUNDING_M, TRACKING_REACTIONS, TRACKING_STEPS, Piece
 
 FOLLOWING_SHARE = 0.45
 """A vehicle steered by `course_rad` stays within this share of (v dt)^2 / R of an arc of radius R (measured over random
@@ -27,6 +27,14 @@ RadiusT = TypeVar("RadiusT", float, np.ndarray)
 def following_m(step_m: float, radius_m: RadiusT) -> RadiusT:
     """Return how far a vehicle that flies `step_m` in a guidance step may be off an arc of a given radius, or radii."""
     return FOLLOWING_SHARE * step_m * step_m / radius_m
+
+
+def held_m(position_error_m: float, wind_m_s: float, reaction_s: float, step_s: float) -> float:
+    """Return what the guard adds to every disc: rounding, the position's error, and the wind's drift (docs/guard.md).
+
+    Guidance reckons it by itself, from the guard's constants: what is kept beyond it lies outside the guard's discs.
+    """
+    return ROUNDING_M + position_error_m + wind_m_s * (TRACKING_STEPS * step_s + TRACKING_REACTIONS * reaction_s)
 
 
 def at(pieces: Sequence[Piece], along_m: float) -> tuple[float, float, float]:

@@ -14,8 +14,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from companion.geo.kinematics import turn_rate_rad_s
-from companion.guard.types import ROUNDING_M, TRACKING_REACTIONS, TRACKING_STEPS, Motion, Piece
-from companion.guidance.course import at, course_rad, following_m, left_of, nearest
+from companion.guard.types import Motion, Piece
+from companion.guidance.course import at, course_rad, following_m, held_m, left_of, nearest
 from companion.guidance.progress import Closed, Progress, after_closing, is_same, patience_s, watched
 from companion.guidance.route.router import Departure, Goal, Reach, Route, Router
 from companion.guidance.route.walls import NO_WALLS, Walls
@@ -190,9 +190,8 @@ class RoutedLaw:
     def __init__(self, settings: LawSettings) -> None:
         limits = settings.limits
         self._settings = settings
-        # What the guard adds to every disc, so that the route lies outside the guard's discs.
-        held_s = TRACKING_STEPS * settings.guidance_step_s + TRACKING_REACTIONS * limits.reaction_s
-        self._held_m = ROUNDING_M + limits.position_error_m + limits.wind_m_s * held_s
+        # So that the route lies outside the guard's discs.
+        self._held_m = held_m(limits.position_error_m, limits.wind_m_s, limits.reaction_s, settings.guidance_step_s)
         ground_m_s = limits.speed_m_s + limits.wind_m_s
         rate_rad_s = limits.rate_share * turn_rate_rad_s(limits.speed_m_s, limits.n_max)
         self._step_m = ground_m_s * settings.guidance_step_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -68,10 +69,9 @@ class View:
     whole: bool = True
     """Whether every threat of the broadcast's picture was heard; if not, nothing can be certified."""
 
-    @property
-    def traffic_ids(self) -> np.ndarray:  # (S,) int
-        """Ids of the detected aircraft, NOBODY for one that is not a known agent: they are the last of the peers."""
-        return self.peer_ids[len(self.peer_ids) - len(self.traffic_ned_m) :]
+    def keep_out_m(self, keep_out: Literal["attack", "detection"]) -> np.ndarray:  # (M,) m
+        """Return the radii that a vehicle keeps out of: the threats' attack or their detection radii."""
+        return self.attack_radius_m if keep_out == "attack" else self.detection_radius_m
 
 
 @dataclass(frozen=True)

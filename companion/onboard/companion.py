@@ -314,7 +314,8 @@ class Companion:
         obedience = watch(before.obedience, seen, self.steering.expected)
         if obedience.answer.rung is Rung.LEFT:
             self.authority.leave(obedience.answer.words)
-        self.steering = reckoning(self.steering, self.config.limits, obedience.worse)
+        if obedience.worse != before.obedience.worse:
+            self.steering = reckoning(self.steering, self.config.limits, obedience.worse)
         return before._replace(obedience=obedience)
 
     def _engaged_after(

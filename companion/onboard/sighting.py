@@ -6,6 +6,7 @@ import math
 
 from companion.autopilot.telemetry import Telemetry
 from companion.geo.air_density import true_per_indicated
+from companion.geo.local_frame import to_grid
 from companion.onboard.engagement import Engagement
 from companion.onboard.navigation import Located
 from companion.onboard.obedience import Seen
@@ -19,9 +20,7 @@ def seen_of(located: Located, telemetry: Telemetry, before: Engagement, now_s: f
     motion, turned_rad = located.motion, located.convergence_rad
     wind_ned_m_s = None
     if telemetry.wind_ned_m_s is not None and now_s - telemetry.wind_at_s <= TOLD_MAX_AGE_S:
-        north_m_s, east_m_s = telemetry.wind_ned_m_s
-        speed_m_s, to_rad = math.hypot(north_m_s, east_m_s), math.atan2(east_m_s, north_m_s) - turned_rad
-        wind_ned_m_s = (speed_m_s * math.cos(to_rad), speed_m_s * math.sin(to_rad))
+        wind_ned_m_s = to_grid(*telemetry.wind_ned_m_s, turned_rad)
     airspeed_m_s = math.nan
     if now_s - telemetry.airspeed_at_s <= TOLD_MAX_AGE_S:
         airspeed_m_s = telemetry.airspeed_m_s * true_per_indicated(telemetry.altitude_m)

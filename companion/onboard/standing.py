@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from companion.geo.kinematics import GRAVITY_M_S2
-from companion.guard.types import ROUNDING_M, TRACKING_REACTIONS, TRACKING_STEPS, Motion, Setpoint
+from companion.guard.types import Motion, Setpoint
 from companion.guidance.approach import (
     STANDING_M_S,
     STANDS_WITHIN_S,
@@ -19,6 +19,7 @@ from companion.guidance.approach import (
     led,
     time_to_stand_s,
 )
+from companion.guidance.course import held_m
 from companion.guidance.turning_place import Room, room_m
 from companion.guidance.view import View
 from companion.onboard.config import Config
@@ -77,14 +78,14 @@ def standing_place(
 def _clear(config: Config, view: View, places: list[complex]) -> list[bool]:
     """Return for each place whether the guard lets a vehicle stand there, with what it may drift."""
     limits = config.limits
-    held_m = limits.wind_m_s * (TRACKING_STEPS * config.guidance_step_s + TRACKING_REACTIONS * limits.reaction_s)
-    held_m += ROUNDING_M + limits.position_error_m + STAYING_WITHIN_M
+    kept_m = held_m(limits.position_error_m, limits.wind_m_s, limits.reaction_s, config.guidance_step_s)
+    kept_m += STAYING_WITHIN_M
     room = Room(
         view.threats_ned_m,
-        (view.attack_radius_m if config.keep_out == "attack" else view.detection_radius_m) + held_m,
+        view.keep_out_m(config.keep_out) + kept_m,
         np.array(limits.fence or ()).reshape(-1, 2),
         tuple(np.array(corners) for corners in limits.exclusions),
-        held_m,
+        kept_m,
     )
     clear: list[bool] = (room_m(room, np.array([(place.real, place.imag) for place in places])) >= 0.0).tolist()
     return clear

@@ -412,7 +412,7 @@ def discs_of(view: View, keep_out: Literal["attack", "detection"]) -> Discs:
     """Return the keep-out discs of a view: those of the threats' attack or of their detection radii."""
     return Discs(
         centres_ned_m=view.threats_ned_m,
-        radii_m=view.attack_radius_m if keep_out == "attack" else view.detection_radius_m,
+        radii_m=view.keep_out_m(keep_out),
         speeds_m_s=view.threat_speed_m_s,
         attack_m=view.attack_radius_m,
         ids=view.threat_ids,

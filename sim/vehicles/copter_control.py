@@ -16,6 +16,7 @@ import math
 from dataclasses import dataclass
 
 from companion.geo.kinematics import GRAVITY_M_S2
+from sim.vehicles.setpoint import followed_share
 
 _PLACE_GAIN_1_S = 1.0
 """PSC_POSXY_P (code, default)."""
@@ -71,7 +72,7 @@ class CopterControl:
         demanded_m_s2 = self._demand(velocity_m_s, bounds, dt_s)
         leaning_m_s2 = _leaning(demanded_m_s2, self._velocity_m_s, bounds.lean_m_s2)
         self._limit_m_s2 = demanded_m_s2 if abs(demanded_m_s2) > bounds.lean_m_s2 else 0j
-        self.lean_m_s2 += (leaning_m_s2 - self.lean_m_s2) * _share(dt_s, _LEAN_LAG_S)
+        self.lean_m_s2 += (leaning_m_s2 - self.lean_m_s2) * followed_share(dt_s, _LEAN_LAG_S)
         after_m_s = velocity_m_s + (self.lean_m_s2 - drag_m_s2(velocity_m_s - wind_m_s)) * dt_s
         self._advance(0.5 * (velocity_m_s + after_m_s) * dt_s, bounds, dt_s)
         return after_m_s
@@ -95,7 +96,7 @@ class CopterControl:
     def _demand(self, velocity_m_s: complex, bounds: Bounds, dt_s: float) -> complex:
         """Return the acceleration that place and velocity demand, not yet limited to the lean (AC_PID_2D)."""
         correction_m_s = _rooted(self._behind_m, _PLACE_GAIN_1_S, bounds.acceleration_m_s2)
-        share = _share(dt_s, _FILTER_S)
+        share = followed_share(dt_s, _FILTER_S)
         change_m_s = (self._velocity_m_s + correction_m_s - velocity_m_s - self._error_m_s) * share
         self._error_m_s += change_m_s
         self._derivative_m_s2 += (change_m_s / dt_s - self._derivative_m_s2) * share
@@ -168,7 +169,3 @@ def _dot(one: complex, other: complex) -> float:
 def _within(vector: complex, longest: float) -> complex:
     length = abs(vector)
     return vector if length <= longest else vector * (longest / length)
-
-
-def _share(dt_s: float, lag_s: float) -> float:
-    return -math.expm1(-dt_s / lag_s)

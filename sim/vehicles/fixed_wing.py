@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from companion.geo.air_density import true_per_indicated
 from companion.geo.kinematics import GRAVITY_M_S2, advance
 from sim.vehicles.craft import Body
+from sim.vehicles.setpoint import followed_share
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +47,13 @@ class FixedWing:
         """Advance by `dt_s` towards a demanded bank, indicated airspeed (positive) and climb, in a wind (grid)."""
         airframe, body = self.airframe, self.body
         airspeed_m_s = indicated_m_s * true_per_indicated(body.altitude_m)
-        roll_rad = (bank_rad - body.roll_rad) * _share(dt_s, airframe.roll_lag_s)
+        roll_rad = (bank_rad - body.roll_rad) * followed_share(dt_s, airframe.roll_lag_s)
         limit_rad = airframe.roll_rate_rad_s * dt_s
         roll_rad = body.roll_rad + min(max(roll_rad, -limit_rad), limit_rad)
-        faster_m_s = (airspeed_m_s - body.airspeed_m_s) * _share(dt_s, airframe.airspeed_lag_s)
+        faster_m_s = (airspeed_m_s - body.airspeed_m_s) * followed_share(dt_s, airframe.airspeed_lag_s)
         limit_m_s = airframe.acceleration_m_s2 * dt_s
         speed_m_s = body.airspeed_m_s + min(max(faster_m_s, -limit_m_s), limit_m_s)
-        rising_m_s = body.climb_m_s + (climb_m_s - body.climb_m_s) * _share(dt_s, airframe.climb_lag_s)
+        rising_m_s = body.climb_m_s + (climb_m_s - body.climb_m_s) * followed_share(dt_s, airframe.climb_lag_s)
         rate_rad_s = self.turn_rate_rad_s(0.5 * (body.roll_rad + roll_rad), 0.5 * (body.airspeed_m_s + speed_m_s))
         north_m, east_m, heading_rad = advance(
             body.north_m, body.east_m, body.heading_rad, 0.5 * (body.airspeed_m_s + speed_m_s), rate_rad_s, dt_s
@@ -103,7 +104,3 @@ def loiter_course_rad(north_m: float, east_m: float, radius_m: float, right: boo
     outside = (math.hypot(north_m, east_m) - radius_m) / radius_m
     away_rad = math.pi / 2.0 - math.atan(outside)
     return math.atan2(east_m, north_m) - (away_rad if right else -away_rad)
-
-
-def _share(dt_s: float, lag_s: float) -> float:
-    return -math.expm1(-dt_s / lag_s)

@@ -9,7 +9,7 @@ Horizontal vectors are complex numbers here: north + 1j east, along the grid.
 
 from __future__ import annotations
 
-import math
+from sim.vehicles.setpoint import followed_share
 
 _GAIN_1_S, _INTEGRAL_GAIN_1_S2, _DERIVATIVE_GAIN = 1.8, 0.4, 0.2
 """MPC_XY_VEL_P_ACC, MPC_XY_VEL_I_ACC and MPC_XY_VEL_D_ACC (code, defaults)."""
@@ -49,12 +49,8 @@ class Px4Control:
 
     def lean(self, demanded_m_s2: complex, velocity_m_s: complex, drag_m_s2: complex, dt_s: float) -> complex:
         """Lean towards a demanded acceleration for `dt_s` against a drag; return the velocity after it."""
-        self._attitude_m_s2 += (demanded_m_s2 - self._attitude_m_s2) * _share(dt_s, _ATTITUDE_LAG_S)
-        self.lean_m_s2 += (self._attitude_m_s2 - self.lean_m_s2) * _share(dt_s, _MOTOR_LAG_S)
+        self._attitude_m_s2 += (demanded_m_s2 - self._attitude_m_s2) * followed_share(dt_s, _ATTITUDE_LAG_S)
+        self.lean_m_s2 += (self._attitude_m_s2 - self.lean_m_s2) * followed_share(dt_s, _MOTOR_LAG_S)
         change_m_s2 = self.lean_m_s2 - drag_m_s2
-        self._measured_m_s2 += (change_m_s2 - self._measured_m_s2) * _share(dt_s, _RATE_LAG_S)
+        self._measured_m_s2 += (change_m_s2 - self._measured_m_s2) * followed_share(dt_s, _RATE_LAG_S)
         return velocity_m_s + change_m_s2 * dt_s
-
-
-def _share(dt_s: float, lag_s: float) -> float:
-    return -math.expm1(-dt_s / lag_s)

@@ -17,7 +17,7 @@ from sim.vehicles import px4
 from sim.vehicles.craft import Parameter, Start, Surroundings
 from sim.vehicles.px4 import Offboard, Px4
 from sim.vehicles.px4_control import Px4Control
-from sim.vehicles.setpoint import clip, rotated
+from sim.vehicles.setpoint import clip, followed_share, rotated
 
 _REACTION_S = 0.1
 """Dead time of a setpoint. With it, SIH_KDV 0.2 and the controller's own gains the measured steps (0 to 5 m/s, 0 to 10
@@ -162,7 +162,7 @@ class Px4Copter(Px4):
             velocity = after
         pull = self._control.lean_m_s2
         self.body.roll_rad = math.atan2(rotated(pull.real, pull.imag, -self.body.heading_rad)[1], GRAVITY_M_S2)
-        rising_m_s = self.body.climb_m_s + (climb_m_s - self.body.climb_m_s) * -math.expm1(-dt_s / _VERTICAL_LAG_S)
+        rising_m_s = self.body.climb_m_s + (climb_m_s - self.body.climb_m_s) * followed_share(dt_s, _VERTICAL_LAG_S)
         self._move(moved, velocity, rising_m_s, dt_s)
 
     def _tilt_m_s2(self) -> float:

@@ -95,6 +95,11 @@ def clip(value: float, least: float, greatest: float) -> float:
     return min(max(value, least), greatest)
 
 
+def followed_share(dt_s: float, lag_s: float) -> float:
+    """Return the share of a difference that something with a time constant of `lag_s` makes up in `dt_s`."""
+    return -math.expm1(-dt_s / lag_s)
+
+
 def _place(message: Message, body: Body, around: Surroundings) -> tuple[float, float, float] | None:
     """Return a setpoint's position as (north, east) of the plane and altitude; None if it is invalid.
 

@@ -16,6 +16,7 @@ from companion.geo.kinematics import GRAVITY_M_S2
 from companion.guard.types import PIVOT_SPEED_M_S
 from companion.onboard.config import LimitsSection
 from companion.onboard.identification.follower import DEVIATIONS, Estimate, Followed, Span, asked_rate, followed
+from companion.onboard.identification.pattern import STANDING_M_S
 from companion.onboard.identification.track import Stretch, Track, stretches
 
 COURSE_SPEED_M_S = 1.0
@@ -76,8 +77,6 @@ SECTORS = 4
 """Number of sectors of the course of which the slowest says which speed is reached, whatever the wind."""
 REACHED_SHARE = 0.97
 """Share of the speed asked for from which it counts as reached."""
-STANDING_M_S = 0.5
-"""Speed below which a vehicle stands."""
 HOLDING_M_S = 1.0
 """Greatest speed that is commanded while a vehicle holds its place."""
 CREEPING_M_S = 0.1

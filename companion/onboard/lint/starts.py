@@ -120,7 +120,7 @@ def _view(threats: Sequence[ThreatSpec], age_s: float, unit_m: float) -> View:
 
 def _enters(mission: Mission, flyer: Flyer, view: View, places_m: Sequence[tuple[float, float]]) -> bool:
     """Return whether any of the places is inside a disc, outside the fence or inside an exclusion."""
-    radii_m = view.attack_radius_m if flyer.steering.config.keep_out == "attack" else view.detection_radius_m
+    radii_m = view.keep_out_m(flyer.steering.config.keep_out)
     table_m = np.array(places_m).reshape(-1, 1, 2) - view.threats_ned_m
     if bool((np.hypot(table_m[..., 0], table_m[..., 1]) < radii_m).any()):
         return True
