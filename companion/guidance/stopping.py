@@ -49,6 +49,8 @@ EVADING_SHARE = 2.0
 """Distance from a stranger's course, in separations, up to which a vehicle makes way."""
 STANDING_M_S = 0.2
 """Speed below which a vehicle stands: the way on which it comes to a stop is shorter than a few centimetres."""
+PARALLEL = 1e-9
+"""Sine of the angle between two ways up to which they are parallel: rounding decides where they would cross."""
 OPENING_RAD = 0.2
 """Angle by which forbidden arcs are widened: at their very edge the vehicle could only creep."""
 
@@ -202,9 +204,9 @@ def _between(ours: complex, place: complex, theirs: complex) -> complex:
 
 
 def _cross(ours: complex, place: complex, theirs: complex) -> bool:
-    """Return whether the two ways cross."""
+    """Return whether the two ways cross; where they are parallel but for rounding, they meet at an end if at all."""
     turned = ours.real * theirs.imag - ours.imag * theirs.real
-    if turned == 0.0:
+    if abs(turned) <= PARALLEL * abs(ours) * abs(theirs):
         return False
     along_ours = (place.real * theirs.imag - place.imag * theirs.real) / turned
     along_theirs = (place.real * ours.imag - place.imag * ours.real) / turned

@@ -156,6 +156,7 @@ def ways_apart_m(first: swarm.Craft, second: swarm.Craft) -> float:
 @example([(0.0, 0.0, 0.0), (-2.0, 0.0, 0.5)], 0.0, 0.75)  # one gathers way
 @example([(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)], math.pi / 2, 0.0)  # two that stand at the separation
 @example([(math.pi / 2, -1.5, 15.0), (-math.pi / 2, 1.6, 15.0)], 0.0, 0.0)  # both want to turn about
+@example([(0.8671875, 0.0, 14.0), (0.8671875, 0.0, 7.0)], 0.8671875, 0.0)  # one follows the other, but for rounding
 def test_ways_to_a_stop_that_are_apart_stay_apart(
     pair: list[tuple[float, float, float]], bearing: float, gap_m: float
 ) -> None:
