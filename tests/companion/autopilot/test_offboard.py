@@ -291,15 +291,19 @@ def test_what_mavsdk_said_while_the_loop_hung_is_dropped() -> None:
 
 
 PARENT = """
-import asyncio, sys
+import asyncio, time
 from companion.autopilot.offboard import Offboard
-from tests.companion.autopilot.test_offboard import HEARTBEAT, SYSTEM, WANTED
+from tests.companion.autopilot.test_offboard import HEARTBEAT, SYSTEM, WANTED, on_the_wire
+
+def send(frame):
+    print("sent", on_the_wire(frame)[0], flush=True)
 
 async def main():
-    offboard = Offboard(lambda frame: print("sent", flush=True), lambda: True)
+    offboard = Offboard(send, lambda: True)
     while True:
         offboard.receive(HEARTBEAT)
-        offboard.tick(SYSTEM, WANTED)
+        # The velocity north is the time of the tick, so that one sees when what is sent was made.
+        offboard.tick(SYSTEM, WANTED._replace(north_m_s=time.monotonic() - {epoch_s}))
         print("children", *(child._process.pid for child in offboard._children), flush=True)
         await asyncio.sleep(0.1)
 
@@ -311,10 +315,10 @@ asyncio.run(main())
 def test_children_end_within_their_time_when_the_parent_is_stopped(tmp_path: Path) -> None:
     output = tmp_path / "said.txt"
     root = Path(__file__).parents[3]
+    epoch_s = time.monotonic()
     with output.open("w") as file:
-        parent = subprocess.Popen(
-            [sys.executable, "-c", PARENT], stdout=file, cwd=root, env={**os.environ, "PYTHONPATH": str(root)}
-        )
+        code, environment = PARENT.format(epoch_s=epoch_s), {**os.environ, "PYTHONPATH": str(root)}
+        parent = subprocess.Popen([sys.executable, "-c", code], stdout=file, cwd=root, env=environment)
     try:
         patience_ends_s = time.monotonic() + READY_WITHIN_S
         while output.read_text().count("sent") < 10:
@@ -330,9 +334,12 @@ def test_children_end_within_their_time_when_the_parent_is_stopped(tmp_path: Pat
         time.sleep(max(0.0, stopped_s + TICK_TIMEOUT_S + 0.1 - time.monotonic()))
         # Woken again, it sends nothing that was made before.
         count = output.read_text().count("sent")
+        woken_s = time.monotonic()
         parent.send_signal(signal.SIGCONT)
-        time.sleep(0.3)
-        assert output.read_text().count("sent") == count
+        while not (sent := output.read_text().split("sent ")[count + 1 :]):
+            assert time.monotonic() - woken_s < READY_WITHIN_S
+            time.sleep(0.05)
+        assert all(float(velocity.split()[0]) > woken_s - epoch_s - 0.01 for velocity in sent)
     finally:
         parent.kill()
         parent.wait()
