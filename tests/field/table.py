@@ -1,0 +1,24 @@
+"""All field situations, by area, and their table as docs/field.md shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from tests.field.situation import BEFORE, Situation
+
+AREAS: Mapping[str, tuple[Situation, ...]] = {}
+"""The situations of each area, in the order of the page."""
+
+
+def by_title() -> dict[str, Situation]:
+    """Return all situations by their titles."""
+    return {situation.title: situation for situations in AREAS.values() for situation in situations}
+
+
+def markdown() -> Iterator[str]:
+    """Play every situation and yield the lines of the tables, one table an area."""
+    for area, situations in AREAS.items():
+        yield from (f"### {area}", "", f"| situation | wanted | seen on {BEFORE} | seen |", "|---|---|---|---|")
+        for one in situations:
+            yield f"| {one.title} | {one.wanted} | {one.before} | {one.play()} |"
+        yield ""
