@@ -118,6 +118,7 @@ def _prepare(config: Config, build: Build, files: IoThread, stack: ExitStack) ->
     flight = RecordedCompanion(companion, clock, logs.vehicle)
     flight.begin(authority_before)
     authenticator_file = AuthenticatorStateFile(broadcast.state_file, authenticator, files)
+    authenticator_file.begin()
     stack.callback(authenticator_file.write)
     notifier = Notifier()
     stack.callback(notifier.close)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from companion.errors import InputError
@@ -19,7 +20,9 @@ STATE_PERIOD_S = 1.0
 
 
 def saved_authenticator_state(section: BroadcastSection) -> AuthenticatorState | None:
-    """Return the authenticator's state that the companion before this one saved; None without a file or a saved state.
+    """Return the authenticator's state that the companion before this one saved; None if the configuration has no file.
+
+    Without a saved state a companion may have run before all the same, and believed anything.
 
     Raises:
         InputError: the state file cannot be read or could not be written.
@@ -30,7 +33,7 @@ def saved_authenticator_state(section: BroadcastSection) -> AuthenticatorState |
     text = read_state_file(Path(section.state_file))
     check_state_file(Path(section.state_file))
     try:
-        return None if text is None else AuthenticatorState.from_json(text)
+        return AuthenticatorState(is_open=True) if text is None else AuthenticatorState.from_json(text)
     except InputError as error:
         raise InputError(
             f"{section.state_file}: {error}; remove it only if no old broadcast can be replayed"
@@ -68,15 +71,23 @@ class AuthenticatorStateFile:
         self._written = authenticator.state
         self._next_s = 0.0
 
+    def begin(self) -> None:
+        """Save, before anything is accepted, that a program runs which may accept more than it saves."""
+        self._write(replace(self._authenticator.state, is_open=True))
+
     def write_if_due(self, now_s: float) -> None:
-        """Save the state if it changed, unless it was saved less than STATE_PERIOD_S ago."""
-        if now_s >= self._next_s:
+        """Save the state if it changed, unless it was saved less than STATE_PERIOD_S ago and no broadcast leapt."""
+        state = replace(self._authenticator.state, is_open=True)
+        leapt = len(state.spans) != len(self._written.spans)
+        if state != self._written and (now_s >= self._next_s or leapt):
             self._next_s = now_s + STATE_PERIOD_S
-            self.write()
+            self._write(state)
 
     def write(self) -> None:
-        """Save the state if it changed."""
-        state = self._authenticator.state
+        """Save the state if it changed; nothing is accepted after it."""
+        self._write(self._authenticator.state)
+
+    def _write(self, state: AuthenticatorState) -> None:
         if self._path is not None and state != self._written:
             _write_in_background(self._path, state.to_json(), self._files)
             self._written = state

@@ -24,8 +24,8 @@ LEAP_BROADCASTS = 1000
 MOST_BROADCASTS_PER_S = 100.0
 """Greatest rate of broadcasts; the fastest mission has ten a second."""
 UNSAVED_S = 3.0
-"""Time by the sender's clock after the newest saved broadcast in which others may have been believed that were not
-saved: the state is saved once a second, and a disk may take a while."""
+"""Time by the sender's clock about that of the newest saved broadcast in which others may have been believed that were
+not saved: the state is saved once a second, and a disk may take a while."""
 
 Key = tuple[int, int]
 """Epoch and sequence of a broadcast."""
@@ -134,7 +134,7 @@ class BelievedBroadcasts:
             # Whatever was believed before was stamped at most `ahead_s` after its arrival.
             return unix_s < self._began_s + (self._rules.ahead_s if self._kept.is_open else 0.0)
         saved_s = self._kept.newest_unix_s
-        return self._kept.is_open and saved_s is not None and saved_s < unix_s <= saved_s + UNSAVED_S
+        return self._kept.is_open and saved_s is not None and abs(unix_s - saved_s) <= UNSAVED_S
 
     def _was_believed(self, key: Key) -> bool:
         """Return whether a broadcast lies in a span; of the newest broadcast of all more frames may come."""
