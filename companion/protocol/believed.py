@@ -23,9 +23,9 @@ LEAP_BROADCASTS = 1000
 """Number of broadcasts by which the sequence may be ahead of what a second-long silence explains, in one run."""
 MOST_BROADCASTS_PER_S = 100.0
 """Greatest rate of broadcasts; the fastest mission has ten a second."""
-UNSAVED_S = 3.0
+UNSAVED_S = 5.0
 """Time by the sender's clock about that of the newest saved broadcast in which others may have been believed that were
-not saved: the state is saved once a second, and a disk may take a while."""
+not saved: a change is saved within a second of the save before it, a disk may take a while, and a clock be set."""
 
 Key = tuple[int, int]
 """Epoch and sequence of a broadcast."""

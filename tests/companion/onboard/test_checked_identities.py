@@ -33,12 +33,14 @@ def told_at(*places_ned_m: tuple[float, float], age_s: float = AGE_S) -> Others:
 
 def test_an_agent_seen_near_where_it_was_told_to_be_is_that_agent() -> None:
     shown = checked_identities(told_at((0.0, 0.0)), [Traffic(MATE, (0.0, 30.0), STILL)], (), FASTEST_M_S)
-    assert (shown.seen[0].agent_id, shown.placed) == (MATE, {MATE})
+    assert shown.seen[0].agent_id == MATE
+    assert shown.placed == {MATE}
 
 
 def test_who_claims_to_be_an_agent_where_it_cannot_be_is_a_stranger_and_the_agent_counts_as_told() -> None:
     shown = checked_identities(told_at((0.0, 0.0)), [Traffic(MATE, (0.0, 300.0), STILL)], (), FASTEST_M_S)
-    assert (shown.seen[0].agent_id, shown.placed) == (None, frozenset())
+    assert shown.seen[0].agent_id is None
+    assert not shown.placed
 
 
 def test_nobody_is_removed_by_a_word_that_it_is_far_away() -> None:
