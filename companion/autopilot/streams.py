@@ -24,7 +24,7 @@ WINDOW_PERIODS = 5.0
 SETTLING_S = 2.0
 """Time after the autopilot is first heard, or heard after a restart, before the measuring begins: the questions go out
 one after the other."""
-LEAST_SHARE = 0.5
+LEAST_SHARE = 0.4
 """Share of the asked rate below which a message arrives too seldom. Chosen: a lossy radio delivers more, and what
 lowers a rate on purpose lowers it to less."""
 LINK_DEAD_S = 3.5
@@ -42,14 +42,14 @@ RESTS_ON: Mapping[int, str] = {
     ardupilotmega.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: "whether it flies",
     ardupilotmega.MAVLINK_MSG_ID_GPS_RAW_INT: "the fix",
     ardupilotmega.MAVLINK_MSG_ID_HOME_POSITION: "home",
-    ardupilotmega.MAVLINK_MSG_ID_ESTIMATOR_STATUS: "the estimate",
-    ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT: "the estimate",
 }
 """What safety rests on, by the message that tells it; a kind may have more (`LinkedAdapter.rests_on`)."""
 SPARSE = frozenset({ardupilotmega.MAVLINK_MSG_ID_ADSB_VEHICLE})
 """Messages that come only while there is something to tell, so that none of them is no sign."""
 UNASKED = frozenset({ardupilotmega.MAVLINK_MSG_ID_HEARTBEAT})
 """Messages that every autopilot sends by itself, so that they are asked for only when they come too seldom."""
+STOPPED_PERIODS = 6.0
+"""Number of the asked periods without a message after which it is asked for again, before its rate is measured."""
 WITHIN_AGE = 3.0
 """Number of messages that must come within the age beyond which one is not steered by: two in a row may be lost."""
 SAID_AT_ONCE = 3
@@ -105,16 +105,14 @@ class StreamWatch:
 
     def begin(self, now_s: float) -> None:
         """Begin anew: the autopilot is first heard, or has restarted, and knows nothing of what it was asked."""
-        self._began_s = now_s
+        self._measure_anew(now_s)
         self._last = {one: _Asked(now_s, FIRST_WAIT_S) for one in UNASKED}
-        for arrived_s in self._arrived_s.values():
-            arrived_s.clear()
 
     def arrived(self, message_id: int, now_s: float) -> None:
         """Count a message of the autopilot; of one that was not asked for, only that the link is alive."""
         if now_s - self._newest_s > LINK_DEAD_S:
-            # After a gap of the link all is measured anew: what was not heard in it may have been sent.
-            self._began_s = now_s
+            # What was not heard in a gap of the link may have been sent.
+            self._measure_anew(now_s)
         self._newest_s = now_s
         arrived_s = self._arrived_s.get(message_id)
         if arrived_s is not None:
@@ -136,7 +134,7 @@ class StreamWatch:
                 self._last[message_id] = last._replace(at_s=now_s)
             elif now_s - last.at_s < last.wait_s:
                 continue
-            elif self.shortfall(message_id, now_s) is not None:
+            elif self._stopped(message_id, now_s) or self.shortfall(message_id, now_s) is not None:
                 self._last[message_id] = _Asked(now_s, min(2.0 * last.wait_s, LONGEST_WAIT_S))
             else:
                 if now_s - last.at_s >= LONGEST_WAIT_S and last.wait_s > FIRST_WAIT_S:
@@ -183,6 +181,18 @@ class StreamWatch:
         longest_s = max((one for one in self._windows_s.values() if one <= within_s), default=0.0)
         return not self._windows_s or now_s - self._began_s >= SETTLING_S + longest_s
 
+    def _measure_anew(self, now_s: float) -> None:
+        self._began_s = now_s
+        for arrived_s in self._arrived_s.values():
+            arrived_s.clear()
+
+    def _stopped(self, message_id: int, now_s: float) -> bool:
+        """Return whether a message that came does so no more, while others do."""
+        arrived_s = self._arrived_s[message_id]
+        if not arrived_s or now_s - self._began_s < SETTLING_S:
+            return False
+        return self._newest_s - arrived_s[-1] > STOPPED_PERIODS / self._asked_hz[message_id]
+
 
 def least_hz(asked_hz: float, age_s: float) -> float:
     """Return the least rate to steer by of a message that may be `age_s` old and is asked for `asked_hz` times."""
@@ -195,11 +205,12 @@ def message_name(message_id: int) -> str:
     return f"message {message_id}" if message is None else str(message.msgname)
 
 
-def in_words(shortfalls: Iterable[Shortfall]) -> str | None:
-    """Return shortfalls in one line, the first SAID_AT_ONCE by name; None if there are none."""
+def in_words(shortfalls: Iterable[Shortfall], said: Iterable[str] = ()) -> str | None:
+    """Return shortfalls in one line, the first SAID_AT_ONCE by name; None if there are none but those in `said`."""
     words = [str(one) for one in shortfalls]
+    words = [one for one in words if not any(one in line for line in said)]
     if len(words) > SAID_AT_ONCE:
-        words = [*words[:SAID_AT_ONCE], f"{len(words) - SAID_AT_ONCE} messages more"]
+        words = [*words[:SAID_AT_ONCE], f"{len(words) - SAID_AT_ONCE} more"]
     return ", ".join(words) or None
 
 
