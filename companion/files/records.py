@@ -23,7 +23,7 @@ STAMP = struct.Struct(">Q")
 NEAR_US = 86_400 * 10**6
 """Time between two stamps up to which one record is taken for the other's neighbour: a day, in microseconds."""
 LOOKAHEAD_BYTES = 2 * (STAMP.size + MAX_FRAME_BYTES) + STAMP.size + HEAD_BYTES
-"""Bytes behind a record's beginning by which it is judged: those of it, of one inside it, and of the next one's head."""
+"""Bytes from a record's beginning by which it is judged: of it, of one inside it, and of the head behind that."""
 _FRAME_OF_RECORD = re.compile(rb"(?<=\x00[\x00-\x1f].{6})(?:\xfe|\xfd(?=.[\x00\x01]))", re.DOTALL)
 """First byte of a frame behind a stamp of the years 1970 to 2255."""
 
@@ -80,7 +80,7 @@ class RecordFinder:
         return _is_followed(data, end) and (end == len(data) or _are_near(data, at, end))
 
     def _stands(self, data: bytes, at: int, end: int, stop: int) -> bool:
-        """Return whether a record whose stamp is off, or that no other follows, is one: its CRC fits, and none is in it.
+        """Return whether a record whose stamp is off, or that none follows, is one: its CRC fits, and none is in it.
 
         Besides, the next one follows at once, or there is none, or the stamp is near one of its neighbours'.
         """
@@ -92,7 +92,7 @@ class RecordFinder:
         return found is None or _are_near(data, at, found[0])
 
     def _has_inside(self, data: bytes, at: int, end: int) -> bool:
-        """Return whether another record begins inside one: not just its stamp, unless no CRC covers what it overlaps."""
+        """Return whether another record begins in one: its frame, or its stamp too where no CRC covers the bytes."""
         _, _, crc_at, _ = frame_parts(data, at + STAMP.size)
         is_signed = crc_at + CRC_BYTES < end
         return self._search(data, at + 1, end if is_signed else end - STAMP.size) is not None
@@ -135,4 +135,6 @@ def _is_followed(data: bytes, end: int) -> bool:
 
 def _are_near(data: bytes, one_at: int, other_at: int) -> bool:
     """Return whether the stamps of two records are near each other."""
-    return abs(STAMP.unpack_from(data, one_at)[0] - STAMP.unpack_from(data, other_at)[0]) <= NEAR_US
+    one_us: int = STAMP.unpack_from(data, one_at)[0]
+    other_us: int = STAMP.unpack_from(data, other_at)[0]
+    return abs(one_us - other_us) <= NEAR_US

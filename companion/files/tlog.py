@@ -10,7 +10,7 @@ import itertools
 import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from io import FileIO
+from io import BytesIO, FileIO, RawIOBase
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Protocol, Self
@@ -119,7 +119,8 @@ class LeftOut(NamedTuple):
 
     at: int
     """Offset of the first."""
-    count: int
+    length: int
+    """Number of them."""
 
 
 class Tlog(Iterator[tuple[float, bytes]]):
@@ -130,7 +131,7 @@ class Tlog(Iterator[tuple[float, bytes]]):
     are near each other, is replaced. The time that reading takes grows with the log's length alone, whatever is in it.
     """
 
-    def __init__(self, file: FileIO, name: str) -> None:
+    def __init__(self, file: RawIOBase | BytesIO, name: str) -> None:
         """Read an open file, and close it at its end; `name` names it in messages."""
         self.left_out: list[LeftOut] = []
         """What was left out so far: the first MAX_PLACES of it."""
@@ -151,7 +152,7 @@ class Tlog(Iterator[tuple[float, bytes]]):
     def words(self) -> str:
         """What was left out and replaced so far, in words; empty if nothing was."""
         shown = self.left_out[:SHOWN_PLACES]
-        parts = [f"{_spaced(gap.count)}{' bytes' * (gap is shown[0])} at {_spaced(gap.at)}" for gap in shown]
+        parts = [f"{_spaced(gap.length)}{' bytes' * (gap is shown[0])} at {_spaced(gap.at)}" for gap in shown]
         if self.places > len(shown):
             parts.append(f"{_spaced(self.bytes_left_out)} at {_spaced(self.places)} places in all")
         said = [f"left out {', '.join(parts)}"] if parts else []
@@ -162,7 +163,7 @@ class Tlog(Iterator[tuple[float, bytes]]):
     def __next__(self) -> tuple[float, bytes]:
         return next(self._records)
 
-    def _found(self, file: FileIO) -> Iterator[tuple[int, bytes]]:
+    def _found(self, file: RawIOBase | BytesIO) -> Iterator[tuple[int, bytes]]:
         """Yield stamp and frame of each record, in the order of the file."""
         finder, pending = RecordFinder(), b""
         expected = passed = 0
@@ -199,7 +200,7 @@ class Tlog(Iterator[tuple[float, bytes]]):
         self.restamped += 1
 
 
-def _next_block(file: FileIO, name: str) -> bytes:
+def _next_block(file: RawIOBase | BytesIO, name: str) -> bytes:
     """Return the next bytes of a file, zeros for a block that its disk cannot read, nothing at its end."""
     try:
         return file.read(_READ_BLOCK_BYTES) or b""
