@@ -32,7 +32,7 @@ COPTER = KINDS["arducopter"]
 @pytest.mark.parametrize("job", jobs(), ids=lambda job: job.name)
 def test_every_scenario_is_a_legal_mission_with_a_legal_configuration(job: Job, tmp_path: Path) -> None:
     mission = job.scenario.mission(job.kind)
-    write_config(tmp_path / "companion.yaml", job.kind, mission, (1, 0), job.scenario.config)
+    write_config(tmp_path / "companion.yaml", job.kind, mission, (1, 0), job.scenario.config_of(job.kind, 1))
     (tmp_path / "keys").mkdir()
     config = load_config(str(tmp_path / "companion.yaml"))
     assert config.limits.speed_m_s == mission.agents[0].speed_m_s
@@ -92,7 +92,7 @@ def flown(folder: Path, *, drift_m_s: float = 0.0) -> Figures:
     record = {
         "scenario": "discs", "kind": "arducopter", "begin_unix_s": BEGIN_S, "load": 1.0, "pause_s": 0.03,
         "notes": [(BEGIN_S, "ready"), (BEGIN_S + 2.0, "handed over"), (BEGIN_S + 129.0, "over")],
-        "modes": {"1": [(BEGIN_S + 2.0, 4)]}, "heights_m": {"1": [29.5, 30.5]},
+        "modes": {"1": [(BEGIN_S + 2.0, 4)]}, "heights_m": {"1": [(BEGIN_S + 2.0, 29.5), (BEGIN_S + 100.0, 30.5)]},
     }  # fmt: skip
     (folder / "flight.json").write_text(json.dumps(record))
     return figures_of(folder)
