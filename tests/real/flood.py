@@ -22,7 +22,7 @@ TEMPLATES = 4096
 
 def main(port: int, rate_hz: float) -> None:
     """Send until the process is ended."""
-    frames = _forged()
+    frames = forged_frames(TEMPLATES)
     sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sender.connect(("127.0.0.1", port))
     began_s, sent = time.monotonic(), 0
@@ -38,14 +38,14 @@ def main(port: int, rate_hz: float) -> None:
         time.sleep(SLICE_S)
 
 
-def _forged() -> list[bytes]:
-    """Return newer frames of our dialect with wrong signatures."""
+def forged_frames(count: int) -> list[bytes]:
+    """Return frames of our dialect, newer than any genuine one, with wrong signatures."""
     rng, now_s = random.Random(2), time.time()
     ground = Ground("both", rng, epoch_s=int(now_s))
     signer = MavlinkSigner(rng.randbytes(32), 0)
     return [
         signer.sign(forged_seal(ground.unsealed(now_s, 1 << 31 | number), rng.randbytes(ED25519_BYTES)), now_s)
-        for number in range(TEMPLATES)
+        for number in range(count)
     ]
 
 
