@@ -7,7 +7,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, Self
 
-from companion.autopilot.telemetry import Neighbour, Telemetry
+from companion.autopilot.aircraft import Neighbour
+from companion.autopilot.telemetry import Telemetry
 from companion.guard.types import Setpoint
 
 

@@ -12,11 +12,12 @@ from collections.abc import Collection, Mapping
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
+from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.commands import Command, Commands
 from companion.autopilot.heartbeat import HeartbeatIdentity, identified
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import ParameterReader, Wanted, request
-from companion.autopilot.telemetry import COMPANION_COMPONENT, Neighbour, Telemetry, TelemetryReader, messages_in
+from companion.autopilot.telemetry import COMPANION_COMPONENT, Telemetry, TelemetryReader, messages_in
 from companion.guard.types import Setpoint
 
 COMMON_RATES_HZ: Mapping[int, float] = {

@@ -6,7 +6,8 @@ The ground station uses it for the dead reckoning of its agents, and the arena f
 from __future__ import annotations
 
 from companion.autopilot.adapter import Abilities
-from companion.autopilot.telemetry import Neighbour, Telemetry
+from companion.autopilot.aircraft import Neighbour
+from companion.autopilot.telemetry import Telemetry
 from companion.guard.types import Setpoint
 
 

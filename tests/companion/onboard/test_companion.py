@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
+from companion.autopilot.aircraft import NEIGHBOUR_MEMORY_S
 from companion.autopilot.registry import ADAPTERS
-from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S, NEIGHBOUR_MEMORY_S
+from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
 from companion.geo.kinematics import turn_towards
 from companion.guard.types import KEEP_OUT, NEW_THREAT, Motion, Verdict
 from companion.guidance.laws import SteeringDemand, Task
