@@ -40,6 +40,8 @@ class Estimate(NamedTuple):
     """Whether it knows an absolute horizontal position."""
     doubt: str | None = None
     """Why that position is not to be trusted, in words; None: nothing is said against it."""
+    accuracy_m: float = math.nan
+    """Its horizontal accuracy; NaN: not told."""
 
 
 class Receiver(NamedTuple):
@@ -59,7 +61,8 @@ def ekf_status(message: Message, now_s: float) -> Estimate:
 
 def estimator_status(message: Message, now_s: float) -> Estimate:
     """Return what PX4's ESTIMATOR_STATUS says."""
-    return _estimate(message.flags, _PX4_GLITCH, message.pos_horiz_ratio, now_s)
+    estimate = _estimate(message.flags, _PX4_GLITCH, message.pos_horiz_ratio, now_s)
+    return estimate._replace(accuracy_m=message.pos_horiz_accuracy)
 
 
 def fresh(estimate: Estimate | None, now_s: float) -> Estimate | None:

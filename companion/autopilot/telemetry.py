@@ -173,7 +173,6 @@ class TelemetryReader:
         self._shared_id = _SharedIdWatch()
         self._local_at_s = -math.inf
         self._receivers: dict[str, Receiver] = {}
-        self._estimator_m = math.nan
         self._readers: dict[str, Callable[[Message, float], None]] = {
             "GLOBAL_POSITION_INT": self._position,
             "HOME_POSITION": self._home,
@@ -344,12 +343,11 @@ class TelemetryReader:
     def _estimator(self, message: Message, now_s: float) -> None:
         if self._finite(message.pos_horiz_accuracy):
             self._update(estimate=estimator_status(message, now_s))
-            self._estimator_m = message.pos_horiz_accuracy
             self._accuracy(now_s)
 
     def _accuracy(self, now_s: float) -> None:
         """Keep the worse of the estimator's accuracy and the better receiver's."""
-        told_m = [self._estimator_m]
+        told_m = [] if self.telemetry.estimate is None else [self.telemetry.estimate.accuracy_m]
         if self._receivers:
             told_m.append(better(self._receivers, now_s).accuracy_m)
         self._update(position_accuracy_m=max((one for one in told_m if math.isfinite(one)), default=math.nan))

@@ -53,6 +53,7 @@ class Cause(Enum):
     ABILITIES = "abilities"
     OBEDIENCE = "obedience"
     POSITION = "position"
+    TELEMETRY = "telemetry"
     CLOCK = "clock"
 
 
@@ -86,6 +87,8 @@ class FailsafeInputs:
     """Why the position is not to be flown by to a target, in words; None: nothing speaks against it."""
     doubted: str | None = None
     """That the position jumped a moment ago and is not believed yet, in words; None: it is believed."""
+    too_seldom: str | None = None
+    """Which message of the autopilot comes too seldom to steer by, in words; None: none does."""
     battery_percent: float | None = None
     """Remaining charge; None: not reported."""
     out_of_range: bool = False
@@ -232,6 +235,7 @@ def _found(inputs: FailsafeInputs, thresholds: FailsafeThresholds, was_low: bool
         (Cause.ABILITIES, _if(inputs.abilities_changed, Stage.LOITERING, ABILITIES_CHANGED)),
         (Cause.OBEDIENCE, _by_answer(inputs.answer)),
         (Cause.POSITION, _by_accuracy(inputs.position_accuracy_m, thresholds)),
+        (Cause.TELEMETRY, _NOTHING if inputs.too_seldom is None else _Found(Stage.LOITERING, inputs.too_seldom)),
         (Cause.CLOCK, _by_clock(inputs.clock_offset_s, thresholds)),
     )
 

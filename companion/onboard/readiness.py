@@ -15,8 +15,8 @@ from companion.onboard.failsafe import SEVERITY, Cause, FailsafeStatus, Stage
 
 PICTURE_CAUSES = (Cause.BROADCAST, Cause.PICTURE)
 """Causes of triggers that say that the picture is not good enough to begin an engagement with."""
-BEGINNING_CAUSES = (*PICTURE_CAUSES, Cause.ESTIMATE)
-"""Causes of triggers with which an engagement does not begin: a picture, or a place, that is not good enough."""
+NOT_READY_CAUSES = (*PICTURE_CAUSES, Cause.TELEMETRY, Cause.ESTIMATE)
+"""Causes of triggers that say that picture, telemetry or the vehicle's place are not good enough to begin with."""
 NO_FIX = "no GPS fix"
 NOT_HANDED_OVER = "not armed and in the guided mode"
 HAND_OVER_AGAIN = "in another mode, then hand over again"
@@ -122,7 +122,7 @@ def not_ready(
     if unable is not None:
         return unable
     for trigger in status.triggers:
-        if trigger.cause in BEGINNING_CAUSES and SEVERITY[trigger.stage] >= SEVERITY[Stage.LOITERING]:
+        if trigger.cause in NOT_READY_CAUSES and SEVERITY[trigger.stage] >= SEVERITY[Stage.LOITERING]:
             return trigger.words
     if outside_fence:
         return f"outside the fence: fly inside {HAND_OVER_AGAIN}"
