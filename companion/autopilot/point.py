@@ -56,8 +56,9 @@ class PointAdapter:
         self.setpoint = setpoint
         return []
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
+    def receive(self, datagram: bytes, now_s: float) -> int:
         """Do nothing: there is no autopilot to hear."""
+        return 0
 
     def requests(self, now_s: float) -> list[bytes]:
         """Return no frames: there is no autopilot to ask."""

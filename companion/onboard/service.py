@@ -147,8 +147,10 @@ async def _open_links(
         offboard = Offboard(lambda frame: output.transmit(frame), flight.note_stream_gap)
         stack.callback(offboard.close)
     shared = broadcast if vehicle.broadcast_link is None else None
-    link = await open_duplex(parse_link(autopilot.link), AutopilotInput(flight, shared, offboard).receive)
+    heard = AutopilotInput(flight, shared, offboard)
+    link = await open_duplex(parse_link(autopilot.link), heard.receive)
     stack.callback(link.close)
+    heard.peer.bind = link.bind
     output = AutopilotOutput(flight.companion, link, logs.vehicle, offboard)
     if uplink is None:
         return output, None

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from companion.errors import InputError
-from companion.transport.link import Address, Link, OnDatagram, ReceiveCounts, Receiver, SendCounts, Sender
+from companion.transport.link import Address, Link, OnChunk, OnDatagram, ReceiveCounts, Receiver, SendCounts, Sender
 
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 """Receive buffer asked of the kernel, which may grant less; the default 208 KiB hold about 166 frames (measured)."""
@@ -68,7 +68,7 @@ async def open_udp_sender(link: Link) -> UdpSender:
         raise InputError(f"link '{link}': {_why(link, error)}") from error
 
 
-async def open_udp_duplex(link: Link, on_datagram: OnDatagram, receive_buffer_bytes: int) -> UdpDuplex:
+async def open_udp_duplex(link: Link, on_chunk: OnChunk, receive_buffer_bytes: int) -> UdpDuplex:
     """Open a `udpin` or a `udpout` link in both directions; raises InputError if it cannot be opened."""
     if link.scheme == "udpin":
         sock, fixed_peer = await _listening_socket(link, receive_buffer_bytes), None
@@ -77,7 +77,7 @@ async def open_udp_duplex(link: Link, on_datagram: OnDatagram, receive_buffer_by
         sock = _new_socket(receive_buffer_bytes)
         sock.bind(("", 0))
     transport, protocol = await asyncio.get_running_loop().create_datagram_endpoint(
-        lambda: _DuplexProtocol(on_datagram, fixed_peer), sock=sock
+        lambda: _DuplexProtocol(on_chunk, fixed_peer), sock=sock
     )
     return UdpDuplex(sock, transport, protocol)
 
@@ -122,7 +122,7 @@ class MulticastSender(UdpSender):
 
 
 class UdpDuplex(Sender):
-    """End point of an autopilot link that sends to one fixed peer, or to the last one heard."""
+    """End point of an autopilot link that sends to one fixed peer, or to the one that its owner binds."""
 
     def __init__(self, sock: socket.socket, transport: asyncio.DatagramTransport, protocol: _DuplexProtocol) -> None:
         super().__init__()
@@ -132,11 +132,16 @@ class UdpDuplex(Sender):
 
     @property
     def peer(self) -> Address | None:
-        """Address that the next datagram goes to, None if no peer is known yet."""
+        """Address that the next datagram goes to, None if no peer is bound yet."""
         return self._protocol.peer
 
+    def bind(self, peer: Address) -> None:
+        """Send to this address from now on; a fixed peer stays."""
+        if self._protocol.fixed_peer is None:
+            self._protocol.peer = peer
+
     def send(self, datagram: bytes) -> None:
-        """Send one datagram to the peer; a failure, or having no peer yet, is counted, never raised."""
+        """Send one datagram to the peer; a failure, or having none yet, is counted, never raised."""
         if self._protocol.peer is None:
             self.counts.no_peer += 1
         elif self._transport.is_closing():
@@ -200,7 +205,7 @@ class _Rejoining:
 
 @dataclass(slots=True)
 class _DuplexProtocol(asyncio.DatagramProtocol):
-    on_datagram: OnDatagram
+    on_chunk: OnChunk
     fixed_peer: Address | None
     peer: Address | None = field(init=False)
 
@@ -208,11 +213,8 @@ class _DuplexProtocol(asyncio.DatagramProtocol):
         self.peer = self.fixed_peer
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
-        if self.fixed_peer is None:
-            self.peer = addr
-        elif addr != self.fixed_peer:
-            return
-        self.on_datagram(data)
+        if self.fixed_peer is None or addr == self.fixed_peer:
+            self.on_chunk(data, addr)
 
     def error_received(self, exc: Exception) -> None:
         """Ignore an ICMP error: an autopilot that starts later must still be heard."""

@@ -77,7 +77,7 @@ _OBEDIENT = {"arducopter": ObedientCopter, "px4-copter": ObedientPx4}
 
 
 def adapter_of(kind: str) -> LinkedAdapter:
-    return _OBEDIENT[kind]() if kind in _OBEDIENT else ADAPTERS[kind]()
+    return _OBEDIENT[kind](SYSTEM) if kind in _OBEDIENT else ADAPTERS[kind](SYSTEM)
 
 
 KINDS = ("arducopter", "kinematic")
@@ -91,7 +91,7 @@ class Flight:
         adapter = adapter_of(kind)
         self.companion = Companion(config, adapter, was=was)
         self.identity = adapter.identity
-        self.boot_ms = 0
+        self.boot_ms = 60_000
         self.now_s = NOW_S
         self.sequence = 0
         self._modes: tuple[int, int, int] | None = None

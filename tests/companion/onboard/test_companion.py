@@ -814,7 +814,7 @@ def test_what_keeps_the_law_from_its_goal_is_the_reason_of_the_decision() -> Non
             )
 
     flight = Flight(kind="kinematic")
-    flight.companion = Companion(CONFIG, ADAPTERS["kinematic"](), Resigned())
+    flight.companion = Companion(CONFIG, ADAPTERS["kinematic"](SYSTEM), Resigned())
     flight.heartbeat()
     flight.broadcast()
     decision, setpoint = flight.at(velocity=NORTH_M_S)
