@@ -7,6 +7,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, Self
 
+from companion.autopilot.streams import Shortfall
 from companion.autopilot.telemetry import Neighbour, Telemetry
 from companion.guard.types import Setpoint
 
@@ -123,6 +124,17 @@ class Adapter(Protocol):
         """Process whole frames from the autopilot link; never raises, whatever they are.
 
         Returns how many of them were the autopilot's own, and newer than what it said before.
+        """
+        ...
+
+    def shortfalls(self, now_s: float) -> tuple[Shortfall, ...]:
+        """Return what safety rests on and arrives much more seldom than it was asked for."""
+        ...
+
+    def too_seldom(self, timeout_s: float, now_s: float) -> str | None:
+        """Return which message comes too seldom to steer by, with its rates; None if none does.
+
+        `timeout_s`: the age beyond which a position is not steered by.
         """
         ...
 

@@ -22,6 +22,7 @@ from companion.autopilot.heartbeat import ARDUPLANE
 from companion.autopilot.linked import AIRSPEED_RATE_HZ, LinkedAdapter, is_usable, milliseconds
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
+from companion.autopilot.streams import RESTS_ON
 from companion.geo.air_density import true_per_indicated
 from companion.geo.kinematics import GRAVITY_M_S2, turn_rate_rad_s
 from companion.guard.types import Setpoint
@@ -93,6 +94,7 @@ class ArduPlaneAdapter(LinkedAdapter):
     identity = ARDUPLANE
     wanted: tuple[Wanted, ...] = WANTED
     rates_hz = {**RATES_HZ, common.MAVLINK_MSG_ID_VFR_HUD: AIRSPEED_RATE_HZ}
+    rests_on = {**RESTS_ON, common.MAVLINK_MSG_ID_ATTITUDE: "the bank"}
     parameter_checks = PARAMETER_CHECKS
 
     def __init__(self, system_id: int | None = None) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 from companion.autopilot.adapter import Adapter
 from companion.autopilot.registry import ADAPTERS
+from companion.autopilot.streams import in_words as seldom_in_words
 from companion.autopilot.telemetry import Telemetry
 from companion.files.tlog import whole_frames
 from companion.guard.types import BACKUP, FENCE, KEEP_OUT, NO_BACKUP
@@ -221,8 +222,13 @@ class Companion:
         if self.engagement is not None:
             self._assess(age_s, now_s)
             self._disengage()
-        status, note = self.failsafe.status, told_by_autopilot(self.adapter)
+        status, said = self.failsafe.status, told_by_autopilot(self.adapter)
+        note = "; ".join(one for one in (said, self._told_seldom(now_s)) if one is not None) or None
         return Decision(now_s, Purpose.IDLE, idle, status.stage, age_s, triggers=status.all_words, note=note)
+
+    def _told_seldom(self, now_s: float) -> str | None:
+        """Return what safety rests on and comes too seldom, in words; None if nothing does that no trigger tells."""
+        return seldom_in_words(self.adapter.shortfalls(now_s), self.failsafe.status.all_words)
 
     def _disengage(self) -> None:
         """End the engagement and forget its state: the safety pilot controls the vehicle."""
@@ -240,6 +246,7 @@ class Companion:
             picture_age_s=age_s,
             missing=self.world_model.missing,
             position_accuracy_m=telemetry.position_accuracy_m,
+            too_seldom=self.adapter.too_seldom(self.config.telemetry_timeout_s, now_s),
             battery_percent=telemetry.battery_percent,
             out_of_range=self.navigation.out_of_range,
             outside_fence=engagement is not None and self._outside_fence(),
@@ -286,10 +293,7 @@ class Companion:
             return self._idle(f"{situation.below}, and no room to climb here: climb {HAND_OVER_AGAIN}", age_s, now_s)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
-        too_far = HOME_TOO_FAR if located.home.too_far else None
-        blind = without_a_sense(config, world_model.others_told, self.adapter.sees_others)
-        told = (told_by_autopilot(self.adapter), beyond_limits(motion, telemetry, config))
-        notes = (steered.note, duplicate, blind, steered.unseparated, too_far, *told)
+        notes = (steered.note, duplicate, steered.unseparated, *self._notes(located, now_s))
         return Decision(
             t_s=now_s,
             purpose=steered.purpose,
@@ -309,6 +313,17 @@ class Companion:
             stay=steered.stay,
             opposed=steered.demand.opposed,
             certified_s=steered.verdict.certified_s,
+        )
+
+    def _notes(self, located: Located, now_s: float) -> tuple[str | None, ...]:
+        """Return what is to be said beside the decision of a vehicle that is steered."""
+        config = self.steering.config
+        return (
+            without_a_sense(config, self.world_model.others_told, self.adapter.sees_others),
+            HOME_TOO_FAR if located.home.too_far else None,
+            told_by_autopilot(self.adapter),
+            self._told_seldom(now_s),
+            beyond_limits(located.motion, self.adapter.telemetry, config),
         )
 
     def _watched(self, before: Engagement, located: Located, now_s: float) -> Engagement:

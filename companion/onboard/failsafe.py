@@ -51,6 +51,7 @@ class Cause(Enum):
     ABILITIES = "abilities"
     OBEDIENCE = "obedience"
     POSITION = "position"
+    TELEMETRY = "telemetry"
     CLOCK = "clock"
 
 
@@ -78,6 +79,8 @@ class FailsafeInputs:
     """What of the picture was not heard yet, in words; None: nothing is missing."""
     position_accuracy_m: float = math.nan
     """Accuracy of the position by the autopilot's estimate; NaN: not reported."""
+    too_seldom: str | None = None
+    """Which message of the autopilot comes too seldom to steer by, in words; None: none does."""
     battery_percent: float | None = None
     """Remaining charge; None: not reported."""
     out_of_range: bool = False
@@ -222,6 +225,7 @@ def _found(inputs: FailsafeInputs, thresholds: FailsafeThresholds, was_low: bool
         (Cause.ABILITIES, _if(inputs.abilities_changed, Stage.LOITERING, ABILITIES_CHANGED)),
         (Cause.OBEDIENCE, _by_answer(inputs.answer)),
         (Cause.POSITION, _by_accuracy(inputs.position_accuracy_m, thresholds)),
+        (Cause.TELEMETRY, _NOTHING if inputs.too_seldom is None else _Found(Stage.LOITERING, inputs.too_seldom)),
         (Cause.CLOCK, _by_clock(inputs.clock_offset_s, thresholds)),
     )
 

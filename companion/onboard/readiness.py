@@ -14,6 +14,8 @@ from companion.onboard.failsafe import SEVERITY, Cause, FailsafeStatus, Stage
 
 PICTURE_CAUSES = (Cause.BROADCAST, Cause.PICTURE)
 """Causes of triggers that say that the picture is not good enough to begin an engagement with."""
+NOT_READY_CAUSES = (*PICTURE_CAUSES, Cause.TELEMETRY)
+"""Causes of triggers that say that picture or telemetry are not good enough to begin an engagement with."""
 NOT_HANDED_OVER = "not armed and in the guided mode"
 HAND_OVER_AGAIN = "in another mode, then hand over again"
 SPEED_SLACK = 1.2
@@ -92,7 +94,7 @@ def not_ready(
     if unable is not None:
         return unable
     for trigger in status.triggers:
-        if trigger.cause in PICTURE_CAUSES and SEVERITY[trigger.stage] >= SEVERITY[Stage.LOITERING]:
+        if trigger.cause in NOT_READY_CAUSES and SEVERITY[trigger.stage] >= SEVERITY[Stage.LOITERING]:
             return trigger.words
     if outside_fence:
         return f"outside the fence: fly inside {HAND_OVER_AGAIN}"
