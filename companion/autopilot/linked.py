@@ -13,17 +13,17 @@ from collections.abc import Collection, Mapping
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
+from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.commands import Command, Commands
 from companion.autopilot.heartbeat import HeartbeatIdentity
 from companion.autopilot.identity import Identity
 from companion.autopilot.intake import DAMAGED, decode, is_whole
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import ParameterReader, Wanted, request
-from companion.autopilot.streams import RESTS_ON, SPARSE, Shortfall, StreamWatch, message_name
+from companion.autopilot.streams import IF_ANY, RESTS_ON, SPARSE, Shortfall, StreamWatch, message_name
 from companion.autopilot.telemetry import (
     COMPANION_COMPONENT,
     HEARTBEAT_TIMEOUT_S,
-    Neighbour,
     Telemetry,
     TelemetryReader,
 )
@@ -37,7 +37,9 @@ COMMON_RATES_HZ: Mapping[int, float] = {
     common.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
     common.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+    common.MAVLINK_MSG_ID_GPS2_RAW: 1.0,
     common.MAVLINK_MSG_ID_HOME_POSITION: 0.2,
+    common.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 0.2,
 }
 """The messages that every adapter requests, by message id, and their rates."""
 ADSB_RATE_HZ = 10.0
@@ -251,7 +253,7 @@ class LinkedAdapter(ABC):
 
         A board without ADS-B refuses that: it is no failure, but a vehicle without a detector.
         """
-        sparse = {_interval(message_id, 1.0).name for message_id in SPARSE}
+        sparse = {_interval(message_id, 1.0).name for message_id in SPARSE | IF_ANY}
         return tuple(one for one in self._message_intervals.failures if one.partition(": ")[0] not in sparse)
 
     @property

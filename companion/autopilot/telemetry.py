@@ -6,13 +6,14 @@ Which messages are the autopilot's, and newer than those before, is decided befo
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega, common
 
+from companion.autopilot.aircraft import Neighbour, entered, neighbour_of
+from companion.autopilot.estimate import Estimate, Receiver, better, ekf_status, estimator_status
 from companion.autopilot.intake import Message
 
 COMPANION_COMPONENT = common.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -21,12 +22,6 @@ HEARTBEAT_PERIOD_S = 1.0
 """Time between two heartbeats of an autopilot, and of the companion."""
 HEARTBEAT_TIMEOUT_S = 3.5
 """Time without a heartbeat after which the autopilot counts as lost: three heartbeats in a row may be lost."""
-CALLSIGN_PATTERN = r"OW(\d{5})"
-"""Regular expression of the fleet's callsigns: OW and the agent id in five digits."""
-NEIGHBOUR_MEMORY_S = 5.0
-"""Time after which a neighbour that is no longer seen is forgotten."""
-MAX_NEIGHBOURS = 100
-"""Greatest number of neighbours that are stored; further ones are rejected."""
 LOCAL_POSITION_MAX_AGE_S = 2.0
 """Age beyond which a local position is discarded."""
 METRES_PER_HDOP = 2.5
@@ -67,13 +62,21 @@ class Telemetry:
     """Altitude above mean sea level."""
     velocity_north_m_s: float = math.nan
     velocity_east_m_s: float = math.nan
+    climb_m_s: float = 0.0
+    """Vertical velocity, positive upwards."""
     yaw_rad: float | None = None
     home_deg: tuple[float, float] | None = None
     """Latitude and longitude of home."""
+    home_altitude_m: float = math.nan
+    """Altitude of home above mean sea level."""
+    origin: tuple[float, float, float] | None = None
+    """Origin of the autopilot's local frame: latitude and longitude in degrees, altitude above mean sea level."""
     in_air: bool | None = None
     """Whether the vehicle flies and neither takes off nor lands; None where the autopilot does not say."""
     local_ned_m: tuple[float, float, float] | None = None
     """Position (north, east, down) in the autopilot's own local frame; None where it is missing or too old."""
+    local_boot_ms: int = 0
+    """The autopilot's time_boot_ms of that position."""
     roll_rad: float = math.nan
     attitude_at_s: float | None = None
     airspeed_m_s: float = math.nan
@@ -83,25 +86,12 @@ class Telemetry:
     """Velocity of the air (true north, east) as the autopilot estimates it; None where it tells none."""
     wind_at_s: float = -math.inf
     gps_fix: int | None = None
-    """The receiver's GPS_FIX_TYPE."""
+    """GPS_FIX_TYPE of the better receiver."""
+    estimate: Estimate | None = None
+    """What the autopilot last said of its own estimate; None before it said anything."""
     position_accuracy_m: float = math.nan
     """Horizontal accuracy, the worse of the receiver's and the estimator's; NaN if neither reports one."""
     battery_percent: float | None = None
-
-
-@dataclass(frozen=True)
-class Neighbour:
-    """Another aircraft as the vehicle's own detector last saw it. Velocities are along local true north and east."""
-
-    agent_id: int | None
-    """Its agent id; None for an aircraft that is not of the fleet."""
-    lat_deg: float
-    lon_deg: float
-    velocity_north_m_s: float
-    velocity_east_m_s: float
-    seen_at_s: float
-    altitude_m: float = math.nan
-    """Altitude above mean sea level; NaN if it is not reported."""
 
 
 class TelemetryReader:
@@ -116,7 +106,7 @@ class TelemetryReader:
         self.seen_s = -math.inf
         """Time of the newest detection of any other aircraft."""
         self._local_at_s = -math.inf
-        self._accuracies_m: dict[str, float] = {}
+        self._receivers: dict[str, Receiver] = {}
         self._readers: dict[int, Callable[[Message, float], None]] = {
             common.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._position,
@@ -128,6 +118,9 @@ class TelemetryReader:
             ardupilotmega.MAVLINK_MSG_ID_WIND: self._wind,
             common.MAVLINK_MSG_ID_WIND_COV: self._wind_cov,
             common.MAVLINK_MSG_ID_GPS_RAW_INT: self._gps,
+            common.MAVLINK_MSG_ID_GPS2_RAW: self._gps,
+            common.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._origin,
+            ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._ekf,
             common.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self._estimator,
             common.MAVLINK_MSG_ID_SYS_STATUS: self._battery,
             common.MAVLINK_MSG_ID_ADSB_VEHICLE: self._neighbour,
@@ -174,6 +167,7 @@ class TelemetryReader:
             altitude_m=message.alt / 1000.0,
             velocity_north_m_s=message.vx / 100.0,
             velocity_east_m_s=message.vy / 100.0,
+            climb_m_s=-message.vz / 100.0,
             yaw_rad=None if message.hdg == 65_535 else math.radians(message.hdg / 100.0),
         )
         if now_s - self._local_at_s > LOCAL_POSITION_MAX_AGE_S:
@@ -183,7 +177,15 @@ class TelemetryReader:
         if (message.latitude, message.longitude) == _NO_FIX or not _is_on_earth(message.latitude, message.longitude):
             self.rejected["out of range"] += 1
             return
-        self._update(home_deg=(message.latitude / 1e7, message.longitude / 1e7))
+        self._update(
+            home_deg=(message.latitude / 1e7, message.longitude / 1e7), home_altitude_m=message.altitude / 1000.0
+        )
+
+    def _origin(self, message: Message, now_s: float) -> None:
+        if not _is_on_earth(message.latitude, message.longitude):
+            self.rejected["out of range"] += 1
+            return
+        self._update(origin=(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1000.0))
 
     def _landed_state(self, message: Message, now_s: float) -> None:
         known = message.landed_state != common.MAV_LANDED_STATE_UNDEFINED
@@ -192,7 +194,7 @@ class TelemetryReader:
     def _local_position(self, message: Message, now_s: float) -> None:
         if self._finite(message.x, message.y, message.z):
             self._local_at_s = now_s
-            self._update(local_ned_m=(message.x, message.y, message.z))
+            self._update(local_ned_m=(message.x, message.y, message.z), local_boot_ms=message.time_boot_ms)
 
     def _attitude(self, message: Message, now_s: float) -> None:
         if self._finite(message.roll, message.pitch, message.yaw):
@@ -219,18 +221,24 @@ class TelemetryReader:
             accuracy_m = message.h_acc / 1000.0
         else:
             accuracy_m = math.nan if message.eph == _EPH_UNKNOWN else message.eph / 100.0 * METRES_PER_HDOP
-        self._update(gps_fix=message.fix_type)
-        self._accuracy("receiver", accuracy_m)
+        self._receivers[message.get_type()] = Receiver(now_s, message.fix_type, accuracy_m)
+        self._update(gps_fix=better(self._receivers, now_s).fix)
+        self._accuracy(now_s)
+
+    def _ekf(self, message: Message, now_s: float) -> None:
+        self._update(estimate=ekf_status(message, now_s))
 
     def _estimator(self, message: Message, now_s: float) -> None:
         if self._finite(message.pos_horiz_accuracy):
-            self._accuracy("estimator", message.pos_horiz_accuracy)
+            self._update(estimate=estimator_status(message, now_s))
+            self._accuracy(now_s)
 
-    def _accuracy(self, source: str, accuracy_m: float) -> None:
-        """Store the accuracy of one source, and the worst one of all sources in the telemetry."""
-        self._accuracies_m[source] = accuracy_m
-        known = [value for value in self._accuracies_m.values() if math.isfinite(value)]
-        self._update(position_accuracy_m=max(known, default=math.nan))
+    def _accuracy(self, now_s: float) -> None:
+        """Keep the worse of the estimator's accuracy and the better receiver's."""
+        told_m = [] if self.telemetry.estimate is None else [self.telemetry.estimate.accuracy_m]
+        if self._receivers:
+            told_m.append(better(self._receivers, now_s).accuracy_m)
+        self._update(position_accuracy_m=max((one for one in told_m if math.isfinite(one)), default=math.nan))
 
     def _battery(self, message: Message, now_s: float) -> None:
         remaining = message.battery_remaining
@@ -243,39 +251,15 @@ class TelemetryReader:
         return False
 
     def _neighbour(self, message: Message, now_s: float) -> None:
-        flags = message.flags
-        if not flags & common.ADSB_FLAGS_VALID_COORDS:
-            self.rejected["no coordinates"] += 1
+        seen = neighbour_of(message, now_s)
+        if isinstance(seen, str):
+            self.rejected[seen] += 1
             return
-        if not _is_on_earth(message.lat, message.lon):
-            self.rejected["out of range"] += 1
-            return
-        moves = flags & common.ADSB_FLAGS_VALID_HEADING and flags & common.ADSB_FLAGS_VALID_VELOCITY
-        speed_m_s = message.hor_velocity / 100.0 if moves else 0.0
-        course_rad = math.radians(message.heading / 100.0)
-        forgotten = [key for key, known in self.neighbours.items() if now_s - known.seen_at_s > NEIGHBOUR_MEMORY_S]
-        for key in forgotten:
-            del self.neighbours[key]
-        if message.ICAO_address not in self.neighbours and len(self.neighbours) >= MAX_NEIGHBOURS:
-            self.rejected["too many neighbours"] += 1
-            return
+        # A detector that shows anybody is there, whether or not the table has room.
         self.seen_s = now_s
-        self.neighbours[message.ICAO_address] = Neighbour(
-            agent_id=_agent_id(message.callsign) if flags & common.ADSB_FLAGS_VALID_CALLSIGN else None,
-            lat_deg=message.lat / 1e7,
-            lon_deg=message.lon / 1e7,
-            velocity_north_m_s=speed_m_s * math.cos(course_rad),
-            velocity_east_m_s=speed_m_s * math.sin(course_rad),
-            seen_at_s=now_s - message.tslc,
-            altitude_m=message.altitude / 1000.0 if flags & common.ADSB_FLAGS_VALID_ALTITUDE else math.nan,
-        )
-
-
-def _agent_id(callsign: str) -> int | None:
-    """Return the agent id in a callsign of the fleet (CALLSIGN_PATTERN); None for any other callsign and for id 0."""
-    match = re.fullmatch(CALLSIGN_PATTERN, callsign.rstrip())
-    identity = int(match.group(1)) if match else 0
-    return identity or None
+        here_deg = self.telemetry.lat_deg, self.telemetry.lon_deg
+        if not entered(self.neighbours, message.ICAO_address, seen, here_deg, now_s):
+            self.rejected["too many neighbours"] += 1
 
 
 def _is_on_earth(lat_e7: int, lon_e7: int) -> bool:
