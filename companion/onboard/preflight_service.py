@@ -33,6 +33,8 @@ ASK_PERIOD_S = 0.1
 """Time between two rounds of asking the autopilot and of checking whether all is known."""
 SETTLING_S = 3.0
 """Shortest time of listening: slow messages, such as the battery's, come once a second or less often."""
+RATES_S = 5.0
+"""The rates of the messages for which that takes no longer are measured before the findings."""
 
 
 async def check_vehicle(config: Config, wait_s: float, stop: asyncio.Event) -> int:
@@ -127,7 +129,8 @@ class _Checker:
     def _all_known(self) -> bool:
         telemetry = self._adapter.telemetry
         healthy = None not in (telemetry.home_deg, telemetry.gps_fix, telemetry.battery_percent)
-        return self._adapter.refusal is None and self._adapter.parameters_known and self._broadcast_heard and healthy
+        told = self._adapter.parameters_known and self._adapter.streams_measured(self._clock.now_s(), RATES_S)
+        return self._adapter.refusal is None and told and self._broadcast_heard and healthy
 
     def _from_broadcast(self, datagram: bytes) -> None:
         now_s = self._clock.now_s()

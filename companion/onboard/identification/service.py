@@ -128,7 +128,8 @@ def write_limits(name: str, end: End | None, table: list[Row]) -> None:
     after = parse_config(written, name)
     if after != before.model_copy(update={"limits": before.limits.model_copy(update=values)}):
         raise InputError(f"{name}: limits: cannot be rewritten as they stand; set them by hand: {_words(values)}")
-    write_state_file(path, written)
+    # Where the name is a link, the file that it stands for is written.
+    write_state_file(path.resolve(), written)
     click.echo(f"written into {name}: {_words(values)}")
 
 

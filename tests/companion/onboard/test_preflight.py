@@ -344,7 +344,7 @@ def test_a_command_that_the_autopilot_did_not_do_is_told() -> None:
     adapter.requests(NOW_S)
     ack = common.MAVLink_command_ack_message(common.MAV_CMD_SET_MESSAGE_INTERVAL, common.MAV_RESULT_DENIED)
     adapter.receive(bytes(ack.pack(link)), NOW_S)
-    assert only_failure(found(adapter)).text == "rate of message 33: denied"
+    assert only_failure(found(adapter)).text == "rate of GLOBAL_POSITION_INT: denied"
 
 
 @pytest.mark.parametrize("kind", REAL_KINDS)
