@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from contextlib import suppress
 
 from companion.autopilot.telemetry import Telemetry
 from companion.files.tlog import Sink
@@ -44,12 +45,11 @@ COLUMNS = (
 
 
 class DecisionTable:
-    """Writes one row per decision; after an error of the file nothing more is written."""
+    """Writes one row per decision; a row that the file does not take is missing."""
 
     def __init__(self, file: Sink) -> None:
-        """Write the names of the columns to `file`."""
-        self._file: Sink | None = file
-        self._write(COLUMNS)
+        """Write to a file that begins with HEAD."""
+        self._file = file
 
     def add(self, decision: Decision, telemetry: Telemetry, evenness: Evenness) -> None:
         """Write a decision, the telemetry that it was made on, and how even the loop was since the last decision."""
@@ -86,15 +86,19 @@ class DecisionTable:
         )
 
     def _write(self, row: tuple[str, ...]) -> None:
-        if self._file is None:
-            return
-        line = io.StringIO()
-        csv.writer(line, lineterminator="\n").writerow(row)
-        try:
-            self._file.write(line.getvalue().encode())
+        with suppress(OSError):
+            self._file.write(_line(row))
             self._file.flush()
-        except OSError:
-            self._file = None
+
+
+def _line(row: tuple[str, ...]) -> bytes:
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(row)
+    return line.getvalue().encode()
+
+
+HEAD = _line(COLUMNS)
+"""The first line of a table: the names of its columns."""
 
 
 def _figure(value: float | None, digits: int) -> str:

@@ -29,8 +29,12 @@ from companion.onboard.config import ONE_RADIO, AutopilotSection, Config
 from companion.onboard.decision import Decision, Purpose
 from companion.onboard.decision_reporter import DecisionReporter
 from companion.onboard.inputs import AutopilotInput, BroadcastInput
+<<<<<<< HEAD
 from companion.onboard.log_folder import LogFolder, open_log_folder
 from companion.onboard.loop_watch import FloodWatch, StallWatch
+=======
+from companion.onboard.log_folder import LogFolder, VehicleLog, open_log_folder
+>>>>>>> main
 from companion.onboard.output import AutopilotOutput
 from companion.onboard.recording import RecordedCompanion
 from companion.onboard.state_files import (
@@ -55,6 +59,7 @@ computer."""
 OLD_S = 0.1
 """Age of a decision from which it is looked at again before its setpoint is sent: the program was held up meanwhile."""
 
+ITS_LOG = VehicleLog()
 Build = Callable[[Config, Authenticator, State], Companion]
 """Makes the companion of a flight from its configuration, its authenticator and the state saved before."""
 
@@ -63,13 +68,16 @@ def _steering(config: Config, authenticator: Authenticator, was: State) -> Compa
     return Companion(config, authenticator=authenticator, was=was)
 
 
-async def run_companion(config: Config, stop: asyncio.Event, build: Build = _steering) -> Path | None:
+async def run_companion(
+    config: Config, stop: asyncio.Event, build: Build = _steering, log: VehicleLog = ITS_LOG
+) -> Path | None:
     """Steer until `stop` is set; print a line when the decision changes, and regularly how well the broadcast is heard.
 
-    Returns the folder of the logs, if there is one; `build` makes the companion.
+    Returns the folder of the logs, if there is one; `build` makes the companion, `log` says how its log is kept. A disk
+    that takes neither logs nor state is told of, and no reason not to fly.
 
     Raises:
-        InputError: a link cannot be opened, a key or state file cannot be used, or a log cannot be written.
+        InputError: a link cannot be opened, or a key or state file cannot be used.
 
     """
     if config.autopilot is None or config.broadcast is None:
@@ -78,12 +86,14 @@ async def run_companion(config: Config, stop: asyncio.Event, build: Build = _ste
         # Opened first and so closed last, after everything that still has messages to print or bytes to write.
         stack.enter_context(messages_written_by("companion", _io_thread("words", stack).do))
         files = _io_thread("files", stack)
-        vehicle = _prepare(config, build, files, stack)
+        # Threads of their own: a disk for logs that hangs must not keep the state from being written.
+        logs = open_log_folder(config, _io_thread("logs", stack), stack, log)
+        vehicle = _prepare(config, build, logs, files, stack)
         try:
             links = await _open_links(vehicle, config.autopilot, stack)
         except InputError:
             # A program that is restarted again and again until a port is there must not leave a folder each time.
-            vehicle.logs.remove()
+            vehicle.logs.discard()
             raise
         LOGGER.info(
             "agent %d, %s on %s, broadcast on %s (%s)",
@@ -111,21 +121,28 @@ class _Vehicle:
     notifier: Notifier
 
 
-def _prepare(config: Config, build: Build, files: IoThread, stack: ExitStack) -> _Vehicle:
-    """Read keys and state files, make the companion and open the logs, which `stack` closes; raises InputError."""
+def _prepare(config: Config, build: Build, logs: LogFolder, files: IoThread, stack: ExitStack) -> _Vehicle:
+    """Read keys and state files, and make the companion; `stack` closes what it opens. Raises InputError."""
     autopilot, broadcast = config.autopilot, config.broadcast
     assert autopilot is not None and broadcast is not None
     link = None if broadcast.link == ONE_RADIO else parse_link(broadcast.link)
+<<<<<<< HEAD
     trust, state = trust_of(broadcast), saved_authenticator_state(broadcast)
     authenticator = Authenticator(trust, state, is_stream=_is_stream(link), checks_at_once=CHECKS_AT_ONCE)
     authority_before, warning = saved_authority(autopilot)
     if warning is not None:
         LOGGER.info("warning: %s", warning)
     companion = build(config, authenticator, authority_before)
+=======
+>>>>>>> main
     clock = SteadyClock()
-    logs = open_log_folder(config, files, stack)
+    saved, before = saved_authenticator_state(broadcast, clock.now_s()), saved_authority(autopilot)
+    for warning in (*saved.warnings, *before.warnings):
+        LOGGER.warning("%s", warning)
+    authenticator = Authenticator(trust_of(broadcast), saved.state, is_stream=_is_stream(link))
+    companion = build(config, authenticator, before.state)
     flight = RecordedCompanion(companion, clock, logs.vehicle)
-    flight.begin(authority_before)
+    flight.begin(before.state)
     authenticator_file = AuthenticatorStateFile(broadcast.state_file, authenticator, files)
     stack.callback(authenticator_file.write)
     notifier = Notifier()
@@ -135,7 +152,7 @@ def _prepare(config: Config, build: Build, files: IoThread, stack: ExitStack) ->
         flight=flight,
         logs=logs,
         broadcast_link=link,
-        authority_file=AuthorityStateFile(autopilot.state_file, authority_before, files),
+        authority_file=AuthorityStateFile(autopilot.state_file, files),
         authenticator_file=authenticator_file,
         notifier=notifier,
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 from companion.autopilot.telemetry import Telemetry
 from companion.guard.types import NO_BACKUP, Setpoint
 from companion.onboard.decision import Decision, Purpose
-from companion.onboard.decision_table import COLUMNS, DecisionTable
+from companion.onboard.decision_table import COLUMNS, HEAD, DecisionTable
 from companion.onboard.failsafe import Stage
 from companion.runtime.rate import Evenness
 
@@ -41,6 +41,7 @@ TELEMETRY = Telemetry(
 
 def rows_of(*decisions: Decision) -> list[dict[str, str]]:
     file = io.BytesIO()
+    file.write(HEAD)
     table = DecisionTable(file)
     for decision in decisions:
         table.add(decision, TELEMETRY, Evenness(0.1234, 0.0123))
