@@ -29,12 +29,8 @@ from companion.onboard.config import ONE_RADIO, AutopilotSection, Config
 from companion.onboard.decision import Decision, Purpose
 from companion.onboard.decision_reporter import DecisionReporter
 from companion.onboard.inputs import AutopilotInput, BroadcastInput
-<<<<<<< HEAD
-from companion.onboard.log_folder import LogFolder, open_log_folder
-from companion.onboard.loop_watch import FloodWatch, StallWatch
-=======
 from companion.onboard.log_folder import LogFolder, VehicleLog, open_log_folder
->>>>>>> main
+from companion.onboard.loop_watch import FloodWatch, StallWatch
 from companion.onboard.output import AutopilotOutput
 from companion.onboard.recording import RecordedCompanion
 from companion.onboard.state_files import (
@@ -126,20 +122,12 @@ def _prepare(config: Config, build: Build, logs: LogFolder, files: IoThread, sta
     autopilot, broadcast = config.autopilot, config.broadcast
     assert autopilot is not None and broadcast is not None
     link = None if broadcast.link == ONE_RADIO else parse_link(broadcast.link)
-<<<<<<< HEAD
-    trust, state = trust_of(broadcast), saved_authenticator_state(broadcast)
-    authenticator = Authenticator(trust, state, is_stream=_is_stream(link), checks_at_once=CHECKS_AT_ONCE)
-    authority_before, warning = saved_authority(autopilot)
-    if warning is not None:
-        LOGGER.info("warning: %s", warning)
-    companion = build(config, authenticator, authority_before)
-=======
->>>>>>> main
     clock = SteadyClock()
     saved, before = saved_authenticator_state(broadcast, clock.now_s()), saved_authority(autopilot)
     for warning in (*saved.warnings, *before.warnings):
         LOGGER.warning("%s", warning)
-    authenticator = Authenticator(trust_of(broadcast), saved.state, is_stream=_is_stream(link))
+    trust = trust_of(broadcast)
+    authenticator = Authenticator(trust, saved.state, is_stream=_is_stream(link), checks_at_once=CHECKS_AT_ONCE)
     companion = build(config, authenticator, before.state)
     flight = RecordedCompanion(companion, clock, logs.vehicle)
     flight.begin(before.state)
