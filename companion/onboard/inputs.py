@@ -16,7 +16,7 @@ from companion.protocol.dialect import oneway
 from companion.protocol.frame import RawFrame
 from companion.protocol.mavlink_signing import without_signature
 from companion.protocol.v2_extension import unwrap
-from companion.transport.endpoints import Address
+from companion.transport.endpoints import Address, OnDatagram
 
 ONEWAY_IDS = frozenset(oneway.mavlink_map) - {oneway.MAVLINK_MSG_ID_HEARTBEAT}
 """Message ids of the project's dialect; HEARTBEAT, which it includes, is not among them."""
@@ -51,7 +51,7 @@ class AutopilotInput:
     Such frames are dropped: a replay would take them in the log for the broadcast and for the companion's own records.
     """
 
-    def __init__(self, flight: RecordedCompanion, broadcast: BroadcastInput | None, offboard: Offboard | None) -> None:
+    def __init__(self, flight: RecordedCompanion, broadcast: OnDatagram | None, offboard: Offboard | None) -> None:
         """Receive for a flight; `broadcast`, if given, takes the broadcast frames that come wrapped in V2_EXTENSION."""
         self.peer = Peer()
         self._flight = flight
@@ -85,7 +85,7 @@ class AutopilotInput:
     def _is_others(self, frame: RawFrame) -> bool:
         """Return whether a frame is not the autopilot's; pass it on if it wraps a frame of the broadcast."""
         if self._broadcast is not None and (inner := unwrap(frame)) is not None:
-            self._broadcast.receive(inner)
+            self._broadcast(inner)
             return True
         if frame.component == COMPANION_COMPONENT:
             return True

@@ -21,9 +21,9 @@ from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import HEARTBEAT_PERIOD_S
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.onboard.config import ONE_RADIO, Config
+from companion.onboard.disk_check import DISK_REMEDY, disk_troubles
 from companion.onboard.peer import Peer
 from companion.onboard.preflight import Finding, finding_on_others, findings
-from companion.onboard.state_files import saved_authority
 from companion.onboard.trust import trust_of
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator
@@ -82,13 +82,12 @@ class _Checker:
         self._clock = SteadyClock()
         self._intake, self._peer = Intake(), Peer()
         self._link_heard = self._broadcast_heard = False
-        self._authority_warning: str | None = None
+        self._disk_troubles: tuple[str, ...] = ()
         self._link: Duplex
 
     async def open(self) -> None:
         """Open the links that `companion run` would open; raises InputError."""
-        _, warning = saved_authority(self._autopilot)
-        self._authority_warning = warning if self._adapter.resumes_on_stream else None
+        self._disk_troubles = disk_troubles(self._config, self._adapter.resumes_on_stream, self._clock.now_s())
         if self._autopilot.kind == "px4-copter" and self._autopilot.offboard == "mavsdk":
             require_mavsdk()
         if self._broadcast_link is not None:
@@ -126,8 +125,7 @@ class _Checker:
         )
         if self._adapter.refusal is None and self._adapter.telemetry.heartbeat_at_s is not None:
             found.append(finding_on_others(self._config, self._adapter, self._world_model.others_told))
-        if self._authority_warning is not None:
-            found.append(Finding(False, self._authority_warning, "remove it while the vehicle is disarmed"))
+        found += [Finding(False, trouble, DISK_REMEDY) for trouble in self._disk_troubles]
         return found
 
     @property
