@@ -33,7 +33,8 @@ class CauseWatch:
         self._authenticator = authenticator
         self._link = link
         self._coasting_after_s = coasting_after_s
-        self._tallies: tuple[tuple[float, Tally], ...] = ()
+        self._tallies: tuple[tuple[float, Tally], ...] = ((-math.inf, Tally()),)
+        """Counts with their times; the first is that of the window's beginning."""
         self._looked_s = -math.inf
         self._dialect: tuple[OtherDialect | None, int] = (None, 0)
         """The other dialect that the last look suspected, and how often in a row."""
@@ -84,11 +85,12 @@ class CauseWatch:
 
     def _keep(self, now_s: float) -> None:
         """Keep a tally for the window, and forget those from before it."""
-        newest_s = self._tallies[-1][0] if self._tallies else -math.inf
-        if not 0.0 <= now_s - newest_s < WINDOW_S / TALLIES:
-            tally = Tally(self._authenticator.accepted, self._authenticator.rejected)
-            kept = [old for old in self._tallies if 0.0 <= now_s - old[0] < WINDOW_S]
-            self._tallies = (*kept, (now_s, tally))
+        if now_s - self._tallies[-1][0] < WINDOW_S / TALLIES:
+            return
+        kept = [*self._tallies, (now_s, Tally(self._authenticator.accepted, self._authenticator.rejected))]
+        while now_s - kept[1][0] >= WINDOW_S:
+            del kept[0]
+        self._tallies = tuple(kept)
 
 
 def signed_by(raw: RawFrame) -> str | None:

@@ -47,7 +47,7 @@ END_S = 10.0
 """Time for which a cause must not have been seen before it is over."""
 NEWS_SHARE = 0.25
 """Share by which a cause's number must have changed for its words to change."""
-LEAST_FRAMES = 3
+LEAST_FRAMES = 2
 """Least number of frames in a window that are evidence of a cause."""
 
 
@@ -138,7 +138,7 @@ def news(before: Causes, after: Causes) -> list[str]:
 
 def window_of(tallies: tuple[tuple[float, Tally], ...], newest: Tally) -> tuple[int, Counter[str]]:
     """Return how many frames were accepted, and refused by reason, since the first of some tallies."""
-    first = tallies[0][1] if tallies else Tally()
+    first = tallies[0][1]
     return newest.accepted - first.accepted, Counter(newest.refused or {}) - Counter(first.refused or {})
 
 
@@ -255,7 +255,7 @@ def _two_stations(count: int) -> Cause | None:
         f"two ground stations: {count} frames of an older run in {WINDOW_S:g} s beside the one believed",
         "stop one of them; each would command the vehicles whenever it is restarted",
         stops=False,
-        begin_s=5.0,
+        begin_s=0.0,
     )
 
 
