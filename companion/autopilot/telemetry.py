@@ -37,6 +37,7 @@ _MESSAGE_IDS = frozenset(
         common.MAVLINK_MSG_ID_SYS_STATUS,
         common.MAVLINK_MSG_ID_PARAM_VALUE,
         common.MAVLINK_MSG_ID_COMMAND_ACK,
+        common.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
         common.MAVLINK_MSG_ID_WIND_COV,
         ardupilotmega.MAVLINK_MSG_ID_WIND,
     }
