@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from companion.autopilot.firmware import known
 from companion.onboard.config import Config
 from companion.onboard.finding import Finding, warning
 
@@ -115,7 +116,9 @@ def _px4_data_link(told: Told) -> Iterator[Finding]:
 def _fence(told: Told) -> Iterator[Finding]:
     """Yield which parts of ArduPilot's own fence lie inside the configured limits."""
     limits = told.config.limits
-    if told["FENCE_ENABLE"] != 1.0 or told["FENCE_ACTION"] == 0.0:
+    # With a fence of its own the companion demands the autopilot's, so that it is judged as it will be.
+    demanded = limits.fence is not None or bool(limits.exclusions)
+    if not demanded and (told["FENCE_ENABLE"] != 1.0 or told["FENCE_ACTION"] == 0.0):
         return
     margin_m = max(told.values.get("FENCE_MARGIN", 0.0), 0.0)
     if told.has_bit("FENCE_TYPE", FENCE_BY_HEIGHT) and told.kind != "ardurover":
@@ -144,16 +147,36 @@ def _px4_fence(told: Told) -> Iterator[Finding]:
 
 
 def _wide_enough(told: Told, name: str, needed_m: float, of: str) -> Iterator[Finding]:
-    if name not in told.values:
+    """Yield whether a fence is as wide as the limits; one that cannot be is to be turned off."""
+    row = known(told.kind, name)
+    if name not in told.values or row is None:
         return
     mode = "OFFBOARD" if told.is_px4 else "GUIDED"
-    least_m = math.ceil(needed_m)
+    least_m, wide = math.ceil(needed_m), told[name] >= needed_m
+    fix = (name, told[name] if wide else float(least_m))
+    if not wide and least_m > row.greatest:
+        fix = (name, 0.0) if told.is_px4 else ("FENCE_TYPE", _within_reach(told))
     yield Finding(
-        told[name] >= needed_m,
+        wide,
         f"{name}: {told[name]:g}; allowed: at least {least_m:g} ({of}); its own fence ends {mode}",
-        f"set {name} to {least_m:g}, or lower the limits",
-        sets=((name, float(max(least_m, told[name]))),),
+        f"set {fix[0]} to {fix[1]:g}, or lower the limits",
+        sets=(fix,),
     )
+
+
+def _within_reach(told: Told) -> float:
+    """Return ArduPilot's FENCE_TYPE without the fences by height or circle that cannot be as wide as the limits."""
+    kind, limits = told.kind, told.config.limits
+    kinds = int(told["FENCE_TYPE"])
+    needed_m = {
+        "FENCE_ALT_MAX": (FENCE_BY_HEIGHT, limits.height_max_m),
+        "FENCE_RADIUS": (FENCE_BY_CIRCLE, 0.0 if limits.fence is None else _greatest_distance_m(limits.fence) / 2.0),
+    }
+    for name, (bit, least_m) in needed_m.items():
+        row = known(kind, name)
+        if row is not None and least_m + max(told.values.get("FENCE_MARGIN", 0.0), 0.0) > row.greatest:
+            kinds &= ~bit
+    return float(kinds)
 
 
 def _circle(told: Told, name: str, margin_m: float) -> Iterator[Finding]:

@@ -57,12 +57,12 @@ def test_as_it_comes_nothing_fails_and_the_loss_of_radio_control_is_told(kind: s
     ],
 )
 def test_a_vehicle_that_flies_on_without_radio_control_is_not_warned_of(kind: str, values: dict[str, float]) -> None:
-    assert words(kind, **values) == {}
+    assert words(kind, None, **values) == {}
 
 
 @pytest.mark.parametrize("values", [{"FS_SHORT_ACTN": 2.0}, {"FS_LONG_ACTN": 1.0}])
 def test_a_plane_that_leaves_guided_without_radio_control_is_warned_of(values: dict[str, float]) -> None:
-    assert words("arduplane", **values)["THR_FAILSAFE"].word == "warn"
+    assert words("arduplane", None, **values)["THR_FAILSAFE"].word == "warn"
 
 
 FAILING = [
@@ -114,8 +114,15 @@ def test_a_circle_is_warned_of_where_the_configuration_has_no_fence() -> None:
     assert found["FENCE_RADIUS"].word == "warn"
 
 
+def test_a_fence_that_cannot_be_as_wide_as_the_limits_is_to_be_turned_off() -> None:
+    wide = "fence: [[-20000, -20000], [20000, -20000], [20000, 20000]], "
+    config = parse_config(f"agent_id: 1\nlimits: {{{wide}height_min_m: 10, height_max_m: 1500}}\n", "test")
+    found = words("arducopter", config, FENCE_ENABLE=1.0, FENCE_TYPE=7.0)
+    assert dict(found["FENCE_RADIUS"].sets) == dict(found["FENCE_ALT_MAX"].sets) == {"FENCE_TYPE": 4.0}
+
+
 def test_a_fence_that_is_off_or_only_reports_ends_nothing() -> None:
-    config = config_of("arducopter", fenced=True)
+    config = config_of("arducopter")
     for values in ({"FENCE_ENABLE": 0.0}, {"FENCE_ENABLE": 1.0, "FENCE_ACTION": 0.0}):
         assert set(words("arducopter", config, FS_OPTIONS=4.0, FENCE_ALT_MAX=10.0, **values)) == set()
 
