@@ -7,8 +7,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, Self
 
+from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.streams import Shortfall
-from companion.autopilot.telemetry import Neighbour, Telemetry
+from companion.autopilot.telemetry import Telemetry
 from companion.guard.types import Setpoint
 
 

@@ -23,7 +23,6 @@ from companion.autopilot.linked import AIRSPEED_RATE_HZ, LinkedAdapter, is_usabl
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
 from companion.autopilot.streams import RESTS_ON
-from companion.geo.air_density import true_per_indicated
 from companion.geo.kinematics import GRAVITY_M_S2, turn_rate_rad_s
 from companion.guard.types import Setpoint
 
@@ -53,6 +52,8 @@ SPEED_STEP_M_S = 0.1
 """Change of the wanted speed up to which it is not commanded again."""
 EXTRAPOLATED_S = 0.5
 """Greatest age for which a reported course is extrapolated."""
+_REFUSED_M = (0.0, -1.0)
+"""Altitudes that GUIDED_CHANGE_ALTITUDE refuses (ArduPlane's source)."""
 _AIRSPEED = 0.0
 """Value of the speed type of MAV_CMD_GUIDED_CHANGE_SPEED for airspeed."""
 _KEEP_SPEED = -1.0
@@ -79,7 +80,7 @@ PARAMETER_CHECKS = (
 class _Sent(NamedTuple):
     """What was commanded last, and when; NaN and -inf before the first command of an engagement."""
 
-    height_m: float
+    altitude_m: float
     indicated_m_s: float
     commanded_s: float
     loiter_s: float
@@ -182,19 +183,22 @@ class ArduPlaneAdapter(LinkedAdapter):
         again = now_s - sent.commanded_s >= RESEND_PERIOD_S
         if again:
             sent = sent._replace(commanded_s=now_s)
-        if again or not abs(setpoint.altitude_m - sent.height_m) <= HEIGHT_STEP_M:
-            sent = sent._replace(height_m=setpoint.altitude_m)
+        telemetry = self.telemetry
+        # Above sea level: what is above home moves with home, even after the plane has got it.
+        altitude_m = _commandable_m(setpoint.altitude_m - telemetry.height_m + telemetry.altitude_m)
+        if again or not abs(altitude_m - sent.altitude_m) <= HEIGHT_STEP_M:
+            sent = sent._replace(altitude_m=altitude_m)
             self._commands.queue(
                 Command(
                     common.MAV_CMD_GUIDED_CHANGE_ALTITUDE,
-                    f"height {setpoint.altitude_m:.0f} m",
-                    frame=common.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-                    altitude_m=setpoint.altitude_m,
+                    f"altitude {altitude_m:.0f} m above sea level",
+                    frame=common.MAV_FRAME_GLOBAL,
+                    altitude_m=altitude_m,
                 )
             )
         # A setpoint's speed is through the air, the command's is what the airspeed sensor shows.
         slowest_m_s, fastest_m_s = self._indicated_m_s()
-        indicated_m_s = setpoint.speed_m_s / true_per_indicated(self.telemetry.altitude_m)
+        indicated_m_s = setpoint.speed_m_s / self._air.ratio_at(telemetry.altitude_m)
         indicated_m_s = min(max(indicated_m_s, slowest_m_s), fastest_m_s)
         if again or not abs(indicated_m_s - sent.indicated_m_s) <= SPEED_STEP_M_S:
             sent = sent._replace(indicated_m_s=indicated_m_s)
@@ -206,7 +210,6 @@ class ArduPlaneAdapter(LinkedAdapter):
                     frame=common.MAV_FRAME_GLOBAL_RELATIVE_ALT,
                 )
             )
-        telemetry = self.telemetry
         if now_s - sent.loiter_s >= LOITER_PERIOD_S and math.isfinite(telemetry.lat_deg):
             sent = sent._replace(loiter_s=now_s)
             self._commands.queue(
@@ -214,9 +217,9 @@ class ArduPlaneAdapter(LinkedAdapter):
                     common.MAV_CMD_DO_REPOSITION,
                     "loiter underneath",
                     (_KEEP_SPEED, 0.0, self.parameters.value("WP_LOITER_RAD"), 0.0),
-                    frame=common.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+                    frame=common.MAV_FRAME_GLOBAL,
                     place_deg=(telemetry.lat_deg, telemetry.lon_deg),
-                    altitude_m=setpoint.altitude_m,
+                    altitude_m=altitude_m,
                 )
             )
         self._sent = sent
@@ -235,3 +238,9 @@ class ArduPlaneAdapter(LinkedAdapter):
                 0.0,
             )
         )
+
+
+def _commandable_m(altitude_m: float) -> float:
+    """Return an altitude that the autopilot accepts: beside those that it takes for none."""
+    refused = any(abs(altitude_m - one) < 0.05 for one in _REFUSED_M)
+    return altitude_m + 0.1 if refused else altitude_m

@@ -12,16 +12,16 @@ from collections.abc import Collection, Mapping
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
+from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.commands import Command, Commands
 from companion.autopilot.firmware import ENDINGS, FAMILIES, Firmware, firmware_of, known
 from companion.autopilot.heartbeat import HeartbeatIdentity, identified
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import ParameterReader, Wanted, request
-from companion.autopilot.streams import RESTS_ON, SPARSE, Shortfall, StreamWatch, message_name
+from companion.autopilot.streams import IF_ANY, RESTS_ON, SPARSE, Shortfall, StreamWatch, message_name
 from companion.autopilot.telemetry import (
     COMPANION_COMPONENT,
     HEARTBEAT_TIMEOUT_S,
-    Neighbour,
     Telemetry,
     TelemetryReader,
     messages_in,
@@ -35,7 +35,9 @@ COMMON_RATES_HZ: Mapping[int, float] = {
     common.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
     common.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+    common.MAVLINK_MSG_ID_GPS2_RAW: 1.0,
     common.MAVLINK_MSG_ID_HOME_POSITION: 0.2,
+    common.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 0.2,
 }
 """The messages that every adapter requests, by message id, and their rates."""
 ADSB_RATE_HZ = 10.0
@@ -268,7 +270,7 @@ class LinkedAdapter(ABC):
 
         A board without ADS-B refuses that: it is no failure, but a vehicle without a detector.
         """
-        told = {_interval(message_id, 1.0).name for message_id in set(self.rates_hz) - SPARSE}
+        told = {_interval(message_id, 1.0).name for message_id in set(self.rates_hz) - SPARSE - IF_ANY}
         return tuple(one for one in self._message_intervals.failures if one.partition(": ")[0] in told)
 
     @property

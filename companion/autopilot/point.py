@@ -6,8 +6,9 @@ The ground station uses it for the dead reckoning of its agents, and the arena f
 from __future__ import annotations
 
 from companion.autopilot.adapter import Abilities
+from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.streams import Shortfall
-from companion.autopilot.telemetry import Neighbour, Telemetry
+from companion.autopilot.telemetry import Telemetry
 from companion.guard.types import Setpoint
 
 

@@ -46,6 +46,8 @@ RESTS_ON: Mapping[int, str] = {
 """What safety rests on, by the message that tells it; a kind may have more (`LinkedAdapter.rests_on`)."""
 SPARSE = frozenset({ardupilotmega.MAVLINK_MSG_ID_ADSB_VEHICLE})
 """Messages that come only while there is something to tell, so that none of them is no sign."""
+IF_ANY = frozenset({ardupilotmega.MAVLINK_MSG_ID_GPS2_RAW, ardupilotmega.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN})
+"""Messages of what not every vehicle has, a second receiver or a local frame: they are missed once they have come."""
 UNASKED = frozenset({ardupilotmega.MAVLINK_MSG_ID_HEARTBEAT})
 """Messages that every autopilot sends by itself, so that they are asked for only when they come too seldom."""
 STOPPED_PERIODS = 6.0
@@ -150,6 +152,8 @@ class StreamWatch:
         """
         window_s, arrived_s = self._windows_s.get(message_id, 0.0), self._arrived_s.get(message_id)
         if arrived_s is None or now_s - self._began_s < SETTLING_S + window_s or now_s - self._newest_s > LINK_DEAD_S:
+            return None
+        if message_id in IF_ANY and not arrived_s:
             return None
         since_s = now_s - window_s
         if len(arrived_s) == arrived_s.maxlen and arrived_s[0] > since_s:

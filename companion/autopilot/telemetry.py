@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -11,6 +10,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega, common
 
+from companion.autopilot.aircraft import Neighbour, entered, neighbour_of
+from companion.autopilot.estimate import Estimate, Receiver, better, ekf_status, estimator_status
 from companion.files.mavlink_layout import HEADER_V2_BYTES, MARKER_V2, frame_parts
 
 Message = Any
@@ -33,7 +34,10 @@ _MESSAGE_IDS = frozenset(
         common.MAVLINK_MSG_ID_ATTITUDE,
         common.MAVLINK_MSG_ID_VFR_HUD,
         common.MAVLINK_MSG_ID_GPS_RAW_INT,
+        common.MAVLINK_MSG_ID_GPS2_RAW,
+        common.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
         common.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+        ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
         common.MAVLINK_MSG_ID_SYS_STATUS,
         common.MAVLINK_MSG_ID_PARAM_VALUE,
         common.MAVLINK_MSG_ID_COMMAND_ACK,
@@ -42,12 +46,8 @@ _MESSAGE_IDS = frozenset(
         ardupilotmega.MAVLINK_MSG_ID_WIND,
     }
 )
-CALLSIGN_PATTERN = r"OW(\d{5})"
-"""Regular expression of the fleet's callsigns: OW and the agent id in five digits."""
-NEIGHBOUR_MEMORY_S = 5.0
-"""Time after which a neighbour that is no longer seen is forgotten."""
-MAX_NEIGHBOURS = 100
-"""Greatest number of neighbours that are stored; further ones are rejected."""
+_ARDUPILOTS = frozenset({ardupilotmega.MAVLINK_MSG_ID_WIND, ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT})
+"""Messages read here that only ArduPilot's dialect has."""
 RESTART_MS = 1_000
 """Step back of an autopilot's clock beyond which it has restarted; a smaller one is a datagram that came late."""
 SHARED_ID_STEPS = 2
@@ -100,13 +100,21 @@ class Telemetry:
     """Altitude above mean sea level."""
     velocity_north_m_s: float = math.nan
     velocity_east_m_s: float = math.nan
+    climb_m_s: float = 0.0
+    """Vertical velocity, positive upwards."""
     yaw_rad: float | None = None
     home_deg: tuple[float, float] | None = None
     """Latitude and longitude of home."""
+    home_altitude_m: float = math.nan
+    """Altitude of home above mean sea level."""
+    origin: tuple[float, float, float] | None = None
+    """Origin of the autopilot's local frame: latitude and longitude in degrees, altitude above mean sea level."""
     in_air: bool | None = None
     """Whether the vehicle flies and neither takes off nor lands; None where the autopilot does not say."""
     local_ned_m: tuple[float, float, float] | None = None
     """Position (north, east, down) in the autopilot's own local frame; None where it is missing or too old."""
+    local_boot_ms: int = 0
+    """The autopilot's time_boot_ms of that position."""
     roll_rad: float = math.nan
     attitude_at_s: float | None = None
     airspeed_m_s: float = math.nan
@@ -116,25 +124,12 @@ class Telemetry:
     """Velocity of the air (true north, east) as the autopilot estimates it; None where it tells none."""
     wind_at_s: float = -math.inf
     gps_fix: int | None = None
-    """The receiver's GPS_FIX_TYPE."""
+    """GPS_FIX_TYPE of the better receiver."""
+    estimate: Estimate | None = None
+    """What the autopilot last said of its own estimate; None before it said anything."""
     position_accuracy_m: float = math.nan
     """Horizontal accuracy, the worse of the receiver's and the estimator's; NaN if neither reports one."""
     battery_percent: float | None = None
-
-
-@dataclass(frozen=True)
-class Neighbour:
-    """Another aircraft as the vehicle's own detector last saw it. Velocities are along local true north and east."""
-
-    agent_id: int | None
-    """Its agent id; None for an aircraft that is not of the fleet."""
-    lat_deg: float
-    lon_deg: float
-    velocity_north_m_s: float
-    velocity_east_m_s: float
-    seen_at_s: float
-    altitude_m: float = math.nan
-    """Altitude above mean sea level; NaN if it is not reported."""
 
 
 class _SharedIdWatch:
@@ -178,7 +173,7 @@ class TelemetryReader:
         self._place_e7 = _NO_FIX
         self._shared_id = _SharedIdWatch()
         self._local_at_s = -math.inf
-        self._accuracies_m: dict[str, float] = {}
+        self._receivers: dict[str, Receiver] = {}
         self._readers: dict[str, Callable[[Message, float], None]] = {
             "GLOBAL_POSITION_INT": self._position,
             "HOME_POSITION": self._home,
@@ -189,6 +184,9 @@ class TelemetryReader:
             "WIND": self._wind,
             "WIND_COV": self._wind_cov,
             "GPS_RAW_INT": self._gps,
+            "GPS2_RAW": self._gps,
+            "GPS_GLOBAL_ORIGIN": self._origin,
+            "EKF_STATUS_REPORT": self._ekf,
             "ESTIMATOR_STATUS": self._estimator,
             "SYS_STATUS": self._battery,
         }
@@ -269,6 +267,7 @@ class TelemetryReader:
             altitude_m=message.alt / 1000.0,
             velocity_north_m_s=message.vx / 100.0,
             velocity_east_m_s=message.vy / 100.0,
+            climb_m_s=-message.vz / 100.0,
             yaw_rad=None if message.hdg == 65_535 else math.radians(message.hdg / 100.0),
         )
         if now_s - self._local_at_s > LOCAL_POSITION_MAX_AGE_S:
@@ -291,7 +290,15 @@ class TelemetryReader:
         if (message.latitude, message.longitude) == _NO_FIX or not _is_on_earth(message.latitude, message.longitude):
             self.rejected["out of range"] += 1
             return
-        self._update(home_deg=(message.latitude / 1e7, message.longitude / 1e7))
+        self._update(
+            home_deg=(message.latitude / 1e7, message.longitude / 1e7), home_altitude_m=message.altitude / 1000.0
+        )
+
+    def _origin(self, message: Message, now_s: float) -> None:
+        if not _is_on_earth(message.latitude, message.longitude):
+            self.rejected["out of range"] += 1
+            return
+        self._update(origin=(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1000.0))
 
     def _landed_state(self, message: Message, now_s: float) -> None:
         known = message.landed_state != common.MAV_LANDED_STATE_UNDEFINED
@@ -300,7 +307,7 @@ class TelemetryReader:
     def _local_position(self, message: Message, now_s: float) -> None:
         if self._finite(message.x, message.y, message.z):
             self._local_at_s = now_s
-            self._update(local_ned_m=(message.x, message.y, message.z))
+            self._update(local_ned_m=(message.x, message.y, message.z), local_boot_ms=message.time_boot_ms)
 
     def _attitude(self, message: Message, now_s: float) -> None:
         if self._finite(message.roll, message.pitch, message.yaw):
@@ -327,18 +334,24 @@ class TelemetryReader:
             accuracy_m = message.h_acc / 1000.0
         else:
             accuracy_m = math.nan if message.eph == _EPH_UNKNOWN else message.eph / 100.0 * METRES_PER_HDOP
-        self._update(gps_fix=message.fix_type)
-        self._accuracy("receiver", accuracy_m)
+        self._receivers[message.get_type()] = Receiver(now_s, message.fix_type, accuracy_m)
+        self._update(gps_fix=better(self._receivers, now_s).fix)
+        self._accuracy(now_s)
+
+    def _ekf(self, message: Message, now_s: float) -> None:
+        self._update(estimate=ekf_status(message, now_s))
 
     def _estimator(self, message: Message, now_s: float) -> None:
         if self._finite(message.pos_horiz_accuracy):
-            self._accuracy("estimator", message.pos_horiz_accuracy)
+            self._update(estimate=estimator_status(message, now_s))
+            self._accuracy(now_s)
 
-    def _accuracy(self, source: str, accuracy_m: float) -> None:
-        """Store the accuracy of one source, and the worst one of all sources in the telemetry."""
-        self._accuracies_m[source] = accuracy_m
-        known = [value for value in self._accuracies_m.values() if math.isfinite(value)]
-        self._update(position_accuracy_m=max(known, default=math.nan))
+    def _accuracy(self, now_s: float) -> None:
+        """Keep the worse of the estimator's accuracy and the better receiver's."""
+        told_m = [] if self.telemetry.estimate is None else [self.telemetry.estimate.accuracy_m]
+        if self._receivers:
+            told_m.append(better(self._receivers, now_s).accuracy_m)
+        self._update(position_accuracy_m=max((one for one in told_m if math.isfinite(one)), default=math.nan))
 
     def _battery(self, message: Message, now_s: float) -> None:
         remaining = message.battery_remaining
@@ -351,32 +364,15 @@ class TelemetryReader:
         return False
 
     def _neighbour(self, message: Message, now_s: float) -> None:
-        flags = message.flags
-        if not flags & common.ADSB_FLAGS_VALID_COORDS:
-            self.rejected["no coordinates"] += 1
+        seen = neighbour_of(message, now_s)
+        if isinstance(seen, str):
+            self.rejected[seen] += 1
             return
-        if not _is_on_earth(message.lat, message.lon):
-            self.rejected["out of range"] += 1
-            return
-        moves = flags & common.ADSB_FLAGS_VALID_HEADING and flags & common.ADSB_FLAGS_VALID_VELOCITY
-        speed_m_s = message.hor_velocity / 100.0 if moves else 0.0
-        course_rad = math.radians(message.heading / 100.0)
-        forgotten = [key for key, known in self.neighbours.items() if now_s - known.seen_at_s > NEIGHBOUR_MEMORY_S]
-        for key in forgotten:
-            del self.neighbours[key]
-        if message.ICAO_address not in self.neighbours and len(self.neighbours) >= MAX_NEIGHBOURS:
-            self.rejected["too many neighbours"] += 1
-            return
+        # A detector that shows anybody is there, whether or not the table has room.
         self.seen_s = now_s
-        self.neighbours[message.ICAO_address] = Neighbour(
-            agent_id=_agent_id(message.callsign) if flags & common.ADSB_FLAGS_VALID_CALLSIGN else None,
-            lat_deg=message.lat / 1e7,
-            lon_deg=message.lon / 1e7,
-            velocity_north_m_s=speed_m_s * math.cos(course_rad),
-            velocity_east_m_s=speed_m_s * math.sin(course_rad),
-            seen_at_s=now_s - message.tslc,
-            altitude_m=message.altitude / 1000.0 if flags & common.ADSB_FLAGS_VALID_ALTITUDE else math.nan,
-        )
+        here_deg = self.telemetry.lat_deg, self.telemetry.lon_deg
+        if not entered(self.neighbours, message.ICAO_address, seen, here_deg, now_s):
+            self.rejected["too many neighbours"] += 1
 
 
 def messages_in(datagram: bytes) -> Iterator[Message]:
@@ -386,25 +382,18 @@ def messages_in(datagram: bytes) -> Iterator[Message]:
     """
     if _is_one_other_message(datagram):
         return
-    # WIND is of ArduPilot's dialect, which has all of `common` and takes longer to parse.
-    dialect = ardupilotmega if _is_wind(datagram) else common
+    # ArduPilot's dialect has all of `common` and takes longer to parse.
+    dialect = ardupilotmega if _is_ardupilots(datagram) else common
     parser = dialect.MAVLink(None)
     parser.robust_parsing = True
     yield from parser.parse_buffer(bytes(datagram)) or ()
 
 
-def _is_wind(datagram: bytes) -> bool:
-    """Return whether a datagram begins with a WIND message of MAVLink 2."""
+def _is_ardupilots(datagram: bytes) -> bool:
+    """Return whether a datagram begins with a message of MAVLink 2 that only ArduPilot's dialect has."""
     if len(datagram) < HEADER_V2_BYTES or datagram[0] != MARKER_V2:
         return False
-    return bool(frame_parts(datagram)[0] == ardupilotmega.MAVLINK_MSG_ID_WIND)
-
-
-def _agent_id(callsign: str) -> int | None:
-    """Return the agent id in a callsign of the fleet (CALLSIGN_PATTERN); None for any other callsign and for id 0."""
-    match = re.fullmatch(CALLSIGN_PATTERN, callsign.rstrip())
-    identity = int(match.group(1)) if match else 0
-    return identity or None
+    return frame_parts(datagram)[0] in _ARDUPILOTS
 
 
 def _is_on_earth(lat_e7: int, lon_e7: int) -> bool:

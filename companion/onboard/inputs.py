@@ -10,6 +10,7 @@ from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM
 from companion.protocol.dialect import oneway
 from companion.protocol.frame import RawFrame, raw_frames
 from companion.protocol.v2_extension import unwrap
+from companion.transport.endpoints import OnDatagram
 
 ONEWAY_IDS = frozenset(oneway.mavlink_map) - {oneway.MAVLINK_MSG_ID_HEARTBEAT}
 """Message ids of the project's dialect; HEARTBEAT, which it includes, is not among them."""
@@ -42,7 +43,7 @@ class AutopilotInput:
     Such frames are dropped: a replay would take them in the log for the broadcast and for the companion's own records.
     """
 
-    def __init__(self, flight: RecordedCompanion, broadcast: BroadcastInput | None, offboard: Offboard | None) -> None:
+    def __init__(self, flight: RecordedCompanion, broadcast: OnDatagram | None, offboard: Offboard | None) -> None:
         """Receive for a flight; `broadcast`, if given, takes the broadcast frames that come wrapped in V2_EXTENSION."""
         self._flight = flight
         self._broadcast = broadcast
@@ -60,7 +61,7 @@ class AutopilotInput:
     def _is_others(self, frame: RawFrame) -> bool:
         """Return whether a frame is not the autopilot's; pass it on if it wraps a frame of the broadcast."""
         if self._broadcast is not None and (inner := unwrap(frame)) is not None:
-            self._broadcast.receive(inner)
+            self._broadcast(inner)
             return True
         if frame.version == 1:
             return False

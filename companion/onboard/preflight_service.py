@@ -10,6 +10,7 @@ import asyncio
 import math
 import time
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -19,10 +20,10 @@ from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import HEARTBEAT_PERIOD_S
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.onboard.config import ONE_RADIO, Config
+from companion.onboard.disk_check import DISK_REMEDY, disk_troubles
 from companion.onboard.finding import Finding
 from companion.onboard.param_file import check_new, write_param_file
 from companion.onboard.preflight import finding_on_agent, finding_on_others, findings
-from companion.onboard.state_files import saved_authority
 from companion.onboard.trust import trust_of
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator
@@ -77,6 +78,15 @@ def report(found: list[Finding], *, strict: bool = False) -> int:
     return EXIT_FAILED if failed or (strict and warned) else EXIT_DONE
 
 
+@dataclass
+class _Heard:
+    """What was heard so far: anything on the autopilot's link, a genuine frame, every frame of one broadcast."""
+
+    link: bool = False
+    broadcast: bool = False
+    whole: bool = False
+
+
 class _Checker:
     def __init__(self, config: Config, stack: ExitStack) -> None:
         assert config.autopilot is not None and config.broadcast is not None
@@ -91,14 +101,13 @@ class _Checker:
         self._authenticator = Authenticator(trust_of(config.broadcast), is_stream=is_stream)
         self._world_model = WorldModel(config.agent_id, clocks_agree=self._authenticator.trust.clock_checked)
         self._clock = SteadyClock()
-        self._link_heard = self._broadcast_heard = self._broadcast_whole = False
-        self._authority_warning: str | None = None
+        self._heard = _Heard()
+        self._disk_troubles: tuple[str, ...] = ()
         self._link: Duplex
 
     async def open(self) -> None:
         """Open the links that `companion run` would open; raises InputError."""
-        _, warning = saved_authority(self._autopilot)
-        self._authority_warning = warning if self._adapter.resumes_on_stream else None
+        self._disk_troubles = disk_troubles(self._config, self._adapter.resumes_on_stream, self._clock.now_s())
         if self._autopilot.kind == "px4-copter" and self._autopilot.offboard == "mavsdk":
             require_mavsdk()
         if self._broadcast_link is not None:
@@ -129,17 +138,16 @@ class _Checker:
         found = findings(
             self._config,
             self._adapter,
-            link_heard=self._link_heard,
-            broadcast_heard=self._broadcast_heard,
+            link_heard=self._heard.link,
+            broadcast_heard=self._heard.broadcast,
             now_s=self._clock.now_s(),
         )
         if self._adapter.refusal is None and self._adapter.telemetry.heartbeat_at_s is not None:
             found.append(finding_on_others(self._config, self._adapter, self._world_model.others_told))
-        agent = finding_on_agent(self._config, self._world_model, self._broadcast_whole)
+        agent = finding_on_agent(self._config, self._world_model, self._heard.whole)
         if agent is not None:
             found.append(agent)
-        if self._authority_warning is not None:
-            found.append(Finding(False, self._authority_warning, "remove it while the vehicle is disarmed"))
+        found += [Finding(False, trouble, DISK_REMEDY) for trouble in self._disk_troubles]
         return found
 
     def write(self, found: list[Finding], param: Path) -> str:
@@ -155,21 +163,21 @@ class _Checker:
         telemetry, now_s = self._adapter.telemetry, self._clock.now_s()
         healthy = None not in (telemetry.home_deg, telemetry.gps_fix, telemetry.battery_percent)
         told = self._adapter.parameters.settled(now_s) and self._adapter.streams_measured(now_s, RATES_S)
-        return self._adapter.refusal is None and told and self._broadcast_whole and healthy
+        return self._adapter.refusal is None and told and self._heard.whole and healthy
 
     def _from_broadcast(self, datagram: bytes) -> None:
         now_s = self._clock.now_s()
         self._believe(self._authenticator.admit(datagram, now_s), now_s)
 
     def _believe(self, admitted: list[Authenticated], now_s: float) -> None:
-        self._broadcast_heard |= bool(admitted)
+        self._heard.broadcast |= bool(admitted)
         for _, frame in admitted:
             self._world_model.take(frame, now_s)
             if isinstance(frame, StateFrame | FleetFrame):
-                self._broadcast_whole |= self._world_model.order.is_whole(frame.stamp)
+                self._heard.whole |= self._world_model.order.is_whole(frame.stamp)
 
     def _from_autopilot(self, datagram: bytes) -> None:
-        self._link_heard = True
+        self._heard.link = True
         self._adapter.receive(datagram, self._clock.now_s())
         if self._broadcast_link is None:
             for frame in raw_frames(datagram):

@@ -44,9 +44,13 @@ class RecordedCompanion:
         """Take in frames of the broadcast link that the authenticator has deframed, and log the accepted ones."""
         self._believe(lambda now_s: self.companion.hear_frames(frames, now_s))
 
-    def hear_waiting(self) -> None:
-        """Take in frames that waited in a flood for the check of their signature, and log the accepted ones."""
+    def hear_waiting(self) -> float:
+        """Take in frames that waited in a flood for the check of their signature, and log the accepted ones.
+
+        Return after how many seconds more of them are due: 0 at once, inf if none waits.
+        """
         self._believe(self.companion.hear_waiting)
+        return max(0.0, self.companion.authenticator.due_s() - self.clock.now_s())
 
     def receive(self, frames: Sequence[RawFrame]) -> None:
         """Take in frames from the autopilot, and log them."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection
 from typing import NamedTuple
 
-from companion.autopilot.telemetry import NEIGHBOUR_MEMORY_S, Neighbour
+from companion.autopilot.aircraft import NEIGHBOUR_MEMORY_S, Neighbour
 from companion.geo.local_frame import LocalFrame, to_grid
 from companion.guard.types import Motion
 from companion.guidance.view import Traffic

@@ -180,11 +180,20 @@ class ReceiveCounts:
 class Receiver:
     """A receive-only end point. It has no way to send: the broadcast must never be answered."""
 
-    def __init__(self, close: Callable[[], None], counts: ReceiveCounts, *, is_stream: bool = False) -> None:
+    def __init__(
+        self,
+        close: Callable[[], None],
+        counts: ReceiveCounts,
+        *,
+        is_stream: bool = False,
+        overruns: Callable[[], int] = lambda: 0,
+    ) -> None:
         self._close = close
         self.counts = counts
         self.is_stream = is_stream
         """Whether the input is handed on as chunks of a byte stream, cut anywhere, instead of as whole datagrams."""
+        self.overruns = overruns
+        """Returns how many datagrams the kernel dropped because its buffer for this end point was full."""
 
     def close(self) -> None:
         """Stop receiving and free the port."""

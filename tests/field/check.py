@@ -90,7 +90,7 @@ def remedy_of_a_firmware() -> str:
     remedies = [one.remedy for one in findings(rig) if not one.passed]
     (remedy,) = [one for one in remedies if "WP_ACC" in one]
     assert "WPNAV_ACCEL" not in remedy, remedy
-    return remedy
+    return str(remedy)
 
 
 def an_agent_that_nobody_has() -> str:

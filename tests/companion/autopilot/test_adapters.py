@@ -11,14 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega, common
 
+from companion.autopilot.aircraft import MAX_NEIGHBOURS, NEIGHBOUR_MEMORY_S, Neighbour
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import (
     COMPANION_COMPONENT,
-    MAX_NEIGHBOURS,
     METRES_PER_HDOP,
-    NEIGHBOUR_MEMORY_S,
     SHARED_ID_MEMORY_S,
-    Neighbour,
     TelemetryReader,
     _is_one_other_message,
 )

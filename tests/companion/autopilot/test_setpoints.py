@@ -33,10 +33,10 @@ GOLDEN: dict[str, tuple[str, ...]] = {
     ),
     "arduplane": (
         "fd2700000207bf520000881300002365763f68ee8a3e0000000000000000000000000000000000000000000000000701c66844",
-        "fd2100000007bf4b00000000000000000000000000000000000000000000000000000000a841f9a70701037ff0",
+        "fd2000000007bf4b000000000000000000000000000000000000000000000000000000400244f9a707016658",
         "fd2100000107bf4b0000000000005e081c410000000000000000000000000000000000000000f8a7070103f82d",
         "fd2700000407bf520000ec130000c6c7713fc743a83e0000000000000000000000000000000000000000000000000701c61a19",
-        "fd2100000307bf4b0000000080bf00000000000070420000000080a1031c00b4c4040000a841c0000701033483",
+        "fd2000000307bf4b0000000080bf00000000000070420000000080a1031c00b4c40400400244c00007011694",
     ),
     "px4-copter": (
         "fd3500000007bf540000881300000000000000000000000000006a1e1f413727863f000000bf000000000000000000000000"
@@ -407,10 +407,11 @@ def test_height_and_airspeed_are_ordered_when_they_change() -> None:
     flown(adapter, Setpoint(0.0, 22.0, 100.0), 5.0, 1.0)
     changed = flown(adapter, Setpoint(0.0, 20.0, 120.0), 6.0, 1.0)
     assert [(message.command, message.frame) for _, message in changed] == [
-        (common.MAV_CMD_GUIDED_CHANGE_ALTITUDE, common.MAV_FRAME_GLOBAL_RELATIVE_ALT),
+        (common.MAV_CMD_GUIDED_CHANGE_ALTITUDE, common.MAV_FRAME_GLOBAL),
         (common.MAV_CMD_GUIDED_CHANGE_SPEED, common.MAV_FRAME_GLOBAL_RELATIVE_ALT),
     ]
-    assert (changed[0][1].z, changed[0][1].param3) == (120.0, 0.0)
+    # Home is at 500 m.
+    assert (changed[0][1].z, changed[0][1].param3) == (620.0, 0.0)
     assert changed[1][1].param1 == 0.0
     assert changed[1][1].param2 == pytest.approx(20.0 / true_per_indicated(520.0))
 
@@ -428,7 +429,8 @@ def test_a_loiter_lies_underneath_where_the_plane_was_a_moment_ago() -> None:
         [LOITER_PERIOD_S] * 3, abs=0.11
     )
     place = loiters[0][1]
-    assert (place.x, place.y, place.z, place.param3) == (470_000_000, 80_000_000, 100.0, 70.0)
+    assert (place.x, place.y, place.z, place.param3) == (470_000_000, 80_000_000, 600.0, 70.0)
+    assert place.frame == common.MAV_FRAME_GLOBAL
     # It must never choose the mode: that is a person's.
     assert place.param2 == 0.0
 
@@ -557,7 +559,7 @@ def test_an_autopilot_that_answers_nothing_is_asked_a_bounded_number_of_times_an
     assert not adapter.parameters_known
     requests = asked(adapter, 5.0, 60.0)
     assert adapter.parameters_known
-    assert requests[-1][0] < 35.0
+    assert requests[-1][0] < 45.0
     assert max(sum(1 for at_s, _ in requests if start_s <= at_s < start_s + 1.0) for start_s in range(5, 35)) <= 30
     assert adapter.abilities.assumed
     assert any("no answer" in trouble for trouble in adapter.failures)

@@ -18,6 +18,7 @@ from companion.onboard.authority import State
 from companion.onboard.companion import Companion
 from companion.onboard.config import Config, LimitsSection, StalenessSection
 from companion.onboard.decision import Decision
+from companion.onboard.references import ACCELERATION_M_S2
 from companion.protocol.codec import (
     THREATS_PER_FRAME,
     AgentEntry,
@@ -38,6 +39,8 @@ EPOCH_S = 1_790_000_000
 NOW_S = EPOCH_S + 100.0
 ORIGIN_DEG = (47.0, 8.0)
 ALTITUDE_M = 530.0
+"""Altitude of a vehicle 30 m above home."""
+HOME_ALTITUDE_M = 500.0
 FRAME = LocalFrame(*ORIGIN_DEG)
 GUIDED_MODE = ARDUCOPTER.guided_mode
 GUIDED = common.MAV_MODE_FLAG_SAFETY_ARMED | common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -95,6 +98,7 @@ class Flight:
         self.now_s = NOW_S
         self.sequence = 0
         self._modes: tuple[int, int, int] | None = None
+        self._here_m: tuple[float, float, float] | None = None
         self._writer = FrameWriter()
         self._autopilot = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=common.MAV_COMP_ID_AUTOPILOT1)
 
@@ -122,17 +126,30 @@ class Flight:
         velocity: tuple[float, float] = (0.0, 0.0),
         hdg: int = 0,
         height_mm: int = 30_000,
+        *,
+        jumps: bool = False,
     ) -> None:
+        """Send a position; the autopilot's clock goes on by the time that the way from the last one takes.
+
+        With `jumps` it goes on by a tenth of a second only.
+        """
         if self._modes is not None:
             # An autopilot says both all the time.
             self.heartbeat(*self._modes)
         lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
+        here_m = (north_m, east_m, 1e-3 * height_mm)
+        way_m = 0.0 if jumps or self._here_m is None else math.dist(here_m, self._here_m)
+        self._here_m = here_m
+        if way_m > 0.0:
+            # Whatever its velocity was before.
+            takes_s = math.sqrt(2.0 * way_m / ACCELERATION_M_S2) + 4.0 * math.hypot(*velocity) / ACCELERATION_M_S2
+            self.boot_ms += math.ceil(1e3 * takes_s)
         self.boot_ms += 100
         vx, vy = (round(100 * speed) for speed in velocity)
         self.tell(
             common.MAVLink_global_position_int_message(
                 self.boot_ms,
-                *(round(lat_deg * 1e7), round(lon_deg * 1e7), round(1e3 * ALTITUDE_M), height_mm),
+                *(round(lat_deg * 1e7), round(lon_deg * 1e7), round(1e3 * HOME_ALTITUDE_M) + height_mm, height_mm),
                 *(vx, vy, 0, hdg),
             )
         )

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
+from companion.autopilot.aircraft import NEIGHBOUR_MEMORY_S
 from companion.autopilot.registry import ADAPTERS
-from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S, NEIGHBOUR_MEMORY_S
+from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
 from companion.geo.kinematics import turn_towards
 from companion.guard.types import KEEP_OUT, NEW_THREAT, Motion, Verdict
 from companion.guidance.laws import SteeringDemand, Task
@@ -449,8 +450,9 @@ def test_one_wrong_position_far_away_does_not_use_up_its_range() -> None:
     assert flown(flight, 0.0, 500.0).purpose is Purpose.TARGET
     for north_m in (30_000.0, 500.0):
         flight.now_s += 0.5
-        flight.at(north_m, 0.0, (10.0, 0.0))
-    assert flight.companion.flown_m == pytest.approx(500.0 + 2 * 1.5 * 10.0 * 0.5, abs=0.1)
+        flight.position(north_m, 0.0, (10.0, 0.0), jumps=True)
+        flight.tick()
+    assert flight.companion.flown_m == pytest.approx(500.0, abs=2.5)
     assert flown(flight, 500.0, 960.0).reason == "range"
 
 
@@ -462,7 +464,13 @@ def test_a_home_beyond_its_range_is_not_flown_to_and_that_is_said() -> None:
     decision, _ = flight.at(500.0, 0.0, (-10.0, 0.0))
     assert (decision.purpose, decision.note) == (Purpose.RETURN, HOME_TOO_FAR)
     assert math.cos(decision.wanted_heading_rad) == pytest.approx(-1.0, abs=1e-3)
+    # A home that is told anew counts from the next hand-over on.
     flight.home(1_500.0, 0.0)
+    decision, _ = flight.at(500.0, 0.0, (10.0, 0.0))
+    assert decision.note == HOME_TOO_FAR
+    flight.heartbeat(GUIDED, 5)
+    flight.tick()
+    flight.heartbeat()
     decision, _ = flight.at(500.0, 0.0, (10.0, 0.0))
     assert (decision.purpose, decision.note) == (Purpose.RETURN, None)
     assert math.cos(decision.wanted_heading_rad) == pytest.approx(1.0, abs=1e-3)
