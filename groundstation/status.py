@@ -63,11 +63,11 @@ class Status:
             rate_bytes_per_s = (self.sent_bytes - self._told_bytes) / (now_s - self._told_at_s)
             pace = self._broadcaster.pace
             slowed = f", slowed to {pace:.0%} by the radio's buffer" if pace < 1.0 else ""
-            too_far, unsendable = self._station.tracks.too_far, sum(one.count for one in self._unsendable())
-            refused = f", {too_far} detections refused as too far" if too_far else ""
+            refused, unsendable = self._station.tracks.refusals.total, sum(one.count for one in self._unsendable())
+            said = f", {refused} inputs not believed" if refused else ""
             unsent = f", {unsendable} frames not sent" if unsendable else ""
             lines.append(
-                f"{frames} frames sent, {rate_bytes_per_s:.0f} B/s{slowed}{refused}{unsent} "
+                f"{frames} frames sent, {rate_bytes_per_s:.0f} B/s{slowed}{said}{unsent} "
                 f"({_WORDS[self._options.authentication]})"
             )
             self._told_at_s, self._told_bytes = now_s, self.sent_bytes
