@@ -27,6 +27,8 @@ SILENT_PERIODS = 2.5
 """Number of its own periods for which the old track must be without a sighting before a jump replaces it."""
 LONGEST_PERIOD_S = 60.0
 """Greatest period of a track that is waited for."""
+RIVAL_COUNT = 2
+"""Number of samples after which a place beside the track also takes a sample that fits it better than the track."""
 SUSPECTS = 4
 """Greatest number of places, beside the track, that are remembered of one thing until they are confirmed."""
 SUSPECT_S = 150.0
@@ -132,8 +134,8 @@ class Hypothesis:
     """Time of receipt of the first."""
     last_s: float
     """Time of receipt of the last."""
-    period_s: float = 0.0
-    """Time between the receipts of the last two."""
+    intervals_s: tuple[float, float] = (LONGEST_PERIOD_S, LONGEST_PERIOD_S)
+    """Times between the receipts of the last three."""
 
     @staticmethod
     def begun(sample: Sample, bound: Bound, now_s: float) -> Hypothesis:
@@ -166,7 +168,15 @@ class Hypothesis:
 
     def supported(self, now_s: float) -> Hypothesis:
         """Return the hypothesis with the time of a sample that agrees but is older than the last."""
-        return replace(self, last_s=now_s, period_s=min(now_s - self.last_s, LONGEST_PERIOD_S))
+        return replace(self, last_s=now_s, intervals_s=(self.intervals_s[1], now_s - self.last_s))
+
+    def period_s(self) -> float:
+        """Return how often samples come; one gap alone is no new period."""
+        return min(*self.intervals_s, LONGEST_PERIOD_S)
+
+    def off_m(self, sample: Sample) -> float:
+        """Return how far a sample is from where the thing is expected."""
+        return abs(sample.place - self.motion.expected(sample.at_s))
 
 
 @dataclass(frozen=True)
@@ -206,9 +216,22 @@ def weigh(known: Known, sample: Sample, bound: Bound, now_s: float, astray_m: fl
     if since_s > 0.0:
         if beyond_m <= 0.0:
             return known.agreed(believed.supported(now_s), now_s), Weighed(Verdict.SUPPORT)
-    elif max(beyond_m, astray_m, believed.unexpected_m(sample, bound)) <= 0.0:
+    elif max(beyond_m, astray_m, believed.unexpected_m(sample, bound)) <= 0.0 and not _fits_better(
+        known, sample, bound
+    ):
         return known.agreed(believed.with_sample(sample, bound, now_s), now_s), Weighed(Verdict.BELIEVED)
     return _suspected(known, sample, bound, now_s, beyond_m)
+
+
+def _fits_better(known: Known, sample: Sample, bound: Bound) -> bool:
+    """Return whether a sample fits another place better than the track, for which several spoke since its last one."""
+    return any(
+        one.count >= RIVAL_COUNT
+        and sample.at_s >= one.motion.at_s
+        and one.off_m(sample) < known.believed.off_m(sample)
+        and one.allows(sample, bound)
+        for one in known.suspects
+    )
 
 
 def _suspected(known: Known, sample: Sample, bound: Bound, now_s: float, beyond_m: float) -> tuple[Known, Weighed]:
@@ -226,21 +249,15 @@ def _suspected(known: Known, sample: Sample, bound: Bound, now_s: float, beyond_
     believed = known.believed
     # Before a thing was seen only the mission, which may be of another day, says where it is.
     may_be = beyond_m <= 0.0 or not known.is_seen
-    if may_be and _is_confirmed(grown, believed, bound) and sample.at_s >= believed.motion.at_s:
+    if may_be and _is_confirmed(grown, known, bound) and sample.at_s >= believed.motion.at_s:
         return Known(grown, True, tuple(suspects)), Weighed(Verdict.BELIEVED, replaced=True)
-    weighed = (
-        Weighed(Verdict.BEYOND, beyond_m)
-        if beyond_m > 0.0
-        else Weighed(Verdict.JUMP, abs(sample.place - believed.motion.expected(sample.at_s)))
-    )
+    weighed = Weighed(Verdict.BEYOND, beyond_m) if beyond_m > 0.0 else Weighed(Verdict.JUMP, believed.off_m(sample))
     return replace(known, suspects=(*suspects, grown)), weighed
 
 
-def _is_confirmed(suspect: Hypothesis, believed: Hypothesis, bound: Bound) -> bool:
+def _is_confirmed(suspect: Hypothesis, known: Known, bound: Bound) -> bool:
     """Return whether enough samples speak for a suspect, while what is believed is silent for longer than it should."""
-    silent_s = suspect.last_s - believed.last_s
-    return (
-        suspect.count >= CONFIRMED_BY
-        and suspect.last_s - suspect.since_s >= CONFIRMED_IN_S
-        and silent_s >= SILENT_PERIODS * max(believed.period_s, bound.period_s)
-    )
+    silent_s = suspect.last_s - known.believed.last_s
+    # Before it was seen there is no period.
+    wanted_s = SILENT_PERIODS * max(known.believed.period_s() if known.is_seen else 0.0, bound.period_s)
+    return suspect.count >= CONFIRMED_BY and suspect.last_s - suspect.since_s >= CONFIRMED_IN_S and silent_s >= wanted_s

@@ -20,7 +20,7 @@ from groundstation.sightings import Key
 from groundstation.track import Track, passed_at_m
 
 TAKE_BACK_S = 150.0
-"""Time after an arrival in which a report may take it back."""
+"""Time after an arrival in which it may be taken back."""
 
 
 @dataclass(frozen=True)
@@ -78,24 +78,24 @@ def disproved(
 ) -> tuple[list[int], list[int]]:
     """Return the agents whose arrivals their next sightings disprove, and those whose arrivals are settled.
 
-    `bounds` are the agents' bounds by id. An arrival by dead reckoning is settled by time.
+    `bounds` are the agents' bounds by id. What nothing disproves within TAKE_BACK_S is settled.
     """
     false: list[int] = []
     settled: list[int] = []
     for agent_id, arrival in progress.unproven.items():
         now, target = tracks[Kind.AGENT, agent_id], tracks[Kind.TARGET, arrival.target_id]
-        if arrival.before is None:
-            settled += [agent_id] * (now_s - arrival.at_s > TAKE_BACK_S)
+        if now_s - arrival.at_s > TAKE_BACK_S:
+            settled.append(agent_id)
             continue
-        can_move = _moves_m(mission, arrival.target_id, 1.0) > 0.0
-        if now.seen_at_s <= arrival.at_s or (can_move and target.seen_at_s <= arrival.at_s):
+        # The sighting that showed it may be the agent's or the target's.
+        if arrival.before is None or now.seen_at_s <= arrival.at_s or target.seen_at_s == arrival.at_s:
             continue
         lasts_s = now.seen_at_s - arrival.before.seen_at_s
         bound = bounds[agent_id]
         if 0.0 < lasts_s <= LONGEST_S:
-            # The way may bend between two sightings by what its acceleration can do, and the target may have moved.
-            bends_m = bound.noise.acceleration_m_s2 * lasts_s**2 / 8.0 + _moves_m(mission, arrival.target_id, lasts_s)
-            missed_m = passed_at_m((arrival.before, now), (target, target)) - bends_m
+            # The way may bend between two sightings, and the target may have moved.
+            aside_m = _bends_m(arrival.before, now, bound) + _moves_m(mission, arrival.target_id, lasts_s)
+            missed_m = passed_at_m((arrival.before, now), (target, target)) - aside_m
         else:
             flown_m = bound.speed_m_s * (now.seen_at_s - arrival.at_s)
             missed_m = math.dist(now.position_ned_m, target.position_ned_m) - flown_m
@@ -110,6 +110,14 @@ def cannot_have_arrived(
     since_s = max(0.0, at_s - arrival.at_s)
     off_m = math.dist(place_ned_m, target.position_ned_m) - _moves_m(mission, arrival.target_id, since_s)
     return off_m > mission.arrival_radius_m + bound.noise.error_m + bound.speed_m_s * since_s
+
+
+def _bends_m(before: Track, now: Track, bound: Bound) -> float:
+    """Return how far aside of the way between two sightings an agent can have been, by acceleration and speed."""
+    lasts_s = now.seen_at_s - before.seen_at_s
+    straight_m = math.dist(before.position_ned_m, now.position_ned_m)
+    by_speed_m = math.sqrt(max(0.0, (bound.speed_m_s * lasts_s) ** 2 - straight_m**2)) / 2.0
+    return min(bound.noise.acceleration_m_s2 * lasts_s**2 / 8.0, by_speed_m)
 
 
 def _moves_m(mission: Mission, target_id: int, lasts_s: float) -> float:

@@ -111,6 +111,8 @@ class TrackTable:
             weighed = self._sightings.sighted(key, Sample(complex(*place_ned_m), seen_at_s), now_s)
             if weighed is not None and weighed.verdict is Verdict.BELIEVED:
                 self._move(key, detection, place_ned_m, seen_at_s)
+                if weighed.replaced:
+                    self._begin_anew(key)
             if weighed is not None and weighed.verdict in (Verdict.BELIEVED, Verdict.SUPPORT):
                 if detection.kind is Kind.AGENT:
                     self.heard_at_s[detection.id] = max(self.heard_at_s[detection.id], seen_at_s)
@@ -193,6 +195,14 @@ class TrackTable:
         if near is not None and is_wrong(Arrival(*near, None)):
             others = {one: since for one, since in self.progress.near_since.items() if one != agent_id}
             self.progress = replace(self.progress, near_since=others)
+
+    def _begin_anew(self, key: Key) -> None:
+        """Forget the way to an agent's or a target's new place, and the arrivals that only its old place showed."""
+        self._judged[key] = self.tracks[key]
+        kind, identity = key
+        for agent_id, arrival in list(self.progress.unproven.items()):
+            if (kind, identity) in ((Kind.AGENT, agent_id), (Kind.TARGET, arrival.target_id)):
+                self._take_back(agent_id, arrival)
 
     def _take_back(self, agent_id: int, arrival: Arrival) -> None:
         self.progress = self.progress.without(agent_id)

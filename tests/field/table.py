@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from tests.field import ground
 from tests.field.situation import BEFORE, Situation
 
-AREAS: Mapping[str, tuple[Situation, ...]] = {}
+AREAS: Mapping[str, tuple[Situation, ...]] = {"The ground station's inputs": ground.SITUATIONS}
 """The situations of each area, in the order of the page."""
 
 

@@ -459,6 +459,7 @@ def test_no_target_is_left_without_an_agent_while_there_are_as_many_agents_whoev
         "agents": [{"id": k, "north_m": n, "east_m": e} for k, (n, e) in enumerate(agents, 1)],
         "targets": [{"id": k, "north_m": n, "east_m": e} for k, (n, e) in enumerate(targets, 1)],
         "lost_after_s": 10,
+        "defaults": {"agent": {"speed_m_s": 200}},
         "assignment_period_s": 1_000,
     }
     station = GroundStation(parse_mission(dump_yaml(listed), "cover"), START_S)

@@ -163,6 +163,7 @@ def test_an_agent_that_has_arrived_completes_no_second_target() -> None:
     approach(ground, 5.0, 20_000.0, 0.0)
     ground.update(START_S + 5.0, NOBODY_SENT)
     see(ground, 6.0, agent(2, 20_000.0, 0.0))
+    ground.update(START_S + 6.0, NOBODY_SENT)
     approach(ground, 105.0, 20_000.0, 5_000.0)
     ground.update(START_S + 105.0, NOBODY_SENT)
     assert ground.tracks[Kind.AGENT, 2].east_m == 5_000.0
