@@ -14,8 +14,8 @@ import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.point import PointAdapter
-from companion.autopilot.telemetry import Neighbour
 from companion.errors import InputError
 from companion.geo.kinematics import advance, turn_rate_rad_s, turn_towards
 from companion.geo.local_frame import LocalFrame

@@ -7,7 +7,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, Self
 
-from companion.autopilot.telemetry import Neighbour, Telemetry
+from companion.autopilot.aircraft import Neighbour
+from companion.autopilot.streams import Shortfall
+from companion.autopilot.telemetry import Telemetry
 from companion.guard.types import Setpoint
 
 
@@ -119,8 +121,22 @@ class Adapter(Protocol):
         """Whether each parameter that the adapter reads was received, or requested in vain for the last time."""
         ...
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """Process bytes from the autopilot link; never raises, whatever they are."""
+    def receive(self, datagram: bytes, now_s: float) -> int:
+        """Process whole frames from the autopilot link; never raises, whatever they are.
+
+        Returns how many of them were the autopilot's own, and newer than what it said before.
+        """
+        ...
+
+    def shortfalls(self, now_s: float) -> tuple[Shortfall, ...]:
+        """Return what safety rests on and arrives much more seldom than it was asked for."""
+        ...
+
+    def too_seldom(self, timeout_s: float, now_s: float) -> str | None:
+        """Return which message comes too seldom to steer by, with its rates; None if none does.
+
+        `timeout_s`: the age beyond which a position is not steered by.
+        """
         ...
 
     def requests(self, now_s: float) -> list[bytes]:

@@ -8,6 +8,8 @@ from companion.geo.air_density import true_per_indicated
 
 ALTITUDE_STEP_M = 100.0
 """Change of altitude up to which the limits of the speed stay as they are: half a percent of the airspeed."""
+REACH_M = 500.0
+"""Greatest change of altitude in an engagement that changes the speed: a told one beyond it is no climb."""
 
 
 class AirDensity:
@@ -28,6 +30,12 @@ class AirDensity:
             return
         self._altitude_m = altitude_m
         self.ratio = true_per_indicated(altitude_m)
+
+    def ratio_at(self, altitude_m: float) -> float:
+        """Return true airspeed per indicated airspeed at an altitude above sea level, near the one noted last."""
+        if math.isnan(self._altitude_m):
+            return true_per_indicated(altitude_m)
+        return true_per_indicated(min(max(altitude_m, self._altitude_m - REACH_M), self._altitude_m + REACH_M))
 
     def engage(self) -> None:
         """Keep the ratio from now on: the plane is steered."""

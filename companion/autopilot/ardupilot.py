@@ -8,10 +8,13 @@ from companion.autopilot.linked import ADSB_RATE_HZ, ADSB_TYPE, COMMON_RATES_HZ,
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
 
+EKF_RATE_HZ = 1.0
+"""Rate of EKF_STATUS_REPORT, which says whether the autopilot knows where it is."""
 RATES_HZ = {
     **COMMON_RATES_HZ,
     common.MAVLINK_MSG_ID_ADSB_VEHICLE: ADSB_RATE_HZ,
     ardupilotmega.MAVLINK_MSG_ID_WIND: WIND_RATE_HZ,
+    ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT: EKF_RATE_HZ,
 }
 """Rates of the messages that ArduPilot is asked for: unlike PX4 it sends ADSB_VEHICLE to nobody who did not ask. A
 copter sends WIND only if it has an estimate of its airspeed."""

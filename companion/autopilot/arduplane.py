@@ -22,7 +22,7 @@ from companion.autopilot.heartbeat import ARDUPLANE
 from companion.autopilot.linked import AIRSPEED_RATE_HZ, LinkedAdapter, is_usable, milliseconds
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
-from companion.geo.air_density import true_per_indicated
+from companion.autopilot.streams import RESTS_ON
 from companion.geo.kinematics import GRAVITY_M_S2, turn_rate_rad_s
 from companion.guard.types import Setpoint
 
@@ -52,6 +52,8 @@ SPEED_STEP_M_S = 0.1
 """Change of the wanted speed up to which it is not commanded again."""
 EXTRAPOLATED_S = 0.5
 """Greatest age for which a reported course is extrapolated."""
+_REFUSED_M = (0.0, -1.0)
+"""Altitudes that GUIDED_CHANGE_ALTITUDE refuses (ArduPlane's source)."""
 _AIRSPEED = 0.0
 """Value of the speed type of MAV_CMD_GUIDED_CHANGE_SPEED for airspeed."""
 _KEEP_SPEED = -1.0
@@ -78,7 +80,7 @@ PARAMETER_CHECKS = (
 class _Sent(NamedTuple):
     """What was commanded last, and when; NaN and -inf before the first command of an engagement."""
 
-    height_m: float
+    altitude_m: float
     indicated_m_s: float
     commanded_s: float
     loiter_s: float
@@ -93,6 +95,7 @@ class ArduPlaneAdapter(LinkedAdapter):
     identity = ARDUPLANE
     wanted: tuple[Wanted, ...] = WANTED
     rates_hz = {**RATES_HZ, common.MAVLINK_MSG_ID_VFR_HUD: AIRSPEED_RATE_HZ}
+    rests_on = {**RESTS_ON, common.MAVLINK_MSG_ID_ATTITUDE: "the bank"}
     parameter_checks = PARAMETER_CHECKS
 
     def __init__(self, system_id: int | None = None) -> None:
@@ -141,10 +144,11 @@ class ArduPlaneAdapter(LinkedAdapter):
         self._air.release()
         self._sent = _NOTHING_SENT
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """Process bytes from the autopilot link, and note how dense the air is where the plane flies."""
-        super().receive(datagram, now_s)
+    def receive(self, datagram: bytes, now_s: float) -> int:
+        """Process whole frames from the autopilot link, and note how dense the air is where the plane flies."""
+        believed = super().receive(datagram, now_s)
         self._air.note(self.telemetry.altitude_m)
+        return believed
 
     def _indicated_m_s(self) -> tuple[float, float]:
         """Return least and greatest indicated airspeed: the autopilot refuses what is outside."""
@@ -180,19 +184,22 @@ class ArduPlaneAdapter(LinkedAdapter):
         again = now_s - sent.commanded_s >= RESEND_PERIOD_S
         if again:
             sent = sent._replace(commanded_s=now_s)
-        if again or not abs(setpoint.altitude_m - sent.height_m) <= HEIGHT_STEP_M:
-            sent = sent._replace(height_m=setpoint.altitude_m)
+        telemetry = self.telemetry
+        # Above sea level: what is above home moves with home, even after the plane has got it.
+        altitude_m = _commandable_m(setpoint.altitude_m - telemetry.height_m + telemetry.altitude_m)
+        if again or not abs(altitude_m - sent.altitude_m) <= HEIGHT_STEP_M:
+            sent = sent._replace(altitude_m=altitude_m)
             self._commands.queue(
                 Command(
                     common.MAV_CMD_GUIDED_CHANGE_ALTITUDE,
-                    f"height {setpoint.altitude_m:.0f} m",
-                    frame=common.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-                    altitude_m=setpoint.altitude_m,
+                    f"altitude {altitude_m:.0f} m above sea level",
+                    frame=common.MAV_FRAME_GLOBAL,
+                    altitude_m=altitude_m,
                 )
             )
         # A setpoint's speed is through the air, the command's is what the airspeed sensor shows.
         slowest_m_s, fastest_m_s = self._indicated_m_s()
-        indicated_m_s = setpoint.speed_m_s / true_per_indicated(self.telemetry.altitude_m)
+        indicated_m_s = setpoint.speed_m_s / self._air.ratio_at(telemetry.altitude_m)
         indicated_m_s = min(max(indicated_m_s, slowest_m_s), fastest_m_s)
         if again or not abs(indicated_m_s - sent.indicated_m_s) <= SPEED_STEP_M_S:
             sent = sent._replace(indicated_m_s=indicated_m_s)
@@ -204,7 +211,6 @@ class ArduPlaneAdapter(LinkedAdapter):
                     frame=common.MAV_FRAME_GLOBAL_RELATIVE_ALT,
                 )
             )
-        telemetry = self.telemetry
         if now_s - sent.loiter_s >= LOITER_PERIOD_S and math.isfinite(telemetry.lat_deg):
             sent = sent._replace(loiter_s=now_s)
             self._commands.queue(
@@ -212,9 +218,9 @@ class ArduPlaneAdapter(LinkedAdapter):
                     common.MAV_CMD_DO_REPOSITION,
                     "loiter underneath",
                     (_KEEP_SPEED, 0.0, self.parameters.value("WP_LOITER_RAD"), 0.0),
-                    frame=common.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+                    frame=common.MAV_FRAME_GLOBAL,
                     place_deg=(telemetry.lat_deg, telemetry.lon_deg),
-                    altitude_m=setpoint.altitude_m,
+                    altitude_m=altitude_m,
                 )
             )
         self._sent = sent
@@ -233,3 +239,9 @@ class ArduPlaneAdapter(LinkedAdapter):
                 0.0,
             )
         )
+
+
+def _commandable_m(altitude_m: float) -> float:
+    """Return an altitude that the autopilot accepts: beside those that it takes for none."""
+    refused = any(abs(altitude_m - one) < 0.05 for one in _REFUSED_M)
+    return altitude_m + 0.1 if refused else altitude_m

@@ -6,9 +6,12 @@ cautious guesses. A rover has no height; its configuration has `height_min_m: 0`
 
 from __future__ import annotations
 
+from pymavlink.dialects.v20 import ardupilotmega
+
 from companion.autopilot.adapter import Abilities
-from companion.autopilot.ardupilot import fence_checks, no_gcs_failsafe
+from companion.autopilot.ardupilot import EKF_RATE_HZ, fence_checks, no_gcs_failsafe
 from companion.autopilot.heartbeat import ARDUROVER
+from companion.autopilot.linked import COMMON_RATES_HZ
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
 from companion.autopilot.velocity import VelocityAdapter
@@ -46,6 +49,7 @@ class ArduRoverAdapter(VelocityAdapter):
 
     identity = ARDUROVER
     wanted = WANTED
+    rates_hz = {**COMMON_RATES_HZ, ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT: EKF_RATE_HZ}
     parameter_checks = PARAMETER_CHECKS
     lead_s = LEAD_S
 

@@ -7,32 +7,44 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Collection, Mapping
 
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
+from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.commands import Command, Commands
-from companion.autopilot.heartbeat import HeartbeatIdentity, identified
+from companion.autopilot.heartbeat import HeartbeatIdentity
+from companion.autopilot.identity import Identity
+from companion.autopilot.intake import DAMAGED, decode, is_whole
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import ParameterReader, Wanted, request
-from companion.autopilot.telemetry import COMPANION_COMPONENT, Neighbour, Telemetry, TelemetryReader, messages_in
+from companion.autopilot.streams import IF_ANY, RESTS_ON, SPARSE, Shortfall, StreamWatch, message_name
+from companion.autopilot.telemetry import (
+    COMPANION_COMPONENT,
+    HEARTBEAT_TIMEOUT_S,
+    Telemetry,
+    TelemetryReader,
+)
 from companion.guard.types import Setpoint
+from companion.protocol.frame import RawFrame, raw_frames
 
 COMMON_RATES_HZ: Mapping[int, float] = {
+    common.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
     common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
     common.MAVLINK_MSG_ID_ATTITUDE: 10.0,
     common.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
     common.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+    common.MAVLINK_MSG_ID_GPS2_RAW: 1.0,
     common.MAVLINK_MSG_ID_HOME_POSITION: 0.2,
+    common.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 0.2,
 }
 """The messages that every adapter requests, by message id, and their rates."""
 ADSB_RATE_HZ = 10.0
 """Rate of ADSB_VEHICLE that ArduPilot is asked for: at each of these times it sends one of those that it knows, and
 begins with the first again after a second at the earliest."""
-ASK_AGAIN_S = 30.0
-"""Time after which ADSB_VEHICLE, once it came, is asked for again: another program may have ended the stream."""
 ADSB_TYPE = "ADSB_TYPE"
 """ArduPilot's parameter that says which ADS-B receiver is mounted."""
 NO_RECEIVER = 0.0
@@ -48,11 +60,6 @@ VERTICAL_SPEED_M_S = 2.0
 COURSE_SPEED_M_S = 1.0
 """Ground speed below which the course over ground is noise and the yaw is used instead."""
 _UINT32 = 2**32
-_AUTOPILOTS = {
-    common.MAV_AUTOPILOT_GENERIC: "generic",
-    common.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot",
-    common.MAV_AUTOPILOT_PX4: "PX4",
-}
 
 
 class LinkedAdapter(ABC):
@@ -62,17 +69,28 @@ class LinkedAdapter(ABC):
     parameter_checks: tuple[ParameterCheck, ...] = ()
     wanted: tuple[Wanted, ...] = ()
     rates_hz: Mapping[int, float] = COMMON_RATES_HZ
+    rests_on: Mapping[int, str] = RESTS_ON
+    """What safety rests on, by the message that tells it."""
 
     def __init__(self, system_id: int | None = None) -> None:
-        """Steer the autopilot with this system id; None steers the one that is heard first."""
+        """Steer the autopilot of this kind with this system id; None steers the only one that is heard."""
         self.kind = self.identity.kind.name
         self.parameters = ParameterReader(self.wanted, bytewise=self.identity.autopilot == common.MAV_AUTOPILOT_PX4)
-        self._reader = TelemetryReader(system_id)
+        self.rejected: Counter[str] = Counter()
+        """The number of rejected messages, by reason."""
+        self._identity = Identity(self.identity, system_id, self.rejected)
+        self._reader = TelemetryReader(self.rejected)
+        self._message_ids = self._reader.message_ids | {
+            *self.rates_hz,
+            common.MAVLINK_MSG_ID_PARAM_VALUE,
+            common.MAVLINK_MSG_ID_COMMAND_ACK,
+        }
         self._message_intervals = Commands()
         self._commands = Commands()
         self._mav: common.MAVLink | None = None
-        self._asked_after: int | None = None
-        self._asked_adsb_s = -math.inf
+        self._streams = StreamWatch(self.rates_hz, self.rests_on)
+        self._heard_after: int | None = None
+        """Number of the autopilot's restarts that the streams and parameters know of; None before it is heard."""
 
     @property
     def can_stop(self) -> bool:
@@ -103,11 +121,6 @@ class LinkedAdapter(ABC):
         return False if self.parameters.values.get(ADSB_TYPE) == NO_RECEIVER else None
 
     @property
-    def rejected(self) -> Mapping[str, int]:
-        """The number of rejected messages, by reason."""
-        return self._reader.rejected
-
-    @property
     def steerable(self) -> bool:
         """Whether a safety pilot has armed the vehicle and put it into the mode that obeys setpoints."""
         return self.telemetry.armed and self.telemetry.custom_mode == self.identity.guided_mode
@@ -120,9 +133,7 @@ class LinkedAdapter(ABC):
     @property
     def failures(self) -> tuple[str, ...]:
         """The requests and commands that the autopilot did not accept, each as one short line."""
-        failures = self._message_intervals.failures + self._commands.failures
-        # A board without ADS-B refuses that: it is no failure, but a vehicle without a detector.
-        return tuple(failure for failure in failures if not failure.startswith(_adsb().name))
+        return self._refused() + self._commands.failures
 
     @property
     def asks_for_others(self) -> bool:
@@ -137,62 +148,44 @@ class LinkedAdapter(ABC):
     @property
     def refusal(self) -> str | None:
         """The reason why this autopilot is not steered at all, and the remedy; None if it may be steered."""
-        telemetry = self.telemetry
-        if self._reader.shared_system_id:
-            return (
-                f"two autopilots say they are system {telemetry.system_id}: give each a system id of its own "
-                "(ArduPilot: SYSID_THISMAV or MAV_SYSID, PX4: MAV_SYS_ID)"
-            )
-        if telemetry.system_id is None:
-            if not self._reader.foreign_ids:
-                return None
-            foreign = ", ".join(map(str, sorted(self._reader.foreign_ids)))
-            return (
-                f"heard system {foreign}, configured autopilot.system_id {self._reader.system_id}: "
-                "correct it, or the vehicle's own id"
-            )
-        heard = identified(telemetry.autopilot, telemetry.mav_type)
-        if heard is self.identity:
-            return None
-        words = _AUTOPILOTS.get(telemetry.autopilot or 0, f"autopilot {telemetry.autopilot}")
-        remedy = "this vehicle cannot be steered" if heard is None else f"set autopilot.kind to {heard.kind.name}"
-        return f"heard {words} of MAV_TYPE {telemetry.mav_type}, configured autopilot.kind {self.kind}: {remedy}"
+        return self._identity.refusal
 
     @property
     def abilities(self) -> Abilities:
         """The vehicle's performance limits; without parameters there are none."""
         return Abilities()
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """Process bytes from the autopilot link: telemetry, parameters and command acknowledgements."""
-        for message in messages_in(datagram):
-            if not self._reader.take(message, now_s):
-                continue
-            name = message.get_type()
-            if name == "PARAM_VALUE":
-                self.parameters.take(message)
-            elif name == "COMMAND_ACK":
-                self._message_intervals.take(message, self._system_id)
-                self._commands.take(message, self._system_id)
+    def receive(self, datagram: bytes, now_s: float) -> int:
+        """Process whole frames from the autopilot link: telemetry, parameters and command acknowledgements.
+
+        Returns how many of them were read: the autopilot's own, and newer than what it said before.
+        """
+        return sum(self._take(frame, now_s) for frame in raw_frames(datagram) if frame.message_id in self._message_ids)
 
     def requests(self, now_s: float) -> list[bytes]:
         """Return the requests for message rates and parameters that are due; all are due again after a restart."""
         telemetry = self.telemetry
         if telemetry.heartbeat_at_s is None or self.refusal is not None:
             return []
-        if self._asked_after != telemetry.restarts:
-            if self._asked_after is not None:
-                self.parameters.restart()
-            self._asked_after = telemetry.restarts
-            for message_id, rate_hz in self.rates_hz.items():
-                self._message_intervals.queue(_interval(message_id, rate_hz))
-            self._asked_adsb_s = now_s
-        seen_s = self._reader.seen_s
-        if self.asks_for_others and math.isfinite(seen_s) and now_s - max(self._asked_adsb_s, seen_s) >= ASK_AGAIN_S:
-            self._asked_adsb_s = now_s
-            self._message_intervals.queue(_adsb())
+        for message_id in self._streams.due(now_s, self._reader.seen_s):
+            self._message_intervals.queue(_interval(message_id, self.rates_hz[message_id]))
         frames = [self._pack(message) for message in self._message_intervals.due(now_s, self._system_id)]
         return frames + [self._pack(request(name, self._system_id)) for name in self.parameters.due(now_s)]
+
+    def shortfalls(self, now_s: float) -> tuple[Shortfall, ...]:
+        """Return what safety rests on and arrives much more seldom than asked; none while nothing is heard."""
+        return self._streams.shortfalls(now_s)
+
+    def too_seldom(self, timeout_s: float, now_s: float) -> str | None:
+        """Return which message comes too seldom to steer by, with its rates; None if none does or nothing is heard.
+
+        `timeout_s`: the age beyond which a position is not steered by.
+        """
+        return self._streams.too_seldom(self._ages_s(timeout_s), now_s)
+
+    def streams_measured(self, now_s: float, within_s: float) -> bool:
+        """Return whether the rate of each message was measured, but for those for which that takes over `within_s`."""
+        return self._streams.measured(now_s, within_s)
 
     @abstractmethod
     def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
@@ -218,6 +211,50 @@ class LinkedAdapter(ABC):
                 mavlink_version=3,
             )
         )
+
+    def _take(self, frame: RawFrame, now_s: float) -> bool:
+        """Process a frame of a message that is read; return whether it is the autopilot's and newer than before."""
+        if not is_whole(frame):
+            self.rejected[DAMAGED] += 1
+            return False
+        reason, at_s = self._identity.take(frame, now_s)
+        self._reader.note_restarts(self._identity.restarts)
+        message = decode(frame) if reason is None else None
+        if message is None:
+            return False
+        if self._heard_after != self.telemetry.restarts:
+            self._begin(now_s)
+        self._streams.arrived(frame.message_id, now_s)
+        if frame.message_id == common.MAVLINK_MSG_ID_PARAM_VALUE:
+            self.parameters.take(message)
+        elif frame.message_id == common.MAVLINK_MSG_ID_COMMAND_ACK:
+            self._message_intervals.take(message, self._system_id)
+            self._commands.take(message, self._system_id)
+        else:
+            self._reader.take(message, at_s)
+        return True
+
+    def _ages_s(self, timeout_s: float) -> dict[int, float]:
+        """Return the ages beyond which a message is not steered by, by message id."""
+        return {
+            common.MAVLINK_MSG_ID_HEARTBEAT: HEARTBEAT_TIMEOUT_S,
+            common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: timeout_s,
+        }
+
+    def _begin(self, now_s: float) -> None:
+        """Ask for everything anew: the autopilot is first heard, or has restarted."""
+        if self._heard_after is not None:
+            self.parameters.restart()
+        self._heard_after = self.telemetry.restarts
+        self._streams.begin(now_s)
+
+    def _refused(self) -> tuple[str, ...]:
+        """Return the questions for rates that the autopilot did not accept, each as one short line.
+
+        A board without ADS-B refuses that: it is no failure, but a vehicle without a detector.
+        """
+        sparse = {_interval(message_id, 1.0).name for message_id in SPARSE | IF_ANY}
+        return tuple(one for one in self._message_intervals.failures if one.partition(": ")[0] not in sparse)
 
     @property
     def _system_id(self) -> int:
@@ -284,14 +321,10 @@ def milliseconds(now_s: float) -> int:
     return int(now_s * 1000.0) % _UINT32
 
 
-def _adsb() -> Command:
-    return _interval(common.MAVLINK_MSG_ID_ADSB_VEHICLE, ADSB_RATE_HZ)
-
-
 def _interval(message_id: int, rate_hz: float) -> Command:
     return Command(
         common.MAV_CMD_SET_MESSAGE_INTERVAL,
-        f"rate of message {message_id}",
+        f"rate of {message_name(message_id)}",
         (float(message_id), round(1e6 / rate_hz), 0.0, 0.0),
         key=float(message_id),
     )

@@ -6,7 +6,9 @@ The ground station uses it for the dead reckoning of its agents, and the arena f
 from __future__ import annotations
 
 from companion.autopilot.adapter import Abilities
-from companion.autopilot.telemetry import Neighbour, Telemetry
+from companion.autopilot.aircraft import Neighbour
+from companion.autopilot.streams import Shortfall
+from companion.autopilot.telemetry import Telemetry
 from companion.guard.types import Setpoint
 
 
@@ -56,8 +58,17 @@ class PointAdapter:
         self.setpoint = setpoint
         return []
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
+    def receive(self, datagram: bytes, now_s: float) -> int:
         """Do nothing: there is no autopilot to hear."""
+        return 0
+
+    def shortfalls(self, now_s: float) -> tuple[Shortfall, ...]:
+        """Return nothing: nothing was asked for."""
+        return ()
+
+    def too_seldom(self, timeout_s: float, now_s: float) -> str | None:
+        """Return None: the owner sets the telemetry."""
+        return None
 
     def requests(self, now_s: float) -> list[bytes]:
         """Return no frames: there is no autopilot to ask."""

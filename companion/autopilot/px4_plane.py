@@ -19,6 +19,8 @@ from companion.autopilot.heartbeat import PX4_PLANE
 from companion.autopilot.linked import AIRSPEED_RATE_HZ, LinkedAdapter, is_usable
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Wanted
+from companion.autopilot.streams import RESTS_ON
+from companion.autopilot.telemetry import LOCAL_POSITION_MAX_AGE_S
 from companion.geo.kinematics import turn_rate_rad_s
 from companion.guard.types import Setpoint
 
@@ -65,6 +67,7 @@ class Px4PlaneAdapter(LinkedAdapter):
     wanted = WANTED
     parameter_checks = PARAMETER_CHECKS
     rates_hz = {**px4.RATES_HZ, common.MAVLINK_MSG_ID_VFR_HUD: AIRSPEED_RATE_HZ}
+    rests_on = {**RESTS_ON, common.MAVLINK_MSG_ID_LOCAL_POSITION_NED: "the position in every setpoint"}
 
     def __init__(self, system_id: int | None = None) -> None:
         """Listen to the autopilot of this system id; None for whichever is heard first."""
@@ -126,10 +129,15 @@ class Px4PlaneAdapter(LinkedAdapter):
         self._ramp.release()
         self._air.release()
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """Process bytes from the autopilot link, and note how dense the air is where the plane flies."""
-        super().receive(datagram, now_s)
+    def receive(self, datagram: bytes, now_s: float) -> int:
+        """Process whole frames from the autopilot link, and note how dense the air is where the plane flies."""
+        believed = super().receive(datagram, now_s)
         self._air.note(self.telemetry.altitude_m)
+        return believed
+
+    def _ages_s(self, timeout_s: float) -> dict[int, float]:
+        local = {common.MAVLINK_MSG_ID_LOCAL_POSITION_NED: LOCAL_POSITION_MAX_AGE_S}
+        return super()._ages_s(timeout_s) | local
 
     def _course(self, course_rad: float, height_m: float, now_s: float) -> list[bytes]:
         telemetry = self.telemetry

@@ -1,20 +1,20 @@
-"""The telemetry that all autopilots send in the same messages, read from the MAVLink dialect `common`."""
+"""The fields of the telemetry that all autopilots send in the same messages of the MAVLink dialect `common`.
+
+Which messages are the autopilot's, and newer than those before, is decided before (`identity.py`).
+"""
 
 from __future__ import annotations
 
 import math
-import re
-from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega, common
 
-from companion.files.mavlink_layout import HEADER_V2_BYTES, MARKER_V2, frame_parts
-
-Message = Any
-"""A decoded message; pymavlink's generated module has no type annotations."""
+from companion.autopilot.aircraft import Neighbour, entered, neighbour_of
+from companion.autopilot.estimate import Estimate, Receiver, better, ekf_status, estimator_status
+from companion.autopilot.intake import Message
 
 COMPANION_COMPONENT = common.MAV_COMP_ID_ONBOARD_COMPUTER
 """The component id that the companion sends with."""
@@ -22,43 +22,6 @@ HEARTBEAT_PERIOD_S = 1.0
 """Time between two heartbeats of an autopilot, and of the companion."""
 HEARTBEAT_TIMEOUT_S = 3.5
 """Time without a heartbeat after which the autopilot counts as lost: three heartbeats in a row may be lost."""
-_MESSAGE_IDS = frozenset(
-    {
-        common.MAVLINK_MSG_ID_HEARTBEAT,
-        common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
-        common.MAVLINK_MSG_ID_HOME_POSITION,
-        common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
-        common.MAVLINK_MSG_ID_ADSB_VEHICLE,
-        common.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-        common.MAVLINK_MSG_ID_ATTITUDE,
-        common.MAVLINK_MSG_ID_VFR_HUD,
-        common.MAVLINK_MSG_ID_GPS_RAW_INT,
-        common.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
-        common.MAVLINK_MSG_ID_SYS_STATUS,
-        common.MAVLINK_MSG_ID_PARAM_VALUE,
-        common.MAVLINK_MSG_ID_COMMAND_ACK,
-        common.MAVLINK_MSG_ID_WIND_COV,
-        ardupilotmega.MAVLINK_MSG_ID_WIND,
-    }
-)
-CALLSIGN_PATTERN = r"OW(\d{5})"
-"""Regular expression of the fleet's callsigns: OW and the agent id in five digits."""
-NEIGHBOUR_MEMORY_S = 5.0
-"""Time after which a neighbour that is no longer seen is forgotten."""
-MAX_NEIGHBOURS = 100
-"""Greatest number of neighbours that are stored; further ones are rejected."""
-RESTART_MS = 1_000
-"""Step back of an autopilot's clock beyond which it has restarted; a smaller one is a datagram that came late."""
-SHARED_ID_STEPS = 2
-"""Number of restarts within SHARED_ID_WITHIN_S that show that two autopilots share a system id."""
-SHARED_ID_WITHIN_S = 10.0
-"""Time within which signs of a shared system id are counted: an autopilot takes longer than this to start twice."""
-SHARED_ID_CONTRADICTIONS = 20
-"""Number of positions within SHARED_ID_WITHIN_S that are late, or differ at the same time, which shows that two
-autopilots with similar clocks share a system id. A link that delivers a fifth of its datagrams out of order would show
-the same, and is not fit for use."""
-SHARED_ID_MEMORY_S = 30.0
-"""Time after the last sign of a shared system id for which it is still assumed."""
 LOCAL_POSITION_MAX_AGE_S = 2.0
 """Age beyond which a local position is discarded."""
 METRES_PER_HDOP = 2.5
@@ -89,7 +52,7 @@ class Telemetry:
     boot_ms: int | None = None
     """The autopilot's time_boot_ms: milliseconds since it started."""
     restarts: int = 0
-    """Number of times that `boot_ms` went back: the autopilot restarted, or two autopilots share a system id."""
+    """Number of times that `boot_ms` began anew: the autopilot restarted, or another one took its place."""
     position_at_s: float | None = None
     lat_deg: float = math.nan
     lon_deg: float = math.nan
@@ -99,13 +62,21 @@ class Telemetry:
     """Altitude above mean sea level."""
     velocity_north_m_s: float = math.nan
     velocity_east_m_s: float = math.nan
+    climb_m_s: float = 0.0
+    """Vertical velocity, positive upwards."""
     yaw_rad: float | None = None
     home_deg: tuple[float, float] | None = None
     """Latitude and longitude of home."""
+    home_altitude_m: float = math.nan
+    """Altitude of home above mean sea level."""
+    origin: tuple[float, float, float] | None = None
+    """Origin of the autopilot's local frame: latitude and longitude in degrees, altitude above mean sea level."""
     in_air: bool | None = None
     """Whether the vehicle flies and neither takes off nor lands; None where the autopilot does not say."""
     local_ned_m: tuple[float, float, float] | None = None
     """Position (north, east, down) in the autopilot's own local frame; None where it is missing or too old."""
+    local_boot_ms: int = 0
+    """The autopilot's time_boot_ms of that position."""
     roll_rad: float = math.nan
     attitude_at_s: float | None = None
     airspeed_m_s: float = math.nan
@@ -115,132 +86,66 @@ class Telemetry:
     """Velocity of the air (true north, east) as the autopilot estimates it; None where it tells none."""
     wind_at_s: float = -math.inf
     gps_fix: int | None = None
-    """The receiver's GPS_FIX_TYPE."""
+    """GPS_FIX_TYPE of the better receiver."""
+    estimate: Estimate | None = None
+    """What the autopilot last said of its own estimate; None before it said anything."""
     position_accuracy_m: float = math.nan
     """Horizontal accuracy, the worse of the receiver's and the estimator's; NaN if neither reports one."""
     battery_percent: float | None = None
 
 
-@dataclass(frozen=True)
-class Neighbour:
-    """Another aircraft as the vehicle's own detector last saw it. Velocities are along local true north and east."""
-
-    agent_id: int | None
-    """Its agent id; None for an aircraft that is not of the fleet."""
-    lat_deg: float
-    lon_deg: float
-    velocity_north_m_s: float
-    velocity_east_m_s: float
-    seen_at_s: float
-    altitude_m: float = math.nan
-    """Altitude above mean sea level; NaN if it is not reported."""
-
-
-class _SharedIdWatch:
-    """Detects two autopilots that share a system id, by frequent clock steps and contradictory positions."""
-
-    def __init__(self) -> None:
-        self.noticed_s = -math.inf
-        self._clock_steps_s: deque[float] = deque(maxlen=SHARED_ID_STEPS)
-        self._contradictions_s: deque[float] = deque(maxlen=SHARED_ID_CONTRADICTIONS)
-
-    def note_clock_step(self, now_s: float) -> None:
-        """Count a step back of the clock by more than RESTART_MS."""
-        self._note(self._clock_steps_s, now_s)
-
-    def note_contradiction(self, now_s: float) -> None:
-        """Count a position that came late, or that differs from another one of the same time."""
-        self._note(self._contradictions_s, now_s)
-
-    def _note(self, times_s: deque[float], now_s: float) -> None:
-        """Add a sign to a queue; if the full queue lies within SHARED_ID_WITHIN_S, the id is shared."""
-        times_s.append(now_s)
-        if len(times_s) == times_s.maxlen and now_s - times_s[0] <= SHARED_ID_WITHIN_S:
-            self.noticed_s = now_s
-
-
 class TelemetryReader:
-    """Reads the telemetry of one MAVLink autopilot; drops messages that are damaged, not finite or out of range."""
+    """Reads the autopilot's messages; drops values that are not finite or out of range."""
 
-    def __init__(self, system_id: int | None = None) -> None:
-        """Listen to the autopilot with this system id; None takes the one that is heard first."""
+    def __init__(self, rejected: Counter[str]) -> None:
+        """Count in `rejected` what is dropped, by reason."""
         self.telemetry = Telemetry()
         self.neighbours: dict[int, Neighbour] = {}
         """The detected aircraft by their ICAO address."""
-        self.rejected: Counter[str] = Counter()
+        self.rejected = rejected
         self.seen_s = -math.inf
         """Time of the newest detection of any other aircraft."""
-        self.system_id = system_id
-        self.foreign_ids: set[int] = set()
-        """System ids of the other autopilots heard on the same link."""
-        self._heard_s = -math.inf
-        self._place_e7 = _NO_FIX
-        self._shared_id = _SharedIdWatch()
         self._local_at_s = -math.inf
-        self._accuracies_m: dict[str, float] = {}
-        self._readers: dict[str, Callable[[Message, float], None]] = {
-            "GLOBAL_POSITION_INT": self._position,
-            "HOME_POSITION": self._home,
-            "EXTENDED_SYS_STATE": self._landed_state,
-            "LOCAL_POSITION_NED": self._local_position,
-            "ATTITUDE": self._attitude,
-            "VFR_HUD": self._airspeed,
-            "WIND": self._wind,
-            "WIND_COV": self._wind_cov,
-            "GPS_RAW_INT": self._gps,
-            "ESTIMATOR_STATUS": self._estimator,
-            "SYS_STATUS": self._battery,
+        self._receivers: dict[str, Receiver] = {}
+        self._readers: dict[int, Callable[[Message, float], None]] = {
+            common.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._position,
+            common.MAVLINK_MSG_ID_HOME_POSITION: self._home,
+            common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._landed_state,
+            common.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            common.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
+            common.MAVLINK_MSG_ID_VFR_HUD: self._airspeed,
+            ardupilotmega.MAVLINK_MSG_ID_WIND: self._wind,
+            common.MAVLINK_MSG_ID_WIND_COV: self._wind_cov,
+            common.MAVLINK_MSG_ID_GPS_RAW_INT: self._gps,
+            common.MAVLINK_MSG_ID_GPS2_RAW: self._gps,
+            common.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._origin,
+            ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._ekf,
+            common.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self._estimator,
+            common.MAVLINK_MSG_ID_SYS_STATUS: self._battery,
+            common.MAVLINK_MSG_ID_ADSB_VEHICLE: self._neighbour,
         }
+        self.message_ids = frozenset(self._readers)
+        """Ids of the messages that are read."""
 
-    @property
-    def shared_system_id(self) -> bool:
-        """Whether two autopilots share a system id, by signs within the last SHARED_ID_MEMORY_S."""
-        return self._heard_s - self._shared_id.noticed_s <= SHARED_ID_MEMORY_S
+    def take(self, message: Message, at_s: float) -> None:
+        """Read a message of the autopilot that is newer than those before; `at_s` is the time that it counts from."""
+        read = self._readers.get(message.get_msgId())
+        if read is not None:
+            read(message, at_s)
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """Process a datagram; never raises, whatever its bytes are."""
-        for message in messages_in(datagram):
-            self.take(message, now_s)
-
-    def take(self, message: Message, now_s: float) -> bool:
-        """Process a decoded message; return whether it is from the autopilot that this reader listens to."""
-        name = message.get_type()
-        self._heard_s = now_s
-        if name == "BAD_DATA":
-            self.rejected["damaged"] += 1
-        elif name == "HEARTBEAT":
-            return self._heartbeat(message, now_s)
-        elif message.get_srcSystem() != self.telemetry.system_id:
-            self.rejected["other system"] += 1
-        elif name == "ADSB_VEHICLE":
-            # These come from the autopilot, which passes them on, or directly from the detector on the vehicle.
-            self._neighbour(message, now_s)
-        elif message.get_srcComponent() != common.MAV_COMP_ID_AUTOPILOT1:
-            self.rejected["other component"] += 1
-        else:
-            if name in self._readers:
-                self._readers[name](message, now_s)
-            return True
-        return False
+    def note_restarts(self, restarts: int) -> None:
+        """Store how often the autopilot has restarted."""
+        if restarts != self.telemetry.restarts:
+            self._update(restarts=restarts)
 
     def _update(self, **values: object) -> None:
         # As dataclasses.replace does it, at a third of its cost: this is done for every message.
         self.telemetry = Telemetry(**(vars(self.telemetry) | values))
 
-    def _heartbeat(self, message: Message, now_s: float) -> bool:
-        if (
-            message.autopilot == common.MAV_AUTOPILOT_INVALID
-            or message.get_srcComponent() != common.MAV_COMP_ID_AUTOPILOT1
-        ):
-            return False  # a ground station, another companion, a gimbal
-        system_id = message.get_srcSystem()
-        listened_to = self.telemetry.system_id if self.system_id is None else self.system_id
-        if listened_to not in (None, system_id):
-            self.rejected["other system"] += 1
-            self.foreign_ids.add(system_id)
-            return False
+    def _heartbeat(self, message: Message, now_s: float) -> None:
         self._update(
-            system_id=system_id,
+            system_id=message.get_srcSystem(),
             heartbeat_at_s=now_s,
             autopilot=message.autopilot,
             mav_type=message.type,
@@ -248,19 +153,13 @@ class TelemetryReader:
             armed=bool(message.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED),
             custom_mode=message.custom_mode if message.base_mode & common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED else None,
         )
-        return True
 
     def _position(self, message: Message, now_s: float) -> None:
         if (message.lat, message.lon) == _NO_FIX or not _is_on_earth(message.lat, message.lon):
             self.rejected["out of range"] += 1
             return
-        place_e7 = message.lat, message.lon
-        if not self._advances(message.time_boot_ms, place_e7, now_s):
-            # The clock stands still: the repeated position is as old as when it was first sent.
-            self.rejected["clock stands still"] += 1
-            return
-        self._place_e7 = place_e7
         self._update(
+            boot_ms=message.time_boot_ms,
             position_at_s=now_s,
             lat_deg=message.lat / 1e7,
             lon_deg=message.lon / 1e7,
@@ -268,29 +167,25 @@ class TelemetryReader:
             altitude_m=message.alt / 1000.0,
             velocity_north_m_s=message.vx / 100.0,
             velocity_east_m_s=message.vy / 100.0,
+            climb_m_s=-message.vz / 100.0,
             yaw_rad=None if message.hdg == 65_535 else math.radians(message.hdg / 100.0),
         )
         if now_s - self._local_at_s > LOCAL_POSITION_MAX_AGE_S:
             self._update(local_ned_m=None)
 
-    def _advances(self, boot_ms: int, place_e7: tuple[int, int], now_s: float) -> bool:
-        """Store the autopilot's clock; return whether the position that comes with it is newer than the last one."""
-        before_ms = self.telemetry.boot_ms
-        restarted = before_ms is not None and boot_ms < before_ms - RESTART_MS
-        if before_ms is not None and boot_ms <= before_ms and not restarted:
-            if boot_ms < before_ms or place_e7 != self._place_e7:
-                self._shared_id.note_contradiction(now_s)
-            return False
-        self._update(boot_ms=boot_ms, restarts=self.telemetry.restarts + restarted)
-        if restarted:
-            self._shared_id.note_clock_step(now_s)
-        return True
-
     def _home(self, message: Message, now_s: float) -> None:
         if (message.latitude, message.longitude) == _NO_FIX or not _is_on_earth(message.latitude, message.longitude):
             self.rejected["out of range"] += 1
             return
-        self._update(home_deg=(message.latitude / 1e7, message.longitude / 1e7))
+        self._update(
+            home_deg=(message.latitude / 1e7, message.longitude / 1e7), home_altitude_m=message.altitude / 1000.0
+        )
+
+    def _origin(self, message: Message, now_s: float) -> None:
+        if not _is_on_earth(message.latitude, message.longitude):
+            self.rejected["out of range"] += 1
+            return
+        self._update(origin=(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1000.0))
 
     def _landed_state(self, message: Message, now_s: float) -> None:
         known = message.landed_state != common.MAV_LANDED_STATE_UNDEFINED
@@ -299,7 +194,7 @@ class TelemetryReader:
     def _local_position(self, message: Message, now_s: float) -> None:
         if self._finite(message.x, message.y, message.z):
             self._local_at_s = now_s
-            self._update(local_ned_m=(message.x, message.y, message.z))
+            self._update(local_ned_m=(message.x, message.y, message.z), local_boot_ms=message.time_boot_ms)
 
     def _attitude(self, message: Message, now_s: float) -> None:
         if self._finite(message.roll, message.pitch, message.yaw):
@@ -326,18 +221,24 @@ class TelemetryReader:
             accuracy_m = message.h_acc / 1000.0
         else:
             accuracy_m = math.nan if message.eph == _EPH_UNKNOWN else message.eph / 100.0 * METRES_PER_HDOP
-        self._update(gps_fix=message.fix_type)
-        self._accuracy("receiver", accuracy_m)
+        self._receivers[message.get_type()] = Receiver(now_s, message.fix_type, accuracy_m)
+        self._update(gps_fix=better(self._receivers, now_s).fix)
+        self._accuracy(now_s)
+
+    def _ekf(self, message: Message, now_s: float) -> None:
+        self._update(estimate=ekf_status(message, now_s))
 
     def _estimator(self, message: Message, now_s: float) -> None:
         if self._finite(message.pos_horiz_accuracy):
-            self._accuracy("estimator", message.pos_horiz_accuracy)
+            self._update(estimate=estimator_status(message, now_s))
+            self._accuracy(now_s)
 
-    def _accuracy(self, source: str, accuracy_m: float) -> None:
-        """Store the accuracy of one source, and the worst one of all sources in the telemetry."""
-        self._accuracies_m[source] = accuracy_m
-        known = [value for value in self._accuracies_m.values() if math.isfinite(value)]
-        self._update(position_accuracy_m=max(known, default=math.nan))
+    def _accuracy(self, now_s: float) -> None:
+        """Keep the worse of the estimator's accuracy and the better receiver's."""
+        told_m = [] if self.telemetry.estimate is None else [self.telemetry.estimate.accuracy_m]
+        if self._receivers:
+            told_m.append(better(self._receivers, now_s).accuracy_m)
+        self._update(position_accuracy_m=max((one for one in told_m if math.isfinite(one)), default=math.nan))
 
     def _battery(self, message: Message, now_s: float) -> None:
         remaining = message.battery_remaining
@@ -350,69 +251,16 @@ class TelemetryReader:
         return False
 
     def _neighbour(self, message: Message, now_s: float) -> None:
-        flags = message.flags
-        if not flags & common.ADSB_FLAGS_VALID_COORDS:
-            self.rejected["no coordinates"] += 1
+        seen = neighbour_of(message, now_s)
+        if isinstance(seen, str):
+            self.rejected[seen] += 1
             return
-        if not _is_on_earth(message.lat, message.lon):
-            self.rejected["out of range"] += 1
-            return
-        moves = flags & common.ADSB_FLAGS_VALID_HEADING and flags & common.ADSB_FLAGS_VALID_VELOCITY
-        speed_m_s = message.hor_velocity / 100.0 if moves else 0.0
-        course_rad = math.radians(message.heading / 100.0)
-        forgotten = [key for key, known in self.neighbours.items() if now_s - known.seen_at_s > NEIGHBOUR_MEMORY_S]
-        for key in forgotten:
-            del self.neighbours[key]
-        if message.ICAO_address not in self.neighbours and len(self.neighbours) >= MAX_NEIGHBOURS:
-            self.rejected["too many neighbours"] += 1
-            return
+        # A detector that shows anybody is there, whether or not the table has room.
         self.seen_s = now_s
-        self.neighbours[message.ICAO_address] = Neighbour(
-            agent_id=_agent_id(message.callsign) if flags & common.ADSB_FLAGS_VALID_CALLSIGN else None,
-            lat_deg=message.lat / 1e7,
-            lon_deg=message.lon / 1e7,
-            velocity_north_m_s=speed_m_s * math.cos(course_rad),
-            velocity_east_m_s=speed_m_s * math.sin(course_rad),
-            seen_at_s=now_s - message.tslc,
-            altitude_m=message.altitude / 1000.0 if flags & common.ADSB_FLAGS_VALID_ALTITUDE else math.nan,
-        )
-
-
-def messages_in(datagram: bytes) -> Iterator[Message]:
-    """Yield the MAVLink messages of a datagram, damaged ones as BAD_DATA; none for a lone message not read here.
-
-    Each datagram gets a parser of its own, so that a damaged one does not affect the next.
-    """
-    if _is_one_other_message(datagram):
-        return
-    # WIND is of ArduPilot's dialect, which has all of `common` and takes longer to parse.
-    dialect = ardupilotmega if _is_wind(datagram) else common
-    parser = dialect.MAVLink(None)
-    parser.robust_parsing = True
-    yield from parser.parse_buffer(bytes(datagram)) or ()
-
-
-def _is_wind(datagram: bytes) -> bool:
-    """Return whether a datagram begins with a WIND message of MAVLink 2."""
-    if len(datagram) < HEADER_V2_BYTES or datagram[0] != MARKER_V2:
-        return False
-    return bool(frame_parts(datagram)[0] == ardupilotmega.MAVLINK_MSG_ID_WIND)
-
-
-def _agent_id(callsign: str) -> int | None:
-    """Return the agent id in a callsign of the fleet (CALLSIGN_PATTERN); None for any other callsign and for id 0."""
-    match = re.fullmatch(CALLSIGN_PATTERN, callsign.rstrip())
-    identity = int(match.group(1)) if match else 0
-    return identity or None
+        here_deg = self.telemetry.lat_deg, self.telemetry.lon_deg
+        if not entered(self.neighbours, message.ICAO_address, seen, here_deg, now_s):
+            self.rejected["too many neighbours"] += 1
 
 
 def _is_on_earth(lat_e7: int, lon_e7: int) -> bool:
     return abs(lat_e7) <= _LAT_MAX_E7 and abs(lon_e7) <= _LON_MAX_E7
-
-
-def _is_one_other_message(datagram: bytes) -> bool:
-    """Return whether a datagram is one MAVLink 2 message of a type that is not read here, as a check before parsing."""
-    if len(datagram) < HEADER_V2_BYTES or datagram[0] != MARKER_V2:
-        return False
-    message_id, _, _, end = frame_parts(datagram)
-    return end == len(datagram) and message_id not in _MESSAGE_IDS

@@ -9,9 +9,11 @@ of way, turn limit, guard (steering) -> adapter (setpoint_stream).
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from companion.autopilot.adapter import Adapter
 from companion.autopilot.registry import ADAPTERS
+from companion.autopilot.streams import in_words as seldom_in_words
 from companion.autopilot.telemetry import Telemetry
 from companion.files.tlog import whole_frames
 from companion.guard.types import BACKUP, FENCE, KEEP_OUT, NO_BACKUP
@@ -23,8 +25,10 @@ from companion.onboard.decision import Decision, Purpose
 from companion.onboard.engagement import Engagement, GridSetpoint
 from companion.onboard.failsafe import Failsafe, FailsafeInputs, FailsafeStatus
 from companion.onboard.goal import Goal, Situation, choose_goal
+from companion.onboard.hand_over import believed, followed, handed_over
 from companion.onboard.navigation import Located, Navigation, navigate, outside_fence, plane_of
 from companion.onboard.obedience import NOTHING, Obedience, in_words, watch
+from companion.onboard.position_gate import doubted, jumped
 from companion.onboard.readiness import (
     HAND_OVER_AGAIN,
     below_words,
@@ -32,11 +36,13 @@ from companion.onboard.readiness import (
     is_below,
     is_straight_up,
     may_hold,
+    misplaced,
     not_reachable,
     not_ready,
     not_steerable,
     told_by_autopilot,
 )
+from companion.onboard.references import height_to_ask_m, moved
 from companion.onboard.reporter import Reporter
 from companion.onboard.senses import without_a_sense
 from companion.onboard.setpoint_stream import AutopilotStream
@@ -52,6 +58,7 @@ BAND_MARGIN_M = 5.0
 """Margin above and below a vehicle's height within which it avoids threats: it does not hold a height to the metre."""
 REFUSALS = frozenset({BACKUP, FENCE, KEEP_OUT, NO_BACKUP})
 """Changes of the guard by which the law learns that its way is refused."""
+JUMPS = "position jumps again and again: not believed"
 HOME_TOO_FAR = "the autopilot's home is farther away than limits.range_m: where it began to steer counts"
 
 
@@ -97,6 +104,12 @@ class Companion:
         """Distance flown under guidance."""
         return self.navigation.flown_m
 
+    @property
+    def telemetry(self) -> Telemetry:
+        """The newest telemetry as it is believed: by the references of the hand-over, without positions that jump."""
+        told, kept = self.adapter.telemetry, self.navigation.hand_over
+        return told if kept is None else believed(kept, told)
+
     def hear(self, datagram: bytes, now_s: float) -> list[RawFrame]:
         """Take in bytes from the broadcast link; return the accepted frames. Never raises, whatever the bytes.
 
@@ -112,19 +125,24 @@ class Companion:
         """Take in frames that waited for the check of their signature; return the accepted ones."""
         return self._believe(self.authenticator.due(now_s), now_s)
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
+    def receive(self, datagram: bytes, now_s: float) -> int:
         """Take in bytes from the autopilot link; never raises, whatever the bytes.
 
-        Only the whole frames at the beginning of the datagram are used: a log could not hold the rest.
+        Only the whole frames at the beginning of the datagram are used: a log could not hold the rest. Returns how many
+        of them were the autopilot's own, and newer than what it said before.
         """
+        believed = 0
         for frame in whole_frames(datagram):
-            self.adapter.receive(frame, now_s)
+            believed += self.adapter.receive(frame, now_s)
             # After each frame: a change that a later frame of the same datagram takes back counts, too.
             self.authority.note(self.adapter.telemetry, self.adapter.steerable)
+            self._compare(now_s)
+        return believed
 
     def clear(self, now_s: float) -> None:
         """Clear a take-over at the safety pilot's order: the vehicle may be handed over again."""
         self.authority.clear()
+        self.navigation = self.navigation._replace(hand_over=None)
 
     def note_clock(self, offset_s: float) -> bool:
         """Note the offset of the computer's system clock from the clock given to `tick`; return whether it changed.
@@ -158,7 +176,7 @@ class Companion:
 
     def report(self, now_s: float) -> list[bytes]:
         """Return the report for the uplink if one is due and the vehicle knows where it is."""
-        return self._reporter.due(self.adapter.telemetry, self.flown_m, now_s)
+        return self._reporter.due(self.telemetry, self.flown_m, now_s)
 
     def relocate(self, flown_m: float) -> None:
         """Set the distance flown, and do not count the way to the next position: a report has moved the vehicle."""
@@ -189,17 +207,42 @@ class Companion:
         if changed != self.engagement.abilities_changed:
             self.engagement = self.engagement._replace(abilities_changed=changed)
 
+    def _compare(self, now_s: float) -> None:
+        """Compare what the autopilot tells with what is kept from the hand-over, until a person has the vehicle."""
+        kept = self.navigation.hand_over
+        if kept is None:
+            return
+        after = followed(kept, self.adapter.telemetry, now_s) if self.adapter.steerable else None
+        if after is not kept:
+            self.navigation = self.navigation._replace(hand_over=after)
+
+    def _begin_hand_over(self) -> None:
+        """Keep the references of a vehicle that is about to be steered, unless they are kept already."""
+        if self.navigation.hand_over is None:
+            self.navigation = self.navigation._replace(hand_over=handed_over(self.adapter.telemetry))
+
     def _not_steerable(self, now_s: float) -> str | None:
-        return not_steerable(self.adapter, self.authority, self.config, now_s)
+        reason, kept = not_steerable(self.adapter, self.authority, self.config, now_s), self.navigation.hand_over
+        return JUMPS if reason is None and kept is not None and kept.track.is_lost else reason
 
     def _outside_fence(self) -> bool:
-        return outside_fence(self.adapter.telemetry, self.world_model.origin_deg, self.steering.config)
+        return outside_fence(self.telemetry, self.world_model.origin_deg, self.steering.config)
 
     def _frames(self, requests: list[bytes], now_s: float) -> list[bytes]:
-        setpoint = None if self.engagement is None else self.engagement.setpoint
+        setpoint = None if self.engagement is None else self._as_asked(self.engagement.setpoint)
         ended = self._stream.ended(now_s)
         hold = setpoint is None and may_hold(self.adapter, self.authority, self.config, ended, now_s)
         return self._stream.frames(requests, setpoint, hold, now_s)
+
+    def _as_asked(self, decided: GridSetpoint | None) -> GridSetpoint | None:
+        """Return a setpoint with its height in the autopilot's present reference, as its newest telemetry tells it."""
+        kept = self.navigation.hand_over
+        if decided is None or kept is None:
+            return decided
+        height_m = height_to_ask_m(kept.references, self.adapter.telemetry, decided.setpoint.altitude_m)
+        if height_m == decided.setpoint.altitude_m:
+            return decided
+        return decided._replace(setpoint=replace(decided.setpoint, altitude_m=height_m))
 
     def _decide(self, now_s: float) -> Decision:
         age_s = self.world_model.age_s(now_s)
@@ -208,7 +251,8 @@ class Companion:
         idle = self._not_steerable(now_s)
         if idle is None and self.engagement is None:
             unable, status = self.steering.unable, self.failsafe.status
-            idle = not_ready(self.adapter, unable, status, self._outside_fence(), self.steering.config)
+            outside = self._outside_fence()
+            idle = not_ready(self.adapter, self.telemetry, unable, status, outside, self.steering.config)
         if idle is None:
             return self._steer(age_s, now_s)
         return self._idle(idle, age_s, now_s)
@@ -218,8 +262,13 @@ class Companion:
         if self.engagement is not None:
             self._assess(age_s, now_s)
             self._disengage()
-        status, note = self.failsafe.status, told_by_autopilot(self.adapter)
+        status, said = self.failsafe.status, told_by_autopilot(self.adapter)
+        note = "; ".join(one for one in (said, self._told_seldom(now_s)) if one is not None) or None
         return Decision(now_s, Purpose.IDLE, idle, status.stage, age_s, triggers=status.all_words, note=note)
+
+    def _told_seldom(self, now_s: float) -> str | None:
+        """Return what safety rests on and comes too seldom, in words; None if nothing does that no trigger tells."""
+        return seldom_in_words(self.adapter.shortfalls(now_s), self.failsafe.status.all_words)
 
     def _disengage(self) -> None:
         """End the engagement and forget its state: the safety pilot controls the vehicle."""
@@ -231,15 +280,21 @@ class Companion:
 
     def _assess(self, age_s: float | None, now_s: float) -> FailsafeStatus:
         """Update the failsafe by the age of the picture (None: there is none) and the state of the vehicle."""
-        telemetry, engagement = self.adapter.telemetry, self.engagement
+        telemetry, engagement, kept = self.adapter.telemetry, self.engagement, self.navigation.hand_over
+        displaced = None if kept is None else jumped(kept.track)
         uncertified_from_s = None if engagement is None else engagement.uncertified_from_s
         inputs = FailsafeInputs(
             picture_age_s=age_s,
             missing=self.world_model.missing,
             position_accuracy_m=telemetry.position_accuracy_m,
+            too_seldom=self.adapter.too_seldom(self.config.telemetry_timeout_s, now_s),
             battery_percent=telemetry.battery_percent,
             out_of_range=self.navigation.out_of_range,
-            outside_fence=engagement is not None and self._outside_fence(),
+            # Where a position that jumped and stayed there is, nobody knows: on neither side of a fence.
+            outside_fence=engagement is not None and displaced is None and self._outside_fence(),
+            moved=None if kept is None else moved(kept.references, telemetry),
+            misplaced=displaced or misplaced(telemetry, self.config, now_s),
+            doubted=None if kept is None else doubted(kept.track),
             uncertified_s=0.0 if uncertified_from_s is None else now_s - uncertified_from_s,
             abilities_changed=engagement is not None and engagement.abilities_changed,
             answer=Obedience().answer if engagement is None else engagement.obedience.answer,
@@ -249,12 +304,15 @@ class Companion:
 
     def _steer(self, age_s: float | None, now_s: float) -> Decision:
         """Pass the stages from the vehicle's position to the setpoint, and keep what the next tick needs."""
-        telemetry, config, world_model = self.adapter.telemetry, self.steering.config, self.world_model
+        self._begin_hand_over()
+        telemetry, config, world_model = self.telemetry, self.steering.config, self.world_model
+        jumps = 0 if self.navigation.hand_over is None else self.navigation.hand_over.track.jumps
         before = self.engagement or Engagement(climbs=is_below(telemetry, config))
         plane = plane_of(world_model.origin_deg, self.navigation.plane, telemetry)
-        if plane is not self.navigation.plane:
-            # Loiter place, last position and certified path are coordinates on another plane.
+        if plane is not self.navigation.plane or jumps != before.jumps:
+            # Loiter place, last position and certified path are coordinates on another plane, or from before a jump.
             before = before._replace(loiter_place_ned_m=None, loiter_about_ned_m=None, target_ned_m=None, last_fix=None)
+            before = before._replace(jumps=jumps)
             self.steering.guard.reset()
         self.navigation, located = navigate(self.navigation, plane, before.last_fix, telemetry, config, now_s)
         motion = located.motion
@@ -265,7 +323,7 @@ class Companion:
         neighbours = self.adapter.neighbours if config.detector == "adsb" else ()
         seen = detected(neighbours, plane, motion, telemetry.altitude_m, config, now_s)
         view = world_model.view(now_s, band_m(telemetry, config.height_m))
-        view = world_model.with_traffic(view, seen.traffic, seen.elsewhere)
+        view = world_model.with_traffic(view, seen.traffic, seen.elsewhere, config.limits.fastest_m_s)
         status = self._assess(age_s, now_s)
         situation = Situation(
             motion.position_ned_m,
@@ -283,10 +341,7 @@ class Companion:
             return self._idle(f"{situation.below}, and no room to climb here: climb {HAND_OVER_AGAIN}", age_s, now_s)
         self.engagement = self._engaged_after(before, located, goal, steered, now_s)
         duplicate = f"another vehicle uses agent id {config.agent_id}" if seen.duplicate_agent_id else None
-        too_far = HOME_TOO_FAR if located.home.too_far else None
-        blind = without_a_sense(config, world_model.others_told, self.adapter.sees_others)
-        told = (told_by_autopilot(self.adapter), beyond_limits(motion, telemetry, config))
-        notes = (steered.note, duplicate, blind, steered.unseparated, too_far, *told)
+        notes = (steered.note, duplicate, steered.unseparated, *self._notes(located, now_s))
         return Decision(
             t_s=now_s,
             purpose=steered.purpose,
@@ -308,9 +363,20 @@ class Companion:
             certified_s=steered.verdict.certified_s,
         )
 
+    def _notes(self, located: Located, now_s: float) -> tuple[str | None, ...]:
+        """Return what is to be said beside the decision of a vehicle that is steered."""
+        config = self.steering.config
+        return (
+            without_a_sense(config, self.world_model.others_told, self.adapter.sees_others),
+            HOME_TOO_FAR if located.home.too_far else None,
+            told_by_autopilot(self.adapter),
+            self._told_seldom(now_s),
+            beyond_limits(located.motion, self.adapter.telemetry, config),
+        )
+
     def _watched(self, before: Engagement, located: Located, now_s: float) -> Engagement:
         """Return the engagement after a look at how the vehicle obeys; reckon with what that shows, or let it go."""
-        seen = seen_of(located, self.adapter.telemetry, before, now_s)
+        seen = seen_of(located, self.telemetry, before, now_s)
         obedience = watch(before.obedience, seen, self.steering.expected)
         if obedience.answer.rung is Rung.LEFT:
             self.authority.leave(obedience.answer.words)
@@ -340,6 +406,7 @@ class Companion:
             climbs=goal.climbs,
             last_fix=located.fix,
             setpoint=None if setpoint is None else GridSetpoint(setpoint, located.convergence_rad),
+            jumps=before.jumps,
             obedience=before.obedience,
         )
 

@@ -49,5 +49,7 @@ class Engagement(NamedTuple):
     """Position of the vehicle at the last tick."""
     setpoint: GridSetpoint | None = None
     """The setpoint in force; None after one was withdrawn or refused by the guard."""
+    jumps: int = 0
+    """Number of jumps of the position since the hand-over that the places in here know of."""
     obedience: Obedience = Obedience()
     """How the vehicle has answered its setpoints."""

@@ -48,9 +48,12 @@ class Cause(Enum):
     BATTERY = "battery"
     RANGE = "range"
     GUARD = "guard"
+    REFERENCES = "references"
+    ESTIMATE = "estimate"
     ABILITIES = "abilities"
     OBEDIENCE = "obedience"
     POSITION = "position"
+    TELEMETRY = "telemetry"
     CLOCK = "clock"
 
 
@@ -78,6 +81,14 @@ class FailsafeInputs:
     """What of the picture was not heard yet, in words; None: nothing is missing."""
     position_accuracy_m: float = math.nan
     """Accuracy of the position by the autopilot's estimate; NaN: not reported."""
+    moved: str | None = None
+    """Which frames of reference have moved since the hand-over, in words; None: none has."""
+    misplaced: str | None = None
+    """Why the position is not to be flown by to a target, in words; None: nothing speaks against it."""
+    doubted: str | None = None
+    """That the position jumped a moment ago and is not believed yet, in words; None: it is believed."""
+    too_seldom: str | None = None
+    """Which message of the autopilot comes too seldom to steer by, in words; None: none does."""
     battery_percent: float | None = None
     """Remaining charge; None: not reported."""
     out_of_range: bool = False
@@ -219,15 +230,28 @@ def _found(inputs: FailsafeInputs, thresholds: FailsafeThresholds, was_low: bool
         (Cause.BATTERY, _by_battery(inputs.battery_percent, thresholds, was_low)),
         (Cause.RANGE, _if(inputs.out_of_range, Stage.RETURNING, OUT_OF_RANGE)),
         (Cause.GUARD, _if(uncertified, Stage.LOITERING, UNCERTIFIED)),
+        (Cause.REFERENCES, _by_words(Stage.LOITERING, inputs.moved)),
+        (Cause.ESTIMATE, _by_words(*_of_estimate(inputs))),
         (Cause.ABILITIES, _if(inputs.abilities_changed, Stage.LOITERING, ABILITIES_CHANGED)),
         (Cause.OBEDIENCE, _by_answer(inputs.answer)),
         (Cause.POSITION, _by_accuracy(inputs.position_accuracy_m, thresholds)),
+        (Cause.TELEMETRY, _NOTHING if inputs.too_seldom is None else _Found(Stage.LOITERING, inputs.too_seldom)),
         (Cause.CLOCK, _by_clock(inputs.clock_offset_s, thresholds)),
     )
 
 
 def _if(holds: bool, stage: Stage, words: str) -> _Found:
     return _Found(stage, words) if holds else _NOTHING
+
+
+def _by_words(stage: Stage, words: str | None) -> _Found:
+    return _NOTHING if words is None else _Found(stage, words)
+
+
+def _of_estimate(inputs: FailsafeInputs) -> tuple[Stage, str | None]:
+    if inputs.misplaced is not None:
+        return Stage.LOITERING, inputs.misplaced
+    return Stage.COASTING, inputs.doubted
 
 
 def _by_age(age_s: float | None, thresholds: FailsafeThresholds) -> _Found:

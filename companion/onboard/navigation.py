@@ -12,6 +12,7 @@ from companion.guard.types import Motion
 from companion.mission.model import RANGE_RESERVE
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.engagement import PositionFix
+from companion.onboard.hand_over import HandOver
 
 COURSE_SPEED_M_S = 1.0
 """Ground speed below which the course over ground means nothing and the yaw is used as heading."""
@@ -44,6 +45,8 @@ class Navigation(NamedTuple):
     """Whether the vehicle had to turn home to get there on its range; once true, it stays true."""
     home: Home | None = None
     """Home on `plane`."""
+    hand_over: HandOver | None = None
+    """What is kept from the hand-over; None while a person has the vehicle."""
 
 
 class Located(NamedTuple):
@@ -106,7 +109,7 @@ def navigate(
     out_of_range = before.out_of_range or _is_out_of_range(home_m, flown_m, config)
     motion = Motion(north_m, east_m, heading_rad, speed_m_s)
     return (
-        Navigation(plane, start_deg, true_heading_rad, flown_m, out_of_range, home),
+        Navigation(plane, start_deg, true_heading_rad, flown_m, out_of_range, home, before.hand_over),
         Located(fix, motion, convergence_rad, home),
     )
 

@@ -17,6 +17,11 @@ from companion.onboard.config import Config, LimitsSection
 from companion.onboard.limits import beyond_airspeed
 from companion.onboard.senses import sense_of_others
 
+SLOWED_REMEDY = (
+    "let no other program set the rates of this link (MAVProxy: set streamrate -1; a ground station's stream rates), "
+    "and give the link a higher baud rate"
+)
+"""What to do about messages that come more seldom than they were asked for."""
 ONE_SPEED_SLACK = 0.1
 """How far the configured speed may be, as a share, from the only speed of a vehicle that cannot change it."""
 
@@ -41,6 +46,7 @@ def findings(
     found = list(_identity(config, adapter, link_heard, now_s))
     if all(finding.passed for finding in found):
         found += [*_demands(config, adapter), *_abilities(config, adapter), *_health(config, adapter, now_s)]
+        found += _streams(adapter, now_s)
         found += [Finding(False, trouble, "see the autopilot's own messages") for trouble in adapter.failures]
     found.append(
         Finding(True, "broadcast heard")
@@ -133,6 +139,12 @@ def _airspeed(limits: LimitsSection, abilities: Abilities) -> Iterator[Finding]:
             f"limits.speed_m_s + wind_m_s: {needed_m_s:g} m/s through the air; whether this vehicle reaches it is "
             f"{abilities.airspeed_by}: measure it and set limits.airspeed_max_m_s",
         )
+
+
+def _streams(adapter: LinkedAdapter, now_s: float) -> Iterator[Finding]:
+    """Yield which of what safety rests on comes too seldom."""
+    for short in adapter.shortfalls(now_s):
+        yield Finding(False, f"{short}; {short.rests_on} rests on it", SLOWED_REMEDY)
 
 
 def _at_most(key: str, configured: float, able: float, words: str) -> Finding:

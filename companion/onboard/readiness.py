@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from companion.autopilot.adapter import Adapter
+from companion.autopilot.estimate import fresh
 from companion.autopilot.linked import COURSE_SPEED_M_S
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S, Telemetry
 from companion.guard.types import Motion, Verdict
@@ -14,6 +15,9 @@ from companion.onboard.failsafe import SEVERITY, Cause, FailsafeStatus, Stage
 
 PICTURE_CAUSES = (Cause.BROADCAST, Cause.PICTURE)
 """Causes of triggers that say that the picture is not good enough to begin an engagement with."""
+NOT_READY_CAUSES = (*PICTURE_CAUSES, Cause.TELEMETRY, Cause.ESTIMATE)
+"""Causes of triggers that say that picture, telemetry or the vehicle's place are not good enough to begin with."""
+NO_FIX = "no GPS fix"
 NOT_HANDED_OVER = "not armed and in the guided mode"
 HAND_OVER_AGAIN = "in another mode, then hand over again"
 SPEED_SLACK = 1.2
@@ -64,8 +68,11 @@ def unfit(adapter: Adapter, config: Config, now_s: float) -> str | None:
         return "no position yet"
     if now_s - telemetry.position_at_s > config.telemetry_timeout_s:
         return "position too old"
-    if telemetry.gps_fix is not None and telemetry.gps_fix < config.health.gps_fix_min:
-        return "no GPS fix"
+    estimate = fresh(telemetry.estimate, now_s)
+    if estimate is not None and not estimate.absolute:
+        return "the autopilot's estimate has no position"
+    if estimate is None and not _has_fix(telemetry, config):
+        return NO_FIX
     if adapter.missing_telemetry is not None:
         return adapter.missing_telemetry
     # A setpoint would end a take-off under way, which the safety pilot or the autopilot must finish.
@@ -74,13 +81,36 @@ def unfit(adapter: Adapter, config: Config, now_s: float) -> str | None:
     return None
 
 
+def misplaced(telemetry: Telemetry, config: Config, now_s: float) -> str | None:
+    """Return why the autopilot's own estimate is not to be flown by to a target; None if nothing speaks against it.
+
+    With two receivers the autopilot flies on when one dies; without any its estimate holds for some seconds.
+    """
+    estimate = fresh(telemetry.estimate, now_s)
+    if estimate is None:
+        return None
+    if not _has_fix(telemetry, config):
+        return f"{NO_FIX}: only the autopilot's estimate holds"
+    return estimate.doubt
+
+
+def _has_fix(telemetry: Telemetry, config: Config) -> bool:
+    return telemetry.gps_fix is None or telemetry.gps_fix >= config.health.gps_fix_min
+
+
 def not_ready(
-    adapter: Adapter, unable: str | None, status: FailsafeStatus, outside_fence: bool, config: Config
+    adapter: Adapter,
+    telemetry: Telemetry,
+    unable: str | None,
+    status: FailsafeStatus,
+    outside_fence: bool,
+    config: Config,
 ) -> str | None:
     """Return why an engagement must not begin yet; None if it may. During an engagement these reasons do not count.
 
     Args:
-        adapter: Adapter of the autopilot, whose telemetry has a position.
+        adapter: Adapter of the autopilot.
+        telemetry: The telemetry as it is believed; it has a position.
         unable: Why the vehicle's abilities are not enough to be steered, if they are not.
         status: The failsafe's stage and triggers.
         outside_fence: Whether the vehicle is outside the fence.
@@ -92,12 +122,12 @@ def not_ready(
     if unable is not None:
         return unable
     for trigger in status.triggers:
-        if trigger.cause in PICTURE_CAUSES and SEVERITY[trigger.stage] >= SEVERITY[Stage.LOITERING]:
+        if trigger.cause in NOT_READY_CAUSES and SEVERITY[trigger.stage] >= SEVERITY[Stage.LOITERING]:
             return trigger.words
     if outside_fence:
         return f"outside the fence: fly inside {HAND_OVER_AGAIN}"
-    if is_below(adapter.telemetry, config) and not may_climb(adapter, config):
-        return f"{below_words(adapter.telemetry, config)}: climb {HAND_OVER_AGAIN}"
+    if is_below(telemetry, config) and not may_climb(adapter, config):
+        return f"{below_words(telemetry, config)}: climb {HAND_OVER_AGAIN}"
     return None
 
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.point import PointAdapter
-from companion.autopilot.telemetry import Neighbour
 from companion.geo.kinematics import advance, turn_rate_rad_s, turn_towards
 from companion.geo.local_frame import LocalFrame
 from companion.guidance.laws import SteeringLaw, SteeringOf

@@ -85,6 +85,13 @@ class CommandProtocol:
             self._telemetry.streams.set_interval(int(message_id), interval_us, t_s)
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
+    def on_request_data_stream(self, message: Message, t_s: float) -> list[bytes]:
+        """Set the rate of a group of streams, as ArduPilot does; PX4 has no such groups."""
+        if self._craft.mav_autopilot != mavlink.MAV_AUTOPILOT_PX4:
+            rate_hz = float(message.req_message_rate) if message.start_stop else 0.0
+            self._telemetry.streams.set_group(message.req_stream_id, rate_hz, t_s)
+        return []
+
     def on_set_mode(self, message: Message, t_s: float) -> list[bytes]:
         """Execute a SET_MODE, which is not acknowledged; return the heartbeat that announces a new mode, if any."""
         if not message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:

@@ -112,6 +112,7 @@ class StandIn:
             "COMMAND_LONG": commands.on_command_long,
             "COMMAND_INT": commands.on_command_int,
             "SET_MODE": commands.on_set_mode,
+            "REQUEST_DATA_STREAM": commands.on_request_data_stream,
             "PARAM_SET": parameters.on_param_set,
             "PARAM_REQUEST_READ": parameters.on_param_request_read,
             "PARAM_REQUEST_LIST": parameters.on_param_request_list,

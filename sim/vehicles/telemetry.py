@@ -34,6 +34,18 @@ DEFAULT_RATES_HZ: Mapping[int, float] = {
 }
 """Default stream rates, by message id."""
 
+STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
+    mavlink.MAV_DATA_STREAM_EXTENDED_STATUS: (mavlink.MAVLINK_MSG_ID_SYS_STATUS, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT),
+    mavlink.MAV_DATA_STREAM_POSITION: (
+        mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    ),
+    mavlink.MAV_DATA_STREAM_EXTRA1: (mavlink.MAVLINK_MSG_ID_ATTITUDE,),
+    mavlink.MAV_DATA_STREAM_EXTRA2: (mavlink.MAVLINK_MSG_ID_VFR_HUD,),
+    mavlink.MAV_DATA_STREAM_EXTRA3: (mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,),
+}
+"""Messages of each group whose rate a REQUEST_DATA_STREAM sets, in ArduPilot alone (GCS_Common.cpp)."""
+
 LOCKSTEP_RATES_HZ: Mapping[int, float] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 0.2,
@@ -78,6 +90,12 @@ class Streams:
         self._streams.pop(message_id, None)
         if rate_hz > 0.0:
             self._streams[message_id] = _Stream(max(1.0 / rate_hz, _SHORTEST_INTERVAL_S), t_s)
+
+    def set_group(self, group: int, rate_hz: float, t_s: float) -> None:
+        """Set the rate of a group of streams, as REQUEST_DATA_STREAM does: of all groups for MAV_DATA_STREAM_ALL."""
+        whole = group == mavlink.MAV_DATA_STREAM_ALL
+        for message_id in [one for key, ids in STREAM_GROUPS.items() if whole or key == group for one in ids]:
+            self.set_interval(message_id, 1e6 / rate_hz if rate_hz > 0.0 else -1.0, t_s)
 
     def make_due(self, message_id: int, t_s: float) -> None:
         """Make a message due at `t_s`, if it is streamed."""

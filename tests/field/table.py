@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import ground
+from tests.field import ground, streams
 from tests.field.situation import BEFORE, Situation
 
-AREAS: Mapping[str, tuple[Situation, ...]] = {"The ground station's inputs": ground.SITUATIONS}
+AREAS: Mapping[str, tuple[Situation, ...]] = {
+    "What was asked of the autopilot": streams.SITUATIONS,
+    "The ground station's inputs": ground.SITUATIONS,
+}
 """The situations of each area, in the order of the page."""
 
 

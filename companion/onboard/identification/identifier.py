@@ -143,7 +143,7 @@ class Identifier(Companion):
         return None
 
     def _located(self, before: Engagement, now_s: float) -> Located:
-        telemetry = self.adapter.telemetry
+        telemetry = self.telemetry
         plane = plane_of(self.world_model.origin_deg, self.navigation.plane, telemetry)
         if plane is not self.navigation.plane:
             before = before._replace(last_fix=None)
@@ -154,6 +154,7 @@ class Identifier(Companion):
 
     def _pattern_step(self, now_s: float) -> Decision:
         """Fly one step of the pattern, or of standing still before the setpoints end."""
+        self._begin_hand_over()
         before = self.engagement or Engagement()
         plane = self.navigation.plane
         located = self._located(before, now_s)
@@ -271,7 +272,7 @@ class Identifier(Companion):
         self._over()
 
     def _discs(self, now_s: float) -> Discs:
-        view = self.world_model.view(now_s, band_m(self.adapter.telemetry, self.adapter.telemetry.height_m))
+        view = self.world_model.view(now_s, band_m(self.telemetry, self.telemetry.height_m))
         return discs_of(view, self.config.keep_out)
 
     def _guarded(

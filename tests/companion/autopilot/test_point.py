@@ -1,7 +1,7 @@
 """A point that stands for a vehicle: to its companion it is an autopilot that needs no bytes."""
 
+from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.point import PointAdapter
-from companion.autopilot.telemetry import Neighbour
 from companion.guard.types import Setpoint
 
 

@@ -11,9 +11,10 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.arduplane import LOITER_PERIOD_S, RESEND_PERIOD_S
 from companion.autopilot.heartbeat import IDENTITIES, HeartbeatIdentity
+from companion.autopilot.intake import Message
 from companion.autopilot.linked import VERTICAL_SPEED_M_S, LinkedAdapter
 from companion.autopilot.registry import ADAPTERS
-from companion.autopilot.telemetry import COMPANION_COMPONENT, Message
+from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.geo.air_density import true_per_indicated
 from companion.guard.types import Setpoint
 
@@ -33,10 +34,10 @@ GOLDEN: dict[str, tuple[str, ...]] = {
     ),
     "arduplane": (
         "fd2700000207bf520000881300002365763f68ee8a3e0000000000000000000000000000000000000000000000000701c66844",
-        "fd2100000007bf4b00000000000000000000000000000000000000000000000000000000a841f9a70701037ff0",
+        "fd2000000007bf4b000000000000000000000000000000000000000000000000000000400244f9a707016658",
         "fd2100000107bf4b0000000000005e081c410000000000000000000000000000000000000000f8a7070103f82d",
         "fd2700000407bf520000ec130000c6c7713fc743a83e0000000000000000000000000000000000000000000000000701c61a19",
-        "fd2100000307bf4b0000000080bf00000000000070420000000080a1031c00b4c4040000a841c0000701033483",
+        "fd2000000307bf4b0000000080bf00000000000070420000000080a1031c00b4c40400400244c00007011694",
     ),
     "px4-copter": (
         "fd3500000007bf540000881300000000000000000000000000006a1e1f413727863f000000bf000000000000000000000000"
@@ -111,7 +112,7 @@ def flying(
     name: str, speed_cm_s: int = 1_500, course_rad: float = 0.0, height_mm: int = 20_000, mode: int | None = None
 ) -> LinkedAdapter:
     """Return an adapter that has heard its autopilot, guided and flying north at 20 m."""
-    adapter = ADAPTERS[name]()
+    adapter = ADAPTERS[name](SYSTEM)
     told(
         adapter,
         beat(IDENTITY_OF[name], mode=mode),
@@ -320,13 +321,13 @@ def test_a_px4_plane_is_never_asked_for_a_height_so_far_off_that_it_loiters(want
 
 
 def test_a_px4_plane_that_has_not_told_its_place_is_not_steered() -> None:
-    adapter = ADAPTERS["px4-plane"]()
+    adapter = ADAPTERS["px4-plane"](SYSTEM)
     told(adapter, beat(IDENTITY_OF["px4-plane"]), where())
     assert adapter.encode(NORTH_EAST, 0.0, 5.0) == []
 
 
 def test_a_px4_plane_that_does_not_know_its_local_place_says_what_it_lacks() -> None:
-    adapter = ADAPTERS["px4-plane"]()
+    adapter = ADAPTERS["px4-plane"](SYSTEM)
     told(adapter, beat(IDENTITY_OF["px4-plane"]), where())
     assert adapter.missing_telemetry == "no local position"
     assert {name: flying(name).missing_telemetry for name in ADAPTERS} == dict.fromkeys(ADAPTERS)
@@ -407,10 +408,11 @@ def test_height_and_airspeed_are_ordered_when_they_change() -> None:
     flown(adapter, Setpoint(0.0, 22.0, 100.0), 5.0, 1.0)
     changed = flown(adapter, Setpoint(0.0, 20.0, 120.0), 6.0, 1.0)
     assert [(message.command, message.frame) for _, message in changed] == [
-        (common.MAV_CMD_GUIDED_CHANGE_ALTITUDE, common.MAV_FRAME_GLOBAL_RELATIVE_ALT),
+        (common.MAV_CMD_GUIDED_CHANGE_ALTITUDE, common.MAV_FRAME_GLOBAL),
         (common.MAV_CMD_GUIDED_CHANGE_SPEED, common.MAV_FRAME_GLOBAL_RELATIVE_ALT),
     ]
-    assert (changed[0][1].z, changed[0][1].param3) == (120.0, 0.0)
+    # Home is at 500 m.
+    assert (changed[0][1].z, changed[0][1].param3) == (620.0, 0.0)
     assert changed[1][1].param1 == 0.0
     assert changed[1][1].param2 == pytest.approx(20.0 / true_per_indicated(520.0))
 
@@ -428,7 +430,8 @@ def test_a_loiter_lies_underneath_where_the_plane_was_a_moment_ago() -> None:
         [LOITER_PERIOD_S] * 3, abs=0.11
     )
     place = loiters[0][1]
-    assert (place.x, place.y, place.z, place.param3) == (470_000_000, 80_000_000, 100.0, 70.0)
+    assert (place.x, place.y, place.z, place.param3) == (470_000_000, 80_000_000, 600.0, 70.0)
+    assert place.frame == common.MAV_FRAME_GLOBAL
     # It must never choose the mode: that is a person's.
     assert place.param2 == 0.0
 
@@ -479,7 +482,7 @@ def test_a_command_that_is_denied_is_told() -> None:
     ],
 )
 def test_only_a_vehicle_armed_and_guided_is_steered(name: str, base_mode: int, guided: bool, steerable: bool) -> None:
-    adapter, kind = ADAPTERS[name](), IDENTITY_OF[name]
+    adapter, kind = ADAPTERS[name](SYSTEM), IDENTITY_OF[name]
     assert not adapter.steerable
     told(adapter, beat(kind, base_mode, kind.guided_mode if guided else 5))
     assert adapter.steerable is steerable
@@ -488,7 +491,7 @@ def test_only_a_vehicle_armed_and_guided_is_steered(name: str, base_mode: int, g
 @pytest.mark.parametrize("name", ADAPTERS)
 @pytest.mark.parametrize("heard", IDENTITIES, ids=lambda identity: identity.kind.name)
 def test_another_kind_than_configured_is_refused_with_its_name(name: str, heard: HeartbeatIdentity) -> None:
-    adapter = ADAPTERS[name]()
+    adapter = ADAPTERS[name](SYSTEM)
     assert adapter.refusal is None
     told(adapter, beat(heard))
     assert (adapter.refusal is None) == (heard.kind.name == name)
@@ -497,7 +500,7 @@ def test_another_kind_than_configured_is_refused_with_its_name(name: str, heard:
 
 
 def test_a_vehicle_that_no_adapter_steers_is_refused() -> None:
-    adapter = ADAPTERS["arducopter"]()
+    adapter = ADAPTERS["arducopter"](SYSTEM)
     told(adapter, common.MAVLink_heartbeat_message(common.MAV_TYPE_SUBMARINE, 3, GUIDED, 4, 4, 3))
     assert adapter.refusal is not None
     assert adapter.refusal.endswith("this vehicle cannot be steered")
@@ -512,8 +515,9 @@ def test_another_system_id_than_configured_is_refused_with_both() -> None:
 
 def test_two_autopilots_with_one_system_id_are_refused() -> None:
     adapter = flying("arducopter")
-    for step, boot_ms in enumerate((500_000, 3_000, 501_000, 4_000)):
-        told(adapter, where(boot_ms), now_s=6.0 + step)
+    for step in range(5):
+        for began_ms in (2_000, 500_000):
+            told(adapter, where(began_ms + 1_000 * step), now_s=6.0 + step)
     assert adapter.refusal is not None
     assert "two autopilots say they are system 7" in adapter.refusal
 
@@ -545,7 +549,7 @@ def asked(adapter: LinkedAdapter, start_s: float, seconds: float) -> list[tuple[
 
 @pytest.mark.parametrize("name", ADAPTERS)
 def test_nothing_is_asked_before_a_heartbeat_or_of_a_wrong_kind(name: str) -> None:
-    adapter = ADAPTERS[name]()
+    adapter = ADAPTERS[name](SYSTEM)
     assert asked(adapter, 0.0, 3.0) == []
     told(adapter, beat(IDENTITY_OF["arducopter" if name != "arducopter" else "arduplane"]))
     assert asked(adapter, 3.0, 3.0) == []
@@ -557,7 +561,7 @@ def test_an_autopilot_that_answers_nothing_is_asked_a_bounded_number_of_times_an
     assert not adapter.parameters_known
     requests = asked(adapter, 5.0, 60.0)
     assert adapter.parameters_known
-    assert requests[-1][0] < 35.0
+    assert requests[-1][0] < 45.0
     assert max(sum(1 for at_s, _ in requests if start_s <= at_s < start_s + 1.0) for start_s in range(5, 35)) <= 30
     assert adapter.abilities.assumed
     assert any("no answer" in trouble for trouble in adapter.failures)
@@ -631,9 +635,10 @@ def test_a_board_that_refuses_adsb_has_not_failed() -> None:
 def test_after_a_restart_of_the_autopilot_rates_and_parameters_are_asked_for_again() -> None:
     adapter = flying("arducopter")
     asked(adapter, 5.0, 40.0)
-    told(adapter, where(900_000), now_s=45.0)
+    told(adapter, where(41_000), now_s=45.0)
     assert asked(adapter, 45.0, 5.0) == []
-    told(adapter, where(2_000), now_s=50.0)
+    for boot_ms in (2_000, 2_100, 2_200):
+        told(adapter, where(boot_ms), now_s=48.0 + boot_ms / 1e3)
     kinds = {message.get_type() for _, message in asked(adapter, 50.0, 5.0)}
     assert kinds == {"COMMAND_LONG", "PARAM_REQUEST_READ"}
     # What was known holds until it is told again.

@@ -1,0 +1,66 @@
+"""Safe opening of small files that must be what they seem: no link is followed, no pipe waited for, no device read."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+_WORDS = {
+    stat.S_IFLNK: "it is a link",
+    stat.S_IFIFO: "it is a pipe",
+    stat.S_IFDIR: "it is a folder",
+    stat.S_IFCHR: "it is a device",
+    stat.S_IFBLK: "it is a device",
+    stat.S_IFSOCK: "it is a socket",
+}
+
+
+def read_regular(path: Path, most_bytes: int) -> tuple[bytes, os.stat_result]:
+    """Return the content of a regular file and its status; the two are of the same file, whatever happens to the name.
+
+    Raises:
+        OSError: the file cannot be read, is none (a link, a pipe, a device, a folder) or has more than `most_bytes`;
+            `strerror` says which.
+
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    except OSError:
+        # Of a link the system says that it is too many links, of a socket that there is no such device.
+        refuse_other(path)
+        raise
+    try:
+        status = os.fstat(descriptor)
+        _refuse(path, status.st_mode)
+        content = b""
+        while len(content) <= most_bytes and (block := os.read(descriptor, most_bytes + 1 - len(content))):
+            content += block
+    finally:
+        os.close(descriptor)
+    if len(content) > most_bytes:
+        raise OSError(errno.EFBIG, f"more than {most_bytes} bytes", str(path))
+    return content, status
+
+
+def refuse_other(path: Path) -> None:
+    """Raise OSError, whose `strerror` says what is there, if there is anything but a regular file at a path."""
+    try:
+        mode = path.lstat().st_mode
+    except FileNotFoundError:
+        return
+    _refuse(path, mode)
+
+
+def anybody_can_write(mode: int) -> bool:
+    """Return whether every user of the computer may write to what has this mode: to a file, or names in a folder.
+
+    In a folder with the sticky bit, such as /tmp, nobody can replace another user's files.
+    """
+    return bool(mode & stat.S_IWOTH) and not (stat.S_ISDIR(mode) and mode & stat.S_ISVTX)
+
+
+def _refuse(path: Path, mode: int) -> None:
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, _WORDS.get(stat.S_IFMT(mode), "it is no regular file"), str(path))

@@ -1,0 +1,157 @@
+"""Positions that jump: one that velocity and time do not explain is not believed before it has stood for a while.
+
+Meanwhile the vehicle counts as where its velocity has brought it, so that no setpoint swings. A position that comes
+back within that time was a glitch, and nothing is left of it. One that stays is what the autopilot now flies by: it is
+believed, but nobody knows whether it was wrong before or is wrong now, so the vehicle waits to be handed over again, or
+for the position to jump back. What drifts no faster than the velocity says cannot be seen.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import NamedTuple
+
+from companion.autopilot.telemetry import Telemetry
+from companion.onboard.references import ACCELERATION_M_S2, metres_between, unexplained_m
+
+JUMP_M = 15.0
+"""Distance from the place where the velocity leads to, beside what accuracy and time explain, from which a position has
+jumped. Chosen: an estimator's resets are metres (5 m on PX4 1.16 when GPS is found again after 15 s); a glitch of GPS
+that ArduPilot 4.7 gave in to after 10 s was 111 m in one step."""
+ACCURACY_SHARE = 3.0
+"""How many times the accuracy that is told a position may be wrong."""
+ACCURACY_MOST_M = 10.0
+"""Greatest accuracy that explains anything: with a worse one it loiters anyway (`health.position_accuracy_m`)."""
+DOUBT_S = 2.0
+"""Time for which a position that jumped must go on from there before it is believed."""
+LOST_S = 5.0
+"""Time from which a position that jumps again and again is none: dead reckoning is good for seconds."""
+DRIFT_M_S = 1.0
+"""Growth of what a dead-reckoned place may be wrong by."""
+VELOCITY_STEP_M_S = 5.0
+"""Change of the velocity, beside what ACCELERATION_M_S2 explains, from which it is not used to reckon by."""
+
+
+class Doubt(NamedTuple):
+    """A position that jumped, while it is not believed."""
+
+    began_ms: int
+    settled_ms: int
+    """Since when the told positions go on from one another."""
+    told_deg: tuple[float, float]
+    """The newest one."""
+    jumped_ned_m: tuple[float, float]
+    """How far it is from where the velocity leads to."""
+    lasted_s: float = 0.0
+
+
+class Track(NamedTuple):
+    """Where the vehicle is taken to be, by positions that follow from one another."""
+
+    place_deg: tuple[float, float]
+    """Latitude and longitude."""
+    velocity_m_s: tuple[float, float]
+    """Velocity along true north and east."""
+    boot_ms: int | None
+    doubt: Doubt | None = None
+    moved_ned_m: tuple[float, float] = (0.0, 0.0)
+    """Sum of the jumps that were believed."""
+    moved_at_s: float = math.nan
+    """When the last of them was first told."""
+    jumps: int = 0
+    """Number of jumps that were believed."""
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether positions have jumped about for so long that there is none to steer by."""
+        return self.doubt is not None and self.doubt.lasted_s > LOST_S
+
+    @property
+    def moved_m(self) -> float:
+        """How far the position was moved by jumps that were believed; 0 where it jumped back."""
+        away_m = math.hypot(*self.moved_ned_m)
+        return away_m if away_m > JUMP_M else 0.0
+
+
+def track_of(told: Telemetry) -> Track:
+    """Return the track that begins with the present position."""
+    velocity_m_s = told.velocity_north_m_s, told.velocity_east_m_s
+    return Track((told.lat_deg, told.lon_deg), velocity_m_s, told.boot_ms)
+
+
+def track_after(track: Track, told: Telemetry, now_s: float) -> Track:
+    """Return the track after the newest position, which was received at `now_s`; unchanged without a newer one."""
+    if told.boot_ms is None or track.boot_ms is None or told.boot_ms == track.boot_ms:
+        return track
+    place_deg = told.lat_deg, told.lon_deg
+    velocity_m_s = told.velocity_north_m_s, told.velocity_east_m_s
+    if told.boot_ms < track.boot_ms:
+        return track._replace(place_deg=place_deg, velocity_m_s=velocity_m_s, boot_ms=told.boot_ms, doubt=None)
+    elapsed_s = (told.boot_ms - track.boot_ms) / 1000.0
+    reckoned_m_s = velocity_m_s
+    if math.dist(velocity_m_s, track.velocity_m_s) > VELOCITY_STEP_M_S + ACCELERATION_M_S2 * elapsed_s:
+        # A velocity that jumps with the place tells nothing.
+        reckoned_m_s = track.velocity_m_s
+    expected_deg = _carried(track.place_deg, track.velocity_m_s, reckoned_m_s, elapsed_s)
+    jumped_ned_m = metres_between(expected_deg, place_deg)
+    lasted_s = 0.0 if track.doubt is None else (told.boot_ms - track.doubt.began_ms) / 1000.0
+    allowed_m = _allowed_m(told, elapsed_s)
+    if math.hypot(*jumped_ned_m) <= allowed_m + DRIFT_M_S * lasted_s:
+        return track._replace(place_deg=place_deg, velocity_m_s=velocity_m_s, boot_ms=told.boot_ms, doubt=None)
+    doubt = Doubt(told.boot_ms, told.boot_ms, place_deg, jumped_ned_m)
+    if track.doubt is not None:
+        # Compared by what is told alone: the place jumped to goes on as the vehicle flies, whatever was reckoned.
+        onward_deg = _carried(track.doubt.told_deg, velocity_m_s, velocity_m_s, elapsed_s)
+        goes_on = math.hypot(*metres_between(onward_deg, place_deg)) <= allowed_m
+        settled_ms = track.doubt.settled_ms if goes_on else told.boot_ms
+        doubt = doubt._replace(began_ms=track.doubt.began_ms, settled_ms=settled_ms, lasted_s=lasted_s)
+    if told.boot_ms - doubt.settled_ms < DOUBT_S * 1000.0:
+        return track._replace(place_deg=expected_deg, velocity_m_s=reckoned_m_s, boot_ms=told.boot_ms, doubt=doubt)
+    moved_ned_m = (track.moved_ned_m[0] + jumped_ned_m[0], track.moved_ned_m[1] + jumped_ned_m[1])
+    jumped_at_s = now_s - (told.boot_ms - doubt.began_ms) / 1000.0
+    return Track(place_deg, velocity_m_s, told.boot_ms, None, moved_ned_m, jumped_at_s, track.jumps + 1)
+
+
+def as_tracked(track: Track, told: Telemetry) -> Telemetry:
+    """Return the telemetry with the position that is believed; the same object where that is the one told."""
+    if track.doubt is None:
+        return told
+    (lat_deg, lon_deg), (north_m_s, east_m_s) = track.place_deg, track.velocity_m_s
+    values = {"velocity_north_m_s": north_m_s, "velocity_east_m_s": east_m_s}
+    return Telemetry(**(vars(told) | {"lat_deg": lat_deg, "lon_deg": lon_deg} | values))
+
+
+def doubted(track: Track) -> str | None:
+    """Return in words that the position jumped and is not believed yet; None if it is believed."""
+    if track.doubt is None:
+        return None
+    away_m = math.hypot(*track.doubt.jumped_ned_m)
+    return f"position jumped {_figure(away_m)} m: not believed before it has stood for {DOUBT_S:g} s"
+
+
+def jumped(track: Track) -> str | None:
+    """Return in words that the position jumped and stayed there; None if it did not, or jumped back."""
+    if track.moved_m == 0.0:
+        return None
+    at = time.strftime("%H:%M:%S UTC", time.gmtime(track.moved_at_s))
+    return f"position jumped {_figure(track.moved_m)} m at {at}: where it is nobody knows; hand over again"
+
+
+def _allowed_m(told: Telemetry, elapsed_s: float) -> float:
+    accuracy_m = told.position_accuracy_m if math.isfinite(told.position_accuracy_m) else 0.0
+    return JUMP_M + ACCURACY_SHARE * min(accuracy_m, ACCURACY_MOST_M) + unexplained_m(elapsed_s)
+
+
+def _carried(
+    place_deg: tuple[float, float], first_m_s: tuple[float, float], last_m_s: tuple[float, float], elapsed_s: float
+) -> tuple[float, float]:
+    """Return where a velocity that changed steadily has led to."""
+    north_m, east_m = (0.5 * (first + last) * elapsed_s for first, last in zip(first_m_s, last_m_s, strict=True))
+    north_1_m, east_1_m = metres_between(place_deg, (place_deg[0] + 1e-3, place_deg[1] + 1e-3))
+    return place_deg[0] + 1e-3 * north_m / north_1_m, place_deg[1] + 1e-3 * east_m / east_1_m
+
+
+def _figure(metres: float) -> str:
+    """Return a distance that does not change with every sample."""
+    return f"{10.0 * round(metres / 10.0):.0f}"
