@@ -10,11 +10,13 @@ import asyncio
 import math
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import click
 
+from companion.autopilot.identity import AUTOPILOT_COMPONENT
+from companion.autopilot.intake import Intake
 from companion.autopilot.offboard import require_mavsdk
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import HEARTBEAT_PERIOD_S
@@ -23,15 +25,16 @@ from companion.onboard.config import ONE_RADIO, Config
 from companion.onboard.disk_check import DISK_REMEDY, disk_troubles
 from companion.onboard.finding import Finding
 from companion.onboard.param_file import check_new, write_param_file
+from companion.onboard.peer import Peer
 from companion.onboard.preflight import finding_on_agent, finding_on_others, findings
 from companion.onboard.trust import trust_of
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator
 from companion.protocol.codec import FleetFrame, StateFrame
-from companion.protocol.frame import raw_frames
+from companion.protocol.mavlink_signing import without_signature
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait
-from companion.transport.endpoints import Duplex, open_duplex, open_receiver, open_sender, parse_link
+from companion.transport.endpoints import Address, Duplex, open_duplex, open_receiver, open_sender, parse_link
 
 ASK_PERIOD_S = 0.1
 """Time between two rounds of asking the autopilot and of checking whether all is known."""
@@ -82,6 +85,8 @@ def report(found: list[Finding], *, strict: bool = False) -> int:
 class _Heard:
     """What was heard so far: anything on the autopilot's link, a genuine frame, every frame of one broadcast."""
 
+    intake: Intake = field(default_factory=Intake)
+    peer: Peer = field(default_factory=Peer)
     link: bool = False
     broadcast: bool = False
     whole: bool = False
@@ -107,7 +112,7 @@ class _Checker:
 
     async def open(self) -> None:
         """Open the links that `companion run` would open; raises InputError."""
-        self._disk_troubles = disk_troubles(self._config, self._adapter.resumes_on_stream, self._clock.now_s())
+        self._disk_troubles = disk_troubles(self._config, self._adapter.resumes_on_stream)
         if self._autopilot.kind == "px4-copter" and self._autopilot.offboard == "mavsdk":
             require_mavsdk()
         if self._broadcast_link is not None:
@@ -115,6 +120,7 @@ class _Checker:
             self._stack.callback(receiver.close)
         self._link = await open_duplex(parse_link(self._autopilot.link), self._from_autopilot)
         self._stack.callback(self._link.close)
+        self._heard.peer.bind = self._link.bind
         if self._config.uplink is not None:
             self._stack.callback((await open_sender(parse_link(self._config.uplink.link))).close)
 
@@ -176,11 +182,15 @@ class _Checker:
             if isinstance(frame, StateFrame | FleetFrame):
                 self._heard.whole |= self._world_model.order.is_whole(frame.stamp)
 
-    def _from_autopilot(self, datagram: bytes) -> None:
+    def _from_autopilot(self, chunk: bytes, address: Address | None) -> None:
         self._heard.link = True
-        self._adapter.receive(datagram, self._clock.now_s())
-        if self._broadcast_link is None:
-            for frame in raw_frames(datagram):
-                inner = unwrap(frame)
-                if inner is not None:
-                    self._from_broadcast(inner)
+        now_s = self._clock.now_s()
+        for frame in self._heard.intake.feed(chunk, address):
+            if self._broadcast_link is None and (inner := unwrap(frame)) is not None:
+                self._from_broadcast(inner)
+                continue
+            believed = self._adapter.receive(without_signature(frame).data, now_s)
+            if address is not None and believed:
+                self._heard.peer.note_believed(address, believed, now_s)
+            elif address is not None and frame.component == AUTOPILOT_COMPONENT:
+                self._heard.peer.note_speaker(address)

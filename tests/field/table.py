@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import check, streams
+from tests.field import check, ground, streams
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
     "What was asked of the autopilot": streams.SITUATIONS,
     "Before a flight": check.SITUATIONS,
+    "The ground station's inputs": ground.SITUATIONS,
 }
 """The situations of each area, in the order of the page."""
 
