@@ -115,40 +115,37 @@ def identify_command(config: str, log: str | None, writes: bool) -> int:
 def replay_command(log: str, config: str | None) -> int:
     """Decide again what a flight decided, from its recording vehicle-N.tlog, and compare.
 
-    Exit status 1 if a decision differs from the one made in flight.
+    The files that follow it (vehicle-N-2.tlog and so on) are read with it. Of a damaged log all that can be read is; a
+    decision behind a gap may differ.
+
+    Exit status 1 if a decision before any gap differs from the one made in flight.
 
     Example: companion replay runs/paper-dynamic/vehicle-1.tlog
     """
-    from companion.files.tlog import read_tlog
     from companion.files.yaml import read_text_file
     from companion.onboard.config import parse_config
-    from companion.onboard.flight_log import summary_line
-    from companion.onboard.replay import replay
+    from companion.onboard.replay_text import replayed_lines
 
-    records = read_tlog(log)
-    settings = _settings_beside(log) if config is None else config
-    loaded = parse_config(read_text_file(Path(settings)), settings)
-    said, decisions, different = "", 0, 0
-    for replayed in replay(records, loaded):
-        decision = replayed.decision
-        decisions += 1
-        different += not replayed.same
-        line = summary_line(decision)
-        if line != said or not replayed.same:
-            click.echo(f"{decision.t_s:.3f} {line}{'' if replayed.same else '  <- differs from the flight'}")
-        said = line
-    if decisions == 0:
-        raise InputError(f"{log}: no decisions in it; allowed: vehicle-N.tlog of `companion run` or `sim fly --out`")
-    click.echo(f"{decisions} decisions, {different or 'none'} different from those in flight")
-    return EXIT_FAILED if different else EXIT_DONE
-
-
-def _settings_beside(log: str) -> str:
-    path = Path(log)
-    found = re.fullmatch(r"vehicle-(\d+)\.tlog", path.name)
-    if found is None:
+    settings, parts = _flight_of(log)
+    if config is not None:
+        settings = config
+    if settings is None:
         raise InputError(f"{log}: not vehicle-N.tlog, so --config is needed; allowed: the configuration of the flight")
-    return str(path.with_name(f"companion-{found[1]}.yaml"))
+    loaded = parse_config(read_text_file(Path(settings)), settings)
+    return EXIT_FAILED if replayed_lines(log, parts, loaded, click.echo) else EXIT_DONE
+
+
+def _flight_of(log: str) -> tuple[str | None, list[Path]]:
+    """Return the configuration beside a log, None if its name tells of none, and the files that it goes on in."""
+    from companion.files.log_series import parts_of
+
+    path = Path(log)
+    found = re.fullmatch(r"(vehicle-(\d+))(?:-(\d+))?\.tlog", path.name)
+    if found is None:
+        return None, [path]
+    first, number = path.with_name(f"{found[1]}.tlog"), int(found[3] or 1)
+    parts = parts_of(first, number)
+    return str(path.with_name(f"companion-{found[2]}.yaml")), parts
 
 
 @cli.command()

@@ -6,6 +6,8 @@ decodes a message finds its parts with it.
 
 from __future__ import annotations
 
+import binascii
+
 MARKER_V1 = 0xFE
 MARKER_V2 = 0xFD
 HEADER_V1_BYTES = 6
@@ -26,9 +28,9 @@ FLAGS_AT = 2
 """Offset of the incompatibility flags of MAVLink 2."""
 HEAD_BYTES = FLAGS_AT + 1
 """Number of first bytes that tell the length of a frame."""
-SYSTEM_V1_AT, COMPONENT_V1_AT, MESSAGE_ID_V1_AT = 3, 4, 5
+SEQUENCE_V1_AT, SYSTEM_V1_AT, COMPONENT_V1_AT, MESSAGE_ID_V1_AT = 2, 3, 4, 5
 """Offsets in a MAVLink 1 frame; the message id has one byte."""
-SYSTEM_AT, COMPONENT_AT, MESSAGE_ID_AT = 5, 6, 7
+SEQUENCE_AT, SYSTEM_AT, COMPONENT_AT, MESSAGE_ID_AT = 4, 5, 6, 7
 """Offsets in a MAVLink 2 frame; the message id has three bytes, the lowest first."""
 
 
@@ -61,6 +63,29 @@ def frame_parts(data: bytes, at: int = 0) -> tuple[int, int, int, int]:
     payload_at = at + HEADER_V2_BYTES
     crc_at = payload_at + data[at + LENGTH_AT]
     return message_id, payload_at, crc_at, crc_at + CRC_BYTES + _signature_bytes(data[at + FLAGS_AT])
+
+
+def crc_extra_of(frame: bytes) -> int | None:
+    """Return the CRC_EXTRA with which a whole frame's CRC is right; None if it is wrong with every one.
+
+    So the CRC of a message that no table knows can be checked: bytes that are no frame have one in 256 times.
+    """
+    _, _, crc_at, _ = frame_parts(frame)
+    # CRC-16/MCRF4XX is CRC-CCITT with the bits of every byte, and of the result, in the other order.
+    mirrored = binascii.crc_hqx(frame[1:crc_at].translate(_MIRRORED), 0xFFFF)
+    crc = _MIRRORED[mirrored >> 8] | _MIRRORED[mirrored & 0xFF] << 8
+    step = _STEPS.get((frame[crc_at] | frame[crc_at + 1] << 8) ^ crc >> 8)
+    return None if step is None else step ^ crc & 0xFF
+
+
+def _crc_step(byte: int) -> int:
+    """Return what the CRC gets from one more byte, which its lower half is already combined with."""
+    byte = (byte ^ byte << 4) & 0xFF
+    return byte << 8 ^ byte << 3 ^ byte >> 4
+
+
+_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+_STEPS = {_crc_step(byte): byte for byte in range(256)}
 
 
 def _signature_bytes(flags: int) -> int:

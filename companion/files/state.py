@@ -92,6 +92,30 @@ def write_state_file(path: Path, text: str) -> None:
         raise _unwritable(path, error) from error
 
 
+def overwrite_state_file(path: Path, text: str) -> None:
+    """Overwrite a state file in its place by a text of the same length, for which a full disk still has room.
+
+    A crash meanwhile may leave a mixture of the two: it is for states whose reader takes such a file for the worst.
+
+    Raises:
+        InputError: there is no file of this length, or it cannot be written.
+
+    """
+    content = text.encode()
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            status = os.fstat(descriptor)
+            if not stat.S_ISREG(status.st_mode) or status.st_size != len(content):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.pwrite(descriptor, content, 0)
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
 def _fresh(path: Path) -> Path:
     return path.with_name(f"{path.name}.new")
 

@@ -201,6 +201,13 @@ class StatusSection(Section):
     period_s: Annotated[float, Field(ge=1, le=3600)] = 5.0
 
 
+class LogsSection(Section):
+    """How much of the disk the logs may take."""
+
+    most_mb: Annotated[float, Field(ge=20, le=1_000_000)] = 2_000.0
+    """Greatest size of all runs' logs in `log_dir` together, in millions of bytes; the oldest make room."""
+
+
 class Config(Section):
     """The whole configuration of a companion; the names of the keys carry their units."""
 
@@ -238,6 +245,7 @@ class Config(Section):
     """Time between two position reports on the uplink; 0: none are sent."""
     uplink: UplinkSection | None = None
     log_dir: Annotated[str, Field(min_length=1)] | None = None
+    logs: LogsSection = LogsSection()
 
     @model_validator(mode="after")
     def _within_band(self) -> Self:

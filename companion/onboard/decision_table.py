@@ -8,10 +8,12 @@ from __future__ import annotations
 import csv
 import io
 import math
+from contextlib import suppress
 
 from companion.autopilot.telemetry import Telemetry
 from companion.files.tlog import Sink
 from companion.onboard.decision import Decision
+from companion.runtime.rate import Evenness
 
 COLUMNS = (
     "time_unix_s",
@@ -38,19 +40,19 @@ COLUMNS = (
     "reckons",
     "battery_percent",
     "gap_max_ms",
+    "late_max_ms",
 )
 
 
 class DecisionTable:
-    """Writes one row per decision; after an error of the file nothing more is written."""
+    """Writes one row per decision; a row that the file does not take is missing."""
 
     def __init__(self, file: Sink) -> None:
-        """Write the names of the columns to `file`."""
-        self._file: Sink | None = file
-        self._write(COLUMNS)
+        """Write to a file that begins with HEAD."""
+        self._file = file
 
-    def add(self, decision: Decision, telemetry: Telemetry, gap_s: float) -> None:
-        """Write a decision, the telemetry that it was made on, and the longest setpoint gap since the last decision."""
+    def add(self, decision: Decision, telemetry: Telemetry, evenness: Evenness) -> None:
+        """Write a decision, the telemetry that it was made on, and how even the loop was since the last decision."""
         setpoint = decision.setpoint
         speed_m_s = math.hypot(telemetry.velocity_north_m_s, telemetry.velocity_east_m_s)
         self._write(
@@ -78,20 +80,25 @@ class DecisionTable:
                 decision.note or "",
                 decision.reckons or "",
                 _figure(telemetry.battery_percent, 0),
-                _figure(1e3 * gap_s, 0),
+                _figure(1e3 * evenness.gap_s, 0),
+                _figure(1e3 * evenness.late_s, 0),
             )
         )
 
     def _write(self, row: tuple[str, ...]) -> None:
-        if self._file is None:
-            return
-        line = io.StringIO()
-        csv.writer(line, lineterminator="\n").writerow(row)
-        try:
-            self._file.write(line.getvalue().encode())
+        with suppress(OSError):
+            self._file.write(_line(row))
             self._file.flush()
-        except OSError:
-            self._file = None
+
+
+def _line(row: tuple[str, ...]) -> bytes:
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(row)
+    return line.getvalue().encode()
+
+
+HEAD = _line(COLUMNS)
+"""The first line of a table: the names of its columns."""
 
 
 def _figure(value: float | None, digits: int) -> str:

@@ -1,8 +1,8 @@
 """Flight logs: every frame heard, accepted and sent, and every decision, as tlogs that any MAVLink tool opens.
 
 `vehicle-<id>.tlog` holds, in order, all inputs of the on-board code and its decisions, so that `companion replay` can
-make the decisions again. Nothing in it can be used against the fleet: MAVLink signatures are cut off, and frames that
-carry a key are left out.
+make the decisions again. Nothing in it can be used against the fleet: MAVLink signatures are cut off, those of frames
+in other frames too, and frames that carry a key are left out.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import zlib
+from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 
@@ -20,18 +21,18 @@ from companion.files.tlog import TlogWriter
 from companion.onboard.decision import Certificate, Decision, Purpose
 from companion.onboard.failsafe import CLOCK_DIGITS, Stage
 from companion.protocol.frame import RawFrame, raw_frames
-from companion.protocol.mavlink_signing import strip_signature
+from companion.protocol.log_secrets import without_secrets
 from companion.protocol.messages import DecisionFlag, DecisionFrame
 from companion.runtime.console import program_logger
 
-SETUP_SIGNING_ID = 256
-"""Id of the MAVLink message SETUP_SIGNING, which carries a secret key."""
 STATUSTEXT_ID = common.MAVLINK_MSG_ID_STATUSTEXT
 STATUSTEXT_CHARACTERS = 50
 FLUSH_PERIOD_S = 1.0
 """Time between two flushes of a log, and so the most of it that is lost if the machine dies."""
 LOG_BURST_S = 10.0
 """Burst of a log with a limited rate: after a pause it takes at once the bytes that the limit allows in this time."""
+GOES_ON = {"companion": "flying", "groundstation": "broadcasting"}
+"""What a program goes on with where it cannot log."""
 _MICROSECONDS = 1e6
 _CERTIFIED = {
     Certificate.NONE: "not certified",
@@ -52,28 +53,40 @@ class Mark(IntEnum):
     """Between two decisions Companion.repeat() withdrew the setpoint, and may have sent nothing."""
     LOCKED = common.MAV_CMD_USER_5
     """First in a log: the companion that ran before was locked by a take-over that was not cleared (State.LOCKED)."""
+    LOST = common.MAV_CMD_WAYPOINT_USER_1
+    """Records are missing before this one: the disk took none for a while."""
     GAP = common.MAV_CMD_USER_3
     """MAVSDK's stream of setpoints had a gap: Authority.note_gap() was called."""
 
 
+@dataclass
+class _Outage:
+    """A time in which the disk takes nothing."""
+
+    since_s: float
+    missing: int = 0
+    """Number of records that are not in the log."""
+
+
 class FlightLog:
-    """A tlog that ends with a warning at an error of the disk, so that a full disk does not stop the steering."""
+    """A tlog that goes on after an error of the disk, with a mark where records are missing; nothing waits for it."""
 
     def __init__(
-        self, writer: TlogWriter | None, program: str = "companion", most_bytes_per_s: float = math.inf
+        self, writer: TlogWriter | None, program: str | None = "companion", most_bytes_per_s: float = math.inf
     ) -> None:
-        """Log with a writer, or log nothing if that is None; `program` is the one whose warning tells of an error.
+        """Log with a writer, or log nothing if that is None; `program` is the one that tells of errors, None: nobody.
 
         Frames that come faster than `most_bytes_per_s` are left out and counted: a flood on a link must not fill the
         disk.
         """
         self._writer = writer
-        self._messages = program_logger(program)
+        self._program = program
         self._most_bytes_per_s = most_bytes_per_s
         self._allowance_bytes = most_bytes_per_s * LOG_BURST_S
         self._last_s: float | None = None
         self._flush_due_s = -math.inf
         self._told = 0
+        self._outage: _Outage | None = None
         self.left_out = 0
 
     def record(self, t_unix_s: float, datagram: bytes) -> None:
@@ -93,7 +106,7 @@ class FlightLog:
             try:
                 self._writer.close()
             except OSError as error:
-                self._give_up(error)
+                self._lose(0.0 if self._last_s is None else self._last_s, error)
 
     def tell(self, t_unix_s: float, text: str) -> None:
         """Log a line of text as STATUSTEXT, the MAVLink message that ground-control programs show."""
@@ -108,12 +121,16 @@ class FlightLog:
         if self._writer is None or not self._allowed(t_unix_s, len(frame)):
             return
         try:
+            if self._outage is not None:
+                self._writer.write(t_unix_s, mark_frame(Mark.LOST, 1))
+                self._say_again(t_unix_s, self._outage)
+                self._outage = None
             self._writer.write(t_unix_s, frame)
             if t_unix_s >= self._flush_due_s:
                 self._writer.flush()
                 self._flush_due_s = t_unix_s + FLUSH_PERIOD_S
         except OSError as error:
-            self._give_up(error)
+            self._lose(t_unix_s, error)
 
     def _allowed(self, t_unix_s: float, count: int) -> bool:
         if math.isinf(self._most_bytes_per_s):
@@ -128,9 +145,19 @@ class FlightLog:
         self._allowance_bytes -= count
         return True
 
-    def _give_up(self, error: OSError) -> None:
-        self._writer = None
-        self._messages.warning("no longer logging: %s", error.strerror)
+    def _lose(self, t_unix_s: float, error: OSError) -> None:
+        if self._outage is None:
+            self._outage = _Outage(t_unix_s)
+            if self._program is not None:
+                words = f"no logs: {error.strerror}; {GOES_ON.get(self._program, 'going on')} without them"
+                program_logger(self._program).warning("%s", words)
+        self._outage.missing += 1
+
+    def _say_again(self, t_unix_s: float, outage: _Outage) -> None:
+        if self._program is not None:
+            passed_s = max(0.0, t_unix_s - outage.since_s)
+            words = f"logging again after {passed_s:.0f} s; at least {outage.missing} records are missing"
+            program_logger(self._program).info("%s", words)
 
 
 def unused(path: Path) -> Path:
@@ -139,11 +166,6 @@ def unused(path: Path) -> Path:
         return path
     numbered = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
     return next(one for one in numbered if not one.exists())
-
-
-def without_secrets(frame: RawFrame) -> bytes | None:
-    """Return a frame without its MAVLink signature, as a log may hold it; None for a frame that carries a key."""
-    return None if frame.message_id == SETUP_SIGNING_ID else strip_signature(frame)
 
 
 def decision_frame(decision: Decision) -> DecisionFrame:
@@ -187,7 +209,7 @@ def mark_of(frame: RawFrame) -> Mark | None:
     """Return the mark that a MAVLink 2 frame of the companion stands for; None if it is no mark."""
     if frame.message_id != common.MAVLINK_MSG_ID_COMMAND_LONG:
         return None
-    (message,) = common.MAVLink(None).parse_buffer(bytearray(frame.data)) or (None,)
+    message = _parsed(frame)
     if message is None or message.target_component != COMPANION_COMPONENT or message.command not in list(Mark):
         return None
     return Mark(message.command)
@@ -204,8 +226,17 @@ def clock_offset_s(frame: RawFrame, t_unix_s: float) -> float | None:
     """Return the clock offset in a MAVLink 2 frame of the companion; None if it is no `clock_frame`."""
     if frame.message_id != common.MAVLINK_MSG_ID_SYSTEM_TIME:
         return None
-    (message,) = common.MAVLink(None).parse_buffer(bytearray(frame.data)) or (None,)
+    message = _parsed(frame)
     return None if message is None else (message.time_unix_usec - round(t_unix_s * _MICROSECONDS)) / _MICROSECONDS
+
+
+def _parsed(frame: RawFrame) -> common.MAVLink_message | None:
+    """Return the message in a frame of a log, None if it is damaged."""
+    try:
+        (message,) = common.MAVLink(None).parse_buffer(bytearray(frame.data)) or (None,)
+    except common.MAVError:
+        return None
+    return message
 
 
 def summary_line(decision: Decision) -> str:

@@ -7,7 +7,7 @@ with the same inputs decides the same, to the bit; a replay shows every decision
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from companion.autopilot.offboard import MAVSDK_SILENT
@@ -31,16 +31,22 @@ class Replayed:
 
     decision: Decision
     same: bool
+    behind_gap: bool
+    """Whether inputs before it are missing in the log, so that it may differ."""
 
 
-def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[Replayed]:
+def replay(
+    records: Iterable[tuple[float, bytes]], config: Config, has_gap: Callable[[], bool] = lambda: False
+) -> Iterator[Replayed]:
     """Yield the decisions of a new companion that is given the inputs in a flight's log.
 
     `records`: the log's (t_unix_s, frame). Its broadcast frames were accepted in flight and are not checked again.
+    `has_gap` returns whether something is missing in the records so far; the log itself may say so, too (Mark.LOST).
     """
     companion = _told(config)
     writer = FrameWriter()
     decided_s: float | None = None
+    lost = False
     for t_s, data in records:
         frame = raw_frame(data)
         if frame.version == 1:
@@ -49,7 +55,7 @@ def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[R
             decision, _ = companion.tick(t_s)
             decided_s = t_s
             again = raw_frame(writer.encode(decision_frame(decision)))
-            yield Replayed(decision, again.payload == frame.payload)
+            yield Replayed(decision, again.payload == frame.payload, lost or has_gap())
         elif frame.sender == _GROUND:
             companion.hear(data, t_s)
         elif frame.component != COMPANION_COMPONENT:
@@ -64,6 +70,8 @@ def replay(records: Iterable[tuple[float, bytes]], config: Config) -> Iterator[R
                 decided_s = t_s
             elif mark is Mark.GAP:
                 companion.authority.note_gap(MAVSDK_SILENT)
+            elif mark is Mark.LOST:
+                lost = True
             else:
                 companion.clear(t_s)
         elif (offset_s := clock_offset_s(frame, t_s)) is not None:

@@ -1,71 +1,146 @@
-"""State files that a restarted companion reads: the last accepted frames, and who controls the vehicle."""
+"""State files that a restarted companion reads: the last accepted frames, and who controls the vehicle.
+
+Neither keeps a companion from being started again in flight: a disk that takes nothing, or gives nothing, is told, and
+what is not known counts as the worst.
+"""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 from companion.errors import InputError
-from companion.files.state import check_state_file, read_state_file, write_state_file
+from companion.files.kept_file import KeptFile
+from companion.files.state import (
+    check_state_file,
+    overwrite_state_file,
+    read_state_file,
+    warnings_of,
+    write_state_file,
+)
 from companion.onboard.authority import State
 from companion.onboard.config import AutopilotSection, BroadcastSection
 from companion.protocol.authenticator import Authenticator, AuthenticatorState
+from companion.protocol.freshness import RESTART_AFTER_S
 from companion.runtime.console import program_logger
 from companion.runtime.io_thread import IoThread
 
 LOGGER = program_logger("companion")
 STATE_PERIOD_S = 1.0
 """Shortest time between two writes of the authenticator's state."""
+AUTHORITY_CHARACTERS = 64
+"""Length of every text that tells who has the vehicle, so that one can be written over another on a full disk."""
+OLD_BROADCAST = "believe what is broadcast now once more"
+WHO_HAD_IT = "not know who had the vehicle: a PX4 would count as locked"
 
 
-def saved_authenticator_state(section: BroadcastSection) -> AuthenticatorState | None:
-    """Return the authenticator's state that the companion before this one saved; None without a file or a saved state.
+class Saved(NamedTuple):
+    """What the companion before this one saved, with warnings about it."""
+
+    state: AuthenticatorState | None
+    """None: it saved nothing."""
+    warnings: tuple[str, ...] = ()
+
+
+class SavedAuthority(NamedTuple):
+    """Who controlled the vehicle when the companion before this one ended, with warnings about that."""
+
+    state: State
+    warnings: tuple[str, ...] = ()
+
+
+def saved_authenticator_state(section: BroadcastSection, now_s: float) -> Saved:
+    """Return the authenticator's state that the companion before this one saved; `now_s`: Unix time of the start.
+
+    Where it cannot be read, and the clock is checked, everything counts as heard that is sent before `now_s`.
 
     Raises:
-        InputError: the state file cannot be read or could not be written.
+        InputError: the state cannot be read, and the clock is not checked: anything old could then be believed.
 
     """
     if section.state_file is None:
-        return None
-    text = read_state_file(Path(section.state_file))
-    check_state_file(Path(section.state_file))
-    try:
-        return None if text is None else AuthenticatorState.from_json(text)
-    except InputError as error:
-        raise InputError(
-            f"{section.state_file}: {error}; remove it only if no old broadcast can be replayed"
-        ) from error
-
-
-def saved_authority(section: AutopilotSection) -> tuple[State, str | None]:
-    """Return who controlled the vehicle when the companion before this one ended, by its state file, and a warning.
-
-    The warning is None unless the file is damaged. A damaged file counts as LOCKED and does not keep the companion from
-    starting in flight: the safety pilot then decides.
-
-    Raises:
-        InputError: the state file could not be written.
-
-    """
-    if section.state_file is None:
-        return State.WAITING, None
+        return Saved(None)
     path = Path(section.state_file)
-    check_state_file(path)
+    warnings = warnings_of(path)
+    try:
+        check_state_file(path)
+    except InputError as error:
+        warnings.append(f"{error}; a restart now would {OLD_BROADCAST}")
     try:
         text = read_state_file(path)
-        return (State.WAITING if text is None else State(json.loads(text)["engagement"])), None
-    except (InputError, ValueError, TypeError, KeyError, RecursionError):
-        return State.LOCKED, f"{path}: not a state of the engagement: a PX4 counts as locked, ArduPilot's mode decides"
+        return Saved(None if text is None else AuthenticatorState.from_json(text), tuple(warnings))
+    except InputError as error:
+        words = str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
+        if section.clock == "unchecked":
+            raise InputError(f"{words}; remove it only if no old broadcast can be replayed") from error
+        warnings.append(f"{words}; so nothing is believed for {RESTART_AFTER_S:g} s, nor what was sent before now")
+        return Saved(AuthenticatorState(epoch_s=int(now_s)), tuple(warnings))
+
+
+def saved_authority(section: AutopilotSection) -> SavedAuthority:
+    """Return who controlled the vehicle when the companion before this one ended, by its state file.
+
+    A file that is damaged or cannot be read counts as LOCKED and does not keep the companion from starting in flight:
+    the safety pilot then decides. So does a disk that takes no state, unless the one on it is the worse one already.
+    """
+    if section.state_file is None:
+        return SavedAuthority(State.WAITING)
+    path = Path(section.state_file)
+    warnings = warnings_of(path)
+    try:
+        text = read_state_file(path)
+        state = State.WAITING if text is None else State(json.loads(text)["engagement"])
+    except (InputError, ValueError, TypeError, KeyError, RecursionError) as error:
+        why = str(error) if isinstance(error, InputError) else f"{path}: not a state of the engagement"
+        warnings.append(f"{why}: a PX4 counts as locked, ArduPilot's mode decides")
+        return SavedAuthority(State.LOCKED, tuple(warnings))
+    try:
+        _check_authority_file(path, state)
+    except InputError as error:
+        warnings.append(f"{error}; a PX4 that flies counts as locked, and so it would after a restart")
+        state = State.LOCKED if state is State.WAITING else state
+    return SavedAuthority(state, tuple(warnings))
+
+
+def authority_text(state: State) -> str:
+    """Return the text of a state file for who controls the vehicle."""
+    return json.dumps({"engagement": state.value}).ljust(AUTHORITY_CHARACTERS - 1) + "\n"
+
+
+def write_authority(path: Path, text: str) -> None:
+    """Replace the text of a state file or, on a full disk, write over it; raises InputError.
+
+    A mixture of two texts, which a crash could then leave, counts as LOCKED.
+    """
+    try:
+        write_state_file(path, text)
+    except InputError as error:
+        try:
+            overwrite_state_file(path, text)
+        except InputError:
+            # The first error is the one of interest: that there was nothing to write over is none.
+            raise error from None
+
+
+def _check_authority_file(path: Path, state: State) -> None:
+    """Raise InputError if a state file could neither be replaced nor written over."""
+    try:
+        check_state_file(path)
+    except InputError as error:
+        try:
+            overwrite_state_file(path, authority_text(state))
+        except InputError:
+            raise error from None
 
 
 class AuthenticatorStateFile:
-    """Saves the authenticator's state; an error of the disk is a warning, and the steering goes on."""
+    """Saves the authenticator's state; while the disk does not take it, that is told and tried again."""
 
     def __init__(self, path: str | None, authenticator: Authenticator, files: IoThread) -> None:
-        self._path = None if path is None else Path(path)
+        self._file = None if path is None else KeptFile(Path(path), files, LOGGER, OLD_BROADCAST)
         self._authenticator = authenticator
-        self._files = files
-        self._written = authenticator.state
+        self._saved = authenticator.state
         self._next_s = 0.0
 
     def write_if_due(self, now_s: float) -> None:
@@ -77,32 +152,21 @@ class AuthenticatorStateFile:
     def write(self) -> None:
         """Save the state if it changed."""
         state = self._authenticator.state
-        if self._path is not None and state != self._written:
-            _write_in_background(self._path, state.to_json(), self._files)
-            self._written = state
+        if self._file is not None and (state != self._saved or not self._file.is_written):
+            self._file.write(state.to_json())
+            self._saved = state
 
 
 class AuthorityStateFile:
-    """Saves who controls the vehicle; an error of the disk is a warning, and the steering goes on."""
+    """Saves who controls the vehicle; while the disk does not take it, that is told and tried again."""
 
-    def __init__(self, path: str | None, before: State, files: IoThread) -> None:
-        """Save the state at a path, or nowhere if that is None; `before` is the state in the file already."""
-        self._path = None if path is None else Path(path)
-        self._written = before
-        self._files = files
+    def __init__(self, path: str | None, files: IoThread) -> None:
+        """Save the state at a path, or nowhere if that is None."""
+        self._file = None if path is None else KeptFile(Path(path), files, LOGGER, WHO_HAD_IT, write_authority)
+        self._saved: State | None = None
 
     def write(self, state: State) -> None:
-        """Save the state if it changed."""
-        if state is not self._written and self._path is not None:
-            _write_in_background(self._path, json.dumps({"engagement": state.value}), self._files)
-        self._written = state
-
-
-def _write_in_background(path: Path, text: str, files: IoThread) -> None:
-    def write() -> None:
-        try:
-            write_state_file(path, text)
-        except InputError as error:
-            LOGGER.warning("%s", error)
-
-    files.do(write)
+        """Save the state if it changed, or was not written yet."""
+        if self._file is not None and (state is not self._saved or not self._file.is_written):
+            self._file.write(authority_text(state))
+        self._saved = state

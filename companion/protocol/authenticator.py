@@ -16,7 +16,7 @@ import random
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
@@ -29,6 +29,7 @@ from companion.protocol.fields import UINT32_MAX
 from companion.protocol.frame import BROADCAST_IDS, ED25519_BYTES, RawFrame
 from companion.protocol.freshness import off_the_clock, overtaken
 from companion.protocol.mavlink_signing import UNSIGNED, WRONG_HASH, MavlinkVerifier, StreamKey
+from companion.runtime.fair_share import FairShare
 
 TOO_LARGE = "datagram too large"
 OTHER_SENDER = "other sender"
@@ -44,16 +45,11 @@ EXPECTED = (HEARTBEAT, REPEATED)
 
 BURST_CHECKS = 400
 """Greatest number of Ed25519 checks saved up in quiet times: the 255 frames of a longest broadcast may come at once."""
-WINDOW_S = 0.05
-"""Time that frames wait for a check in a flood, so that the first of a burst have no better chance than the last."""
 REMEMBERED_FRAMES = 1024
 """Number of newest frames remembered to recognise repeats; a broadcast has at most 255 of each kind."""
 MAX_REASONS = 64
 """Greatest number of reasons that are counted separately; any further one counts as OTHER_REASONS."""
 OTHER_REASONS = "other reasons"
-
-
-OfferedT = TypeVar("OfferedT")
 
 
 @dataclass(frozen=True)
@@ -133,10 +129,12 @@ class Authenticator:
         *,
         is_stream: bool = False,
         rng: random.Random | None = None,
+        checks_at_once: int | None = None,
     ) -> None:
         """Start from a saved state; with `is_stream` the input is chunks of a byte stream, such as a serial radio's.
 
-        `rng` draws the frames that are checked in a flood; by default it is seeded unpredictably.
+        `rng` draws the frames that are checked in a flood; by default it is seeded unpredictably. Of the frames drawn
+        each call checks at most `checks_at_once`; None: all.
         """
         state = state or AuthenticatorState()
         self.trust = trust
@@ -154,8 +152,11 @@ class Authenticator:
             else MavlinkVerifier(trust.mavlink_key, dict(state.streams), ahead_s, behind_s)
         )
         self._gate = (
-            None if trust.public_key is None else CheckLimiter[RawFrame](trust.checks_per_s, rng or random.Random())
+            None
+            if trust.public_key is None
+            else FairShare[RawFrame](trust.checks_per_s, BURST_CHECKS, rng or random.Random())
         )
+        self._checks_at_once = checks_at_once
 
     @property
     def rejected(self) -> Counter[str]:
@@ -204,11 +205,15 @@ class Authenticator:
                 self._check(raw, now_s, admitted)
         return admitted
 
+    def due_s(self) -> float:
+        """Return the time from which `due` checks frames that waited: at once (-inf), or never (inf) if none waits."""
+        return math.inf if self._gate is None else self._gate.due_s()
+
     def due(self, now_s: float) -> list[Authenticated]:
         """Return the frames that waited for an Ed25519 check and passed; call it regularly, as datagrams may cease."""
         admitted: list[Authenticated] = []
         if self._gate is not None:
-            for raw in self._gate.due(now_s):
+            for raw in self._gate.due(now_s, self._checks_at_once):
                 self._check(raw, now_s, admitted)
         return admitted
 
@@ -283,63 +288,3 @@ class Authenticator:
         if self._verifier is not None and self.trust.public_key is None:
             self._verifier.commit(raw)
         admitted.append(Authenticated(raw, frame))
-
-
-class CheckLimiter(Generic[OfferedT]):
-    """Bounds the rate of costly checks, and draws at random the frames that get one when there are too many.
-
-    In quiet times a frame is checked at once. When half of the saved checks are used up, frames are gathered for
-    WINDOW_S; then those to check are drawn, each with the same chance (reservoir sampling), so that a forger gains
-    nothing by being first or last. With F forged frames in a window a genuine one is checked with a probability of at
-    least checks_per_s * WINDOW_S / (F + 1).
-    """
-
-    def __init__(self, checks_per_s: float, rng: random.Random) -> None:
-        self.dropped = 0
-        """Number of frames that got no check."""
-        self._rate_per_s = checks_per_s
-        self._window_s = max(WINDOW_S, 1.0 / checks_per_s)
-        self._rng = rng
-        self._saved = float(BURST_CHECKS)
-        self._saved_at_s: float | None = None
-        self._closes_s: float | None = None
-        self._places = 0
-        self._offered = 0
-        self._waiting: list[tuple[int, OfferedT]] = []
-
-    def offer(self, raw: OfferedT, now_s: float) -> bool:
-        """Return whether to check a frame at once; if not, `due` may return it later."""
-        self._save(now_s)
-        if self._closes_s is None:
-            if self._saved >= BURST_CHECKS / 2:
-                self._saved -= 1
-                return True
-            self._closes_s = now_s + self._window_s
-            self._places = max(1, int(self._saved + self._rate_per_s * self._window_s))
-            self._offered = 0
-        self._offered += 1
-        if len(self._waiting) < self._places:
-            self._waiting.append((self._offered, raw))
-            return False
-        self.dropped += 1
-        place = self._rng.randrange(self._offered)
-        if place < self._places:
-            self._waiting[place] = (self._offered, raw)
-        return False
-
-    def due(self, now_s: float) -> list[OfferedT]:
-        """Return the frames drawn from a window that has ended, in order of arrival; none while it is open."""
-        if self._closes_s is None or now_s < self._closes_s:
-            return []
-        self._save(now_s)
-        drawn = [raw for _, raw in sorted(self._waiting)]
-        self._saved -= len(drawn)
-        self._waiting = []
-        self._closes_s = None
-        return drawn
-
-    def _save(self, now_s: float) -> None:
-        if self._saved_at_s is not None:
-            passed_s = max(0.0, now_s - self._saved_at_s)
-            self._saved = min(float(BURST_CHECKS), self._saved + passed_s * self._rate_per_s)
-        self._saved_at_s = now_s

@@ -48,6 +48,11 @@ def timestamp_of(unix_s: float) -> int:
     return max(0, round((unix_s - EPOCH_UNIX_S) * UNITS_PER_S))
 
 
+def without_signature(frame: RawFrame) -> RawFrame:
+    """Return a frame of any dialect without its MAVLink signature; see `strip_signature`."""
+    return raw_frame(strip_signature(frame)) if frame.is_signed else frame
+
+
 def strip_signature(frame: RawFrame) -> bytes:
     """Return a frame of any dialect without its MAVLink signature, the flag cleared and the CRC corrected; for logs.
 

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
+from typing import Protocol
 
 MAX_WAITING_JOBS = 1_000
 """Greatest number of waiting jobs; while a disk hangs, further jobs are dropped and the setpoint loop goes on."""
 FILE_CHUNK_BYTES = 65_536
 """Number of buffered bytes from which an IoThreadFile hands them to the thread without being flushed."""
+SLOW_S = 10.0
+"""Time for which a disk may keep bytes waiting before it counts as one that hangs."""
+FIRST_RETRY_S = 1.0
+MOST_RETRY_S = 30.0
+"""Times after which an IoThreadFile tries again after an error: each is twice the one before, to the greatest."""
 CLOSE_TIMEOUT_S = 5.0
 """Longest wait for a place in the queue, and then for the thread to end, when an IoThread is closed."""
 
@@ -45,43 +52,93 @@ class IoThread:
                 job()
 
 
-class IoThreadFile:
-    """A binary file that an IoThread writes; an error of the disk is raised by the next call of `write`."""
+class Target(Protocol):
+    """An object that appends bytes to a file, such as companion.files.log_series.LogSeries."""
 
-    def __init__(self, path: Path, background: IoThread) -> None:
-        """Open the file, replacing an older one; raises OSError."""
-        self._file = path.open("wb", buffering=0)
+    def append(self, content: bytes) -> None:
+        """Append bytes, all of them or none; raises OSError, and a later call tries again."""
+        ...
+
+    def close(self) -> None:
+        """Close the file; raises OSError."""
+        ...
+
+
+class IoThreadFile:
+    """A binary file that an IoThread writes. After an error of the disk it tries again by itself, less and less often.
+
+    What was to be written until then is lost, but for the bytes at which the error came: they are the first that are
+    written again.
+    """
+
+    def __init__(self, target: Target, background: IoThread) -> None:
+        self._target = target
         self._background = background
         self._pending = bytearray()
+        self._handed: deque[float] = deque()
+        """Times at which bytes were handed to the thread that it has not written yet."""
         self._error: OSError | None = None
+        self._kept = b""
+        """The bytes at which the error came."""
+        self._retry_at_s = 0.0
+        self._retry_s = FIRST_RETRY_S
+        self._retrying = False
         self._closed = False
 
     def write(self, content: bytes) -> None:
-        """Buffer bytes for the next flush; raises the OSError of an earlier write that failed."""
+        """Buffer bytes for the next flush; raises OSError, and drops them, while the disk takes none."""
         if self._error is not None:
-            raise self._error
+            self._pending.clear()
+            self._try_again()
+            raise OSError(self._error.errno, self._error.strerror)
         self._pending += content
         if len(self._pending) >= FILE_CHUNK_BYTES:
             self.flush()
 
     def flush(self) -> None:
-        """Hand the buffered bytes to the thread; raises OSError if its queue is full because the disk is too slow."""
-        if self._closed or not self._pending:
+        """Hand the buffered bytes to the thread."""
+        if self._closed or not self._pending or self._error is not None:
             return
         content, self._pending = bytes(self._pending), bytearray()
-        if not self._background.do(lambda: self._write_out(content)):
-            raise OSError(0, "the disk is too slow")
+        now_s = time.monotonic()
+        is_hung = bool(self._handed) and now_s - self._handed[0] > SLOW_S
+        if is_hung or not self._background.do(lambda: self._write_out(content)):
+            self._fail(OSError(0, "the disk is too slow"), content)
+            return
+        self._handed.append(now_s)
 
     def close(self) -> None:
         """Flush, and have the thread close the file after its last write."""
         if not self._closed:
             self.flush()
             self._closed = True
-            self._background.do(self._file.close)
+            self._background.do(self._target.close)
 
     def _write_out(self, content: bytes) -> None:
+        if self._error is None:
+            try:
+                self._target.append(content)
+                self._retry_s = FIRST_RETRY_S
+            except OSError as error:
+                self._fail(error, content)
+        with suppress(IndexError):
+            self._handed.popleft()
+
+    def _fail(self, error: OSError, content: bytes) -> None:
+        self._kept = content
+        self._retry_at_s = time.monotonic() + self._retry_s
+        self._retry_s = min(2.0 * self._retry_s, MOST_RETRY_S)
+        self._error = error
+
+    def _try_again(self) -> None:
+        if not self._retrying and time.monotonic() >= self._retry_at_s:
+            self._retrying = self._background.do(self._write_kept)
+
+    def _write_kept(self) -> None:
         try:
-            while content and self._error is None:
-                content = content[self._file.write(content) :]
+            self._target.append(self._kept)
         except OSError as error:
-            self._error = error
+            self._fail(error, self._kept)
+        else:
+            self._error = None
+        self._retrying = False

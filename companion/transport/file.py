@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterator
 
 from companion.errors import InputError
-from companion.files.tlog import TlogWriter, read_tlog, whole_frames
+from companion.files.tlog import Tlog, TlogWriter, read_tlog, whole_frames
 from companion.transport.link import Link, OnDatagram, ReceiveCounts, Receiver, Sender
 
 
@@ -20,6 +19,10 @@ async def open_file_receiver(link: Link, on_datagram: OnDatagram) -> Receiver:
 async def open_file_sender(link: Link) -> FileSender:
     """Begin a log, replacing an older one; raises InputError if it cannot be written."""
     return FileSender(TlogWriter(link.path))
+
+
+MOST_PAUSE_S = 3_600.0
+"""Time between two records above which no flight was logged: the clock was set, and the second is played at once."""
 
 
 class FileSender(Sender):
@@ -58,13 +61,19 @@ class FileSender(Sender):
 class _Playback:
     """Hands a log's frames on when they are due, one at a time so that other tasks on the event loop get their turn."""
 
-    def __init__(self, records: Iterator[tuple[float, bytes]], on_datagram: OnDatagram) -> None:
+    def __init__(self, records: Tlog, on_datagram: OnDatagram) -> None:
         self.counts = ReceiveCounts()
         self._records = records
         self._on_datagram = on_datagram
         self._loop = asyncio.get_running_loop()
-        self._began_s = self._loop.time()
-        self._first_s: float | None = None
+        self._due_s = self._loop.time()
+        """Time of the event loop at which the newest record is due."""
+        self._shift_s = 0.0
+        """Time of the event loop less that of the log."""
+        self._first = True
+        """Whether no record was read yet."""
+        self._places = 0
+        """Number of damaged places in the log that are counted already."""
         self._waiting: asyncio.TimerHandle | None = None
         self._wait_for_next()
 
@@ -77,15 +86,24 @@ class _Playback:
         try:
             record = next(self._records, None)
         except InputError:
-            # After a damaged record the start of the next one is not known.
+            # The disk is gone, or nothing in the file is a record.
             self.counts.failed += 1
             record = None
+        if self._records.places != self._places:
+            self.counts.failed += self._records.places - self._places
+            self._places = self._records.places
         if record is None:
             self._waiting = None
             return
         t_unix_s, frame = record
-        self._first_s = t_unix_s if self._first_s is None else self._first_s
-        self._waiting = self._loop.call_at(self._began_s + t_unix_s - self._first_s, self._hand_on, frame)
+        due_s = t_unix_s + self._shift_s
+        if self._first or due_s - self._due_s > MOST_PAUSE_S:
+            # Where the clock was set while the log was written, nobody waits for years.
+            self._first = False
+            due_s = self._due_s
+            self._shift_s = due_s - t_unix_s
+        self._due_s = due_s
+        self._waiting = self._loop.call_at(due_s, self._hand_on, frame)
 
     def _hand_on(self, frame: bytes) -> None:
         self.counts.chunks += 1

@@ -57,6 +57,6 @@ def write_config(path: Path, kind: Kind, mission: Mission, ids: tuple[int, int],
         "weights": mission.weights.model_dump(),
         "log_dir": str(folder / f"logs-{agent_id}"),
     }
-    for key, value in (*kind.config.items(), *more.items()):
+    for key, value in more.items():
         content[key] = content[key] | value if isinstance(value, Mapping) and key in content else value
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

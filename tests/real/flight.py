@@ -24,10 +24,25 @@ from tests.real.config import BROADCAST_PORT, write_config
 from tests.real.kinds import KINDS, Kind
 from tests.real.pilot import Vehicle
 from tests.real.programs import Place, Program, first_instance, module
-from tests.real.scenarios import ChooseMode, Event, Scenario, SetParameters, Signal, StartAgain
+from tests.real.scenarios import (
+    Action,
+    ChooseMode,
+    Event,
+    Flood,
+    Have,
+    LowerRates,
+    MoveHome,
+    MoveOrigin,
+    Scenario,
+    SetParameters,
+    Signal,
+    StartAgain,
+)
 from tests.real.truth import trajectory_of
+from tests.real.wire import Wire
 
 SEED = 1
+PROJECT = Path(__file__).parents[2]
 POLL_S = 0.02
 RELAY_PERIOD_S = 0.5
 """Time between two ADSB_VEHICLE of each other vehicle."""
@@ -55,6 +70,7 @@ class Flight:
         self._frame = LocalFrame(self.mission.origin.lat_deg, self.mission.origin.lon_deg)
         self.vehicles: dict[int, Vehicle] = {}
         self._programs: dict[str, Program] = {}
+        self._wires: dict[int, Wire] = {}
         self.notes: list[tuple[float, str]] = []
         """What happened, with its Unix time: the hand-over and each event."""
         self._load: list[float] = []
@@ -66,7 +82,8 @@ class Flight:
         (folder / "mission.yaml").write_text(dump_mission(self.mission), encoding="utf-8")
         for agent in self.mission.agents:
             ids = agent.id, self._instance(agent.id)
-            write_config(folder / f"companion-{agent.id}.yaml", kind, self.mission, ids, scenario.config)
+            more = scenario.config_of(kind, agent.id)
+            write_config(folder / f"companion-{agent.id}.yaml", kind, self.mission, ids, more)
 
     def fly(self) -> float:
         """Fly it; return the Unix time at which targets and threats set out.
@@ -82,6 +99,9 @@ class Flight:
             self._until(self._climb, UP_PATIENCE_S, "at their height")
             # Before the companions: with GUIDED still chosen they would steer a copter that is climbing.
             stack.callback(self._end_programs)
+            for agent in self.mission.agents if self.scenario.wired else ():
+                self._wires[agent.id] = Wire(self.kind, self._instance(agent.id), agent.id)
+                stack.callback(self._wires[agent.id].close)
             sensor = stack.enter_context(contextlib.closing(_Sensor(self.mission, self.vehicles)))
             self._start_programs()
             ready = self._all_ready if not self.scenario.refused else self._all_speak
@@ -125,7 +145,7 @@ class Flight:
             self._programs[f"companion-{agent.id}"] = Program(command, self._folder, f"companion-{agent.id}")
 
     def _companions(self) -> list[Program]:
-        return [program for name, program in self._programs.items() if name != "groundstation"]
+        return [program for name, program in self._programs.items() if name.startswith("companion")]
 
     def _all_ready(self) -> bool:
         return all(companion.has_said(READY) for companion in self._companions())
@@ -150,22 +170,27 @@ class Flight:
         self._note("over")
 
     def _do(self, event: Event) -> None:
+        self._note(_named(event.action))
         action, vehicle = event.action, self.vehicles[1]
         if isinstance(action, ChooseMode):
-            self._note(f"mode {action.mode}")
             vehicle.choose(getattr(self.kind.modes, action.mode))
         elif isinstance(action, Signal):
             name = "companion-1" if action.program == "companion" else action.program
-            self._note(f"{action.number.name} {action.program}")
             self._programs[name].signal(action.number)
         elif isinstance(action, StartAgain):
-            self._note("started again")
             self._programs["companion-1"].start()
         elif isinstance(action, SetParameters):
-            self._note(action.what)
             vehicle.set_parameters(action.of[self.kind.firmware])
+        elif isinstance(action, MoveHome):
+            vehicle.move(action)
+        elif isinstance(action, LowerRates):
+            self._wires[1].lower_rates(1.0)
+        elif isinstance(action, Have):
+            self._wires[1].troubles.add(action.trouble)
+        elif isinstance(action, Flood):
+            command = module("tests.real.flood", str(BROADCAST_PORT + 1), str(action.rate_hz))
+            self._programs["flood"] = Program(command, self._folder, "flood", {"PYTHONPATH": str(PROJECT)})
         else:
-            self._note("battery nearly empty")
             vehicle.drain()
 
     def _turn(self, look: Callable[[], None] = lambda: None) -> None:
@@ -239,14 +264,33 @@ class Flight:
             "modes": {agent_id: vehicle.modes for agent_id, vehicle in self.vehicles.items()},
             "heights_m": {
                 agent_id: [
-                    round(sample.altitude_m - self.mission.origin.alt_m, 2)
+                    (round(sample.t_unix_s, 2), round(sample.altitude_m - self.mission.origin.alt_m, 2))
                     for sample in seen
                     if sample.t_unix_s >= begin_s
                 ]
                 for agent_id, seen in samples.items()
             },
+            "delivered_s": {agent_id: wire.delivered_s for agent_id, wire in self._wires.items()},
         }
         (self._folder / "flight.json").write_text(json.dumps(record), encoding="utf-8")
+
+
+def _named(action: Action) -> str:
+    """Return what is noted of an event."""
+    if isinstance(action, ChooseMode):
+        return f"mode {action.mode}"
+    if isinstance(action, Signal):
+        return f"{action.number.name} {action.program}"
+    if isinstance(action, SetParameters):
+        return action.what
+    if isinstance(action, MoveHome):
+        what = "origin" if isinstance(action, MoveOrigin) else "home"
+        return f"{what} moved by {action.north_m:g}, {action.east_m:g}, {action.up_m:g} m up"
+    if isinstance(action, Have):
+        return action.trouble
+    if isinstance(action, Flood):
+        return f"{action.rate_hz:g} junk frames a second"
+    return {StartAgain: "started again", LowerRates: "rates lowered"}.get(type(action), "battery nearly empty")
 
 
 def wind_parameters(kind: Kind, speed_m_s: float, from_deg: float) -> dict[str, float]:

@@ -14,6 +14,7 @@ from companion.geo.local_frame import LocalFrame
 from tests.real.kinds import Kind
 from tests.real.link import Link, tcp_link, udp_link_at, udp_link_to
 from tests.real.programs import Place, start_ardupilot, start_px4
+from tests.real.scenarios import MoveHome, MoveOrigin
 from tests.real.truth import Sample, sample_of
 
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
@@ -125,6 +126,23 @@ class Vehicle:
             self._link.say(
                 mavlink.MAVLink_param_set_message(self.place.system_id, AUTOPILOT, name.encode(), value, kind)
             )
+
+    def move(self, move: MoveHome) -> None:
+        """Set home, or the estimator's origin, beside the place where the vehicle's home is at the start."""
+        origin = self.place.origin
+        here_m = self._frame.to_local(origin.lat_deg, origin.lon_deg)
+        lat_deg, lon_deg = self._frame.to_global(here_m[0] + move.north_m, here_m[1] + move.east_m)
+        place, altitude_m = (round(lat_deg * 1e7), round(lon_deg * 1e7)), origin.alt_m + move.up_m
+        system_id = self.place.system_id
+        if isinstance(move, MoveOrigin):
+            self._link.say(mavlink.MAVLink_set_gps_global_origin_message(system_id, *place, round(altitude_m * 1e3)))
+            return
+        self._link.say(
+            mavlink.MAVLink_command_int_message(
+                system_id, AUTOPILOT, mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_CMD_DO_SET_HOME, 0, 0, *[0.0] * 4,
+                *place, altitude_m,
+            )
+        )  # fmt: skip
 
     def drain(self) -> None:
         """Leave little in the battery: ArduPilot's by its capacity, PX4's by how far its simulator lets it sink."""

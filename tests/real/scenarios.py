@@ -11,6 +11,8 @@ from companion.guidance.steering import loiter_radius_m
 from companion.mission.model import Mission
 from tests.real.config import deployed
 from tests.real.kinds import KINDS, Kind
+from tests.real.wire import PORT as WIRE_PORT
+from tests.real.wire import Trouble
 
 ORIGIN = {"lat_deg": -35.363261, "lon_deg": 149.165230, "alt_m": 584.0}
 """Where ArduPilot's own simulator starts, too."""
@@ -26,6 +28,8 @@ Figure = Literal[
     "held_within_m",
     "last_after_told_s",
     "gap_s",
+    "height_off_m",
+    "delivered_gap_s",
 ]
 """Figures of a flight that a scenario may bound (tests/real/score.py)."""
 _STANDING: tuple[Figure, ...] = ("stands_after_s", "held_within_m", "farthest_after_arrival_m")
@@ -108,7 +112,40 @@ class Drain:
     """The battery is nearly empty from now on."""
 
 
-Action = ChooseMode | Signal | StartAgain | SetParameters | Drain
+@dataclass(frozen=True)
+class MoveHome:
+    """A ground-control program sets home so far from where it was at the start."""
+
+    north_m: float = 0.0
+    east_m: float = 0.0
+    up_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class MoveOrigin(MoveHome):
+    """A ground-control program sets the origin of the estimator's local frame so far from the start."""
+
+
+@dataclass(frozen=True)
+class LowerRates:
+    """Another program on the companion's own link of the autopilot asks for messages once a second."""
+
+
+@dataclass(frozen=True)
+class Have:
+    """The wire between autopilot and companion has a trouble from now on."""
+
+    trouble: Trouble
+
+
+@dataclass(frozen=True)
+class Flood:
+    """Junk frames come to the companion's broadcast link from now on."""
+
+    rate_hz: float = 20_000.0
+
+
+Action = ChooseMode | Signal | StartAgain | SetParameters | Drain | MoveHome | LowerRates | Have | Flood
 
 
 @dataclass(frozen=True)
@@ -142,12 +179,29 @@ class Scenario:
     events: tuple[Event, ...] = ()
     at_most: Mapping[Figure, float] = field(default_factory=dict)
     """Bounds of the figures of a vehicle that can stop; `bounds` has those of the others."""
+    wired: bool = False
+    """Whether a wire of the lane's own is between companion and autopilot (tests/real/wire.py)."""
+    direct: bool = False
+    """Whether a PX4 copter's setpoints go without MAVSDK, which does not bear a busy computer; so they do by a wire."""
     refused: bool = False
     """Whether the companion must refuse to engage: then nothing moves."""
     stays_s: float = 45.0
     """How long it is watched after the last arrival."""
     most_s: float = 150.0
     """Longest flight after the hand-over."""
+
+    def config_of(self, kind: Kind, agent_id: int) -> dict[str, Any]:
+        """Return the keys of the companion's configuration with a kind, section by section."""
+        sections: list[Mapping[str, Any]] = [kind.config, self.config]
+        if self.wired:
+            sections.append({"autopilot": {"link": f"udpin:127.0.0.1:{WIRE_PORT + agent_id}"}})
+        if kind.name == "px4-copter" and (self.wired or self.direct):
+            sections.append({"autopilot": {"offboard": "direct"}})
+        merged: dict[str, Any] = {}
+        for section in sections:
+            for key, value in section.items():
+                merged[key] = merged[key] | value if key in merged and isinstance(value, Mapping) else value
+        return merged
 
     def speed_of(self, kind: Kind) -> float:
         """Return the cruise speed with a kind."""
@@ -227,6 +281,7 @@ def _threat(number: int, disc: Disc, scale: float) -> dict[str, Any]:
 
 
 COPTERS = ("arducopter", "px4-copter", "px4-copter-low-drag")
+FOUR = ("arducopter", "arduplane", "px4-copter-low-drag", "px4-plane")
 SAFE: dict[Figure, float] = {"entries": 0, "breaches": 0}
 ARRIVES: dict[Figure, float] = {**SAFE, "open_targets": 0, "gap_s": 0.5}
 HOLDS: dict[Figure, float] = {
@@ -235,6 +290,10 @@ HOLDS: dict[Figure, float] = {
     "stands_after_s": 15.0,
     "held_within_m": 3.0,
 }
+UNDISTURBED: dict[Figure, float] = {**ARRIVES, "delivered_gap_s": 0.5}
+TAKEN_OVER: dict[Figure, float] = {**SAFE, "delivered_gap_s": 0.5, "last_after_told_s": 0.25}
+LEVEL: dict[Figure, float] = {**SAFE, "height_off_m": 5.0}
+"""Whatever a height is counted from moves, the vehicle does not."""
 _GPS_LOST = SetParameters({"ArduPilot": {"SIM_GPS1_ENABLE": 0}, "PX4": {"SIM_GPS_USED": 0}}, "GPS lost")
 _GPS_BACK = SetParameters({"ArduPilot": {"SIM_GPS1_ENABLE": 1}, "PX4": {"SIM_GPS_USED": 10}}, "GPS back")
 _LEAN_45 = {"ANGLE_MAX": 4500, "ATC_ANGLE_MAX": 45}
@@ -281,5 +340,32 @@ SCENARIOS: tuple[Scenario, ...] = (
              at_most=SAFE, most_s=70.0),
     Scenario("battery", "the battery is nearly empty", STRAIGHT, events=(Event(20.0, Drain()),), at_most=SAFE,
              most_s=70.0),
+    Scenario("home-lower", "home is set 560 m lower in flight, and the vehicle is handed over once more", STRAIGHT,
+             FOUR, events=(Event(15.0, MoveHome(up_m=-560.0)), Event(35.0, ChooseMode("wait")),
+                     Event(39.0, ChooseMode("guided"))), at_most=LEVEL, most_s=60.0, direct=True),
+    Scenario("home-higher", "home is set 560 m higher in flight, and the vehicle is handed over once more", STRAIGHT,
+             FOUR, events=(Event(15.0, MoveHome(up_m=560.0)), Event(35.0, ChooseMode("wait")),
+                     Event(39.0, ChooseMode("guided"))), at_most=LEVEL, most_s=60.0, direct=True),
+    Scenario("home-elsewhere", "home is set 700 m to the north-east in flight", STRAIGHT, FOUR,
+             events=(Event(15.0, MoveHome(500.0, 500.0)),), at_most=LEVEL, most_s=60.0, direct=True),
+    Scenario("origin", "the estimator's origin is set 300 m north and 560 m higher in flight", STRAIGHT,
+             FOUR[2:], events=(Event(15.0, MoveOrigin(north_m=300.0, up_m=560.0)),), at_most=LEVEL, most_s=60.0,
+             direct=True),
+    Scenario("two-gps", "the first of two GPS receivers dies, and the autopilot flies on", STRAIGHT,
+             FOUR[:2], parameters={"SIM_GPS2_ENABLE": 1, "GPS2_TYPE": 1}, wired=True,
+             events=(Event(15.0, _GPS_LOST),), at_most=UNDISTURBED),
+    Scenario("rates", "another program asks for all messages once a second, and once more 30 s later", STRAIGHT,
+             FOUR, wired=True, events=(Event(10.0, LowerRates()), Event(40.0, LowerRates())), at_most=ARRIVES),
+    Scenario("stranger", "a stranger sends one byte 50 times a second to the companion's port", STRAIGHT, FOUR,
+             wired=True, events=(Event(5.0, Have("stranger")),), at_most=UNDISTURBED),
+    Scenario("copies", "every frame of the autopilot comes again, 0.1 to 5 s late; then a person takes it over",
+             STRAIGHT, FOUR, wired=True, events=(Event(5.0, Have("copies")), Event(30.0, ChooseMode("wait"))),
+             at_most=TAKEN_OVER, most_s=50.0),
+    Scenario("impostors", "HEARTBEATs of a router, another vehicle and a script that calls itself 1/1; then a person "
+             "takes it over", STRAIGHT, FOUR, wired=True,
+             events=(Event(5.0, Have("impostors")), Event(30.0, ChooseMode("wait"))), at_most=TAKEN_OVER, most_s=50.0),
+    Scenario("flood", "20 000 junk frames a second on the broadcast link, and a person takes it over", STRAIGHT,
+             FOUR, wired=True, events=(Event(10.0, Flood()), Event(30.0, ChooseMode("wait"))), at_most=TAKEN_OVER,
+             most_s=45.0),
 )  # fmt: skip
 """What is flown. Places, speeds and radii are for copters, and larger for planes by their speed."""

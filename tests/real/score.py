@@ -59,7 +59,12 @@ class AgentFigures:
     gap_s: float | None
     """Longest time between two of its setpoints, until the scenario's first event."""
     height_m: tuple[float, float]
-    """Least and greatest height above home while it was steered."""
+    """Least and greatest true height above where home was at the start."""
+    height_off_m: float | None
+    """Greatest difference of its true height from that at the scenario's first event; None without one."""
+    delivered_gap_s: float | None
+    """Longest time between two setpoints that reached the autopilot, until its arrival or a person's mode; None without
+    a wire."""
 
 
 @dataclass(frozen=True)
@@ -72,12 +77,18 @@ class EventFigures:
     last_after_told_s: float | None
     """Time from the HEARTBEAT that told the companion of another mode to the last setpoint; 0: none came after it."""
     first_setpoint_s: float | None
+    gap_s: float | None
+    """Longest time between two setpoints."""
+    height_m: tuple[float, float]
+    """Least and greatest true height above where home was at the start."""
     stands_after_s: float | None
     """Time from the event to standing."""
     flown_m: float
     """Length of the path until it stood, or until the end."""
     mode: int
     """Its mode at the end."""
+    said: str
+    """What the companion said last of what it does."""
 
 
 @dataclass(frozen=True)
@@ -116,15 +127,28 @@ def figures_of(folder: Path) -> Figures:
     events = [(t_s, what) for t_s, what in notes if t_s > hand_over_s]
     setpoints = {agent.id: setpoint_times_s(folder / f"logs-{agent.id}") - begin_s for agent in mission.agents}
     span_s = (hand_over_s + SETTLED_S, events[0][0])
-    agents = tuple(
-        AgentFigures(
-            gap_s=longest_gap_s(setpoints[agent.id], span_s),
-            height_m=_heights_m(record["heights_m"][str(agent.id)]),
-            **_flown(trajectory, mission, scored, (index, hand_over_s)),
+    heights = {agent.id: np.array(record["heights_m"][str(agent.id)]) - (begin_s, 0.0) for agent in mission.agents}
+    taken_s = min((t_s for t_s, what in events if what.startswith("mode ")), default=events[-1][0])
+    agents = []
+    for index, agent in enumerate(mission.agents):
+        flown = _flown(trajectory, mission, scored, (index, hand_over_s))
+        arrived_s = hand_over_s + (flown["arrived_s"] or np.inf)
+        delivered_s = np.array(record.get("delivered_s", {}).get(str(agent.id), ())) - begin_s
+        agents.append(
+            AgentFigures(
+                gap_s=longest_gap_s(setpoints[agent.id], span_s),
+                height_m=_extremes(heights[agent.id], (0.0, np.inf)),
+                height_off_m=_height_off_m(heights[agent.id], events[0][0]) if len(events) > 1 else None,
+                delivered_gap_s=longest_gap_s(delivered_s, (span_s[0], min(arrived_s, taken_s))),
+                **flown,
+            )
         )
-        for index, agent in enumerate(mission.agents)
+    heard = _Heard(
+        setpoints[1],
+        mode_changes_s(folder / "logs-1") - begin_s,
+        heights[mission.agents[0].id],
+        _said_lines(folder / "companion-1.log", begin_s),
     )
-    heard = _Heard(setpoints[1], mode_changes_s(folder / "logs-1") - begin_s)
     modes = [(t_s - begin_s, mode) for t_s, mode in record["modes"]["1"]]
     return Figures(
         scenario=record["scenario"],
@@ -134,14 +158,14 @@ def figures_of(folder: Path) -> Figures:
         breaches=scored.separation_breaches,
         least_separation_m=None if scored.min_separation_m is None else round(scored.min_separation_m, 1),
         open_targets=scored.targets - scored.targets_reached,
-        agents=agents,
+        agents=tuple(agents),
         events=tuple(
             _followed(trajectory, heard, modes, (event, until[0]))
             for event, until in zip(events[:-1], events[1:], strict=True)
         ),
         load=record["load"],
         pause_s=record["pause_s"],
-        said=_last_line(folder / "companion-1.log"),
+        said=heard.said_at(np.inf),
     )
 
 
@@ -223,10 +247,16 @@ def _flown(trajectory: Trajectory, mission: Mission, scored: Score, which: tuple
 
 
 class _Heard(NamedTuple):
-    """When agent 1's companion sent setpoints, and was told of another mode."""
+    """When agent 1's companion sent setpoints and was told of another mode, its heights, and what it said."""
 
     setpoints_s: np.ndarray
     modes_s: np.ndarray
+    heights: np.ndarray  # (S, 2)
+    said: list[tuple[float, str]]
+
+    def said_at(self, t_s: float) -> str:
+        """Return what was said last by a time."""
+        return next((line for said_s, line in reversed(self.said) if said_s <= t_s), "")
 
 
 def _followed(
@@ -248,9 +278,12 @@ def _followed(
         last_setpoint_s=round(float(sent_s[-1] - event_s), 2) if len(sent_s) else None,
         last_after_told_s=round(float(max(0.0, *(sent_s - told_s[0]), 0.0)), 2) if len(told_s) else None,
         first_setpoint_s=round(float(sent_s[0] - event_s), 2) if len(sent_s) else None,
+        gap_s=longest_gap_s(heard.setpoints_s, (event_s, until_s)),
+        height_m=_extremes(heard.heights, (event_s, until_s)),
         stands_after_s=None if standing_s is None else round(standing_s - event_s, 1),
         flown_m=round(path_length_m(trajectory.agents_ned_m[flown, 0]), 1),
         mode=[mode for at_s, mode in modes if at_s <= until_s][-1],
+        said=heard.said_at(until_s),
     )
 
 
@@ -259,10 +292,19 @@ def path_length_m(ned_m: np.ndarray) -> float:
     return float(np.hypot(*np.diff(ned_m, axis=0).T).sum())
 
 
-def _heights_m(heights_m: Sequence[float]) -> tuple[float, float]:
-    return min(heights_m), max(heights_m)
+def _extremes(heights: np.ndarray, span_s: tuple[float, float]) -> tuple[float, float]:
+    """Return the least and the greatest of heights (S, 2) of times and metres within a span."""
+    within_m = heights[(heights[:, 0] >= span_s[0]) & (heights[:, 0] <= span_s[1]), 1]
+    return float(within_m.min()), float(within_m.max())
 
 
-def _last_line(log: Path) -> str:
-    lines = [line for line in log.read_text(encoding="utf-8").splitlines() if ", picture " in line]
-    return lines[-1].partition(" ")[2] if lines else ""
+def _height_off_m(heights: np.ndarray, event_s: float) -> float:
+    """Return the greatest difference of heights (S, 2) of times and metres from that at an event, after it."""
+    at_m = float(np.interp(event_s, heights[:, 0], heights[:, 1]))
+    return round(float(np.abs(heights[heights[:, 0] >= event_s, 1] - at_m).max()), 1)
+
+
+def _said_lines(log: Path, begin_s: float) -> list[tuple[float, str]]:
+    """Return the lines of what the companion does, with their times."""
+    lines = [line.partition(" ") for line in log.read_text(encoding="utf-8").splitlines() if ", picture " in line]
+    return [(float(at_s) - begin_s, text) for at_s, _, text in lines]

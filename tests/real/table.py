@@ -36,6 +36,8 @@ _EVENT_COLUMNS = (
     "first setpoint after (s)",
     "stands after (s)",
     "flown (m)",
+    "longest gap (s)",
+    "heights (m)",
     "mode at the end",
 )
 
@@ -101,6 +103,8 @@ def _event_row(flight: dict[str, Any], event: dict[str, Any]) -> str:
         _number(event["first_setpoint_s"]),
         _number(event["stands_after_s"]),
         _number(event["flown_m"]),
+        _number(event["gap_s"]),
+        "{:.1f} to {:.1f}".format(*event["height_m"]),
         KINDS[flight["kind"]].modes.name_of(event["mode"]),
     ]
     return f"| {' | '.join(cells)} |\n"

@@ -32,7 +32,7 @@ COPTER = KINDS["arducopter"]
 @pytest.mark.parametrize("job", jobs(), ids=lambda job: job.name)
 def test_every_scenario_is_a_legal_mission_with_a_legal_configuration(job: Job, tmp_path: Path) -> None:
     mission = job.scenario.mission(job.kind)
-    write_config(tmp_path / "companion.yaml", job.kind, mission, (1, 0), job.scenario.config)
+    write_config(tmp_path / "companion.yaml", job.kind, mission, (1, 0), job.scenario.config_of(job.kind, 1))
     (tmp_path / "keys").mkdir()
     config = load_config(str(tmp_path / "companion.yaml"))
     assert config.limits.speed_m_s == mission.agents[0].speed_m_s
@@ -92,7 +92,7 @@ def flown(folder: Path, *, drift_m_s: float = 0.0) -> Figures:
     record = {
         "scenario": "discs", "kind": "arducopter", "begin_unix_s": BEGIN_S, "load": 1.0, "pause_s": 0.03,
         "notes": [(BEGIN_S, "ready"), (BEGIN_S + 2.0, "handed over"), (BEGIN_S + 129.0, "over")],
-        "modes": {"1": [(BEGIN_S + 2.0, 4)]}, "heights_m": {"1": [29.5, 30.5]},
+        "modes": {"1": [(BEGIN_S + 2.0, 4)]}, "heights_m": {"1": [(BEGIN_S + 2.0, 29.5), (BEGIN_S + 100.0, 30.5)]},
     }  # fmt: skip
     (folder / "flight.json").write_text(json.dumps(record))
     return figures_of(folder)
@@ -123,6 +123,28 @@ def test_a_vehicle_that_flies_away_after_its_arrival_is_found_out(tmp_path: Path
     broken = broken_bounds(figures, Job(CALM, "arducopter"))
     assert any(line.startswith("farthest_after_arrival_m") for line in broken)
     assert any(line.startswith("stands_after_s unknown") for line in broken)
+
+
+def test_a_height_counts_from_that_at_the_first_event(tmp_path: Path) -> None:
+    flown(tmp_path)
+    record = json.loads((tmp_path / "flight.json").read_text())
+    record["notes"].insert(2, (BEGIN_S + 20.0, "home moved by 0, 0, -560 m up"))
+    heights_m = ((2.0, 28.0), (20.0, 30.0), (30.0, 31.0), (100.0, 24.0))
+    record["heights_m"]["1"] = [(BEGIN_S + t_s, height_m) for t_s, height_m in heights_m]
+    (tmp_path / "flight.json").write_text(json.dumps(record))
+    figures = figures_of(tmp_path)
+    assert figures.agents[0].height_off_m == 6.0
+    assert figures.events[0].height_m == (24.0, 31.0)
+    level = next(scenario for scenario in SCENARIOS if scenario.name == "home-lower")
+    assert "height_off_m 6, at most 5" in broken_bounds(figures, Job(level, "arducopter"))
+
+
+def test_only_setpoints_that_reach_the_autopilot_count_on_a_wire(tmp_path: Path) -> None:
+    flown(tmp_path)
+    record = json.loads((tmp_path / "flight.json").read_text())
+    record["delivered_s"] = {"1": [BEGIN_S + t_s for t_s in (3.0, 3.1, 4.0, 4.1, 90.0)]}
+    (tmp_path / "flight.json").write_text(json.dumps(record))
+    assert figures_of(tmp_path).agents[0].delivered_gap_s == pytest.approx(0.9)
 
 
 def test_setpoints_of_all_starts_of_a_companion_count_and_no_other_messages(tmp_path: Path) -> None:

@@ -163,9 +163,9 @@ def test_a_state_file_of_something_else_counts_as_locked_and_is_no_reason_not_to
     path.write_bytes(content)
     section = configured(free_ports(2), more=f", state_file: {path}").autopilot
     assert section is not None
-    state, warning = saved_authority(section)
+    state, (warning,) = saved_authority(section)
     assert state is State.LOCKED
-    assert warning is not None and warning.startswith(f"{path}: not a state of the engagement")
+    assert warning.startswith((f"{path}: not a state of the engagement", f"{path}: cannot read the state: not text"))
 
 
 @pytest.mark.parametrize("state", State)
@@ -174,7 +174,7 @@ def test_a_state_file_tells_who_had_the_vehicle(tmp_path: Path, state: State) ->
     path.write_text(f'{{"engagement": "{state.value}"}}')
     section = configured(free_ports(2), more=f", state_file: {path}").autopilot
     assert section is not None
-    assert saved_authority(section) == (state, None)
+    assert saved_authority(section) == (state, ())
 
 
 def test_a_check_of_a_px4_fails_where_its_state_file_is_something_else(
@@ -190,7 +190,15 @@ def test_a_check_of_a_px4_fails_where_its_state_file_is_something_else(
     assert f"FAIL  {path}: not a state of the engagement" in capsys.readouterr().out
 
 
-def test_a_state_file_that_could_not_be_written_is_refused_before_the_flight(tmp_path: Path) -> None:
+def test_disks_that_take_neither_state_nor_logs_are_found_before_the_flight(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "file").write_text("")
-    said = complaint_of(configured(free_ports(2), more=f", state_file: {tmp_path}/file/autopilot.json"))
-    assert "autopilot.json: cannot " in said
+    given = configured(free_ports(2), more=f", state_file: {tmp_path}/file/autopilot.json")
+    assert given.autopilot is not None
+    autopilot = given.autopilot.model_copy(update={"kind": "px4-plane"})
+    config = given.model_copy(update={"autopilot": autopilot, "log_dir": f"{tmp_path}/file/logs"})
+    assert asyncio.run(check_vehicle(config, 0.3, asyncio.Event())) == EXIT_FAILED
+    said = capsys.readouterr().out
+    assert f"FAIL  {tmp_path}/file/autopilot.json: cannot " in said
+    assert f"FAIL  log_dir: {tmp_path}/file/logs: no logs can be written there" in said

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterable
-from contextlib import ExitStack
+from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import click
 
 from companion.autopilot.kinds import KINDS
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.files.state import write_state_file
-from companion.files.tlog import read_tlog
+from companion.files.tlog import Tlog, read_tlog
 from companion.files.yaml import read_text_file, with_numbers
 from companion.onboard.authority import State
 from companion.onboard.config import Config, packaged_configs, parse_config, read_config
@@ -22,6 +21,7 @@ from companion.onboard.identification.identifier import End, Identifier
 from companion.onboard.identification.table import HEADING, Row, obedience_shown, remedies, rows
 from companion.onboard.identification.track import Track, track_of
 from companion.onboard.limits import within
+from companion.onboard.log_folder import VehicleLog
 from companion.onboard.service import run_companion
 from companion.protocol.authenticator import Authenticator
 
@@ -32,7 +32,7 @@ async def fly_pattern(config: Config, stop: asyncio.Event) -> tuple[End, list[Ro
     """Fly the pattern once the vehicle is handed over; return how it ended and the table of what its log says.
 
     Raises:
-        InputError: a link cannot be opened, a key or state file cannot be used, or a log cannot be written.
+        InputError: a link cannot be opened, or a key or state file cannot be used.
 
     """
     flown: list[Identifier] = []
@@ -41,17 +41,15 @@ async def fly_pattern(config: Config, stop: asyncio.Event) -> tuple[End, list[Ro
         flown.append(Identifier(configured, authenticator, was, stop.set))
         return flown[0]
 
-    with ExitStack() as stack:
-        logged = config
-        if config.log_dir is None:
-            logged = config.model_copy(update={"log_dir": stack.enter_context(TemporaryDirectory())})
-        folder = await run_companion(logged, stop, build)
-        assert folder is not None
-        # By another name than a log of `companion run`: a replay decides as that does.
-        log = (folder / f"vehicle-{config.agent_id}.tlog").rename(folder / f"identify-{config.agent_id}.tlog")
-        if config.log_dir is not None:
-            click.echo(f"log: {log}")
-        return flown[0].end or NOT_FLOWN, table_of(read_tlog(log), config)
+    # What was flown is measured from a copy in memory: the disk may take no logs, or there may be none.
+    copy = BytesIO()
+    # By another name than a log of `companion run`: a replay decides as that does.
+    log = VehicleLog("identify", copy)
+    folder = await run_companion(config, stop, build, log)
+    if folder is not None and (path := folder / f"identify-{config.agent_id}.tlog").exists():
+        click.echo(f"log: {path}")
+    copy.seek(0)
+    return flown[0].end or NOT_FLOWN, table_of(Tlog(copy, "the pattern's log"), config)
 
 
 def table_of(records: Iterable[tuple[float, bytes]], config: Config) -> list[Row]:

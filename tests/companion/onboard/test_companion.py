@@ -822,7 +822,7 @@ def test_what_keeps_the_law_from_its_goal_is_the_reason_of_the_decision() -> Non
             )
 
     flight = Flight(kind="kinematic")
-    flight.companion = Companion(CONFIG, ADAPTERS["kinematic"](), Resigned())
+    flight.companion = Companion(CONFIG, ADAPTERS["kinematic"](SYSTEM), Resigned())
     flight.heartbeat()
     flight.broadcast()
     decision, setpoint = flight.at(velocity=NORTH_M_S)
@@ -1047,14 +1047,13 @@ def test_without_a_period_nothing_is_reported() -> None:
 def test_a_report_tells_where_the_vehicle_is_how_it_moves_and_how_far_it_has_flown() -> None:
     flight = guided(REPORTING)
     flight.broadcast()
-    flight.now_s -= 40.0
     for north_m in (0.0, 100.0, 200.5):
         flight.at(north_m, -700.0, (3.0, -4.0))
         flight.now_s += 20.0
     flight.now_s -= 20.0
     report = reported(flight)
     assert report is not None
-    assert (report.agent_id, report.unix_s) == (ME, NOW_S)
+    assert (report.agent_id, report.unix_s) == (ME, NOW_S + 40.0)
     assert FRAME.to_local(report.lat_deg, report.lon_deg) == pytest.approx((200.5, -700.0), abs=0.02)
     assert (report.velocity_north_m_s, report.velocity_east_m_s) == (3.0, -4.0)
     assert report.flown_m == 201.0

@@ -8,11 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from companion.autopilot.telemetry import Telemetry
 from companion.errors import InputError
 from companion.onboard.broadcast_monitor import BroadcastMonitor
 from companion.onboard.companion import Companion
 from companion.onboard.config import BroadcastSection, Config
-from companion.onboard.log_folder import open_log_folder
+from companion.onboard.decision import Decision, Purpose
+from companion.onboard.failsafe import Stage
+from companion.onboard.log_folder import VehicleLog, open_log_folder
 from companion.onboard.service import run_companion
 from companion.onboard.state_files import AuthenticatorStateFile
 from companion.onboard.trust import trust_of
@@ -163,7 +166,11 @@ def test_each_run_logs_into_a_folder_of_its_own(tmp_path: Path) -> None:
         with ExitStack() as stack:
             files = IoThread("files")
             stack.callback(files.close)
-            open_log_folder(config, files, stack)
+            logs = open_log_folder(config, files, stack, VehicleLog())
+            assert logs.decisions is not None
+            logs.vehicle.record(1.0, state(1_000, 1))
+            logs.broadcast.record(1.0, state(1_000, 1))
+            logs.decisions.add(Decision(1.0, Purpose.IDLE, "", Stage.FRESH, None), Telemetry(), 0.0)
     folders = sorted(tmp_path.iterdir())
     assert len(folders) == 2
     for folder in folders:
@@ -185,4 +192,4 @@ def test_a_run_whose_port_is_missing_leaves_no_folder(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="nothing"):
         asyncio.run(run_companion(config, asyncio.Event()))
-    assert list(logs.iterdir()) == []
+    assert not logs.exists() or list(logs.iterdir()) == []

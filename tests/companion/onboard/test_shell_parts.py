@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 
 import pytest
@@ -10,15 +11,15 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.errors import InputError
+from companion.files import kept_file
 from companion.files.tlog import TlogWriter, read_tlog
 from companion.onboard.authority import State
 from companion.onboard.companion import Companion
 from companion.onboard.config import Config
 from companion.onboard.flight_log import FlightLog
 from companion.onboard.inputs import AutopilotInput, BroadcastInput
-from companion.onboard.log_folder import LogFolder
 from companion.onboard.recording import RecordedCompanion
-from companion.onboard.state_files import AuthorityStateFile
+from companion.onboard.state_files import AuthorityStateFile, authority_text, write_authority
 from companion.protocol.codec import Directive, FrameWriter, Stamp, StateFrame
 from companion.protocol.v2_extension import wrap
 from companion.runtime.clock import SteadyClock
@@ -27,7 +28,7 @@ from companion.runtime.io_thread import IoThread
 CONFIG = Config.model_validate(
     {
         "agent_id": 1,
-        "autopilot": {"kind": "arducopter", "link": "udpin:127.0.0.1:14550"},
+        "autopilot": {"kind": "arducopter", "link": "udpin:127.0.0.1:14550", "system_id": 1},
         "broadcast": {"link": "autopilot", "trust": "unsigned"},
     }
 )
@@ -71,36 +72,60 @@ def test_what_others_say_on_the_autopilots_link_is_neither_heard_nor_logged(tmp_
 def test_the_broadcast_that_one_radio_carries_is_heard_behind_the_autopilot(tmp_path: Path) -> None:
     flight, log = recorded(tmp_path)
     broadcast = BroadcastInput(flight, FlightLog(TlogWriter(tmp_path / "broadcast.tlog")), is_stream=False)
-    AutopilotInput(flight, broadcast, None).receive(wrap(state(flight.clock.now_s()), 0))
+    AutopilotInput(flight, broadcast.receive, None).receive(wrap(state(flight.clock.now_s()), 0))
     log.close()
     assert flight.companion.authenticator.state.epoch_s is not None
     assert len(list(read_tlog(tmp_path / "vehicle.tlog"))) == 1
 
 
-def test_who_has_the_vehicle_is_written_when_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_has_the_vehicle_is_written_when_it_changes(tmp_path: Path) -> None:
     path = tmp_path / "authority.state"
-    written: list[str] = []
-    monkeypatch.setattr("companion.onboard.state_files.write_state_file", lambda path, text: written.append(text))
-    files = IoThread("files")
-    state_file = AuthorityStateFile(str(path), State.WAITING, files)
-    for authority in (State.WAITING, State.ENGAGED, State.ENGAGED, State.LOCKED):
-        state_file.write(authority)
-    files.close()
-    assert [json.loads(text) for text in written] == [{"engagement": "engaged"}, {"engagement": "locked"}]
+    for states in ((State.WAITING,), (State.WAITING, State.ENGAGED, State.ENGAGED, State.LOCKED)):
+        files = IoThread("files")
+        state_file = AuthorityStateFile(str(path), files)
+        for authority in states:
+            state_file.write(authority)
+        files.close()
+        assert json.loads(path.read_text()) == {"engagement": states[-1].value}
 
 
-def test_a_state_that_cannot_be_written_is_warned_of_and_ends_nothing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_state_that_cannot_be_written_is_told_once_tried_again_and_told_when_it_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fails(path: Path, text: str) -> None:
-        raise InputError(f"{path}: cannot write the state: No space left on device; allowed: a writable folder")
-
-    monkeypatch.setattr("companion.onboard.state_files.write_state_file", fails)
+    monkeypatch.setattr(kept_file, "RETRY_S", 0.0)
+    (tmp_path / "state").write_text("a file where the folder should be")
+    path = tmp_path / "state" / "authority.json"
     files = IoThread("files")
-    AuthorityStateFile("x.state", State.WAITING, files).write(State.ENGAGED)
+    state_file = AuthorityStateFile(str(path), files)
+    for _ in range(3):
+        state_file.write(State.ENGAGED)
+        done_by(files)
+    (tmp_path / "state").unlink()
+    state_file.write(State.ENGAGED)
+    done_by(files)
+    assert json.loads(path.read_text()) == {"engagement": "engaged"}
+    said = capsys.readouterr()
+    assert said.err.count("warning: ") == 1
+    assert "; it is tried again; a restart now would not know who had the vehicle" in said.err
+    assert said.out == f"companion: {path}: the state is written again\n"
     files.close()
-    assert capsys.readouterr().err.startswith("companion: warning: x.state: cannot write the state: No space left")
 
 
-def test_a_run_without_a_folder_of_logs_has_none_to_remove() -> None:
-    LogFolder(None, FlightLog(None), FlightLog(None), None).remove()
+def test_who_has_the_vehicle_is_kept_on_a_full_disk_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "authority.json"
+    write_authority(path, authority_text(State.WAITING))
+
+    def full(path: Path, text: str) -> None:
+        raise InputError(f"{path}: cannot write the state: No space left on device")
+
+    monkeypatch.setattr("companion.onboard.state_files.write_state_file", full)
+    for state in State:
+        write_authority(path, authority_text(state))
+        assert json.loads(path.read_text()) == {"engagement": state.value}
+
+
+def done_by(files: IoThread) -> None:
+    """Wait until a thread has done all that it was given."""
+    done = threading.Event()
+    files.do(done.set)
+    assert done.wait(10.0)

@@ -83,15 +83,25 @@ def test_a_closed_playback_hands_on_nothing_more(tmp_path: Path) -> None:
     run(body)
 
 
-def test_a_damaged_log_ends_the_playback_and_is_counted(tmp_path: Path) -> None:
+def test_a_damaged_log_is_played_on_and_its_places_are_counted(tmp_path: Path) -> None:
     async def body() -> None:
         link = log_of(tmp_path, [1e9] * 4)
         path = Path(link.path)
-        path.write_bytes(path.read_bytes() + b"this is no record")
+        path.write_bytes(bytes(100) + path.read_bytes() + b"this is no record")
         heard: list[bytes] = []
         receiver = await open_receiver(link, heard.append)
-        await until(lambda: receiver.counts.failed == 1)
-        assert heard == FRAMES
+        await until(lambda: heard == FRAMES)
+        assert receiver.counts.failed == 2
+        receiver.close()
+
+    run(body)
+
+
+def test_a_log_whose_clock_was_set_is_played_without_a_pause(tmp_path: Path) -> None:
+    async def body() -> None:
+        heard: list[bytes] = []
+        receiver = await open_receiver(log_of(tmp_path, [10.0, 10.01, 1e9, 1e9 + 0.01]), heard.append)
+        await until(lambda: heard == FRAMES)
         receiver.close()
 
     run(body)
