@@ -52,13 +52,13 @@ class RecordedCompanion:
         self._believe(self.companion.hear_waiting)
         return max(0.0, self.companion.authenticator.due_s() - self.clock.now_s())
 
-    def receive(self, frames: Sequence[RawFrame]) -> None:
-        """Take in frames from the autopilot, and log them."""
+    def receive(self, frames: Sequence[RawFrame]) -> int:
+        """Take in frames from the autopilot, and log them; return how many were its own, and newer than before."""
         now_s = self.clock.now_s()
-        for frame in frames:
-            self.companion.receive(frame.data, now_s)
+        believed = sum(self.companion.receive(frame.data, now_s) for frame in frames)
         for frame in frames:
             self._log.record_frame(now_s, frame)
+        return believed
 
     def note_clock(self, now_s: float) -> None:
         """Pass on the offset of the computer's system clock from the flight's clock, and log it if it changed."""

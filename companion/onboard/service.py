@@ -123,7 +123,7 @@ def _prepare(config: Config, build: Build, logs: LogFolder, files: IoThread, sta
     assert autopilot is not None and broadcast is not None
     link = None if broadcast.link == ONE_RADIO else parse_link(broadcast.link)
     clock = SteadyClock()
-    saved, before = saved_authenticator_state(broadcast, clock.now_s()), saved_authority(autopilot)
+    saved, before = saved_authenticator_state(broadcast), saved_authority(autopilot)
     for warning in (*saved.warnings, *before.warnings):
         LOGGER.warning("%s", warning)
     trust = trust_of(broadcast)
@@ -132,6 +132,7 @@ def _prepare(config: Config, build: Build, logs: LogFolder, files: IoThread, sta
     flight = RecordedCompanion(companion, clock, logs.vehicle)
     flight.begin(before.state)
     authenticator_file = AuthenticatorStateFile(broadcast.state_file, authenticator, files)
+    authenticator_file.begin()
     stack.callback(authenticator_file.write)
     notifier = Notifier()
     stack.callback(notifier.close)
@@ -173,8 +174,10 @@ async def _open_links(vehicle: _Vehicle, autopilot: AutopilotSection, stack: Exi
         offboard = Offboard(lambda frame: output.transmit(frame), flight.note_stream_gap)
         stack.callback(offboard.close)
     shared = queue.offer if receiver is None else None
-    link = await open_duplex(parse_link(autopilot.link), AutopilotInput(flight, shared, offboard).receive)
+    heard = AutopilotInput(flight, shared, offboard)
+    link = await open_duplex(parse_link(autopilot.link), heard.receive)
     stack.callback(link.close)
+    heard.peer.bind = link.bind
     output = AutopilotOutput(flight.companion, link, logs.vehicle, offboard)
     sender = None
     if uplink is not None:

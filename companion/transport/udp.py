@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from companion.errors import InputError
-from companion.transport.link import Address, Link, OnDatagram, ReceiveCounts, Receiver, SendCounts, Sender
+from companion.transport.link import Address, Link, OnChunk, OnDatagram, ReceiveCounts, Receiver, SendCounts, Sender
 
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 """Receive buffer asked of the kernel, which may grant less; the default 208 KiB hold about 166 frames (measured)."""
@@ -76,7 +76,7 @@ async def open_udp_sender(link: Link) -> UdpSender:
         raise InputError(f"link '{link}': {_why(link, error)}") from error
 
 
-async def open_udp_duplex(link: Link, on_datagram: OnDatagram, receive_buffer_bytes: int) -> UdpDuplex:
+async def open_udp_duplex(link: Link, on_chunk: OnChunk, receive_buffer_bytes: int) -> UdpDuplex:
     """Open a `udpin` or a `udpout` link in both directions; raises InputError if it cannot be opened."""
     if link.scheme == "udpin":
         sock, fixed_peer = await _listening_socket(link, receive_buffer_bytes), None
@@ -84,7 +84,7 @@ async def open_udp_duplex(link: Link, on_datagram: OnDatagram, receive_buffer_by
         fixed_peer = await _resolve(link, (link.host, link.port))
         sock = _new_socket(receive_buffer_bytes)
         sock.bind(("", 0))
-    return UdpDuplex(sock, on_datagram, fixed_peer)
+    return UdpDuplex(sock, on_chunk, fixed_peer)
 
 
 class UdpSender(Sender):
@@ -127,24 +127,29 @@ class MulticastSender(UdpSender):
 
 
 class UdpDuplex(Sender):
-    """End point of an autopilot link that sends to one fixed peer, or to the last one heard."""
+    """End point of an autopilot link that sends to one fixed peer, or to the one that its owner binds."""
 
-    def __init__(self, sock: socket.socket, on_datagram: OnDatagram, fixed_peer: Address | None) -> None:
+    def __init__(self, sock: socket.socket, on_chunk: OnChunk, fixed_peer: Address | None) -> None:
         """Exchange datagrams on the running event loop."""
         super().__init__()
         self._sock = sock
-        self._on_datagram = on_datagram
+        self._on_chunk = on_chunk
         self._fixed_peer = self._peer = fixed_peer
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(sock, self._read)
 
     @property
     def peer(self) -> Address | None:
-        """Address that the next datagram goes to, None if no peer is known yet."""
+        """Address that the next datagram goes to, None if no peer is bound yet."""
         return self._peer
 
+    def bind(self, peer: Address) -> None:
+        """Send to this address from now on; a fixed peer stays."""
+        if self._fixed_peer is None:
+            self._peer = peer
+
     def send(self, datagram: bytes) -> None:
-        """Send one datagram to the peer; a failure, or having no peer yet, is counted, never raised."""
+        """Send one datagram to the peer; a failure, or having none yet, is counted, never raised."""
         if self._peer is None:
             self.counts.no_peer += 1
         else:
@@ -164,11 +169,8 @@ class UdpDuplex(Sender):
             except OSError:
                 # Nothing waits, or an ICMP error came back: an autopilot that starts later must still be heard.
                 return
-            if self._fixed_peer is None:
-                self._peer = address
-            elif address != self._fixed_peer:
-                continue
-            self._on_datagram(datagram)
+            if self._fixed_peer is None or address == self._fixed_peer:
+                self._on_chunk(datagram, address)
 
 
 class _Reading:

@@ -28,7 +28,7 @@ from companion.runtime.io_thread import IoThread
 CONFIG = Config.model_validate(
     {
         "agent_id": 1,
-        "autopilot": {"kind": "arducopter", "link": "udpin:127.0.0.1:14550"},
+        "autopilot": {"kind": "arducopter", "link": "udpin:127.0.0.1:14550", "system_id": 1},
         "broadcast": {"link": "autopilot", "trust": "unsigned"},
     }
 )
