@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import streams
+from tests.field import streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
     "What was asked of the autopilot": streams.SITUATIONS,
+    "Floods and stalls": turns.SITUATIONS,
 }
 """The situations of each area, in the order of the page."""
 

@@ -143,7 +143,7 @@ SITUATIONS = (
     Situation(
         "one radio: 10 000 wrapped frames a second come over the autopilot's own link",
         _FLOOD,
-        "",
+        "setpoints for 1.3 s after it",
         _one_radio,
     ),
     Situation(
