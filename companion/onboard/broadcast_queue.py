@@ -76,7 +76,7 @@ class BroadcastQueue:
         self._until_s = -math.inf
 
     def go_on(self, for_s: float) -> None:
-        """Give turns again for so many seconds, but one in any case: an overloaded computer hears the broadcast, too."""
+        """Give turns again for so many seconds, but one in any case: an overloaded computer hears it, too."""
         self._until_s = self._loop.time() + max(for_s, 2.0 * TURN_S)
         self._wake()
 

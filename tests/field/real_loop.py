@@ -29,7 +29,7 @@ from companion.geo.local_frame import LocalFrame
 from companion.onboard import service
 from companion.onboard.config import parse_config
 from companion.onboard.recording import RecordedCompanion
-from companion.protocol import authenticator
+from companion.protocol import authenticator, ed25519
 from companion.protocol.authenticator import Authenticator
 from companion.protocol.frame import raw_frames
 from companion.protocol.v2_extension import wrap
@@ -348,7 +348,7 @@ class RealLoop:
             stack.enter_context(patch.object(owner, name, work))
 
         charged(Authenticator, "admit", "datagram")
-        check = authenticator.verify
+        check = ed25519.verify
 
         def checked(*arguments: Any) -> bool:  # noqa: ANN401 - whatever the original takes
             flight.clocks.work(flight.costs_s["check"])
