@@ -323,7 +323,7 @@ class Companion:
         neighbours = self.adapter.neighbours if config.detector == "adsb" else ()
         seen = detected(neighbours, plane, motion, telemetry.altitude_m, config, now_s)
         view = world_model.view(now_s, band_m(telemetry, config.height_m))
-        view = world_model.with_traffic(view, seen.traffic, seen.elsewhere)
+        view = world_model.with_traffic(view, seen.traffic, seen.elsewhere, config.limits.fastest_m_s)
         status = self._assess(age_s, now_s)
         situation = Situation(
             motion.position_ned_m,
