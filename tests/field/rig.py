@@ -55,15 +55,12 @@ STREAMS = (
 class Rig:
     """One vehicle in the air, handed over after some seconds, with a picture that is always fresh."""
 
-    def __init__(
-        self,
-        kind: str = "arducopter",
-        config: Config | None = None,
-        firmware: tuple[int, int] | None = None,
-        **parameters: float,
-    ) -> None:
+    firmware: tuple[int, int] | None = None
+    """Version of the autopilot's firmware; None: the stand-in's own."""
+
+    def __init__(self, kind: str = "arducopter", config: Config | None = None, **parameters: float) -> None:
         """Begin at the origin; `parameters`: the autopilot's, beside those that `companion check` demands."""
-        version: dict[str, Any] = {} if firmware is None else {"firmware": firmware}
+        version: dict[str, Any] = {} if self.firmware is None else {"firmware": self.firmware}
         self.kind = kind
         self.companion = Companion(config or config_of(kind))
         self.vehicle = StandIn(

@@ -37,7 +37,7 @@ def checked(rig: Rig) -> list[Finding]:
 
 def asked(kind: str, version: tuple[int, int], loaded: dict[str, float]) -> Rig:
     """Return a rig whose companion has asked for everything, after a stand-in loaded these parameters."""
-    rig = Rig(kind, config_of(kind, limits=FENCE), firmware=version)
+    rig: Rig = type("Versioned", (Rig,), {"firmware": version})(kind, config_of(kind, limits=FENCE))
     set_parameters(rig.vehicle, loaded.items())
     rig.companion.adapter.ask_further()  # type: ignore[attr-defined]
     rig.run(9.0)
