@@ -66,6 +66,17 @@ class WorldModel:
         return self._beliefs.target_of(self.agent_id)
 
     @property
+    def target_ned_m(self) -> tuple[float, float] | None:
+        """The place (north, east) of the vehicle's target as last told; None if there is none or it is unheard."""
+        heard = None if self.target_id is None else self._beliefs.targets.get(self.target_id)
+        return None if heard is None else (heard[0].north_m, heard[0].east_m)
+
+    @property
+    def agent_ids(self) -> tuple[int, ...]:
+        """The ids of the agents of which the broadcast tells, in order."""
+        return tuple(sorted(self._beliefs.agents))
+
+    @property
     def others_told(self) -> tuple[int, int]:
         """Of how many other agents the broadcast tells, and of how many the place."""
         others = [agent for identity, (agent, _) in self._beliefs.agents.items() if identity != self.agent_id]
