@@ -22,8 +22,8 @@ AHEAD_FRAMES = 16
 """How many frames may have been lost however short the time."""
 RATE_FACTOR = 3.0
 """How many times its measured rate a link may be taken to run, for the frames that may have been lost in a time."""
-STALE_S = 1.5
-"""Time without a frame after which every number is taken for ahead: an autopilot sends its heartbeat each second."""
+STALE_S = 4.0
+"""Time without a newer frame after which every number is taken for ahead: the autopilot counts as lost by then."""
 RATE_STEP_S, RATE_STEPS = 0.25, 9
 """Least time between two of the points by which the rate is measured, and their number."""
 

@@ -16,7 +16,7 @@ from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
 from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.commands import Command, Commands
 from companion.autopilot.heartbeat import HeartbeatIdentity
-from companion.autopilot.identity import Identity
+from companion.autopilot.identity import STANDS_STILL, Identity
 from companion.autopilot.intake import DAMAGED, decode, is_whole
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import ParameterReader, Wanted, request
@@ -219,12 +219,13 @@ class LinkedAdapter(ABC):
             return False
         reason, at_s = self._identity.take(frame, now_s)
         self._reader.note_restarts(self._identity.restarts)
+        if reason in (None, STANDS_STILL):
+            if self._heard_after != self.telemetry.restarts:
+                self._begin(now_s)
+            self._streams.arrived(frame.message_id, now_s)
         message = decode(frame) if reason is None else None
         if message is None:
             return False
-        if self._heard_after != self.telemetry.restarts:
-            self._begin(now_s)
-        self._streams.arrived(frame.message_id, now_s)
         if frame.message_id == common.MAVLINK_MSG_ID_PARAM_VALUE:
             self.parameters.take(message)
         elif frame.message_id == common.MAVLINK_MSG_ID_COMMAND_ACK:
