@@ -292,7 +292,7 @@ class Companion:
             out_of_range=self.navigation.out_of_range,
             # Where a position that jumped and stayed there is, nobody knows: on neither side of a fence.
             outside_fence=engagement is not None and displaced is None and self._outside_fence(),
-            moved=None if kept is None else moved(kept.references, telemetry),
+            moved=None if kept is None else moved(kept.references, telemetry, self.adapter.steers_in_local_frame),
             misplaced=displaced or misplaced(telemetry, self.config, now_s),
             doubted=None if kept is None else doubted(kept.track),
             uncertified_s=0.0 if uncertified_from_s is None else now_s - uncertified_from_s,
@@ -323,7 +323,7 @@ class Companion:
         neighbours = self.adapter.neighbours if config.detector == "adsb" else ()
         seen = detected(neighbours, plane, motion, telemetry.altitude_m, config, now_s)
         view = world_model.view(now_s, band_m(telemetry, config.height_m))
-        view = world_model.with_traffic(view, seen.traffic, seen.elsewhere)
+        view = world_model.with_traffic(view, seen.traffic, seen.elsewhere, config.limits.fastest_m_s)
         status = self._assess(age_s, now_s)
         situation = Situation(
             motion.position_ned_m,

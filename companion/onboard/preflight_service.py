@@ -87,7 +87,7 @@ class _Checker:
 
     async def open(self) -> None:
         """Open the links that `companion run` would open; raises InputError."""
-        self._disk_troubles = disk_troubles(self._config, self._adapter.resumes_on_stream, self._clock.now_s())
+        self._disk_troubles = disk_troubles(self._config, self._adapter.resumes_on_stream)
         if self._autopilot.kind == "px4-copter" and self._autopilot.offboard == "mavsdk":
             require_mavsdk()
         if self._broadcast_link is not None:

@@ -123,7 +123,7 @@ def _prepare(config: Config, build: Build, logs: LogFolder, files: IoThread, sta
     assert autopilot is not None and broadcast is not None
     link = None if broadcast.link == ONE_RADIO else parse_link(broadcast.link)
     clock = SteadyClock()
-    saved, before = saved_authenticator_state(broadcast, clock.now_s()), saved_authority(autopilot)
+    saved, before = saved_authenticator_state(broadcast), saved_authority(autopilot)
     for warning in (*saved.warnings, *before.warnings):
         LOGGER.warning("%s", warning)
     trust = trust_of(broadcast)
@@ -132,6 +132,7 @@ def _prepare(config: Config, build: Build, logs: LogFolder, files: IoThread, sta
     flight = RecordedCompanion(companion, clock, logs.vehicle)
     flight.begin(before.state)
     authenticator_file = AuthenticatorStateFile(broadcast.state_file, authenticator, files)
+    authenticator_file.begin()
     stack.callback(authenticator_file.write)
     notifier = Notifier()
     stack.callback(notifier.close)
@@ -219,7 +220,9 @@ class SetpointLoop:
                 await self._slot(decides)
                 if decides:
                     collect()
-                await wait(stop, rate.next_after(steady_s()) - steady_s())
+                wait_s = rate.next_after(steady_s()) - steady_s()
+                self._broadcast.go_on(wait_s)
+                await wait(stop, wait_s)
         LOGGER.info("%s", self._output.gaps.summary)
         LOGGER.info("%s", self._stalls.lateness.summary)
 
@@ -242,7 +245,6 @@ class SetpointLoop:
             frames = await self._again(frames)
         self._output.send(frames, now_s)
         self._vehicle.authority_file.write(flight.companion.authority.kept)
-        self._broadcast.go_on()
         if decision is not None:
             self._tell(decision, now_s)
         self._reporter.send_text(now_s)
