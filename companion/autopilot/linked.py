@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
 from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.commands import Command, Commands
+from companion.autopilot.dialogue import Dialogue, packed
 from companion.autopilot.heartbeat import HeartbeatIdentity
 from companion.autopilot.identity import STANDS_STILL, Identity
 from companion.autopilot.intake import DAMAGED, decode, is_whole
@@ -89,6 +90,7 @@ class LinkedAdapter(ABC):
         }
         self._message_intervals = Commands()
         self._commands = Commands()
+        self._dialogue = Dialogue()
         self._mav: common.MAVLink | None = None
         self._streams = StreamWatch(self.rates_hz, self.rests_on)
         self._heard_after: int | None = None
@@ -153,6 +155,11 @@ class LinkedAdapter(ABC):
         return self._identity.refusal
 
     @property
+    def unusual(self) -> str | None:
+        """What is unusual of the frames that the autopilot sends, in words; None if nothing is."""
+        return self._dialogue.note()
+
+    @property
     def abilities(self) -> Abilities:
         """The vehicle's performance limits; without parameters there are none."""
         return Abilities()
@@ -171,8 +178,22 @@ class LinkedAdapter(ABC):
             return []
         for message_id in self._streams.due(now_s, self._reader.seen_s):
             self._message_intervals.queue(_interval(message_id, self.rates_hz[message_id]))
-        frames = [self._pack(message) for message in self._message_intervals.due(now_s, self._system_id)]
-        return frames + [self._pack(request(name, self._system_id)) for name in self.parameters.due(now_s)]
+        questions = [
+            *self._message_intervals.due(now_s, self._system_id),
+            *(request(name, self._system_id) for name in self.parameters.due(now_s)),
+        ]
+        if self._dialogue.asked(len(questions), now_s):
+            self.parameters.restart()
+        return [self._pack(message) for message in questions]
+
+    def silence(self, now_s: float) -> str | None:
+        """Return in words that the autopilot is heard and answers nothing, and the remedy; None if it answers."""
+        return self._dialogue.silence(now_s)
+
+    def note_signed(self) -> bool:
+        """Note that the autopilot signs its frames; return whether that is new."""
+        is_new, self._dialogue.signed = not self._dialogue.signed, True
+        return is_new
 
     def shortfalls(self, now_s: float) -> tuple[Shortfall, ...]:
         """Return what safety rests on and arrives much more seldom than asked; none while nothing is heard."""
@@ -228,9 +249,12 @@ class LinkedAdapter(ABC):
         message = decode(frame) if reason is None else None
         if message is None:
             return False
+        self._dialogue.heard(frame.version)
         if frame.message_id == common.MAVLINK_MSG_ID_PARAM_VALUE:
+            self._dialogue.answered()
             self.parameters.take(message)
         elif frame.message_id == common.MAVLINK_MSG_ID_COMMAND_ACK:
+            self._dialogue.answered()
             self._message_intervals.take(message, self._system_id)
             self._commands.take(message, self._system_id)
         else:
@@ -248,6 +272,7 @@ class LinkedAdapter(ABC):
         """Ask for everything anew: the autopilot is first heard, or has restarted."""
         if self._heard_after is not None:
             self.parameters.restart()
+            self._dialogue.restart()
         self._heard_after = self.telemetry.restarts
         self._streams.begin(now_s)
 
@@ -281,7 +306,7 @@ class LinkedAdapter(ABC):
         system_id = self.telemetry.system_id or 1
         if self._mav is None or self._mav.srcSystem != system_id:
             self._mav = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
-        data = bytes(message.pack(self._mav))
+        data = packed(message, self._mav, self._dialogue.in_old_version)
         self._mav.seq = (self._mav.seq + 1) % 256
         return data
 

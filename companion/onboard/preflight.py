@@ -76,7 +76,12 @@ def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: f
         age_s = now_s - telemetry.heartbeat_at_s
         yield Finding(False, f"last heartbeat {age_s:.0f} s ago", "check the link and that the autopilot runs")
     else:
-        yield Finding(True, f"{adapter.kind}, system {telemetry.system_id}, heard on {link}")
+        unusual = "" if adapter.unusual is None else f"; {adapter.unusual}"
+        yield Finding(True, f"{adapter.kind}, system {telemetry.system_id}, heard on {link}{unusual}")
+        silence = adapter.silence(now_s)
+        if silence is not None:
+            words, _, remedy = silence.partition(": ")
+            yield Finding(False, words, remedy)
 
 
 def _demands(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
