@@ -15,17 +15,14 @@ from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.protocol.codec import (
     BandsFrame,
-    DetectionsFrame,
     Directive,
     FleetFrame,
     Frame,
-    FrameReader,
     FrameWriter,
     Kind,
     MissionFrame,
     MotionFrame,
     RadiiFrame,
-    ReportFrame,
     Stamp,
     StateFrame,
     WireError,
@@ -47,6 +44,8 @@ from groundstation.broadcast import (
     surrogate_digest,
     untold_growth_m,
 )
+from groundstation.inputs import Inputs
+from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.revision import first_revision, next_revision
 from groundstation.target_assignment import assign_targets
 from groundstation.tracks import TrackTable
@@ -135,11 +134,12 @@ class GroundStation:
         sensed: bool = True,
         model: VehicleModel | None = None,
         resumed: Resumed = _NOTHING_RESUMED,
+        sensor_error_m: float = SENSOR_ERROR_M,
     ) -> None:
         """Begin a run, and with it an epoch; while that is ahead of the clock, frames are stamped with its beginning.
 
         Without a sensor (`sensed` false) nothing is detected. In Case II the vehicles are dead-reckoned by `model`, by
-        default `VehicleModel()`.
+        default `VehicleModel()`. A detection is at most `sensor_error_m` off.
 
         Raises:
             InputError: the ground station cannot run the mission.
@@ -149,10 +149,11 @@ class GroundStation:
         self.mission = mission
         self.directive = Directive.NORMAL
         self._reckoner = DeadReckoner(mission, start_s, model or VehicleModel()) if mission.case == "II" else None
-        self.tracks = TrackTable(mission, start_s, _silent_after_s(mission, sensed), resumed.began_s)
+        silent_after_s = _silent_after_s(mission, sensed)
+        self.tracks = TrackTable(mission, start_s, silent_after_s, resumed.began_s, sensor_error_m)
         self.unsendable = Unsendable()
         """Frames that `tick` could not send."""
-        self.reader = FrameReader()
+        self.inputs = Inputs(self.tracks.refusals)
         self._writer = FrameWriter()
         self._epoch = _Epoch(int(start_s) if resumed.epoch_s is None else resumed.epoch_s)
         self._due = _DueTimes(start_s, start_s, start_s + mission.broadcast_period_s / 2.0)
@@ -188,17 +189,15 @@ class GroundStation:
 
     def sense(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the sensor's channel; never raises, whatever the bytes."""
-        for frame in self.reader.read(datagram):
-            if isinstance(frame, DetectionsFrame):
-                self.tracks.take(frame, now_s)
+        for frame in self.inputs.detections(datagram, now_s):
+            self.tracks.take(frame, now_s)
 
     def hear_report(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the uplink; never raises, whatever the bytes. In Case I reports are ignored."""
-        for frame in self.reader.read(datagram):
-            if isinstance(frame, ReportFrame) and self._reckoner is not None:
-                fix = self.tracks.take_report(frame, now_s)
-                if fix is not None:
-                    self._reckoner.fix(frame.agent_id, fix)
+        for frame in self.inputs.reports(datagram, now_s):
+            fix = None if self._reckoner is None else self.tracks.take_report(frame, now_s)
+            if self._reckoner is not None and fix is not None:
+                self._reckoner.fix(frame.agent_id, fix)
 
     def advance(self, now_s: float) -> None:
         """Update dead reckoning, tracks and assignment to `now_s`; `tick` calls this itself."""

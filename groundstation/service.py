@@ -29,6 +29,7 @@ from groundstation.agents import VehicleModel
 from groundstation.choices import Authentication
 from groundstation.directives import DirectiveInput
 from groundstation.ground_station import GroundStation
+from groundstation.input_keys import input_trusts
 from groundstation.options import Options
 from groundstation.saved_state import RunStateFile
 from groundstation.schedule import TICK_S as RADIO_TICK_S
@@ -93,7 +94,9 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         sensed=options.sensor is not None,
         model=VehicleModel(DEFAULT_LAW, options.can_stop),
         resumed=state_file.resumed,
+        sensor_error_m=options.sensor_error_m,
     )
+    station.inputs.sensor, station.inputs.uplink = input_trusts(options, mission)
     station.directive = state_file.directive
     broadcaster = Broadcaster(station, options.radio, frame_signer)
     broadcaster.begin(start_s)
