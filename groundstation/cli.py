@@ -52,6 +52,11 @@ def cli() -> None:
     "--sensor", metavar="URL", help="Where detections come in: udpin:HOST:PORT. Without it nobody is tracked."
 )
 @click.option("--uplink", metavar="URL", help="Case II: where agents' reports come in: udpin:HOST:PORT.")
+@click.option(
+    "--listen",
+    metavar="URL",
+    help="Where the broadcast itself is heard, to notice another ground station; its own group or subnet if not given.",
+)
 @click.option("--sensor-error", type=float, default=30.0, show_default=True, help="Greatest error of a detection, m.")
 @click.option(
     "--unsigned-inputs",

@@ -37,6 +37,7 @@ class RunArguments(TypedDict):
     mirror: str | None
     sensor: str | None
     uplink: str | None
+    listen: str | None
     sensor_error: float
     unsigned_inputs: bool
     autopilot: str
@@ -58,6 +59,8 @@ class Options:
     state: Path | None = None
     can_stop: bool = False
     """Case II: whether the dead-reckoned agents can stand still."""
+    listen: Link | None = None
+    """Link on which the broadcast itself is heard, to notice another ground station; None: nowhere."""
     unsigned_inputs: bool = False
     """Whether sensors and vehicles on other computers are believed though they sign nothing."""
     sensor_error_m: float = SENSOR_ERROR_M
@@ -78,7 +81,7 @@ def run_of(given: RunArguments) -> tuple[Mission, Options]:
     one_of("--autopilot", given["autopilot"], tuple(KINDS))
     without_null({"MISSION": given["mission"], "--link": given["link"], "--keys": given["keys"]})
     without_null({"--state": given["state"], "--log": given["log"], "--mirror": given["mirror"]})
-    without_null({"--sensor": given["sensor"], "--uplink": given["uplink"]})
+    without_null({"--sensor": given["sensor"], "--uplink": given["uplink"], "--listen": given["listen"]})
     mission = _mission_to_broadcast(given["mission"], given["seed"], given["uplink"])
     return mission, _options(given)
 
@@ -122,6 +125,7 @@ def _options(given: RunArguments) -> Options:
         log=_path(log),
         state=_path(state),
         can_stop=KINDS[given["autopilot"]].can_stop,
+        listen=_listened(link, given["listen"]),
         unsigned_inputs=given["unsigned_inputs"],
         sensor_error_m=error_m,
     )
@@ -132,6 +136,13 @@ def _options(given: RunArguments) -> Options:
                 f"--keys DIR, {_LOCAL_FORM}, or --unsigned-inputs to believe anybody"
             )
     return options
+
+
+def _listened(link: Link, url: str | None) -> Link | None:
+    """Return the link on which the broadcast can be heard: the one given, or its own group or subnet."""
+    if url is not None:
+        return parse_link(url)
+    return link if link.scheme in ("mcast", "udpbcast") else None
 
 
 def _is_local(link: Link) -> bool:

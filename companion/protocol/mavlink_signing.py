@@ -97,6 +97,10 @@ class MavlinkSigner:
         )
         return signed + _hash(self._keyed, signed)
 
+    def holds(self, frame: RawFrame) -> bool:
+        """Return whether a frame is signed with the key, by whomever and at any time."""
+        return _holds(self._keyed, frame)
+
 
 class MavlinkVerifier:
     """Checks MAVLink signatures; remembers each stream's newest signing time, of frames that passed every check."""
@@ -126,8 +130,7 @@ class MavlinkVerifier:
 
     def holds(self, frame: RawFrame) -> bool:
         """Return whether a frame is signed with the key; the signing time is not checked."""
-        covered, carried = frame.data[:-_HASH_BYTES], frame.data[-_HASH_BYTES:]
-        return frame.is_signed and hmac.compare_digest(_hash(self._keyed, covered), carried)
+        return _holds(self._keyed, frame)
 
     def check(self, frame: RawFrame, now_s: float, *, silent: bool = False) -> str | None:
         """Return the reason why a frame is refused, None if it is accepted; nothing is remembered.
@@ -178,6 +181,11 @@ def _keyed(key: bytes) -> hashlib._Hash:
     if len(key) != KEY_BYTES:
         raise ValueError(f"a MAVLink key of {len(key)} bytes; allowed: {KEY_BYTES}")
     return hashlib.sha256(key)
+
+
+def _holds(keyed: hashlib._Hash, frame: RawFrame) -> bool:
+    covered, carried = frame.data[:-_HASH_BYTES], frame.data[-_HASH_BYTES:]
+    return frame.is_signed and hmac.compare_digest(_hash(keyed, covered), carried)
 
 
 def _hash(keyed: hashlib._Hash, signed: bytes) -> bytes:
