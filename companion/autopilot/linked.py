@@ -69,6 +69,8 @@ class LinkedAdapter(ABC):
     parameter_checks: tuple[ParameterCheck, ...] = ()
     wanted: tuple[Wanted, ...] = ()
     rates_hz: Mapping[int, float] = COMMON_RATES_HZ
+    steers_in_local_frame = False
+    """Whether setpoints hold places in the autopilot's local frame; velocities are about no origin."""
     rests_on: Mapping[int, str] = RESTS_ON
     """What safety rests on, by the message that tells it."""
 

@@ -49,7 +49,8 @@ class BroadcastQueue:
         self._loop = loop
         self._share = FairShare[bytes](SHARE, BURST_S, rng or random.Random(), FIRST_COST_S)
         self._ready: list[bytes] = []
-        self._held = False
+        self._until_s = math.inf
+        """Time by which the last turn must have ended, -inf while none is given."""
         self._turn: asyncio.Handle | None = None
         """The turn that is asked for."""
         self._soon = False
@@ -72,11 +73,11 @@ class BroadcastQueue:
 
     def hold(self) -> None:
         """Give no turns: the autopilot's link is read, and a decision made."""
-        self._held = True
+        self._until_s = -math.inf
 
-    def go_on(self) -> None:
-        """Give turns again."""
-        self._held = False
+    def go_on(self, for_s: float) -> None:
+        """Give turns again for so many seconds, but one in any case: an overloaded computer hears it, too."""
+        self._until_s = self._loop.time() + max(for_s, 2.0 * TURN_S)
         self._wake()
 
     def _wake(self) -> None:
@@ -89,9 +90,9 @@ class BroadcastQueue:
     def _work(self) -> None:
         """Take one turn, and ask for the next one when there will be something to do."""
         self._turn, self._soon = None, False
-        if self._held:
-            return
         began_s = self._loop.time()
+        if began_s > self._until_s - TURN_S:
+            return
         pause_s = self._share.pause_s(began_s)
         if pause_s > 0.0:
             self._turn = self._loop.call_later(pause_s, self._work)

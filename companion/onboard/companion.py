@@ -292,7 +292,7 @@ class Companion:
             out_of_range=self.navigation.out_of_range,
             # Where a position that jumped and stayed there is, nobody knows: on neither side of a fence.
             outside_fence=engagement is not None and displaced is None and self._outside_fence(),
-            moved=None if kept is None else moved(kept.references, telemetry),
+            moved=None if kept is None else moved(kept.references, telemetry, self.adapter.steers_in_local_frame),
             misplaced=displaced or misplaced(telemetry, self.config, now_s),
             doubted=None if kept is None else doubted(kept.track),
             uncertified_s=0.0 if uncertified_from_s is None else now_s - uncertified_from_s,

@@ -103,9 +103,14 @@ def height_to_ask_m(kept: References, told: Telemetry, height_m: float) -> float
     return told.height_m + sorted((by_altitude_m, by_height_m, 0.0))[1]
 
 
-def moved(kept: References, told: Telemetry) -> str | None:
-    """Return in words what has moved since the hand-over and what is held; None while nothing has."""
-    said = [words for words in (_heights(kept, told), _home(kept, told), _origin(kept, told)) if words is not None]
+def moved(kept: References, told: Telemetry, in_local_frame: bool) -> str | None:
+    """Return in words what has moved since the hand-over and what is held; None while nothing has.
+
+    `in_local_frame`: whether the vehicle is steered by places in the autopilot's local frame, which are then compared
+    with the degrees, beside what the autopilot says of its origin.
+    """
+    found = (_heights(kept, told), _home(kept, told), _origin(kept, told, in_local_frame))
+    said = [words for words in found if words is not None]
     return f"{', '.join(said)}; {_HAND_OVER}" if said else None
 
 
@@ -206,14 +211,14 @@ def _home(kept: References, told: Telemetry) -> str | None:
     return f"home moved {_figure(away_m)} aside in flight: the old one counts" if away_m > PLACE_MOVED_M else None
 
 
-def _origin(kept: References, told: Telemetry) -> str | None:
+def _origin(kept: References, told: Telemetry, in_local_frame: bool) -> str | None:
     """Return in words how far the local frame has moved, as the autopilot says or as its own places tell."""
     away_m = up_m = 0.0
     if kept.origin is not None and told.origin is not None and told.origin != kept.origin:
         away_m = math.hypot(*metres_between(kept.origin[:2], told.origin[:2]))
         up_m = told.origin[2] - kept.origin[2]
     bound_m = PLACE_MOVED_M
-    local_ned_m = _local_now(told)
+    local_ned_m = _local_now(told) if in_local_frame else None
     if kept.anchor is not None and local_ned_m is not None and away_m <= PLACE_MOVED_M and abs(up_m) <= MOVED_M:
         anchor = kept.anchor
         north_m, east_m = metres_between((anchor.lat_deg, anchor.lon_deg), (told.lat_deg, told.lon_deg))

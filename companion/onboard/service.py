@@ -218,7 +218,9 @@ class SetpointLoop:
                 await self._slot(decides)
                 if decides:
                     collect()
-                await wait(stop, rate.next_after(steady_s()) - steady_s())
+                wait_s = rate.next_after(steady_s()) - steady_s()
+                self._broadcast.go_on(wait_s)
+                await wait(stop, wait_s)
         LOGGER.info("%s", self._output.gaps.summary)
         LOGGER.info("%s", self._stalls.lateness.summary)
 
@@ -241,7 +243,6 @@ class SetpointLoop:
             frames = await self._again(frames)
         self._output.send(frames, now_s)
         self._vehicle.authority_file.write(flight.companion.authority.kept)
-        self._broadcast.go_on()
         if decision is not None:
             self._tell(decision, now_s)
         self._reporter.send_text(now_s)

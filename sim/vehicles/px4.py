@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicles.craft import Answer, Body, Command, Home, Message, Parameter, Start, Surroundings
+from sim.vehicles.craft import Answer, Body, Command, Message, Parameter, Start, Surroundings
 from sim.vehicles.setpoint import SANE_POSITION_M, rotated
 
 # custom_mode: main mode << 16 | sub mode << 24 (px4_custom_mode.h).
@@ -147,7 +147,7 @@ def _local_place(
     """Return the plane's north and east and the altitude; all None in a body frame, whose place PX4 ignores (code)."""
     if frame != mavlink.MAV_FRAME_LOCAL_NED:
         return None, None, None
-    altitude_m = None if "z" not in given else around.home.altitude_m - given["z"]
+    altitude_m = None if "z" not in given else around.origin_altitude_m - given["z"]
     place = _pair(given, "x", "y")
     if place is None:
         return None, None, altitude_m
@@ -487,9 +487,9 @@ class Px4:
             self._hold.speed_m_s = command.param2 if 0.0 < command.param2 < SANE_POSITION_M else None
         return ACCEPTED
 
-    def _touch_down(self, home: Home) -> None:
+    def _touch_down(self, ground_m: float) -> None:
         body = self.body
-        body.altitude_m = home.altitude_m
+        body.altitude_m = ground_m
         body.velocity_north_m_s = body.velocity_east_m_s = body.climb_m_s = 0.0
         body.turn_rate_rad_s = body.roll_rad = body.airspeed_m_s = 0.0
         self.in_air = False

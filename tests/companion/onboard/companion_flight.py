@@ -153,7 +153,7 @@ class Flight:
         before_m = self._here_m or here_m
         way_m = 0.0 if jumps else math.dist(here_m, before_m)
         passed_s, self._here_s = self.now_s - self._here_s, self.now_s
-        flown_m = (before_m[0] + velocity[0] * passed_s, before_m[1] + velocity[1] * passed_s, here_m[2])
+        flown_m = (before_m[0] + velocity[0] * passed_s, before_m[1] + velocity[1] * passed_s, before_m[2])
         self._here_m = here_m
         if way_m > 0.0 and math.dist(here_m, flown_m) > 1.0:
             # Whatever its velocity was before.
