@@ -18,6 +18,7 @@ from typing import Any
 import click
 import numpy as np
 
+from companion.autopilot.firmware import Version
 from companion.autopilot.intake import Intake
 from companion.errors import EXIT_DONE, InputError, nearest_hint
 from companion.geo.local_frame import LocalFrame
@@ -96,6 +97,8 @@ class VehicleOptions:
     """Minutes for which a full battery lasts while armed; None: for ever."""
     parameters: tuple[tuple[str, float], ...] = ()
     """Names and values of autopilot parameters that differ from their defaults."""
+    firmware: Version | None = None
+    """Version of the autopilot's firmware, whose parameters it has; None: the kind's default."""
 
 
 async def run_vehicle(
@@ -245,6 +248,7 @@ def _build(options: VehicleOptions) -> StandIn:
             in_air=height_m is not None,
             armed=height_m is not None,
             guided=guided,
+            firmware=options.firmware,
         ),
     )
     from_rad = math.radians(options.wind_from_deg)
@@ -256,7 +260,7 @@ def _build(options: VehicleOptions) -> StandIn:
         vehicle.battery.drain_percent_s = 100.0 / (60.0 * options.endurance_min)
     if options.adsb_from is not None and ADSB_TYPE in vehicle.parameters:
         vehicle.parameters[ADSB_TYPE] = 1.0
-    set_parameters(vehicle.craft, options.parameters)
+    set_parameters(vehicle, options.parameters)
     if height_m is None and isinstance(vehicle.craft, ArduPilot):
         vehicle.craft.boot(0.0)
     return vehicle
@@ -279,6 +283,15 @@ def _parsed_links(_context: click.Context, _parameter: click.Parameter, values: 
 
 def _parsed_link(_context: click.Context, _parameter: click.Parameter, value: str | None) -> Link | None:
     return None if value is None else parse_link(value)
+
+
+def _version(_context: click.Context, parameter: click.Parameter, value: str | None) -> Version | None:
+    if value is None:
+        return None
+    major, dot, minor = value.partition(".")
+    if not (dot and major.isdecimal() and minor.isdecimal()):
+        raise click.BadParameter(f"'{value}' is no version like 4.6", param=parameter)
+    return int(major), int(minor)
 
 
 def _finite(_context: click.Context, parameter: click.Parameter, value: float) -> float:
@@ -428,6 +441,12 @@ def _finite_if_given(context: click.Context, parameter: click.Parameter, value: 
     type=click.FloatRange(0.1, 10000),
     callback=_finite_if_given,
     help="Minutes that a full battery lasts once armed; for ever unless given.",
+)
+@click.option(
+    "--firmware",
+    callback=_version,
+    metavar="VERSION",
+    help="Version of the autopilot's firmware, 4.3 to 4.7 or PX4's 1.13 to 1.17, whose parameter names it has.",
 )
 @parameter_option()
 @click.option("--system-id", type=click.IntRange(1, 255), default=1, show_default=True, help="MAVLink system id.")

@@ -42,7 +42,8 @@ class DecisionReporter:
         self._notifier = notifier
         self._uplink = uplink
         self._lateness = watches[0].lateness
-        self._monitors = (BroadcastMonitor(companion), *watches)
+        self._broadcast = BroadcastMonitor(companion)
+        self._monitors = (self._broadcast, *watches)
         self._statustext = _statustext(companion.config)
         is_signed = companion.config.broadcast is None or companion.config.broadcast.trust != "unsigned"
         self._trust = "" if is_signed else ", unsigned"
@@ -58,6 +59,9 @@ class DecisionReporter:
         line = summary_line(decision) + self._trust
         if self._output.waits_for_mavsdk:
             line += ", MAVSDK is not ready yet"
+        if self._broadcast.stopped_by is not None:
+            # In front, because a ground-control program shows the first 50 characters of a long line for sure.
+            line = f"{self._broadcast.stopped_by}; {line}"
         self._say(line, now_s)
         self._statustext.note(decision, line, insists=self._companion.is_waited_for(decision))
         self._send_values(decision, now_s)
