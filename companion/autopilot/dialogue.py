@@ -1,8 +1,8 @@
 """Whether the autopilot answers, in which version of MAVLink it is spoken to, and what stands in the way.
 
 An autopilot that sends MAVLink 1 mostly understands version 2, and goes over to it once it hears it (ArduPilot). So it
-is asked in version 2 first, and in version 1 when it neither answers nor goes over. One that signs its frames takes none
-without a signature, and says nothing of it: all that shows is that it answers nothing.
+is asked in version 2 first, and in version 1 when it neither answers nor goes over. One that signs its frames takes
+none without a signature, and says nothing of it: all that shows is that it answers nothing.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ class Dialogue:
         self._answered = False
         self._speaks_new = False
         self._speaks_old = False
+        self._mav: common.MAVLink | None = None
 
     def restart(self) -> None:
         """Begin anew after a restart of the autopilot, which may take what it did not, and the other way round."""
@@ -60,6 +61,14 @@ class Dialogue:
         in_vain = not self._answered and now_s - self._asked_since_s >= OLD_AFTER_S
         self.in_old_version = only_old and (before or in_vain)
         return self.in_old_version and not before
+
+    def packed(self, message: Message, system_id: int) -> bytes:
+        """Return the frame of a message of the companion, in the version that the autopilot understands."""
+        if self._mav is None or self._mav.srcSystem != system_id:
+            self._mav = common.MAVLink(None, srcSystem=system_id, srcComponent=common.MAV_COMP_ID_ONBOARD_COMPUTER)
+        data = packed(message, self._mav, self.in_old_version)
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return data
 
     def answered(self) -> None:
         """Note an answer to a question."""
@@ -88,7 +97,7 @@ class Dialogue:
 
 
 def packed(message: Message, mav: common.MAVLink, in_old_version: bool) -> bytes:
-    """Return the frame of a message, in MAVLink 1 where that is asked for; the caller counts the sequence on."""
+    """Return the frame of a message, in MAVLink 1 where that is asked for; the caller counts on."""
     data = bytes(message.pack(mav, force_mavlink1=in_old_version))
     most_bytes = _OLD_PAYLOAD_BYTES.get(message.get_msgId())
     if not in_old_version or most_bytes is None:

@@ -15,7 +15,8 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
 from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.commands import Command, Commands
-from companion.autopilot.dialogue import Dialogue, packed
+from companion.autopilot.dialogue import Dialogue
+from companion.autopilot.firmware import ENDINGS, FAMILIES, Firmware, firmware_of, known
 from companion.autopilot.heartbeat import HeartbeatIdentity
 from companion.autopilot.identity import STANDS_STILL, Identity
 from companion.autopilot.intake import DAMAGED, decode, is_whole
@@ -23,7 +24,6 @@ from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import ParameterReader, Wanted, request
 from companion.autopilot.streams import IF_ANY, RESTS_ON, SPARSE, Shortfall, StreamWatch, message_name
 from companion.autopilot.telemetry import (
-    COMPANION_COMPONENT,
     HEARTBEAT_TIMEOUT_S,
     Telemetry,
     TelemetryReader,
@@ -85,13 +85,16 @@ class LinkedAdapter(ABC):
         self._reader = TelemetryReader(self.rejected)
         self._message_ids = self._reader.message_ids | {
             *self.rates_hz,
+            common.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
             common.MAVLINK_MSG_ID_PARAM_VALUE,
             common.MAVLINK_MSG_ID_COMMAND_ACK,
+            common.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
         }
         self._message_intervals = Commands()
         self._commands = Commands()
         self._dialogue = Dialogue()
-        self._mav: common.MAVLink | None = None
+        self.firmware: Firmware | None = None
+        """The autopilot's firmware; None until it tells it, for which it is asked by `ask_further`."""
         self._streams = StreamWatch(self.rates_hz, self.rests_on)
         self._heard_after: int | None = None
         """Number of the autopilot's restarts that the streams and parameters know of; None before it is heard."""
@@ -195,6 +198,14 @@ class LinkedAdapter(ABC):
         is_new, self._dialogue.signed = not self._dialogue.signed, True
         return is_new
 
+    def ask_further(self) -> None:
+        """Ask for what only a check before the flight needs: the firmware, and what ends the guided mode by itself."""
+        names = ENDINGS.get(FAMILIES.get(self.kind, ""), ())
+        rows = [row for name in names if (row := known(self.kind, name)) is not None]
+        self.parameters.add(Wanted(row.name, row.default, optional=True) for row in rows)
+        params = (float(common.MAVLINK_MSG_ID_AUTOPILOT_VERSION), 0.0, 0.0, 0.0)
+        self._message_intervals.queue(Command(common.MAV_CMD_REQUEST_MESSAGE, "AUTOPILOT_VERSION", params))
+
     def shortfalls(self, now_s: float) -> tuple[Shortfall, ...]:
         """Return what safety rests on and arrives much more seldom than asked; none while nothing is heard."""
         return self._streams.shortfalls(now_s)
@@ -253,6 +264,8 @@ class LinkedAdapter(ABC):
         if frame.message_id == common.MAVLINK_MSG_ID_PARAM_VALUE:
             self._dialogue.answered()
             self.parameters.take(message)
+        elif frame.message_id == common.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            self.firmware = firmware_of(self.kind, message.flight_sw_version)
         elif frame.message_id == common.MAVLINK_MSG_ID_COMMAND_ACK:
             self._dialogue.answered()
             self._message_intervals.take(message, self._system_id)
@@ -281,8 +294,8 @@ class LinkedAdapter(ABC):
 
         A board without ADS-B refuses that: it is no failure, but a vehicle without a detector.
         """
-        sparse = {_interval(message_id, 1.0).name for message_id in SPARSE | IF_ANY}
-        return tuple(one for one in self._message_intervals.failures if one.partition(": ")[0] not in sparse)
+        told = {_interval(message_id, 1.0).name for message_id in set(self.rates_hz) - SPARSE - IF_ANY}
+        return tuple(one for one in self._message_intervals.failures if one.partition(": ")[0] in told)
 
     @property
     def _system_id(self) -> int:
@@ -303,12 +316,7 @@ class LinkedAdapter(ABC):
 
     def _pack(self, message: common.MAVLink_message) -> bytes:
         # A companion shares its autopilot's system id, which is known once a heartbeat was heard.
-        system_id = self.telemetry.system_id or 1
-        if self._mav is None or self._mav.srcSystem != system_id:
-            self._mav = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
-        data = packed(message, self._mav, self._dialogue.in_old_version)
-        self._mav.seq = (self._mav.seq + 1) % 256
-        return data
+        return self._dialogue.packed(message, self.telemetry.system_id or 1)
 
     def _local_target(
         self,
