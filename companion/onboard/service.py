@@ -41,13 +41,14 @@ from companion.onboard.state_files import (
 )
 from companion.onboard.trust import trust_of
 from companion.onboard.turn_queue import TurnQueue
+from companion.onboard.uplink import Uplink, open_uplink
 from companion.protocol.authenticator import Authenticator
 from companion.runtime.clock import SteadyClock, drain_sockets, steady_s, wait
 from companion.runtime.console import messages_written_by, program_logger
 from companion.runtime.io_thread import IoThread
 from companion.runtime.rate import LoopRate, next_due_s
 from companion.runtime.systemd import Notifier
-from companion.transport.endpoints import Address, Link, Sender, open_duplex, open_receiver, open_sender, parse_link
+from companion.transport.endpoints import Address, Link, open_duplex, open_receiver, parse_link
 
 LOGGER = program_logger("companion")
 BROADCAST_SHARE = 0.25
@@ -177,13 +178,12 @@ class _Links:
 
     output: AutopilotOutput
     untrusted: _Untrusted
-    uplink: Sender | None
+    uplink: Uplink | None
 
 
 async def _open_links(vehicle: _Vehicle, autopilot: AutopilotSection, stack: ExitStack) -> _Links:
     """Open the links, which `stack` closes; raises InputError."""
-    flight, logs, uplink = vehicle.flight, vehicle.logs, vehicle.config.uplink
-    loop = asyncio.get_running_loop()
+    flight, logs, loop = vehicle.flight, vehicle.logs, asyncio.get_running_loop()
     broadcast = BroadcastInput(flight, logs.broadcast, is_stream=_is_stream(vehicle.broadcast_link))
     queue = TurnQueue(broadcast.receive, BROADCAST_SHARE, loop, flight.hear_waiting)
     overruns: Callable[[], int] = _none
@@ -216,12 +216,8 @@ async def _open_links(vehicle: _Vehicle, autopilot: AutopilotSection, stack: Exi
     )
     untrusted = _Untrusted((queue, strangers), watches)
     stack.callback(untrusted.hold)
-    sender = None
     output = AutopilotOutput(flight.companion, link, logs.vehicle, offboard)
-    if uplink is not None:
-        sender = await open_sender(parse_link(uplink.link))
-        stack.callback(sender.close)
-    return _Links(output, untrusted, sender)
+    return _Links(output, untrusted, await open_uplink(vehicle.config.uplink, stack))
 
 
 class SetpointLoop:
