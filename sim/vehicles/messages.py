@@ -34,10 +34,6 @@ _CAPABILITIES = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
 )
 """Capabilities in AUTOPILOT_VERSION."""
-_VERSION = (4 << 24) | (7 << 16)
-"""ArduPilot's version in AUTOPILOT_VERSION: 4.7.0-dev of October 2025, on which the measurements were made."""
-_PX4_VERSION = (1 << 24) | (16 << 16) | (1 << 8) | 255
-"""PX4's version in AUTOPILOT_VERSION: the release 1.16.1, on which the measurements were made."""
 _INT16_MAX, _INT32_MAX, _UINT16_MAX = 2**15 - 1, 2**31 - 1, 2**16 - 1
 _KNOWS, _BLIND = 0x33F, 0x25
 """Flags of an estimate that knows its place, and of one that does not any more (measured, docs/autopilots.md)."""
@@ -59,9 +55,13 @@ class _Report:
 class MessageEncoder:
     """Makes the messages that one autopilot streams or sends on request."""
 
-    def __init__(self, dynamics: FlightDynamics, sender: MavlinkSender, boot_s: float) -> None:
-        """Encode the state of the vehicle of `dynamics`; its `time_boot_ms` counts from `boot_s`."""
+    def __init__(self, dynamics: FlightDynamics, sender: MavlinkSender, boot_s: float, version: int) -> None:
+        """Encode the state of the vehicle of `dynamics`; its `time_boot_ms` counts from `boot_s`.
+
+        `version`: AUTOPILOT_VERSION's flight_sw_version.
+        """
         self.boot_s = boot_s
+        self._version = version
         self._dynamics = dynamics
         self._craft = dynamics.craft
         self._mav = sender.mav
@@ -167,11 +167,9 @@ class MessageEncoder:
         )
 
     def _autopilot_version(self, t_s: float) -> Message:
-        is_px4 = self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_PX4
-        version = _PX4_VERSION if is_px4 else _VERSION
         no_hash = (0,) * 8
         return self._mav.autopilot_version_encode(
-            _CAPABILITIES, version, 0, 0, 0, no_hash, no_hash, no_hash, 0, 0, self._system_id
+            _CAPABILITIES, self._version, 0, 0, 0, no_hash, no_hash, no_hash, 0, 0, self._system_id
         )
 
     def _extended_sys_state(self, t_s: float) -> Message:

@@ -33,6 +33,8 @@ _MAIN_MODE_FACTOR, _SUB_MODE_FACTOR = 1 << 16, 1 << 24
 
 # The mode after a lost stream, by COM_OBL_RC_ACT (parameter reference). 6 (terminate) and 7 (disarm) are not modelled.
 _LOSS_MODES = {0: POSITION, 1: ALTITUDE, 2: STABILIZED, 3: RETURN, 4: LAND, 5: HOLD}
+_STICKLESS_LOSS_MODES = {0: LAND, 1: HOLD, 2: RETURN}
+"""The mode after a lost stream without radio control, by COM_OBL_ACT, which PX4 until 1.13 has."""
 
 STREAM_NEEDED_S = 1.0
 """Time for which setpoints must have come before OFFBOARD is entered. Asked for earlier, the mode is entered once this
@@ -356,6 +358,8 @@ class Px4:
         self.failsafe = self.armed and self._intended == OFFBOARD and self._stream_lost(now_s)
         if self.failsafe:
             mode = _LOSS_MODES.get(int(self.values["COM_OBL_RC_ACT"]), HOLD)
+            if "COM_OBL_ACT" in self.values:
+                mode = _STICKLESS_LOSS_MODES.get(int(self.values["COM_OBL_ACT"]), HOLD)
         if self.armed and self._is_blind(now_s):
             self.failsafe, mode = True, LAND
         if mode != self.mode:

@@ -16,12 +16,14 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.autopilot.firmware import Version
 from companion.geo.local_frame import LocalFrame
 from sim.mavlink_sender import MavlinkSender
 from sim.vehicles.commands import CommandProtocol
 from sim.vehicles.craft import Body, Craft, Home, Message, Start
 from sim.vehicles.dynamics import Battery, FlightDynamics, Truth
 from sim.vehicles.messages import MessageEncoder
+from sim.vehicles.named import firmware_of, named_parameters, version_number
 from sim.vehicles.parameters import ParameterProtocol
 from sim.vehicles.sensors import Sensors
 from sim.vehicles.telemetry import DEFAULT_RATES_HZ, Streams, Telemetry
@@ -61,6 +63,8 @@ class Setup:
     """Stream rates by message id."""
     seed: int = 1
     """Seed of the GPS noise."""
+    firmware: Version | None = None
+    """Version of the autopilot's firmware, whose parameters it has; None: the kind's default."""
 
     def start(self) -> Start:
         """Return the part of this that the craft needs."""
@@ -99,18 +103,21 @@ class StandIn:
         sender = MavlinkSender(setup.system_id, _AUTOPILOT_COMPONENT)
         self.system_id = setup.system_id
         self.craft = build(start)
+        firmware = firmware_of(self.craft.kind, setup.firmware)
         self.sensors = Sensors(setup.seed, setup.system_id)
         self.sensors.receivers.holds_s = _ESTIMATE_HOLDS_S.get(self.craft.kind, math.inf)
         self._dynamics = FlightDynamics(self.craft, start.home, setup.frame, self.sensors, setup.start_s)
         self._sender = sender
         self._telemetry = Telemetry(
             self.craft,
-            MessageEncoder(self._dynamics, sender, setup.start_s),
+            MessageEncoder(self._dynamics, sender, setup.start_s, version_number(firmware)),
             Streams(setup.rates_hz, setup.start_s),
             sender,
         )
         commands = CommandProtocol(self._dynamics, self._telemetry, sender, self.move_home)
-        parameters = ParameterProtocol(self.craft, sender)
+        self.named = named_parameters(self.craft, firmware)
+        """The parameters by their names on the wire."""
+        parameters = ParameterProtocol(self.craft, self.named, sender)
         self._handlers: dict[str, Callable[[Message, float], list[bytes]]] = {
             "COMMAND_LONG": commands.on_command_long,
             "COMMAND_INT": commands.on_command_int,
@@ -149,7 +156,7 @@ class StandIn:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The parameters' present values, by name; the owner may write into them."""
+        """The parameters' present values, by the craft's names for them; the owner may write into them."""
         return self.craft.values
 
     @property

@@ -84,25 +84,20 @@ def test_a_silence_of_the_autopilot_is_no_hand_over() -> None:
     assert flight.tick()[0].reason.startswith("home moved 560 m down")
 
 
-def test_a_new_hand_over_takes_the_home_as_it_is() -> None:
+def test_a_new_hand_over_ends_the_wait_and_keeps_the_height() -> None:
     flight = engaged()
     position(flight, -20.0)
     assert flight.tick()[0].purpose is Purpose.LOITER
     flight.heartbeat(GUIDED, STABILIZE)
-    position(flight, -20.0)
-    flight.heartbeat(GUIDED, STABILIZE)
     flight.tick()
-    position(flight, -20.0)
-    decision, setpoint = flight.tick()
-    assert decision.triggers == (
-        "home moved 20 m down in flight: height held by altitude above sea level; hand over again",
-    )
     flight.now_s += 1.5
     position(flight, -20.0)
     decision, setpoint = flight.tick()
     assert (decision.purpose, decision.triggers) == (Purpose.TARGET, ())
+    assert decision.note is not None
+    assert "home had moved 20 m down in flight: heights count from where it was" in decision.note
     assert setpoint is not None
-    assert setpoint.vz > 1.0
+    assert setpoint.vz == pytest.approx(0.0, abs=1e-6)
 
 
 def test_it_returns_to_the_home_of_the_hand_over() -> None:
