@@ -172,6 +172,17 @@ class Flight:
             )
         )
 
+    def move_home(self, up_mm: int, height_mm: int = 30_000) -> None:
+        """Tell of a vehicle that stands, a tenth of a second later, whose home was moved, without HOME_POSITION."""
+        self.boot_ms += 100
+        place = (round(FRAME.lat_deg * 1e7), round(FRAME.lon_deg * 1e7))
+        altitude_mm = round(1e3 * HOME_ALTITUDE_M) + height_mm
+        self.tell(
+            common.MAVLink_global_position_int_message(
+                self.boot_ms, *place, altitude_mm, height_mm - up_mm, *(0, 0, 0, 0)
+            )
+        )
+
     def landed(self, state: int = common.MAV_LANDED_STATE_ON_GROUND) -> None:
         self.tell(common.MAVLink_extended_sys_state_message(common.MAV_VTOL_STATE_UNDEFINED, state))
 
