@@ -96,6 +96,11 @@ def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: f
         if silence is not None:
             words, _, remedy = silence.partition(": ")
             yield Finding(False, words, remedy)
+        if adapter.beside is not None:
+            yield warning(
+                f"other autopilots on the same link: {adapter.beside}",
+                "keep them off it: what a router or a shared radio mixes up, they obey",
+            )
 
 
 def _demands(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
