@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -15,6 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.files.tlog import read_tlog
 from companion.mission.model import Mission, load_mission
+from companion.onboard.decision import Purpose
 from companion.protocol.frame import RawFrame, raw_frame
 from sim.score import Score, score
 from sim.trajectory import Trajectory, read_csv
@@ -28,6 +30,8 @@ HELD_S = 15.0
 HELD_SHARE = 95.0
 SETTLED_S = 1.0
 """Time after the hand-over from which gaps between setpoints count."""
+_DOES = re.compile(rf" companion: ({'|'.join(purpose.value for purpose in Purpose)})\b")
+"""A line of a companion that says what it does."""
 _CUSTOM_MODE = struct.Struct("<I")
 """The first field of HEARTBEAT's payload."""
 SETPOINTS = frozenset(
@@ -306,5 +310,5 @@ def _height_off_m(heights: np.ndarray, event_s: float) -> float:
 
 def _said_lines(log: Path, begin_s: float) -> list[tuple[float, str]]:
     """Return the lines of what the companion does, with their times."""
-    lines = [line.partition(" ") for line in log.read_text(encoding="utf-8").splitlines() if ", picture " in line]
+    lines = [line.partition(" ") for line in log.read_text(encoding="utf-8").splitlines() if _DOES.search(line)]
     return [(float(at_s) - begin_s, text) for at_s, _, text in lines]
