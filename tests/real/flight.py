@@ -184,7 +184,7 @@ class Flight:
         elif isinstance(action, MoveHome):
             vehicle.move(action)
         elif isinstance(action, LowerRates):
-            self._wires[1].lower_rates(1.0)
+            self._wires[1].lower_rates()
         elif isinstance(action, Have):
             self._wires[1].troubles.add(action.trouble)
         elif isinstance(action, Flood):

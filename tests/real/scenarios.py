@@ -128,7 +128,7 @@ class MoveOrigin(MoveHome):
 
 @dataclass(frozen=True)
 class LowerRates:
-    """Another program on the companion's own link of the autopilot asks for messages once a second."""
+    """Another program on the companion's own link of the autopilot asks for no messages, or on PX4 for slow ones."""
 
 
 @dataclass(frozen=True)
@@ -354,7 +354,7 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario("two-gps", "the first of two GPS receivers dies, and the autopilot flies on", STRAIGHT,
              FOUR[:2], parameters={"SIM_GPS2_ENABLE": 1, "GPS2_TYPE": 1}, wired=True,
              events=(Event(15.0, _GPS_LOST),), at_most=UNDISTURBED),
-    Scenario("rates", "another program asks for all messages once a second, and once more 30 s later", STRAIGHT,
+    Scenario("rates", "another program on its link stops or slows all messages, and once more 30 s later", STRAIGHT,
              FOUR, wired=True, events=(Event(10.0, LowerRates()), Event(40.0, LowerRates())), at_most=ARRIVES),
     Scenario("stranger", "a stranger sends one byte 50 times a second to the companion's port", STRAIGHT, FOUR,
              wired=True, events=(Event(5.0, Have("stranger")),), at_most=UNDISTURBED),

@@ -38,6 +38,8 @@ LOWERED = (
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
 )
 """Messages that another program slows down on PX4, which has no stream of all of them."""
+SLOW_US = 4e6
+"""Interval to which it slows them down: longer than telemetry counts."""
 _POLL_S = 0.005
 _READ_BYTES = 65_536
 _ROUTER_SYSTEM = 125
@@ -76,15 +78,15 @@ class Wire:
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def lower_rates(self, rate_hz: float) -> None:
-        """Have another program on the companion's own link of the autopilot ask for slower messages."""
+    def lower_rates(self) -> None:
+        """Have another program on the companion's own link ask for no messages, or of PX4 for slow ones."""
         other = mavlink.MAVLink(None, srcSystem=255, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
         if self._kind.firmware == "ArduPilot":
-            asked: list[Any] = [mavlink.MAVLink_request_data_stream_message(self._system, 1, 0, round(rate_hz), 1)]
+            asked: list[Any] = [mavlink.MAVLink_request_data_stream_message(self._system, 1, 0, 0, 0)]
         else:
             interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
             asked = [
-                mavlink.MAVLink_command_long_message(self._system, 1, interval, 0, number, 1e6 / rate_hz, *[0.0] * 5)
+                mavlink.MAVLink_command_long_message(self._system, 1, interval, 0, number, SLOW_US, *[0.0] * 5)
                 for number in LOWERED
             ]
         for message in asked:
