@@ -67,8 +67,8 @@ class AgentFigures:
     height_off_m: float | None
     """Greatest difference of its true height from that at the scenario's first event; None without one."""
     delivered_gap_s: float | None
-    """Longest time between two setpoints that reached the autopilot, until its arrival or a person's mode; None without
-    a wire."""
+    """Longest time in which no setpoint reached the autopilot, until its arrival or a person's mode; None without a
+    wire."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def figures_of(folder: Path) -> Figures:
                 gap_s=longest_gap_s(setpoints[agent.id], span_s),
                 height_m=_extremes(heights[agent.id], (0.0, np.inf)),
                 height_off_m=_height_off_m(heights[agent.id], events[0][0]) if len(events) > 1 else None,
-                delivered_gap_s=longest_gap_s(delivered_s, (span_s[0], min(arrived_s, taken_s))),
+                delivered_gap_s=longest_silence_s(delivered_s, (span_s[0], min(arrived_s, taken_s))),
                 **flown,
             )
         )
@@ -205,6 +205,12 @@ def longest_gap_s(times_s: np.ndarray, span_s: tuple[float, float]) -> float | N
     """Return the longest time without a setpoint within a span; None if there was none in it at all."""
     inside = times_s[(times_s >= span_s[0]) & (times_s <= span_s[1])]
     return round(float(np.diff(inside).max()), 3) if len(inside) > 1 else None
+
+
+def longest_silence_s(times_s: np.ndarray, span_s: tuple[float, float]) -> float | None:
+    """Return the longest time within a span without a setpoint, to its begin and end too; None if there is none."""
+    inside = times_s[(times_s >= span_s[0]) & (times_s <= span_s[1])]
+    return round(float(np.diff([span_s[0], *inside, span_s[1]]).max()), 3) if len(times_s) else None
 
 
 def standing_from_s(t_s: np.ndarray, speed_m_s: np.ndarray, since_s: float) -> float | None:
