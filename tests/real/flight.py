@@ -100,7 +100,7 @@ class Flight:
             # Before the companions: with GUIDED still chosen they would steer a copter that is climbing.
             stack.callback(self._end_programs)
             for agent in self.mission.agents if self.scenario.wired else ():
-                self._wires[agent.id] = Wire(self.kind, self._instance(agent.id), agent.id)
+                self._wires[agent.id] = Wire(self.kind, self._instance(agent.id), agent.id, self.scenario.troubles)
                 stack.callback(self._wires[agent.id].close)
             sensor = stack.enter_context(contextlib.closing(_Sensor(self.mission, self.vehicles)))
             self._start_programs()

@@ -181,6 +181,8 @@ class Scenario:
     """Bounds of the figures of a vehicle that can stop; `bounds` has those of the others."""
     wired: bool = False
     """Whether a wire of the lane's own is between companion and autopilot (tests/real/wire.py)."""
+    troubles: tuple[Trouble, ...] = ()
+    """What the wire has from before the companion starts."""
     direct: bool = False
     """Whether a PX4 copter's setpoints go without MAVSDK, which does not bear a busy computer; so they do by a wire."""
     refused: bool = False
@@ -361,9 +363,9 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario("copies", "every frame of the autopilot comes again, 0.1 to 5 s late; then a person takes it over",
              STRAIGHT, FOUR, wired=True, events=(Event(5.0, Have("copies")), Event(30.0, ChooseMode("wait"))),
              at_most=TAKEN_OVER, most_s=50.0),
-    Scenario("impostors", "HEARTBEATs of a router, another vehicle and a script that calls itself 1/1; then a person "
-             "takes it over", STRAIGHT, FOUR, wired=True,
-             events=(Event(5.0, Have("impostors")), Event(30.0, ChooseMode("wait"))), at_most=TAKEN_OVER, most_s=50.0),
+    Scenario("impostors", "HEARTBEATs of a router, another vehicle and a script that calls itself 1/1 from the start; "
+             "then a person takes it over", STRAIGHT, FOUR, wired=True,
+             troubles=("impostors",), events=(Event(30.0, ChooseMode("wait")),), at_most=TAKEN_OVER, most_s=45.0),
     Scenario("flood", "20 000 junk frames a second on the broadcast link, and a person takes it over", STRAIGHT,
              FOUR, wired=True, events=(Event(10.0, Flood()), Event(30.0, ChooseMode("wait"))), at_most=TAKEN_OVER,
              most_s=45.0),

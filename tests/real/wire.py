@@ -8,7 +8,7 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Literal
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -27,7 +27,7 @@ PORT = 14700
 LATE_S = (0.1, 5.0)
 """How late a copy is: that of a second, worse path of a mobile network."""
 STRANGER_PERIOD_S = 0.02
-IMPOSTOR_PERIOD_S = 1.0
+IMPOSTOR_PERIOD_S = 0.2
 LOWERED = (
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
@@ -64,14 +64,14 @@ def whole_frames(received: bytearray) -> Iterator[bytes]:
 class Wire:
     """Carries frames between one autopilot and one companion in a thread of its own."""
 
-    def __init__(self, kind: Kind, instance: int, agent_id: int) -> None:
+    def __init__(self, kind: Kind, instance: int, agent_id: int, troubles: Iterable[Trouble]) -> None:
         """Connect to the autopilot, and speak to the companion at PORT + its agent's id."""
         self._kind, self._system = kind, instance + 1
         self._up = _to_px4(14540 + instance) if kind.firmware == "PX4" else _to_ardupilot(5760 + 10 * instance)
         self._down, self._elsewhere = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
         self._companion = ("127.0.0.1", PORT + agent_id)
         self._autopilot: tuple[str, int] | None = None
-        self.troubles: set[Trouble] = set()
+        self.troubles = set(troubles)
         self.delivered_s: list[float] = []
         """Unix times at which setpoints went on to the autopilot."""
         self._ends = threading.Event()
