@@ -19,6 +19,7 @@ from companion.mission.model import Mission
 from companion.protocol.mavlink_signing import UNITS_PER_S, MavlinkSigner, timestamp_of
 from companion.protocol.messages import REVISIONS, Directive
 from companion.runtime.console import program_logger
+from groundstation.clock import MOST_AHEAD_S
 from groundstation.directives import directive_from
 from groundstation.ground_station import GroundStation, Resumed
 from groundstation.options import Options
@@ -27,10 +28,6 @@ LOGGER = program_logger("groundstation")
 STATE_PERIOD_S = 1.0
 """Period at which the last signing time is written to disk: a crash loses less of it than the difference of clocks that
 receivers allow."""
-MOST_AHEAD_S = 1.5
-"""Greatest time by which an epoch or a signing time may be ahead of the clock: receivers refuse frames more than 2 s
-ahead of their clocks (companion/protocol/authenticator.py), which may be behind. A restart within the second needs 1 s.
-"""
 
 
 @dataclass(frozen=True)
@@ -201,7 +198,7 @@ class RunStateFile:
             station.epoch_s,
             self._signing_timestamp,
             self._threats,
-            self.began_s,
+            self.began_s + station.tracks.clock_ahead_s,
             station.directive,
             station.revision,
         )

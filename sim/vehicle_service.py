@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
@@ -22,6 +23,8 @@ from companion.autopilot.intake import Intake
 from companion.errors import EXIT_DONE, InputError, nearest_hint
 from companion.geo.local_frame import LocalFrame
 from companion.protocol.codec import Kind
+from companion.protocol.keys import load_mavlink_key
+from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.runtime.clock import run_until_signal, wait
 from companion.transport.endpoints import (
     Address,
@@ -77,6 +80,8 @@ class VehicleOptions:
     system_id: int = 1
     sensor: Link | None = None
     """Link to a ground station that gets this vehicle's position as detections of the agent `system_id`; None: none."""
+    sensor_key: str | None = None
+    """File with the key that signs the detections; None: they are unsigned."""
     adsb_to: tuple[Link, ...] = ()
     """Links to the receivers of other vehicles that hear this one's transponder, as agent `system_id`; none has one."""
     adsb_from: Link | None = None
@@ -195,13 +200,16 @@ async def _fly(linked: _LinkedStandIn, tellers: Sequence[OnTruth], stop: asyncio
 
 
 def _sensing(options: VehicleOptions, sender: Sender) -> OnTruth:
-    """Return the function that sends the vehicle's true state as a detection to a ground station."""
+    """Return the function that sends the vehicle's true state as a detection to a ground station; raises InputError."""
     sensor = Sensor(options.lat_deg, options.lon_deg, int(time.time()))
+    # A link id of its own, as each vehicle's detections are a stream of their own.
+    key = options.sensor_key
+    signer = None if key is None else MavlinkSigner(load_mavlink_key(Path(key)), options.system_id)
 
     def tell(t_unix_s: float, truth: Truth) -> None:
         row = np.array([truth.north_m, truth.east_m, math.degrees(truth.heading_rad), truth.speed_m_s])
         for datagram in sensor.look([detection_of_row(Kind.AGENT, options.system_id, row)], t_unix_s):
-            sender.send(datagram)
+            sender.send(datagram if signer is None else signer.sign(datagram, t_unix_s))
 
     return tell
 
@@ -355,6 +363,9 @@ def _finite_if_given(context: click.Context, parameter: click.Parameter, value: 
     callback=_parsed_link,
     metavar="URL",
     help="udpout:HOST:PORT of a ground station that shall see this vehicle, as the agent numbered like its system id.",
+)
+@click.option(
+    "--sensor-key", metavar="FILE", help="Sign what --sensor sends, with the sensor.mavlink of `groundstation keygen`."
 )
 @click.option(
     "--adsb-to",
