@@ -271,6 +271,7 @@ class Flight:
                 for agent_id, seen in samples.items()
             },
             "delivered_s": {agent_id: wire.delivered_s for agent_id, wire in self._wires.items()},
+            "told_s": {agent_id: wire.told_s for agent_id, wire in self._wires.items()},
         }
         (self._folder / "flight.json").write_text(json.dumps(record), encoding="utf-8")
 

@@ -27,6 +27,7 @@ Figure = Literal[
     "stands_after_s",
     "held_within_m",
     "last_after_told_s",
+    "delivered_after_told_s",
     "gap_s",
     "height_off_m",
     "delivered_gap_s",
@@ -293,7 +294,7 @@ HOLDS: dict[Figure, float] = {
     "held_within_m": 3.0,
 }
 UNDISTURBED: dict[Figure, float] = {**ARRIVES, "delivered_gap_s": 0.5}
-TAKEN_OVER: dict[Figure, float] = {**SAFE, "delivered_gap_s": 0.5, "last_after_told_s": 0.25}
+TAKEN_OVER: dict[Figure, float] = {**SAFE, "delivered_gap_s": 0.5, "delivered_after_told_s": 0.25}
 LEVEL: dict[Figure, float] = {**SAFE, "height_off_m": 5.0}
 """Whatever a height is counted from moves, the vehicle does not."""
 _GPS_LOST = SetParameters({"ArduPilot": {"SIM_GPS1_ENABLE": 0}, "PX4": {"SIM_GPS_USED": 0}}, "GPS lost")

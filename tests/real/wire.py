@@ -74,6 +74,9 @@ class Wire:
         self.troubles = set(troubles)
         self.delivered_s: list[float] = []
         """Unix times at which setpoints went on to the autopilot."""
+        self.told_s: list[float] = []
+        """Unix times at which the autopilot's HEARTBEAT went on to the companion with another mode than the last."""
+        self._mode: bytes | None = None
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -112,6 +115,7 @@ class Wire:
                     continue
                 for frame in self._heard(received):
                     self._send_down(frame)
+                    self._note_mode(frame)
                     if "copies" in self.troubles:
                         heapq.heappush(late, (time.time() + chance.uniform(*LATE_S), frame))
             while late and late[0][0] <= time.time():
@@ -133,6 +137,13 @@ class Wire:
         if frame.component == COMPANION_COMPONENT and frame.message_id in SETPOINTS:
             self.delivered_s.append(time.time())
         self._send_up(data)
+
+    def _note_mode(self, data: bytes) -> None:
+        frame = raw_frame(data)
+        autopilot = (self._system, mavlink.MAV_COMP_ID_AUTOPILOT1, mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+        if (*frame.sender, frame.message_id) == autopilot and frame.payload[:4] != self._mode:
+            self._mode = frame.payload[:4]
+            self.told_s.append(time.time())
 
     def _send_up(self, data: bytes) -> None:
         if self._kind.firmware == "ArduPilot":
