@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from companion.errors import InputError
+from companion.files.log_series import LogSeries, file_bytes
 from companion.files.tlog import TlogWriter
 from companion.guidance.settings import DEFAULT_LAW
 from companion.mission.model import Mission
-from companion.onboard.flight_log import FlightLog, unused
+from companion.onboard.flight_log import FlightLog
 from companion.protocol.deframer import StreamFramer
 from companion.protocol.ed25519 import FrameSigner
 from companion.protocol.frame import raw_frame
@@ -23,12 +24,14 @@ from companion.protocol.radio_status import read_radio_status
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait
 from companion.runtime.console import program_logger
+from companion.runtime.io_thread import IoThread, IoThreadFile
 from companion.transport.endpoints import Link, Sender, open_receiver, open_sender
 from groundstation.adsb_mirror import AdsbMirror
 from groundstation.agents import VehicleModel
 from groundstation.choices import Authentication
 from groundstation.directives import DirectiveInput
 from groundstation.ground_station import GroundStation
+from groundstation.log_files import log_place
 from groundstation.options import Options
 from groundstation.saved_state import RunStateFile
 from groundstation.schedule import TICK_S as RADIO_TICK_S
@@ -86,25 +89,26 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
     frame_signer = load_frame_signer(options.authentication, options.keys)
     clock = SteadyClock()
     start_s = clock.now_s()
-    state_file = RunStateFile(options, mission, frame_signer.signer, start_s)
-    station = GroundStation(
-        mission,
-        start_s,
-        sensed=options.sensor is not None,
-        model=VehicleModel(DEFAULT_LAW, options.can_stop),
-        resumed=state_file.resumed,
-    )
-    station.directive = state_file.directive
-    broadcaster = Broadcaster(station, options.radio, frame_signer)
-    broadcaster.begin(start_s)
     with ExitStack() as stack:
-        log = FlightLog(None if options.log is None else TlogWriter(unused(options.log)), "groundstation")
-        stack.callback(log.close)
+        # Opened first and so closed last, after everything that still has bytes to write.
+        files = _io_thread("files", stack)
+        state_file = RunStateFile(options, mission, frame_signer.signer, start_s, files)
+        station = GroundStation(
+            mission,
+            start_s,
+            sensed=options.sensor is not None,
+            model=VehicleModel(DEFAULT_LAW, options.can_stop),
+            resumed=state_file.resumed,
+        )
+        station.directive = state_file.directive
+        broadcaster = Broadcaster(station, options.radio, frame_signer)
+        broadcaster.begin(start_s)
+        log = _opened_log(options, stack)
         hearing = _Hearing(clock, log, stack)
         links = await _open_links(options, station, hearing, stack)
         # On disk before the first frame is on the air.
         state_file.write(station, start_s)
-        stack.callback(lambda: state_file.write_if_possible(station, clock.now_s()))
+        stack.callback(lambda: state_file.write(station, clock.now_s()))
         stack.callback(DirectiveInput(station).close)
         status = Status(station, broadcaster, options)
         for line in [status.opening(), *state_file.news(start_s)]:
@@ -113,6 +117,24 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
             LOGGER.warning("%s", warning)
         loop = BroadcastLoop(_Run(station, broadcaster, AdsbMirror(mission), status, state_file), links, log, options)
         await loop.run(clock, stop)
+
+
+def _io_thread(name: str, stack: ExitStack) -> IoThread:
+    thread = IoThread(name)
+    stack.callback(thread.close)
+    return thread
+
+
+def _opened_log(options: Options, stack: ExitStack) -> FlightLog:
+    """Return the log of a run, which writes nothing without --log; `stack` closes it."""
+    if options.log is None:
+        return FlightLog(None)
+    most_bytes = int(options.log_mb * 1e6)
+    series = LogSeries(log_place(options.log, most_bytes), file_bytes(most_bytes))
+    # A thread of its own: a disk for logs that hangs must not keep the state from being written.
+    file = IoThreadFile(series, _io_thread("logs", stack))
+    stack.callback(file.close)
+    return FlightLog(TlogWriter(file), "groundstation")
 
 
 @dataclass(frozen=True)
@@ -193,7 +215,8 @@ class BroadcastLoop:
             now_s = clock.now_s()
             # A new directive is on disk before it is on the air: no restart may take back what vehicles have heard.
             self._run.state_file.write_if_due(self._run.station, now_s)
-            self._send(now_s)
+            if not self._run.state_file.holds(now_s):
+                self._send(now_s)
             self._tell(now_s)
             await wait(stop, self._period_s)
 
