@@ -48,8 +48,11 @@ class Status:
         )
 
     def news(self, now_s: float, frames: int) -> list[str]:
-        """Return the messages that are due: of mission and picture on changes, of the link every STATUS_PERIOD_S."""
-        lines = []
+        """Return the messages that are due: of mission and picture on changes, of the link every STATUS_PERIOD_S.
+
+        What the inputs said and is not believed is told as Refusals tells it.
+        """
+        lines = self._station.tracks.refusals.news(now_s)
         line = f"{self._mission_line()} ({_WORDS[self._options.authentication]})"
         if line != self._said:
             lines.append(line)
@@ -63,8 +66,8 @@ class Status:
             rate_bytes_per_s = (self.sent_bytes - self._told_bytes) / (now_s - self._told_at_s)
             pace = self._broadcaster.pace
             slowed = f", slowed to {pace:.0%} by the radio's buffer" if pace < 1.0 else ""
-            too_far, unsendable = self._station.tracks.too_far, sum(one.count for one in self._unsendable())
-            refused = f", {too_far} detections refused as too far" if too_far else ""
+            doubted, unsendable = self._station.tracks.refusals.total, sum(one.count for one in self._unsendable())
+            refused = f", {doubted} inputs not believed" if doubted else ""
             unsent = f", {unsendable} frames not sent" if unsendable else ""
             lines.append(
                 f"{frames} frames sent, {rate_bytes_per_s:.0f} B/s{slowed}{refused}{unsent} "

@@ -1,74 +1,62 @@
 """The ground station's picture of the world: one track per agent, target and threat, with ages.
 
-The tracks begin at the mission's positions and are updated by a sensor's detections; in Case II agents are not detected
-but placed by dead reckoning. An agent without detection or report for too long is lost (docs/method.md section 1, point
-7); one that comes within the arrival radius of a target completes it, and both leave the assignment. If an agent's
-position is uncertain, it counts as arrived later, by the time that it takes to fly the uncertainty. Times are Unix
-seconds given by the caller.
+The tracks begin at the mission's positions and are updated by a sensor's detections, as far as these can be true
+(sightings.py); in Case II agents are not detected but placed by dead reckoning. An agent without detection or report
+for too long is lost (docs/method.md section 1, point 7); one that comes within the arrival radius of a target completes
+it, and both leave the assignment (progress.py). If an agent's position is uncertain, it counts as arrived later, by the
+time that it takes to fly the uncertainty. Times are Unix seconds given by the caller.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from companion.geo.local_frame import LocalFrame, to_grid
-from companion.mission.extent import FARTHEST_M
+from companion.mission.extent import FARTHEST_M, Point
 from companion.mission.model import Mission
-from companion.protocol.codec import DetectionsFrame, Kind, ReportFrame
+from companion.protocol.codec import Detection, DetectionsFrame, Kind, ReportFrame
 from groundstation.agents import Estimate, Fix
+from groundstation.plausibility import SENSOR_ERROR_M, Bound, Sample, Verdict
+from groundstation.progress import Arrival, MissionProgress, cannot_have_arrived, disproved
+from groundstation.refusals import Refusals
+from groundstation.sightings import Key, Sightings
 from groundstation.track import Track, passed_at_m
 
-STANDING_M = 1.0
-"""Distance within which something that cannot move is detected where it is: a sensor's positions are rounded to 1 cm,
-and one with another origin has another plane."""
-
+TOO_FAR = "too far"
+"""Cause of refusals of detections that are farther away than FARTHEST_M."""
+_ROUNDED_M_S = 0.02
+"""Speed by which a velocity may exceed its bound because it was sent in whole cm/s."""
 _FASTEST = 2.0
 """Greatest ratio of the speed of a sighting's way to the agent's, which wind and errors of the sensor may explain."""
-
-
-@dataclass(frozen=True)
-class MissionProgress:
-    """Arrived and lost agents and completed targets, by id."""
-
-    arrived: frozenset[int] = frozenset()
-    lost: frozenset[int] = frozenset()
-    completed: frozenset[int] = frozenset()
-    """Ids of the completed targets."""
-    reached_by: Mapping[int, int] = field(default_factory=dict)
-    """Id of the target that an arrived agent completed, by agent id."""
-    near_since: Mapping[int, tuple[int, float]] = field(default_factory=dict)
-    """Id of the target that an agent with an uncertain position came near, and the time of that, by agent id."""
 
 
 class TrackTable:
     """Tracks by kind and id, and the progress of agents and targets."""
 
     def __init__(
-        self, mission: Mission, now_s: float, silent_after_s: float | None, began_s: float | None = None
+        self,
+        mission: Mission,
+        now_s: float,
+        silent_after_s: float | None,
+        began_s: float | None = None,
+        sensor_error_m: float = SENSOR_ERROR_M,
     ) -> None:
         """Begin with a resolved mission's positions, which were true at `began_s`, by default `now_s`.
 
         An agent without detection or report for `silent_after_s` is lost; None: agents are neither detected nor report,
-        so that none ever counts as lost.
+        so that none ever counts as lost. `sensor_error_m` is the greatest error of a detection.
         """
         self._mission = mission
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self._silent_after_s = silent_after_s
         self._agents = {agent.id: agent for agent in mission.agents}
         placed_at_s = now_s if began_s is None else min(began_s, now_s)
-        self._standing = {
-            (kind, item.id)
-            for kind, items in ((Kind.TARGET, mission.targets), (Kind.THREAT, mission.threats))
-            for item in items
-            if item.speed_bound_m_s == 0.0
-        }
-        self.too_far = 0
-        """Number of detections refused as farther away than FARTHEST_M."""
-        self.tracks: dict[tuple[Kind, int], Track] = {}
+        self._sightings = Sightings(mission, placed_at_s, now_s, sensor_error_m)
+        self.tracks: dict[Key, Track] = {}
         for kind, items in (
             (Kind.AGENT, mission.agents),
             (Kind.TARGET, mission.targets),
@@ -81,8 +69,15 @@ class TrackTable:
         self.flown_m = {agent.id: 0.0 for agent in mission.agents}
         self.uncertainty_m = {agent.id: 0.0 for agent in mission.agents}
         self.progress = MissionProgress()
+        self._told = self.progress
+        """The progress as of the last update."""
         self._judged = dict(self.tracks)
         """The tracks as of the last update: arrivals are judged on the ways from there."""
+
+    @property
+    def refusals(self) -> Refusals:
+        """Sightings and reports that were not believed."""
+        return self._sightings.refusals
 
     @property
     def active_agents(self) -> list[int]:
@@ -101,37 +96,45 @@ class TrackTable:
         return [target.id for target in self._mission.targets if target.id not in self.progress.completed]
 
     def take(self, frame: DetectionsFrame, now_s: float) -> None:
-        """Merge one scan of a sensor; detections of unknown ids, and those older than the track, are ignored.
-
-        Detections beyond FARTHEST_M are counted in `too_far` and ignored.
-        """
+        """Merge one scan of a sensor, as far as it can be true; what cannot is counted in `refusals` by its cause."""
+        if self._sightings.off_the_clock("sensor", frame.unix_s, now_s):
+            return
         seen_at_s = min(now_s, frame.unix_s)
         same_plane = (frame.origin_lat_deg, frame.origin_lon_deg) == (self._frame.lat_deg, self._frame.lon_deg)
         sensor_frame = None if same_plane else LocalFrame(frame.origin_lat_deg, frame.origin_lon_deg)
         for detection in frame.detections:
+            place_ned_m = self._place_of(detection, sensor_frame)
+            if place_ned_m is None:
+                self.refusals.add(TOO_FAR, "sensor: {} detections refused as too far")
+                continue
             key = (detection.kind, detection.id)
-            track = self.tracks.get(key)
-            if track is None or seen_at_s < track.seen_at_s:
-                continue
-            if detection.kind is Kind.AGENT and self._mission.case == "II":
-                continue  # agents are dead-reckoned, and a stray detection of one is ignored
-            north_m, east_m = detection.north_m, detection.east_m
-            # Tested before the conversion too, which would map a farther point to another place on the Earth.
-            is_near = math.hypot(north_m, east_m) <= FARTHEST_M
-            if is_near and sensor_frame is not None:
-                north_m, east_m = self._frame.to_local(*sensor_frame.to_global(north_m, east_m))
-                is_near = math.hypot(north_m, east_m) <= FARTHEST_M
-            if not is_near:
-                self.too_far += 1
-                continue
-            if key in self._standing and math.dist(track.position_ned_m, (north_m, east_m)) <= STANDING_M:
-                north_m, east_m = track.position_ned_m
-            if detection.kind is Kind.AGENT:
-                self.flown_m[detection.id] += math.dist(track.position_ned_m, (north_m, east_m))
-                self.heard_at_s[detection.id] = seen_at_s
-            self.tracks[key] = Track(
-                north_m, east_m, detection.velocity_north_m_s, detection.velocity_east_m_s, seen_at_s
-            )
+            weighed = self._sightings.sighted(key, Sample(complex(*place_ned_m), seen_at_s), now_s)
+            if weighed is not None and weighed.verdict is Verdict.BELIEVED:
+                self._move(key, detection, place_ned_m, seen_at_s)
+                if weighed.replaced:
+                    self._begin_anew(key)
+            if weighed is not None and weighed.verdict in (Verdict.BELIEVED, Verdict.SUPPORT):
+                if detection.kind is Kind.AGENT:
+                    self.heard_at_s[detection.id] = max(self.heard_at_s[detection.id], seen_at_s)
+
+    def _place_of(self, detection: Detection, sensor_frame: LocalFrame | None) -> Point | None:
+        """Return the position (north, east) of a detection in m; None if that is farther than a frame can carry."""
+        place_ned_m = detection.north_m, detection.east_m
+        # Tested before the conversion too, which would map a farther point to another place on the Earth.
+        if math.hypot(*place_ned_m) <= FARTHEST_M and sensor_frame is not None:
+            place_ned_m = self._frame.to_local(*sensor_frame.to_global(*place_ned_m))
+        return place_ned_m if math.hypot(*place_ned_m) <= FARTHEST_M else None
+
+    def _move(self, key: Key, detection: Detection, place_ned_m: Point, seen_at_s: float) -> None:
+        """Move a track to where the thing was seen, at no more than its greatest speed."""
+        track, bound = self.tracks[key], self._sightings.bound(key)
+        if bound.stands:
+            place_ned_m = track.position_ned_m
+        velocity = _bounded(complex(detection.velocity_north_m_s, detection.velocity_east_m_s), bound)
+        if detection.kind is Kind.AGENT:
+            flown_m = math.dist(track.position_ned_m, place_ned_m)
+            self.flown_m[detection.id] += min(flown_m, bound.speed_m_s * max(0.0, seen_at_s - track.seen_at_s))
+        self.tracks[key] = Track(*place_ned_m, velocity.real, velocity.imag, max(seen_at_s, track.seen_at_s))
 
     def place(self, agent_id: int, estimate: Estimate, now_s: float) -> None:
         """Set an agent's track to its dead-reckoned state (Case II)."""
@@ -146,38 +149,105 @@ class TrackTable:
         self.uncertainty_m[agent_id] = estimate.uncertainty_m
 
     def take_report(self, report: ReportFrame, now_s: float) -> Fix | None:
-        """Note that an agent reported and return its fix; None if its id is unknown or the report is an old one."""
-        heard_at_s = self.heard_at_s.get(report.agent_id)
-        fixed_at_s = min(now_s, report.unix_s)
-        if heard_at_s is None or fixed_at_s < heard_at_s:
+        """Note that an agent reported and return its fix; None if that cannot be true, which `refusals` counts."""
+        agent_id = report.agent_id
+        if self._sightings.off_the_clock("uplink", report.unix_s, now_s):
             return None
-        self.heard_at_s[report.agent_id] = fixed_at_s
+        fixed_at_s = min(now_s, report.unix_s)
         north_m, east_m, convergence_rad = self._frame.to_local_with_convergence(report.lat_deg, report.lon_deg)
-        velocity_m_s = to_grid(report.velocity_north_m_s, report.velocity_east_m_s, convergence_rad)
-        return Fix((north_m, east_m), velocity_m_s, fixed_at_s, report.flown_m)
+        reckoned = self._reckoned(agent_id, fixed_at_s)
+        weighed = self._sightings.reported(agent_id, Sample(complex(north_m, east_m), fixed_at_s), *reckoned, now_s)
+        if weighed is None or weighed.verdict not in (Verdict.BELIEVED, Verdict.SUPPORT):
+            return None
+        is_newest = weighed.verdict is Verdict.BELIEVED and fixed_at_s >= self.heard_at_s[agent_id]
+        self.heard_at_s[agent_id] = max(self.heard_at_s[agent_id], fixed_at_s)
+        if not is_newest:
+            return None
+        self._disprove((north_m, east_m), agent_id, fixed_at_s)
+        velocity = _bounded(
+            complex(*to_grid(report.velocity_north_m_s, report.velocity_east_m_s, convergence_rad)),
+            self._sightings.bound((Kind.AGENT, agent_id)),
+        )
+        flown_m = self._sightings.flown(agent_id, report.flown_m, fixed_at_s, now_s)
+        return Fix((north_m, east_m), (velocity.real, velocity.imag), fixed_at_s, flown_m)
+
+    def _reckoned(self, agent_id: int, at_s: float) -> tuple[complex, float]:
+        """Return where an agent is by its track at a time, and how uncertain that is; anything for an unknown one."""
+        track = self.tracks.get((Kind.AGENT, agent_id))
+        if track is None:
+            return 0j, 0.0
+        velocity = complex(track.velocity_north_m_s, track.velocity_east_m_s)
+        since_s = at_s - track.seen_at_s
+        return complex(*track.position_ned_m) + velocity * since_s, self.uncertainty_m[agent_id]
+
+    def _disprove(self, place_ned_m: Point, agent_id: int, at_s: float) -> None:
+        """Take back what an agent has reached, or come near to, where it cannot have been by its report."""
+        bound = self._sightings.bound((Kind.AGENT, agent_id))
+
+        def is_wrong(arrival: Arrival) -> bool:
+            target = self.tracks[Kind.TARGET, arrival.target_id]
+            return cannot_have_arrived(self._mission, arrival, target, place_ned_m, at_s, bound)
+
+        arrival = self.progress.unproven.get(agent_id)
+        if arrival is not None and is_wrong(arrival):
+            self._take_back(agent_id, arrival)
+        near = self.progress.near_since.get(agent_id)
+        if near is not None and is_wrong(Arrival(*near, None)):
+            others = {one: since for one, since in self.progress.near_since.items() if one != agent_id}
+            self.progress = replace(self.progress, near_since=others)
+
+    def _begin_anew(self, key: Key) -> None:
+        """Forget the way to an agent's or a target's new place, and the arrivals that only its old place showed."""
+        self._judged[key] = self.tracks[key]
+        kind, identity = key
+        for agent_id, arrival in list(self.progress.unproven.items()):
+            if (kind, identity) in ((Kind.AGENT, agent_id), (Kind.TARGET, arrival.target_id)):
+                self._take_back(agent_id, arrival)
+
+    def _take_back(self, agent_id: int, arrival: Arrival) -> None:
+        self.progress = self.progress.without(agent_id)
+        self.refusals.add(
+            ("taken back", agent_id),
+            f"agent {agent_id}: not at target {arrival.target_id} after all, as its later positions show; taken back, "
+            "{} times",
+        )
 
     def update(self, now_s: float, assignment: Mapping[int, int]) -> bool:
         """Update which agents are lost or have arrived by `now_s`; return whether anything changed.
 
         `assignment` is target id by agent id: an agent whose position is uncertain arrives only at its assigned target.
         """
-        before = self.progress
+        before = self._told
         if self._silent_after_s is not None:
             silent = (key for key, at_s in self.heard_at_s.items() if now_s - at_s > self._silent_after_s)
-            self.progress = replace(before, lost=frozenset(silent))
-        self.progress = self._after_arrivals(now_s, assignment)
+            self.progress = replace(self.progress, lost=frozenset(silent))
+        self.progress = self._after_arrivals(now_s, assignment, self._judge_again(now_s))
         self._judged = dict(self.tracks)
-        after = self.progress
+        after = self._told = self.progress
         return (before.arrived, before.lost, before.completed) != (after.arrived, after.lost, after.completed)
 
-    def _after_arrivals(self, now_s: float, assignment: Mapping[int, int]) -> MissionProgress:
-        """Return the progress with the arrivals of the agents that are near enough to a target, for long enough."""
+    def _judge_again(self, now_s: float) -> list[int]:
+        """Take back the arrivals that later sightings disprove, and return the agents whose these were."""
+        bounds = {one: self._sightings.bound((Kind.AGENT, one)) for one in self.progress.unproven}
+        false, settled = disproved(self.progress, self._mission, self.tracks, bounds, now_s)
+        for agent_id in false:
+            self._take_back(agent_id, self.progress.unproven[agent_id])
+        if settled:
+            left = {one: arrival for one, arrival in self.progress.unproven.items() if one not in settled}
+            self.progress = replace(self.progress, unproven=left)
+        return false
+
+    def _after_arrivals(self, now_s: float, assignment: Mapping[int, int], but: Collection[int]) -> MissionProgress:
+        """Return the progress with the arrivals of the agents that are near enough to a target, for long enough.
+
+        Those in `but` are left for the next time.
+        """
         progress = self.progress
         arrived, completed = set(progress.arrived), set(progress.completed)
-        reached_by = dict(progress.reached_by)
+        reached_by, unproven = dict(progress.reached_by), dict(progress.unproven)
         near_since = {key: near for key, near in progress.near_since.items() if assignment.get(key) == near[0]}
         for target_id, agent_id in self._candidates(assignment):
-            if agent_id in arrived or self._agents[agent_id].only_target not in (None, target_id):
+            if agent_id in arrived or agent_id in but or self._agents[agent_id].only_target not in (None, target_id):
                 continue
             is_near = self._came_near(agent_id, target_id)
             wait_s = self.uncertainty_m[agent_id] / self._agents[agent_id].speed_m_s
@@ -191,9 +261,19 @@ class TrackTable:
             if is_near:
                 arrived.add(agent_id)
                 completed.add(target_id)
+                unproven[agent_id] = self._arrival(agent_id, target_id, near_since)
                 if target_id not in reached_by.values():
                     reached_by[agent_id] = target_id
-        return MissionProgress(frozenset(arrived), progress.lost, frozenset(completed), reached_by, near_since)
+        return MissionProgress(
+            frozenset(arrived), progress.lost, frozenset(completed), reached_by, near_since, unproven
+        )
+
+    def _arrival(self, agent_id: int, target_id: int, near_since: Mapping[int, tuple[int, float]]) -> Arrival:
+        """Return an arrival with what showed it."""
+        if agent_id in near_since:
+            return Arrival(target_id, near_since[agent_id][1], None)
+        agent, target = self.tracks[Kind.AGENT, agent_id], self.tracks[Kind.TARGET, target_id]
+        return Arrival(target_id, max(agent.seen_at_s, target.seen_at_s), self._judged[Kind.AGENT, agent_id])
 
     def _came_near(self, agent_id: int, target_id: int) -> bool:
         """Return whether an agent is within the arrival radius of a target, or was since the last update."""
@@ -222,3 +302,9 @@ class TrackTable:
         close = np.hypot(apart_m[..., 0], apart_m[..., 1]) <= reach_m
         sent = np.array(targets, dtype=int)[:, np.newaxis] == np.array([assignment.get(one, 0) for one in agents])
         return [(targets[row], agents[column]) for row, column in np.argwhere(close | sent)]
+
+
+def _bounded(velocity: complex, bound: Bound) -> complex:
+    """Return a velocity (north + i east, in m/s), made as slow as its bound."""
+    speed_m_s = abs(velocity)
+    return velocity if speed_m_s <= bound.speed_m_s + _ROUNDED_M_S else velocity * (bound.speed_m_s / speed_m_s)

@@ -300,7 +300,7 @@ class _Hangar:
         return Aircraft(
             spec,
             AutopilotLink(
-                Companion(config, ADAPTERS[options.autopilot]()),
+                Companion(config, ADAPTERS[options.autopilot](system_id)),
                 self._stand_in(spec, system_id, config.height_m, has_detector),
                 log,
                 Router(system_id) if options.one_radio else None,

@@ -17,11 +17,13 @@ from typing import Any
 import click
 import numpy as np
 
+from companion.autopilot.intake import Intake
 from companion.errors import EXIT_DONE, InputError, nearest_hint
 from companion.geo.local_frame import LocalFrame
 from companion.protocol.codec import Kind
 from companion.runtime.clock import run_until_signal, wait
 from companion.transport.endpoints import (
+    Address,
     Duplex,
     Link,
     Receiver,
@@ -131,6 +133,7 @@ class _LinkedStandIn:
         self.began_s = asyncio.get_running_loop().time()
         """The event loop's time at which the stand-in's clock is 0."""
         self._router = Router(vehicle.system_id)
+        self._intake = Intake()
         self._links: list[Duplex] = []
         self._receiver: Receiver | None = None
 
@@ -157,8 +160,12 @@ class _LinkedStandIn:
     def _hear_adsb(self, datagram: bytes) -> None:
         self.send(self.vehicle.hear_adsb([datagram], asyncio.get_running_loop().time() - self.began_s))
 
-    def _answer(self, index: int, datagram: bytes) -> None:
-        messages = parse(datagram)
+    def _answer(self, index: int, chunk: bytes, address: Address | None) -> None:
+        frames = self._intake.feed(chunk, (index, address))
+        if frames and address is not None:
+            # As an autopilot does: whoever spoke last is answered.
+            self._links[index].bind(address)
+        messages = [message for frame in frames for message in parse(frame.data)]
         for other, frame in self._router.route(index, messages):
             self._links[other].send(frame)
         for frame in self.vehicle.take(messages, asyncio.get_running_loop().time() - self.began_s):

@@ -33,6 +33,7 @@ SMALLEST = {
     "serial_radio": "--seconds 2 --agents 10",
     "signing": "--rounds 1 --frames 20",
     "standing": "arducopter",
+    "takeover": "--kinds arducopter --runs 1 --rate 500 --busy 0",
     "swarm": "circle --count 4 --free 12 --seeds 1 --time-limit 100",
 }
 """Arguments that make each benchmark short, by its name."""

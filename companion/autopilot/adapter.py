@@ -121,8 +121,11 @@ class Adapter(Protocol):
         """Whether each parameter that the adapter reads was received, or requested in vain for the last time."""
         ...
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """Process bytes from the autopilot link; never raises, whatever they are."""
+    def receive(self, datagram: bytes, now_s: float) -> int:
+        """Process whole frames from the autopilot link; never raises, whatever they are.
+
+        Returns how many of them were the autopilot's own, and newer than what it said before.
+        """
         ...
 
     def shortfalls(self, now_s: float) -> tuple[Shortfall, ...]:

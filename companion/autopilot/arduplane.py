@@ -144,10 +144,11 @@ class ArduPlaneAdapter(LinkedAdapter):
         self._air.release()
         self._sent = _NOTHING_SENT
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """Process bytes from the autopilot link, and note how dense the air is where the plane flies."""
-        super().receive(datagram, now_s)
+    def receive(self, datagram: bytes, now_s: float) -> int:
+        """Process whole frames from the autopilot link, and note how dense the air is where the plane flies."""
+        believed = super().receive(datagram, now_s)
         self._air.note(self.telemetry.altitude_m)
+        return believed
 
     def _indicated_m_s(self) -> tuple[float, float]:
         """Return least and greatest indicated airspeed: the autopilot refuses what is outside."""

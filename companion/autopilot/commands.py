@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import common
 
-from companion.autopilot.telemetry import COMPANION_COMPONENT, Message
+from companion.autopilot.intake import Message
+from companion.autopilot.telemetry import COMPANION_COMPONENT
 
 SENDS = 3
 """Number of times that a command is sent before it counts as not answered."""

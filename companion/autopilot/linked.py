@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Collection, Mapping
 
 from pymavlink.dialects.v20 import common
@@ -14,7 +15,9 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
 from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.commands import Command, Commands
-from companion.autopilot.heartbeat import HeartbeatIdentity, identified
+from companion.autopilot.heartbeat import HeartbeatIdentity
+from companion.autopilot.identity import Identity
+from companion.autopilot.intake import DAMAGED, decode, is_whole
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import ParameterReader, Wanted, request
 from companion.autopilot.streams import IF_ANY, RESTS_ON, SPARSE, Shortfall, StreamWatch, message_name
@@ -23,9 +26,9 @@ from companion.autopilot.telemetry import (
     HEARTBEAT_TIMEOUT_S,
     Telemetry,
     TelemetryReader,
-    messages_in,
 )
 from companion.guard.types import Setpoint
+from companion.protocol.frame import RawFrame, raw_frames
 
 COMMON_RATES_HZ: Mapping[int, float] = {
     common.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
@@ -57,11 +60,6 @@ VERTICAL_SPEED_M_S = 2.0
 COURSE_SPEED_M_S = 1.0
 """Ground speed below which the course over ground is noise and the yaw is used instead."""
 _UINT32 = 2**32
-_AUTOPILOTS = {
-    common.MAV_AUTOPILOT_GENERIC: "generic",
-    common.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot",
-    common.MAV_AUTOPILOT_PX4: "PX4",
-}
 
 
 class LinkedAdapter(ABC):
@@ -75,10 +73,18 @@ class LinkedAdapter(ABC):
     """What safety rests on, by the message that tells it."""
 
     def __init__(self, system_id: int | None = None) -> None:
-        """Steer the autopilot with this system id; None steers the one that is heard first."""
+        """Steer the autopilot of this kind with this system id; None steers the only one that is heard."""
         self.kind = self.identity.kind.name
         self.parameters = ParameterReader(self.wanted, bytewise=self.identity.autopilot == common.MAV_AUTOPILOT_PX4)
-        self._reader = TelemetryReader(system_id)
+        self.rejected: Counter[str] = Counter()
+        """The number of rejected messages, by reason."""
+        self._identity = Identity(self.identity, system_id, self.rejected)
+        self._reader = TelemetryReader(self.rejected)
+        self._message_ids = self._reader.message_ids | {
+            *self.rates_hz,
+            common.MAVLINK_MSG_ID_PARAM_VALUE,
+            common.MAVLINK_MSG_ID_COMMAND_ACK,
+        }
         self._message_intervals = Commands()
         self._commands = Commands()
         self._mav: common.MAVLink | None = None
@@ -115,11 +121,6 @@ class LinkedAdapter(ABC):
         return False if self.parameters.values.get(ADSB_TYPE) == NO_RECEIVER else None
 
     @property
-    def rejected(self) -> Mapping[str, int]:
-        """The number of rejected messages, by reason."""
-        return self._reader.rejected
-
-    @property
     def steerable(self) -> bool:
         """Whether a safety pilot has armed the vehicle and put it into the mode that obeys setpoints."""
         return self.telemetry.armed and self.telemetry.custom_mode == self.identity.guided_mode
@@ -147,46 +148,19 @@ class LinkedAdapter(ABC):
     @property
     def refusal(self) -> str | None:
         """The reason why this autopilot is not steered at all, and the remedy; None if it may be steered."""
-        telemetry = self.telemetry
-        if self._reader.shared_system_id:
-            return (
-                f"two autopilots say they are system {telemetry.system_id}: give each a system id of its own "
-                "(ArduPilot: SYSID_THISMAV or MAV_SYSID, PX4: MAV_SYS_ID)"
-            )
-        if telemetry.system_id is None:
-            if not self._reader.foreign_ids:
-                return None
-            foreign = ", ".join(map(str, sorted(self._reader.foreign_ids)))
-            return (
-                f"heard system {foreign}, configured autopilot.system_id {self._reader.system_id}: "
-                "correct it, or the vehicle's own id"
-            )
-        heard = identified(telemetry.autopilot, telemetry.mav_type)
-        if heard is self.identity:
-            return None
-        words = _AUTOPILOTS.get(telemetry.autopilot or 0, f"autopilot {telemetry.autopilot}")
-        remedy = "this vehicle cannot be steered" if heard is None else f"set autopilot.kind to {heard.kind.name}"
-        return f"heard {words} of MAV_TYPE {telemetry.mav_type}, configured autopilot.kind {self.kind}: {remedy}"
+        return self._identity.refusal
 
     @property
     def abilities(self) -> Abilities:
         """The vehicle's performance limits; without parameters there are none."""
         return Abilities()
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """Process bytes from the autopilot link: telemetry, parameters and command acknowledgements."""
-        for message in messages_in(datagram):
-            if not self._reader.take(message, now_s):
-                continue
-            if self._heard_after != self.telemetry.restarts:
-                self._begin(now_s)
-            self._streams.arrived(message.get_msgId(), now_s)
-            name = message.get_type()
-            if name == "PARAM_VALUE":
-                self.parameters.take(message)
-            elif name == "COMMAND_ACK":
-                self._message_intervals.take(message, self._system_id)
-                self._commands.take(message, self._system_id)
+    def receive(self, datagram: bytes, now_s: float) -> int:
+        """Process whole frames from the autopilot link: telemetry, parameters and command acknowledgements.
+
+        Returns how many of them were read: the autopilot's own, and newer than what it said before.
+        """
+        return sum(self._take(frame, now_s) for frame in raw_frames(datagram) if frame.message_id in self._message_ids)
 
     def requests(self, now_s: float) -> list[bytes]:
         """Return the requests for message rates and parameters that are due; all are due again after a restart."""
@@ -237,6 +211,28 @@ class LinkedAdapter(ABC):
                 mavlink_version=3,
             )
         )
+
+    def _take(self, frame: RawFrame, now_s: float) -> bool:
+        """Process a frame of a message that is read; return whether it is the autopilot's and newer than before."""
+        if not is_whole(frame):
+            self.rejected[DAMAGED] += 1
+            return False
+        reason, at_s = self._identity.take(frame, now_s)
+        self._reader.note_restarts(self._identity.restarts)
+        message = decode(frame) if reason is None else None
+        if message is None:
+            return False
+        if self._heard_after != self.telemetry.restarts:
+            self._begin(now_s)
+        self._streams.arrived(frame.message_id, now_s)
+        if frame.message_id == common.MAVLINK_MSG_ID_PARAM_VALUE:
+            self.parameters.take(message)
+        elif frame.message_id == common.MAVLINK_MSG_ID_COMMAND_ACK:
+            self._message_intervals.take(message, self._system_id)
+            self._commands.take(message, self._system_id)
+        else:
+            self._reader.take(message, at_s)
+        return True
 
     def _ages_s(self, timeout_s: float) -> dict[int, float]:
         """Return the ages beyond which a message is not steered by, by message id."""

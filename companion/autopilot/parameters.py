@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common
 
-from companion.autopilot.telemetry import Message
+from companion.autopilot.intake import Message
 from companion.files.mavlink_layout import frame_parts
 
 TRIES = 5

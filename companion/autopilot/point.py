@@ -58,8 +58,9 @@ class PointAdapter:
         self.setpoint = setpoint
         return []
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
+    def receive(self, datagram: bytes, now_s: float) -> int:
         """Do nothing: there is no autopilot to hear."""
+        return 0
 
     def shortfalls(self, now_s: float) -> tuple[Shortfall, ...]:
         """Return nothing: nothing was asked for."""

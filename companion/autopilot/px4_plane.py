@@ -129,10 +129,11 @@ class Px4PlaneAdapter(LinkedAdapter):
         self._ramp.release()
         self._air.release()
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """Process bytes from the autopilot link, and note how dense the air is where the plane flies."""
-        super().receive(datagram, now_s)
+    def receive(self, datagram: bytes, now_s: float) -> int:
+        """Process whole frames from the autopilot link, and note how dense the air is where the plane flies."""
+        believed = super().receive(datagram, now_s)
         self._air.note(self.telemetry.altitude_m)
+        return believed
 
     def _ages_s(self, timeout_s: float) -> dict[int, float]:
         local = {common.MAVLINK_MSG_ID_LOCAL_POSITION_NED: LOCAL_POSITION_MAX_AGE_S}

@@ -1,21 +1,20 @@
-"""The telemetry that all autopilots send in the same messages, read from the MAVLink dialect `common`."""
+"""The fields of the telemetry that all autopilots send in the same messages of the MAVLink dialect `common`.
+
+Which messages are the autopilot's, and newer than those before, is decided before (`identity.py`).
+"""
 
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega, common
 
 from companion.autopilot.aircraft import Neighbour, entered, neighbour_of
 from companion.autopilot.estimate import Estimate, Receiver, better, ekf_status, estimator_status
-from companion.files.mavlink_layout import HEADER_V2_BYTES, MARKER_V2, frame_parts
-
-Message = Any
-"""A decoded message; pymavlink's generated module has no type annotations."""
+from companion.autopilot.intake import Message
 
 COMPANION_COMPONENT = common.MAV_COMP_ID_ONBOARD_COMPUTER
 """The component id that the companion sends with."""
@@ -23,42 +22,6 @@ HEARTBEAT_PERIOD_S = 1.0
 """Time between two heartbeats of an autopilot, and of the companion."""
 HEARTBEAT_TIMEOUT_S = 3.5
 """Time without a heartbeat after which the autopilot counts as lost: three heartbeats in a row may be lost."""
-_MESSAGE_IDS = frozenset(
-    {
-        common.MAVLINK_MSG_ID_HEARTBEAT,
-        common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
-        common.MAVLINK_MSG_ID_HOME_POSITION,
-        common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
-        common.MAVLINK_MSG_ID_ADSB_VEHICLE,
-        common.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-        common.MAVLINK_MSG_ID_ATTITUDE,
-        common.MAVLINK_MSG_ID_VFR_HUD,
-        common.MAVLINK_MSG_ID_GPS_RAW_INT,
-        common.MAVLINK_MSG_ID_GPS2_RAW,
-        common.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
-        common.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
-        ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
-        common.MAVLINK_MSG_ID_SYS_STATUS,
-        common.MAVLINK_MSG_ID_PARAM_VALUE,
-        common.MAVLINK_MSG_ID_COMMAND_ACK,
-        common.MAVLINK_MSG_ID_WIND_COV,
-        ardupilotmega.MAVLINK_MSG_ID_WIND,
-    }
-)
-_ARDUPILOTS = frozenset({ardupilotmega.MAVLINK_MSG_ID_WIND, ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT})
-"""Messages read here that only ArduPilot's dialect has."""
-RESTART_MS = 1_000
-"""Step back of an autopilot's clock beyond which it has restarted; a smaller one is a datagram that came late."""
-SHARED_ID_STEPS = 2
-"""Number of restarts within SHARED_ID_WITHIN_S that show that two autopilots share a system id."""
-SHARED_ID_WITHIN_S = 10.0
-"""Time within which signs of a shared system id are counted: an autopilot takes longer than this to start twice."""
-SHARED_ID_CONTRADICTIONS = 20
-"""Number of positions within SHARED_ID_WITHIN_S that are late, or differ at the same time, which shows that two
-autopilots with similar clocks share a system id. A link that delivers a fifth of its datagrams out of order would show
-the same, and is not fit for use."""
-SHARED_ID_MEMORY_S = 30.0
-"""Time after the last sign of a shared system id for which it is still assumed."""
 LOCAL_POSITION_MAX_AGE_S = 2.0
 """Age beyond which a local position is discarded."""
 METRES_PER_HDOP = 2.5
@@ -89,7 +52,7 @@ class Telemetry:
     boot_ms: int | None = None
     """The autopilot's time_boot_ms: milliseconds since it started."""
     restarts: int = 0
-    """Number of times that `boot_ms` went back: the autopilot restarted, or two autopilots share a system id."""
+    """Number of times that `boot_ms` began anew: the autopilot restarted, or another one took its place."""
     position_at_s: float | None = None
     lat_deg: float = math.nan
     lon_deg: float = math.nan
@@ -131,114 +94,58 @@ class Telemetry:
     battery_percent: float | None = None
 
 
-class _SharedIdWatch:
-    """Detects two autopilots that share a system id, by frequent clock steps and contradictory positions."""
-
-    def __init__(self) -> None:
-        self.noticed_s = -math.inf
-        self._clock_steps_s: deque[float] = deque(maxlen=SHARED_ID_STEPS)
-        self._contradictions_s: deque[float] = deque(maxlen=SHARED_ID_CONTRADICTIONS)
-
-    def note_clock_step(self, now_s: float) -> None:
-        """Count a step back of the clock by more than RESTART_MS."""
-        self._note(self._clock_steps_s, now_s)
-
-    def note_contradiction(self, now_s: float) -> None:
-        """Count a position that came late, or that differs from another one of the same time."""
-        self._note(self._contradictions_s, now_s)
-
-    def _note(self, times_s: deque[float], now_s: float) -> None:
-        """Add a sign to a queue; if the full queue lies within SHARED_ID_WITHIN_S, the id is shared."""
-        times_s.append(now_s)
-        if len(times_s) == times_s.maxlen and now_s - times_s[0] <= SHARED_ID_WITHIN_S:
-            self.noticed_s = now_s
-
-
 class TelemetryReader:
-    """Reads the telemetry of one MAVLink autopilot; drops messages that are damaged, not finite or out of range."""
+    """Reads the autopilot's messages; drops values that are not finite or out of range."""
 
-    def __init__(self, system_id: int | None = None) -> None:
-        """Listen to the autopilot with this system id; None takes the one that is heard first."""
+    def __init__(self, rejected: Counter[str]) -> None:
+        """Count in `rejected` what is dropped, by reason."""
         self.telemetry = Telemetry()
         self.neighbours: dict[int, Neighbour] = {}
         """The detected aircraft by their ICAO address."""
-        self.rejected: Counter[str] = Counter()
+        self.rejected = rejected
         self.seen_s = -math.inf
         """Time of the newest detection of any other aircraft."""
-        self.system_id = system_id
-        self.foreign_ids: set[int] = set()
-        """System ids of the other autopilots heard on the same link."""
-        self._heard_s = -math.inf
-        self._place_e7 = _NO_FIX
-        self._shared_id = _SharedIdWatch()
         self._local_at_s = -math.inf
         self._receivers: dict[str, Receiver] = {}
-        self._readers: dict[str, Callable[[Message, float], None]] = {
-            "GLOBAL_POSITION_INT": self._position,
-            "HOME_POSITION": self._home,
-            "EXTENDED_SYS_STATE": self._landed_state,
-            "LOCAL_POSITION_NED": self._local_position,
-            "ATTITUDE": self._attitude,
-            "VFR_HUD": self._airspeed,
-            "WIND": self._wind,
-            "WIND_COV": self._wind_cov,
-            "GPS_RAW_INT": self._gps,
-            "GPS2_RAW": self._gps,
-            "GPS_GLOBAL_ORIGIN": self._origin,
-            "EKF_STATUS_REPORT": self._ekf,
-            "ESTIMATOR_STATUS": self._estimator,
-            "SYS_STATUS": self._battery,
+        self._readers: dict[int, Callable[[Message, float], None]] = {
+            common.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._position,
+            common.MAVLINK_MSG_ID_HOME_POSITION: self._home,
+            common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._landed_state,
+            common.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            common.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
+            common.MAVLINK_MSG_ID_VFR_HUD: self._airspeed,
+            ardupilotmega.MAVLINK_MSG_ID_WIND: self._wind,
+            common.MAVLINK_MSG_ID_WIND_COV: self._wind_cov,
+            common.MAVLINK_MSG_ID_GPS_RAW_INT: self._gps,
+            common.MAVLINK_MSG_ID_GPS2_RAW: self._gps,
+            common.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._origin,
+            ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._ekf,
+            common.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self._estimator,
+            common.MAVLINK_MSG_ID_SYS_STATUS: self._battery,
+            common.MAVLINK_MSG_ID_ADSB_VEHICLE: self._neighbour,
         }
+        self.message_ids = frozenset(self._readers)
+        """Ids of the messages that are read."""
 
-    @property
-    def shared_system_id(self) -> bool:
-        """Whether two autopilots share a system id, by signs within the last SHARED_ID_MEMORY_S."""
-        return self._heard_s - self._shared_id.noticed_s <= SHARED_ID_MEMORY_S
+    def take(self, message: Message, at_s: float) -> None:
+        """Read a message of the autopilot that is newer than those before; `at_s` is the time that it counts from."""
+        read = self._readers.get(message.get_msgId())
+        if read is not None:
+            read(message, at_s)
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
-        """Process a datagram; never raises, whatever its bytes are."""
-        for message in messages_in(datagram):
-            self.take(message, now_s)
-
-    def take(self, message: Message, now_s: float) -> bool:
-        """Process a decoded message; return whether it is from the autopilot that this reader listens to."""
-        name = message.get_type()
-        self._heard_s = now_s
-        if name == "BAD_DATA":
-            self.rejected["damaged"] += 1
-        elif name == "HEARTBEAT":
-            return self._heartbeat(message, now_s)
-        elif message.get_srcSystem() != self.telemetry.system_id:
-            self.rejected["other system"] += 1
-        elif name == "ADSB_VEHICLE":
-            # These come from the autopilot, which passes them on, or directly from the detector on the vehicle.
-            self._neighbour(message, now_s)
-        elif message.get_srcComponent() != common.MAV_COMP_ID_AUTOPILOT1:
-            self.rejected["other component"] += 1
-        else:
-            if name in self._readers:
-                self._readers[name](message, now_s)
-            return True
-        return False
+    def note_restarts(self, restarts: int) -> None:
+        """Store how often the autopilot has restarted."""
+        if restarts != self.telemetry.restarts:
+            self._update(restarts=restarts)
 
     def _update(self, **values: object) -> None:
         # As dataclasses.replace does it, at a third of its cost: this is done for every message.
         self.telemetry = Telemetry(**(vars(self.telemetry) | values))
 
-    def _heartbeat(self, message: Message, now_s: float) -> bool:
-        if (
-            message.autopilot == common.MAV_AUTOPILOT_INVALID
-            or message.get_srcComponent() != common.MAV_COMP_ID_AUTOPILOT1
-        ):
-            return False  # a ground station, another companion, a gimbal
-        system_id = message.get_srcSystem()
-        listened_to = self.telemetry.system_id if self.system_id is None else self.system_id
-        if listened_to not in (None, system_id):
-            self.rejected["other system"] += 1
-            self.foreign_ids.add(system_id)
-            return False
+    def _heartbeat(self, message: Message, now_s: float) -> None:
         self._update(
-            system_id=system_id,
+            system_id=message.get_srcSystem(),
             heartbeat_at_s=now_s,
             autopilot=message.autopilot,
             mav_type=message.type,
@@ -246,19 +153,13 @@ class TelemetryReader:
             armed=bool(message.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED),
             custom_mode=message.custom_mode if message.base_mode & common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED else None,
         )
-        return True
 
     def _position(self, message: Message, now_s: float) -> None:
         if (message.lat, message.lon) == _NO_FIX or not _is_on_earth(message.lat, message.lon):
             self.rejected["out of range"] += 1
             return
-        place_e7 = message.lat, message.lon
-        if not self._advances(message.time_boot_ms, place_e7, now_s):
-            # The clock stands still: the repeated position is as old as when it was first sent.
-            self.rejected["clock stands still"] += 1
-            return
-        self._place_e7 = place_e7
         self._update(
+            boot_ms=message.time_boot_ms,
             position_at_s=now_s,
             lat_deg=message.lat / 1e7,
             lon_deg=message.lon / 1e7,
@@ -271,19 +172,6 @@ class TelemetryReader:
         )
         if now_s - self._local_at_s > LOCAL_POSITION_MAX_AGE_S:
             self._update(local_ned_m=None)
-
-    def _advances(self, boot_ms: int, place_e7: tuple[int, int], now_s: float) -> bool:
-        """Store the autopilot's clock; return whether the position that comes with it is newer than the last one."""
-        before_ms = self.telemetry.boot_ms
-        restarted = before_ms is not None and boot_ms < before_ms - RESTART_MS
-        if before_ms is not None and boot_ms <= before_ms and not restarted:
-            if boot_ms < before_ms or place_e7 != self._place_e7:
-                self._shared_id.note_contradiction(now_s)
-            return False
-        self._update(boot_ms=boot_ms, restarts=self.telemetry.restarts + restarted)
-        if restarted:
-            self._shared_id.note_clock_step(now_s)
-        return True
 
     def _home(self, message: Message, now_s: float) -> None:
         if (message.latitude, message.longitude) == _NO_FIX or not _is_on_earth(message.latitude, message.longitude):
@@ -374,34 +262,5 @@ class TelemetryReader:
             self.rejected["too many neighbours"] += 1
 
 
-def messages_in(datagram: bytes) -> Iterator[Message]:
-    """Yield the MAVLink messages of a datagram, damaged ones as BAD_DATA; none for a lone message not read here.
-
-    Each datagram gets a parser of its own, so that a damaged one does not affect the next.
-    """
-    if _is_one_other_message(datagram):
-        return
-    # ArduPilot's dialect has all of `common` and takes longer to parse.
-    dialect = ardupilotmega if _is_ardupilots(datagram) else common
-    parser = dialect.MAVLink(None)
-    parser.robust_parsing = True
-    yield from parser.parse_buffer(bytes(datagram)) or ()
-
-
-def _is_ardupilots(datagram: bytes) -> bool:
-    """Return whether a datagram begins with a message of MAVLink 2 that only ArduPilot's dialect has."""
-    if len(datagram) < HEADER_V2_BYTES or datagram[0] != MARKER_V2:
-        return False
-    return frame_parts(datagram)[0] in _ARDUPILOTS
-
-
 def _is_on_earth(lat_e7: int, lon_e7: int) -> bool:
     return abs(lat_e7) <= _LAT_MAX_E7 and abs(lon_e7) <= _LON_MAX_E7
-
-
-def _is_one_other_message(datagram: bytes) -> bool:
-    """Return whether a datagram is one MAVLink 2 message of a type that is not read here, as a check before parsing."""
-    if len(datagram) < HEADER_V2_BYTES or datagram[0] != MARKER_V2:
-        return False
-    message_id, _, _, end = frame_parts(datagram)
-    return end == len(datagram) and message_id not in _MESSAGE_IDS

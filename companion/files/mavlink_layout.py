@@ -28,9 +28,9 @@ FLAGS_AT = 2
 """Offset of the incompatibility flags of MAVLink 2."""
 HEAD_BYTES = FLAGS_AT + 1
 """Number of first bytes that tell the length of a frame."""
-SYSTEM_V1_AT, COMPONENT_V1_AT, MESSAGE_ID_V1_AT = 3, 4, 5
+SEQUENCE_V1_AT, SYSTEM_V1_AT, COMPONENT_V1_AT, MESSAGE_ID_V1_AT = 2, 3, 4, 5
 """Offsets in a MAVLink 1 frame; the message id has one byte."""
-SYSTEM_AT, COMPONENT_AT, MESSAGE_ID_AT = 5, 6, 7
+SEQUENCE_AT, SYSTEM_AT, COMPONENT_AT, MESSAGE_ID_AT = 4, 5, 6, 7
 """Offsets in a MAVLink 2 frame; the message id has three bytes, the lowest first."""
 
 

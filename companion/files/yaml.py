@@ -20,6 +20,8 @@ from companion.errors import InputError, nearest_hint, one_line
 
 MAX_FILE_BYTES = 1_000_000
 """Largest file that is read: four times what 2000 listed agents need, and small enough for the slow YAML parser."""
+MAX_VALUES = 200_000
+"""Greatest number of values in a file, each as often as an alias stands for it: 2000 listed agents have 30 000."""
 UNION_TAG = "kind:"
 """Beginning of the tags by which pydantic tells the members of a union apart; errors leave tags out of a key's path."""
 
@@ -192,9 +194,39 @@ def with_numbers(text: str, section: str, values: Mapping[str, float], source: s
 def validated(model: type[SectionT], data: object, source: str) -> SectionT:
     """Return parsed data as a model; raise InputError, naming `source`, with the first fault on one line."""
     try:
+        if isinstance(data, Mapping) and data.keys() <= model.model_fields.keys():
+            _refuse_bombs(data, source)
         return model.model_validate(data)
     except ValidationError as error:
         raise InputError(f"{source}: {_fault(error.errors()[0])}") from error
+
+
+def _refuse_bombs(data: Mapping[str, object], source: str) -> None:
+    """Raise InputError if the values are too many when those that aliases share count as often as they are there.
+
+    A few hundred bytes of aliases can stand for more values than any computer could check one by one.
+    """
+    counts: dict[int, float] = {}
+    total = 0.0
+    for key, value in data.items():
+        total += _count(value, counts)
+        if total > MAX_VALUES:
+            raise InputError(f"{source}: {_cut(key)}: aliases stand for too much; allowed: {MAX_VALUES} values in all")
+
+
+def _count(value: object, counts: dict[int, float]) -> float:
+    """Return the number of values in a value, itself included; `counts` has those of lists and mappings, by identity.
+
+    Where a list or mapping contains itself it counts once: the model refuses it there.
+    """
+    if not isinstance(value, Mapping | list):
+        return 1.0
+    known = counts.get(id(value))
+    if known is None:
+        counts[id(value)] = 1.0
+        parts = value.values() if isinstance(value, Mapping) else value
+        known = counts[id(value)] = 1.0 + sum(_count(part, counts) for part in parts)
+    return known
 
 
 def _shown(value: object) -> str:

@@ -125,16 +125,19 @@ class Companion:
         """Take in frames that waited for the check of their signature; return the accepted ones."""
         return self._believe(self.authenticator.due(now_s), now_s)
 
-    def receive(self, datagram: bytes, now_s: float) -> None:
+    def receive(self, datagram: bytes, now_s: float) -> int:
         """Take in bytes from the autopilot link; never raises, whatever the bytes.
 
-        Only the whole frames at the beginning of the datagram are used: a log could not hold the rest.
+        Only the whole frames at the beginning of the datagram are used: a log could not hold the rest. Returns how many
+        of them were the autopilot's own, and newer than what it said before.
         """
+        believed = 0
         for frame in whole_frames(datagram):
-            self.adapter.receive(frame, now_s)
+            believed += self.adapter.receive(frame, now_s)
             # After each frame: a change that a later frame of the same datagram takes back counts, too.
             self.authority.note(self.adapter.telemetry, self.adapter.steerable)
             self._compare(now_s)
+        return believed
 
     def clear(self, now_s: float) -> None:
         """Clear a take-over at the safety pilot's order: the vehicle may be handed over again."""
@@ -320,7 +323,7 @@ class Companion:
         neighbours = self.adapter.neighbours if config.detector == "adsb" else ()
         seen = detected(neighbours, plane, motion, telemetry.altitude_m, config, now_s)
         view = world_model.view(now_s, band_m(telemetry, config.height_m))
-        view = world_model.with_traffic(view, seen.traffic, seen.elsewhere)
+        view = world_model.with_traffic(view, seen.traffic, seen.elsewhere, config.limits.fastest_m_s)
         status = self._assess(age_s, now_s)
         situation = Situation(
             motion.position_ned_m,

@@ -151,6 +151,11 @@ class LimitsSection(Section):
     exclusions: Annotated[ListOf[Polygon], Field(max_length=MAX_ITEMS)] = ()
     """Polygons that the guard keeps the vehicle outside of."""
 
+    @property
+    def fastest_m_s(self) -> float:
+        """Greatest speed over ground."""
+        return self.speed_m_s + self.wind_m_s
+
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.height_min_m > self.height_max_m:

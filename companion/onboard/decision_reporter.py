@@ -8,10 +8,12 @@ from companion.onboard.config import Config
 from companion.onboard.decision import Decision
 from companion.onboard.flight_log import summary_line
 from companion.onboard.log_folder import LogFolder
+from companion.onboard.loop_watch import FloodWatch, StallWatch
 from companion.onboard.output import AutopilotOutput
 from companion.onboard.senses import sense_of_others
 from companion.onboard.statustext import StatusReporter
 from companion.runtime.console import program_logger
+from companion.runtime.rate import Evenness
 from companion.runtime.systemd import Notifier
 from companion.transport.endpoints import Sender
 
@@ -28,14 +30,19 @@ class DecisionReporter:
         logs: LogFolder,
         notifier: Notifier,
         uplink: Sender | None,
+        watches: tuple[StallWatch, FloodWatch],
     ) -> None:
-        """Report the decisions of `companion` as its configuration wants; `uplink`, if any, takes position reports."""
+        """Report the decisions of `companion` as its configuration wants; `uplink`, if any, takes position reports.
+
+        `watches` tell what holds up the setpoint loop.
+        """
         self._companion = companion
         self._output = output
         self._logs = logs
         self._notifier = notifier
         self._uplink = uplink
-        self._monitor = BroadcastMonitor(companion)
+        self._lateness = watches[0].lateness
+        self._monitors = (BroadcastMonitor(companion), *watches)
         self._statustext = _statustext(companion.config)
         is_signed = companion.config.broadcast is None or companion.config.broadcast.trust != "unsigned"
         self._trust = "" if is_signed else ", unsigned"
@@ -56,8 +63,8 @@ class DecisionReporter:
         self._statustext.note(decision, line, insists=self._companion.is_waited_for(decision))
         self._send_values(decision, now_s)
         if self._logs.decisions is not None:
-            gap_s = self._output.decision_gaps.take_recent_max_s()
-            self._logs.decisions.add(decision, self._companion.adapter.telemetry, gap_s)
+            evenness = Evenness(self._output.decision_gaps.recent.take(), self._lateness.of_decision.take())
+            self._logs.decisions.add(decision, self._companion.adapter.telemetry, evenness)
 
     def send_text(self, now_s: float) -> None:
         """Send the newest line to ground-control programs, unless it was sent already or the last one too recently."""
@@ -65,7 +72,8 @@ class DecisionReporter:
             self._output.send_status(frame)
 
     def _say(self, line: str, now_s: float) -> None:
-        for news in [*self._monitor.news(now_s), *self._sense_news(), line]:
+        told = [news for monitor in self._monitors for news in monitor.news(now_s)]
+        for news in [*told, *self._sense_news(), line]:
             if news not in self._said:
                 LOGGER.info("%s", news)
                 self._logs.vehicle.tell(now_s, news)
@@ -87,9 +95,9 @@ class DecisionReporter:
 
     def _send_values(self, decision: Decision, now_s: float) -> None:
         if self._statustext.values_due(now_s):
-            gap_s = self._output.gaps.take_recent_max_s()
+            evenness = Evenness(self._output.gaps.recent.take(), self._lateness.recent.take())
             system_id = self._companion.adapter.telemetry.system_id
-            for frame in self._statustext.values(now_s, system_id, decision, gap_s):
+            for frame in self._statustext.values(now_s, system_id, decision, evenness):
                 self._output.send_status(frame)
 
 

@@ -13,6 +13,7 @@ from contextlib import suppress
 from companion.autopilot.telemetry import Telemetry
 from companion.files.tlog import Sink
 from companion.onboard.decision import Decision
+from companion.runtime.rate import Evenness
 
 COLUMNS = (
     "time_unix_s",
@@ -39,6 +40,7 @@ COLUMNS = (
     "reckons",
     "battery_percent",
     "gap_max_ms",
+    "late_max_ms",
 )
 
 
@@ -49,8 +51,8 @@ class DecisionTable:
         """Write to a file that begins with HEAD."""
         self._file = file
 
-    def add(self, decision: Decision, telemetry: Telemetry, gap_s: float) -> None:
-        """Write a decision, the telemetry that it was made on, and the longest setpoint gap since the last decision."""
+    def add(self, decision: Decision, telemetry: Telemetry, evenness: Evenness) -> None:
+        """Write a decision, the telemetry that it was made on, and how even the loop was since the last decision."""
         setpoint = decision.setpoint
         speed_m_s = math.hypot(telemetry.velocity_north_m_s, telemetry.velocity_east_m_s)
         self._write(
@@ -78,7 +80,8 @@ class DecisionTable:
                 decision.note or "",
                 decision.reckons or "",
                 _figure(telemetry.battery_percent, 0),
-                _figure(1e3 * gap_s, 0),
+                _figure(1e3 * evenness.gap_s, 0),
+                _figure(1e3 * evenness.late_s, 0),
             )
         )
 

@@ -13,15 +13,15 @@ from companion.onboard.state_files import saved_authenticator_state, saved_autho
 DISK_REMEDY = "give it a folder that can be written; remove a damaged file while the vehicle is disarmed"
 
 
-def disk_troubles(config: Config, resumes_on_stream: bool, now_s: float) -> tuple[str, ...]:
+def disk_troubles(config: Config, resumes_on_stream: bool) -> tuple[str, ...]:
     """Return what is wrong with the state files and the folder of the logs; nothing is changed.
 
-    `resumes_on_stream`: the autopilot is one for which it matters who had the vehicle. `now_s`: Unix time.
+    `resumes_on_stream`: the autopilot is one for which it matters who had the vehicle.
     """
     troubles: list[str] = []
     if config.broadcast is not None:
         try:
-            troubles += saved_authenticator_state(config.broadcast, now_s).warnings
+            troubles += saved_authenticator_state(config.broadcast).warnings
         except InputError as error:
             troubles.append(str(error))
     if config.autopilot is not None and resumes_on_stream:

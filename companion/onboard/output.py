@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 from companion.autopilot.adapter import SetpointFrame, Velocity
 from companion.autopilot.offboard import Offboard, is_setpoint
 from companion.onboard.companion import Companion
 from companion.onboard.flight_log import FlightLog
+from companion.runtime.clock import steady_s
 from companion.runtime.rate import SetpointGaps
 from companion.transport.endpoints import Duplex
 
@@ -51,16 +50,20 @@ class AutopilotOutput:
         if self._offboard is not None:
             self._offboard.tick(self._companion.adapter.telemetry.system_id, self._wanted)
         if not steers:
-            self.gaps.end()
-            self.decision_gaps.end()
+            for gaps in (self.gaps, self.decision_gaps):
+                gaps.end(steady_s())
 
     def transmit(self, frame: bytes) -> None:
-        """Send a frame on the link, and note the gap if it is a setpoint."""
-        self._link.send(frame)
-        if is_setpoint(frame):
-            now_s = time.monotonic()
-            self.gaps.note(now_s)
-            self.decision_gaps.note(now_s)
+        """Send a frame on the link, and note the gap if it is a setpoint.
+
+        MAVSDK's setpoints come between the slots, too: none passes once the autopilot has said that it was taken over.
+        """
+        if not is_setpoint(frame):
+            self._link.send(frame)
+        elif not self._companion.authority.locked:
+            self._link.send(frame)
+            for gaps in (self.gaps, self.decision_gaps):
+                gaps.note(steady_s())
 
     def send_status(self, frame: bytes) -> None:
         """Send a status frame; it is no part of a decision and is not logged."""

@@ -13,6 +13,8 @@ from contextlib import ExitStack
 
 import click
 
+from companion.autopilot.identity import AUTOPILOT_COMPONENT
+from companion.autopilot.intake import Intake
 from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.offboard import require_mavsdk
 from companion.autopilot.registry import ADAPTERS
@@ -20,14 +22,15 @@ from companion.autopilot.telemetry import HEARTBEAT_PERIOD_S
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.onboard.config import ONE_RADIO, Config
 from companion.onboard.disk_check import DISK_REMEDY, disk_troubles
+from companion.onboard.peer import Peer
 from companion.onboard.preflight import Finding, finding_on_others, findings
 from companion.onboard.trust import trust_of
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator
-from companion.protocol.frame import raw_frames
+from companion.protocol.mavlink_signing import without_signature
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait
-from companion.transport.endpoints import Duplex, open_duplex, open_receiver, open_sender, parse_link
+from companion.transport.endpoints import Address, Duplex, open_duplex, open_receiver, open_sender, parse_link
 
 ASK_PERIOD_S = 0.1
 """Time between two rounds of asking the autopilot and of checking whether all is known."""
@@ -77,13 +80,14 @@ class _Checker:
         self._authenticator = Authenticator(trust_of(config.broadcast), is_stream=is_stream)
         self._world_model = WorldModel(config.agent_id, clocks_agree=self._authenticator.trust.clock_checked)
         self._clock = SteadyClock()
+        self._intake, self._peer = Intake(), Peer()
         self._link_heard = self._broadcast_heard = False
         self._disk_troubles: tuple[str, ...] = ()
         self._link: Duplex
 
     async def open(self) -> None:
         """Open the links that `companion run` would open; raises InputError."""
-        self._disk_troubles = disk_troubles(self._config, self._adapter.resumes_on_stream, self._clock.now_s())
+        self._disk_troubles = disk_troubles(self._config, self._adapter.resumes_on_stream)
         if self._autopilot.kind == "px4-copter" and self._autopilot.offboard == "mavsdk":
             require_mavsdk()
         if self._broadcast_link is not None:
@@ -91,6 +95,7 @@ class _Checker:
             self._stack.callback(receiver.close)
         self._link = await open_duplex(parse_link(self._autopilot.link), self._from_autopilot)
         self._stack.callback(self._link.close)
+        self._peer.bind = self._link.bind
         if self._config.uplink is not None:
             self._stack.callback((await open_sender(parse_link(self._config.uplink.link))).close)
 
@@ -139,11 +144,15 @@ class _Checker:
         for _, frame in admitted:
             self._world_model.take(frame, now_s)
 
-    def _from_autopilot(self, datagram: bytes) -> None:
+    def _from_autopilot(self, chunk: bytes, address: Address | None) -> None:
         self._link_heard = True
-        self._adapter.receive(datagram, self._clock.now_s())
-        if self._broadcast_link is None:
-            for frame in raw_frames(datagram):
-                inner = unwrap(frame)
-                if inner is not None:
-                    self._from_broadcast(inner)
+        now_s = self._clock.now_s()
+        for frame in self._intake.feed(chunk, address):
+            if self._broadcast_link is None and (inner := unwrap(frame)) is not None:
+                self._from_broadcast(inner)
+                continue
+            believed = self._adapter.receive(without_signature(frame).data, now_s)
+            if address is not None and believed:
+                self._peer.note_believed(address, believed, now_s)
+            elif address is not None and frame.component == AUTOPILOT_COMPONENT:
+                self._peer.note_speaker(address)

@@ -44,17 +44,21 @@ class RecordedCompanion:
         """Take in frames of the broadcast link that the authenticator has deframed, and log the accepted ones."""
         self._believe(lambda now_s: self.companion.hear_frames(frames, now_s))
 
-    def hear_waiting(self) -> None:
-        """Take in frames that waited in a flood for the check of their signature, and log the accepted ones."""
-        self._believe(self.companion.hear_waiting)
+    def hear_waiting(self) -> float:
+        """Take in frames that waited in a flood for the check of their signature, and log the accepted ones.
 
-    def receive(self, frames: Sequence[RawFrame]) -> None:
-        """Take in frames from the autopilot, and log them."""
+        Return after how many seconds more of them are due: 0 at once, inf if none waits.
+        """
+        self._believe(self.companion.hear_waiting)
+        return max(0.0, self.companion.authenticator.due_s() - self.clock.now_s())
+
+    def receive(self, frames: Sequence[RawFrame]) -> int:
+        """Take in frames from the autopilot, and log them; return how many were its own, and newer than before."""
         now_s = self.clock.now_s()
-        for frame in frames:
-            self.companion.receive(frame.data, now_s)
+        believed = sum(self.companion.receive(frame.data, now_s) for frame in frames)
         for frame in frames:
             self._log.record_frame(now_s, frame)
+        return believed
 
     def note_clock(self, now_s: float) -> None:
         """Pass on the offset of the computer's system clock from the flight's clock, and log it if it changed."""

@@ -7,6 +7,7 @@ what is not known counts as the worst.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +23,6 @@ from companion.files.state import (
 from companion.onboard.authority import State
 from companion.onboard.config import AutopilotSection, BroadcastSection
 from companion.protocol.authenticator import Authenticator, AuthenticatorState
-from companion.protocol.freshness import RESTART_AFTER_S
 from companion.runtime.console import program_logger
 from companion.runtime.io_thread import IoThread
 
@@ -39,7 +39,7 @@ class Saved(NamedTuple):
     """What the companion before this one saved, with warnings about it."""
 
     state: AuthenticatorState | None
-    """None: it saved nothing."""
+    """None: no file is configured."""
     warnings: tuple[str, ...] = ()
 
 
@@ -50,10 +50,11 @@ class SavedAuthority(NamedTuple):
     warnings: tuple[str, ...] = ()
 
 
-def saved_authenticator_state(section: BroadcastSection, now_s: float) -> Saved:
-    """Return the authenticator's state that the companion before this one saved; `now_s`: Unix time of the start.
+def saved_authenticator_state(section: BroadcastSection) -> Saved:
+    """Return the authenticator's state that the companion before this one saved; None if no file is configured.
 
-    Where it cannot be read, and the clock is checked, everything counts as heard that is sent before `now_s`.
+    Where there is none, or none that can be read, one may have run all the same, and believed anything: where the clock
+    is checked, nothing is then believed that was sent before the start.
 
     Raises:
         InputError: the state cannot be read, and the clock is not checked: anything old could then be believed.
@@ -69,13 +70,14 @@ def saved_authenticator_state(section: BroadcastSection, now_s: float) -> Saved:
         warnings.append(f"{error}; a restart now would {OLD_BROADCAST}")
     try:
         text = read_state_file(path)
-        return Saved(None if text is None else AuthenticatorState.from_json(text), tuple(warnings))
+        state = AuthenticatorState(is_open=True) if text is None else AuthenticatorState.from_json(text)
+        return Saved(state, tuple(warnings))
     except InputError as error:
         words = str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
         if section.clock == "unchecked":
             raise InputError(f"{words}; remove it only if no old broadcast can be replayed") from error
-        warnings.append(f"{words}; so nothing is believed for {RESTART_AFTER_S:g} s, nor what was sent before now")
-        return Saved(AuthenticatorState(epoch_s=int(now_s)), tuple(warnings))
+        warnings.append(f"{words}; so nothing is believed that was sent before now")
+        return Saved(AuthenticatorState(is_open=True), tuple(warnings))
 
 
 def saved_authority(section: AutopilotSection) -> SavedAuthority:
@@ -143,18 +145,28 @@ class AuthenticatorStateFile:
         self._saved = authenticator.state
         self._next_s = 0.0
 
+    def begin(self) -> None:
+        """Save, before anything is accepted, that a program runs which may accept more than it saves."""
+        self._write(replace(self._authenticator.state, is_open=True))
+
     def write_if_due(self, now_s: float) -> None:
-        """Save the state if it changed, unless it was saved less than STATE_PERIOD_S ago."""
-        if now_s >= self._next_s:
+        """Save the state if it changed, unless it was saved less than STATE_PERIOD_S ago and no broadcast leapt."""
+        state = replace(self._authenticator.state, is_open=True)
+        leapt = len(state.spans) != len(self._saved.spans)
+        if (now_s >= self._next_s or leapt) and self._write(state):
             self._next_s = now_s + STATE_PERIOD_S
-            self.write()
 
     def write(self) -> None:
-        """Save the state if it changed."""
-        state = self._authenticator.state
-        if self._file is not None and (state != self._saved or not self._file.is_written):
-            self._file.write(state.to_json())
-            self._saved = state
+        """Save the state if it changed; nothing is accepted after it."""
+        self._write(self._authenticator.state)
+
+    def _write(self, state: AuthenticatorState) -> bool:
+        """Save a state if it is another than the one saved, or that was not written; return whether it was."""
+        if self._file is None or (state == self._saved and self._file.is_written):
+            return False
+        self._file.write(state.to_json())
+        self._saved = state
+        return True
 
 
 class AuthorityStateFile:

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.onboard.decision import Certificate, Decision, Purpose
 from companion.onboard.failsafe import Stage
+from companion.runtime.rate import Evenness
 
 TEXT_PERIOD_S = 2.0
 """Shortest time between two texts; of several lines that come meanwhile the newest is sent."""
@@ -72,10 +73,10 @@ class StatusReporter:
         self._mav.srcSystem = system_id
         return [self._pack(message) for message in self._texts(self._line.encode(errors="replace"))]
 
-    def values(self, now_s: float, system_id: int | None, decision: Decision, gap_s: float) -> list[bytes]:
+    def values(self, now_s: float, system_id: int | None, decision: Decision, evenness: Evenness) -> list[bytes]:
         """Return the named values as frames if they are due (`values_due`), else an empty list.
 
-        `gap_s`: the longest gap between two setpoints since the named values were last sent.
+        `evenness`: how even the setpoint loop was since the named values were last sent.
         """
         if system_id is None or not self.values_due(now_s):
             return []
@@ -91,7 +92,8 @@ class StatusReporter:
             "OW_TARGET": decision.target_id or 0,
             "OW_GUARD": guard,
             "OW_CERT": list(Certificate).index(decision.certificate),
-            "OW_GAP_MS": round(1e3 * gap_s),
+            "OW_GAP_MS": round(1e3 * evenness.gap_s),
+            "OW_LATE_MS": round(1e3 * evenness.late_s),
         }
         messages = [
             common.MAVLink_named_value_int_message(time_ms, name.encode(), value) for name, value in integers.items()

@@ -22,7 +22,7 @@ class Detected(NamedTuple):
     traffic: tuple[Traffic, ...] = ()
     duplicate_agent_id: bool = False
     """Whether another vehicle uses this vehicle's agent id in its callsign."""
-    elsewhere: tuple[int, ...] = ()
+    elsewhere: tuple[Traffic, ...] = ()
     """Agents that are seen, but at a height or a distance at which they do not matter."""
 
 
@@ -46,7 +46,7 @@ def detected(
 
     """
     traffic: list[Traffic] = []
-    elsewhere: list[int] = []
+    elsewhere: list[Traffic] = []
     duplicate = False
     own_transponder_m = max(config.separation_m, OWN_TRANSPONDER_S * config.limits.speed_m_s)
     for neighbour in neighbours:
@@ -64,8 +64,9 @@ def detected(
             duplicate, identity = True, None
         above_m = abs(neighbour.altitude_m - altitude_m)
         over_or_under = 0.0 < config.vertical_separation_m <= above_m
+        seen = Traffic(identity, (north_m, east_m), (north_m_s, east_m_s), age_s)
         if not over_or_under and apart_m <= config.detector_range_m:
-            traffic.append(Traffic(identity, (north_m, east_m), (north_m_s, east_m_s), age_s))
+            traffic.append(seen)
         elif identity is not None:
-            elsewhere.append(identity)
+            elsewhere.append(seen)
     return Detected(tuple(traffic), duplicate, tuple(elsewhere))

@@ -7,7 +7,8 @@ missing in a broadcast of which every frame was heard, a threat only when a pict
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from companion.guidance.view import Traffic, View
@@ -18,6 +19,7 @@ from companion.onboard.picture import Picture
 from companion.onboard.world_view import (
     PeerTable,
     ThreatTable,
+    checked_identities,
     peer_table,
     reaching,
     threat_table,
@@ -195,9 +197,16 @@ class WorldModel:
         view = view_of(threats, peers, self._assigned(), self.peer_memory_s, now_s)
         return view if self._picture.whole else replace(view, whole=False)
 
-    def with_traffic(self, view: View, seen: Sequence[Traffic], elsewhere: Collection[int] = ()) -> View:
-        """Return the view with the traffic that the vehicle's own detector shows; see `world_view.with_traffic`."""
-        return with_traffic(view, seen, elsewhere, self._beliefs, self.agent_id)
+    def with_traffic(
+        self, view: View, seen: Sequence[Traffic], elsewhere: Sequence[Traffic] = (), fastest_m_s: float = math.inf
+    ) -> View:
+        """Return the view with the traffic that the vehicle's own detector shows; see `world_view.with_traffic`.
+
+        `fastest_m_s`: greatest speed over ground of an agent; without a bound any place that a detector shows is taken
+        for that of the agent that it names.
+        """
+        shown = checked_identities(view.others, seen, elsewhere, fastest_m_s)
+        return with_traffic(view, shown, self._beliefs, self.agent_id)
 
     def _assigned(self) -> tuple[TargetEntry, Heard] | None:
         """Return the assigned target; None if there is none, its place was not heard or the picture is not whole."""

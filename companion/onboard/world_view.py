@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from companion.guidance.view import NOBODY, Others, Traffic, View
 from companion.onboard.beliefs import Beliefs, Heard
 from companion.protocol.codec import BandEntry, TargetEntry
+
+IDENTITY_SLACK_M = 20.0
+"""Distance between the places that the broadcast and a transponder tell of one agent which needs no explanation: the
+errors of two GPS receivers, and of two clocks."""
 
 
 @dataclass(frozen=True)
@@ -146,15 +151,58 @@ def _told(peers: PeerTable, now_s: float) -> Others:
     )
 
 
-def with_traffic(
-    view: View, seen: Sequence[Traffic], elsewhere: Collection[int], beliefs: Beliefs, agent_id: int
-) -> View:
+class Shown(NamedTuple):
+    """What the own detector shows, after a look at who can be who it claims to be."""
+
+    seen: tuple[Traffic, ...]
+    """All that is near; whoever cannot be the agent that it claims to be is nobody known."""
+    placed: frozenset[int]
+    """Ids of the agents whose place the detector tells, so that the one told counts no more."""
+
+
+def checked_identities(
+    told: Others, seen: Sequence[Traffic], elsewhere: Sequence[Traffic], fastest_m_s: float
+) -> Shown:
+    """Return what the detector shows, with the ids of those only that are where the broadcast lets them be.
+
+    Anybody can send a transponder's message, so that it must not move an agent from where the broadcast says it is: who
+    claims an id at a place that ages and speeds do not explain is a stranger, and the agent itself counts as told.
+
+    Args:
+        told: The agents whose places were broadcast.
+        seen: The traffic near the vehicle.
+        elsewhere: Agents that are seen where they do not matter to the right of way.
+        fastest_m_s: Greatest speed over ground of an agent.
+
+    """
+    rows = {int(identity): row for row, identity in enumerate(told.ids)}
+
+    def fits(other: Traffic) -> bool:
+        row = rows.get(other.agent_id or NOBODY)
+        return row is None or math.isinf(fastest_m_s) or _explained(other, told, row, fastest_m_s)
+
+    checked = tuple(other if fits(other) else replace(other, agent_id=None) for other in seen)
+    placed = [other.agent_id for other in (*checked, *filter(fits, elsewhere)) if other.agent_id is not None]
+    return Shown(checked, frozenset(placed))
+
+
+def _explained(seen: Traffic, told: Others, row: int, fastest_m_s: float) -> bool:
+    """Return whether an agent that was told to be at a place may be where it is seen."""
+    velocity_m_s = told.velocities_m_s[row]
+    now_ned_m = told.places_ned_m[row] + velocity_m_s * told.ages_s[row]
+    fastest_m_s = max(fastest_m_s, float(np.hypot(*velocity_m_s)))
+    # At most, each was carried on at full speed one way while the agent flew the other.
+    flown_m = 2.0 * fastest_m_s * (float(told.ages_s[row]) + seen.age_s)
+    return math.dist(now_ned_m, seen.position_ned_m) <= float(told.rounding_m[row]) + IDENTITY_SLACK_M + flown_m
+
+
+def with_traffic(view: View, shown: Shown, beliefs: Beliefs, agent_id: int) -> View:
     """Return a view with the traffic that the vehicle's own detector shows.
 
-    A peer that is detected takes its position from the detector, not from the broadcast. Those `elsewhere`, by id, are
-    detected where they do not matter to the right of way.
+    An agent that is detected takes its position from the detector, not from the broadcast.
     """
-    others = _with_seen(view.others, seen, elsewhere)
+    seen = shown.seen
+    others = _with_seen(view.others, shown)
     if not seen:
         return view if others is view.others else replace(view, others=others)
     seen_ids = np.array([other.agent_id or NOBODY for other in seen], dtype=int)
@@ -180,12 +228,13 @@ def with_traffic(
     )
 
 
-def _with_seen(told: Others, seen: Sequence[Traffic], elsewhere: Collection[int]) -> Others:
+def _with_seen(told: Others, shown: Shown) -> Others:
     """Return those seen, then those told who are not seen."""
-    if not seen and not elsewhere:
+    seen = shown.seen
+    if not seen and not shown.placed:
         return told
     seen_ids = [other.agent_id or NOBODY for other in seen]
-    unseen = ~np.isin(told.ids, [*seen_ids, *elsewhere])
+    unseen = ~np.isin(told.ids, list(shown.placed))
     ages_s = np.array([other.age_s for other in seen])
     velocities_m_s = np.array([other.velocity_m_s for other in seen]).reshape(-1, 2)
     now_ned_m = np.array([other.position_ned_m for other in seen]).reshape(-1, 2)

@@ -15,20 +15,30 @@ import math
 import random
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from typing import Generic, NamedTuple, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from companion.errors import InputError
+from companion.protocol.believed import MOST_SPANS, BelievedBroadcasts, Kept, Rules, Span
 from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, Frame, WireError, decode_frame
 from companion.protocol.deframer import MAX_DATAGRAM_BYTES, StreamFramer, frames_in
 from companion.protocol.dialect import oneway
 from companion.protocol.ed25519 import signed_part, verify
 from companion.protocol.fields import UINT32_MAX
 from companion.protocol.frame import BROADCAST_IDS, ED25519_BYTES, RawFrame
-from companion.protocol.freshness import off_the_clock, overtaken
-from companion.protocol.mavlink_signing import UNSIGNED, WRONG_HASH, MavlinkVerifier, StreamKey
+from companion.protocol.freshness import FUTURE_STAMP, PAST_STAMP, Lateness, off_the_clock
+from companion.protocol.mavlink_signing import (
+    FUTURE_TIME,
+    MAX_STREAMS,
+    PAST_TIME,
+    UNSIGNED,
+    WRONG_HASH,
+    MavlinkVerifier,
+    StreamKey,
+)
+from companion.runtime.fair_share import FairShare
 
 TOO_LARGE = "datagram too large"
 OTHER_SENDER = "other sender"
@@ -39,21 +49,22 @@ NO_ED25519 = "no Ed25519 signature"
 WRONG_ED25519 = "wrong Ed25519 signature"
 REPEATED = "repeated"
 UNCHECKED = "unchecked in a flood"
+TOO_MANY_FRAMES = "more frames than a broadcast has"
+OFF_THE_CLOCK = frozenset({FUTURE_STAMP, PAST_STAMP, FUTURE_TIME, PAST_TIME})
+"""Reasons that an authentic frame is refused for if clocks differ."""
 EXPECTED = (HEARTBEAT, REPEATED)
 """Reasons that are normal: a ground station sends heartbeats for its radio, and repeats its frames."""
 
 BURST_CHECKS = 400
 """Greatest number of Ed25519 checks saved up in quiet times: the 255 frames of a longest broadcast may come at once."""
-WINDOW_S = 0.05
-"""Time that frames wait for a check in a flood, so that the first of a burst have no better chance than the last."""
 REMEMBERED_FRAMES = 1024
-"""Number of newest frames remembered to recognise repeats; a broadcast has at most 255 of each kind."""
+"""Greatest number of frames of the newest broadcast that are remembered to recognise repeats; it has at most 255 of
+each kind. Beyond it none are believed; without a key, where repeats do no more harm than forgeries, the oldest goes."""
+LATENESS_CHECK_S = 1.0
+"""Time between two Ed25519 checks of frames that the clock refuses anyway: enough to say by how much clocks differ."""
 MAX_REASONS = 64
 """Greatest number of reasons that are counted separately; any further one counts as OTHER_REASONS."""
 OTHER_REASONS = "other reasons"
-
-
-OfferedT = TypeVar("OfferedT")
 
 
 @dataclass(frozen=True)
@@ -74,6 +85,11 @@ class Trust:
     """Whether stamps are compared with the vehicle's clock; False if that clock is not reliable."""
 
     @property
+    def keyed(self) -> bool:
+        """Whether any key authenticates the broadcast."""
+        return self.mavlink_key is not None or self.public_key is not None
+
+    @property
     def words(self) -> str:
         """Names of the signatures that are checked, for status lines."""
         keys = {"MAVLink signing": self.mavlink_key, "Ed25519": self.public_key}
@@ -89,30 +105,43 @@ class AuthenticatorState:
     sequence: int = -1
     streams: tuple[tuple[StreamKey, int], ...] = ()
     """Newest MAVLink signing time of each stream."""
+    newest_unix_s: float | None = None
+    """Stamp of the frame accepted last; kept only where the clock is not checked, as the spans are."""
+    spans: tuple[Span, ...] = ()
+    is_open: bool = False
+    """Whether the program ran on after this was saved, so that it may have accepted more."""
 
     def to_json(self) -> str:
         """Return the state as one line of JSON; it contains no key."""
         streams = [[*stream, timestamp] for stream, timestamp in self.streams]
-        return json.dumps({"epoch_s": self.epoch_s, "sequence": self.sequence, "streams": streams})
+        values: dict[str, object] = {"epoch_s": self.epoch_s, "sequence": self.sequence, "streams": streams}
+        if self.newest_unix_s is not None:
+            values |= {"newest_unix_s": self.newest_unix_s, "spans": [[*span.first, *span.last] for span in self.spans]}
+        return json.dumps(values | ({"open": True} if self.is_open else {}))
 
     @classmethod
     def from_json(cls, text: str) -> AuthenticatorState:
         """Return the state in a text that `to_json` wrote; raises InputError for any other text."""
         try:
             values = json.loads(text)
-            epoch_s = values["epoch_s"]
+            epoch_s, newest_unix_s = values["epoch_s"], values.get("newest_unix_s")
             state = cls(
                 None if epoch_s is None else int(epoch_s),
                 int(values["sequence"]),
                 tuple(((int(a), int(b), int(c)), int(t)) for a, b, c, t in values["streams"]),
+                None if newest_unix_s is None else float(newest_unix_s),
+                tuple(Span((int(a), int(b)), (int(c), int(d))) for a, b, c, d in values.get("spans", ())),
+                bool(values.get("open", False)),
             )
-        except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
             raise InputError(
                 "the state of the broadcast is not readable; allowed: what companion wrote, or no file, after which "
                 "what was sent within the last seconds could be replayed once"
             ) from error
         if not (0 <= (state.epoch_s or 0) <= UINT32_MAX and -1 <= state.sequence <= UINT32_MAX):
             raise InputError(f"the state of the broadcast has epoch {state.epoch_s}, sequence {state.sequence}")
+        if len(state.spans) > MOST_SPANS + 1 or len(state.streams) > MAX_STREAMS:
+            raise InputError(f"the state of the broadcast has {len(state.spans)} spans, {len(state.streams)} streams")
         return state
 
 
@@ -133,29 +162,34 @@ class Authenticator:
         *,
         is_stream: bool = False,
         rng: random.Random | None = None,
+        checks_at_once: int | None = None,
     ) -> None:
         """Start from a saved state; with `is_stream` the input is chunks of a byte stream, such as a serial radio's.
 
-        `rng` draws the frames that are checked in a flood; by default it is seeded unpredictably.
+        `rng` draws the frames that are checked in a flood; by default it is seeded unpredictably. Of the frames drawn
+        each call checks at most `checks_at_once`; None: all.
         """
-        state = state or AuthenticatorState()
         self.trust = trust
+        self.accepted = 0
+        """Number of accepted frames."""
+        self.newest: RawFrame | None = None
+        """The frame accepted last."""
+        self.lateness = Latenesses(Lateness(), Lateness())
         self._rejected: Counter[str] = Counter()
         self._framer = StreamFramer() if is_stream else None
-        self._epoch_s = state.epoch_s
-        self._sequence = state.sequence
         self._heard: dict[bytes, None] = {}
-        self._quiet_since_s: float | None = None
-        """Time at which the last frame was accepted; before any was, time at which the first datagram came."""
+        self._order = BelievedBroadcasts(_order_rules(trust), None if state is None else _kept_of(state))
         ahead_s, behind_s = (trust.ahead_s, 60.0) if trust.clock_checked else (math.inf, math.inf)
+        streams = () if state is None else state.streams
         self._verifier = (
-            None
-            if trust.mavlink_key is None
-            else MavlinkVerifier(trust.mavlink_key, dict(state.streams), ahead_s, behind_s)
+            None if trust.mavlink_key is None else MavlinkVerifier(trust.mavlink_key, dict(streams), ahead_s, behind_s)
         )
         self._gate = (
-            None if trust.public_key is None else CheckLimiter[RawFrame](trust.checks_per_s, rng or random.Random())
+            None
+            if trust.public_key is None
+            else FairShare[RawFrame](trust.checks_per_s, BURST_CHECKS, rng or random.Random())
         )
+        self._checks_at_once = checks_at_once
 
     @property
     def rejected(self) -> Counter[str]:
@@ -171,7 +205,12 @@ class Authenticator:
     def state(self) -> AuthenticatorState:
         """State to save over a restart."""
         streams = {} if self._verifier is None else self._verifier.streams
-        return AuthenticatorState(self._epoch_s, self._sequence, tuple(sorted(streams.items())))
+        kept = self._order.kept
+        epoch_s, sequence = (None, -1) if kept.newest is None else kept.newest
+        state = AuthenticatorState(epoch_s, sequence, tuple(sorted(streams.items())))
+        if self.trust.clock_checked or not self.trust.keyed:
+            return state
+        return replace(state, newest_unix_s=kept.newest_unix_s, spans=kept.spans)
 
     def admit(self, datagram: bytes, now_s: float) -> list[Authenticated]:
         """Return the frames that are accepted now, usually those of this datagram. Never raises, whatever the bytes.
@@ -191,24 +230,29 @@ class Authenticator:
 
     def admit_frames(self, frames: Iterable[RawFrame], now_s: float) -> list[Authenticated]:
         """Return the frames that are accepted now, usually of `frames`, which `deframed` returned; see `admit`."""
-        if self._quiet_since_s is None:
-            self._quiet_since_s = now_s
         admitted = self.due(now_s)
         for raw in frames:
             reason = self._refused(raw, now_s)
             if reason is not None:
                 self._rejected[reason] += 1
+                if reason in OFF_THE_CLOCK:
+                    self._note_off_the_clock(raw, now_s)
             elif self._gate is None:
                 self._take(raw, now_s, admitted)
             elif self._gate.offer(raw, now_s):
                 self._check(raw, now_s, admitted)
         return admitted
 
+    def due_s(self) -> float:
+        """Return the time from which `due` checks frames that waited: at once (-inf), or never (inf) if none waits."""
+        return math.inf if self._gate is None else self._gate.due_s()
+
     def due(self, now_s: float) -> list[Authenticated]:
         """Return the frames that waited for an Ed25519 check and passed; call it regularly, as datagrams may cease."""
+        self._order.begin(now_s)
         admitted: list[Authenticated] = []
         if self._gate is not None:
-            for raw in self._gate.due(now_s):
+            for raw in self._gate.due(now_s, self._checks_at_once):
                 self._check(raw, now_s, admitted)
         return admitted
 
@@ -232,7 +276,7 @@ class Authenticator:
     def _unsigned(self, raw: RawFrame, now_s: float, verifier: MavlinkVerifier) -> str | None:
         """Return the reason why a frame's MAVLink signature is refused, None if it is accepted."""
         if self.trust.public_key is None:
-            return verifier.check(raw, now_s)
+            return verifier.check(raw, now_s, silent=self._order.silent(now_s))
         if verifier.holds(raw):
             return None
         return WRONG_HASH if raw.is_signed else UNSIGNED
@@ -244,17 +288,20 @@ class Authenticator:
             reason = off_the_clock(stamp, now_s, self.trust.ahead_s, self.trust.max_age_s)
             if reason is not None:
                 return reason
-        if self._epoch_s is None or stamp.epoch_s > self._epoch_s:
-            return None
-        silent_s = 0.0
-        if self.trust.public_key is None and self._quiet_since_s is not None:
-            # Without Ed25519 others can make valid frames: one stamped ahead must not shut the ground station out for
-            # good.
-            silent_s = now_s - self._quiet_since_s
-        reason = overtaken(stamp, (self._epoch_s, self._sequence), silent_s)
-        if reason is not None:
+        reason = self._order.refusal(stamp, now_s)
+        if reason is not None or not self._order.is_newest(stamp):
             return reason
-        return REPEATED if signed_part(raw) in self._heard else None
+        if signed_part(raw) in self._heard:
+            return REPEATED
+        return TOO_MANY_FRAMES if self.trust.keyed and len(self._heard) >= REMEMBERED_FRAMES else None
+
+    def _note_off_the_clock(self, raw: RawFrame, now_s: float) -> None:
+        """Note how late a frame is that is refused by the clock; whether it is authentic is checked once a second."""
+        late_s, trust = now_s - raw.stamp.unix_s, self.trust
+        if trust.public_key is None:
+            self.lateness.of(authentic=trust.keyed).note(late_s, now_s)
+        elif self.lateness.may_check(now_s):
+            self.lateness.of(authentic=verify(raw, trust.public_key)).note(late_s, now_s)
 
     def _check(self, raw: RawFrame, now_s: float, admitted: list[Authenticated]) -> None:
         # Between a frame's arrival and its turn a newer one may have been accepted.
@@ -275,8 +322,12 @@ class Authenticator:
             known = reason in self._rejected or len(self._rejected) < MAX_REASONS
             self._rejected[reason if known else OTHER_REASONS] += 1
             return
-        self._quiet_since_s = now_s
-        self._epoch_s, _, self._sequence = raw.stamp
+        self.accepted += 1
+        self.newest, stamp = raw, raw.stamp
+        self.lateness.authentic.note(now_s - stamp.unix_s, now_s)
+        if not self._order.is_newest(stamp):
+            self._heard.clear()
+        self._order.note(stamp, now_s)
         self._heard[signed_part(raw)] = None
         if len(self._heard) > REMEMBERED_FRAMES:
             del self._heard[next(iter(self._heard))]
@@ -285,61 +336,32 @@ class Authenticator:
         admitted.append(Authenticated(raw, frame))
 
 
-class CheckLimiter(Generic[OfferedT]):
-    """Bounds the rate of costly checks, and draws at random the frames that get one when there are too many.
+class Latenesses:
+    """How late frames came by the vehicle's clock: those proven to be the ground station's, and all others apart."""
 
-    In quiet times a frame is checked at once. When half of the saved checks are used up, frames are gathered for
-    WINDOW_S; then those to check are drawn, each with the same chance (reservoir sampling), so that a forger gains
-    nothing by being first or last. With F forged frames in a window a genuine one is checked with a probability of at
-    least checks_per_s * WINDOW_S / (F + 1).
-    """
+    def __init__(self, authentic: Lateness, other: Lateness) -> None:
+        self.authentic = authentic
+        """Of frames accepted, or refused by the clock alone."""
+        self.other = other
+        """Of frames refused by the clock that anybody may have made."""
+        self._checked_s = -math.inf
 
-    def __init__(self, checks_per_s: float, rng: random.Random) -> None:
-        self.dropped = 0
-        """Number of frames that got no check."""
-        self._rate_per_s = checks_per_s
-        self._window_s = max(WINDOW_S, 1.0 / checks_per_s)
-        self._rng = rng
-        self._saved = float(BURST_CHECKS)
-        self._saved_at_s: float | None = None
-        self._closes_s: float | None = None
-        self._places = 0
-        self._offered = 0
-        self._waiting: list[tuple[int, OfferedT]] = []
+    def of(self, *, authentic: bool) -> Lateness:
+        """Return the one or the other."""
+        return self.authentic if authentic else self.other
 
-    def offer(self, raw: OfferedT, now_s: float) -> bool:
-        """Return whether to check a frame at once; if not, `due` may return it later."""
-        self._save(now_s)
-        if self._closes_s is None:
-            if self._saved >= BURST_CHECKS / 2:
-                self._saved -= 1
-                return True
-            self._closes_s = now_s + self._window_s
-            self._places = max(1, int(self._saved + self._rate_per_s * self._window_s))
-            self._offered = 0
-        self._offered += 1
-        if len(self._waiting) < self._places:
-            self._waiting.append((self._offered, raw))
+    def may_check(self, now_s: float) -> bool:
+        """Return whether another frame refused by the clock gets the costly check: one in LATENESS_CHECK_S does."""
+        if 0.0 <= now_s - self._checked_s < LATENESS_CHECK_S:
             return False
-        self.dropped += 1
-        place = self._rng.randrange(self._offered)
-        if place < self._places:
-            self._waiting[place] = (self._offered, raw)
-        return False
+        self._checked_s = now_s
+        return True
 
-    def due(self, now_s: float) -> list[OfferedT]:
-        """Return the frames drawn from a window that has ended, in order of arrival; none while it is open."""
-        if self._closes_s is None or now_s < self._closes_s:
-            return []
-        self._save(now_s)
-        drawn = [raw for _, raw in sorted(self._waiting)]
-        self._saved -= len(drawn)
-        self._waiting = []
-        self._closes_s = None
-        return drawn
 
-    def _save(self, now_s: float) -> None:
-        if self._saved_at_s is not None:
-            passed_s = max(0.0, now_s - self._saved_at_s)
-            self._saved = min(float(BURST_CHECKS), self._saved + passed_s * self._rate_per_s)
-        self._saved_at_s = now_s
+def _order_rules(trust: Trust) -> Rules:
+    return Rules(trust.keyed, trust.public_key is not None, trust.clock_checked, trust.ahead_s)
+
+
+def _kept_of(state: AuthenticatorState) -> Kept:
+    newest = None if state.epoch_s is None else (state.epoch_s, state.sequence)
+    return Kept(newest, state.newest_unix_s, state.spans, state.is_open)

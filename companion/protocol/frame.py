@@ -37,6 +37,11 @@ class FrameStamp(NamedTuple):
     time_ms: int
     sequence: int
 
+    @property
+    def unix_s(self) -> float:
+        """Time of the frame by the sender's clock, in Unix seconds."""
+        return self.epoch_s + self.time_ms / 1000.0
+
 
 class RawFrame(NamedTuple):
     """A whole MAVLink frame of version 1 or 2: its bytes and the values of its header. `raw_frame` makes it."""

@@ -1,4 +1,4 @@
-"""Key files: generated once on the ground, copied to the vehicles, and refused if other users could read them.
+"""Key files: made once on the ground, copied to the vehicles, and refused if others could read or replace them.
 
 Vehicles get `broadcast.public` and, where MAVLink signing is used, `broadcast.mavlink`; `broadcast.private` never
 leaves the ground station. No key byte appears in an error: a file that cannot be used is named, not quoted.
@@ -15,6 +15,7 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from companion.errors import InputError
+from companion.files.regular import read_regular
 from companion.protocol.mavlink_signing import KEY_BYTES
 
 PRIVATE_NAME = "broadcast.private"
@@ -26,6 +27,10 @@ _PUBLIC_MODE = 0o644
 _FOLDER_MODE = 0o700
 _OTHERS = 0o077
 """Permission bits of the group and of all others."""
+_OTHERS_WRITE = 0o022
+"""Permission bits of the group and of all others to write."""
+_ROOT = 0
+"""Root's user id."""
 _MAX_FILE_BYTES = 4096
 """Greatest number of bytes read: more than any key file has, so that a wrong path is not read whole."""
 
@@ -65,7 +70,7 @@ def keygen(folder: Path) -> list[Path]:
 
 
 def load_private(path: Path) -> Ed25519PrivateKey:
-    """Return the Ed25519 private key in a PEM file; raises InputError if it cannot be used or others can read it."""
+    """Return the Ed25519 private key in a PEM file; raises InputError if it cannot be used or others can get at it."""
     content = _read(path, secret=True)
     try:
         key = serialization.load_pem_private_key(content, password=None)
@@ -78,7 +83,7 @@ def load_private(path: Path) -> Ed25519PrivateKey:
 
 
 def load_public(path: Path) -> Ed25519PublicKey:
-    """Return the Ed25519 public key in a PEM file; raises InputError if it cannot be used."""
+    """Return the Ed25519 public key in a PEM file; raises InputError if it cannot be used or others can replace it."""
     content = _read(path, secret=False)
     try:
         key = serialization.load_pem_public_key(content)
@@ -90,7 +95,7 @@ def load_public(path: Path) -> Ed25519PublicKey:
 
 
 def load_mavlink_key(path: Path) -> bytes:
-    """Return the 32 bytes of a shared MAVLink key; raises InputError if it cannot be used or others can read it."""
+    """Return the 32 bytes of a shared MAVLink key; raises InputError if it cannot be used or others can get at it."""
     content = _read(path, secret=True).strip()
     try:
         key = bytes.fromhex(content.decode("ascii"))
@@ -113,13 +118,39 @@ def _write_new(path: Path, content: bytes, mode: int, written: list[Path]) -> No
 
 
 def _read(path: Path, *, secret: bool) -> bytes:
+    """Return the content of a key file that nobody else can have written, or, if it is secret, read."""
     try:
-        with path.open("rb") as file:
-            if secret:
-                _refuse_open(path, os.fstat(file.fileno()).st_mode, "the key", "600")
-            return file.read(_MAX_FILE_BYTES)
+        # A link is followed, but what it leads to must be as safe as a file in its place; a pipe is not waited for.
+        real = path.resolve(strict=True)
+        content, status = read_regular(real, _MAX_FILE_BYTES)
+        folder = real.parent.stat()
+        link_folder = path.parent.stat()
     except OSError as error:
         raise InputError(f"{path}: cannot read the key: {error.strerror}") from error
+    except (ValueError, RuntimeError) as error:
+        raise InputError(f"{path}: cannot read the key: no path") from error
+    if secret:
+        _refuse_open(path, status.st_mode, "the key", "600")
+    _refuse_writable(path, path, status)
+    _refuse_writable(path, real.parent, folder)
+    _refuse_writable(path, path.parent, link_folder)
+    return content
+
+
+def _refuse_writable(key: Path, path: Path, status: os.stat_result) -> None:
+    """Refuse a key that somebody else could replace: its file, or the folder that its name is in, is not ours alone."""
+    what = "the folder" if stat.S_ISDIR(status.st_mode) else "the key"
+    if status.st_uid not in (os.geteuid(), _ROOT):
+        raise InputError(
+            f"{key}: {what} {path} belongs to user {status.st_uid}, who could replace the key; "
+            f"allowed: this program's user or root; chown {os.geteuid()} {path}"
+        )
+    is_sticky = stat.S_ISDIR(status.st_mode) and status.st_mode & stat.S_ISVTX
+    if status.st_mode & _OTHERS_WRITE and not is_sticky:
+        raise InputError(
+            f"{key}: {what} {path} can be written by others (mode {stat.S_IMODE(status.st_mode):03o}), who could "
+            f"replace the key; allowed: its owner only; chmod go-w {path}"
+        )
 
 
 def _refuse_open(path: Path, mode: int, what: str, remedy: str) -> None:

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import math
 from collections.abc import Mapping
 
 from companion.files.mavlink_layout import CRC_BYTES, FLAGS_AT, SIGNED_FLAG
 from companion.protocol.deframer import crc_of
 from companion.protocol.dialect import oneway
 from companion.protocol.frame import RawFrame, raw_frame
+from companion.protocol.freshness import LEAP_S
 
 KEY_BYTES = 32
 EPOCH_UNIX_S = 1_420_070_400
@@ -46,6 +48,11 @@ _TIME_MAX = (1 << 8 * _TIME_BYTES) - 1
 def timestamp_of(unix_s: float) -> int:
     """Return the signing time, in units of 10 us since EPOCH_UNIX_S, of a Unix time in seconds; at least 0."""
     return max(0, round((unix_s - EPOCH_UNIX_S) * UNITS_PER_S))
+
+
+def without_signature(frame: RawFrame) -> RawFrame:
+    """Return a frame of any dialect without its MAVLink signature; see `strip_signature`."""
+    return raw_frame(strip_signature(frame)) if frame.is_signed else frame
 
 
 def strip_signature(frame: RawFrame) -> bytes:
@@ -120,8 +127,12 @@ class MavlinkVerifier:
         covered, carried = frame.data[:-_HASH_BYTES], frame.data[-_HASH_BYTES:]
         return frame.is_signed and hmac.compare_digest(_hash(self._keyed, covered), carried)
 
-    def check(self, frame: RawFrame, now_s: float) -> str | None:
-        """Return the reason why a frame is refused, None if it is accepted; nothing is remembered."""
+    def check(self, frame: RawFrame, now_s: float, *, silent: bool = False) -> str | None:
+        """Return the reason why a frame is refused, None if it is accepted; nothing is remembered.
+
+        `silent`: nothing was accepted for long. Where no clock bounds the times, one frame's that is far ahead must not
+        shut out its stream, nor a full table a new stream, for good: the caller must know old frames by their stamps.
+        """
         if not frame.is_signed:
             return UNSIGNED
         if not self.holds(frame):
@@ -131,11 +142,13 @@ class MavlinkVerifier:
         if since_s > self._ahead_s:
             return FUTURE_TIME
         last = self._streams.get(stream)
+        may_leap_back = silent and math.isinf(self._ahead_s)
         if last is not None:
-            return None if timestamp > last else REPLAYED_TIME
+            leaps_back = may_leap_back and timestamp < last - LEAP_S * UNITS_PER_S
+            return None if timestamp > last or leaps_back else REPLAYED_TIME
         if since_s < -self._behind_s:
             return PAST_TIME
-        return None if self._has_room(now_s) else TOO_MANY_STREAMS
+        return None if may_leap_back or self._has_room(now_s) else TOO_MANY_STREAMS
 
     def commit(self, frame: RawFrame) -> None:
         """Remember the signing time of a frame that `check` accepted; call this only after every other check passed."""

@@ -11,8 +11,11 @@ from typing import TypeVar
 Result = TypeVar("Result")
 
 _MICROSECONDS = 1e6
-BACKLOG_DATAGRAMS = 256
-"""Datagrams read at most from each socket after a hang of the program: several seconds of an autopilot's telemetry."""
+DRAIN_ROUNDS = 8
+"""Rounds of the event loop that read what waits: a UDP link hands on 128 datagrams in a round, a TCP link 64 KiB every
+second round, a serial line all that it holds."""
+DRAIN_S = 0.03
+"""Time after which no further round is made: a link that never runs dry must not hold up the setpoints."""
 
 
 def logged_s(t_unix_s: float) -> float:
@@ -20,22 +23,29 @@ def logged_s(t_unix_s: float) -> float:
     return round(t_unix_s * _MICROSECONDS) / _MICROSECONDS
 
 
+def steady_s() -> float:
+    """Return seconds of a clock that never steps, and that counts the time while the computer was suspended too."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
 class SteadyClock:
     """A clock of Unix time that never steps, in whole microseconds (see `logged_s`)."""
 
     def __init__(self) -> None:
-        self._offset_s = time.time() - time.monotonic()
+        self._offset_s = time.time() - steady_s()
 
     def now_s(self) -> float:
-        """Return seconds since 1970: the system clock at the start, carried on by the monotonic clock."""
-        return logged_s(self._offset_s + time.monotonic())
+        """Return seconds since 1970: the system clock at the start, carried on by the steady clock."""
+        return logged_s(self._offset_s + steady_s())
 
 
 async def drain_sockets() -> None:
-    """Let every socket deliver the datagrams that came while the program hung, so that the next decision has them."""
-    for _ in range(BACKLOG_DATAGRAMS):
-        # A socket hands over one datagram in a round of the loop.
+    """Let every link hand on what has come until now, so that the next decision has it."""
+    began_s = time.monotonic()
+    for _ in range(DRAIN_ROUNDS):
         await asyncio.sleep(0.0)
+        if time.monotonic() - began_s > DRAIN_S:
+            return
 
 
 async def wait(stop: asyncio.Event, wait_s: float) -> None:

@@ -17,6 +17,7 @@ from companion.transport.link import (
     SENDING,
     Address,
     Link,
+    OnChunk,
     OnDatagram,
     RadioReading,
     ReceiveCounts,
@@ -47,6 +48,7 @@ __all__ = [
     "Address",
     "Duplex",
     "Link",
+    "OnChunk",
     "OnDatagram",
     "ReceiveCounts",
     "Receiver",
@@ -93,22 +95,20 @@ async def open_sender(link: Link, radio: RadioReading | None = None) -> Sender:
     return await open_udp_sender(link)
 
 
-async def open_duplex(
-    link: Link, on_datagram: OnDatagram, *, receive_buffer_bytes: int = RECEIVE_BUFFER_BYTES
-) -> Duplex:
-    """Open an autopilot link: `udpin` sends to the last peer heard, `udpout` exchanges with one fixed peer only.
+async def open_duplex(link: Link, on_chunk: OnChunk, *, receive_buffer_bytes: int = RECEIVE_BUFFER_BYTES) -> Duplex:
+    """Open an autopilot link: `udpin` sends to the peer that is bound, `udpout` exchanges with one fixed peer only.
 
-    `on_datagram` is called on the event loop, with whole frames where the link is a stream. Raises InputError if the
-    link goes one way only, its host is unknown, or its port or device cannot be used.
+    `on_chunk` is called on the event loop with what came, which may be cut anywhere. Raises InputError if the link goes
+    one way only, its host is unknown, or its port or device cannot be used.
     """
     if link.scheme not in DUPLEX or link.others:
         allowed = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD"
         raise InputError(f"link '{link}': this end goes both ways; allowed: {allowed}")
     if link.scheme == "tcp":
-        return await open_tcp_duplex(link, on_datagram)
+        return await open_tcp_duplex(link, on_chunk)
     if link.scheme == "serial":
-        return await open_serial_duplex(link, on_datagram)
-    return await open_udp_duplex(link, on_datagram, receive_buffer_bytes)
+        return await open_serial_duplex(link, on_chunk)
+    return await open_udp_duplex(link, on_chunk, receive_buffer_bytes)
 
 
 def _forms(schemes: tuple[str, ...]) -> str:

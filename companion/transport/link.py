@@ -16,6 +16,8 @@ from companion.errors import InputError, nearest_hint
 
 OnDatagram = Callable[[bytes], None]
 """Callback that takes each received datagram, or each chunk of a stream."""
+OnChunk = Callable[[bytes, "Address | None"], None]
+"""Callback that takes what a two-way end received, cut anywhere, and the sender's address where there are several."""
 RadioReading = Callable[[], Callable[[bytes], int | None]]
 """Makes a reader of a radio's own reports. The reader takes each chunk received from the radio and returns the free
 share of its transmit buffer in percent, None without a new report."""
@@ -158,7 +160,7 @@ class SendCounts:
     full: int = 0
     """Datagrams dropped at a full buffer (EWOULDBLOCK), because a late one is worth less than the next one."""
     no_peer: int = 0
-    """Datagrams dropped before any peer was heard."""
+    """Datagrams dropped before any peer was bound."""
     failed: int = 0
     """Any other error, such as no route, an unplugged radio or a full disk."""
     reopened: int = 0
@@ -180,11 +182,20 @@ class ReceiveCounts:
 class Receiver:
     """A receive-only end point. It has no way to send: the broadcast must never be answered."""
 
-    def __init__(self, close: Callable[[], None], counts: ReceiveCounts, *, is_stream: bool = False) -> None:
+    def __init__(
+        self,
+        close: Callable[[], None],
+        counts: ReceiveCounts,
+        *,
+        is_stream: bool = False,
+        overruns: Callable[[], int] = lambda: 0,
+    ) -> None:
         self._close = close
         self.counts = counts
         self.is_stream = is_stream
         """Whether the input is handed on as chunks of a byte stream, cut anywhere, instead of as whole datagrams."""
+        self.overruns = overruns
+        """Returns how many datagrams the kernel dropped because its buffer for this end point was full."""
 
     def close(self) -> None:
         """Stop receiving and free the port."""
@@ -194,7 +205,7 @@ class Receiver:
 class Sender(ABC):
     """An end point that sends to fixed destinations, which no reply can change.
 
-    The exception is an autopilot link by `udpin`, which sends to the last peer heard.
+    The exception is an autopilot link by `udpin`, which sends to the peer that its owner binds.
     """
 
     def __init__(self) -> None:
@@ -204,6 +215,9 @@ class Sender(ABC):
     def txbuf_percent(self) -> int | None:
         """Free share of the radio's transmit buffer as the radio reports it; None where nothing reports it."""
         return None
+
+    def bind(self, peer: Address) -> None:  # noqa: B027 - most ends have one peer for good
+        """Send to this peer from now on, where the end leaves that to its owner (an autopilot link by `udpin`)."""
 
     @abstractmethod
     def send(self, datagram: bytes) -> None:

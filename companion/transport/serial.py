@@ -15,8 +15,16 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from companion.errors import InputError
-from companion.transport.link import Link, OnDatagram, RadioReading, ReceiveCounts, Receiver, SendCounts, Sender
-from companion.transport.stream import FrameCutter
+from companion.transport.link import (
+    Link,
+    OnChunk,
+    OnDatagram,
+    RadioReading,
+    ReceiveCounts,
+    Receiver,
+    SendCounts,
+    Sender,
+)
 
 REOPEN_FIRST_S = 0.25
 """Time after which an unplugged device is first opened again; each further wait is twice the one before."""
@@ -51,9 +59,9 @@ async def open_serial_sender(link: Link, radio: RadioReading | None = None) -> S
     return sender
 
 
-async def open_serial_duplex(link: Link, on_datagram: OnDatagram) -> SerialDuplex:
+async def open_serial_duplex(link: Link, on_chunk: OnChunk) -> SerialDuplex:
     """Open a serial line to an autopilot; raises InputError if it cannot be opened."""
-    duplex = SerialDuplex(link, on_datagram)
+    duplex = SerialDuplex(link, on_chunk)
     duplex.open_first()
     return duplex
 
@@ -134,21 +142,15 @@ class SerialSender(Sender):
 
 
 class SerialDuplex(SerialSender):
-    """An autopilot's serial line: received bytes are handed on as whole frames."""
+    """An autopilot's serial line: received bytes are handed on as they come."""
 
-    def __init__(self, link: Link, on_datagram: OnDatagram) -> None:
+    def __init__(self, link: Link, on_chunk: OnChunk) -> None:
         super().__init__(link)
-        self._on_datagram = on_datagram
-        self._cutter = FrameCutter()
+        self._on_chunk = on_chunk
 
     def _hear(self, chunk: bytes) -> None:
         super()._hear(chunk)
-        for frame in self._cutter.feed(chunk):
-            self._on_datagram(frame)
-
-    def _forget(self) -> None:
-        super()._forget()
-        self._cutter = FrameCutter()
+        self._on_chunk(chunk, None)
 
 
 class _Device:

@@ -9,8 +9,7 @@ import asyncio
 import socket
 
 from companion.errors import InputError
-from companion.transport.link import Link, OnDatagram, Sender
-from companion.transport.stream import FrameCutter
+from companion.transport.link import Link, OnChunk, Sender
 
 RECONNECT_FIRST_S = 0.25
 """Wait after which a connection is first tried again; each further wait is twice the one before."""
@@ -22,24 +21,24 @@ UNANSWERED_MS = 4_000
 _READ_BYTES = 65_536
 
 
-async def open_tcp_duplex(link: Link, on_datagram: OnDatagram) -> TcpDuplex:
+async def open_tcp_duplex(link: Link, on_chunk: OnChunk) -> TcpDuplex:
     """Begin to connect; raises InputError for an unknown host. A server that does not listen yet is no error."""
     loop = asyncio.get_running_loop()
     try:
         await loop.getaddrinfo(link.host, link.port, family=socket.AF_INET, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
         raise InputError(f"link '{link}': host name '{link.host}' is unknown") from error
-    return TcpDuplex(link, on_datagram)
+    return TcpDuplex(link, on_chunk)
 
 
 class TcpDuplex(Sender):
-    """Sends whole frames, hands on whole frames, and reconnects until it is closed."""
+    """Sends whole frames, hands on bytes as they come, and reconnects until it is closed."""
 
-    def __init__(self, link: Link, on_datagram: OnDatagram) -> None:
+    def __init__(self, link: Link, on_chunk: OnChunk) -> None:
         """Begin to connect on the running event loop."""
         super().__init__()
         self._link = link
-        self._on_datagram = on_datagram
+        self._on_chunk = on_chunk
         self._writer: asyncio.StreamWriter | None = None
         self._connected_before = False
         self._task = asyncio.get_running_loop().create_task(self._serve())
@@ -66,11 +65,9 @@ class TcpDuplex(Sender):
                 async with asyncio.timeout(CONNECT_TIMEOUT_S):
                     reader, self._writer = await asyncio.open_connection(self._link.host, self._link.port)
                 self._set_up(self._writer.get_extra_info("socket"))
-                cutter = FrameCutter()
                 while chunk := await reader.read(_READ_BYTES):
                     wait_s = RECONNECT_FIRST_S
-                    for frame in cutter.feed(chunk):
-                        self._on_datagram(frame)
+                    self._on_chunk(chunk, None)
             except OSError:
                 self.counts.failed += 1
             self._disconnect()

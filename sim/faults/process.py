@@ -14,7 +14,7 @@ from companion.onboard.companion import Companion
 from companion.onboard.config import Config
 from companion.onboard.decision import Decision
 from companion.protocol.authenticator import Authenticator, AuthenticatorState, Trust
-from sim.faults.scene import FLEET_KEY, Setting
+from sim.faults.scene import FLEET_KEY, SYSTEM_ID, Setting
 from sim.loop import START_S, TOLERANCE_S
 
 
@@ -76,7 +76,7 @@ class CompanionProcess:
             self._files = _StateFiles()
         trust = Trust(mavlink_key=FLEET_KEY if self._setting.signed else None)
         authenticator = Authenticator(trust, self._files.authenticator)
-        adapter = ADAPTERS[self._setting.kind]()
+        adapter = ADAPTERS[self._setting.kind](SYSTEM_ID)
         companion = Companion(self._config, adapter, authenticator=authenticator, was=self._files.authority)
         self._program = _Program(companion, self._clock_ahead_s)
 

@@ -109,7 +109,7 @@ def fault_config(setting: Setting) -> Config:
     if setting.fence_ahead_s is not None and limits.fence is not None:
         ahead_m = setting.fence_ahead_s * CRUISE_M_S[kind]
         limits = limits.model_copy(update={"fence": tuple((min(n, ahead_m), e) for n, e in limits.fence)})
-    section = AutopilotSection(kind=kind, link="udpin:127.0.0.1:14540", clear="signal")
+    section = AutopilotSection(kind=kind, link="udpin:127.0.0.1:14540", clear="signal", system_id=SYSTEM_ID)
     return config.model_copy(update={"autopilot": section, "limits": limits, "staleness": STALENESS})
 
 

@@ -21,10 +21,11 @@ import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 
-from companion.protocol.authenticator import WRONG_ED25519, Authenticator, CheckLimiter, Trust
+from companion.protocol.authenticator import BURST_CHECKS, WRONG_ED25519, Authenticator, Trust
 from companion.protocol.codec import MotionFrame, StateFrame
 from companion.protocol.frame import ED25519_BYTES
 from companion.protocol.mavlink_signing import MavlinkSigner
+from companion.runtime.fair_share import FairShare
 from companion.transport.endpoints import open_receiver, parse_link
 from tests.companion.protocol.hostile import Ground, forged_seal
 
@@ -164,7 +165,7 @@ def waits_s(rate: float, checks_per_s: float, seconds: float, crowd_s: float) ->
 
     The time is virtual; the forger sends all its frames within `crowd_s` about each genuine one.
     """
-    gate: CheckLimiter[bytes] = CheckLimiter(checks_per_s, random.Random(3))
+    gate: FairShare[bytes] = FairShare(checks_per_s, BURST_CHECKS, random.Random(3))
     each = round(rate / GENUINE_PER_S)
     begins_s = [turn / GENUINE_PER_S for turn in range(round(seconds * GENUINE_PER_S))]
     rng = random.Random(4)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import streams
+from tests.field import ground, streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
     "What was asked of the autopilot": streams.SITUATIONS,
+    "Floods and stalls": turns.SITUATIONS,
+    "The ground station's inputs": ground.SITUATIONS,
 }
 """The situations of each area, in the order of the page."""
 

@@ -11,8 +11,9 @@ from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission, parse_mission
 from companion.protocol.messages import Kind
 from groundstation.adsb_mirror import AGENT_ADDRESS, THREAT_ADDRESS, AdsbMirror
+from groundstation.progress import MissionProgress
 from groundstation.track import Track
-from groundstation.tracks import MissionProgress, TrackTable
+from groundstation.tracks import TrackTable
 
 START_S = 1_790_000_000.0
 TEXT = """

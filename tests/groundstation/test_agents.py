@@ -345,12 +345,15 @@ def test_a_report_moves_the_agent_its_way_flown_and_its_doubt() -> None:
     assert run.station.tracks.uncertainty_m[2] == pytest.approx(FIX_ERROR_M + 100.5 * 10.6)
 
 
+ONE = "targets: [{id: 1, north_m: 30000, east_m: 0}]\n"
+
+
 @given(st.floats(-2e5, 2e5), st.floats(-2e5, 2e5), st.floats(-math.pi, math.pi))
 @settings(max_examples=15)
 def test_a_reported_course_is_turned_from_true_north_to_the_grid(
     north_m: float, east_m: float, course_rad: float
 ) -> None:
-    run = Run().to(1.0)
+    run = Run(f"agents: [{{id: 1, north_m: {north_m}, east_m: {east_m}, heading_deg: 0}}]\n{ONE}").to(1.0)
     true_rad = course_rad + FRAME.convergence_rad(north_m, east_m)
     run.report(north_m, east_m, velocity=(60.0 * math.cos(true_rad), 60.0 * math.sin(true_rad)))
     reckoned = run.station._reckoner
@@ -389,11 +392,21 @@ def test_a_report_from_before_this_run_is_ignored() -> None:
     assert untouched(run.to(12.0))
 
 
-def test_a_reporter_whose_clock_is_ahead_is_believed_as_of_the_receipt() -> None:
+def test_a_reporter_whose_clock_is_a_little_ahead_is_believed_as_of_the_receipt() -> None:
     run = Run().to(10.0)
-    run.report(1_000.0, 500.0, at_s=10_000.0)
+    run.report(600.0, 400.0, at_s=11.9)
     assert run.station.tracks.heard_at_s[1] == START_S + 10.0
-    assert run.to(10.5).place() == pytest.approx((1_000.0, 500.0), abs=0.5 * SPEED_M_S + 1.0)
+    assert run.to(10.5).place() == pytest.approx((600.0, 400.0), abs=0.5 * SPEED_M_S + 1.0)
+
+
+@pytest.mark.parametrize(("at_s", "cause"), [(58.0, "18.0 s ahead of"), (8.0, "32.0 s behind")])
+def test_a_report_by_a_clock_that_differs_is_refused_with_the_difference(at_s: float, cause: str) -> None:
+    run = Run().to(40.0)
+    run.report(2_400.0, 0.0, at_s=at_s)
+    assert untouched(run.to(42.0))
+    (line,) = run.station.tracks.refusals.news(START_S + 42.0)
+    assert line.startswith("uplink: 1 frames refused, stamped ")
+    assert f"its clock is {cause} this computer's" in line
 
 
 @pytest.mark.slow
@@ -469,10 +482,10 @@ def test_an_agent_that_reports_again_is_back() -> None:
     run = Run("report_period_s: 60\nlost_after_s: 20\n").to(50.0)
     run.report(3_000.0, 20_000.0, agent_id=2)
     assert run.to(90.0).station.tracks.progress.lost == {1}
-    run.report(2_000.0, -300.0)
+    run.report(4_000.0, -300.0)
     run.to(91.0)
     assert run.station.tracks.progress.lost == frozenset()
-    assert run.place() == pytest.approx((2_000.0, -300.0), abs=1.0 * SPEED_M_S + 1.0)
+    assert run.place() == pytest.approx((4_000.0, -300.0), abs=1.0 * SPEED_M_S + 1.0)
     assert set(run.station.assignment) == {1, 2}
 
 
@@ -503,8 +516,8 @@ def test_an_uncertain_arrival_is_believed_as_much_later_as_the_doubt_takes_to_fl
 
 
 def test_a_report_near_the_target_is_believed_at_once() -> None:
-    run = Run("targets: [{id: 1, north_m: 30000, east_m: 0}]\nwind: {speed_m_s: 9}\n").to(100.0)
-    run.report(29_900.0, 0.0)
+    run = Run("targets: [{id: 1, north_m: 7000, east_m: 0}]\nwind: {speed_m_s: 9}\n").to(100.0)
+    run.report(6_900.0, 0.0)
     run.to(101.0)
     assert (run.station.tracks.progress.arrived, run.station.tracks.progress.completed) == (
         frozenset({1}),
@@ -513,9 +526,9 @@ def test_a_report_near_the_target_is_believed_at_once() -> None:
 
 
 def test_an_agent_that_has_arrived_by_reckoning_keeps_its_target_and_others_are_sent_elsewhere() -> None:
-    two = "targets: [{id: 1, north_m: 30000, east_m: 0}, {id: 2, north_m: 30000, east_m: 20000}]\n"
+    two = "targets: [{id: 1, north_m: 7000, east_m: 0}, {id: 2, north_m: 30000, east_m: 20000}]\n"
     run = Run(two).to(100.0)
-    run.report(29_900.0, 0.0)
+    run.report(6_900.0, 0.0)
     run.to(112.0)
     assert run.station.tracks.progress.arrived == {1}
     frames = [frame for datagram in run.datagrams for frame in FrameReader().read(datagram)]

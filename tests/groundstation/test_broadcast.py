@@ -57,9 +57,10 @@ from groundstation.broadcast import (
     state_frames,
     surrogate_digest,
 )
+from groundstation.progress import MissionProgress
 from groundstation.revision import Revision, first_revision
 from groundstation.track import Track
-from groundstation.tracks import MissionProgress, TrackTable
+from groundstation.tracks import TrackTable
 
 START_S = 1_790_000_000
 STAMP = Stamp(START_S, 0, 1)

@@ -128,9 +128,10 @@ def test_everybody_has_a_target_from_the_first_broadcast() -> None:
 
 def test_it_assigns_anew_every_period_and_not_in_between() -> None:
     run = Run(sensed=True).to(1.0)
-    # The two outer agents change places: now each other's targets are nearer.
-    run.see(1.0, Kind.AGENT, 1, 0.0, 9_000.0)
-    run.see(1.0, Kind.AGENT, 3, 0.0, 0.0)
+    # The two outer agents are found in each other's places, where each other's targets are nearer.
+    for t_s in (1.0, 2.0, 3.0):
+        run.see(t_s, Kind.AGENT, 1, 0.0, 9_000.0)
+        run.see(t_s, Kind.AGENT, 3, 0.0, 0.0)
     assert run.to(24.9).station.assignment == {1: 1, 2: 1, 3: 2}
     assert run.to(25.0).station.assignment == {1: 2, 2: 1, 3: 1}
 
@@ -144,8 +145,10 @@ def test_it_assigns_anew_at_once_when_an_agent_is_lost() -> None:
 
 
 def test_it_assigns_anew_at_once_when_a_target_is_reached() -> None:
-    run = Run(sensed=True).to(3.0)
-    run.see(3.0, Kind.AGENT, 3, 19_800.0, 9_000.0)
+    run = Run(sensed=True).to(0.9)
+    for t_s in (1.0, 2.0, 3.0):
+        run.see(t_s, Kind.AGENT, 3, 19_800.0, 9_000.0)
+        run.to(t_s)
     run.to(3.1)
     assert run.station.assignment == {1: 1, 2: 1}
     (state,) = [frame for t_s, frame in run.to(5.0).sent if t_s == 5.0]
@@ -422,12 +425,16 @@ def test_under_the_policy_to_return_the_way_home_must_be_within_range_too(
 def test_the_way_flown_counts_against_the_range() -> None:
     station, sensor = ranged({1: 21_000.0, 2: FAR}, "range_policy: arrive", "assignment_period_s: 5"), FrameWriter()
     assert station.assignment == {1: 1, 2: 2}
-    for t_s, east_m in ((1.0, 2_500.0), (2.0, 1_000.0)):
+    for t_s, east_m in ((20.0, 2_000.0), (40.0, 1_000.0)):
         seen = DetectionsFrame(
-            int(START_S), round(1000 * t_s), 47.0, 8.0, (Detection(Kind.AGENT, 1, 0.0, east_m, 0.0, 0.0),)
+            int(START_S),
+            round(1000 * t_s),
+            47.0,
+            8.0,
+            (Detection(Kind.AGENT, 1, 0.0, east_m, 0.0, 0.0), Detection(Kind.AGENT, 2, 0.0, 2_000.0, 0.0, 0.0)),
         )
         station.sense(sensor.encode(seen), START_S + t_s)
-    station.tick(START_S + 5.0)
+        station.tick(START_S + t_s)
     assert (list(station.assignment), len(station.uncovered)) == ([2], 1)
 
 
@@ -452,6 +459,7 @@ def test_no_target_is_left_without_an_agent_while_there_are_as_many_agents_whoev
         "agents": [{"id": k, "north_m": n, "east_m": e} for k, (n, e) in enumerate(agents, 1)],
         "targets": [{"id": k, "north_m": n, "east_m": e} for k, (n, e) in enumerate(targets, 1)],
         "lost_after_s": 10,
+        "defaults": {"agent": {"speed_m_s": 200}},
         "assignment_period_s": 1_000,
     }
     station = GroundStation(parse_mission(dump_yaml(listed), "cover"), START_S)

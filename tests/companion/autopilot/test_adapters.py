@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Mapping
 
 import pytest
 from fastcrc.crc16 import mcrf4xx
@@ -12,25 +13,18 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega, common
 
 from companion.autopilot.aircraft import MAX_NEIGHBOURS, NEIGHBOUR_MEMORY_S, Neighbour
+from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import (
     COMPANION_COMPONENT,
     METRES_PER_HDOP,
-    SHARED_ID_MEMORY_S,
-    TelemetryReader,
-    _is_one_other_message,
+    Telemetry,
 )
-from companion.files.mavlink_layout import SIGNATURE_BYTES
 
 SYSTEM = 7
 ARMED_GUIDED = common.MAV_MODE_FLAG_SAFETY_ARMED | common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 GUIDED_MODE = 4
 """ArduCopter's."""
-WANTED = (
-    *("HEARTBEAT", "GLOBAL_POSITION_INT", "HOME_POSITION", "ADSB_VEHICLE", "EXTENDED_SYS_STATE", "LOCAL_POSITION_NED"),
-    *("ATTITUDE", "VFR_HUD", "GPS_RAW_INT", "ESTIMATOR_STATUS", "SYS_STATUS", "PARAM_VALUE", "COMMAND_ACK"),
-    "WIND_COV",
-)
 
 
 def mav(system: int = SYSTEM, component: int = common.MAV_COMP_ID_AUTOPILOT1) -> common.MAVLink:
@@ -102,14 +96,31 @@ def neighbour(
     return bytes(message.pack(mav(system, component)))
 
 
-def reader_of(*datagrams: bytes) -> TelemetryReader:
-    reader = TelemetryReader()
+class Reader:
+    """What an adapter reads from its link."""
+
+    def __init__(self) -> None:
+        self._adapter = ADAPTERS["arducopter"](SYSTEM)
+        self.receive = self._adapter.receive
+        self.rejected = self._adapter.rejected
+
+    @property
+    def telemetry(self) -> Telemetry:
+        return self._adapter.telemetry
+
+    @property
+    def neighbours(self) -> Mapping[int, Neighbour]:
+        return self._adapter._reader.neighbours
+
+
+def reader_of(*datagrams: bytes) -> Reader:
+    reader = Reader()
     for index, datagram in enumerate(datagrams):
         reader.receive(datagram, 100.0 + index)
     return reader
 
 
-def seen_by(reader: TelemetryReader) -> Neighbour:
+def seen_by(reader: Reader) -> Neighbour:
     (found,) = reader.neighbours.values()
     return found
 
@@ -123,7 +134,7 @@ def decoded(datagram: bytes) -> common.MAVLink_message:
 
 
 def test_nothing_is_known_before_anything_is_heard() -> None:
-    telemetry = TelemetryReader().telemetry
+    telemetry = Reader().telemetry
     assert telemetry.system_id is None
     assert not telemetry.armed
     assert telemetry.position_at_s is None
@@ -330,7 +341,7 @@ def test_neighbours_at_two_addresses_are_two() -> None:
 
 
 def test_a_neighbour_not_seen_for_long_is_forgotten() -> None:
-    reader = TelemetryReader()
+    reader = Reader()
     reader.receive(heartbeat(), 100.0)
     reader.receive(neighbour(1), 100.0)
     reader.receive(neighbour(2), 100.0 + NEIGHBOUR_MEMORY_S - 0.1)
@@ -340,7 +351,7 @@ def test_a_neighbour_not_seen_for_long_is_forgotten() -> None:
 
 
 def test_a_swarm_of_forged_neighbours_is_bounded_and_leaves_those_known_alone() -> None:
-    reader = TelemetryReader()
+    reader = Reader()
     reader.receive(heartbeat(), 100.0)
     for address in range(MAX_NEIGHBOURS + 50):
         reader.receive(neighbour(address), 100.0)
@@ -352,8 +363,10 @@ def test_a_swarm_of_forged_neighbours_is_bounded_and_leaves_those_known_alone() 
 
 @pytest.mark.parametrize("kind", ADAPTERS)
 def test_every_kind_offers_the_neighbours(kind: str) -> None:
-    adapter = ADAPTERS[kind]()
-    adapter.receive(heartbeat(), 100.0)
+    adapter = ADAPTERS[kind](SYSTEM)
+    assert isinstance(adapter, LinkedAdapter)
+    mav_type = min(adapter.identity.types or [common.MAV_TYPE_QUADROTOR])
+    adapter.receive(told(common.MAVLink_heartbeat_message(mav_type, adapter.identity.autopilot, 0, 0, 4, 3)), 100.0)
     adapter.receive(neighbour(), 100.0)
     assert [found.agent_id for found in adapter.neighbours] == [12]
 
@@ -365,12 +378,12 @@ def told(message: common.MAVLink_message, component: int = common.MAV_COMP_ID_AU
     return bytes(message.pack(mav(component=component)))
 
 
-def attitude(roll_rad: float = 0.25) -> bytes:
-    return told(common.MAVLink_attitude_message(1_000, roll_rad, 0.0, 1.0, 0.0, 0.0, 0.0))
+def attitude(roll_rad: float = 0.25, boot_ms: int = 1_000) -> bytes:
+    return told(common.MAVLink_attitude_message(boot_ms, roll_rad, 0.0, 1.0, 0.0, 0.0, 0.0))
 
 
-def local_position(north_m: float = 1.0, down_m: float = -3.0) -> bytes:
-    return told(common.MAVLink_local_position_ned_message(1_000, north_m, 2.0, down_m, 0.0, 0.0, 0.0))
+def local_position(north_m: float = 1.0, down_m: float = -3.0, boot_ms: int = 1_000) -> bytes:
+    return told(common.MAVLink_local_position_ned_message(boot_ms, north_m, 2.0, down_m, 0.0, 0.0, 0.0))
 
 
 def hud(airspeed_m_s: float = 15.5) -> bytes:
@@ -427,7 +440,13 @@ def test_a_local_position_that_no_longer_comes_is_none() -> None:
 
 @pytest.mark.parametrize(
     "datagram",
-    [attitude(math.nan), attitude(math.inf), hud(math.nan), local_position(math.nan), estimator(math.nan)],
+    [
+        attitude(math.nan, boot_ms=2_000),
+        attitude(math.inf, boot_ms=2_000),
+        hud(math.nan),
+        local_position(math.nan, boot_ms=2_000),
+        estimator(math.nan),
+    ],
     ids=["roll", "infinite roll", "airspeed", "local position", "accuracy"],
 )
 def test_a_message_with_what_is_not_finite_is_dropped_and_counted(datagram: bytes) -> None:
@@ -460,128 +479,3 @@ def test_the_fix_of_the_receiver_is_read() -> None:
 @pytest.mark.parametrize(("told_percent", "percent"), [(73, 73.0), (0, 0.0), (-1, None), (101, None)])
 def test_a_battery_that_is_not_known_is_none(told_percent: int, percent: float | None) -> None:
     assert reader_of(heartbeat(), battery(told_percent)).telemetry.battery_percent == percent
-
-
-# The autopilot's clock, and whose autopilot it is
-
-
-def at(*clocks_ms: int, step_s: float = 1.0) -> TelemetryReader:
-    reader = TelemetryReader()
-    reader.receive(heartbeat(), 100.0)
-    for index, clock_ms in enumerate(clocks_ms):
-        reader.receive(position(boot_ms=clock_ms), 100.0 + index * step_s)
-    return reader
-
-
-def test_a_position_whose_clock_stands_still_grows_old() -> None:
-    reader = at(5_000, 5_000, 5_000)
-    assert (reader.telemetry.position_at_s, reader.rejected) == (100.0, {"clock stands still": 2})
-
-
-def test_a_position_that_comes_late_is_not_taken_for_newer() -> None:
-    reader = at(5_000, 4_900)
-    assert (reader.telemetry.position_at_s, reader.telemetry.restarts, reader.telemetry.boot_ms) == (100.0, 0, 5_000)
-
-
-def test_a_clock_that_goes_back_is_a_restart_and_its_positions_are_new() -> None:
-    reader = at(500_000, 3_000, 4_000)
-    assert (reader.telemetry.restarts, reader.telemetry.position_at_s) == (1, 102.0)
-    assert not reader.shared_system_id
-
-
-def test_two_clocks_that_alternate_are_two_autopilots_with_one_id_until_it_ends() -> None:
-    reader = at(500_000, 3_000, 501_000, 4_000)
-    assert reader.shared_system_id
-    reader.receive(heartbeat(), 103.0 + SHARED_ID_MEMORY_S)
-    assert reader.shared_system_id
-    reader.receive(heartbeat(), 103.1 + SHARED_ID_MEMORY_S)
-    assert not reader.shared_system_id
-
-
-def test_two_restarts_far_apart_are_no_twins() -> None:
-    assert not at(500_000, 3_000, 100_000, 2_000, step_s=6.0).shared_system_id
-
-
-@pytest.mark.parametrize("ahead_ms", [0, 30, 300])
-def test_two_autopilots_whose_clocks_are_alike_are_told_by_their_places(ahead_ms: int) -> None:
-    reader = reader_of(heartbeat())
-    for index in range(25):
-        now_s = 102.0 + 0.1 * index
-        reader.receive(position(boot_ms=5_000 + 100 * index + ahead_ms), now_s)
-        reader.receive(position(boot_ms=5_000 + 100 * index, lat_e7=471_300_000), now_s + 0.05)
-    assert reader.shared_system_id
-
-
-def test_a_link_that_repeats_everything_makes_no_twins() -> None:
-    reader = reader_of(heartbeat())
-    for index in range(200):
-        for _ in range(3):
-            reader.receive(position(boot_ms=5_000 + 100 * index), 102.0 + 0.1 * index)
-    assert not reader.shared_system_id
-
-
-def test_a_datagram_out_of_order_now_and_then_makes_no_twins() -> None:
-    reader = reader_of(heartbeat())
-    for index in range(500):
-        late_ms = 250 if index % 10 == 0 else 0
-        reader.receive(position(boot_ms=5_000 + 100 * index - late_ms), 102.0 + 0.1 * index)
-    assert not reader.shared_system_id
-
-
-def test_a_configured_system_id_is_the_only_one_listened_to() -> None:
-    reader = TelemetryReader(system_id=8)
-    reader.receive(heartbeat(system=7), 1.0)
-    assert (reader.telemetry.system_id, reader.foreign_ids, reader.rejected) == (None, {7}, {"other system": 1})
-    reader.receive(heartbeat(system=8), 2.0)
-    assert reader.telemetry.system_id == 8
-
-
-# The short cut past messages nobody reads
-
-
-def other_messages() -> list[bytes]:
-    link = mav()
-    return [
-        bytes(message.pack(link))
-        for message in (
-            common.MAVLink_raw_imu_message(0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
-            common.MAVLink_statustext_message(6, b"EKF3 IMU0 is using GPS"),
-            common.MAVLink_servo_output_raw_message(0, 0, 1500, 1500, 0, 0, 0, 0, 0, 0),
-            common.MAVLink_param_set_message(1, 1, b"GUID_TIMEOUT", 3.0, 9),
-        )
-    ]
-
-
-SHORT = bytes(common.MAVLink_global_position_int_message(0, 0, 0, 0, 0, 0, 0, 0, 0).pack(mav()))
-"""A wanted message of the least length there is: its payload is one byte."""
-GENUINE = [*other_messages(), heartbeat(), position(), home(), neighbour(), SHORT]
-
-
-def signed(datagram: bytes) -> bytes:
-    signing = mav()
-    signing.signing.secret_key = bytes(range(32))
-    signing.signing.sign_outgoing = True
-    return bytes(decoded(datagram).pack(signing))
-
-
-def test_the_short_cut_is_taken_for_a_single_message_that_nobody_reads() -> None:
-    for datagram in other_messages():
-        assert _is_one_other_message(datagram)
-        assert _is_one_other_message(signed(datagram))
-
-
-@pytest.mark.slow
-@settings(max_examples=300)
-@given(st.lists(st.tuples(st.sampled_from(GENUINE), st.booleans()), min_size=1, max_size=4), st.binary(max_size=14))
-def test_the_short_cut_never_hides_a_wanted_message(chosen: list[tuple[bytes, bool]], tail: bytes) -> None:
-    datagram = b"".join(signed(one) if sign else one for one, sign in chosen) + tail
-    wanted = any(decoded(one).get_type() in WANTED for one, _ in chosen)
-    if wanted:
-        assert not _is_one_other_message(datagram)
-
-
-def test_a_wanted_message_of_the_least_length_behind_another_is_not_hidden() -> None:
-    assert len(SHORT) == SIGNATURE_BYTES
-    reader = reader_of(heartbeat(), other_messages()[0] + SHORT)
-    # Seen, and refused for its place: so short a position is one at latitude and longitude 0.
-    assert reader.rejected["out of range"] == 1

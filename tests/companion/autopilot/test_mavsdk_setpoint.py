@@ -55,7 +55,7 @@ def decoded(frame: bytes) -> common.MAVLink_message:
 
 
 def ours() -> bytes:
-    adapter = ADAPTERS["px4-copter"]()
+    adapter = ADAPTERS["px4-copter"](SYSTEM)
     autopilot = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
     vx, vy = (round(100.0 * SPEED_M_S * part(math.radians(HEADING_DEG))) for part in (math.cos, math.sin))
     for message in (

@@ -42,7 +42,7 @@ def on_the_wire(frame: bytes) -> tuple[float, float, float, float]:
 
 def adapter(yaw_rad: float) -> Px4CopterAdapter:
     """Return an adapter that has heard its vehicle, whose nose points somewhere."""
-    heard = Px4CopterAdapter()
+    heard = Px4CopterAdapter(SYSTEM)
     heard.receive(HEARTBEAT, 0.0)
     place = common.MAVLink_global_position_int_message(1, 470_000_000, 80_000_000, 0, 0, 0, 0, 0, _cdeg(yaw_rad))
     heard.receive(bytes(place.pack(_MAV)), 0.0)

@@ -32,7 +32,7 @@ def tell(adapter: LinkedAdapter, message: common.MAVLink_message, now_s: float =
 
 def vehicle(kind: str, altitude_m: float = 0.0, **values: float) -> LinkedAdapter:
     """Return an adapter that has heard its vehicle fly at an altitude above sea level, with these parameters."""
-    adapter = ADAPTERS[kind]()
+    adapter = ADAPTERS[kind](SYSTEM)
     identity = next(one for one in IDENTITIES if one.kind.name == kind)
     tell(adapter, common.MAVLink_heartbeat_message(min(identity.types or (0,)), identity.autopilot, 1, 0, 3, 3))
     at(adapter, altitude_m, 100)

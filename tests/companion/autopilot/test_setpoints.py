@@ -11,9 +11,10 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.arduplane import LOITER_PERIOD_S, RESEND_PERIOD_S
 from companion.autopilot.heartbeat import IDENTITIES, HeartbeatIdentity
+from companion.autopilot.intake import Message
 from companion.autopilot.linked import VERTICAL_SPEED_M_S, LinkedAdapter
 from companion.autopilot.registry import ADAPTERS
-from companion.autopilot.telemetry import COMPANION_COMPONENT, Message
+from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.geo.air_density import true_per_indicated
 from companion.guard.types import Setpoint
 
@@ -111,7 +112,7 @@ def flying(
     name: str, speed_cm_s: int = 1_500, course_rad: float = 0.0, height_mm: int = 20_000, mode: int | None = None
 ) -> LinkedAdapter:
     """Return an adapter that has heard its autopilot, guided and flying north at 20 m."""
-    adapter = ADAPTERS[name]()
+    adapter = ADAPTERS[name](SYSTEM)
     told(
         adapter,
         beat(IDENTITY_OF[name], mode=mode),
@@ -320,13 +321,13 @@ def test_a_px4_plane_is_never_asked_for_a_height_so_far_off_that_it_loiters(want
 
 
 def test_a_px4_plane_that_has_not_told_its_place_is_not_steered() -> None:
-    adapter = ADAPTERS["px4-plane"]()
+    adapter = ADAPTERS["px4-plane"](SYSTEM)
     told(adapter, beat(IDENTITY_OF["px4-plane"]), where())
     assert adapter.encode(NORTH_EAST, 0.0, 5.0) == []
 
 
 def test_a_px4_plane_that_does_not_know_its_local_place_says_what_it_lacks() -> None:
-    adapter = ADAPTERS["px4-plane"]()
+    adapter = ADAPTERS["px4-plane"](SYSTEM)
     told(adapter, beat(IDENTITY_OF["px4-plane"]), where())
     assert adapter.missing_telemetry == "no local position"
     assert {name: flying(name).missing_telemetry for name in ADAPTERS} == dict.fromkeys(ADAPTERS)
@@ -481,7 +482,7 @@ def test_a_command_that_is_denied_is_told() -> None:
     ],
 )
 def test_only_a_vehicle_armed_and_guided_is_steered(name: str, base_mode: int, guided: bool, steerable: bool) -> None:
-    adapter, kind = ADAPTERS[name](), IDENTITY_OF[name]
+    adapter, kind = ADAPTERS[name](SYSTEM), IDENTITY_OF[name]
     assert not adapter.steerable
     told(adapter, beat(kind, base_mode, kind.guided_mode if guided else 5))
     assert adapter.steerable is steerable
@@ -490,7 +491,7 @@ def test_only_a_vehicle_armed_and_guided_is_steered(name: str, base_mode: int, g
 @pytest.mark.parametrize("name", ADAPTERS)
 @pytest.mark.parametrize("heard", IDENTITIES, ids=lambda identity: identity.kind.name)
 def test_another_kind_than_configured_is_refused_with_its_name(name: str, heard: HeartbeatIdentity) -> None:
-    adapter = ADAPTERS[name]()
+    adapter = ADAPTERS[name](SYSTEM)
     assert adapter.refusal is None
     told(adapter, beat(heard))
     assert (adapter.refusal is None) == (heard.kind.name == name)
@@ -499,7 +500,7 @@ def test_another_kind_than_configured_is_refused_with_its_name(name: str, heard:
 
 
 def test_a_vehicle_that_no_adapter_steers_is_refused() -> None:
-    adapter = ADAPTERS["arducopter"]()
+    adapter = ADAPTERS["arducopter"](SYSTEM)
     told(adapter, common.MAVLink_heartbeat_message(common.MAV_TYPE_SUBMARINE, 3, GUIDED, 4, 4, 3))
     assert adapter.refusal is not None
     assert adapter.refusal.endswith("this vehicle cannot be steered")
@@ -514,8 +515,9 @@ def test_another_system_id_than_configured_is_refused_with_both() -> None:
 
 def test_two_autopilots_with_one_system_id_are_refused() -> None:
     adapter = flying("arducopter")
-    for step, boot_ms in enumerate((500_000, 3_000, 501_000, 4_000)):
-        told(adapter, where(boot_ms), now_s=6.0 + step)
+    for step in range(5):
+        for began_ms in (2_000, 500_000):
+            told(adapter, where(began_ms + 1_000 * step), now_s=6.0 + step)
     assert adapter.refusal is not None
     assert "two autopilots say they are system 7" in adapter.refusal
 
@@ -547,7 +549,7 @@ def asked(adapter: LinkedAdapter, start_s: float, seconds: float) -> list[tuple[
 
 @pytest.mark.parametrize("name", ADAPTERS)
 def test_nothing_is_asked_before_a_heartbeat_or_of_a_wrong_kind(name: str) -> None:
-    adapter = ADAPTERS[name]()
+    adapter = ADAPTERS[name](SYSTEM)
     assert asked(adapter, 0.0, 3.0) == []
     told(adapter, beat(IDENTITY_OF["arducopter" if name != "arducopter" else "arduplane"]))
     assert asked(adapter, 3.0, 3.0) == []
@@ -633,9 +635,10 @@ def test_a_board_that_refuses_adsb_has_not_failed() -> None:
 def test_after_a_restart_of_the_autopilot_rates_and_parameters_are_asked_for_again() -> None:
     adapter = flying("arducopter")
     asked(adapter, 5.0, 40.0)
-    told(adapter, where(900_000), now_s=45.0)
+    told(adapter, where(41_000), now_s=45.0)
     assert asked(adapter, 45.0, 5.0) == []
-    told(adapter, where(2_000), now_s=50.0)
+    for boot_ms in (2_000, 2_100, 2_200):
+        told(adapter, where(boot_ms), now_s=48.0 + boot_ms / 1e3)
     kinds = {message.get_type() for _, message in asked(adapter, 50.0, 5.0)}
     assert kinds == {"COMMAND_LONG", "PARAM_REQUEST_READ"}
     # What was known holds until it is told again.

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.adapter import Abilities
 from companion.autopilot.arducopter import ArduCopterAdapter
+from companion.autopilot.boot_clock import BootClock, Clocked
 from companion.autopilot.heartbeat import ARDUCOPTER
 from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.px4_copter import Px4CopterAdapter
@@ -80,11 +81,20 @@ _OBEDIENT = {"arducopter": ObedientCopter, "px4-copter": ObedientPx4}
 
 
 def adapter_of(kind: str) -> LinkedAdapter:
-    return _OBEDIENT[kind]() if kind in _OBEDIENT else ADAPTERS[kind]()
+    return _OBEDIENT[kind](SYSTEM) if kind in _OBEDIENT else ADAPTERS[kind](SYSTEM)
 
 
 KINDS = ("arducopter", "kinematic")
 """A kind of autopilot that can stop, and one that cannot."""
+
+
+class LeapingClock(BootClock):
+    """Lets a vehicle be elsewhere at once: the time that its way took counts as passed for the autopilot's clock."""
+
+    leaped_s = 0.0
+
+    def take(self, boot_ms: int, now_s: float) -> Clocked:
+        return super().take(boot_ms, now_s + self.leaped_s)
 
 
 class Flight:
@@ -93,12 +103,14 @@ class Flight:
     def __init__(self, config: Config = CONFIG, kind: str = "arducopter", was: State = State.WAITING) -> None:
         adapter = adapter_of(kind)
         self.companion = Companion(config, adapter, was=was)
+        self._clock = adapter._identity._clock = LeapingClock()
         self.identity = adapter.identity
-        self.boot_ms = 0
+        self.boot_ms = 60_000
         self.now_s = NOW_S
         self.sequence = 0
         self._modes: tuple[int, int, int] | None = None
         self._here_m: tuple[float, float, float] | None = None
+        self._here_s = NOW_S
         self._writer = FrameWriter()
         self._autopilot = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=common.MAV_COMP_ID_AUTOPILOT1)
 
@@ -129,7 +141,7 @@ class Flight:
         *,
         jumps: bool = False,
     ) -> None:
-        """Send a position; the autopilot's clock goes on by the time that the way from the last one takes.
+        """Send a position; the autopilot's clock goes on by the time that the way from the last one takes, if longer.
 
         With `jumps` it goes on by a tenth of a second only.
         """
@@ -138,12 +150,18 @@ class Flight:
             self.heartbeat(*self._modes)
         lat_deg, lon_deg = FRAME.to_global(north_m, east_m)
         here_m = (north_m, east_m, 1e-3 * height_mm)
-        way_m = 0.0 if jumps or self._here_m is None else math.dist(here_m, self._here_m)
+        before_m = self._here_m or here_m
+        way_m = 0.0 if jumps else math.dist(here_m, before_m)
+        passed_s, self._here_s = self.now_s - self._here_s, self.now_s
+        flown_m = (before_m[0] + velocity[0] * passed_s, before_m[1] + velocity[1] * passed_s, here_m[2])
         self._here_m = here_m
-        if way_m > 0.0:
+        if way_m > 0.0 and math.dist(here_m, flown_m) > 1.0:
             # Whatever its velocity was before.
             takes_s = math.sqrt(2.0 * way_m / ACCELERATION_M_S2) + 4.0 * math.hypot(*velocity) / ACCELERATION_M_S2
             self.boot_ms += math.ceil(1e3 * takes_s)
+            self._clock.leaped_s += takes_s
+        elif not jumps:
+            self.boot_ms += max(0, round(1e3 * passed_s) - 100)
         self.boot_ms += 100
         vx, vy = (round(100 * speed) for speed in velocity)
         self.tell(

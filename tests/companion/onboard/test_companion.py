@@ -714,16 +714,25 @@ def test_far_from_the_origin_a_neighbours_velocity_is_turned_from_true_north_to_
     assert wanted(begun_at, since_s, (0.0, speed_m_s)) == pytest.approx(wanted(there, 0.0, (0.0, 0.0)), abs=0.05)
 
 
-def test_what_the_vehicle_sees_goes_before_what_is_broadcast() -> None:
-    def wanted(*traffic_ned_m: tuple[float, float]) -> float:
-        flight = guided(BY_F_STAR)
-        for place in traffic_ned_m:
-            flight.neighbour(*place, callsign=b"OW00012")
-        flight.broadcast((5_000.0, 0.0), agents=(AgentEntry(12, *CLOSE_M, None),))
-        return math.remainder(flight.at(0.0, 0.0, (10.0, 0.0))[0].wanted_heading_rad, math.tau)
-
-    assert wanted() < -0.5
-    assert wanted((500.0, 500.0)) == pytest.approx(STRAIGHT_RAD, abs=1e-6)
+@pytest.mark.parametrize(
+    ("told_at", "seen_at"),
+    [
+        (CLOSE_M, None),
+        # Seen where it may be by now: what is seen goes before what is broadcast.
+        ((CLOSE_M[0], CLOSE_M[1] - 60.0), CLOSE_M),
+        # Seen where it cannot be: whoever says so is somebody else.
+        (CLOSE_M, (500.0, 500.0)),
+    ],
+)
+def test_no_transponder_moves_a_fleet_mate_from_where_the_broadcast_lets_it_be(
+    told_at: tuple[float, float], seen_at: tuple[float, float] | None
+) -> None:
+    flight = guided(BY_F_STAR)
+    if seen_at is not None:
+        flight.neighbour(*seen_at, callsign=b"OW00012")
+    flight.now_s += 2.0
+    flight.broadcast((5_000.0, 0.0), agents=(AgentEntry(12, *told_at, None),))
+    assert math.remainder(flight.at(0.0, 0.0, (10.0, 0.0))[0].wanted_heading_rad, math.tau) < -0.5
 
 
 def test_its_own_echo_is_no_neighbour() -> None:
@@ -822,7 +831,7 @@ def test_what_keeps_the_law_from_its_goal_is_the_reason_of_the_decision() -> Non
             )
 
     flight = Flight(kind="kinematic")
-    flight.companion = Companion(CONFIG, ADAPTERS["kinematic"](), Resigned())
+    flight.companion = Companion(CONFIG, ADAPTERS["kinematic"](SYSTEM), Resigned())
     flight.heartbeat()
     flight.broadcast()
     decision, setpoint = flight.at(velocity=NORTH_M_S)
@@ -1047,14 +1056,13 @@ def test_without_a_period_nothing_is_reported() -> None:
 def test_a_report_tells_where_the_vehicle_is_how_it_moves_and_how_far_it_has_flown() -> None:
     flight = guided(REPORTING)
     flight.broadcast()
-    flight.now_s -= 40.0
     for north_m in (0.0, 100.0, 200.5):
         flight.at(north_m, -700.0, (3.0, -4.0))
         flight.now_s += 20.0
     flight.now_s -= 20.0
     report = reported(flight)
     assert report is not None
-    assert (report.agent_id, report.unix_s) == (ME, NOW_S)
+    assert (report.agent_id, report.unix_s) == (ME, NOW_S + 40.0)
     assert FRAME.to_local(report.lat_deg, report.lon_deg) == pytest.approx((200.5, -700.0), abs=0.02)
     assert (report.velocity_north_m_s, report.velocity_east_m_s) == (3.0, -4.0)
     assert report.flown_m == 201.0

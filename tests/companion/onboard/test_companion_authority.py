@@ -19,7 +19,7 @@ from companion.onboard.config import AutopilotSection, Config
 from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import ABILITIES_CHANGED, Stage
 from companion.protocol.codec import Directive, ThreatEntry
-from tests.companion.onboard.companion_flight import CONFIG, GUIDED, KINDS, ME, Flight, ObedientCopter, guided
+from tests.companion.onboard.companion_flight import CONFIG, GUIDED, KINDS, ME, SYSTEM, Flight, ObedientCopter, guided
 
 HOLD_MODE = 4 << 16 | 3 << 24
 """PX4's AUTO.LOITER: where a person, or a failsafe, puts it."""
@@ -173,11 +173,15 @@ def test_the_autopilots_failsafe_ends_the_stream_for_good(state: int) -> None:
 
 def test_a_restart_of_the_autopilot_in_flight_ends_the_stream_for_good() -> None:
     flight = handed_over()
-    flight.boot_ms = 60_000
-    flight.position()
-    flight.tick()
+    for _ in range(5):
+        flight.now_s += 0.2
+        flight.heartbeat()
+        assert flight.tick()[1] is not None
     flight.boot_ms = 0
-    decision, setpoint = flight.at()
+    for _ in range(3):
+        flight.now_s += 0.1
+        flight.position()
+    decision, setpoint = flight.tick()
     assert decision.reason.startswith("autopilot restarted in flight")
     assert setpoint is None
 
@@ -370,10 +374,11 @@ def test_frozen_telemetry_silences_it_when_it_is_too_old() -> None:
 def test_two_autopilots_with_one_id_silence_it_and_the_remedy_is_told() -> None:
     flight = guided()
     flight.broadcast()
-    for boot_ms in (60_000, 0, 61_000, 1_000, 62_000, 2_000):
-        flight.boot_ms = boot_ms
-        flight.now_s += 0.1
-        decision, setpoint = flight.at()
+    for step in range(6):
+        for began_ms in (0, 60_000):
+            flight.boot_ms = began_ms + 200 * step
+            flight.now_s += 0.1
+            decision, setpoint = flight.at()
     assert "two autopilots say they are system 9" in decision.reason
     assert setpoint is None
 
@@ -410,7 +415,7 @@ def test_outside_the_fence_it_does_not_engage() -> None:
 def real_copter(config: Config = CONFIG) -> Flight:
     """Return a flight whose autopilot has parameters, as told by `tell`."""
     flight = Flight(config)
-    flight.companion = Companion(config, ArduCopterAdapter())
+    flight.companion = Companion(config, ArduCopterAdapter(SYSTEM))
     flight.heartbeat()
     flight.position()
     flight.broadcast()
@@ -523,7 +528,7 @@ class Crawler(ObedientCopter):
 
 def test_one_whose_parameters_leave_nothing_to_fly_by_does_not_engage() -> None:
     flight = Flight()
-    flight.companion = Companion(CONFIG, Crawler())
+    flight.companion = Companion(CONFIG, Crawler(SYSTEM))
     flight.heartbeat()
     flight.broadcast()
     decision, setpoint = flight.at()

@@ -12,6 +12,7 @@ from companion.guard.types import NO_BACKUP, Setpoint
 from companion.onboard.decision import Decision, Purpose
 from companion.onboard.decision_table import COLUMNS, HEAD, DecisionTable
 from companion.onboard.failsafe import Stage
+from companion.runtime.rate import Evenness
 
 IDLE = Decision(1_000.0, Purpose.IDLE, "no autopilot heard", Stage.FRESH, None)
 STEERING = Decision(
@@ -43,7 +44,7 @@ def rows_of(*decisions: Decision) -> list[dict[str, str]]:
     file.write(HEAD)
     table = DecisionTable(file)
     for decision in decisions:
-        table.add(decision, TELEMETRY, 0.1234)
+        table.add(decision, TELEMETRY, Evenness(0.1234, 0.0123))
     return list(csv.DictReader(io.StringIO(file.getvalue().decode())))
 
 
@@ -74,6 +75,7 @@ def test_a_row_tells_what_was_decided_on_what() -> None:
         "reckons": "",
         "battery_percent": "80",
         "gap_max_ms": "123",
+        "late_max_ms": "12",
     }
 
 
@@ -92,7 +94,7 @@ def test_a_table_that_can_no_longer_be_written_is_given_up() -> None:
             raise OSError(28, "No space left on device")
 
     table = DecisionTable(Full())
-    table.add(IDLE, TELEMETRY, 0.0)
+    table.add(IDLE, TELEMETRY, Evenness())
 
 
 def test_every_column_is_documented() -> None:

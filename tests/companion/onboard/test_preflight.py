@@ -69,7 +69,7 @@ def heard(
     position: bool = True,
 ) -> LinkedAdapter:
     """Return an adapter that has heard a vehicle with nothing wrong, but for what is given."""
-    adapter = ADAPTERS[kind]()
+    adapter = ADAPTERS[kind](SYSTEM)
     shown = next(one for one in IDENTITIES if one.kind.name == kind)
     messages = [
         common.MAVLink_heartbeat_message(min(shown.types or (0,)), shown.autopilot, 1, 0, 3, 3),
@@ -324,7 +324,7 @@ def test_a_heartbeat_that_ended_is_old() -> None:
 
 
 def test_the_wrong_kind_is_named_and_nothing_is_concluded_from_its_parameters() -> None:
-    adapter = ADAPTERS["arduplane"]()
+    adapter = ADAPTERS["arduplane"](SYSTEM)
     link = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
     adapter.receive(bytes(common.MAVLink_heartbeat_message(2, 3, 1, 0, 3, 3).pack(link)), NOW_S)
     finding = only_failure(found(adapter, config_of("arduplane")))
@@ -349,7 +349,7 @@ def test_a_command_that_the_autopilot_did_not_do_is_told() -> None:
 
 @pytest.mark.parametrize("kind", REAL_KINDS)
 def test_every_demand_is_of_a_parameter_that_is_read_and_names_itself_in_the_remedy(kind: str) -> None:
-    adapter = ADAPTERS[kind]()
+    adapter = ADAPTERS[kind](SYSTEM)
     assert {demand.name for demand in adapter.parameter_checks} <= {wanted.name for wanted in adapter.wanted}
     for demand in adapter.parameter_checks:
         told = adapter.parameters.told_as(demand.name)

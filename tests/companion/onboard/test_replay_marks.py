@@ -35,7 +35,7 @@ class Recorded(Flight):
 
     def __init__(self, kind: str, was: State) -> None:
         super().__init__(CONFIG, kind)
-        section = AutopilotSection(kind=kind, link="udpin:127.0.0.1:14540")
+        section = AutopilotSection(kind=kind, link="udpin:127.0.0.1:14540", system_id=SYSTEM)
         self.config = CONFIG.model_copy(update={"autopilot": section})
         self.companion = Companion(self.config, was=was)
         self.records: list[tuple[float, bytes]] = []

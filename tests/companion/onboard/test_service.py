@@ -24,6 +24,7 @@ from companion.protocol.codec import Directive, FrameWriter, Stamp, StateFrame
 from companion.protocol.keys import keygen
 from companion.runtime.clock import SteadyClock
 from companion.runtime.io_thread import IoThread
+from companion.runtime.rate import Evenness
 
 
 def state(epoch_s: int, sequence: int, after_s: int = 0) -> bytes:
@@ -170,7 +171,7 @@ def test_each_run_logs_into_a_folder_of_its_own(tmp_path: Path) -> None:
             assert logs.decisions is not None
             logs.vehicle.record(1.0, state(1_000, 1))
             logs.broadcast.record(1.0, state(1_000, 1))
-            logs.decisions.add(Decision(1.0, Purpose.IDLE, "", Stage.FRESH, None), Telemetry(), 0.0)
+            logs.decisions.add(Decision(1.0, Purpose.IDLE, "", Stage.FRESH, None), Telemetry(), Evenness())
     folders = sorted(tmp_path.iterdir())
     assert len(folders) == 2
     for folder in folders:

@@ -201,7 +201,7 @@ def test_the_status_comes_on_the_autopilot_link(tmp_path: Path) -> None:
     scene = Scene(tmp_path, more="status: {period_s: 1}")
     scene.play(script)
     names = {m.name for _, m in scene.vehicle.told if m.get_type() == "NAMED_VALUE_INT"}
-    assert names == {"OW_STAGE", "OW_PURPOSE", "OW_TARGET", "OW_GUARD", "OW_CERT", "OW_GAP_MS"}
+    assert names == {"OW_STAGE", "OW_PURPOSE", "OW_TARGET", "OW_GUARD", "OW_CERT", "OW_GAP_MS", "OW_LATE_MS"}
 
 
 @pytest.mark.parametrize("more", ["status: {quiet: true}", "case: II"])

@@ -28,7 +28,7 @@ from companion.runtime.io_thread import IoThread
 CONFIG = Config.model_validate(
     {
         "agent_id": 1,
-        "autopilot": {"kind": "arducopter", "link": "udpin:127.0.0.1:14550"},
+        "autopilot": {"kind": "arducopter", "link": "udpin:127.0.0.1:14550", "system_id": 1},
         "broadcast": {"link": "autopilot", "trust": "unsigned"},
     }
 )
@@ -72,7 +72,7 @@ def test_what_others_say_on_the_autopilots_link_is_neither_heard_nor_logged(tmp_
 def test_the_broadcast_that_one_radio_carries_is_heard_behind_the_autopilot(tmp_path: Path) -> None:
     flight, log = recorded(tmp_path)
     broadcast = BroadcastInput(flight, FlightLog(TlogWriter(tmp_path / "broadcast.tlog")), is_stream=False)
-    AutopilotInput(flight, broadcast, None).receive(wrap(state(flight.clock.now_s()), 0))
+    AutopilotInput(flight, broadcast.receive, None).receive(wrap(state(flight.clock.now_s()), 0))
     log.close()
     assert flight.companion.authenticator.state.epoch_s is not None
     assert len(list(read_tlog(tmp_path / "vehicle.tlog"))) == 1

@@ -15,6 +15,7 @@ from companion.guard.types import NO_BACKUP
 from companion.onboard.decision import Decision, Purpose
 from companion.onboard.failsafe import Stage
 from companion.onboard.statustext import CHUNK_BYTES, MOST_CHUNKS, REPEAT_S, TEXT_PERIOD_S, StatusReporter
+from companion.runtime.rate import Evenness
 
 SYSTEM = 7
 DECISION = Decision(1_000.0, Purpose.TARGET, "assigned", Stage.COASTING, 17.25, target_id=4)
@@ -110,7 +111,7 @@ def test_a_line_without_end_is_cut_off() -> None:
 
 
 def test_the_named_values_tell_the_decision() -> None:
-    told = messages(teller().values(0.0, SYSTEM, DECISION, 0.1234))
+    told = messages(teller().values(0.0, SYSTEM, DECISION, Evenness(0.1234, 0.0123)))
     values = {message.name: message.value for message in told}
     assert values == {
         "OW_STAGE": 1,
@@ -119,6 +120,7 @@ def test_the_named_values_tell_the_decision() -> None:
         "OW_GUARD": 0,
         "OW_CERT": 0,
         "OW_GAP_MS": 123,
+        "OW_LATE_MS": 12,
         "OW_AGE": pytest.approx(17.25),
     }
 
@@ -128,12 +130,12 @@ def test_the_named_values_tell_the_decision() -> None:
     [(0.0, {"OW_CERT": 0}), (12.5, {"OW_CERT": 1, "OW_CERT_S": 12.5}), (math.inf, {"OW_CERT": 2})],
 )
 def test_the_named_values_tell_the_three_certificates_apart(certified_s: float, values: dict[str, float]) -> None:
-    told = messages(teller().values(0.0, SYSTEM, replace(DECISION, certified_s=certified_s), 0.0))
+    told = messages(teller().values(0.0, SYSTEM, replace(DECISION, certified_s=certified_s), Evenness()))
     assert {message.name: message.value for message in told if message.name.startswith("OW_CERT")} == values
 
 
 def test_an_unknown_age_is_left_out_rather_than_nan() -> None:
-    told = messages(teller().values(0.0, SYSTEM, replace(DECISION, picture_age_s=None), 0.0))
+    told = messages(teller().values(0.0, SYSTEM, replace(DECISION, picture_age_s=None), Evenness()))
     assert "OW_AGE" not in {message.name for message in told}
     assert all(math.isfinite(message.value) for message in told)
 
@@ -141,7 +143,7 @@ def test_an_unknown_age_is_left_out_rather_than_nan() -> None:
 def test_values_come_once_in_their_period() -> None:
     speaking = teller(period_s=5.0)
     times_s = [step / 10 for step in range(201)]
-    told_s = [now_s for now_s in times_s if speaking.values(now_s, SYSTEM, DECISION, 0.0)]
+    told_s = [now_s for now_s in times_s if speaking.values(now_s, SYSTEM, DECISION, Evenness())]
     assert told_s == pytest.approx([0.0, 5.0, 10.0, 15.0, 20.0])
 
 
@@ -149,12 +151,12 @@ def test_a_quiet_companion_says_nothing_at_all() -> None:
     silent = teller(quiet=True)
     silent.note(DECISION, "x")
     assert silent.text(0.0, SYSTEM) == []
-    assert silent.values(0.0, SYSTEM, DECISION, 0.0) == []
+    assert silent.values(0.0, SYSTEM, DECISION, Evenness()) == []
 
 
 def test_nothing_is_said_before_an_autopilot_is_heard() -> None:
     waiting = teller()
     waiting.note(DECISION, "x")
     assert waiting.text(0.0, None) == []
-    assert waiting.values(0.0, None, DECISION, 0.0) == []
+    assert waiting.values(0.0, None, DECISION, Evenness()) == []
     assert text_of(waiting.text(1.0, SYSTEM)) == "x"

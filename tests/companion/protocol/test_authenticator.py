@@ -21,11 +21,9 @@ from companion.protocol.authenticator import (
     TOO_LARGE,
     TRAILING_BYTES,
     UNCHECKED,
-    WINDOW_S,
     WRONG_ED25519,
     Authenticator,
     AuthenticatorState,
-    CheckLimiter,
     Trust,
 )
 from companion.protocol.codec import Directive, FrameWriter, MotionFrame, Stamp, StateFrame, decode_frame
@@ -43,6 +41,7 @@ from companion.protocol.mavlink_signing import (
     strip_signature,
 )
 from companion.protocol.v2_extension import wrap
+from companion.runtime.fair_share import WINDOW_S
 from tests.companion.protocol.hostile import AUTHENTICATIONS, NONSENSE, START_S, Ground, forged_seal
 
 KEYS = Ground("both", random.Random(11))
@@ -476,46 +475,3 @@ def test_of_two_copies_that_wait_together_one_is_believed() -> None:
     admitted = link.authenticator.due(START_S + WINDOW_S)
     assert [one.raw.data for one in admitted].count(raw) == 1
     assert link.authenticator.rejected == {REPEATED: 1}
-
-
-@pytest.mark.slow
-def test_nobody_gains_by_the_place_of_a_frame_in_a_burst() -> None:
-    drawn = [0, 0, 0]
-    for seed in range(1500):
-        gate: CheckLimiter[bytes] = CheckLimiter(200.0, random.Random(seed))
-        for _ in range(BURST_CHECKS):
-            gate.offer(b"", 0.0)
-        gate.due(WINDOW_S)
-        raws = [b"%d" % index for index in range(300)]
-        for raw in raws:
-            assert not gate.offer(raw, WINDOW_S)
-        chosen = gate.due(2.1 * WINDOW_S)
-        drawn = [count + (raws[place] in chosen) for count, place in zip(drawn, (0, 150, 299), strict=True)]
-    # Twenty checks for 300 frames, half of them saved while the first window was open: a chance of one in fifteen.
-    assert all(60 <= count <= 140 for count in drawn), drawn
-
-
-def test_frames_drawn_come_in_the_order_in_which_they_arrived() -> None:
-    gate: CheckLimiter[bytes] = CheckLimiter(200.0, random.Random(1))
-    for _ in range(BURST_CHECKS // 2 + 1):
-        gate.offer(b"", 0.0)
-    for index in range(1000):
-        gate.offer(index.to_bytes(2, "big"), 0.01)
-    drawn = [raw for raw in gate.due(1.0) if raw]
-    assert drawn == sorted(drawn)
-    assert len(drawn) > 100
-
-
-def test_a_gate_keeps_to_its_rate_however_frames_come() -> None:
-    rng = random.Random(2)
-    gate: CheckLimiter[bytes] = CheckLimiter(100.0, rng)
-    now_s, given_checks = 0.0, 0
-    for _ in range(200_000):
-        now_s += rng.choice((0.0, 0.0001, 0.001))
-        given_checks += len(gate.due(now_s)) + gate.offer(b"", now_s)
-    assert now_s * 100 * 0.95 <= given_checks <= now_s * 100 + BURST_CHECKS
-
-
-def test_in_quiet_times_nothing_waits() -> None:
-    gate: CheckLimiter[bytes] = CheckLimiter(200.0, random.Random(1))
-    assert all(gate.offer(b"", step / 100) for step in range(10_000))

@@ -152,3 +152,50 @@ def test_keys_are_in_no_words_of_what_holds_them(folder: Path) -> None:
     assert repr(key) not in repr(trust)
     private = load_private(folder / PRIVATE_NAME)
     assert private.private_bytes_raw().hex() not in repr(private)
+
+
+@pytest.mark.parametrize("mode", [0o664, 0o646, 0o666])
+@pytest.mark.parametrize("name", LOADERS)
+def test_a_key_that_others_can_write_is_refused_with_the_remedy(folder: Path, name: str, mode: int) -> None:
+    (folder / name).chmod(mode)
+    with pytest.raises(InputError, match=r"others.*chmod"):
+        LOADERS[name](folder / name)
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
+def test_a_folder_in_which_others_could_replace_the_key_is_refused(folder: Path, mode: int) -> None:
+    folder.chmod(mode)
+    with pytest.raises(InputError, match=r"the folder .* can be written by others .*; chmod go-w "):
+        load_public(folder / PUBLIC_NAME)
+    folder.chmod(0o1777)
+    load_public(folder / PUBLIC_NAME)
+
+
+def test_a_link_is_followed_only_to_a_key_as_safe_as_one_in_its_place(folder: Path, tmp_path: Path) -> None:
+    link = tmp_path / "link.public"
+    link.symlink_to(folder / PUBLIC_NAME)
+    load_public(link)
+    folder.chmod(0o777)
+    with pytest.raises(InputError, match="who could replace the key"):
+        load_public(link)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+@pytest.mark.parametrize("of_folder", [True, False])
+def test_a_key_that_belongs_to_another_user_is_refused(folder: Path, of_folder: bool) -> None:
+    os.chown(folder if of_folder else folder / PUBLIC_NAME, 12345, -1)
+    with pytest.raises(InputError, match="belongs to user 12345, who could replace the key"):
+        load_public(folder / PUBLIC_NAME)
+
+
+@pytest.mark.parametrize("load", LOADERS.values())
+def test_a_pipe_in_the_place_of_a_key_is_not_waited_for(tmp_path: Path, load: Callable[[Path], object]) -> None:
+    os.mkfifo(tmp_path / "pipe", 0o600)
+    with pytest.raises(InputError, match="cannot read the key: it is a pipe"):
+        load(tmp_path / "pipe")
+
+
+def test_a_link_that_leads_to_itself_is_named(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with pytest.raises(InputError, match="loop: cannot read the key"):
+        load_public(tmp_path / "loop")

@@ -15,7 +15,7 @@ def test_all_that_came_while_the_program_hung_is_heard_before_it_goes_on() -> No
 
     async def run() -> None:
         port = free_port()
-        duplex = await open_duplex(parse_link(f"udpin:127.0.0.1:{port}"), heard.append)
+        duplex = await open_duplex(parse_link(f"udpin:127.0.0.1:{port}"), lambda chunk, _: heard.append(chunk))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
             for number in range(100):
                 autopilot.sendto(bytes([number]), ("127.0.0.1", port))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.runtime.rate import LONG_GAP_S, STEERING_ENDED_S, LoopRate, SetpointGaps, next_due_s
+from companion.runtime.rate import LONG_GAP_S, STALL_S, Greatest, Lateness, LoopRate, SetpointGaps, next_due_s
 
 
 def gaps_of(*times_s: float) -> SetpointGaps:
@@ -77,16 +77,48 @@ def test_a_gap_over_the_limit_is_counted() -> None:
 
 def test_a_pause_in_the_steering_is_no_gap() -> None:
     gaps = gaps_of(0.0, 0.1)
-    gaps.end()
+    gaps.end(0.2)
+    gaps.end(0.3)
     gaps.note(0.9)
-    gaps.note(0.9 + STEERING_ENDED_S)
-    assert gaps.count == 1
+    assert gaps.count == 2
+    assert gaps.max_s == pytest.approx(0.1)
 
 
-def test_the_recent_longest_gap_is_taken_once() -> None:
-    gaps = gaps_of(0.0, 0.3)
-    assert gaps.take_recent_max_s() == pytest.approx(0.3)
-    assert gaps.take_recent_max_s() == 0.0
+@pytest.mark.parametrize("stood_still_s", [0.6, 2.9, 3.0, 7.0, 3_600.0])
+@pytest.mark.parametrize("sends_after", [True, False])
+def test_a_gap_is_told_whatever_its_length_and_whatever_follows_it(stood_still_s: float, sends_after: bool) -> None:
+    gaps = gaps_of(0.0, 0.1)
+    (gaps.note if sends_after else gaps.end)(0.1 + stood_still_s)
+    assert gaps.max_s == gaps.recent.take() == pytest.approx(stood_still_s)
+    assert gaps.long == 1
+
+
+def test_a_late_slot_is_a_stall_and_says_whether_the_program_had_a_processor() -> None:
+    lateness = Lateness()
+    assert lateness.note(0.0, 0.001, 1.0) is None
+    stood = lateness.note(0.1, 3.3, 1.01)
+    busy = lateness.note(3.4, 4.2, 1.8)
+    assert stood is not None and stood.words == "this computer stood still for 3.2 s"
+    assert busy is not None and busy.words == "this program was busy for 0.8 s"
+    assert lateness.summary == "slots at most 3200 ms late, 2 by 0.2 s or more"
+
+
+@given(st.lists(st.floats(0.0, 5.0), max_size=20))
+def test_no_lateness_is_lost_however_often_it_is_looked_at(lates_s: list[float]) -> None:
+    lateness, told_s = Lateness(), []
+    for slot, late_s in enumerate(lates_s):
+        lateness.note(10.0 * slot, 10.0 * slot + late_s, 0.0)
+        told_s.append(lateness.of_decision.take())
+    assert told_s == pytest.approx(lates_s)
+    assert lateness.stalls == sum(10.0 * slot + late_s - 10.0 * slot >= STALL_S for slot, late_s in enumerate(lates_s))
+
+
+def test_the_greatest_value_is_taken_once() -> None:
+    greatest = Greatest()
+    for value in (0.1, 0.3, 0.2):
+        greatest.note(value)
+    assert greatest.take() == 0.3
+    assert greatest.take() == 0.0
 
 
 def test_without_setpoints_there_is_nothing_to_say_of_gaps() -> None:

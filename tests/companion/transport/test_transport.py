@@ -7,7 +7,6 @@ import itertools
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from functools import partial
 
 import pytest
 from hypothesis import given
@@ -21,6 +20,7 @@ from companion.transport.endpoints import (
     RECEIVING,
     SCHEMES,
     SENDING,
+    Address,
     Link,
     Receiver,
     UdpSender,
@@ -310,7 +310,7 @@ def test_one_of_a_list_that_cannot_be_reached_keeps_nothing_from_the_others() ->
 def test_sending_after_closing_is_counted_as_failed() -> None:
     async def body() -> None:
         sender = await open_sender(Link("udpout", LOCALHOST, free_port()))
-        duplex = await open_duplex(Link("udpout", LOCALHOST, free_port()), lambda _: None)
+        duplex = await open_duplex(Link("udpout", LOCALHOST, free_port()), lambda *_: None)
         for end_point in (sender, duplex):
             end_point.close()
             end_point.send(b"late")
@@ -321,27 +321,28 @@ def test_sending_after_closing_is_counted_as_failed() -> None:
     run(body)
 
 
-def answers(duplex: UdpDuplex, talker: socket.socket) -> bool:
-    """Whether the duplex sends to this socket."""
-    return bool(duplex.peer == talker.getsockname())
-
-
-def test_a_listening_duplex_answers_the_last_peer_that_sent() -> None:
+def test_a_listening_duplex_names_who_sent_and_sends_to_whom_it_is_told() -> None:
     async def body() -> None:
-        heard: list[bytes] = []
+        heard: list[tuple[bytes, Address | None]] = []
         port = free_port()
-        duplex = await open_duplex(Link("udpin", LOCALHOST, port), heard.append)
+        duplex = await open_duplex(Link("udpin", LOCALHOST, port), lambda data, sender: heard.append((data, sender)))
         assert isinstance(duplex, UdpDuplex)
         duplex.send(b"to nobody")
         assert duplex.counts.no_peer == 1
         async with plain_socket() as first, plain_socket() as second:
-            for talker, reply in ((first, b"hello first"), (second, b"hello second")):
+            for talker in (first, second):
                 talker.sendto(b"x", (LOCALHOST, port))
-                await until(partial(answers, duplex, talker))
-                duplex.send(reply)
-                assert talker.recv(100) == reply
+            await until(lambda: len(heard) == 2)
+            assert heard == [(b"x", first.getsockname()), (b"x", second.getsockname())]
+            duplex.send(b"to nobody still")
+            assert duplex.counts.no_peer == 2
+            duplex.bind(first.getsockname())
+            second.sendto(b"y", (LOCALHOST, port))
+            await until(lambda: len(heard) == 3)
+            duplex.send(b"hello first")
+            assert first.recv(100) == b"hello first"
             with pytest.raises(BlockingIOError):
-                first.recv(100)
+                second.recv(100)
         duplex.close()
 
     run(body)
@@ -351,7 +352,9 @@ def test_a_calling_duplex_hears_its_peer_and_nobody_else() -> None:
     async def body() -> None:
         heard: list[bytes] = []
         async with plain_socket() as peer, plain_socket() as stranger:
-            duplex = await open_duplex(Link("udpout", LOCALHOST, peer.getsockname()[1]), heard.append)
+            duplex = await open_duplex(
+                Link("udpout", LOCALHOST, peer.getsockname()[1]), lambda data, _: heard.append(data)
+            )
             assert isinstance(duplex, UdpDuplex)
             duplex.send(b"hello")
             data, address = peer.recvfrom(100)
@@ -360,6 +363,7 @@ def test_a_calling_duplex_hears_its_peer_and_nobody_else() -> None:
             peer.sendto(b"reply", address)
             await until(lambda: b"reply" in heard)
             assert heard == [b"reply"]
+            duplex.bind(stranger.getsockname())
             assert duplex.peer == peer.getsockname()
             duplex.close()
 
@@ -370,7 +374,7 @@ def test_an_absent_peer_that_comes_up_later_is_heard() -> None:
     async def body() -> None:
         heard: list[bytes] = []
         port = free_port()
-        duplex = await open_duplex(Link("udpout", LOCALHOST, port), heard.append)
+        duplex = await open_duplex(Link("udpout", LOCALHOST, port), lambda data, _: heard.append(data))
         for _ in range(5):
             duplex.send(b"anybody?")
             await asyncio.sleep(0.005)
@@ -389,7 +393,7 @@ def test_a_port_in_use_is_an_error_in_one_line() -> None:
     async def body() -> None:
         async with plain_socket() as owner:
             link = Link("udpin", LOCALHOST, owner.getsockname()[1])
-            for opening in (open_receiver(link, lambda _: None), open_duplex(link, lambda _: None)):
+            for opening in (open_receiver(link, lambda _: None), open_duplex(link, lambda *_: None)):
                 with pytest.raises(InputError, match=f"link '{link}': port {link.port} is in use"):
                     await opening
 
@@ -437,7 +441,7 @@ def test_an_end_point_refuses_the_wrong_direction() -> None:
 def test_an_autopilot_is_not_spoken_with_over_a_link_of_one_direction(text: str) -> None:
     async def body() -> None:
         with pytest.raises(InputError, match="this end goes both ways; allowed: udpin:HOST:PORT, udpout:HOST:PORT"):
-            await open_duplex(parse_link(text), lambda _: None)
+            await open_duplex(parse_link(text), lambda *_: None)
 
     run(body)
 

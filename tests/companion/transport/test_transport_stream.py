@@ -1,4 +1,4 @@
-"""Autopilot links that are byte streams: whole frames out of pieces, TCP that connects again, a serial line."""
+"""Autopilot links that are byte streams: TCP that connects again, a serial line."""
 
 from __future__ import annotations
 
@@ -8,56 +8,17 @@ import socket
 import tty
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from companion.errors import InputError
 from companion.transport import tcp as tcp_module
 from companion.transport.endpoints import Link, open_duplex, parse_link
-from companion.transport.stream import FrameCutter
 from tests.companion.transport.end_points import run, until
 
 LOCALHOST = "127.0.0.1"
 _MAV = common.MAVLink(None, srcSystem=1, srcComponent=1)
 HEARTBEAT = bytes(common.MAVLink_heartbeat_message(2, 3, 0x81, 4, 4, 3).pack(_MAV))
-OLD_HEARTBEAT = bytes(common.MAVLink_heartbeat_message(2, 3, 0x81, 4, 4, 3).pack(_MAV, force_mavlink1=True))
 LONG_TEXT = bytes(common.MAVLink_statustext_message(6, b"x" * 50, 1, 0).pack(_MAV))
-FRAMES = (HEARTBEAT, OLD_HEARTBEAT, LONG_TEXT)
-
-
-@given(st.lists(st.sampled_from(FRAMES), max_size=8), st.lists(st.integers(1, 40), max_size=60))
-def test_frames_are_found_wherever_a_stream_is_cut(frames: list[bytes], cuts: list[int]) -> None:
-    stream, found, cutter = b"".join(frames), [], FrameCutter()
-    for size in [*cuts, len(stream) + 1]:
-        found += cutter.feed(stream[:size])
-        stream = stream[size:]
-    assert found == frames
-
-
-@given(st.binary(max_size=200), st.sampled_from(FRAMES))
-def test_no_noise_before_a_frame_costs_the_frame(noise: bytes, frame: bytes) -> None:
-    cutter = FrameCutter()
-    assert frame in cutter.feed(noise + frame)
-
-
-def test_a_false_start_does_not_hold_back_what_follows_it() -> None:
-    start_of_a_long_one = HEARTBEAT[:1] + b"\xff\x00"
-    assert FrameCutter().feed(start_of_a_long_one + HEARTBEAT) == [HEARTBEAT]
-
-
-def test_a_damaged_frame_and_an_unknown_message_are_passed_over() -> None:
-    damaged = HEARTBEAT[:12] + bytes([HEARTBEAT[12] ^ 1]) + HEARTBEAT[13:]
-    unknown = HEARTBEAT[:7] + b"\xff\xff\xff" + HEARTBEAT[10:]
-    assert FrameCutter().feed(damaged + unknown + LONG_TEXT) == [LONG_TEXT]
-
-
-@given(st.lists(st.binary(max_size=400), max_size=20))
-def test_any_bytes_are_survived_and_little_is_kept(chunks: list[bytes]) -> None:
-    cutter = FrameCutter()
-    for chunk in chunks:
-        cutter.feed(chunk)
-        assert len(cutter._kept) <= 10 + 255 + 2 + 13
 
 
 class Server:
@@ -92,18 +53,18 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("at_once")
-def test_a_tcp_link_goes_both_ways_in_whole_frames() -> None:
+def test_a_tcp_link_goes_both_ways() -> None:
     async def body() -> None:
         server = Server()
         heard: list[bytes] = []
-        duplex = await open_duplex(Link("tcp", LOCALHOST, await server.open()), heard.append)
+        duplex = await open_duplex(Link("tcp", LOCALHOST, await server.open()), lambda chunk, _: heard.append(chunk))
         await until(lambda: server.writer is not None)
         assert server.writer is not None
         server.writer.write(HEARTBEAT[:5])
         await asyncio.sleep(0.02)
         server.writer.write(HEARTBEAT[5:] + LONG_TEXT)
         duplex.send(HEARTBEAT)
-        await until(lambda: heard == [HEARTBEAT, LONG_TEXT] and server.heard == HEARTBEAT)
+        await until(lambda: b"".join(heard) == HEARTBEAT + LONG_TEXT and server.heard == HEARTBEAT)
         duplex.close()
         server.close()
 
@@ -116,7 +77,7 @@ def test_a_tcp_link_comes_back_after_the_other_end_was_gone() -> None:
         first, second = Server(), Server()
         heard: list[bytes] = []
         port = await first.open()
-        duplex = await open_duplex(Link("tcp", LOCALHOST, port), heard.append)
+        duplex = await open_duplex(Link("tcp", LOCALHOST, port), lambda chunk, _: heard.append(chunk))
         await until(lambda: first.writer is not None)
         first.close()
         await asyncio.sleep(0.05)
@@ -140,7 +101,7 @@ def test_a_tcp_link_to_nobody_is_no_error_and_costs_no_time() -> None:
             taken.bind((LOCALHOST, 0))
             loop = asyncio.get_running_loop()
             began_s = loop.time()
-            duplex = await open_duplex(Link("tcp", LOCALHOST, taken.getsockname()[1]), lambda _: None)
+            duplex = await open_duplex(Link("tcp", LOCALHOST, taken.getsockname()[1]), lambda *_: None)
             duplex.send(HEARTBEAT)
             assert loop.time() - began_s < 0.5
             await until(lambda: duplex.counts.failed >= 2)
@@ -152,7 +113,7 @@ def test_a_tcp_link_to_nobody_is_no_error_and_costs_no_time() -> None:
 def test_a_tcp_link_to_an_unknown_host_is_refused() -> None:
     async def body() -> None:
         with pytest.raises(InputError, match="host name 'no-such-host.invalid' is unknown"):
-            await open_duplex(parse_link("tcp:no-such-host.invalid:5760"), lambda _: None)
+            await open_duplex(parse_link("tcp:no-such-host.invalid:5760"), lambda *_: None)
 
     run(body)
 
@@ -162,11 +123,13 @@ def test_a_serial_line_to_an_autopilot_goes_both_ways() -> None:
         far, near = os.openpty()
         tty.setraw(near)
         heard: list[bytes] = []
-        duplex = await open_duplex(Link("serial", path=os.ttyname(near), baud=57600), heard.append)
+        duplex = await open_duplex(
+            Link("serial", path=os.ttyname(near), baud=57600), lambda chunk, _: heard.append(chunk)
+        )
         os.write(far, b"\xfd\x03noise" + HEARTBEAT[:9])
         await asyncio.sleep(0.02)
         os.write(far, HEARTBEAT[9:])
-        await until(lambda: heard == [HEARTBEAT])
+        await until(lambda: b"".join(heard) == b"\xfd\x03noise" + HEARTBEAT)
         duplex.send(LONG_TEXT)
         await asyncio.sleep(0.02)
         assert os.read(far, 1000) == LONG_TEXT
@@ -180,6 +143,6 @@ def test_a_serial_line_to_an_autopilot_goes_both_ways() -> None:
 def test_a_missing_serial_port_is_named() -> None:
     async def body() -> None:
         with pytest.raises(InputError, match="link 'serial:/dev/no-such-port:57600': no such device"):
-            await open_duplex(parse_link("serial:/dev/no-such-port:57600"), lambda _: None)
+            await open_duplex(parse_link("serial:/dev/no-such-port:57600"), lambda *_: None)
 
     run(body)

@@ -65,7 +65,7 @@ class Flight:
 
     def __post_init__(self) -> None:
         """Begin in the air, flying north, with the parameters read and the guided mode set by the safety pilot."""
-        self.adapter = ADAPTERS[self.kind]()
+        self.adapter = ADAPTERS[self.kind](1)
         self.vehicle = StandIn(
             CRAFTS[self.kind],
             Setup(

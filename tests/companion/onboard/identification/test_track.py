@@ -15,7 +15,8 @@ from companion.onboard.flight_log import Mark, decision_frame, mark_frame
 from companion.onboard.identification.track import track_of
 from companion.protocol.codec import FrameWriter
 
-CONFIG = Config(agent_id=1, autopilot=AutopilotSection(kind="arducopter", link="udpin:127.0.0.1:14540"))
+_LINK = AutopilotSection(kind="arducopter", link="udpin:127.0.0.1:14540", system_id=1)
+CONFIG = Config(agent_id=1, autopilot=_LINK)
 _AUTOPILOT = ardupilotmega.MAVLink(None, srcSystem=1, srcComponent=common.MAV_COMP_ID_AUTOPILOT1)
 
 

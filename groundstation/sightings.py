@@ -1,0 +1,165 @@
+"""What the ground station believes of the sightings and reports that come in, and the words about the rest.
+
+Each agent, target and threat of the mission has its bound: the speed that the mission gives it, and for agents the wind
+and a margin. What is believed of it follows from plausibility.py; here are the ids, the clocks and the words.
+"""
+
+from __future__ import annotations
+
+from companion.geo.kinematics import GRAVITY_M_S2
+from companion.mission.model import AgentSpec, Mission
+from companion.protocol.codec import Kind
+from groundstation.filter import Noise
+from groundstation.plausibility import Bound, Known, Sample, Verdict, Weighed, weigh
+from groundstation.refusals import Refusals
+
+Key = tuple[Kind, int]
+"""Kind and id of a thing."""
+
+FASTER = 1.5
+"""Greatest ratio of an agent's ground speed to its speed in the mission, beside the mission's own wind: a real plane at
+22 m/s indicated was measured at 23.4 m/s over ground in still air, and a mission need not know the wind."""
+AHEAD_S = 2.0
+"""Greatest time by which a sighting or report may be stamped ahead of this computer's clock, as on the vehicles."""
+BEHIND_S = 30.0
+"""Greatest age of a sighting or report, as on the vehicles."""
+ASTRAY_SHARE = 0.25
+"""Share of the way since its last report by which an agent may be off its dead reckoning, as a vehicle that hears few
+broadcasts is."""
+_TURN_S = 1.0
+"""Time in which something may turn round or stop that has no turn limit in the mission."""
+_LEAST_PERIOD_S = 10.0
+"""Period of reports if the mission gives none."""
+
+
+class Sightings:
+    """What is known of everything in a mission by sightings and reports, and what was refused."""
+
+    def __init__(self, mission: Mission, placed_at_s: float, now_s: float, error_m: float) -> None:
+        """Begin with the mission's positions, true at `placed_at_s`; `error_m` is the greatest error of a sighting."""
+        self.refusals = Refusals()
+        self._reports = mission.case == "II"
+        wind_m_s = mission.wind.speed_m_s + mission.wind.gust_m_s
+        self._error_m = error_m
+        self._broadcast_s = mission.broadcast_period_s
+        self._bounds: dict[Key, Bound] = {}
+        self._known: dict[Key, Known] = {}
+        self._flown: dict[int, Known] = {}
+        for agent in mission.agents:
+            bound = _agent_bound(agent, wind_m_s, error_m)
+            if self._reports:
+                period_s = max(mission.report_period_s, _LEAST_PERIOD_S)
+                bound = bound._replace(is_gated=False, period_s=period_s)
+                self._flown[agent.id] = Known.placed(0j, placed_at_s, bound, now_s)
+            self._bounds[Kind.AGENT, agent.id] = bound
+        for kind, things in ((Kind.TARGET, mission.targets), (Kind.THREAT, mission.threats)):
+            for thing in things:
+                speed_m_s = thing.speed_bound_m_s
+                self._bounds[kind, thing.id] = Bound(speed_m_s, Noise(error_m, 2.0 * speed_m_s / _TURN_S))
+        for kind, items in (
+            (Kind.AGENT, mission.agents),
+            (Kind.TARGET, mission.targets),
+            (Kind.THREAT, mission.threats),
+        ):
+            for item in items:
+                key = kind, item.id
+                self._known[key] = Known.placed(complex(*item.position_ned_m), placed_at_s, self._bounds[key], now_s)
+
+    def bound(self, key: Key) -> Bound:
+        """Return how fast a thing may be and how well it is seen."""
+        return self._bounds[key]
+
+    def sighted(self, key: Key, sample: Sample, now_s: float) -> Weighed | None:
+        """Return what a sighting of a thing is taken for; None if it has no such thing, or agents are not sighted."""
+        kind, identity = key
+        name = f"{kind.name.lower()} {identity}"
+        if key not in self._known:
+            place = f"{sample.place.real:.0f} N {sample.place.imag:.0f} E"
+            self.refusals.add(
+                ("unknown", key), f"sensor: {name} at {place} is not in the mission: {{}} detections ignored"
+            )
+            return None
+        if kind is Kind.AGENT and self._reports:
+            self.refusals.add("not seen", "sensor: {} detections of agents ignored: in Case II they are not seen")
+            return None
+        weighed = self._weighed(key, sample, now_s)
+        self._tell(f"sensor: {name} seen", key, weighed)
+        return weighed
+
+    def reported(
+        self, agent_id: int, sample: Sample, reckoned: complex, uncertainty_m: float, now_s: float
+    ) -> Weighed | None:
+        """Return what an agent's report of its place is taken for; None if the mission has no such agent.
+
+        `reckoned` is where it is by dead reckoning at that time, within `uncertainty_m` if it heard every broadcast.
+        """
+        key = Kind.AGENT, agent_id
+        if key not in self._known:
+            self.refusals.add(
+                ("no agent", agent_id), f"uplink: agent {agent_id} is not in the mission: {{}} reports ignored"
+            )
+            return None
+        bound, known = self._bounds[key], self._known[key]
+        # It may have flown on for a broadcast or two, and since its last report have drifted by a share of its way.
+        by_share_s = 2.0 * self._broadcast_s + ASTRAY_SHARE * max(0.0, sample.at_s - known.believed.motion.at_s)
+        astray_m = abs(sample.place - reckoned) - uncertainty_m - self._error_m - bound.speed_m_s * by_share_s
+        weighed = self._weighed(key, sample, now_s, astray_m)
+        self._tell(f"uplink: agent {agent_id} reports a place", key, weighed)
+        return weighed
+
+    def flown(self, agent_id: int, flown_m: float, at_s: float, now_s: float) -> float | None:
+        """Return the distance that an agent reports to have flown; None if its bounds do not allow it."""
+        bound = self._bounds[Kind.AGENT, agent_id]
+        self._flown[agent_id], weighed = weigh(self._flown[agent_id], Sample(complex(flown_m), at_s), bound, now_s)
+        if weighed.verdict in (Verdict.BEYOND, Verdict.JUMP):
+            self.refusals.add(
+                ("flown", agent_id),
+                f"uplink: agent {agent_id} reports {_far(flown_m)} flown, {_far(weighed.off_m)} from what its speed "
+                "allows: not believed, {} times",
+            )
+        return flown_m if weighed.verdict is Verdict.BELIEVED else None
+
+    def off_the_clock(self, channel: str, at_s: float, now_s: float) -> bool:
+        """Return whether a time is no time at which a frame of `channel` can have been made that comes in now."""
+        if at_s - now_s > AHEAD_S:
+            self.refusals.add(
+                (channel, "ahead"),
+                f"{channel}: {{}} frames refused, stamped in the future: its clock is {at_s - now_s:.1f} s ahead of "
+                f"this computer's; allowed: {AHEAD_S:g} s",
+            )
+            return True
+        if now_s - at_s > BEHIND_S:
+            self.refusals.add(
+                (channel, "behind"),
+                f"{channel}: {{}} frames refused, stamped too long ago: they are old, or its clock is "
+                f"{now_s - at_s:.1f} s behind this computer's; allowed: {BEHIND_S:g} s",
+            )
+            return True
+        return False
+
+    def _weighed(self, key: Key, sample: Sample, now_s: float, astray_m: float = 0.0) -> Weighed:
+        self._known[key], weighed = weigh(self._known[key], sample, self._bounds[key], now_s, astray_m)
+        return weighed
+
+    def _tell(self, what: str, key: Key, weighed: Weighed) -> None:
+        if weighed.verdict is Verdict.BEYOND:
+            bound_m_s = self._bounds[key].speed_m_s
+            self.refusals.add(
+                (key, Verdict.BEYOND),
+                f"{what} {_far(weighed.off_m)} from where its bound of {bound_m_s:g} m/s allows: not believed, "
+                "{} times",
+            )
+        elif weighed.verdict is Verdict.JUMP:
+            self.refusals.add(
+                (key, Verdict.JUMP),
+                f"{what} {_far(weighed.off_m)} from where it was expected: believed when confirmed, {{}} times",
+            )
+
+
+def _agent_bound(agent: AgentSpec, wind_m_s: float, error_m: float) -> Bound:
+    speed_m_s = FASTER * agent.speed_m_s + wind_m_s
+    return Bound(speed_m_s, Noise(error_m, agent.n_max * GRAVITY_M_S2 + agent.speed_m_s / _TURN_S))
+
+
+def _far(distance_m: float) -> str:
+    return f"{distance_m / 1000.0:.1f} km" if distance_m >= 1000.0 else f"{distance_m:.0f} m"
