@@ -175,7 +175,6 @@ class RunStateFile:
         """The state handed over for writing, at first the last run's."""
         self._written_at_s = -math.inf
         self._hold_until_s = -math.inf
-        self._signing_timestamp = 0 if last is None else last.signing_timestamp
         if signer is not None:
             signer.last_timestamp = signing_after(last, now_s, options.authentication == "mavlink", self._path)
 
@@ -208,11 +207,11 @@ class RunStateFile:
         """Have the state written for the next run; while the disk does not take it, that is told and tried again."""
         if self._file is None:
             return
-        if self._signer is not None:
-            self._signing_timestamp = self._signer.last_timestamp
+        # A run that does not sign with MAVLink forgets no time of one that did.
+        kept_timestamp = 0 if self._written is None else self._written.signing_timestamp
         state = SavedState(
             station.epoch_s,
-            self._signing_timestamp,
+            kept_timestamp if self._signer is None else self._signer.last_timestamp,
             self._threats,
             self.began_s,
             station.directive,
