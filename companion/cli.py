@@ -59,22 +59,30 @@ def run(config: str) -> None:
     show_default=True,
     help="Listen for so many seconds at most.",
 )
-def check(config: str, wait_s: float) -> int:
+@click.option("--strict", is_flag=True, help="A warning fails, too.")
+@click.option(
+    "--param",
+    "param",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write the parameters that are demanded into this new file, as ground-control programs load them.",
+)
+def check(config: str, wait_s: float, strict: bool, param: Path | None) -> int:
     """Say whether the vehicle of CONFIG is fit to be steered, and to be left safe by a companion that dies.
 
     It listens on the links and reads the autopilot's parameters; a line for everything looked at, with what to do about
     what fails. It changes nothing and sends no setpoint. Do it before every flight, with the vehicle as it will fly.
 
-    Exit status 0 if everything passes, 1 if not, 2 for an unusable configuration, key, file or link.
+    Exit status 0 if nothing fails, 1 if something does, 2 for an unusable configuration, key, file or link.
 
-    Example: companion check companion.yaml
+    Example: companion check companion.yaml --param demanded.param
     """
     from companion.onboard.config import load_config
     from companion.onboard.preflight_service import check_vehicle
     from companion.runtime.clock import run_until_signal
 
     loaded = load_config(config)
-    return run_until_signal(lambda stop: check_vehicle(loaded, wait_s, stop))
+    return run_until_signal(lambda stop: check_vehicle(loaded, wait_s, stop, strict=strict, param=param))
 
 
 @cli.command("identify")

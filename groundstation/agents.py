@@ -25,11 +25,15 @@ from companion.mission.model import AgentSpec, Mission
 from companion.onboard.companion import Companion
 from companion.onboard.config import config_for_agent, fast_enough
 from companion.onboard.law_settings import law_settings
+from companion.protocol.codec import DecisionFrame, DetectionsFrame, FrameWriter, ReportFrame, decode_frame
+from companion.protocol.frame import raw_frame
 
 DRIFT_SHARE = 0.01
 """Error of dead reckoning in still air, as a share of the distance that an agent may have flown."""
 FIX_ERROR_M = 10.0
 """Error of a position in a report or the mission file: that of a satellite fix and of the step in which it was made."""
+LONGEST_RECKONED_S = 60.0
+"""Time that is reckoned at once at most: more would keep the broadcast waiting for seconds."""
 _TOLERANCE_S = 1e-6
 
 
@@ -65,6 +69,21 @@ class VehicleModel:
     can_stop: bool = False
     steering: SteeringOf | None = None
     """Makes the steering law; None: the companion's own law named by `law`."""
+
+
+def restamped(datagram: bytes, ahead_s: float) -> bytes:
+    """Return an unsigned frame of the broadcast with the stamp that it has by the clock of the dead reckoning.
+
+    The frame's own stamp is by a clock that is `ahead_s` ahead of that.
+    """
+    if ahead_s == 0.0:
+        return datagram
+    frame = decode_frame(raw_frame(datagram))
+    assert not isinstance(frame, DetectionsFrame | ReportFrame | DecisionFrame)
+    stamp = frame.stamp
+    epoch_s = math.floor(stamp.epoch_s - ahead_s)
+    time_ms = max(0, round((stamp.unix_s - ahead_s - epoch_s) * 1000.0))
+    return FrameWriter().encode(replace(frame, stamp=replace(stamp, epoch_s=epoch_s, time_ms=time_ms)))
 
 
 def check_reckonable(mission: Mission, model: VehicleModel, source: str) -> None:
@@ -106,6 +125,13 @@ class DeadReckoner:
     def advance(self, now_s: float, flying: Collection[int]) -> None:
         """Let the agents whose ids are in `flying` decide and move until `now_s`; the others do not move."""
         moving = [self._agents[identity] for identity in self._agents if identity in flying]
+        skipped = math.floor((now_s - self._at_s - LONGEST_RECKONED_S) / self._step_s)
+        if skipped > 0:
+            # As after the computer slept: what so long a time did to an agent no reckoning tells, only how far it flew.
+            self._steps += skipped
+            self._at_s = self._start_s + self._steps * self._step_s
+            for agent in self._agents.values():
+                agent.skipped_s += skipped * self._step_s
         while self._at_s < now_s - _TOLERANCE_S:
             if not self._decided:
                 self._decide(moving)
@@ -145,7 +171,7 @@ class DeadReckoner:
             motion.heading_rad,
             motion.speed_m_s,
             agent.companion.flown_m,
-            FIX_ERROR_M + rate_m_s * max(0.0, now_s - agent.fixed_at_s),
+            FIX_ERROR_M + rate_m_s * max(0.0, now_s - agent.fixed_at_s) + agent.spec.speed_m_s * agent.skipped_s,
         )
 
 
@@ -186,6 +212,8 @@ class _ReckonedAgent:
         self._adapter = PointAdapter(model.can_stop, frame.to_global(*spec.position_ned_m), config.height_m)
         self.companion = Companion(config, self._adapter, law)
         self.fixed_at_s = now_s
+        self.skipped_s = 0.0
+        """Time since the last fix that was not reckoned."""
         self._frame = frame
         self._altitude_m = mission.origin.alt_m + config.height_m
 
@@ -234,4 +262,4 @@ class _ReckonedAgent:
             self.motion = replace(self.motion, heading_rad=heading_rad, commanded_rad=heading_rad)
         flown_m = self.companion.flown_m if fix.flown_m is None else fix.flown_m + max(0.0, since_s) * speed_m_s
         self.companion.relocate(flown_m)
-        self.fixed_at_s = fix.fixed_at_s
+        self.fixed_at_s, self.skipped_s = fix.fixed_at_s, 0.0

@@ -94,7 +94,7 @@ def state_frames(
     target, as only the agent itself knows whether it is there.
     """
     stamp, revision = broadcast.stamp, broadcast.revision
-    now_s = stamp.unix_s
+    now_s = stamp.unix_s - picture.clock_ahead_s
     here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
     agents, targets = _agents_and_targets(picture, mission, assignment, _told(here, mission, revision))
     threats = [grown(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
@@ -153,7 +153,7 @@ def _state_contents(
 
 def motion_frames(picture: TrackTable, mission: Mission, stamp: Stamp) -> list[MotionFrame]:
     """Return the motion frames that go with the last state broadcast."""
-    now_s = stamp.unix_s
+    now_s = stamp.unix_s - picture.clock_ahead_s
     moving = picture.present_agents if mission.case == "I" else []
     agents = [_agent_motion(identity, picture.tracks[Kind.AGENT, identity], now_s) for identity in moving]
     targets = [_point_motion(i, picture.tracks[Kind.TARGET, i], now_s) for i in picture.open_targets]
@@ -203,7 +203,7 @@ def fleet_frames(
 
     """
     stamp, revision = broadcast.stamp, broadcast.revision
-    now_s = stamp.unix_s
+    now_s = stamp.unix_s - picture.clock_ahead_s
     here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
     agents, targets = _agents_and_targets(picture, mission, assignment, _told(here, mission, revision))
     entries: list[FleetEntry] = [*_by_id(agents), *_by_id(targets.values())]

@@ -61,6 +61,17 @@ def cli() -> None:
 )
 @click.option("--uplink", metavar="URL", help="Case II: where agents' reports come in: udpin:HOST:PORT.")
 @click.option(
+    "--listen",
+    metavar="URL",
+    help="Where the broadcast itself is heard, to notice another ground station; its own group or subnet if not given.",
+)
+@click.option("--sensor-error", type=float, default=30.0, show_default=True, help="Greatest error of a detection, m.")
+@click.option(
+    "--unsigned-inputs",
+    is_flag=True,
+    help="Believe sensors and reports from other computers unsigned: anybody can then say where things are.",
+)
+@click.option(
     "--autopilot", default="kinematic", show_default=True, help=f"Case II: what is reckoned: {', '.join(KINDS)}."
 )
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
@@ -90,19 +101,23 @@ def run(**given: Unpack[RunArguments]) -> None:
 
 @cli.command()
 @click.argument("folder", metavar="DIR")
-def keygen(folder: str) -> None:
+@click.option("--agents", metavar="IDS", help="Also a key for the reports of each of these agents: 1-10,12.")
+def keygen(folder: str, agents: str | None) -> None:
     """Make the keys of a fleet in DIR, which only its owner can read; never overwrites one.
 
-    Example: groundstation keygen keys
+    With --agents it adds to a folder of keys what these agents' reports need.
+
+    Example: groundstation keygen keys --agents 1-10
     """
     from companion.protocol.keys import MAVLINK_NAME, PUBLIC_NAME
-    from companion.protocol.keys import keygen as write_keys
+    from groundstation.input_keys import SENSOR_NAME, agents_from, write_keys
 
     without_null({"DIR": folder})
-    for path in write_keys(Path(folder)):
+    for path in write_keys(Path(folder), [] if agents is None else agents_from(agents)):
         click.echo(str(path))
     click.echo(
-        f"{PUBLIC_NAME} goes to every vehicle, {MAVLINK_NAME} too where MAVLink signing is used; nothing else does"
+        f"{PUBLIC_NAME} goes to every vehicle, {MAVLINK_NAME} too where MAVLink signing is used, uplink-N.mavlink to "
+        f"agent N, {SENSOR_NAME} to every sensor; nothing else does"
     )
 
 

@@ -15,17 +15,14 @@ from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.protocol.codec import (
     BandsFrame,
-    DetectionsFrame,
     Directive,
     FleetFrame,
     Frame,
-    FrameReader,
     FrameWriter,
     Kind,
     MissionFrame,
     MotionFrame,
     RadiiFrame,
-    ReportFrame,
     Stamp,
     StateFrame,
     WireError,
@@ -33,7 +30,7 @@ from companion.protocol.codec import (
 from companion.protocol.dialect import oneway
 from companion.protocol.fleet_codec import FLEET_HEAD_BYTES, MISSION_HEAD_BYTES, RADII_HEAD_BYTES
 from companion.protocol.frame import ED25519_BYTES
-from groundstation.agents import DeadReckoner, VehicleModel
+from groundstation.agents import DeadReckoner, VehicleModel, restamped
 from groundstation.broadcast import (
     Broadcast,
     Unsendable,
@@ -47,6 +44,9 @@ from groundstation.broadcast import (
     surrogate_digest,
     untold_growth_m,
 )
+from groundstation.clock import next_epoch_s
+from groundstation.inputs import Inputs
+from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.revision import first_revision, next_revision
 from groundstation.target_assignment import assign_targets
 from groundstation.tracks import TrackTable
@@ -105,16 +105,23 @@ class _DueTimes:
 
 
 class _Epoch:
-    """The epoch of the broadcast, and the sequence number of its last state broadcast."""
+    """The epoch of the broadcast, and the sequence number of its last state broadcast.
+
+    The epoch and stamps are by the computer's clock, `ahead_s` ahead of the times that are given (clock.py).
+    """
 
     def __init__(self, began_s: int) -> None:
         self.began_s = began_s
         self._sequence = 0
+        self._ahead_s = 0.0
 
-    def follow(self, now_s: float) -> None:
-        """Begin a new epoch if this one is longer than MAX_EPOCH_S."""
-        if now_s - self.began_s > MAX_EPOCH_S:
-            self.began_s, self._sequence = int(now_s), 0
+    def follow(self, now_s: float, ahead_s: float) -> None:
+        """Begin a new epoch if this one is longer than MAX_EPOCH_S, or the computer's clock has stepped."""
+        wall_s = now_s + ahead_s
+        if ahead_s != self._ahead_s:
+            self.began_s, self._sequence, self._ahead_s = next_epoch_s(self.began_s, wall_s), 0, ahead_s
+        elif wall_s - self.began_s > MAX_EPOCH_S:
+            self.began_s, self._sequence = int(wall_s), 0
 
     def begin_state(self) -> None:
         """Begin a broadcast of the state: later stamps have its sequence number."""
@@ -122,7 +129,7 @@ class _Epoch:
 
     def stamp(self, now_s: float) -> Stamp:
         """Return the stamp of a frame that is made at `now_s`."""
-        return Stamp(self.began_s, max(0, round((now_s - self.began_s) * 1000.0)), self._sequence)
+        return Stamp(self.began_s, max(0, round((now_s + self._ahead_s - self.began_s) * 1000.0)), self._sequence)
 
 
 class GroundStation:
@@ -135,11 +142,12 @@ class GroundStation:
         sensed: bool = True,
         model: VehicleModel | None = None,
         resumed: Resumed = _NOTHING_RESUMED,
+        sensor_error_m: float = SENSOR_ERROR_M,
     ) -> None:
         """Begin a run, and with it an epoch; while that is ahead of the clock, frames are stamped with its beginning.
 
         Without a sensor (`sensed` false) nothing is detected. In Case II the vehicles are dead-reckoned by `model`, by
-        default `VehicleModel()`.
+        default `VehicleModel()`. A detection is at most `sensor_error_m` off.
 
         Raises:
             InputError: the ground station cannot run the mission.
@@ -149,10 +157,11 @@ class GroundStation:
         self.mission = mission
         self.directive = Directive.NORMAL
         self._reckoner = DeadReckoner(mission, start_s, model or VehicleModel()) if mission.case == "II" else None
-        self.tracks = TrackTable(mission, start_s, _silent_after_s(mission, sensed), resumed.began_s)
+        silent_after_s = _silent_after_s(mission, sensed)
+        self.tracks = TrackTable(mission, start_s, silent_after_s, resumed.began_s, sensor_error_m)
         self.unsendable = Unsendable()
         """Frames that `tick` could not send."""
-        self.reader = FrameReader()
+        self.inputs = Inputs(self.tracks.refusals)
         self._writer = FrameWriter()
         self._epoch = _Epoch(int(start_s) if resumed.epoch_s is None else resumed.epoch_s)
         self._due = _DueTimes(start_s, start_s, start_s + mission.broadcast_period_s / 2.0)
@@ -188,21 +197,28 @@ class GroundStation:
 
     def sense(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the sensor's channel; never raises, whatever the bytes."""
-        for frame in self.reader.read(datagram):
-            if isinstance(frame, DetectionsFrame):
-                self.tracks.take(frame, now_s)
+        for frame in self.inputs.detections(datagram, now_s + self.tracks.clock_ahead_s):
+            self.tracks.take(frame, now_s)
 
     def hear_report(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the uplink; never raises, whatever the bytes. In Case I reports are ignored."""
-        for frame in self.reader.read(datagram):
-            if isinstance(frame, ReportFrame) and self._reckoner is not None:
-                fix = self.tracks.take_report(frame, now_s)
-                if fix is not None:
-                    self._reckoner.fix(frame.agent_id, fix)
+        for frame in self.inputs.reports(datagram, now_s + self.tracks.clock_ahead_s):
+            fix = None if self._reckoner is None else self.tracks.take_report(frame, now_s)
+            if self._reckoner is not None and fix is not None:
+                self._reckoner.fix(frame.agent_id, fix)
+
+    def follow_clock(self, ahead_s: float, slept_s: float, now_s: float) -> None:
+        """Stamp by a computer's clock that is `ahead_s` ahead from now on, after it slept for `slept_s`.
+
+        Nobody counts as lost for having been silent while the computer slept.
+        """
+        self.tracks.clock_ahead_s = ahead_s
+        self.tracks.excuse(slept_s)
+        self._epoch.follow(now_s, ahead_s)
 
     def advance(self, now_s: float) -> None:
         """Update dead reckoning, tracks and assignment to `now_s`; `tick` calls this itself."""
-        self._epoch.follow(now_s)
+        self._epoch.follow(now_s, self.tracks.clock_ahead_s)
         if self._reckoner is not None:
             self._reckoner.advance(now_s, self.tracks.present_agents)
             for identity in self.tracks.present_agents:
@@ -233,7 +249,7 @@ class GroundStation:
     def overhear(self, datagram: bytes, now_s: float) -> None:
         """Let the dead-reckoned agents (Case II) hear an unsigned frame that is broadcast now."""
         if self._reckoner is not None:
-            self._reckoner.hear(datagram, now_s)
+            self._reckoner.hear(restamped(datagram, self.tracks.clock_ahead_s), now_s)
 
     def refresh(self, now_s: float, payload_bytes: int) -> list[StateFrame] | list[FleetFrame]:
         """Begin a broadcast of the state and return its frames, whose payloads hold at most `payload_bytes`.
@@ -273,7 +289,7 @@ class GroundStation:
         slow: list[MissionFrame | RadiiFrame] = []
         name_bytes = payload_bytes - MISSION_HEAD_BYTES
         slow.append(mission_frame(mission, self._revision, surrogate_digest(mission), stamp, name_bytes))
-        growth_m = untold_growth_m(self.tracks, mission, stamp.unix_s + RADII_HOLD_S)
+        growth_m = untold_growth_m(self.tracks, mission, now_s + RADII_HOLD_S)
         slow += radii_frames(mission, self._revision, stamp, payload_bytes - RADII_HEAD_BYTES, growth_m)
         return slow
 

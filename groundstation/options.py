@@ -14,7 +14,12 @@ from companion.mission.resolve import resolve
 from companion.transport.endpoints import Link, parse_link
 from groundstation.choices import SIGNED, STATE_NAME, Authentication, one_of, without_null
 from groundstation.ground_station import check_runnable
+from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.radio import Radio, parse_radio
+
+_MOST_ERROR_M = 10_000.0
+"""Greatest error of a detection that may be given."""
+_LOCAL_FORM = "udpin:127.0.0.1:PORT"
 
 
 class RunArguments(TypedDict):
@@ -33,6 +38,9 @@ class RunArguments(TypedDict):
     mirror: str | None
     sensor: str | None
     uplink: str | None
+    listen: str | None
+    sensor_error: float
+    unsigned_inputs: bool
     autopilot: str
     seed: int
 
@@ -54,6 +62,16 @@ class Options:
     state: Path | None = None
     can_stop: bool = False
     """Case II: whether the dead-reckoned agents can stand still."""
+    listen: Link | None = None
+    """Link on which the broadcast itself is heard, to notice another ground station; None: nowhere."""
+    unsigned_inputs: bool = False
+    """Whether sensors and vehicles on other computers are believed though they sign nothing."""
+    sensor_error_m: float = SENSOR_ERROR_M
+    """Greatest error of a detection."""
+
+    def believes_unsigned(self, link: Link | None) -> bool:
+        """Return whether unsigned frames on an input are believed: by its word, or if only this computer is heard."""
+        return self.unsigned_inputs or link is None or _is_local(link)
 
 
 def run_of(given: RunArguments) -> tuple[Mission, Options]:
@@ -66,7 +84,7 @@ def run_of(given: RunArguments) -> tuple[Mission, Options]:
     one_of("--autopilot", given["autopilot"], tuple(KINDS))
     without_null({"MISSION": given["mission"], "--link": given["link"], "--keys": given["keys"]})
     without_null({"--state": given["state"], "--log": given["log"], "--mirror": given["mirror"]})
-    without_null({"--sensor": given["sensor"], "--uplink": given["uplink"]})
+    without_null({"--sensor": given["sensor"], "--uplink": given["uplink"], "--listen": given["listen"]})
     mission = _mission_to_broadcast(given["mission"], given["seed"], given["uplink"])
     return mission, _options(given)
 
@@ -92,11 +110,14 @@ def _options(given: RunArguments) -> Options:
     if mirror is not None and mirror == link:
         raise InputError(f"--mirror: '{given['mirror']}' is the broadcast's own link; allowed: another port")
     log, keys, state = given["log"], given["keys"], given["state"]
+    error_m = given["sensor_error"]
+    if not 0.0 < error_m <= _MOST_ERROR_M:
+        raise InputError(f"--sensor-error: {error_m:g}; allowed: above 0, at most {_MOST_ERROR_M:g} m")
     if log is not None and not log.endswith(".tlog"):
         raise InputError(f"--log: '{log}'; allowed: a name that ends in .tlog")
     if state is None and keys is not None:
         state = str(Path(keys) / STATE_NAME)
-    return Options(
+    options = Options(
         link=link,
         authentication=_authentication(keys, given["unsigned"], given["auth"]),
         keys=_path(keys),
@@ -108,7 +129,31 @@ def _options(given: RunArguments) -> Options:
         log_mb=given["log_mb"],
         state=_path(state),
         can_stop=KINDS[given["autopilot"]].can_stop,
+        listen=_listened(link, given["listen"]),
+        unsigned_inputs=given["unsigned_inputs"],
+        sensor_error_m=error_m,
     )
+    for option, heard in (("--sensor", sensor), ("--uplink", uplink)):
+        if heard is not None and keys is None and not options.believes_unsigned(heard):
+            raise InputError(
+                f"{option}: '{heard}' hears others than this computer, and no key tells whom to believe; allowed: "
+                f"--keys DIR, {_LOCAL_FORM}, or --unsigned-inputs to believe anybody"
+            )
+    return options
+
+
+def _listened(link: Link, url: str | None) -> Link | None:
+    """Return the link on which the broadcast can be heard: the one given, or its own group or subnet."""
+    if url is not None:
+        return parse_link(url)
+    return link if link.scheme in ("mcast", "udpbcast") else None
+
+
+def _is_local(link: Link) -> bool:
+    """Return whether only programs of this computer can send on a link that is listened on."""
+    if link.scheme == "file":
+        return True
+    return link.scheme == "udpin" and (link.host == "localhost" or link.host.startswith("127."))
 
 
 def _link(url: str | None) -> Link | None:

@@ -21,6 +21,7 @@ from companion.protocol.mavlink_signing import UNITS_PER_S, MavlinkSigner, times
 from companion.protocol.messages import REVISIONS, Directive
 from companion.runtime.console import program_logger
 from companion.runtime.io_thread import IoThread
+from groundstation.clock import MOST_AHEAD_S
 from groundstation.directives import directive_from
 from groundstation.ground_station import GroundStation, Resumed
 from groundstation.options import Options
@@ -33,10 +34,6 @@ MOST_HOLD_S = 1.0
 """Longest time for which the broadcast waits for a state to be on disk: a disk that hangs must not silence it."""
 RISK = "forget the directive and tell the threats where the mission says"
 """What a restart does whose state could not be written."""
-MOST_AHEAD_S = 1.5
-"""Greatest time by which an epoch or a signing time may be ahead of the clock: receivers refuse frames more than 2 s
-ahead of their clocks (companion/protocol/authenticator.py), which may be behind. A restart within the second needs 1 s.
-"""
 
 
 @dataclass(frozen=True)
@@ -213,7 +210,7 @@ class RunStateFile:
             station.epoch_s,
             kept_timestamp if self._signer is None else self._signer.last_timestamp,
             self._threats,
-            self.began_s,
+            self.began_s + station.tracks.clock_ahead_s,
             station.directive,
             station.revision,
         )

@@ -19,20 +19,22 @@ from companion.protocol.deframer import StreamFramer
 from companion.protocol.ed25519 import FrameSigner
 from companion.protocol.frame import raw_frame
 from companion.protocol.keys import MAVLINK_NAME, PRIVATE_NAME, load_mavlink_key, load_private
-from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.protocol.radio_status import read_radio_status
 from companion.protocol.v2_extension import unwrap
-from companion.runtime.clock import SteadyClock, wait
+from companion.runtime.clock import wait
 from companion.runtime.console import program_logger
 from companion.runtime.io_thread import IoThread, IoThreadFile
 from companion.transport.endpoints import Link, Sender, open_receiver, open_sender
 from groundstation.adsb_mirror import AdsbMirror
 from groundstation.agents import VehicleModel
 from groundstation.choices import Authentication
+from groundstation.clock import GroundClock, WallSigner
 from groundstation.directives import DirectiveInput
 from groundstation.ground_station import GroundStation
+from groundstation.input_keys import input_trusts
 from groundstation.log_files import log_place
 from groundstation.options import Options
+from groundstation.rivals import LOCK_NAME, Rivals, RunLock
 from groundstation.saved_state import RunStateFile
 from groundstation.schedule import TICK_S as RADIO_TICK_S
 from groundstation.schedule import Broadcaster
@@ -72,7 +74,7 @@ def load_frame_signer(authentication: Authentication, folder: Path | None) -> Fr
     private_key = load_private(folder / PRIVATE_NAME) if authentication in ("ed25519", "both") else None
     signer = None
     if authentication in ("mavlink", "both"):
-        signer = MavlinkSigner(load_mavlink_key(folder / MAVLINK_NAME), LINK_ID)
+        signer = WallSigner(load_mavlink_key(folder / MAVLINK_NAME), LINK_ID)
     return FrameSigner(private_key, signer)
 
 
@@ -87,25 +89,21 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
 
     """
     frame_signer = load_frame_signer(options.authentication, options.keys)
-    clock = SteadyClock()
+    clock = GroundClock()
     start_s = clock.now_s()
     with ExitStack() as stack:
         # Opened first and so closed last, after everything that still has bytes to write.
         files = _io_thread("files", stack)
         state_file = RunStateFile(options, mission, frame_signer.signer, start_s, files)
-        station = GroundStation(
-            mission,
-            start_s,
-            sensed=options.sensor is not None,
-            model=VehicleModel(DEFAULT_LAW, options.can_stop),
-            resumed=state_file.resumed,
-        )
-        station.directive = state_file.directive
+        _lock(options, stack)
+        station = _station(mission, options, state_file, start_s)
         broadcaster = Broadcaster(station, options.radio, frame_signer)
         broadcaster.begin(start_s)
         log = _opened_log(options, stack)
+        rivals = Rivals(frame_signer)
         hearing = _Hearing(clock, log, stack)
         links = await _open_links(options, station, hearing, stack)
+        await _listen(options, station, rivals, hearing)
         # On disk before the first frame is on the air.
         state_file.write(station, start_s)
         stack.callback(lambda: state_file.write(station, clock.now_s()))
@@ -115,7 +113,8 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
             LOGGER.info("%s", line)
         for warning in state_file.warnings():
             LOGGER.warning("%s", warning)
-        loop = BroadcastLoop(_Run(station, broadcaster, AdsbMirror(mission), status, state_file), links, log, options)
+        run = _Run(station, broadcaster, AdsbMirror(mission), status, state_file, frame_signer, rivals)
+        loop = BroadcastLoop(run, links, log, options)
         await loop.run(clock, stop)
 
 
@@ -137,6 +136,49 @@ def _opened_log(options: Options, stack: ExitStack) -> FlightLog:
     return FlightLog(TlogWriter(file), "groundstation")
 
 
+def _station(mission: Mission, options: Options, state_file: RunStateFile, start_s: float) -> GroundStation:
+    """Return the ground station of a run that takes over from the last one; raises InputError."""
+    station = GroundStation(
+        mission,
+        start_s,
+        sensed=options.sensor is not None,
+        model=VehicleModel(DEFAULT_LAW, options.can_stop),
+        resumed=state_file.resumed,
+        sensor_error_m=options.sensor_error_m,
+    )
+    station.inputs.sensor, station.inputs.uplink = input_trusts(options, mission)
+    station.directive = state_file.directive
+    return station
+
+
+def _lock(options: Options, stack: ExitStack) -> None:
+    """Take the lock of the keys, or else of the state, which `stack` frees; raises InputError if another run has it."""
+    if options.keys is not None:
+        path = options.keys / LOCK_NAME
+    elif options.state is not None:
+        path = options.state.with_name(f"{options.state.name}.lock")
+    else:
+        return
+    try:
+        stack.callback(RunLock(path).close)
+    except OSError as error:
+        LOGGER.warning("%s: no lock: %s; a second ground station would not be noticed here", path, error.strerror)
+
+
+async def _listen(options: Options, station: GroundStation, rivals: Rivals, hearing: _Hearing) -> None:
+    """Hear the broadcast's own link where that is possible; raises InputError for one that was asked for."""
+    if options.listen is None:
+        return
+    try:
+        await hearing.open(
+            options.listen, lambda data, now_s: rivals.hear(data, station.epoch_s, now_s), is_logged=False
+        )
+    except InputError as error:
+        if options.listen != options.link:
+            raise
+        LOGGER.warning("%s: another ground station would not be noticed", error)
+
+
 @dataclass(frozen=True)
 class _Run:
     """The objects that decide in one run of the ground station."""
@@ -146,6 +188,8 @@ class _Run:
     mirror: AdsbMirror
     status: Status
     state_file: RunStateFile
+    signer: FrameSigner
+    rivals: Rivals
 
 
 @dataclass(frozen=True)
@@ -161,11 +205,11 @@ class _Links:
 class _Hearing:
     """Opens receiving links; `log` records the frames received, and `stack` closes the links."""
 
-    clock: SteadyClock
+    clock: GroundClock
     log: FlightLog
     stack: ExitStack
 
-    async def open(self, link: Link, take: Callable[[bytes, float], None]) -> None:
+    async def open(self, link: Link, take: Callable[[bytes, float], None], is_logged: bool = True) -> None:
         """Open a link whose datagrams, or frames of a stream, go to `take` with the time; raises InputError."""
         framer = StreamFramer() if link.scheme == "serial" else None
 
@@ -173,11 +217,13 @@ class _Hearing:
             now_s = self.clock.now_s()
             if framer is None:
                 take(datagram, now_s)
-                self.log.record(now_s, datagram)
+                if is_logged:
+                    self.log.record(now_s, datagram)
                 return
             for frame in framer.feed(datagram):
                 take(frame.data, now_s)
-                self.log.record_frame(now_s, frame)
+                if is_logged:
+                    self.log.record_frame(now_s, frame)
 
         receiver = await open_receiver(link, on_datagram)
         self.stack.callback(receiver.close)
@@ -209,10 +255,11 @@ class BroadcastLoop:
         self._added_bytes = 0 if options.radio is None else options.radio.added_bytes
         """Number of bytes added to each frame on its way (Radio.added_bytes)."""
 
-    async def run(self, clock: SteadyClock, stop: asyncio.Event) -> None:
+    async def run(self, clock: GroundClock, stop: asyncio.Event) -> None:
         """Broadcast until `stop` is set."""
         while not stop.is_set():
             now_s = clock.now_s()
+            self._follow(clock, now_s)
             # A new directive is on disk before it is on the air: no restart may take back what vehicles have heard.
             self._run.state_file.write_if_due(self._run.station, now_s)
             if not self._run.state_file.holds(now_s):
@@ -220,12 +267,25 @@ class BroadcastLoop:
             self._tell(now_s)
             await wait(stop, self._period_s)
 
+    def _follow(self, clock: GroundClock, now_s: float) -> None:
+        """Let stamps follow the computer's clock, and say so, if that was set or the computer slept."""
+        change = clock.watch()
+        if not change:
+            return
+        self._run.station.follow_clock(clock.ahead_s, change.slept_s, now_s)
+        if isinstance(self._run.signer.signer, WallSigner):
+            self._run.signer.signer.follow(clock.ahead_s, now_s)
+        for line in change.words():
+            LOGGER.warning("%s", line)
+
     def _send(self, now_s: float) -> None:
         sender, display = self._links.broadcast, self._links.display
         for data in self._run.broadcaster.tick(now_s, sender.txbuf_percent):
             sender.send(data)
             self._run.status.sent_bytes += len(data) + self._added_bytes
-            self._log.record(now_s, unwrap(raw_frame(data)) or data)
+            frame = unwrap(raw_frame(data)) or data
+            self._run.rivals.sent(frame)
+            self._log.record(now_s, frame)
         if display is not None:
             for data in self._run.mirror.tick(self._run.station.tracks, now_s):
                 display.send(data)
@@ -234,5 +294,5 @@ class BroadcastLoop:
         status = self._run.status
         for line in status.news(now_s, self._links.broadcast.counts.sent):
             LOGGER.info("%s", line)
-        for warning in status.warnings():
+        for warning in [*status.warnings(), *self._run.rivals.news(now_s)]:
             LOGGER.warning("%s", warning)

@@ -38,6 +38,8 @@ class Sightings:
     def __init__(self, mission: Mission, placed_at_s: float, now_s: float, error_m: float) -> None:
         """Begin with the mission's positions, true at `placed_at_s`; `error_m` is the greatest error of a sighting."""
         self.refusals = Refusals()
+        self.ahead_s = 0.0
+        """Time by which the clock that stamps frames is ahead of the times given here (clock.py)."""
         self._reports = mission.case == "II"
         wind_m_s = mission.wind.speed_m_s + mission.wind.gust_m_s
         self._error_m = error_m
@@ -119,23 +121,24 @@ class Sightings:
             )
         return flown_m if weighed.verdict is Verdict.BELIEVED else None
 
-    def off_the_clock(self, channel: str, at_s: float, now_s: float) -> bool:
-        """Return whether a time is no time at which a frame of `channel` can have been made that comes in now."""
+    def time_of(self, channel: str, stamped_s: float, now_s: float) -> float | None:
+        """Return when a frame of `channel` was made that comes in now; None if its stamp cannot be true."""
+        at_s = stamped_s - self.ahead_s
         if at_s - now_s > AHEAD_S:
             self.refusals.add(
                 (channel, "ahead"),
                 f"{channel}: {{}} frames refused, stamped in the future: its clock is {at_s - now_s:.1f} s ahead of "
                 f"this computer's; allowed: {AHEAD_S:g} s",
             )
-            return True
+            return None
         if now_s - at_s > BEHIND_S:
             self.refusals.add(
                 (channel, "behind"),
                 f"{channel}: {{}} frames refused, stamped too long ago: they are old, or its clock is "
                 f"{now_s - at_s:.1f} s behind this computer's; allowed: {BEHIND_S:g} s",
             )
-            return True
-        return False
+            return None
+        return min(now_s, at_s)
 
     def _weighed(self, key: Key, sample: Sample, now_s: float, astray_m: float = 0.0) -> Weighed:
         self._known[key], weighed = weigh(self._known[key], sample, self._bounds[key], now_s, astray_m)

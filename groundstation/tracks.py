@@ -75,6 +75,15 @@ class TrackTable:
         """The tracks as of the last update: arrivals are judged on the ways from there."""
 
     @property
+    def clock_ahead_s(self) -> float:
+        """Time by which the clock that stamps frames is ahead of the times given; see groundstation/clock.py."""
+        return self._sightings.ahead_s
+
+    @clock_ahead_s.setter
+    def clock_ahead_s(self, ahead_s: float) -> None:
+        self._sightings.ahead_s = ahead_s
+
+    @property
     def refusals(self) -> Refusals:
         """Sightings and reports that were not believed."""
         return self._sightings.refusals
@@ -97,9 +106,9 @@ class TrackTable:
 
     def take(self, frame: DetectionsFrame, now_s: float) -> None:
         """Merge one scan of a sensor, as far as it can be true; what cannot is counted in `refusals` by its cause."""
-        if self._sightings.off_the_clock("sensor", frame.unix_s, now_s):
+        seen_at_s = self._sightings.time_of("sensor", frame.unix_s, now_s)
+        if seen_at_s is None:
             return
-        seen_at_s = min(now_s, frame.unix_s)
         same_plane = (frame.origin_lat_deg, frame.origin_lon_deg) == (self._frame.lat_deg, self._frame.lon_deg)
         sensor_frame = None if same_plane else LocalFrame(frame.origin_lat_deg, frame.origin_lon_deg)
         for detection in frame.detections:
@@ -136,6 +145,10 @@ class TrackTable:
             self.flown_m[detection.id] += min(flown_m, bound.speed_m_s * max(0.0, seen_at_s - track.seen_at_s))
         self.tracks[key] = Track(*place_ned_m, velocity.real, velocity.imag, max(seen_at_s, track.seen_at_s))
 
+    def excuse(self, silent_s: float) -> None:
+        """Count no agent as silent for a time in which nobody could be heard."""
+        self.heard_at_s = {agent_id: at_s + silent_s for agent_id, at_s in self.heard_at_s.items()}
+
     def place(self, agent_id: int, estimate: Estimate, now_s: float) -> None:
         """Set an agent's track to its dead-reckoned state (Case II)."""
         self.tracks[Kind.AGENT, agent_id] = Track(
@@ -151,9 +164,9 @@ class TrackTable:
     def take_report(self, report: ReportFrame, now_s: float) -> Fix | None:
         """Note that an agent reported and return its fix; None if that cannot be true, which `refusals` counts."""
         agent_id = report.agent_id
-        if self._sightings.off_the_clock("uplink", report.unix_s, now_s):
+        fixed_at_s = self._sightings.time_of("uplink", report.unix_s, now_s)
+        if fixed_at_s is None:
             return None
-        fixed_at_s = min(now_s, report.unix_s)
         north_m, east_m, convergence_rad = self._frame.to_local_with_convergence(report.lat_deg, report.lon_deg)
         reckoned = self._reckoned(agent_id, fixed_at_s)
         weighed = self._sightings.reported(agent_id, Sample(complex(north_m, east_m), fixed_at_s), *reckoned, now_s)

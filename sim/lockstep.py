@@ -343,7 +343,7 @@ class _Hangar:
         )
         if has_detector and ADSB_TYPE in vehicle.parameters:
             vehicle.parameters[ADSB_TYPE] = 1.0
-        set_parameters(vehicle.craft, self.options.parameters)
+        set_parameters(vehicle, self.options.parameters)
         return vehicle
 
 

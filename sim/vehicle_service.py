@@ -12,15 +12,19 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
+from companion.autopilot.firmware import Version
 from companion.autopilot.intake import Intake
 from companion.errors import EXIT_DONE, InputError, nearest_hint
 from companion.geo.local_frame import LocalFrame
 from companion.protocol.codec import Kind
+from companion.protocol.keys import load_mavlink_key
+from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.runtime.clock import run_until_signal, wait
 from companion.transport.endpoints import (
     Address,
@@ -76,6 +80,8 @@ class VehicleOptions:
     system_id: int = 1
     sensor: Link | None = None
     """Link to a ground station that gets this vehicle's position as detections of the agent `system_id`; None: none."""
+    sensor_key: str | None = None
+    """File with the key that signs the detections; None: they are unsigned."""
     adsb_to: tuple[Link, ...] = ()
     """Links to the receivers of other vehicles that hear this one's transponder, as agent `system_id`; none has one."""
     adsb_from: Link | None = None
@@ -91,6 +97,8 @@ class VehicleOptions:
     """Minutes for which a full battery lasts while armed; None: for ever."""
     parameters: tuple[tuple[str, float], ...] = ()
     """Names and values of autopilot parameters that differ from their defaults."""
+    firmware: Version | None = None
+    """Version of the autopilot's firmware, whose parameters it has; None: the kind's default."""
 
 
 async def run_vehicle(
@@ -192,13 +200,16 @@ async def _fly(linked: _LinkedStandIn, tellers: Sequence[OnTruth], stop: asyncio
 
 
 def _sensing(options: VehicleOptions, sender: Sender) -> OnTruth:
-    """Return the function that sends the vehicle's true state as a detection to a ground station."""
+    """Return the function that sends the vehicle's true state as a detection to a ground station; raises InputError."""
     sensor = Sensor(options.lat_deg, options.lon_deg, int(time.time()))
+    # A link id of its own, as each vehicle's detections are a stream of their own.
+    key = options.sensor_key
+    signer = None if key is None else MavlinkSigner(load_mavlink_key(Path(key)), options.system_id)
 
     def tell(t_unix_s: float, truth: Truth) -> None:
         row = np.array([truth.north_m, truth.east_m, math.degrees(truth.heading_rad), truth.speed_m_s])
         for datagram in sensor.look([detection_of_row(Kind.AGENT, options.system_id, row)], t_unix_s):
-            sender.send(datagram)
+            sender.send(datagram if signer is None else signer.sign(datagram, t_unix_s))
 
     return tell
 
@@ -237,6 +248,7 @@ def _build(options: VehicleOptions) -> StandIn:
             in_air=height_m is not None,
             armed=height_m is not None,
             guided=guided,
+            firmware=options.firmware,
         ),
     )
     from_rad = math.radians(options.wind_from_deg)
@@ -248,7 +260,7 @@ def _build(options: VehicleOptions) -> StandIn:
         vehicle.battery.drain_percent_s = 100.0 / (60.0 * options.endurance_min)
     if options.adsb_from is not None and ADSB_TYPE in vehicle.parameters:
         vehicle.parameters[ADSB_TYPE] = 1.0
-    set_parameters(vehicle.craft, options.parameters)
+    set_parameters(vehicle, options.parameters)
     if height_m is None and isinstance(vehicle.craft, ArduPilot):
         vehicle.craft.boot(0.0)
     return vehicle
@@ -271,6 +283,15 @@ def _parsed_links(_context: click.Context, _parameter: click.Parameter, values: 
 
 def _parsed_link(_context: click.Context, _parameter: click.Parameter, value: str | None) -> Link | None:
     return None if value is None else parse_link(value)
+
+
+def _version(_context: click.Context, parameter: click.Parameter, value: str | None) -> Version | None:
+    if value is None:
+        return None
+    major, dot, minor = value.partition(".")
+    if not (dot and major.isdecimal() and minor.isdecimal()):
+        raise click.BadParameter(f"'{value}' is no version like 4.6", param=parameter)
+    return int(major), int(minor)
 
 
 def _finite(_context: click.Context, parameter: click.Parameter, value: float) -> float:
@@ -342,6 +363,9 @@ def _finite_if_given(context: click.Context, parameter: click.Parameter, value: 
     callback=_parsed_link,
     metavar="URL",
     help="udpout:HOST:PORT of a ground station that shall see this vehicle, as the agent numbered like its system id.",
+)
+@click.option(
+    "--sensor-key", metavar="FILE", help="Sign what --sensor sends, with the sensor.mavlink of `groundstation keygen`."
 )
 @click.option(
     "--adsb-to",
@@ -417,6 +441,12 @@ def _finite_if_given(context: click.Context, parameter: click.Parameter, value: 
     type=click.FloatRange(0.1, 10000),
     callback=_finite_if_given,
     help="Minutes that a full battery lasts once armed; for ever unless given.",
+)
+@click.option(
+    "--firmware",
+    callback=_version,
+    metavar="VERSION",
+    help="Version of the autopilot's firmware, 4.3 to 4.7 or PX4's 1.13 to 1.17, whose parameter names it has.",
 )
 @parameter_option()
 @click.option("--system-id", type=click.IntRange(1, 255), default=1, show_default=True, help="MAVLink system id.")

@@ -66,6 +66,9 @@ class Adapter(Protocol):
     kind: str
     """The name of the autopilot's kind, as in configurations."""
 
+    steers_in_local_frame: bool
+    """Whether its setpoints hold places in the autopilot's local frame."""
+
     @property
     def can_stop(self) -> bool:
         """Whether the vehicle can stop and hold its position."""

@@ -61,7 +61,7 @@ _KEEP_SPEED = -1.0
 
 WANTED = (
     Wanted("ROLL_LIMIT_DEG", 45.0, (("LIM_ROLL_CD", 0.01),), least=10.0, greatest=85.0),
-    Wanted("WP_LOITER_RAD", 60.0, least=-5_000.0, greatest=5_000.0),
+    Wanted("WP_LOITER_RAD", 60.0, least=-1_000.0, greatest=1_000.0),
     Wanted("AIRSPEED_MIN", 9.0, (("ARSPD_FBW_MIN", 1.0),), least=5.0, greatest=60.0),
     Wanted("AIRSPEED_MAX", 22.0, (("ARSPD_FBW_MAX", 1.0),), least=5.0, greatest=120.0),
     Wanted("FS_GCS_ENABL", 0.0),
@@ -71,7 +71,7 @@ WANTED = (
 )
 PARAMETER_CHECKS = (
     ParameterCheck("ROLL_LIMIT_DEG", "it bounds how fast the plane turns", 45.0, 30.0, 65.0),
-    ParameterCheck("WP_LOITER_RAD", "a plane whose companion died circles so wide", 60.0, 20.0, 200.0),
+    ParameterCheck("WP_LOITER_RAD", "a plane whose companion died circles so wide", 60.0, 20.0, 200.0, by_size=True),
     no_gcs_failsafe("FS_GCS_ENABL"),
     *fence_checks((1.0, 8.0)),
 )

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
 from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.commands import Command, Commands
+from companion.autopilot.firmware import ENDINGS, FAMILIES, Firmware, firmware_of, known
 from companion.autopilot.heartbeat import HeartbeatIdentity
 from companion.autopilot.identity import Identity
 from companion.autopilot.intake import DAMAGED, decode, is_whole
@@ -69,6 +70,8 @@ class LinkedAdapter(ABC):
     parameter_checks: tuple[ParameterCheck, ...] = ()
     wanted: tuple[Wanted, ...] = ()
     rates_hz: Mapping[int, float] = COMMON_RATES_HZ
+    steers_in_local_frame = False
+    """Whether setpoints hold places in the autopilot's local frame; velocities are about no origin."""
     rests_on: Mapping[int, str] = RESTS_ON
     """What safety rests on, by the message that tells it."""
 
@@ -84,10 +87,13 @@ class LinkedAdapter(ABC):
             *self.rates_hz,
             common.MAVLINK_MSG_ID_PARAM_VALUE,
             common.MAVLINK_MSG_ID_COMMAND_ACK,
+            common.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
         }
         self._message_intervals = Commands()
         self._commands = Commands()
         self._mav: common.MAVLink | None = None
+        self.firmware: Firmware | None = None
+        """The autopilot's firmware; None until it tells it, for which it is asked by `ask_further`."""
         self._streams = StreamWatch(self.rates_hz, self.rests_on)
         self._heard_after: int | None = None
         """Number of the autopilot's restarts that the streams and parameters know of; None before it is heard."""
@@ -172,6 +178,14 @@ class LinkedAdapter(ABC):
         frames = [self._pack(message) for message in self._message_intervals.due(now_s, self._system_id)]
         return frames + [self._pack(request(name, self._system_id)) for name in self.parameters.due(now_s)]
 
+    def ask_further(self) -> None:
+        """Ask for what only a check before the flight needs: the firmware, and what ends the guided mode by itself."""
+        names = ENDINGS.get(FAMILIES.get(self.kind, ""), ())
+        rows = [row for name in names if (row := known(self.kind, name)) is not None]
+        self.parameters.add(Wanted(row.name, row.default, optional=True) for row in rows)
+        params = (float(common.MAVLINK_MSG_ID_AUTOPILOT_VERSION), 0.0, 0.0, 0.0)
+        self._message_intervals.queue(Command(common.MAV_CMD_REQUEST_MESSAGE, "AUTOPILOT_VERSION", params))
+
     def shortfalls(self, now_s: float) -> tuple[Shortfall, ...]:
         """Return what safety rests on and arrives much more seldom than asked; none while nothing is heard."""
         return self._streams.shortfalls(now_s)
@@ -227,6 +241,8 @@ class LinkedAdapter(ABC):
         self._streams.arrived(frame.message_id, now_s)
         if frame.message_id == common.MAVLINK_MSG_ID_PARAM_VALUE:
             self.parameters.take(message)
+        elif frame.message_id == common.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            self.firmware = firmware_of(self.kind, message.flight_sw_version)
         elif frame.message_id == common.MAVLINK_MSG_ID_COMMAND_ACK:
             self._message_intervals.take(message, self._system_id)
             self._commands.take(message, self._system_id)
@@ -253,8 +269,8 @@ class LinkedAdapter(ABC):
 
         A board without ADS-B refuses that: it is no failure, but a vehicle without a detector.
         """
-        sparse = {_interval(message_id, 1.0).name for message_id in SPARSE | IF_ANY}
-        return tuple(one for one in self._message_intervals.failures if one.partition(": ")[0] not in sparse)
+        told = {_interval(message_id, 1.0).name for message_id in set(self.rates_hz) - SPARSE - IF_ANY}
+        return tuple(one for one in self._message_intervals.failures if one.partition(": ")[0] in told)
 
     @property
     def _system_id(self) -> int:

@@ -100,6 +100,18 @@ class ParameterReader:
         self._next_s = -math.inf
         self._given_up = False
 
+    def add(self, wanted: Iterable[Wanted]) -> None:
+        """Read these parameters, too; one that is read already stays as it is."""
+        for one in wanted:
+            if one.name not in self._wanted:
+                self._wanted[one.name] = one
+                self._meanings |= {one.name: (one.name, 1.0)} | {name: (one.name, by) for name, by in one.others}
+                self._tries[one.name] = 0
+
+    def settled(self, now_s: float) -> bool:
+        """Return whether each parameter, also those that only some vehicles have, was received or asked for in vain."""
+        return all(self._spent(name, now_s) for name in self._wanted)
+
     @property
     def values(self) -> Mapping[str, float]:
         """The finite values that the autopilot sent, by the first name of each parameter and in that name's unit."""
@@ -131,13 +143,14 @@ class ParameterReader:
         """Return whether the autopilot sent a sane value of a parameter, by its first name."""
         return name in self._told and name not in self._insane
 
+    def names_of(self, name: str) -> tuple[Told, ...]:
+        """Return a parameter, by its first name, as each version calls it, with its default in that version's unit."""
+        one = self._wanted[name]
+        return (Told(name, one.default, 1.0), *(Told(other, one.default / by, by) for other, by in one.others))
+
     def told_as(self, name: str) -> Told:
         """Return a parameter, by its first name, as the vehicle calls it; as its first name if it was not received."""
         return self._told.get(name) or Told(name, self._wanted[name].default, 1.0)
-
-    def other_names(self, name: str) -> tuple[tuple[str, float], ...]:
-        """Return the names of a parameter in other versions with their factors, as in `Wanted`."""
-        return self._wanted[name].others
 
     def restart(self) -> None:
         """Request all parameters again after the autopilot has restarted; earlier values are used until it answers."""

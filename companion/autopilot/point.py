@@ -22,6 +22,7 @@ class PointAdapter:
     missing_telemetry: str | None = None
     sees_others: bool | None = True
     asks_for_others = False
+    steers_in_local_frame = False
     abilities = Abilities()
     parameters_known = True
 

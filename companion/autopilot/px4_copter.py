@@ -29,6 +29,8 @@ SPEED_SHARE = 0.85
 TRACKING_M = 1.5
 """Distance within which the vehicle stays of its path with REACTION_S, at 5 and 10 m/s; measured like REACTION_S."""
 
+LEAST_DRAG = 1e-3
+"""Drag of PX4's simulator (SIH_KDV), N per m/s, below which there is none to reckon with."""
 DRAG_UNKNOWN = "not told by its parameters"
 """Why a vehicle's greatest airspeed is not known: PX4 has no parameter of a real vehicle's drag."""
 
@@ -82,7 +84,7 @@ class Px4CopterAdapter(VelocityAdapter):
         """
         parameters = self.parameters
         drag = parameters.value("SIH_KDV")
-        if not parameters.heard("SIH_KDV") or drag == 0.0:
+        if not parameters.heard("SIH_KDV") or drag < LEAST_DRAG:
             return math.inf, DRAG_UNKNOWN
         tilt_rad = math.radians(parameters.value("MPC_TILTMAX_AIR"))
         names = (parameters.told_as(name) for name in ("MPC_TILTMAX_AIR", "SIH_KDV", "SIH_MASS"))

@@ -64,6 +64,7 @@ class Px4PlaneAdapter(LinkedAdapter):
     """Steers by a commanded course that leads the wanted one to compensate for the plane's lag."""
 
     identity = PX4_PLANE
+    steers_in_local_frame = True
     wanted = WANTED
     parameter_checks = PARAMETER_CHECKS
     rates_hz = {**px4.RATES_HZ, common.MAVLINK_MSG_ID_VFR_HUD: AIRSPEED_RATE_HZ}

@@ -25,7 +25,7 @@ from companion.onboard.decision import Decision, Purpose
 from companion.onboard.engagement import Engagement, GridSetpoint
 from companion.onboard.failsafe import Failsafe, FailsafeInputs, FailsafeStatus
 from companion.onboard.goal import Goal, Situation, choose_goal
-from companion.onboard.hand_over import believed, followed, handed_over
+from companion.onboard.hand_over import believed, believed_before, flight_after, followed, handed_over
 from companion.onboard.navigation import Located, Navigation, navigate, outside_fence, plane_of
 from companion.onboard.obedience import NOTHING, Obedience, in_words, watch
 from companion.onboard.position_gate import doubted, jumped
@@ -42,7 +42,7 @@ from companion.onboard.readiness import (
     not_steerable,
     told_by_autopilot,
 )
-from companion.onboard.references import height_to_ask_m, moved
+from companion.onboard.references import counted_from, height_to_ask_m, moved
 from companion.onboard.reporter import Reporter
 from companion.onboard.senses import without_a_sense
 from companion.onboard.setpoint_stream import AutopilotStream
@@ -108,7 +108,7 @@ class Companion:
     def telemetry(self) -> Telemetry:
         """The newest telemetry as it is believed: by the references of the hand-over, without positions that jump."""
         told, kept = self.adapter.telemetry, self.navigation.hand_over
-        return told if kept is None else believed(kept, told)
+        return believed_before(self.navigation.flight, told) if kept is None else believed(kept, told)
 
     def hear(self, datagram: bytes, now_s: float) -> list[RawFrame]:
         """Take in bytes from the broadcast link; return the accepted frames. Never raises, whatever the bytes.
@@ -142,7 +142,9 @@ class Companion:
     def clear(self, now_s: float) -> None:
         """Clear a take-over at the safety pilot's order: the vehicle may be handed over again."""
         self.authority.clear()
-        self.navigation = self.navigation._replace(hand_over=None)
+        kept = self.navigation.hand_over
+        if kept is not None:
+            self.navigation = self.navigation._replace(hand_over=None, flight=kept.references)
 
     def note_clock(self, offset_s: float) -> bool:
         """Note the offset of the computer's system clock from the clock given to `tick`; return whether it changed.
@@ -208,18 +210,22 @@ class Companion:
             self.engagement = self.engagement._replace(abilities_changed=changed)
 
     def _compare(self, now_s: float) -> None:
-        """Compare what the autopilot tells with what is kept from the hand-over, until a person has the vehicle."""
-        kept = self.navigation.hand_over
+        """Compare what the autopilot tells with what is kept from the hand-over or, in a person's hands, the flight."""
+        told, kept, flight = self.adapter.telemetry, self.navigation.hand_over, self.navigation.flight
         if kept is None:
-            return
-        after = followed(kept, self.adapter.telemetry, now_s) if self.adapter.steerable else None
-        if after is not kept:
-            self.navigation = self.navigation._replace(hand_over=after)
+            after, flight = None, flight_after(flight, told)
+        elif self.adapter.steerable:
+            after = followed(kept, told, now_s)
+        else:
+            after, flight = None, flight_after(kept.references, told)
+        if after is not kept or flight is not self.navigation.flight:
+            self.navigation = self.navigation._replace(hand_over=after, flight=flight)
 
     def _begin_hand_over(self) -> None:
-        """Keep the references of a vehicle that is about to be steered, unless they are kept already."""
+        """Keep the references of a vehicle that was handed over in the air, unless they are kept already."""
         if self.navigation.hand_over is None:
-            self.navigation = self.navigation._replace(hand_over=handed_over(self.adapter.telemetry))
+            kept = handed_over(self.navigation.flight, self.adapter.telemetry)
+            self.navigation = self.navigation._replace(hand_over=kept, flight=None)
 
     def _not_steerable(self, now_s: float) -> str | None:
         reason, kept = not_steerable(self.adapter, self.authority, self.config, now_s), self.navigation.hand_over
@@ -249,6 +255,8 @@ class Companion:
         if self.engagement is None:
             self._assess(age_s, now_s)
         idle = self._not_steerable(now_s)
+        if idle is None:
+            self._begin_hand_over()
         if idle is None and self.engagement is None:
             unable, status = self.steering.unable, self.failsafe.status
             outside = self._outside_fence()
@@ -292,7 +300,7 @@ class Companion:
             out_of_range=self.navigation.out_of_range,
             # Where a position that jumped and stayed there is, nobody knows: on neither side of a fence.
             outside_fence=engagement is not None and displaced is None and self._outside_fence(),
-            moved=None if kept is None else moved(kept.references, telemetry),
+            moved=None if kept is None else moved(kept.references, telemetry, self.adapter.steers_in_local_frame),
             misplaced=displaced or misplaced(telemetry, self.config, now_s),
             doubted=None if kept is None else doubted(kept.track),
             uncertified_s=0.0 if uncertified_from_s is None else now_s - uncertified_from_s,
@@ -304,7 +312,6 @@ class Companion:
 
     def _steer(self, age_s: float | None, now_s: float) -> Decision:
         """Pass the stages from the vehicle's position to the setpoint, and keep what the next tick needs."""
-        self._begin_hand_over()
         telemetry, config, world_model = self.telemetry, self.steering.config, self.world_model
         jumps = 0 if self.navigation.hand_over is None else self.navigation.hand_over.track.jumps
         before = self.engagement or Engagement(climbs=is_below(telemetry, config))
@@ -365,13 +372,14 @@ class Companion:
 
     def _notes(self, located: Located, now_s: float) -> tuple[str | None, ...]:
         """Return what is to be said beside the decision of a vehicle that is steered."""
-        config = self.steering.config
+        config, kept = self.steering.config, self.navigation.hand_over
         return (
             without_a_sense(config, self.world_model.others_told, self.adapter.sees_others),
             HOME_TOO_FAR if located.home.too_far else None,
             told_by_autopilot(self.adapter),
             self._told_seldom(now_s),
-            beyond_limits(located.motion, self.adapter.telemetry, config),
+            beyond_limits(located.motion, self.telemetry, config),
+            None if kept is None else counted_from(kept.references),
         )
 
     def _watched(self, before: Engagement, located: Located, now_s: float) -> Engagement:

@@ -118,6 +118,8 @@ class UplinkSection(Section):
     """The link on which the vehicle's position reports go to the ground station."""
 
     link: str
+    key: Annotated[str, Field(min_length=1)] | None = None
+    """File with the key that signs the reports, which `groundstation keygen --agents` wrote for this agent alone."""
 
     @model_validator(mode="after")
     def _sends(self) -> Self:

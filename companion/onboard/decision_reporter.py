@@ -12,10 +12,10 @@ from companion.onboard.loop_watch import FloodWatch, StallWatch
 from companion.onboard.output import AutopilotOutput
 from companion.onboard.senses import sense_of_others
 from companion.onboard.statustext import StatusReporter
+from companion.onboard.uplink import Uplink
 from companion.runtime.console import program_logger
 from companion.runtime.rate import Evenness
 from companion.runtime.systemd import Notifier
-from companion.transport.endpoints import Sender
 
 LOGGER = program_logger("companion")
 
@@ -29,7 +29,7 @@ class DecisionReporter:
         output: AutopilotOutput,
         logs: LogFolder,
         notifier: Notifier,
-        uplink: Sender | None,
+        uplink: Uplink | None,
         watches: tuple[StallWatch, FloodWatch],
     ) -> None:
         """Report the decisions of `companion` as its configuration wants; `uplink`, if any, takes position reports.
@@ -42,7 +42,8 @@ class DecisionReporter:
         self._notifier = notifier
         self._uplink = uplink
         self._lateness = watches[0].lateness
-        self._monitors = (BroadcastMonitor(companion), *watches)
+        self._broadcast = BroadcastMonitor(companion)
+        self._monitors = (self._broadcast, *watches)
         self._statustext = _statustext(companion.config)
         is_signed = companion.config.broadcast is None or companion.config.broadcast.trust != "unsigned"
         self._trust = "" if is_signed else ", unsigned"
@@ -54,11 +55,13 @@ class DecisionReporter:
     def tell(self, decision: Decision, now_s: float) -> None:
         """Report, log and print a decision, and send the vehicle's position report on the uplink if one is due."""
         if self._uplink is not None:
-            for report in self._companion.report(now_s):
-                self._uplink.send(report)
+            self._uplink.send(self._companion.report(now_s), now_s)
         line = summary_line(decision) + self._trust
         if self._output.waits_for_mavsdk:
             line += ", MAVSDK is not ready yet"
+        if self._broadcast.stopped_by is not None:
+            # In front, because a ground-control program shows the first 50 characters of a long line for sure.
+            line = f"{self._broadcast.stopped_by}; {line}"
         self._say(line, now_s)
         self._statustext.note(decision, line, insists=self._companion.is_waited_for(decision))
         self._send_values(decision, now_s)

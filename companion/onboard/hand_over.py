@@ -1,16 +1,19 @@
 """What is kept from the hand-over of a vehicle: by it height and place are told from what merely says otherwise.
 
-It begins with the first tick that steers and ends when a person has the vehicle again: a silence in between, as after
-lost telemetry, keeps it, so that what moved meanwhile is noticed too.
+It begins when the vehicle is handed over in the air, and ends when a person has it again: a wait for a picture, or a
+silence as after lost telemetry, is no end, so that what moves meanwhile is noticed too. From one hand-over to the next
+of the same flight home is followed: a person who hands over again, as asked to when home has moved, gets no vehicle
+that seeks its height above the home that moved.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from companion.autopilot.telemetry import Telemetry
 from companion.onboard.position_gate import Track, as_tracked, track_after, track_of
-from companion.onboard.references import References, as_handed_over, references_after, references_of
+from companion.onboard.references import References, as_handed_over, fallen_m, references_after, references_of
 
 
 class HandOver(NamedTuple):
@@ -20,9 +23,22 @@ class HandOver(NamedTuple):
     track: Track
 
 
-def handed_over(told: Telemetry) -> HandOver:
-    """Return what is kept of a vehicle that is steered from now on; its telemetry has a position."""
-    return HandOver(references_of(told), track_of(told))
+def handed_over(flight: References | None, told: Telemetry) -> HandOver:
+    """Return what is kept of a vehicle that is steered from now on; its telemetry has a position.
+
+    `flight` has the references as they were followed before; None: this is the first that is known of the flight.
+    """
+    return HandOver(references_of(told, 0.0 if flight is None else fallen_m(flight, told)), track_of(told))
+
+
+def flight_after(flight: References | None, told: Telemetry) -> References | None:
+    """Return the references of a flight after new telemetry of a vehicle that a person has; None while it is disarmed.
+
+    They begin as it is armed, with the home that the autopilot has then.
+    """
+    if not told.armed or not math.isfinite(told.height_m) or not math.isfinite(told.altitude_m):
+        return flight if told.armed else None
+    return references_of(told) if flight is None else references_after(flight, told)
 
 
 def followed(kept: HandOver, told: Telemetry, now_s: float) -> HandOver:
@@ -32,6 +48,12 @@ def followed(kept: HandOver, told: Telemetry, now_s: float) -> HandOver:
     if references is kept.references and track is kept.track:
         return kept
     return HandOver(references, track)
+
+
+def believed_before(flight: References | None, told: Telemetry) -> Telemetry:
+    """Return the telemetry as it will be believed if the vehicle is handed over now; see `handed_over`."""
+    home_m = 0.0 if flight is None else fallen_m(flight, told)
+    return as_handed_over(references_of(told, home_m), told) if home_m else told
 
 
 def believed(kept: HandOver, told: Telemetry) -> Telemetry:

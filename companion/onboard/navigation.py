@@ -13,6 +13,7 @@ from companion.mission.model import RANGE_RESERVE
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.engagement import PositionFix
 from companion.onboard.hand_over import HandOver
+from companion.onboard.references import References
 
 COURSE_SPEED_M_S = 1.0
 """Ground speed below which the course over ground means nothing and the yaw is used as heading."""
@@ -47,6 +48,8 @@ class Navigation(NamedTuple):
     """Home on `plane`."""
     hand_over: HandOver | None = None
     """What is kept from the hand-over; None while a person has the vehicle."""
+    flight: References | None = None
+    """The references since the vehicle was armed, followed while a person has it; None while it is disarmed."""
 
 
 class Located(NamedTuple):

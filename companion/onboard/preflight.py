@@ -7,15 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 from companion.autopilot.adapter import Abilities
+from companion.autopilot.firmware import known
 from companion.autopilot.linked import LinkedAdapter
+from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Told
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
 from companion.onboard.config import Config, LimitsSection
+from companion.onboard.endings import endings
+from companion.onboard.finding import Finding, warning
 from companion.onboard.limits import beyond_airspeed
 from companion.onboard.senses import sense_of_others
+from companion.onboard.world_model import WorldModel
 
 SLOWED_REMEDY = (
     "let no other program set the rates of this link (MAVProxy: set streamrate -1; a ground station's stream rates), "
@@ -24,15 +28,6 @@ SLOWED_REMEDY = (
 """What to do about messages that come more seldom than they were asked for."""
 ONE_SPEED_SLACK = 0.1
 """How far the configured speed may be, as a share, from the only speed of a vehicle that cannot change it."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """The result of one check: whether it passed, what was found, and what to do if it did not pass."""
-
-    passed: bool
-    text: str
-    remedy: str = ""
 
 
 def findings(
@@ -45,7 +40,8 @@ def findings(
     """
     found = list(_identity(config, adapter, link_heard, now_s))
     if all(finding.passed for finding in found):
-        found += [*_demands(config, adapter), *_abilities(config, adapter), *_health(config, adapter, now_s)]
+        found += [*_demands(config, adapter), *endings(config, adapter.kind, adapter.parameters.values)]
+        found += [*_abilities(config, adapter), *_health(config, adapter, now_s)]
         found += _streams(adapter, now_s)
         found += [Finding(False, trouble, "see the autopilot's own messages") for trouble in adapter.failures]
     found.append(
@@ -61,6 +57,24 @@ def finding_on_others(config: Config, adapter: LinkedAdapter, told: tuple[int, i
     sense = sense_of_others(config, told, adapter.sees_others, adapter.asks_for_others)
     remedy = "set ADSB_TYPE and reboot, fly in Case I, which tells the places, or set separation by height or time"
     return Finding(sense.exists or config.detector == "none", sense.words, remedy)
+
+
+def finding_on_agent(config: Config, world_model: WorldModel, whole: bool) -> Finding | None:
+    """Return whether the broadcast has this vehicle's agent, and its target; None before any agent was heard.
+
+    `whole`: whether every frame of a broadcast was heard, so that it has no other agents.
+    """
+    own, ids = config.agent_id, world_model.agent_ids
+    if own in ids:
+        place, target_id = world_model.target_ned_m, world_model.target_id
+        if target_id is None:
+            return warning(f"agent {own} is in the broadcast, without a target", "see the ground station's assignment")
+        where = "" if place is None else f", {place[0]:.0f} m north and {place[1]:.0f} m east of the origin"
+        return Finding(True, f"agent {own} is in the broadcast: target {target_id}{where}")
+    if not whole:
+        return None
+    has = f"it has {', '.join(map(str, ids))}" if ids else "it has none"
+    return Finding(False, f"agent {own} is not in the broadcast: {has}", "correct agent_id, or the mission")
 
 
 def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: float) -> Iterator[Finding]:
@@ -85,15 +99,39 @@ def _demands(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
     for demand in adapter.parameter_checks:
         if demand.when_fenced and config.limits.fence is None and not config.limits.exclusions:
             continue
-        named = parameters.told_as(demand.name)
         if demand.name in told:
+            named = parameters.told_as(demand.name)
             words = f"{named.name}: {named.value:g}; allowed: {demand.words(named)}; {demand.why}"
-            yield Finding(demand.met_by(told[demand.name]), words, demand.remedy(named))
+            met = demand.met_by(told[demand.name])
+            sets = ((named.name, named.value if met else demand.best_for(named)),)
+            yield Finding(met, words, demand.remedy(named), sets=sets)
         elif not demand.when_told:
-            others = [Told(name, math.nan, factor) for name, factor in parameters.other_names(demand.name)]
-            nor = "".join(f", nor {other.name}" for other in others)
-            ways = " (".join([demand.remedy(named), *map(demand.remedy, others)]) + ")" * len(others)
-            yield Finding(False, f"{demand.name}: not told{nor}; {demand.why}", f"{ways}, or check the link")
+            yield _not_told(demand, adapter)
+
+
+def _not_told(demand: ParameterCheck, adapter: LinkedAdapter) -> Finding:
+    """Return that a parameter was not told, with the remedy in the words of the firmware heard, or of each."""
+    names = adapter.parameters.names_of(demand.name)
+    if adapter.firmware is not None:
+        has = [one for one in names if _has(adapter, one)]
+        names = tuple(has) or names
+    nor = "".join(f", nor {other.name}" for other in names[1:])
+    ways = " or ".join(_way(demand, one, adapter) if len(names) > 1 else demand.remedy(one) for one in names)
+    words = f"{names[0].name}: not told{nor}; {demand.why}"
+    sets = ((names[0].name, demand.best_for(names[0])),) if len(names) == 1 else ()
+    return Finding(False, words, f"{ways}, or check the link", sets=sets)
+
+
+def _has(adapter: LinkedAdapter, named: Told) -> bool:
+    """Return whether the firmware heard has a parameter of this name."""
+    row = known(adapter.kind, named.name)
+    return row is not None and adapter.firmware is not None and row.is_in(adapter.firmware)
+
+
+def _way(demand: ParameterCheck, named: Told, adapter: LinkedAdapter) -> str:
+    """Return a remedy by one of a parameter's names, with the versions that call it so."""
+    row = known(adapter.kind, named.name)
+    return demand.remedy(named) + (f" ({row.span})" if row is not None and row.span else "")
 
 
 def _abilities(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
@@ -177,4 +215,8 @@ def _health(config: Config, adapter: LinkedAdapter, now_s: float) -> Iterator[Fi
     least = config.health.battery_return_percent
     text = "not told" if battery is None else f"{battery:.0f} %"
     remedy = "set up the autopilot's battery monitor" if battery is None else "charge it"
-    yield Finding(battery is not None and battery > least, f"battery: {text}; returns at {least:g} %", remedy)
+    if least == 0.0:
+        found = f"battery: {text}; it never returns for it (health.battery_return_percent 0)"
+        yield warning(found, remedy) if battery is None else Finding(True, found)
+    else:
+        yield Finding(battery is not None and battery > least, f"battery: {text}; returns at {least:g} %", remedy)

@@ -2,9 +2,9 @@
 
 An autopilot tells its height above home and above sea level, and its place in a local frame. Anybody on its link can
 move home or the local frame's origin in flight, and its own estimate may step. None of that moves the vehicle, so none
-of it may move a setpoint: from the first tick that steers on, what was told is compared with what it was. A height that
-steps while the vertical velocity says nothing of it has moved, and the one that went on is held. Where the two part too
-slowly to tell which of them it is, the vehicle climbs or descends only as far as both ask for.
+of it may move a setpoint: from the hand-over on, what is told is compared with what it was. A height that steps while
+the vertical velocity says nothing of it has moved, and the one that went on is held. Where the two part too slowly to
+tell which of them it is, the vehicle climbs or descends only as far as both ask for.
 
 What cannot be seen here is a drift of all of them together: that is the estimate itself, by which the autopilot flies.
 """
@@ -57,11 +57,17 @@ class References(NamedTuple):
     home_altitude_m: float = math.nan
     origin: tuple[float, float, float] | None = None
     anchor: Anchor | None = None
+    home_fell_m: float = 0.0
+    """Sum of the steps of the height above home alone, since: how far home has come down."""
+    fallen_m: float = 0.0
+    """How far home had come down, earlier in the flight, before these references were taken: heights go on counting
+    from where it was."""
 
 
-def references_of(told: Telemetry) -> References:
-    """Return the references as they are now, at the hand-over."""
-    return _first_told(References(told.altitude_m - told.height_m, told), told)
+def references_of(told: Telemetry, fallen_m: float = 0.0) -> References:
+    """Return the references as they are now, at the hand-over; home has come down by `fallen_m` in this flight."""
+    base_m = told.altitude_m - (told.height_m - fallen_m)
+    return _first_told(References(base_m, told, fallen_m=fallen_m), told)
 
 
 def references_after(kept: References, told: Telemetry) -> References:
@@ -78,8 +84,8 @@ def as_handed_over(kept: References, told: Telemetry) -> Telemetry:
     """
     walked_m = _walked_m(kept, told)
     values: dict[str, object] = {}
-    if kept.height_moved_m or kept.altitude_moved_m or walked_m:
-        values["height_m"] = _by_altitude_m(kept, told) if walked_m else told.height_m - kept.height_moved_m
+    if kept.height_moved_m or kept.altitude_moved_m or kept.fallen_m or walked_m:
+        values["height_m"] = _by_altitude_m(kept, told) if walked_m else _by_height_m(kept, told)
     if kept.altitude_moved_m or (abs(walked_m) > MOVED_M and not _is_homes(kept, told, walked_m)):
         values["altitude_m"] = math.nan
     if kept.home_deg != told.home_deg:
@@ -95,17 +101,41 @@ def height_to_ask_m(kept: References, told: Telemetry, height_m: float) -> float
     """
     walked_m = _walked_m(kept, told)
     if not walked_m:
-        return height_m + kept.height_moved_m
+        return height_m + kept.height_moved_m + kept.fallen_m
     by_altitude_m = height_m - _by_altitude_m(kept, told)
     if _is_homes(kept, told, walked_m):
         return told.height_m + by_altitude_m
-    by_height_m = height_m - (told.height_m - kept.height_moved_m)
+    by_height_m = height_m - _by_height_m(kept, told)
     return told.height_m + sorted((by_altitude_m, by_height_m, 0.0))[1]
 
 
-def moved(kept: References, told: Telemetry) -> str | None:
-    """Return in words what has moved since the hand-over and what is held; None while nothing has."""
-    said = [words for words in (_heights(kept, told), _home(kept, told), _origin(kept, told)) if words is not None]
+def fallen_m(kept: References, told: Telemetry) -> float:
+    """Return how far home has come down in this flight, in metres: the height above home tells as much too much.
+
+    What moved the altitude above sea level alone, or both alike, is a correction of the estimate and no move of home.
+    Where they parted slowly and nobody says which of them it was, the lower height counts: it lowers nobody.
+    """
+    walked_m, stepped_m = _walked_m(kept, told), kept.home_fell_m
+    if walked_m < 0.0 or (walked_m and _is_homes(kept, told, walked_m)):
+        stepped_m -= walked_m
+    return kept.fallen_m + (stepped_m if abs(stepped_m) > MOVED_M else 0.0)
+
+
+def counted_from(kept: References) -> str | None:
+    """Return in words from where heights count, where home has moved in this flight before the hand-over."""
+    if not kept.fallen_m:
+        return None
+    return f"home had moved {_up(-kept.fallen_m)} in flight: heights count from where it was"
+
+
+def moved(kept: References, told: Telemetry, in_local_frame: bool) -> str | None:
+    """Return in words what has moved since the hand-over and what is held; None while nothing has.
+
+    `in_local_frame`: whether the vehicle is steered by places in the autopilot's local frame, which are then compared
+    with the degrees, beside what the autopilot says of its origin.
+    """
+    found = (_heights(kept, told), _home(kept, told), _origin(kept, told, in_local_frame))
+    said = [words for words in found if words is not None]
     return f"{', '.join(said)}; {_HAND_OVER}" if said else None
 
 
@@ -153,6 +183,7 @@ def _stepped(kept: References, told: Telemetry) -> References:
     return kept._replace(
         altitude_moved_m=_sum(kept.altitude_moved_m, altitude_step_m),
         height_moved_m=_sum(kept.height_moved_m, height_step_m),
+        home_fell_m=_sum(kept.home_fell_m, height_step_m - altitude_step_m) if height_step_m else kept.home_fell_m,
     )
 
 
@@ -166,9 +197,14 @@ def _by_altitude_m(kept: References, told: Telemetry) -> float:
     return told.altitude_m - kept.altitude_moved_m - kept.base_m
 
 
+def _by_height_m(kept: References, told: Telemetry) -> float:
+    """Return the height above home of the hand-over, or of the flight, by the height above home that is told."""
+    return told.height_m - kept.height_moved_m - kept.fallen_m
+
+
 def _walked_m(kept: References, told: Telemetry) -> float:
     """Return by how much the two heights have parted apart from their steps; 0 for rounding or what is not known."""
-    walked_m = _by_altitude_m(kept, told) - (told.height_m - kept.height_moved_m)
+    walked_m = _by_altitude_m(kept, told) - _by_height_m(kept, told)
     return walked_m if abs(walked_m) > IGNORED_M else 0.0
 
 
@@ -206,14 +242,14 @@ def _home(kept: References, told: Telemetry) -> str | None:
     return f"home moved {_figure(away_m)} aside in flight: the old one counts" if away_m > PLACE_MOVED_M else None
 
 
-def _origin(kept: References, told: Telemetry) -> str | None:
+def _origin(kept: References, told: Telemetry, in_local_frame: bool) -> str | None:
     """Return in words how far the local frame has moved, as the autopilot says or as its own places tell."""
     away_m = up_m = 0.0
     if kept.origin is not None and told.origin is not None and told.origin != kept.origin:
         away_m = math.hypot(*metres_between(kept.origin[:2], told.origin[:2]))
         up_m = told.origin[2] - kept.origin[2]
     bound_m = PLACE_MOVED_M
-    local_ned_m = _local_now(told)
+    local_ned_m = _local_now(told) if in_local_frame else None
     if kept.anchor is not None and local_ned_m is not None and away_m <= PLACE_MOVED_M and abs(up_m) <= MOVED_M:
         anchor = kept.anchor
         north_m, east_m = metres_between((anchor.lat_deg, anchor.lon_deg), (told.lat_deg, told.lon_deg))

@@ -40,13 +40,14 @@ from companion.onboard.state_files import (
     saved_authority,
 )
 from companion.onboard.trust import trust_of
+from companion.onboard.uplink import Uplink, open_uplink
 from companion.protocol.authenticator import Authenticator
 from companion.runtime.clock import SteadyClock, drain_sockets, steady_s, wait
 from companion.runtime.console import messages_written_by, program_logger
 from companion.runtime.io_thread import IoThread
 from companion.runtime.rate import LoopRate, next_due_s
 from companion.runtime.systemd import Notifier
-from companion.transport.endpoints import Link, Sender, open_duplex, open_receiver, open_sender, parse_link
+from companion.transport.endpoints import Link, open_duplex, open_receiver, parse_link
 
 LOGGER = program_logger("companion")
 CHECKS_AT_ONCE = 4
@@ -155,12 +156,12 @@ class _Links:
     broadcast: BroadcastQueue
     overruns: Callable[[], int]
     """Returns how many datagrams of the broadcast the kernel dropped as its buffer was full."""
-    uplink: Sender | None
+    uplink: Uplink | None
 
 
 async def _open_links(vehicle: _Vehicle, autopilot: AutopilotSection, stack: ExitStack) -> _Links:
     """Open the links, which `stack` closes; raises InputError."""
-    flight, logs, uplink = vehicle.flight, vehicle.logs, vehicle.config.uplink
+    flight, logs = vehicle.flight, vehicle.logs
     broadcast = BroadcastInput(flight, logs.broadcast, is_stream=_is_stream(vehicle.broadcast_link))
     queue = BroadcastQueue(broadcast.receive, flight.hear_waiting, asyncio.get_running_loop())
     stack.callback(queue.hold)
@@ -179,11 +180,8 @@ async def _open_links(vehicle: _Vehicle, autopilot: AutopilotSection, stack: Exi
     stack.callback(link.close)
     heard.peer.bind = link.bind
     output = AutopilotOutput(flight.companion, link, logs.vehicle, offboard)
-    sender = None
-    if uplink is not None:
-        sender = await open_sender(parse_link(uplink.link))
-        stack.callback(sender.close)
-    return _Links(output, queue, _none_overran if receiver is None else receiver.overruns, sender)
+    overruns = _none_overran if receiver is None else receiver.overruns
+    return _Links(output, queue, overruns, await open_uplink(vehicle.config.uplink, stack))
 
 
 class SetpointLoop:

@@ -57,6 +57,8 @@ class WorldModel:
         self._beliefs = Beliefs()
         self._assembly = FleetAssembly()
         self._picture = Picture()
+        self._agents_told: tuple[int, ...] | None = None
+        """Ids of the agents in the last broadcast of which every frame was heard."""
         self._tables: tuple[ThreatTable, PeerTable] | None = None
         """Tables of the entries heard, kept until an entry changes."""
 
@@ -64,6 +66,22 @@ class WorldModel:
     def target_id(self) -> int | None:
         """Id of the target that is assigned to the vehicle; None if there is none."""
         return self._beliefs.target_of(self.agent_id)
+
+    @property
+    def agents_told(self) -> tuple[int, ...] | None:
+        """Ids of the agents in the last broadcast of which every frame was heard; None before one."""
+        return self._agents_told
+
+    @property
+    def target_ned_m(self) -> tuple[float, float] | None:
+        """The place (north, east) of the vehicle's target as last told; None if there is none or it is unheard."""
+        heard = None if self.target_id is None else self._beliefs.targets.get(self.target_id)
+        return None if heard is None else (heard[0].north_m, heard[0].east_m)
+
+    @property
+    def agent_ids(self) -> tuple[int, ...]:
+        """The ids of the agents of which the broadcast tells, in order."""
+        return tuple(sorted(self._beliefs.agents))
 
     @property
     def others_told(self) -> tuple[int, int]:
@@ -276,6 +294,7 @@ class WorldModel:
         """Forget agents and targets that are not in the newest broadcast, of which every frame was heard."""
         newest = (self.order.epoch_s, self.order.sequence)
         self._beliefs.forget(lambda heard: heard.broadcast != newest)
+        self._agents_told = tuple(sorted(self._beliefs.agents))
 
     def _forget_retired(self) -> None:
         """Forget the threats that the picture lacks, once it is whole: until then one may only be unheard."""

@@ -62,6 +62,8 @@ REMEMBERED_FRAMES = 1024
 each kind. Beyond it none are believed; without a key, where repeats do no more harm than forgeries, the oldest goes."""
 LATENESS_CHECK_S = 1.0
 """Time between two Ed25519 checks of frames that the clock refuses anyway: enough to say by how much clocks differ."""
+SAMPLE_BYTES = 600
+"""Length of the sample that is kept of a stream: two of the longest frames."""
 MAX_REASONS = 64
 """Greatest number of reasons that are counted separately; any further one counts as OTHER_REASONS."""
 OTHER_REASONS = "other reasons"
@@ -174,7 +176,9 @@ class Authenticator:
         """Number of accepted frames."""
         self.newest: RawFrame | None = None
         """The frame accepted last."""
-        self.lateness = Latenesses(Lateness(), Lateness())
+        self.sample = b""
+        """The newest datagram, or end of the stream, whatever was in it."""
+        self.lateness = Latenesses()
         self._rejected: Counter[str] = Counter()
         self._framer = StreamFramer() if is_stream else None
         self._heard: dict[bytes, None] = {}
@@ -222,7 +226,9 @@ class Authenticator:
     def deframed(self, datagram: bytes) -> Iterator[RawFrame]:
         """Return the whole frames in a datagram, or those that a chunk of a stream completes; count all other bytes."""
         if self._framer is not None:
+            self.sample = (self.sample + datagram)[-SAMPLE_BYTES:]
             return iter(self._framer.feed(datagram))
+        self.sample = datagram
         if len(datagram) > MAX_DATAGRAM_BYTES:
             self._rejected[TOO_LARGE] += 1
             return iter(())
@@ -299,9 +305,10 @@ class Authenticator:
         """Note how late a frame is that is refused by the clock; whether it is authentic is checked once a second."""
         late_s, trust = now_s - raw.stamp.unix_s, self.trust
         if trust.public_key is None:
-            self.lateness.of(authentic=trust.keyed).note(late_s, now_s)
+            (self.lateness.refused if trust.keyed else self.lateness.other).note(late_s, now_s)
         elif self.lateness.may_check(now_s):
-            self.lateness.of(authentic=verify(raw, trust.public_key)).note(late_s, now_s)
+            is_genuine = verify(raw, trust.public_key)
+            (self.lateness.refused if is_genuine else self.lateness.other).note(late_s, now_s)
 
     def _check(self, raw: RawFrame, now_s: float, admitted: list[Authenticated]) -> None:
         # Between a frame's arrival and its turn a newer one may have been accepted.
@@ -324,7 +331,7 @@ class Authenticator:
             return
         self.accepted += 1
         self.newest, stamp = raw, raw.stamp
-        self.lateness.authentic.note(now_s - stamp.unix_s, now_s)
+        self.lateness.accepted.note(now_s - stamp.unix_s, now_s)
         if not self._order.is_newest(stamp):
             self._heard.clear()
         self._order.note(stamp, now_s)
@@ -339,16 +346,14 @@ class Authenticator:
 class Latenesses:
     """How late frames came by the vehicle's clock: those proven to be the ground station's, and all others apart."""
 
-    def __init__(self, authentic: Lateness, other: Lateness) -> None:
-        self.authentic = authentic
-        """Of frames accepted, or refused by the clock alone."""
-        self.other = other
+    def __init__(self) -> None:
+        self.accepted = Lateness()
+        """Of frames accepted."""
+        self.refused = Lateness()
+        """Of frames that are the ground station's and refused by the clock alone."""
+        self.other = Lateness()
         """Of frames refused by the clock that anybody may have made."""
         self._checked_s = -math.inf
-
-    def of(self, *, authentic: bool) -> Lateness:
-        """Return the one or the other."""
-        return self.authentic if authentic else self.other
 
     def may_check(self, now_s: float) -> bool:
         """Return whether another frame refused by the clock gets the costly check: one in LATENESS_CHECK_S does."""

@@ -74,6 +74,14 @@ class FrameSigner:
         inside = ED25519_BYTES if self._private_key is not None else 0
         return inside + (SIGNATURE_BYTES if self.signer is not None else 0)
 
+    def has_signed(self, frame: RawFrame) -> bool:
+        """Return whether a frame of the broadcast carries the signatures that this signer adds, whenever it was made."""
+        if self._private_key is not None:
+            has_one = frame.payload_length > frame.content_length
+            if not has_one or not verify(frame, self._private_key.public_key()):
+                return False
+        return self.signer is None or self.signer.holds(frame)
+
     def sign(self, raw: bytes, now_s: float) -> bytes:
         """Return an unsigned frame with the configured signatures added.
 

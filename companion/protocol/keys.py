@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Mapping
 from pathlib import Path
 
 from cryptography.exceptions import UnsupportedAlgorithm
@@ -65,6 +66,23 @@ def keygen(folder: Path) -> list[Path]:
     except OSError as error:
         for path in written:
             path.unlink(missing_ok=True)
+        raise InputError(f"{folder}: cannot write keys: {error.strerror}") from error
+    return written
+
+
+def add_mavlink_keys(folder: Path, keys: Mapping[str, bytes]) -> list[Path]:
+    """Write MAVLink keys under their names into a folder of keys, and return the paths of those that were not there.
+
+    Raises InputError if the folder is open to others, or a key cannot be written.
+    """
+    written: list[Path] = []
+    try:
+        _refuse_open(folder, folder.stat().st_mode, "the folder", "700")
+        for name, key in keys.items():
+            path = folder / name
+            if not (path.exists() or path.is_symlink()):
+                _write_new(path, key.hex().encode() + b"\n", _SECRET_MODE, written)
+    except OSError as error:
         raise InputError(f"{folder}: cannot write keys: {error.strerror}") from error
     return written
 

@@ -146,8 +146,13 @@ class LinkMonitor:
         return max(1, round(broadcasts * self._frame_count))
 
     @property
+    def period_s(self) -> float | None:
+        """Time between two broadcasts by their stamps; None before two were heard."""
+        return median(self._periods_s) if self._periods_s else None
+
+    @property
     def _period_s(self) -> float:
-        return median(self._periods_s) if self._periods_s else ASSUMED_PERIOD_S
+        return ASSUMED_PERIOD_S if self.period_s is None else self.period_s
 
     def _learn_period(self, broadcast: _Broadcast) -> None:
         before, self._newest = self._newest, broadcast

@@ -26,7 +26,7 @@ EPOCH_UNIX_S = 1_420_070_400
 UNITS_PER_S = 100_000
 """Units of signing time in a second: MAVLink counts it in 10 us."""
 MAX_STREAMS = 16
-"""Greatest number of streams remembered; the one sender may have several, as it may send on several links."""
+"""Greatest number of streams remembered, unless another is given; the one sender may send on several links."""
 
 UNSIGNED = "unsigned"
 WRONG_HASH = "wrong MAVLink signature"
@@ -97,6 +97,10 @@ class MavlinkSigner:
         )
         return signed + _hash(self._keyed, signed)
 
+    def holds(self, frame: RawFrame) -> bool:
+        """Return whether a frame is signed with the key, by whomever and at any time."""
+        return _holds(self._keyed, frame)
+
 
 class MavlinkVerifier:
     """Checks MAVLink signatures; remembers each stream's newest signing time, of frames that passed every check."""
@@ -107,15 +111,17 @@ class MavlinkVerifier:
         streams: Mapping[StreamKey, int] | None = None,
         ahead_s: float = 5.0,
         behind_s: float = 60.0,
+        most_streams: int = MAX_STREAMS,
     ) -> None:
         """Allow signing times up to `ahead_s` after the local clock and, in a new stream, up to `behind_s` before it.
 
-        Both are infinite if the local clock is not reliable.
+        Both are infinite if the local clock is not reliable. At most `most_streams` are remembered.
         """
         self._keyed = _keyed(key)
         self._ahead_s = ahead_s
         self._behind_s = behind_s
         self._streams = dict(streams or {})
+        self._most_streams = most_streams
 
     @property
     def streams(self) -> dict[StreamKey, int]:
@@ -124,8 +130,7 @@ class MavlinkVerifier:
 
     def holds(self, frame: RawFrame) -> bool:
         """Return whether a frame is signed with the key; the signing time is not checked."""
-        covered, carried = frame.data[:-_HASH_BYTES], frame.data[-_HASH_BYTES:]
-        return frame.is_signed and hmac.compare_digest(_hash(self._keyed, covered), carried)
+        return _holds(self._keyed, frame)
 
     def check(self, frame: RawFrame, now_s: float, *, silent: bool = False) -> str | None:
         """Return the reason why a frame is refused, None if it is accepted; nothing is remembered.
@@ -153,7 +158,7 @@ class MavlinkVerifier:
     def commit(self, frame: RawFrame) -> None:
         """Remember the signing time of a frame that `check` accepted; call this only after every other check passed."""
         stream, timestamp = _stream_of(frame)
-        if stream not in self._streams and len(self._streams) >= MAX_STREAMS:
+        if stream not in self._streams and len(self._streams) >= self._most_streams:
             del self._streams[self._oldest()]
         self._streams[stream] = timestamp
 
@@ -163,7 +168,7 @@ class MavlinkVerifier:
         The oldest may be forgotten once its newest time is more than `behind_s` ago: if its frames were replayed as a
         new stream, each would be refused as too old.
         """
-        if len(self._streams) < MAX_STREAMS:
+        if len(self._streams) < self._most_streams:
             return True
         return (timestamp_of(now_s) - self._streams[self._oldest()]) / UNITS_PER_S > self._behind_s
 
@@ -178,10 +183,20 @@ def _keyed(key: bytes) -> hashlib._Hash:
     return hashlib.sha256(key)
 
 
+def _holds(keyed: hashlib._Hash, frame: RawFrame) -> bool:
+    covered, carried = frame.data[:-_HASH_BYTES], frame.data[-_HASH_BYTES:]
+    return frame.is_signed and hmac.compare_digest(_hash(keyed, covered), carried)
+
+
 def _hash(keyed: hashlib._Hash, signed: bytes) -> bytes:
     digest = keyed.copy()
     digest.update(signed)
     return digest.digest()[:_HASH_BYTES]
+
+
+def signing_time_s(frame: RawFrame) -> float:
+    """Return the signing time of a signed frame in Unix seconds."""
+    return EPOCH_UNIX_S + _stream_of(frame)[1] / UNITS_PER_S
 
 
 def _stream_of(frame: RawFrame) -> tuple[StreamKey, int]:

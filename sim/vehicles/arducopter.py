@@ -265,7 +265,7 @@ class ArduCopter(ArduPilot):
         body = self.body
         body.altitude_m += climb_m_s * dt_s
         body.climb_m_s = climb_m_s
-        if body.altitude_m > around.home.altitude_m:
+        if body.altitude_m > around.ground_m:
             self.in_air = True
         elif climb_m_s < 0.0:
             self._touch_down(around)
@@ -277,7 +277,7 @@ class ArduCopter(ArduPilot):
 
     def _touch_down(self, around: Surroundings) -> None:
         body = self.body
-        body.altitude_m = around.home.altitude_m
+        body.altitude_m = around.ground_m
         body.velocity_north_m_s = body.velocity_east_m_s = body.climb_m_s = body.turn_rate_rad_s = 0.0
         self._control = None
         self.in_air = False

@@ -209,10 +209,10 @@ class ArduPlane(ArduPilot):
         altitude_m, climb_m_s = self._altitude_m, self._climb_m_s
         if not self.armed:
             # A disarmed plane glides down straight ahead.
-            altitude_m, climb_m_s = around.home.altitude_m, _CLIMB_M_S
+            altitude_m, climb_m_s = around.ground_m, _CLIMB_M_S
         climb_m_s = climb_towards_m_s(altitude_m - body.altitude_m, _ALTITUDE_GAIN_1_S, climb_m_s, _SINK_M_S)
         self._wing.fly(self._wanted_bank_rad(now_s, around), self._indicated_m_s, climb_m_s, around.wind_m_s, dt_s)
-        if body.altitude_m <= around.home.altitude_m and body.climb_m_s < 0.0:
+        if body.altitude_m <= around.ground_m and body.climb_m_s < 0.0:
             self._touch_down(around)
 
     def _run_up(self) -> None:
@@ -226,7 +226,7 @@ class ArduPlane(ArduPilot):
 
     def _touch_down(self, around: Surroundings) -> None:
         body = self.body
-        body.altitude_m = around.home.altitude_m
+        body.altitude_m = around.ground_m
         body.velocity_north_m_s = body.velocity_east_m_s = body.climb_m_s = body.turn_rate_rad_s = 0.0
         body.airspeed_m_s = body.roll_rad = 0.0
         self.in_air = self.armed = False

@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from sim.mavlink_sender import MavlinkSender
-from sim.vehicles.craft import Answer, Command, Message
+from sim.vehicles.craft import Answer, Command, Home, Message
 from sim.vehicles.dynamics import FlightDynamics
+from sim.vehicles.setpoint import SANE_POSITION_M
 from sim.vehicles.telemetry import Telemetry
 
 
 class CommandProtocol:
     """Passes commands to the craft, and answers by itself those that every autopilot answers alike."""
 
-    def __init__(self, dynamics: FlightDynamics, telemetry: Telemetry, sender: MavlinkSender) -> None:
-        """Handle the commands for the vehicle of `dynamics`, with replies made by `telemetry` and `sender`."""
+    def __init__(
+        self,
+        dynamics: FlightDynamics,
+        telemetry: Telemetry,
+        sender: MavlinkSender,
+        move_home: Callable[[Home], None],
+    ) -> None:
+        """Handle the commands for the vehicle of `dynamics`, with replies made by `telemetry` and `sender`.
+
+        `move_home` sets home anew.
+        """
+        self._move_home = move_home
         self._dynamics = dynamics
         self._craft = dynamics.craft
         self._telemetry = telemetry
@@ -72,9 +84,24 @@ class CommandProtocol:
             return mavlink.MAV_RESULT_ACCEPTED, [self._telemetry.message(int(command.param1), t_s)]
         if command.command == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
             return mavlink.MAV_RESULT_ACCEPTED, [self._telemetry.message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, t_s)]
+        if command.command == mavlink.MAV_CMD_DO_SET_HOME:
+            return self._set_home(command), []
         if command.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             return self._set_message_interval(command, t_s), []
         return mavlink.MAV_RESULT_UNSUPPORTED, []
+
+    def _set_home(self, command: Command) -> int:
+        """Set home to the vehicle's place or to the command's; obeyed armed and in flight too (measured)."""
+        if command.param1 == 1.0:
+            body = self._craft.body
+            self._move_home(Home(body.north_m, body.east_m, body.altitude_m))
+            return int(mavlink.MAV_RESULT_ACCEPTED)
+        scale = 1e-7 if command.int_frame else 1.0
+        lat_deg, lon_deg = command.x * scale, command.y * scale
+        if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and abs(command.z) < SANE_POSITION_M):
+            return int(mavlink.MAV_RESULT_DENIED)
+        self._move_home(Home(*self._dynamics.place_of(lat_deg, lon_deg), command.z))
+        return int(mavlink.MAV_RESULT_ACCEPTED)
 
     def _set_message_interval(self, command: Command, t_s: float) -> int:
         message_id, interval_us = command.param1, command.param2

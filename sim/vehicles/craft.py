@@ -32,7 +32,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """The home position in the mission's plane; its altitude above sea level is also that of the ground everywhere."""
+    """A place in the mission's plane with an altitude above sea level, such as home."""
 
     north_m: float
     east_m: float
@@ -68,12 +68,16 @@ class Surroundings:
     wind_m_s: tuple[float, float]
     """Velocity of the air (north, east) along the grid: where the wind blows to, not where it comes from."""
     home: Home
+    ground_m: float
+    """Altitude of the ground above sea level."""
+    origin_altitude_m: float
+    """Altitude above sea level of the origin of the autopilot's local frame."""
     convergence_rad: float
     """Angle to add to a grid heading to get the heading from true north where the vehicle is."""
     to_plane: Callable[[float, float], tuple[float, float]]
     """Function from latitude and longitude in degrees to the plane's north and east in metres."""
     local_to_plane: Callable[[float, float], tuple[float, float]]
-    """Function from the autopilot's local frame (metres true north and east of home) to the plane's north and east."""
+    """Function from the autopilot's local frame (metres true north and east of its origin) to the plane's."""
 
 
 @dataclass(frozen=True, slots=True)

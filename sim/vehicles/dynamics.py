@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from companion.geo.local_frame import LocalFrame
 from sim.vehicles.craft import Craft, Home, Surroundings
+from sim.vehicles.references import References
 from sim.vehicles.sensors import Sensors
 from sim.vehicles.setpoint import clip
 
@@ -54,9 +55,7 @@ class FlightDynamics:
     def __init__(self, craft: Craft, home: Home, frame: LocalFrame, sensors: Sensors, start_s: float) -> None:
         """Begin at `start_s` with the craft's present state, in still air; `frame` is the mission's plane."""
         self.craft = craft
-        self.home = home
-        self.home_frame = LocalFrame(*frame.to_global(home.north_m, home.east_m))
-        """The autopilot's own local frame, whose origin is home."""
+        self.references = References(home, frame)
         self.sensors = sensors
         self.battery = Battery()
         self._frame = frame
@@ -98,7 +97,16 @@ class FlightDynamics:
     def surroundings(self) -> Surroundings:
         """Return what the craft needs from the world around it now."""
         convergence_rad = self.geodetic()[2]
-        return Surroundings(self._wind_m_s, self.home, convergence_rad, self._frame.to_local, self._local_to_plane)
+        references = self.references
+        return Surroundings(
+            self._wind_m_s,
+            references.home,
+            references.ground_m,
+            references.origin_altitude_m,
+            convergence_rad,
+            self._frame.to_local,
+            self._local_to_plane,
+        )
 
     def geodetic(self) -> tuple[float, float, float]:
         """Return latitude and longitude in degrees and the grid's convergence in radians where the vehicle is."""
@@ -111,5 +119,9 @@ class FlightDynamics:
         """Return latitude and longitude in degrees and the grid's convergence in radians at a place of the plane."""
         return self._frame.to_global_with_convergence(north_m, east_m)
 
+    def place_of(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        """Return north and east on the mission's plane of a place in degrees."""
+        return self._frame.to_local(lat_deg, lon_deg)
+
     def _local_to_plane(self, north_m: float, east_m: float) -> tuple[float, float]:
-        return self._frame.to_local(*self.home_frame.to_global(north_m, east_m))
+        return self._frame.to_local(*self.references.origin_frame.to_global(north_m, east_m))

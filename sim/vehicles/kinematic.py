@@ -124,7 +124,7 @@ class Kinematic(ArduPilot):
         self._air_m_s = speed_m_s * math.cos(body.heading_rad), speed_m_s * math.sin(body.heading_rad)
         body.north_m += wind_m_s[0] * dt_s
         body.east_m += wind_m_s[1] * dt_s
-        body.altitude_m = max(body.altitude_m + body.climb_m_s * dt_s, around.home.altitude_m)
+        body.altitude_m = max(body.altitude_m + body.climb_m_s * dt_s, around.ground_m)
         # A coordinated turn through the air.
         body.roll_rad = math.atan(speed_m_s * body.turn_rate_rad_s / GRAVITY_M_S2)
         self.blow(wind_m_s)

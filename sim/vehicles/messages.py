@@ -34,11 +34,9 @@ _CAPABILITIES = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
 )
 """Capabilities in AUTOPILOT_VERSION."""
-_VERSION = (4 << 24) | (7 << 16)
-"""ArduPilot's version in AUTOPILOT_VERSION: 4.7.0-dev of October 2025, on which the measurements were made."""
-_PX4_VERSION = (1 << 24) | (16 << 16) | (1 << 8) | 255
-"""PX4's version in AUTOPILOT_VERSION: the release 1.16.1, on which the measurements were made."""
 _INT16_MAX, _INT32_MAX, _UINT16_MAX = 2**15 - 1, 2**31 - 1, 2**16 - 1
+_KNOWS, _BLIND = 0x33F, 0x25
+"""Flags of an estimate that knows its place, and of one that does not any more (measured, docs/autopilots.md)."""
 _NO_DILUTION = _UINT16_MAX
 """Dilution of precision in GPS_RAW_INT without a fix: unknown."""
 
@@ -57,9 +55,13 @@ class _Report:
 class MessageEncoder:
     """Makes the messages that one autopilot streams or sends on request."""
 
-    def __init__(self, dynamics: FlightDynamics, sender: MavlinkSender, boot_s: float) -> None:
-        """Encode the state of the vehicle of `dynamics`; its `time_boot_ms` counts from `boot_s`."""
+    def __init__(self, dynamics: FlightDynamics, sender: MavlinkSender, boot_s: float, version: int) -> None:
+        """Encode the state of the vehicle of `dynamics`; its `time_boot_ms` counts from `boot_s`.
+
+        `version`: AUTOPILOT_VERSION's flight_sw_version.
+        """
         self.boot_s = boot_s
+        self._version = version
         self._dynamics = dynamics
         self._craft = dynamics.craft
         self._mav = sender.mav
@@ -71,6 +73,8 @@ class MessageEncoder:
             mavlink.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
             mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_sys_state,
             mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: self._gps_raw_int,
+            mavlink.MAVLINK_MSG_ID_GPS2_RAW: self._gps2_raw,
+            mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._gps_global_origin,
             mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._global_position_int,
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position_ned,
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
@@ -80,12 +84,21 @@ class MessageEncoder:
             mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._autopilot_version,
         }
 
+        if self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
+            self._encoders[ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT] = self._ekf_status_report
+        elif self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_PX4:
+            self._encoders[mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS] = self._estimator_status
         if self._craft.mav_type == mavlink.MAV_TYPE_FIXED_WING:
             # Copters estimate no airspeed unless they are set up for it, and tell no wind then.
             if self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
                 self._encoders[ardupilotmega.MAVLINK_MSG_ID_WIND] = self._wind
             elif self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_PX4:
                 self._encoders[mavlink.MAVLINK_MSG_ID_WIND_COV] = self._wind_cov
+
+    @property
+    def has_second_receiver(self) -> bool:
+        """Whether there is a second GPS receiver to tell of."""
+        return len(self._dynamics.sensors.receivers.fixes) > 1
 
     def knows(self, message_id: int) -> bool:
         """Return whether `encode` can make the message with this id."""
@@ -154,11 +167,9 @@ class MessageEncoder:
         )
 
     def _autopilot_version(self, t_s: float) -> Message:
-        is_px4 = self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_PX4
-        version = _PX4_VERSION if is_px4 else _VERSION
         no_hash = (0,) * 8
         return self._mav.autopilot_version_encode(
-            _CAPABILITIES, version, 0, 0, 0, no_hash, no_hash, no_hash, 0, 0, self._system_id
+            _CAPABILITIES, self._version, 0, 0, 0, no_hash, no_hash, no_hash, 0, 0, self._system_id
         )
 
     def _extended_sys_state(self, t_s: float) -> Message:
@@ -166,11 +177,9 @@ class MessageEncoder:
 
     def _height_mm(self, body: Body) -> tuple[int, int]:
         """Return the heights above sea level and above home in millimetres, clipped to MAVLink's 32 bits."""
-        above_home_m = body.altitude_m - self._dynamics.home.altitude_m
-        return (
-            round(clip(body.altitude_m * 1000.0, -_INT32_MAX, _INT32_MAX)),
-            round(clip(above_home_m * 1000.0, -_INT32_MAX, _INT32_MAX)),
-        )
+        references = self._dynamics.references
+        above_home_m = body.altitude_m - references.home.altitude_m
+        return _millimetres(body.altitude_m + references.sea_up_m), _millimetres(above_home_m)
 
     def _global_position_int(self, t_s: float) -> Message:
         report = self._reported(t_s)
@@ -190,8 +199,9 @@ class MessageEncoder:
     def _local_position_ned(self, t_s: float) -> Message:
         report = self._reported(t_s)
         body = report.estimate.body
-        x_m, y_m = self._dynamics.home_frame.to_local(report.lat_deg, report.lon_deg)
-        z_m = self._dynamics.home.altitude_m - body.altitude_m
+        references = self._dynamics.references
+        x_m, y_m = references.origin_frame.to_local(report.lat_deg, report.lon_deg)
+        z_m = references.origin_altitude_m - body.altitude_m
         values = (x_m, y_m, z_m, *_true_velocity_m_s(report), -body.climb_m_s)
         return self._mav.local_position_ned_encode(report.boot_ms, *map(self._float, values))
 
@@ -233,14 +243,15 @@ class MessageEncoder:
         values = (north_m_s, east_m_s, 0.0, variance, variance, 0.0, accuracy, accuracy)
         return self._mav.wind_cov_encode(round(t_s * 1e6), *values)
 
-    def _gps_raw_int(self, t_s: float) -> Message:
+    def _fix(self, t_s: float, receiver: int) -> tuple[int, ...]:
+        """Return what GPS_RAW_INT and GPS2_RAW have in common, and altitude and accuracy in millimetres."""
         report = self._reported(t_s)
         north_m_s, east_m_s = _true_velocity_m_s(report)
-        has_fix = report.estimate.has_fix
+        has_fix = self._dynamics.sensors.receivers.fixes[receiver]
         accuracy_mm = round(clip(report.estimate.accuracy_m * 1000.0, 0.0, _INT32_MAX))
         altitude_mm = self._height_mm(report.estimate.body)[0]
         dilution = 80 if has_fix else _NO_DILUTION
-        return self._mav.gps_raw_int_encode(
+        return (
             report.boot_ms * 1000,
             mavlink.GPS_FIX_TYPE_3D_FIX if has_fix else mavlink.GPS_FIX_TYPE_NO_FIX,
             round(report.lat_deg * 1e7),
@@ -251,17 +262,57 @@ class MessageEncoder:
             min(round(math.hypot(north_m_s, east_m_s) * 100.0), _UINT16_MAX),
             round(math.degrees(math.atan2(east_m_s, north_m_s)) * 100.0) % 36000,
             14 if has_fix else 0,
-            alt_ellipsoid=altitude_mm,
+            altitude_mm,
+            accuracy_mm,
+        )
+
+    def _gps_raw_int(self, t_s: float) -> Message:
+        *fix, ellipsoid_mm, accuracy_mm = self._fix(t_s, 0)
+        return self._mav.gps_raw_int_encode(*fix, alt_ellipsoid=ellipsoid_mm, h_acc=accuracy_mm, v_acc=accuracy_mm)
+
+    def _gps2_raw(self, t_s: float) -> Message:
+        *fix, ellipsoid_mm, accuracy_mm = self._fix(t_s, 1)
+        no_correction = 0
+        return self._mav.gps2_raw_encode(
+            *fix,
+            no_correction,
+            no_correction,
+            alt_ellipsoid=ellipsoid_mm,
             h_acc=accuracy_mm,
             v_acc=accuracy_mm,
         )
 
+    def _ekf_status_report(self, t_s: float) -> Message:
+        flags, ratio = self._estimator(t_s, ardupilotmega.EKF_GPS_GLITCHING)
+        return ardupilotmega.MAVLink_ekf_status_report_message(flags, 0.01, ratio, 0.01, 0.01, 0.0)
+
+    def _estimator_status(self, t_s: float) -> Message:
+        flags, ratio = self._estimator(t_s, mavlink.ESTIMATOR_GPS_GLITCH)
+        accuracy_m = self._reported(t_s).estimate.accuracy_m
+        ratios = (0.01, ratio, 0.01, 0.01, 0.0, 0.0)
+        return self._mav.estimator_status_encode(round(t_s * 1e6), flags, *ratios, accuracy_m, accuracy_m)
+
+    def _estimator(self, t_s: float, glitch: int) -> tuple[int, float]:
+        """Return the flags of the estimate, and the test ratio of its position."""
+        sensors = self._dynamics.sensors
+        flags = _KNOWS if sensors.receivers.know_place(t_s) else _BLIND
+        return (flags | glitch, 20.0) if sensors.glitches else (flags, 0.01)
+
+    def _gps_global_origin(self, t_s: float) -> Message:
+        references = self._dynamics.references
+        return self._mav.gps_global_origin_encode(
+            round(references.origin_frame.lat_deg * 1e7),
+            round(references.origin_frame.lon_deg * 1e7),
+            _millimetres(references.origin_altitude_m),
+        )
+
     def _home_position(self, t_s: float) -> Message:
+        lat_deg, lon_deg = self._dynamics.references.home_deg
         level = (1.0, 0.0, 0.0, 0.0)
         return self._mav.home_position_encode(
-            round(self._dynamics.home_frame.lat_deg * 1e7),
-            round(self._dynamics.home_frame.lon_deg * 1e7),
-            round(clip(self._dynamics.home.altitude_m * 1000.0, -_INT32_MAX, _INT32_MAX)),
+            round(lat_deg * 1e7),
+            round(lon_deg * 1e7),
+            _millimetres(self._dynamics.references.home.altitude_m),
             *(0.0, 0.0, 0.0),
             level,
             *(0.0, 0.0, 0.0),
@@ -271,6 +322,10 @@ class MessageEncoder:
 def _true_velocity_m_s(report: _Report) -> tuple[float, float]:
     body = report.estimate.body
     return rotated(body.velocity_north_m_s, body.velocity_east_m_s, report.convergence_rad)
+
+
+def _millimetres(metres: float) -> int:
+    return round(clip(metres * 1000.0, -_INT32_MAX, _INT32_MAX))
 
 
 def _centimetres_s(speed_m_s: float) -> int:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicles.craft import Answer, Body, Command, Home, Message, Parameter, Start, Surroundings
+from sim.vehicles.craft import Answer, Body, Command, Message, Parameter, Start, Surroundings
 from sim.vehicles.setpoint import SANE_POSITION_M, rotated
 
 # custom_mode: main mode << 16 | sub mode << 24 (px4_custom_mode.h).
@@ -33,6 +33,8 @@ _MAIN_MODE_FACTOR, _SUB_MODE_FACTOR = 1 << 16, 1 << 24
 
 # The mode after a lost stream, by COM_OBL_RC_ACT (parameter reference). 6 (terminate) and 7 (disarm) are not modelled.
 _LOSS_MODES = {0: POSITION, 1: ALTITUDE, 2: STABILIZED, 3: RETURN, 4: LAND, 5: HOLD}
+_STICKLESS_LOSS_MODES = {0: LAND, 1: HOLD, 2: RETURN}
+"""The mode after a lost stream without radio control, by COM_OBL_ACT, which PX4 until 1.13 has."""
 
 STREAM_NEEDED_S = 1.0
 """Time for which setpoints must have come before OFFBOARD is entered. Asked for earlier, the mode is entered once this
@@ -147,7 +149,7 @@ def _local_place(
     """Return the plane's north and east and the altitude; all None in a body frame, whose place PX4 ignores (code)."""
     if frame != mavlink.MAV_FRAME_LOCAL_NED:
         return None, None, None
-    altitude_m = None if "z" not in given else around.home.altitude_m - given["z"]
+    altitude_m = None if "z" not in given else around.origin_altitude_m - given["z"]
     place = _pair(given, "x", "y")
     if place is None:
         return None, None, altitude_m
@@ -356,6 +358,8 @@ class Px4:
         self.failsafe = self.armed and self._intended == OFFBOARD and self._stream_lost(now_s)
         if self.failsafe:
             mode = _LOSS_MODES.get(int(self.values["COM_OBL_RC_ACT"]), HOLD)
+            if "COM_OBL_ACT" in self.values:
+                mode = _STICKLESS_LOSS_MODES.get(int(self.values["COM_OBL_ACT"]), HOLD)
         if self.armed and self._is_blind(now_s):
             self.failsafe, mode = True, LAND
         if mode != self.mode:
@@ -487,9 +491,9 @@ class Px4:
             self._hold.speed_m_s = command.param2 if 0.0 < command.param2 < SANE_POSITION_M else None
         return ACCEPTED
 
-    def _touch_down(self, home: Home) -> None:
+    def _touch_down(self, ground_m: float) -> None:
         body = self.body
-        body.altitude_m = home.altitude_m
+        body.altitude_m = ground_m
         body.velocity_north_m_s = body.velocity_east_m_s = body.climb_m_s = 0.0
         body.turn_rate_rad_s = body.roll_rad = body.airspeed_m_s = 0.0
         self.in_air = False

@@ -123,10 +123,10 @@ class Px4Copter(Px4):
         body.airspeed_m_s = math.hypot(
             body.velocity_north_m_s - around.wind_m_s[0], body.velocity_east_m_s - around.wind_m_s[1]
         )
-        if body.altitude_m > around.home.altitude_m:
+        if body.altitude_m > around.ground_m:
             self.in_air = True
         elif body.climb_m_s <= 0.0:
-            self._touch_down(around.home)
+            self._touch_down(around.ground_m)
             self._control = None
             self._wanted_m_s = (0.0, 0.0)
 
@@ -136,7 +136,7 @@ class Px4Copter(Px4):
         asked = self._stream.asked
         if self.mode != px4.OFFBOARD or asked is None:
             return False
-        return (asked.climb_m_s or 0.0) > 0.0 or (asked.altitude_m or -math.inf) > around.home.altitude_m
+        return (asked.climb_m_s or 0.0) > 0.0 or (asked.altitude_m or -math.inf) > around.ground_m
 
     def _fly(self, dt_s: float, around: Surroundings) -> None:
         velocity, wind = complex(self.body.velocity_north_m_s, self.body.velocity_east_m_s), complex(*around.wind_m_s)

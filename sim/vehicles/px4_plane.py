@@ -112,8 +112,8 @@ class Px4Plane(Px4):
         bank_rad, climb_m_s = self._wanted(around)
         speed_m_s = min(self._asked_speed_m_s(), self._fastest_m_s())
         self._wing.fly(bank_rad, speed_m_s, climb_m_s, around.wind_m_s, dt_s)
-        if self.body.altitude_m <= around.home.altitude_m and self.body.climb_m_s <= 0.0:
-            self._touch_down(around.home)
+        if self.body.altitude_m <= around.ground_m and self.body.climb_m_s <= 0.0:
+            self._touch_down(around.ground_m)
 
     def _asked_speed_m_s(self) -> float:
         if self._hold.speed_m_s is None:

@@ -1,4 +1,4 @@
-"""What the autopilot estimates: the truth, degraded by the GPS noise, delay and loss of fix that the owner sets.
+"""What the autopilot estimates: the truth, degraded by the GPS noise, delay, jump and loss of fix that the owner sets.
 
 Attitude, airspeed and climb come from other sensors and are exact.
 """
@@ -13,6 +13,7 @@ import numpy as np
 
 from companion.mission.random_streams import random_stream
 from sim.vehicles.craft import Body
+from sim.vehicles.receivers import Receivers
 
 GPS_STREAM = 12
 """Number of the seed's random stream from which the GPS noise is drawn."""
@@ -39,7 +40,7 @@ class Estimate:
 
 
 class Sensors:
-    """One vehicle's GPS receiver. The seed determines its errors; the times that it is given must not decrease."""
+    """One vehicle's GPS receivers. The seed determines their errors; the times that are given must not decrease."""
 
     def __init__(self, seed: int, system_id: int) -> None:
         """Begin without noise or delay and with a fix."""
@@ -47,29 +48,29 @@ class Sensors:
         """Standard deviation of the position error, north and east each."""
         self.delay_s = 0.0
         """Age of the reported position and velocity."""
+        self.jump_m = (0.0, 0.0)
+        """How far (north, east) the estimate is off: a glitch that it has given in to, while the velocity is right."""
+        self.glitches = False
+        """Whether the estimate says that it rejects what the receivers measure."""
+        self.receivers = Receivers()
         self._stream = random_stream(seed, GPS_STREAM, system_id)
         self._knots = self._stream.standard_normal((2, 2))  # (2 knots, north and east) of unit variance
         self._knot = 0
         self._began_s: float | None = None
         self._past: deque[tuple[float, Body]] = deque()
-        self._lost_at_s: float | None = None
         angle_rad = float(self._stream.uniform(0.0, math.tau))
         self._drift = math.cos(angle_rad), math.sin(angle_rad)
 
     @property
     def perfect(self) -> bool:
-        """Whether the estimate equals the truth: no noise, no delay, and a fix."""
-        return self.noise_m == 0.0 and self.delay_s == 0.0 and self._lost_at_s is None
+        """Whether the estimate equals the truth: no noise, no delay, no jump, and a fix."""
+        moved = self.noise_m != 0.0 or self.delay_s != 0.0 or self.jump_m != (0.0, 0.0)
+        return not moved and self.has_fix
 
     @property
     def has_fix(self) -> bool:
-        """Whether the receiver has a fix."""
-        return self._lost_at_s is None
-
-    def lose_fix(self, lost: bool, now_s: float) -> None:
-        """Make the receiver lose its fix at `now_s`, or find it again."""
-        if lost != (self._lost_at_s is not None):
-            self._lost_at_s = now_s if lost else None
+        """Whether any receiver has a fix."""
+        return self.receivers.lost_at_s is None
 
     def remember(self, body: Body, now_s: float) -> None:
         """Keep the vehicle's present state for later delayed estimates."""
@@ -93,12 +94,15 @@ class Sensors:
             north, east = self._noise(now_s)
             estimated.north_m += self.noise_m * north
             estimated.east_m += self.noise_m * east
-        if self._lost_at_s is not None:
-            away_m = _DRIFT_M_S * (now_s - self._lost_at_s)
+        estimated.north_m += self.jump_m[0]
+        estimated.east_m += self.jump_m[1]
+        lost_at_s = self.receivers.lost_at_s
+        if lost_at_s is not None:
+            away_m = _DRIFT_M_S * (now_s - lost_at_s)
             estimated.north_m += away_m * self._drift[0]
             estimated.east_m += away_m * self._drift[1]
-            accuracy_m += _DRIFT_ACCURACY_M * (now_s - self._lost_at_s)
-        return Estimate(estimated, accuracy_m, self._lost_at_s is None)
+            accuracy_m += _DRIFT_ACCURACY_M * (now_s - lost_at_s)
+        return Estimate(estimated, accuracy_m, lost_at_s is None)
 
     def _at(self, t_s: float) -> Body:
         """Return the remembered state at a time, interpolated linearly."""

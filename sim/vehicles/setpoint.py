@@ -103,14 +103,14 @@ def followed_share(dt_s: float, lag_s: float) -> float:
 def _place(message: Message, body: Body, around: Surroundings) -> tuple[float, float, float] | None:
     """Return a setpoint's position as (north, east) of the plane and altitude; None if it is invalid.
 
-    The position is relative to home in frame 1, and to the vehicle in the other frames.
+    The position is relative to the local frame's origin in frame 1, and to the vehicle in the other frames.
     """
     x_m, y_m, z_m = message.x, message.y, message.z
     if not all(abs(metres) < SANE_POSITION_M for metres in (x_m, y_m, z_m)):
         return None
     if message.coordinate_frame == _FRAME_LOCAL:
         north_m, east_m = around.local_to_plane(x_m, y_m)
-        return north_m, east_m, around.home.altitude_m - z_m
+        return north_m, east_m, around.origin_altitude_m - z_m
     if message.coordinate_frame in _BODY_FRAMES:
         x_m, y_m = rotated(x_m, y_m, body.heading_rad + around.convergence_rad)
     north_m, east_m = rotated(x_m, y_m, -around.convergence_rad)

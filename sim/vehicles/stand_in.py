@@ -16,12 +16,14 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.autopilot.firmware import Version
 from companion.geo.local_frame import LocalFrame
 from sim.mavlink_sender import MavlinkSender
 from sim.vehicles.commands import CommandProtocol
 from sim.vehicles.craft import Body, Craft, Home, Message, Start
 from sim.vehicles.dynamics import Battery, FlightDynamics, Truth
 from sim.vehicles.messages import MessageEncoder
+from sim.vehicles.named import firmware_of, named_parameters, version_number
 from sim.vehicles.parameters import ParameterProtocol
 from sim.vehicles.sensors import Sensors
 from sim.vehicles.telemetry import DEFAULT_RATES_HZ, Streams, Telemetry
@@ -29,6 +31,8 @@ from sim.vehicles.telemetry import DEFAULT_RATES_HZ, Streams, Telemetry
 _AUTOPILOT_COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _SILENT_AFTER_REBOOT_S = 2.0
 """Time after a reboot in which nothing is sent or received (chosen: a real one takes at least this time)."""
+_ESTIMATE_HOLDS_S = {"arducopter": 7.2, "arduplane": 10.4, "px4-copter": 5.6}
+"""Time without GPS for which the estimate says that it knows its place, by kind (measured); of others for ever."""
 _SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
 """Messages that the craft gets as setpoints."""
 
@@ -59,6 +63,8 @@ class Setup:
     """Stream rates by message id."""
     seed: int = 1
     """Seed of the GPS noise."""
+    firmware: Version | None = None
+    """Version of the autopilot's firmware, whose parameters it has; None: the kind's default."""
 
     def start(self) -> Start:
         """Return the part of this that the craft needs."""
@@ -97,17 +103,21 @@ class StandIn:
         sender = MavlinkSender(setup.system_id, _AUTOPILOT_COMPONENT)
         self.system_id = setup.system_id
         self.craft = build(start)
+        firmware = firmware_of(self.craft.kind, setup.firmware)
         self.sensors = Sensors(setup.seed, setup.system_id)
+        self.sensors.receivers.holds_s = _ESTIMATE_HOLDS_S.get(self.craft.kind, math.inf)
         self._dynamics = FlightDynamics(self.craft, start.home, setup.frame, self.sensors, setup.start_s)
         self._sender = sender
         self._telemetry = Telemetry(
             self.craft,
-            MessageEncoder(self._dynamics, sender, setup.start_s),
+            MessageEncoder(self._dynamics, sender, setup.start_s, version_number(firmware)),
             Streams(setup.rates_hz, setup.start_s),
             sender,
         )
-        commands = CommandProtocol(self._dynamics, self._telemetry, sender)
-        parameters = ParameterProtocol(self.craft, sender)
+        commands = CommandProtocol(self._dynamics, self._telemetry, sender, self.move_home)
+        self.named = named_parameters(self.craft, firmware)
+        """The parameters by their names on the wire."""
+        parameters = ParameterProtocol(self.craft, self.named, sender)
         self._handlers: dict[str, Callable[[Message, float], list[bytes]]] = {
             "COMMAND_LONG": commands.on_command_long,
             "COMMAND_INT": commands.on_command_int,
@@ -117,6 +127,8 @@ class StandIn:
             "PARAM_REQUEST_READ": parameters.on_param_request_read,
             "PARAM_REQUEST_LIST": parameters.on_param_request_list,
             "MISSION_REQUEST_LIST": self._on_mission_request_list,
+            "SET_HOME_POSITION": self._on_set_home,
+            "SET_GPS_GLOBAL_ORIGIN": self._on_set_origin,
             **dict.fromkeys(_SETPOINTS, self._on_setpoint),
         }
 
@@ -144,7 +156,7 @@ class StandIn:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The parameters' present values, by name; the owner may write into them."""
+        """The parameters' present values, by the craft's names for them; the owner may write into them."""
         return self.craft.values
 
     @property
@@ -181,9 +193,29 @@ class StandIn:
         """Make the floats of ATTITUDE, LOCAL_POSITION_NED and VFR_HUD NaN; or end that."""
         self._telemetry.encoder.corrupt(corrupt)
 
-    def lose_gps(self, lost: bool) -> None:
-        """Make the GPS receiver lose its fix, so that positions drift away from the truth; or find it again."""
-        self.sensors.lose_fix(lost, self._dynamics.now_s)
+    def lose_gps(self, lost: bool, receiver: int | None = None) -> None:
+        """Make a GPS receiver, counted from 0, lose its fix, or find it again; None stands for all of them.
+
+        Without any fix positions drift away from the truth.
+        """
+        self.sensors.receivers.lose_fix(lost, self._dynamics.now_s, receiver)
+
+    def move_home(self, home: Home) -> None:
+        """Set home anew, as anybody on the autopilot's link may; it is told at once, by PX4 a moment later."""
+        self._dynamics.references.move_home(home)
+        self._telemetry.announce_home(self._dynamics.now_s)
+
+    def move_origin(self, origin: Home) -> bool:
+        """Move the origin of the local frame; return whether the autopilot obeyed: ArduPilot keeps its own."""
+        if self.craft.mav_autopilot != mavlink.MAV_AUTOPILOT_PX4:
+            return False
+        self._dynamics.references.move_origin(origin)
+        self._telemetry.announce_origin(self._dynamics.now_s)
+        return True
+
+    def move_sea_level(self, up_m: float) -> None:
+        """Make the altitude above sea level too high by a length, which the height above home is not."""
+        self._dynamics.references.sea_up_m = up_m
 
     def warn(self, text: str) -> None:
         """Latch a warning that changes no mode, as "Radio Failsafe - Continuing Guided Mode": HEARTBEAT is CRITICAL.
@@ -229,6 +261,19 @@ class StandIn:
     def _on_setpoint(self, message: Message, t_s: float) -> list[bytes]:
         self.craft.setpoint(message, self._dynamics.surroundings(), t_s)
         return []
+
+    def _on_set_home(self, message: Message, t_s: float) -> list[bytes]:
+        self.move_home(self._place(message))
+        return []
+
+    def _on_set_origin(self, message: Message, t_s: float) -> list[bytes]:
+        self.move_origin(self._place(message))
+        return []
+
+    def _place(self, message: Message) -> Home:
+        """Return the place in a message with latitude, longitude and altitude."""
+        north_m, east_m = self._dynamics.place_of(message.latitude / 1e7, message.longitude / 1e7)
+        return Home(north_m, east_m, message.altitude / 1000.0)
 
     def _on_mission_request_list(self, message: Message, t_s: float) -> list[bytes]:
         asker = message.get_srcSystem(), message.get_srcComponent()

@@ -17,6 +17,8 @@ _DUE_TOLERANCE_S = 1e-6
 """Time by which a message may be early and still counts as due."""
 _SHORTEST_INTERVAL_S = 0.02
 """Shortest stream interval that a SET_MESSAGE_INTERVAL can set."""
+_PX4_HOME_LATE_S = 0.5
+"""Time after which PX4 tells of a home that was set anew (measured: 0.1 to 0.85 s)."""
 _TEXT_BYTES = 50
 """Length of the text field of STATUSTEXT."""
 
@@ -147,11 +149,22 @@ class Telemetry:
         # There is no home position before the autopilot is ready.
         held_back = None if self._craft.ready else mavlink.MAVLINK_MSG_ID_HOME_POSITION
         for message_id in self.streams.take_due(t_s, held_back):
+            if message_id == mavlink.MAVLINK_MSG_ID_GPS2_RAW and not self.encoder.has_second_receiver:
+                continue
             if message_id != mavlink.MAVLINK_MSG_ID_ADSB_VEHICLE:
                 frames.append(self._sender.pack(self.encoder.encode(message_id, t_s)))
             elif (listed := self.adsb.next_listed(t_s)) is not None:
                 frames.append(listed)
         return frames
+
+    def announce_home(self, t_s: float) -> None:
+        """Tell a home that was set anew: ArduPilot does so at once, PX4 within a second (measured)."""
+        late_s = _PX4_HOME_LATE_S if self._craft.mav_autopilot == mavlink.MAV_AUTOPILOT_PX4 else 0.0
+        self.streams.make_due(mavlink.MAVLINK_MSG_ID_HOME_POSITION, t_s + late_s)
+
+    def announce_origin(self, t_s: float) -> None:
+        """Tell an origin of the local frame that was set anew, as PX4 does at once (measured)."""
+        self.streams.make_due(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, t_s)
 
     def streamable(self, message_id: int) -> bool:
         """Return whether a message can be streamed by this autopilot."""

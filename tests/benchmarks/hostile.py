@@ -55,12 +55,12 @@ def _one(authentication: str, count: int, seed: int, sent: Counter[str], totals:
     for outcome in run(count, authentication, seed):
         passed = outcome.sent.total() + outcome.genuine
         if warm_mb is None and passed >= min(WARM, count // 2):
-            warm_mb = _resident_mb()
+            warm_mb = resident_mb()
         if time.monotonic() - said_s > PROGRESS_S:
             said_s = time.monotonic()
             print(
                 f"{authentication}: {passed} of {count}, {said_s - began_s:.0f} s, forged {outcome.forged}, "
-                f"genuine {outcome.accepted} of {outcome.genuine}, {_resident_mb():.1f} MB",
+                f"genuine {outcome.accepted} of {outcome.genuine}, {resident_mb():.1f} MB",
                 flush=True,
             )
     sent.update(outcome.sent)
@@ -68,10 +68,11 @@ def _one(authentication: str, count: int, seed: int, sent: Counter[str], totals:
         totals[name] += getattr(outcome, name)
     reasons = ", ".join(f"{reason} {number}" for reason, number in outcome.rejected.most_common())
     print(f"{authentication}: refused: {reasons}", flush=True)
-    return _resident_mb() - (warm_mb or 0.0)
+    return resident_mb() - (warm_mb or 0.0)
 
 
-def _resident_mb() -> float:
+def resident_mb() -> float:
+    """Return the memory of this process that is in use, MB."""
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -54,8 +55,12 @@ STREAMS = (
 class Rig:
     """One vehicle in the air, handed over after some seconds, with a picture that is always fresh."""
 
+    firmware: tuple[int, int] | None = None
+    """Version of the autopilot's firmware; None: the stand-in's own."""
+
     def __init__(self, kind: str = "arducopter", config: Config | None = None, **parameters: float) -> None:
         """Begin at the origin; `parameters`: the autopilot's, beside those that `companion check` demands."""
+        version: dict[str, Any] = {} if self.firmware is None else {"firmware": self.firmware}
         self.kind = kind
         self.companion = Companion(config or config_of(kind))
         self.vehicle = StandIn(
@@ -69,6 +74,7 @@ class Rig:
                 in_air=True,
                 armed=True,
                 start_s=EPOCH_S,
+                **version,
             ),
         )
         self.vehicle.parameters.update({**DEMANDED[kind], **parameters})

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import ground, streams, turns
+from tests.field import check, estimate, ground, references, streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
+    "Frames of reference that move": references.SITUATIONS,
+    "The autopilot's own estimate": estimate.SITUATIONS,
     "What was asked of the autopilot": streams.SITUATIONS,
+    "Before a flight": check.SITUATIONS,
     "Floods and stalls": turns.SITUATIONS,
     "The ground station's inputs": ground.SITUATIONS,
 }

@@ -140,7 +140,13 @@ def test_keygen_says_which_files_go_to_the_vehicles(program: Program, tmp_path: 
     status, out, err = program("keygen", folder)
     assert (status, err) == (EXIT_DONE, "")
     *paths, advice = out.splitlines()
-    assert sorted(Path(path).name for path in paths) == ["broadcast.mavlink", "broadcast.private", "broadcast.public"]
+    assert sorted(Path(path).name for path in paths) == [
+        "broadcast.mavlink",
+        "broadcast.private",
+        "broadcast.public",
+        "sensor.mavlink",
+        "uplink.mavlink",
+    ]
     assert advice.startswith("broadcast.public goes to every vehicle")
     assert folder.stat().st_mode & 0o777 == 0o700
     for path in paths:
@@ -228,3 +234,33 @@ def test_help_is_there_without_what_only_a_broadcast_needs() -> None:
     said = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True).stdout
     assert "sik-57600, sik-64k-ecc, lora, or bytes per second" in " ".join(said.split())
     assert said.splitlines()[-1] == "[]"
+
+
+def test_keygen_adds_the_keys_of_vehicles_and_leaves_those_that_are_there(program: Program, tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    assert program("keygen", folder, "--agents", "1-2")[0] == EXIT_DONE
+    before = {path.name: path.read_text() for path in folder.iterdir()}
+    status, out, _ = program("keygen", folder, "--agents", "2,7")
+    assert (status, [Path(line).name for line in out.splitlines()[:-1]]) == (EXIT_DONE, ["uplink-7.mavlink"])
+    assert {name: (folder / name).read_text() for name in before} == before
+    assert len({before[name] for name in before if name.endswith("mavlink")}) == 5
+    assert_refused(program("keygen", folder), "is there already")
+
+
+@pytest.mark.parametrize("agents", ["", "x", "0", "5-", "1-99999", "70000", "3-1"])
+def test_agents_that_are_none_get_no_key(program: Program, tmp_path: Path, agents: str) -> None:
+    assert_refused(program("keygen", tmp_path / "keys", "--agents", agents), "--agents", "allowed: ids from 1 to")
+
+
+@pytest.mark.parametrize("url", ["udpin:0.0.0.0:14601", "udpin:192.168.1.7:14601", "serial:/dev/ttyUSB0:57600"])
+def test_an_input_that_others_can_send_to_needs_a_key_or_a_word(program: Program, url: str) -> None:
+    refused = program("run", "copter-demo", *LINK, "--unsigned", "--sensor", url)
+    assert_refused(refused, "--sensor", "hears others than this computer", "--unsigned-inputs")
+
+
+def test_an_input_whose_key_is_not_there_says_how_to_make_it(program: Program, tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    program("keygen", folder)
+    (folder / "sensor.mavlink").unlink()
+    refused = program("run", "copter-demo", *LINK, "--keys", folder, "--sensor", "udpin:0.0.0.0:14601")
+    assert_refused(refused, "sensor.mavlink", "keygen", "--agents")

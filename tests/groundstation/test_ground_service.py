@@ -29,12 +29,12 @@ from companion.runtime.clock import SteadyClock
 from companion.transport.endpoints import parse_link
 from groundstation import service
 from groundstation.choices import Authentication
+from groundstation.clock import MOST_AHEAD_S, GroundClock, Sources
 from groundstation.directives import directive_from
 from groundstation.log_files import log_place
 from groundstation.options import Options
 from groundstation.radio import parse_radio
 from groundstation.saved_state import (
-    MOST_AHEAD_S,
     SavedState,
     began_at_s,
     epoch_after,
@@ -198,18 +198,14 @@ def test_a_restart_begins_an_epoch_after_the_last(ear: Ear, tmp_path: Path) -> N
     assert epochs == sorted(set(epochs))
 
 
-class Stepped(SteadyClock):
-    """A clock that was set by so much before the program began."""
+def set_clock(monkeypatch: pytest.MonkeyPatch, by_s: float) -> Callable[[], float]:
+    """Set the clock of this computer for runs that begin later, and return the function that reads it."""
 
-    by_s = 0.0
+    def wall_s() -> float:
+        return time.time() + by_s
 
-    def now_s(self) -> float:
-        return super().now_s() + self.by_s
-
-
-def set_clock(monkeypatch: pytest.MonkeyPatch, by_s: float) -> None:
-    monkeypatch.setattr(Stepped, "by_s", by_s)
-    monkeypatch.setattr(service, "SteadyClock", Stepped)
+    monkeypatch.setattr(service, "GroundClock", lambda: GroundClock(Sources(wall_s=wall_s)))
+    return wall_s
 
 
 def test_after_a_small_step_back_of_the_clock_a_restart_is_heard_at_once(
@@ -221,11 +217,11 @@ def test_after_a_small_step_back_of_the_clock_a_restart_is_heard_at_once(
         Trust(load_mavlink_key(keys / "broadcast.mavlink"), load_public(keys / "broadcast.public"))
     )
     for run in range(2):
-        set_clock(monkeypatch, -0.3 * run)
+        wall_s = set_clock(monkeypatch, -0.3 * run)
         ear.heard().clear()
         broadcast_until(options, lambda: len(ear.heard()) >= 3)
         # The vehicle's clock stands still meanwhile, all but.
-        now_s = Stepped().now_s()
+        now_s = wall_s()
         assert [len(authenticator.admit(raw, now_s)) for raw in ear.heard()] == [1] * len(ear.heard())
 
 

@@ -14,7 +14,7 @@ from companion.onboard.config import Config, parse_config
 from companion.onboard.preflight_service import check_vehicle
 from companion.onboard.service import run_companion
 from companion.onboard.state_files import AuthorityStateFile, saved_authority
-from companion.protocol.codec import Directive, FrameWriter, Stamp, StateFrame
+from companion.protocol.codec import AgentEntry, Directive, FrameWriter, Stamp, StateFrame
 from companion.protocol.keys import keygen
 from companion.runtime.io_thread import IoThread
 from companion.transport.endpoints import open_sender, parse_link
@@ -44,7 +44,11 @@ async def _broadcast(port: int, stop: asyncio.Event) -> None:
     for sequence in range(1, 1_000):
         after_ms = round(1e3 * (time.time() - epoch_s))
         stamp = Stamp(epoch_s, after_ms, sequence)
-        sender.send(writer.encode(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, 1, 0, 0, 100, (), (), ())))
+        sender.send(
+            writer.encode(
+                StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, 1, 0, 0, 100, (AgentEntry(1, 0.0, 0.0, None),), (), ())
+            )
+        )
         if stop.is_set():
             break
         await asyncio.sleep(0.2)

@@ -206,12 +206,12 @@ CASES: tuple[tuple[str, tuple[str, ...], tuple[Check, ...]], ...] = (
     (
         "GPS lost for 6 s",
         ("arduplane",),
-        (says("silent: no GPS fix", 0.0, 1.6), sends_nothing(1.6, 5.9), back_by(8.6), keeps_clear),
+        (says("loitering: no GPS fix", 0.0, 1.6), steers(0.0, 14.0), back_by(8.6), keeps_clear),
     ),
     (
         "GPS lost for 6 s",
         ("px4-copter",),
-        (says(LOCKED, 1.0, 1.6), sends_nothing(1.6, 8.9), back_by(11.1), keeps_clear),
+        (says("loitering: no GPS fix", 0.0, 1.6), says(LOCKED, 5.0, 1.1), sends_nothing(6.1, 8.9), back_by(11.1)),
     ),
     (
         "position wrong by 8 m (1 sigma, north and east) for 8 s",

@@ -153,7 +153,7 @@ class Flight:
         before_m = self._here_m or here_m
         way_m = 0.0 if jumps else math.dist(here_m, before_m)
         passed_s, self._here_s = self.now_s - self._here_s, self.now_s
-        flown_m = (before_m[0] + velocity[0] * passed_s, before_m[1] + velocity[1] * passed_s, here_m[2])
+        flown_m = (before_m[0] + velocity[0] * passed_s, before_m[1] + velocity[1] * passed_s, before_m[2])
         self._here_m = here_m
         if way_m > 0.0 and math.dist(here_m, flown_m) > 1.0:
             # Whatever its velocity was before.
@@ -169,6 +169,17 @@ class Flight:
                 self.boot_ms,
                 *(round(lat_deg * 1e7), round(lon_deg * 1e7), round(1e3 * HOME_ALTITUDE_M) + height_mm, height_mm),
                 *(vx, vy, 0, hdg),
+            )
+        )
+
+    def move_home(self, up_mm: int, height_mm: int = 30_000) -> None:
+        """Tell of a vehicle that stands, a tenth of a second later, whose home was moved, without HOME_POSITION."""
+        self.boot_ms += 100
+        place = (round(FRAME.lat_deg * 1e7), round(FRAME.lon_deg * 1e7))
+        altitude_mm = round(1e3 * HOME_ALTITUDE_M) + height_mm
+        self.tell(
+            common.MAVLink_global_position_int_message(
+                self.boot_ms, *place, altitude_mm, height_mm - up_mm, *(0, 0, 0, 0)
             )
         )
 

@@ -114,3 +114,18 @@ def test_whatever_height_and_speed_it_is_given_back_at_it_moves_or_says_what_to_
     decision, setpoint = flight.tick()
     assert setpoint is not None or decision.reason.endswith("then hand over again")
     assert flight.companion.is_waited_for(decision) == (setpoint is None)
+
+
+@pytest.mark.parametrize("home_down_mm", [560_000, -560_000])
+def test_with_a_home_that_moved_in_a_persons_hands_it_goes_on_at_its_height(home_down_mm: int) -> None:
+    flight = low(height_mm=30_000)
+    assert flight.tick()[0].purpose is Purpose.TARGET
+    flight.heartbeat(common.MAV_MODE_FLAG_SAFETY_ARMED | common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 5)
+    assert flight.tick()[0].purpose is Purpose.IDLE
+    flight.position(height_mm=30_000)
+    flight.move_home(-home_down_mm)
+    flight.heartbeat(common.MAV_MODE_FLAG_SAFETY_ARMED | common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 4)
+    decision, setpoint = flight.tick()
+    assert decision.purpose is Purpose.TARGET
+    assert setpoint is not None and setpoint.vz == pytest.approx(0.0, abs=1e-6)
+    assert decision.note is not None and "heights count from where it was" in decision.note

@@ -192,7 +192,7 @@ def test_a_remedy_has_the_name_and_the_unit_that_this_vehicle_uses(
 def test_a_parameter_that_is_not_told_is_asked_for_by_each_of_its_names() -> None:
     finding = failed(found(heard("arducopter", {"WPNAV_ACCEL": math.nan})))[0]
     assert finding.text.startswith("WPNAV_ACCEL: not told, nor WP_ACC; ")
-    assert finding.remedy == "set WPNAV_ACCEL to 250 (set WP_ACC to 2.5), or check the link"
+    assert finding.remedy == ("set WPNAV_ACCEL to 250 (until 4.6) or set WP_ACC to 2.5 (from 4.7), or check the link")
 
 
 def test_px4s_second_action_counts_where_a_version_has_it() -> None:

@@ -887,20 +887,24 @@ def test_health_says_that_it_may_be_armed() -> None:
 def test_parameters_are_listed_read_and_set() -> None:
     vehicle = hovering()
     listed = of_type(vehicle.receive(pack(companion.param_request_list_encode(1, 1)), 0.0), "PARAM_VALUE")
-    assert {value.param_id: value.param_value for value in listed} == {
-        "GUID_TIMEOUT": 3.0,
-        "WPNAV_ACCEL": 250.0,
-        "ANGLE_MAX": 3000.0,
-        "FS_GCS_ENABLE": 0.0,
-        "WPNAV_SPEED": 1000.0,
-        "PSC_JERK_XY": 5.0,
-        "BATT_LOW_VOLT": 10.5,
-        "BATT_FS_LOW_ACT": 0.0,
-        "FS_EKF_ACTION": 1.0,
-        "FENCE_ENABLE": 0.0,
-        "FENCE_ACTION": 1.0,
-        "ADSB_TYPE": 0.0,
-    }
+    told = {value.param_id: value.param_value for value in listed}
+    assert (
+        told.items()
+        >= {
+            "GUID_TIMEOUT": 3.0,
+            "WPNAV_ACCEL": 250.0,
+            "ANGLE_MAX": 3000.0,
+            "FS_GCS_ENABLE": 0.0,
+            "WPNAV_SPEED": 1000.0,
+            "PSC_JERK_XY": 5.0,
+            "BATT_LOW_VOLT": 10.5,
+            "BATT_FS_LOW_ACT": 0.0,
+            "FS_EKF_ACTION": 1.0,
+            "FENCE_ENABLE": 0.0,
+            "FENCE_ACTION": 1.0,
+            "ADSB_TYPE": 0.0,
+        }.items()
+    )
     (changed,) = of_type(
         vehicle.receive(pack(companion.param_set_encode(1, 1, b"WPNAV_ACCEL", 500.0, 9)), 0.0), "PARAM_VALUE"
     )
