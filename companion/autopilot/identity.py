@@ -30,6 +30,8 @@ OTHERS_MEMORY_S = 30.0
 """Time after which an autopilot that was heard more often is forgotten."""
 MAX_COMPONENTS = 8
 """Greatest number of components beside the autopilot whose frames are kept in order."""
+STANDS_STILL = "clock stands still"
+"""Reason for a new frame with the time of the one before."""
 AUTOPILOT_COMPONENT = common.MAV_COMP_ID_AUTOPILOT1
 _NO_VEHICLES = frozenset(
     {
@@ -95,6 +97,7 @@ class _Heard:
     first_s: float
     last_s: float
     times: int = 0
+    armed: bool = False
 
     def is_present(self, now_s: float) -> bool:
         """Return whether it was heard lately; a single heartbeat is soon forgotten."""
@@ -125,6 +128,7 @@ class Systems:
         if not heard.is_present(now_s):
             heard.first_s, heard.times = now_s, 0
         heard.autopilot, heard.mav_type, heard.last_s, heard.times = autopilot, mav_type, now_s, heard.times + 1
+        heard.armed = bool(base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED)
         if fits and self.chosen is None:
             self._choose(now_s)
         if not fits or frame.system != self.chosen:
@@ -146,6 +150,16 @@ class Systems:
         present = [one for one, heard in self._fitting.items() if heard.is_present(now_s)]
         rivals = [one for one in present if one != self.chosen and self._fitting[one].first_s <= armed_since_s]
         return sorted({*rivals, *([] if self.chosen is None else [self.chosen])}) if rivals else []
+
+    def beside(self, now_s: float) -> str | None:
+        """Return which other autopilots are on the link, in words; None if there are none."""
+        there = sorted((self._fitting | self._others).items())
+        words = [
+            f"system {one}{' (armed)' if heard.armed else ''}"
+            for one, heard in there
+            if one != self.chosen and heard.is_present(now_s)
+        ]
+        return ", ".join(words) or None
 
     def refusal(self, now_s: float) -> str | None:
         """Return why none is steered, and the remedy; None if one is chosen, or none was heard."""
@@ -204,6 +218,11 @@ class Identity:
         return self._clock.restarts
 
     @property
+    def beside(self) -> str | None:
+        """Which other autopilots are on the link, in words; None if there are none."""
+        return self._systems.beside(self._now_s)
+
+    @property
     def refusal(self) -> str | None:
         """Why the autopilot is not steered, and the remedy; None if nothing speaks against it."""
         if self._now_s - self._clock.two.noticed_s <= SHARED_MEMORY_S:
@@ -243,7 +262,7 @@ class Identity:
         """Judge a frame by the autopilot's clock; each kind of message has its own newest time."""
         boot_ms, lat_e7, lon_e7 = _PLACE.unpack_from(frame.payload.ljust(_PLACE.size, b"\0"))
         clocked = self._clock.take(boot_ms, now_s)
-        if clocked is Clocked.UNCONFIRMED:
+        if clocked in (Clocked.UNCONFIRMED, Clocked.BEFORE):
             return Verdict(clocked.value)
         if self._clock.restarts != self._restarts:
             self._restarts = self._clock.restarts
@@ -259,10 +278,10 @@ class Identity:
                 return Verdict(DUPLICATE)
             if is_place:
                 self._clock.compare_place(boot_ms, lat_e7, lon_e7, now_s)
-            return Verdict("clock stands still" if boot_ms == newest[0] else LATE)
+            return Verdict(STANDS_STILL if boot_ms == newest[0] else LATE)
         self._newest_ms[frame.message_id] = boot_ms, frame.data
         if is_place:
-            self._clock.note_place(boot_ms, lat_e7, lon_e7)
+            self._clock.note_place(boot_ms, lat_e7, lon_e7, now_s)
         return Verdict(None, now_s - late_by_s)
 
     def _untimed(self, order: FrameOrder, frame: RawFrame, now_s: float) -> Verdict:
