@@ -24,6 +24,8 @@ RECEIVER_MAX_AGE_S = 10.0
 REJECTED_RATIO = 1.0
 """Innovation test ratio from which an estimator rejects what a sensor measures (ArduPilot's EKF_STATUS_REPORT: "above
 1"; PX4's ESTIMATOR_STATUS: "greater than 1")."""
+REJECTED_REPORTS = 2
+"""Number of reports in a row that must say so: a single gust, or one bad sample, does it too."""
 _KNOWS_PLACE = int(common.ESTIMATOR_POS_HORIZ_ABS)
 """The flag of an absolute horizontal position; EKF_POS_HORIZ_ABS is the same bit."""
 _STANDS_STILL = int(common.ESTIMATOR_CONST_POS_MODE)
@@ -42,6 +44,8 @@ class Estimate(NamedTuple):
     """Why that position is not to be trusted, in words; None: nothing is said against it."""
     accuracy_m: float = math.nan
     """Its horizontal accuracy; NaN: not told."""
+    rejections: int = 0
+    """Number of reports in a row by which it rejects the position that is measured."""
 
 
 class Receiver(NamedTuple):
@@ -54,14 +58,14 @@ class Receiver(NamedTuple):
     """Its horizontal accuracy; NaN: not told."""
 
 
-def ekf_status(message: Message, now_s: float) -> Estimate:
-    """Return what ArduPilot's EKF_STATUS_REPORT says."""
-    return _estimate(message.flags, _EKF_GLITCH, message.pos_horiz_variance, now_s)
+def ekf_status(message: Message, before: Estimate | None, now_s: float) -> Estimate:
+    """Return what ArduPilot's EKF_STATUS_REPORT says; `before`: the report before it."""
+    return _estimate(message.flags & _EKF_GLITCH, message, message.pos_horiz_variance, before, now_s)
 
 
-def estimator_status(message: Message, now_s: float) -> Estimate:
-    """Return what PX4's ESTIMATOR_STATUS says."""
-    estimate = _estimate(message.flags, _PX4_GLITCH, message.pos_horiz_ratio, now_s)
+def estimator_status(message: Message, before: Estimate | None, now_s: float) -> Estimate:
+    """Return what PX4's ESTIMATOR_STATUS says; `before`: the report before it."""
+    estimate = _estimate(message.flags & _PX4_GLITCH, message, message.pos_horiz_ratio, before, now_s)
     return estimate._replace(accuracy_m=message.pos_horiz_accuracy)
 
 
@@ -79,14 +83,17 @@ def better(receivers: Mapping[str, Receiver], now_s: float) -> Receiver:
     return max(heard or receivers.values(), key=_goodness)
 
 
-def _estimate(flags: int, glitch: int, ratio: float, now_s: float) -> Estimate:
+def _estimate(glitches: int, message: Message, ratio: float, before: Estimate | None, now_s: float) -> Estimate:
+    # A ratio that is not a number is none: nothing was measured.
+    rejections = 0 if before is None else before.rejections
+    rejections = rejections + 1 if ratio >= REJECTED_RATIO else 0
     doubt = None
-    if flags & glitch:
+    if glitches:
         doubt = "the autopilot's estimate says GPS glitch"
-    elif not ratio < REJECTED_RATIO:
-        # A ratio that is not a number rejects as well.
+    elif rejections >= REJECTED_REPORTS:
         doubt = f"the autopilot's estimate rejects the position it measures (test ratio {ratio:.1f})"
-    return Estimate(now_s, bool(flags & _KNOWS_PLACE) and not flags & _STANDS_STILL, doubt)
+    absolute = bool(message.flags & _KNOWS_PLACE) and not message.flags & _STANDS_STILL
+    return Estimate(now_s, absolute, doubt, rejections=rejections)
 
 
 def _goodness(receiver: Receiver) -> tuple[int, float]:

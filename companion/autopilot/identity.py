@@ -95,6 +95,7 @@ class _Heard:
     first_s: float
     last_s: float
     times: int = 0
+    armed: bool = False
 
     def is_present(self, now_s: float) -> bool:
         """Return whether it was heard lately; a single heartbeat is soon forgotten."""
@@ -125,6 +126,7 @@ class Systems:
         if not heard.is_present(now_s):
             heard.first_s, heard.times = now_s, 0
         heard.autopilot, heard.mav_type, heard.last_s, heard.times = autopilot, mav_type, now_s, heard.times + 1
+        heard.armed = bool(base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED)
         if fits and self.chosen is None:
             self._choose(now_s)
         if not fits or frame.system != self.chosen:
@@ -146,6 +148,16 @@ class Systems:
         present = [one for one, heard in self._fitting.items() if heard.is_present(now_s)]
         rivals = [one for one in present if one != self.chosen and self._fitting[one].first_s <= armed_since_s]
         return sorted({*rivals, *([] if self.chosen is None else [self.chosen])}) if rivals else []
+
+    def beside(self, now_s: float) -> str | None:
+        """Return which other autopilots are on the link, in words; None if there are none."""
+        there = sorted((self._fitting | self._others).items())
+        words = [
+            f"system {one}{' (armed)' if heard.armed else ''}"
+            for one, heard in there
+            if one != self.chosen and heard.is_present(now_s)
+        ]
+        return ", ".join(words) or None
 
     def refusal(self, now_s: float) -> str | None:
         """Return why none is steered, and the remedy; None if one is chosen, or none was heard."""
@@ -202,6 +214,11 @@ class Identity:
     def restarts(self) -> int:
         """Number of times that the autopilot's clock began anew."""
         return self._clock.restarts
+
+    @property
+    def beside(self) -> str | None:
+        """Which other autopilots are on the link, in words; None if there are none."""
+        return self._systems.beside(self._now_s)
 
     @property
     def refusal(self) -> str | None:

@@ -157,6 +157,11 @@ class LinkedAdapter(ABC):
         return self._identity.refusal
 
     @property
+    def beside(self) -> str | None:
+        """Which other autopilots are heard on the link, in words; None if there are none."""
+        return self._identity.beside
+
+    @property
     def abilities(self) -> Abilities:
         """The vehicle's performance limits; without parameters there are none."""
         return Abilities()
@@ -267,9 +272,11 @@ class LinkedAdapter(ABC):
     def _refused(self) -> tuple[str, ...]:
         """Return the questions for rates that the autopilot did not accept, each as one short line.
 
-        A board without ADS-B refuses that: it is no failure, but a vehicle without a detector.
+        What arrives as it was asked for is no failure, whatever the answer was. A board without ADS-B refuses that: it
+        is no failure, but a vehicle without a detector.
         """
-        told = {_interval(message_id, 1.0).name for message_id in set(self.rates_hz) - SPARSE - IF_ANY}
+        arriving = {message_id for message_id in self.rates_hz if self._streams.arrives(message_id)}
+        told = {_interval(message_id, 1.0).name for message_id in set(self.rates_hz) - SPARSE - IF_ANY - arriving}
         return tuple(one for one in self._message_intervals.failures if one.partition(": ")[0] in told)
 
     @property

@@ -42,6 +42,8 @@ RESTS_ON: Mapping[int, str] = {
     ardupilotmega.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: "whether it flies",
     ardupilotmega.MAVLINK_MSG_ID_GPS_RAW_INT: "the fix",
     ardupilotmega.MAVLINK_MSG_ID_HOME_POSITION: "home",
+    ardupilotmega.MAVLINK_MSG_ID_EKF_STATUS_REPORT: "the estimate",
+    ardupilotmega.MAVLINK_MSG_ID_ESTIMATOR_STATUS: "the estimate",
 }
 """What safety rests on, by the message that tells it; a kind may have more (`LinkedAdapter.rests_on`)."""
 SPARSE = frozenset({ardupilotmega.MAVLINK_MSG_ID_ADSB_VEHICLE})
@@ -160,6 +162,12 @@ class StreamWatch:
             return None
         rate_hz = _rate_hz([at_s for at_s in arrived_s if at_s > since_s], window_s, now_s)
         return Shortfall(message_id, rate_hz, self._asked_hz[message_id], self._rests_on.get(message_id))
+
+    def arrives(self, message_id: int) -> bool:
+        """Return whether a message was measured, and came as it was asked for when the newest one came."""
+        window_s = self._windows_s.get(message_id, math.inf)
+        measured = self._newest_s - self._began_s >= SETTLING_S + window_s
+        return measured and message_id not in SPARSE and self.shortfall(message_id, self._newest_s) is None
 
     def shortfalls(self, now_s: float) -> tuple[Shortfall, ...]:
         """Return every message that arrives too seldom and that safety rests on."""

@@ -226,11 +226,11 @@ class TelemetryReader:
         self._accuracy(now_s)
 
     def _ekf(self, message: Message, now_s: float) -> None:
-        self._update(estimate=ekf_status(message, now_s))
+        self._update(estimate=ekf_status(message, self.telemetry.estimate, now_s))
 
     def _estimator(self, message: Message, now_s: float) -> None:
         if self._finite(message.pos_horiz_accuracy):
-            self._update(estimate=estimator_status(message, now_s))
+            self._update(estimate=estimator_status(message, self.telemetry.estimate, now_s))
             self._accuracy(now_s)
 
     def _accuracy(self, now_s: float) -> None:

@@ -222,7 +222,7 @@ class Companion:
             self.navigation = self.navigation._replace(hand_over=after, flight=flight)
 
     def _begin_hand_over(self) -> None:
-        """Keep the references of a vehicle that is about to be steered, unless they are kept already."""
+        """Keep the references of a vehicle that was handed over in the air, unless they are kept already."""
         if self.navigation.hand_over is None:
             kept = handed_over(self.navigation.flight, self.adapter.telemetry)
             self.navigation = self.navigation._replace(hand_over=kept, flight=None)
@@ -255,6 +255,8 @@ class Companion:
         if self.engagement is None:
             self._assess(age_s, now_s)
         idle = self._not_steerable(now_s)
+        if idle is None:
+            self._begin_hand_over()
         if idle is None and self.engagement is None:
             unable, status = self.steering.unable, self.failsafe.status
             outside = self._outside_fence()
@@ -310,7 +312,6 @@ class Companion:
 
     def _steer(self, age_s: float | None, now_s: float) -> Decision:
         """Pass the stages from the vehicle's position to the setpoint, and keep what the next tick needs."""
-        self._begin_hand_over()
         telemetry, config, world_model = self.telemetry, self.steering.config, self.world_model
         jumps = 0 if self.navigation.hand_over is None else self.navigation.hand_over.track.jumps
         before = self.engagement or Engagement(climbs=is_below(telemetry, config))

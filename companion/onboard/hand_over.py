@@ -1,9 +1,9 @@
 """What is kept from the hand-over of a vehicle: by it height and place are told from what merely says otherwise.
 
-It begins with the first tick that steers and ends when a person has the vehicle again: a silence in between, as after
-lost telemetry, keeps it, so that what moved meanwhile is noticed too. From one hand-over to the next of the same flight
-home is followed: a person who hands over again, as asked to when home has moved, gets no vehicle that seeks its height
-above the home that moved.
+It begins when the vehicle is handed over in the air, and ends when a person has it again: a wait for a picture, or a
+silence as after lost telemetry, is no end, so that what moves meanwhile is noticed too. From one hand-over to the next
+of the same flight home is followed: a person who hands over again, as asked to when home has moved, gets no vehicle
+that seeks its height above the home that moved.
 """
 
 from __future__ import annotations

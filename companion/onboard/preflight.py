@@ -91,6 +91,11 @@ def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: f
         yield Finding(False, f"last heartbeat {age_s:.0f} s ago", "check the link and that the autopilot runs")
     else:
         yield Finding(True, f"{adapter.kind}, system {telemetry.system_id}, heard on {link}")
+        if adapter.beside is not None:
+            yield warning(
+                f"other autopilots on the same link: {adapter.beside}",
+                "keep them off it: what a router or a shared radio mixes up, they obey",
+            )
 
 
 def _demands(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:

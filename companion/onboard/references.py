@@ -2,9 +2,9 @@
 
 An autopilot tells its height above home and above sea level, and its place in a local frame. Anybody on its link can
 move home or the local frame's origin in flight, and its own estimate may step. None of that moves the vehicle, so none
-of it may move a setpoint: from the first tick that steers on, what was told is compared with what it was. A height that
-steps while the vertical velocity says nothing of it has moved, and the one that went on is held. Where the two part too
-slowly to tell which of them it is, the vehicle climbs or descends only as far as both ask for.
+of it may move a setpoint: from the hand-over on, what is told is compared with what it was. A height that steps while
+the vertical velocity says nothing of it has moved, and the one that went on is held. Where the two part too slowly to
+tell which of them it is, the vehicle climbs or descends only as far as both ask for.
 
 What cannot be seen here is a drift of all of them together: that is the estimate itself, by which the autopilot flies.
 """

@@ -119,6 +119,7 @@ class Identifier(Companion):
         reason = self._not_steerable(now_s)
         if reason is not None:
             return reason
+        self._begin_hand_over()
         if not self.adapter.parameters_known:
             return "reading the autopilot's parameters"
         if self.steering.unable is not None:
@@ -154,7 +155,6 @@ class Identifier(Companion):
 
     def _pattern_step(self, now_s: float) -> Decision:
         """Fly one step of the pattern, or of standing still before the setpoints end."""
-        self._begin_hand_over()
         before = self.engagement or Engagement()
         plane = self.navigation.plane
         located = self._located(before, now_s)

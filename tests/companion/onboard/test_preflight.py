@@ -12,8 +12,13 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.heartbeat import IDENTITIES
 from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.registry import ADAPTERS
-from companion.onboard.config import Config, parse_config
-from companion.onboard.preflight import Finding, findings
+from companion.errors import EXIT_DONE, EXIT_FAILED
+from companion.onboard.config import Config, HealthSection, parse_config
+from companion.onboard.finding import Finding, warning
+from companion.onboard.preflight import finding_on_agent, findings
+from companion.onboard.preflight_service import report
+from companion.onboard.world_model import WorldModel
+from companion.protocol.codec import AgentEntry, Directive, Stamp, StateFrame, TargetEntry
 
 SYSTEM = 7
 NOW_S = 100.0
@@ -356,3 +361,121 @@ def test_every_demand_is_of_a_parameter_that_is_read_and_names_itself_in_the_rem
         assert demand.name in demand.remedy(told)
         assert demand.words(told)
         assert demand.met_by(demand.best)
+
+
+def warned(all_found: Sequence[Finding]) -> list[Finding]:
+    return [finding for finding in all_found if finding.word == "warn"]
+
+
+def version_of(major: int, minor: int) -> common.MAVLink_message:
+    number = major << 24 | minor << 16
+    return common.MAVLink_autopilot_version_message(0, number, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("version", "remedy"),
+    [((4, 6), "set WPNAV_ACCEL to 250, or check the link"), ((4, 7), "set WP_ACC to 2.5, or check the link")],
+)
+def test_a_remedy_has_the_words_of_the_firmware_heard(version: tuple[int, int], remedy: str) -> None:
+    adapter = heard("arducopter", {"WPNAV_ACCEL": math.nan})
+    link = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
+    adapter.receive(bytes(version_of(*version).pack(link)), NOW_S)
+    assert failed(found(adapter))[0].remedy == remedy
+
+
+def test_a_circle_to_the_left_is_as_good_as_one_to_the_right() -> None:
+    assert failed(found(heard("arduplane", {"WP_LOITER_RAD": -80.0}))) == []
+    finding = only_failure(found(heard("arduplane", {"WP_LOITER_RAD": -500.0})))
+    assert finding.remedy == "set WP_LOITER_RAD to -60"
+    assert finding.sets == (("WP_LOITER_RAD", -60.0),)
+
+
+def test_without_a_battery_to_return_for_none_need_be_told() -> None:
+    config = config_of("arducopter").model_copy(update={"health": HealthSection(battery_return_percent=0.0)})
+    all_found = found(heard("arducopter", percent=-1), config)
+    assert failed(all_found) == []
+    assert [one.text for one in warned(all_found)] == [
+        "battery: not told; it never returns for it (health.battery_return_percent 0)"
+    ]
+
+
+def test_another_autopilot_on_the_link_is_told() -> None:
+    adapter = ADAPTERS["arducopter"](SYSTEM)
+    for system, base_mode in ((SYSTEM, 1), (9, 129)):
+        link = common.MAVLink(None, srcSystem=system, srcComponent=1)
+        for second in range(3):
+            beat = common.MAVLink_heartbeat_message(2, 3, base_mode, 0, 3, 3)
+            adapter.receive(bytes(beat.pack(link)), NOW_S + second)
+    (told,) = warned(found(adapter, now_s=NOW_S + 2.0))
+    assert told.text == "other autopilots on the same link: system 9 (armed)"
+
+
+def world(*agents: AgentEntry) -> WorldModel:
+    model = WorldModel(1)
+    targets = (TargetEntry(4, 500.0, -20.0),)
+    stamp = Stamp(round(NOW_S), 0, 1)
+    model.take(StateFrame(stamp, 47.0, 8.0, Directive.NORMAL, 1, 0, 1, 100, agents, targets, ()), NOW_S)
+    return model
+
+
+def test_an_agent_that_the_broadcast_has_is_told_with_its_target() -> None:
+    config = config_of("arducopter")
+    finding = finding_on_agent(config, world(AgentEntry(1, 0.0, 0.0, 4)), whole=True)
+    assert finding == Finding(True, "agent 1 is in the broadcast: target 4, 500 m north and -20 m east of the origin")
+    without = finding_on_agent(config, world(AgentEntry(1, 0.0, 0.0, None)), whole=True)
+    assert without is not None
+    assert without.word == "warn"
+
+
+def test_an_agent_that_no_broadcast_has_fails_once_all_of_one_was_heard() -> None:
+    config = config_of("arducopter").model_copy(update={"agent_id": 7})
+    model = world(AgentEntry(1, 0.0, 0.0, 4), AgentEntry(3, 0.0, 0.0, None))
+    assert finding_on_agent(config, model, whole=False) is None
+    finding = finding_on_agent(config, model, whole=True)
+    assert finding is not None
+    assert (finding.word, finding.text) == ("FAIL", "agent 7 is not in the broadcast: it has 1, 3")
+
+
+def listening(seconds: float, position_hz: float) -> LinkedAdapter:
+    """Return an adapter that has heard a vehicle for a while, with everything as it was asked but for the position."""
+    adapter = heard("px4-copter")
+    link = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
+    beat = common.MAVLink_heartbeat_message(2, common.MAV_AUTOPILOT_PX4, 1, 0, 3, 3)
+    for tick in range(1, round(seconds * 10) + 1):
+        now_s = NOW_S + tick / 10
+        messages = [beat] if tick % 10 == 0 else []
+        if position_hz and tick % round(10 / position_hz) == 0:
+            place = (470_000_000 + tick, 80_000_000)
+            messages.append(common.MAVLink_global_position_int_message(tick * 100, *place, 0, 0, 0, 0, 0, 0))
+        for message in messages:
+            adapter.receive(bytes(message.pack(link)), now_s)
+    return adapter
+
+
+def test_what_comes_too_seldom_fails_with_both_rates() -> None:
+    texts = [one.text for one in failed(found(listening(9.0, 1.0), now_s=NOW_S + 9.0))]
+    assert "GLOBAL_POSITION_INT 1.0 Hz of 10 asked; the position rests on it" in texts
+    assert "SYS_STATUS 0 Hz of 1 asked; the battery rests on it" in texts
+    fast = [one.text for one in failed(found(listening(9.0, 10.0), now_s=NOW_S + 9.0))]
+    assert not any(text.startswith("GLOBAL_POSITION_INT") for text in fast)
+
+
+def test_a_question_that_was_refused_is_no_failure_where_the_message_comes() -> None:
+    for position_hz, failures in ((10.0, 0), (1.0, 1)):
+        adapter = listening(9.0, position_hz)
+        adapter.requests(NOW_S + 9.0)
+        link = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
+        ack = common.MAVLink_command_ack_message(common.MAV_CMD_SET_MESSAGE_INTERVAL, common.MAV_RESULT_DENIED)
+        adapter.receive(bytes(ack.pack(link)), NOW_S + 9.0)
+        assert sum(one.startswith("rate of GLOBAL_POSITION_INT") for one in adapter.failures) == failures
+
+
+def test_a_warning_fails_only_where_it_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    told = [Finding(True, "good"), warning("some rule ends GUIDED", "change it")]
+    assert report(told) == EXIT_DONE
+    assert capsys.readouterr().out.splitlines() == [
+        "pass  good",
+        "warn  some rule ends GUIDED -> change it",
+        "2 checked, none failed, 1 warning",
+    ]
+    assert report(told, strict=True) == EXIT_FAILED
