@@ -34,6 +34,7 @@ class RunArguments(TypedDict):
     share: float | None
     state: str | None
     log: str | None
+    log_mb: float
     mirror: str | None
     sensor: str | None
     uplink: str | None
@@ -56,6 +57,8 @@ class Options:
     uplink: Link | None = None
     mirror: Link | None = None
     log: Path | None = None
+    log_mb: float = 1_000.0
+    """Greatest size of the logs of that name together, in millions of bytes."""
     state: Path | None = None
     can_stop: bool = False
     """Case II: whether the dead-reckoned agents can stand still."""
@@ -131,6 +134,7 @@ def _options(given: RunArguments) -> Options:
         uplink=uplink,
         mirror=mirror,
         log=_path(log),
+        log_mb=given["log_mb"],
         state=_path(state),
         can_stop=KINDS[given["autopilot"]].can_stop,
         listen=_link(given["listen"]),
