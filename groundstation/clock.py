@@ -2,11 +2,7 @@
 
 Inside, times come from a clock that goes on while the computer sleeps (CLOCK_BOOTTIME) and never steps, so that ages
 and due times stay true. Stamps and signing times must agree with the vehicles' clocks, which GNSS or NTP set; so they
-<<<<<<< HEAD
 follow the computer's clock (CLOCK_REALTIME), which is compared with the first all the time.
-=======
-follow the computer's clock (CLOCK_REALTIME): whoever compares both, all the time, knows by how much it is ahead.
->>>>>>> main
 """
 
 from __future__ import annotations

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-<<<<<<< HEAD
-from tests.field import check, estimate, ground, ground_shell, references, streams, turns
-=======
-from tests.field import causes, check, estimate, gate, ground, references, streams, turns
->>>>>>> main
+from tests.field import causes, check, estimate, gate, ground, ground_shell, references, streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
@@ -17,13 +13,9 @@ AREAS: Mapping[str, tuple[Situation, ...]] = {
     "What was asked of the autopilot": streams.SITUATIONS,
     "Before a flight": check.SITUATIONS,
     "Floods and stalls": turns.SITUATIONS,
-<<<<<<< HEAD
-    "The ground station's inputs": (*ground.SITUATIONS, *ground_shell.SITUATIONS),
-=======
     "What the gate remembers": gate.SITUATIONS,
     "The cause in words": causes.SITUATIONS,
-    "The ground station's inputs": ground.SITUATIONS,
->>>>>>> main
+    "The ground station's inputs": (*ground.SITUATIONS, *ground_shell.SITUATIONS),
 }
 """The situations of each area, in the order of the page."""
 
