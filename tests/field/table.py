@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import causes, check, estimate, gate, ground, references, streams, turns
+from tests.field import causes, check, estimate, gate, ground, ground_shell, references, streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
@@ -15,7 +15,7 @@ AREAS: Mapping[str, tuple[Situation, ...]] = {
     "Floods and stalls": turns.SITUATIONS,
     "What the gate remembers": gate.SITUATIONS,
     "The cause in words": causes.SITUATIONS,
-    "The ground station's inputs": ground.SITUATIONS,
+    "The ground station's inputs": (*ground.SITUATIONS, *ground_shell.SITUATIONS),
 }
 """The situations of each area, in the order of the page."""
 
