@@ -190,6 +190,8 @@ class _Checker:
                 self._from_broadcast(inner)
                 continue
             believed = self._adapter.receive(without_signature(frame).data, now_s)
+            if believed and frame.is_signed:
+                self._adapter.note_signed()
             if address is not None and believed:
                 self._heard.peer.note_believed(address, believed, now_s)
             elif address is not None and frame.component == AUTOPILOT_COMPONENT:
