@@ -6,6 +6,7 @@ datagrams are one stream. Frames of both versions of MAVLink are found by their 
 
 from __future__ import annotations
 
+import re
 from collections import Counter, OrderedDict
 from collections.abc import Hashable
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from companion.files.mavlink_layout import (
     HEADER_V2_BYTES,
     LENGTH_AT,
     MARKER_V1,
+    MARKER_V2,
     OVERHEAD_BYTES,
     frame_parts,
     may_begin_frame,
@@ -47,6 +49,7 @@ _CARRIERS = frozenset(
     if length > OVERHEAD_BYTES and kind.fieldtypes[kind.fieldnames.index(name)] in ("uint8_t", "char")
 )
 """The messages with a field of bytes that has room for a whole frame."""
+_MARKER = re.compile(bytes((ord("["), MARKER_V1, MARKER_V2, ord("]"))))
 _DECODER = ardupilotmega.MAVLink(None)
 
 
@@ -113,9 +116,17 @@ class Deframer:
             elif in_step and waiting is None:
                 self._skipped[look.reason] += 1
             at, in_step = look.end, look.is_frame or look.end > at + 1
+            if not in_step:
+                at = _next_marker(data, at)
         at, self._in_step = waiting or (len(data), in_step)
         self._kept = data[at:]
         return frames
+
+
+def _next_marker(data: bytes, start: int) -> int:
+    """Return the next offset at which a frame may begin, or the end: noise is passed over at once."""
+    found = _MARKER.search(data, start)
+    return len(data) if found is None else found.start()
 
 
 def _look(data: bytes, at: int, in_step: bool) -> _Look:

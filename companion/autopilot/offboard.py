@@ -72,8 +72,7 @@ def require_mavsdk() -> None:
 
 def is_setpoint(frame: bytes) -> bool:
     """Return whether a complete MAVLink frame is a setpoint (one of SETPOINT_IDS)."""
-    raw = raw_frame(frame)
-    return raw.version == 2 and raw.message_id in SETPOINT_IDS
+    return raw_frame(frame).message_id in SETPOINT_IDS
 
 
 class Offboard:
@@ -94,6 +93,8 @@ class Offboard:
         self._ticked_s = -math.inf
         self._spawned_s = -math.inf
         self._children = [_Child(self._from_child) for _ in range(CHILDREN)]
+        self._killed: list[_Child] = []
+        """Children that were killed and may still be there: the loop does not wait until the kernel has ended them."""
         self.ended = 0
         """Number of children that ended by themselves or hung."""
 
@@ -121,8 +122,7 @@ class Offboard:
         self._wanted = wanted is not None
         if wanted is None:
             for child in [child for child in self._children if child.steers]:
-                child.end()
-                self._children.remove(child)
+                self._kill(child)
                 self._spawned_s = -math.inf
         self._end_the_hung()
         steering = self._steering() if wanted is not None else None
@@ -137,9 +137,16 @@ class Offboard:
 
     def close(self) -> None:
         """End all child processes."""
-        for child in self._children:
-            child.end()
-        self._children.clear()
+        for child in list(self._children):
+            self._kill(child)
+        for child in self._killed:
+            child.wait()
+        self._killed.clear()
+
+    def _kill(self, child: _Child) -> None:
+        child.kill()
+        self._children.remove(child)
+        self._killed.append(child)
 
     def _steering(self) -> _Child | None:
         """Return the child that is to steer: the one that steers already, else the first that is ready, else None."""
@@ -157,9 +164,9 @@ class Offboard:
 
     def _replace_the_dead(self) -> None:
         for child in [child for child in self._children if child.dead]:
-            child.end()
-            self._children.remove(child)
+            self._kill(child)
             self.ended += 1
+        self._killed = [child for child in self._killed if not child.is_gone()]
         if len(self._children) < CHILDREN and self._ticked_s - self._spawned_s >= RESPAWN_S:
             self._spawned_s = self._ticked_s
             self._children.append(_Child(self._from_child))
@@ -232,12 +239,19 @@ class _Child:
         except OSError:
             self.dead = True
 
-    def end(self) -> None:
+    def kill(self) -> None:
         """Close the socket and kill the process at once."""
         if self._socket.fileno() >= 0:
             self._loop.remove_reader(self._socket)
             self._socket.close()
         self._process.kill()
+
+    def is_gone(self) -> bool:
+        """Return whether the killed process has ended."""
+        return self._process.poll() is not None
+
+    def wait(self) -> None:
+        """Wait until the killed process has ended."""
         self._process.wait()
 
     def _read(self) -> None:

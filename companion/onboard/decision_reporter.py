@@ -8,7 +8,7 @@ from companion.onboard.config import Config
 from companion.onboard.decision import Decision
 from companion.onboard.flight_log import summary_line
 from companion.onboard.log_folder import LogFolder
-from companion.onboard.loop_watch import FloodWatch, StallWatch
+from companion.onboard.loop_watch import LoopWatch
 from companion.onboard.output import AutopilotOutput
 from companion.onboard.senses import sense_of_others
 from companion.onboard.statustext import StatusReporter
@@ -30,20 +30,20 @@ class DecisionReporter:
         logs: LogFolder,
         notifier: Notifier,
         uplink: Uplink | None,
-        watches: tuple[StallWatch, FloodWatch],
+        watch: LoopWatch,
     ) -> None:
         """Report the decisions of `companion` as its configuration wants; `uplink`, if any, takes position reports.
 
-        `watches` tell what holds up the setpoint loop.
+        `watch` tells what holds up the setpoint loop.
         """
         self._companion = companion
         self._output = output
         self._logs = logs
         self._notifier = notifier
         self._uplink = uplink
-        self._lateness = watches[0].lateness
+        self._lateness = watch.stalls.lateness
         self._broadcast = BroadcastMonitor(companion)
-        self._monitors = (self._broadcast, *watches)
+        self._monitors = (self._broadcast, watch)
         self._statustext = _statustext(companion.config)
         is_signed = companion.config.broadcast is None or companion.config.broadcast.trust != "unsigned"
         self._trust = "" if is_signed else ", unsigned"

@@ -1,12 +1,12 @@
-"""Messages to the operator about the setpoint loop: that it was held up, and that the broadcast link is flooded."""
+"""Messages to the operator about the setpoint loop: that it was held up, and that a link is flooded."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.onboard.broadcast_queue import BroadcastQueue
 from companion.runtime.rate import Lateness, Stall
 
 MEASURED_S = 1.0
@@ -20,13 +20,13 @@ STALLS_APART_S = 10.0
 
 
 class Counts(NamedTuple):
-    """Datagrams of the broadcast link since the start."""
+    """Datagrams of a link since the start."""
 
-    offered: int
+    offered: int = 0
     """Those that were read from the link."""
-    dropped: int
+    dropped: int = 0
     """Those of them that were dropped unread."""
-    overran: int
+    overran: int = 0
     """Those that the kernel dropped because its buffer was full."""
 
 
@@ -55,13 +55,13 @@ class StallWatch:
 
 
 class FloodWatch:
-    """Notices floods of the broadcast link; the caller gives the times."""
+    """Notices floods of a link; the caller gives the times."""
 
-    def __init__(self, queue: BroadcastQueue, overruns: Callable[[], int]) -> None:
-        """Watch a broadcast's queue; `overruns` returns how many datagrams the kernel dropped since the start."""
-        self._queue = queue
-        self._overruns = overruns
-        self._counts = Counts(0, 0, 0)
+    def __init__(self, link: str, count: Callable[[], Counts]) -> None:
+        """Watch a link by its name in messages; `count` returns what came on it since the start."""
+        self._link = link
+        self._count = count
+        self._counts = Counts()
         self._measured_s = self._lost_s = self._told_s = -math.inf
         self._began: tuple[float, int] | None = None
         """Time at which the present flood began, and how many datagrams had been lost by then; None without one."""
@@ -71,7 +71,7 @@ class FloodWatch:
         passed_s = now_s - self._measured_s
         if passed_s < MEASURED_S:
             return []
-        before, self._counts, self._measured_s = self._counts, self._now(), now_s
+        before, self._counts, self._measured_s = self._counts, self._count(), now_s
         lost = _lost(self._counts) - _lost(before)
         if lost:
             self._lost_s = now_s
@@ -80,7 +80,7 @@ class FloodWatch:
             return []
         (began_s, lost_before), self._began = self._began, None
         lost_in_all = _lost(self._counts) - lost_before
-        return [f"broadcast link no longer flooded: {lost_in_all} datagrams dropped in {self._lost_s - began_s:.0f} s"]
+        return [f"{self._link} no longer flooded: {lost_in_all} datagrams dropped in {self._lost_s - began_s:.0f} s"]
 
     def _goes_on(self, before: Counts, lost: int, passed_s: float, now_s: float) -> list[str]:
         if self._began is None:
@@ -94,12 +94,21 @@ class FloodWatch:
         rate = 1.0 / passed_s if math.isfinite(passed_s) else 1.0
         by_kernel = f", {overran * rate:.0f} of them by the kernel" if overran else ""
         return [
-            f"warning: broadcast link flooded: {lost * rate:.0f} of {came * rate:.0f} datagrams/s "
+            f"warning: {self._link} flooded: {lost * rate:.0f} of {came * rate:.0f} datagrams/s "
             f"dropped unread{by_kernel}"
         ]
 
-    def _now(self) -> Counts:
-        return Counts(self._queue.offered, self._queue.dropped, self._overruns())
+
+@dataclass(frozen=True)
+class LoopWatch:
+    """All who notice what holds up the setpoint loop."""
+
+    stalls: StallWatch
+    floods: tuple[FloodWatch, ...]
+
+    def news(self, now_s: float) -> list[str]:
+        """Return the messages that are new since the last call, one line each."""
+        return self.stalls.news(now_s) + [line for flood in self.floods for line in flood.news(now_s)]
 
 
 def _lost(counts: Counts) -> int:

@@ -56,6 +56,10 @@ class Peer:
         self._heard_s = now_s
         self._frames.clear()
 
+    def knows(self, address: Address) -> bool:
+        """Return whether an address is the autopilot's, a second way to it, or may be as none is known yet."""
+        return self._bound in (None, address) or self._copies.get(address, 0) >= COPIES
+
     def is_stranger(self, address: Address, frame: RawFrame, system_id: int | None, now_s: float) -> bool:
         """Return whether a frame in the autopilot's name is from an address that is not known to be its own."""
         if self._bound is None or frame.sender != (system_id, AUTOPILOT_COMPONENT):

@@ -9,11 +9,13 @@ import math
 from collections.abc import Callable, Iterator
 
 from companion.autopilot.adapter import Abilities
+from companion.autopilot.estimate import Estimate, fresh
 from companion.autopilot.firmware import known
 from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Told
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
+from companion.onboard.causes import CLOCKS, Cause
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.endings import endings
 from companion.onboard.finding import Finding, warning
@@ -79,6 +81,13 @@ def finding_on_agent(config: Config, world_model: WorldModel, whole: bool) -> Fi
     return Finding(False, f"agent {own} is not in the broadcast: {has}", "correct agent_id, or the mission")
 
 
+def finding_on_cause(cause: Cause) -> Finding:
+    """Return the finding on a cause for which the broadcast is not believed, or less than it should be."""
+    if cause.stops or cause.name == CLOCKS:
+        return Finding(False, f"broadcast: {cause.words}", cause.remedy)
+    return warning(f"broadcast: {cause.words}", cause.remedy)
+
+
 def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: float) -> Iterator[Finding]:
     telemetry = adapter.telemetry
     link = config.autopilot.link if config.autopilot else "none"
@@ -92,7 +101,12 @@ def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: f
         age_s = now_s - telemetry.heartbeat_at_s
         yield Finding(False, f"last heartbeat {age_s:.0f} s ago", "check the link and that the autopilot runs")
     else:
-        yield Finding(True, f"{adapter.kind}, system {telemetry.system_id}, heard on {link}")
+        unusual = "" if adapter.unusual is None else f"; {adapter.unusual}"
+        yield Finding(True, f"{adapter.kind}, system {telemetry.system_id}, heard on {link}{unusual}")
+        silence = adapter.silence(now_s)
+        if silence is not None:
+            words, _, remedy = silence.partition(": ")
+            yield Finding(False, words, remedy)
         if adapter.beside is not None:
             yield warning(
                 f"other autopilots on the same link: {adapter.beside}",
@@ -204,6 +218,13 @@ def _rounded(value: float, to: Callable[[float], int]) -> str:
     return f"{to(value * 1000.0) / 1000.0:g}" if math.isfinite(value) else "any"
 
 
+def _estimate(estimate: Estimate) -> Finding:
+    """Return what the autopilot says of its own estimate, by which it flies."""
+    if not estimate.absolute:
+        return Finding(False, "the autopilot's estimate has no position", "wait for a fix, and for its estimator")
+    return Finding(estimate.doubt is None, estimate.doubt or "the autopilot's estimate has a position", "wait")
+
+
 def _health(config: Config, adapter: LinkedAdapter, now_s: float) -> Iterator[Finding]:
     telemetry = adapter.telemetry
     timeout_s = config.telemetry_timeout_s
@@ -214,6 +235,9 @@ def _health(config: Config, adapter: LinkedAdapter, now_s: float) -> Iterator[Fi
     known = telemetry.gps_fix is not None and telemetry.gps_fix >= config.health.gps_fix_min
     text = "not told" if telemetry.gps_fix is None else f"fix type {telemetry.gps_fix}"
     yield Finding(known, f"GPS: {text}; allowed: at least {config.health.gps_fix_min}", "wait for a fix under open sky")
+    estimate = fresh(telemetry.estimate, now_s)
+    if estimate is not None:
+        yield _estimate(estimate)
     accuracy_m = telemetry.position_accuracy_m
     if math.isfinite(accuracy_m):
         allowed_m = config.health.position_accuracy_m

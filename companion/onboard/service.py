@@ -19,18 +19,18 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from companion.autopilot.offboard import Offboard, is_setpoint
 from companion.errors import InputError
 from companion.onboard.authority import State
-from companion.onboard.broadcast_queue import BroadcastQueue
 from companion.onboard.companion import Companion
 from companion.onboard.config import ONE_RADIO, AutopilotSection, Config
 from companion.onboard.decision import Decision, Purpose
 from companion.onboard.decision_reporter import DecisionReporter
 from companion.onboard.inputs import AutopilotInput, BroadcastInput
 from companion.onboard.log_folder import LogFolder, VehicleLog, open_log_folder
-from companion.onboard.loop_watch import FloodWatch, StallWatch
+from companion.onboard.loop_watch import Counts, FloodWatch, LoopWatch, StallWatch
 from companion.onboard.output import AutopilotOutput
 from companion.onboard.recording import RecordedCompanion
 from companion.onboard.state_files import (
@@ -40,6 +40,7 @@ from companion.onboard.state_files import (
     saved_authority,
 )
 from companion.onboard.trust import trust_of
+from companion.onboard.turn_queue import TurnQueue
 from companion.onboard.uplink import Uplink, open_uplink
 from companion.protocol.authenticator import Authenticator
 from companion.runtime.clock import SteadyClock, drain_sockets, steady_s, wait
@@ -47,9 +48,13 @@ from companion.runtime.console import messages_written_by, program_logger
 from companion.runtime.io_thread import IoThread
 from companion.runtime.rate import LoopRate, next_due_s
 from companion.runtime.systemd import Notifier
-from companion.transport.endpoints import Link, open_duplex, open_receiver, parse_link
+from companion.transport.endpoints import Address, Link, open_duplex, open_receiver, parse_link
 
 LOGGER = program_logger("companion")
+BROADCAST_SHARE = 0.25
+"""Greatest mean share of the time that is spent on what came on the broadcast link."""
+STRANGERS_SHARE = 0.05
+"""The same for what came on the autopilot's link from addresses that are not its own."""
 CHECKS_AT_ONCE = 4
 """Greatest number of Ed25519 signatures checked in one go, 0.13 ms each here and several times that on a small
 computer."""
@@ -149,39 +154,70 @@ def _prepare(config: Config, build: Build, logs: LogFolder, files: IoThread, sta
 
 
 @dataclass(frozen=True)
+class _Untrusted:
+    """Inputs that anybody may have sent: they have turns of their own, after the autopilot's."""
+
+    queues: tuple[TurnQueue[Any], ...]
+    watches: tuple[FloodWatch, ...]
+    """Those who notice that more comes than there are turns for."""
+
+    def hold(self) -> None:
+        """Give no turns."""
+        for queue in self.queues:
+            queue.hold()
+
+    def go_on(self, for_s: float) -> None:
+        """Give turns for so many seconds; see TurnQueue.go_on."""
+        for queue in self.queues:
+            queue.go_on(for_s)
+
+
+@dataclass(frozen=True)
 class _Links:
     """The open links of a flight."""
 
     output: AutopilotOutput
-    broadcast: BroadcastQueue
-    overruns: Callable[[], int]
-    """Returns how many datagrams of the broadcast the kernel dropped as its buffer was full."""
+    untrusted: _Untrusted
     uplink: Uplink | None
 
 
 async def _open_links(vehicle: _Vehicle, autopilot: AutopilotSection, stack: ExitStack) -> _Links:
     """Open the links, which `stack` closes; raises InputError."""
-    flight, logs = vehicle.flight, vehicle.logs
+    flight, logs, loop = vehicle.flight, vehicle.logs, asyncio.get_running_loop()
     broadcast = BroadcastInput(flight, logs.broadcast, is_stream=_is_stream(vehicle.broadcast_link))
-    queue = BroadcastQueue(broadcast.receive, flight.hear_waiting, asyncio.get_running_loop())
-    stack.callback(queue.hold)
-    receiver = None
+    queue = TurnQueue(broadcast.receive, BROADCAST_SHARE, loop, flight.hear_waiting)
+    overruns: Callable[[], int] = _none
     if vehicle.broadcast_link is not None:
         receiver = await open_receiver(vehicle.broadcast_link, queue.offer)
         stack.callback(receiver.close)
+        overruns = receiver.overruns
     offboard = None
     if autopilot.kind == "px4-copter" and autopilot.offboard == "mavsdk":
         # MAVSDK sends nothing before the loop ticks; by then `output` is set.
         offboard = Offboard(lambda frame: output.transmit(frame), flight.note_stream_gap)
         stack.callback(offboard.close)
-    shared = queue.offer if receiver is None else None
-    heard = AutopilotInput(flight, shared, offboard)
-    link = await open_duplex(parse_link(autopilot.link), heard.receive)
+    heard = AutopilotInput(flight, queue.offer if vehicle.broadcast_link is None else None, offboard)
+    strangers = TurnQueue[tuple[bytes, Address]](lambda said: heard.receive(*said), STRANGERS_SHARE, loop)
+
+    def hear(chunk: bytes, address: Address | None) -> None:
+        if address is None or heard.peer.knows(address):
+            heard.receive(chunk, address)
+        else:
+            strangers.offer((chunk, address))
+
+    link = await open_duplex(parse_link(autopilot.link), hear)
     stack.callback(link.close)
     heard.peer.bind = link.bind
+    watches = (
+        FloodWatch("broadcast link", lambda: Counts(queue.offered, queue.dropped, overruns())),
+        FloodWatch(
+            "autopilot's link, by others,", lambda: Counts(strangers.offered, strangers.dropped, link.overruns())
+        ),
+    )
+    untrusted = _Untrusted((queue, strangers), watches)
+    stack.callback(untrusted.hold)
     output = AutopilotOutput(flight.companion, link, logs.vehicle, offboard)
-    overruns = _none_overran if receiver is None else receiver.overruns
-    return _Links(output, queue, overruns, await open_uplink(vehicle.config.uplink, stack))
+    return _Links(output, untrusted, await open_uplink(vehicle.config.uplink, stack))
 
 
 class SetpointLoop:
@@ -191,11 +227,11 @@ class SetpointLoop:
         self._vehicle = vehicle
         self._flight = vehicle.flight
         self._output = links.output
-        self._broadcast = links.broadcast
+        self._untrusted = links.untrusted
         self._stalls = StallWatch()
-        watches = self._stalls, FloodWatch(links.broadcast, links.overruns)
+        watch = LoopWatch(self._stalls, links.untrusted.watches)
         self._reporter = DecisionReporter(
-            vehicle.flight.companion, links.output, vehicle.logs, vehicle.notifier, links.uplink, watches
+            vehicle.flight.companion, links.output, vehicle.logs, vehicle.notifier, links.uplink, watch
         )
         self._handover_awaited = False
         """Whether an armed vehicle may be handed over at any moment, so that a decision is made in every slot."""
@@ -219,7 +255,7 @@ class SetpointLoop:
                 if decides:
                     collect()
                 wait_s = rate.next_after(steady_s()) - steady_s()
-                self._broadcast.go_on(wait_s)
+                self._untrusted.go_on(wait_s)
                 await wait(stop, wait_s)
         LOGGER.info("%s", self._output.gaps.summary)
         LOGGER.info("%s", self._stalls.lateness.summary)
@@ -227,7 +263,7 @@ class SetpointLoop:
     async def _slot(self, decides: bool) -> None:
         """Hear the autopilot; decide, or repeat the last decision, and send the frames; then save and report."""
         flight = self._flight
-        self._broadcast.hold()
+        self._untrusted.hold()
         # The safety pilot may have taken over: what waits on the autopilot's link comes before everything else.
         await drain_sockets()
         now_s = flight.clock.now_s()
@@ -269,7 +305,7 @@ class SetpointLoop:
         LOGGER.info("cleared by a signal")
 
 
-def _none_overran() -> int:
+def _none() -> int:
     """Return how many datagrams the kernel dropped of a broadcast that comes over the autopilot's link: none known."""
     return 0
 

@@ -219,6 +219,10 @@ class Sender(ABC):
     def bind(self, peer: Address) -> None:  # noqa: B027 - most ends have one peer for good
         """Send to this peer from now on, where the end leaves that to its owner (an autopilot link by `udpin`)."""
 
+    def overruns(self) -> int:
+        """Return how many received datagrams the kernel dropped as its buffer was full; 0 where it does not tell."""
+        return 0
+
     @abstractmethod
     def send(self, datagram: bytes) -> None:
         """Send one datagram; a failure is counted, never raised."""

@@ -8,7 +8,7 @@ import random
 import socket
 import struct
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from companion.errors import InputError
@@ -41,21 +41,23 @@ _UNUSED_PORT = 9
 """Port (discard) of an address that is only tested: nothing is sent to it."""
 _ANY = "0.0.0.0"
 
+OnFrom = Callable[[bytes, Address], None]
+"""Callback that takes a datagram and its sender's address."""
+
 
 async def open_udp_receiver(link: Link, on_datagram: OnDatagram, receive_buffer_bytes: int) -> Receiver:
     """Listen on a `udpin`, `udpbcast` or `mcast` link; raises InputError if it cannot be opened."""
     sock = await _listening_socket(link, receive_buffer_bytes)
     _forbid_writing(sock)
-    counts = ReceiveCounts()
-    reading = _Reading(sock, on_datagram, counts)
-    rejoining = _Rejoining(link, sock, counts) if link.scheme == "mcast" else None
+    reading = _Reading(sock, lambda datagram, _: on_datagram(datagram), rests=True)
+    rejoining = _Rejoining(link, sock, reading.counts) if link.scheme == "mcast" else None
 
     def close() -> None:
         if rejoining is not None:
             rejoining.cancel()
         reading.close()
 
-    return Receiver(close, counts, overruns=lambda: _overruns(sock))
+    return Receiver(close, reading.counts, overruns=lambda: _overruns(sock))
 
 
 async def open_udp_sender(link: Link) -> UdpSender:
@@ -127,7 +129,11 @@ class MulticastSender(UdpSender):
 
 
 class UdpDuplex(Sender):
-    """End point of an autopilot link that sends to one fixed peer, or to the one that its owner binds."""
+    """End point of an autopilot link that sends to one fixed peer, or to the one that its owner binds.
+
+    A bound peer is heard on a socket of its own, with a buffer of its own: what others send to the port neither takes
+    its place nor is read as often.
+    """
 
     def __init__(self, sock: socket.socket, on_chunk: OnChunk, fixed_peer: Address | None) -> None:
         """Exchange datagrams on the running event loop."""
@@ -135,8 +141,8 @@ class UdpDuplex(Sender):
         self._sock = sock
         self._on_chunk = on_chunk
         self._fixed_peer = self._peer = fixed_peer
-        self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(sock, self._read)
+        self._reading = _Reading(sock, self._hear)
+        self._of_peer: _Reading | None = None
 
     @property
     def peer(self) -> Address | None:
@@ -145,8 +151,18 @@ class UdpDuplex(Sender):
 
     def bind(self, peer: Address) -> None:
         """Send to this address from now on; a fixed peer stays."""
-        if self._fixed_peer is None:
-            self._peer = peer
+        if self._fixed_peer is not None or peer == self._peer:
+            return
+        self._peer = peer
+        if self._of_peer is not None:
+            self._of_peer.close()
+        own = _socket_of(self._sock, peer)
+        self._of_peer = None if own is None else _Reading(own, self._hear)
+        self._reading.rests = self._of_peer is not None
+
+    def overruns(self) -> int:
+        """Return how many datagrams of all but the bound peer the kernel dropped because its buffer was full."""
+        return _overruns(self._sock)
 
     def send(self, datagram: bytes) -> None:
         """Send one datagram to the peer; a failure, or having none yet, is counted, never raised."""
@@ -157,30 +173,24 @@ class UdpDuplex(Sender):
 
     def close(self) -> None:
         """Stop receiving and free the port; later sends count as failed."""
-        if self._sock.fileno() >= 0:
-            self._loop.remove_reader(self._sock)
-            self._sock.close()
+        self._reading.close()
+        if self._of_peer is not None:
+            self._of_peer.close()
 
-    def _read(self) -> None:
-        """Hand on all that waits, so that a round of the event loop leaves nothing behind, but no more than a bound."""
-        for _ in range(MAX_PER_WAKE):
-            try:
-                datagram, address = self._sock.recvfrom(_DATAGRAM_BYTES)
-            except OSError:
-                # Nothing waits, or an ICMP error came back: an autopilot that starts later must still be heard.
-                return
-            if self._fixed_peer is None or address == self._fixed_peer:
-                self._on_chunk(datagram, address)
+    def _hear(self, datagram: bytes, address: Address) -> None:
+        if self._fixed_peer is None or address == self._fixed_peer:
+            self._on_chunk(datagram, address)
 
 
 class _Reading:
-    """Reads the datagrams that wait in a socket, a bounded number at a time, and rests between."""
+    """Reads the datagrams that wait in a socket, a bounded number at a time; where it rests, it pauses between."""
 
-    def __init__(self, sock: socket.socket, on_datagram: OnDatagram, counts: ReceiveCounts) -> None:
+    def __init__(self, sock: socket.socket, on_datagram: OnFrom, *, rests: bool = False) -> None:
         """Begin to read on the running event loop."""
+        self.rests = rests
+        self.counts = ReceiveCounts()
         self._sock = sock
         self._on_datagram = on_datagram
-        self._counts = counts
         self._buffer = bytearray(_DATAGRAM_BYTES)
         self._loop = asyncio.get_running_loop()
         self._resting: asyncio.TimerHandle | None = None
@@ -198,24 +208,44 @@ class _Reading:
         began_s = time.monotonic()
         for _ in range(MAX_PER_WAKE):
             try:
-                size = self._sock.recv_into(self._buffer)
+                size, address = self._sock.recvfrom_into(self._buffer)
             except BlockingIOError:
                 break
             except OSError:
-                # An error such as the network going down is no reason to stop listening.
-                self._counts.failed += 1
+                # An error such as the network going down, or an autopilot that is not there yet, is no reason to stop.
+                self.counts.failed += 1
                 break
-            self._counts.chunks += 1
-            self._on_datagram(bytes(self._buffer[:size]))
-            # The callback that took the datagram may have closed the receiver.
+            self.counts.chunks += 1
+            self._on_datagram(bytes(self._buffer[:size]), address)
+            # The callback that took the datagram may have closed the end point.
             if self._sock.fileno() < 0:
                 return
-        self._loop.remove_reader(self._sock)
-        rest_s = max(REST_S, RESTS_PER_READ * (time.monotonic() - began_s))
-        self._resting = self._loop.call_later(random.uniform(0.0, 2.0) * rest_s, self._go_on)
+        if self.rests:
+            self._loop.remove_reader(self._sock)
+            rest_s = max(REST_S, RESTS_PER_READ * (time.monotonic() - began_s))
+            self._resting = self._loop.call_later(random.uniform(0.0, 2.0) * rest_s, self._go_on)
 
     def _go_on(self) -> None:
         self._loop.add_reader(self._sock, self._read)
+
+
+def _socket_of(sock: socket.socket, peer: Address) -> socket.socket | None:
+    """Return a socket on the same port that hears one peer alone; None where the system refuses."""
+    own = _new_socket(RECEIVE_BUFFER_BYTES)
+    try:
+        for one in (sock, own):
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        own.bind(sock.getsockname())
+        own.connect(peer)
+    except OSError:
+        own.close()
+        return None
+    finally:
+        # From here on the port is shared with nobody else.
+        for one in (sock, own):
+            if one.fileno() >= 0:
+                one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
+    return own
 
 
 class _Rejoining:

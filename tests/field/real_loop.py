@@ -42,6 +42,8 @@ from tests.companion.protocol.hostile import Ground
 from tests.ports import free_ports
 
 HERE = "127.0.0.1"
+BEGAN_S = 1_000.0
+"""What the computer's clocks read at the beginning."""
 UNIX_S = 1_790_000_000.0
 HANDED_OVER_S = 4.0
 """Time of the flight at which the person hands the vehicle over: parameters are read, and there is a picture."""
@@ -72,7 +74,7 @@ class Clocks:
     """The computer's clocks: one that stands still while it is suspended, and two that do not."""
 
     def __init__(self) -> None:
-        self.awake_s = 1_000.0
+        self.awake_s = BEGAN_S
         self.suspended_s = 0.0
         self.busy_s = 0.0
         """Processor time of the program."""
@@ -80,12 +82,7 @@ class Clocks:
     @property
     def t_s(self) -> float:
         """Time of the flight."""
-        return self.awake_s + self.suspended_s - 1_000.0
-
-    def work(self, seconds: float) -> None:
-        """Let the program work for a time."""
-        self.awake_s += seconds
-        self.busy_s += seconds
+        return self.awake_s + self.suspended_s - BEGAN_S
 
     def read(self, number: int) -> float:
         """Return what `clock_gettime` returns."""
@@ -206,9 +203,9 @@ class RealLoop:
         def stand_still() -> None:
             if suspended:
                 self.clocks.suspended_s += seconds
+                self.play_on()
             else:
-                self.clocks.awake_s += seconds
-            self.play_on()
+                self._pass_time(seconds)
 
         self.at(t_s, stand_still)
 
@@ -237,13 +234,26 @@ class RealLoop:
         for one in self._sockets:
             one.close()
 
+    def work(self, seconds: float) -> None:
+        """Let the program work for a time; what is sent to it meanwhile waits."""
+        self._pass_time(seconds)
+        self.clocks.busy_s += seconds
+
     def play_on(self) -> None:
         """Play what is due around the program."""
         self._listen()
-        while self._due and self._due[0][0] <= self.clocks.t_s:
-            _, _, act = heapq.heappop(self._due)
-            act()
+        self._pass_time(0.0)
         self._listen()
+
+    def _pass_time(self, seconds: float) -> None:
+        """Let time pass without the program, and play what is due meanwhile."""
+        ends_s = self.clocks.awake_s + seconds
+        ends_at_s = self.clocks.t_s + seconds
+        while self._due and self._due[0][0] <= ends_at_s:
+            due_s, _, act = heapq.heappop(self._due)
+            self.clocks.awake_s += max(0.0, due_s - self.clocks.t_s)
+            act()
+        self.clocks.awake_s = max(self.clocks.awake_s, ends_s)
 
     def _surround(self) -> None:
         """Begin to play the vehicle, the ground station and the person."""
@@ -339,7 +349,7 @@ class RealLoop:
             original = getattr(owner, name)
 
             def work(self: object, *arguments: Any) -> Any:  # noqa: ANN401 - whatever the original takes
-                flight.clocks.work(flight.costs_s[cost])
+                flight.work(flight.costs_s[cost])
                 result = original(self, *arguments)
                 if cost == "datagram":
                     flight.believed += len(result)
@@ -351,7 +361,7 @@ class RealLoop:
         check = ed25519.verify
 
         def checked(*arguments: Any) -> bool:  # noqa: ANN401 - whatever the original takes
-            flight.clocks.work(flight.costs_s["check"])
+            flight.work(flight.costs_s["check"])
             return check(*arguments)
 
         stack.enter_context(patch.object(authenticator, "verify", checked))

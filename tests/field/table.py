@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import check, estimate, ground, references, streams, turns
+from tests.field import causes, check, estimate, gate, ground, ground_shell, references, streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
@@ -13,7 +13,9 @@ AREAS: Mapping[str, tuple[Situation, ...]] = {
     "What was asked of the autopilot": streams.SITUATIONS,
     "Before a flight": check.SITUATIONS,
     "Floods and stalls": turns.SITUATIONS,
-    "The ground station's inputs": ground.SITUATIONS,
+    "What the gate remembers": gate.SITUATIONS,
+    "The cause in words": causes.SITUATIONS,
+    "The ground station's inputs": (*ground.SITUATIONS, *ground_shell.SITUATIONS),
 }
 """The situations of each area, in the order of the page."""
 

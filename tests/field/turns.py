@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
 
+from companion.onboard.flight_log import FlightLog
+from companion.onboard.output import AutopilotOutput
 from companion.protocol.frame import ED25519_BYTES
 from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.protocol.v2_extension import wrap
+from companion.transport.udp import UdpDuplex
 from tests.companion.protocol.hostile import forged_seal
 from tests.field.real_loop import PLAYED_S, UNIX_S, RealLoop
+from tests.field.rig import Rig
 from tests.field.situation import Situation
 
 TAKE_OVER_S = 0.25
@@ -29,10 +34,10 @@ def _flooded(kind: str = "arducopter", **options: bool) -> RealLoop:
     return flight
 
 
-def _ended(flight: RealLoop, from_s: float = 5.0) -> str:
+def _ended(flight: RealLoop) -> str:
     """Assert that setpoints left on their grid until the take-over and ended with it; return the figures."""
     assert flight.taken_s is not None
-    taken_s = flight.taken_s
+    from_s, taken_s = 5.0, flight.taken_s
     steered_s = [time_s for time_s in flight.setpoints_s if from_s <= time_s <= taken_s]
     longest_s = float(np.diff([from_s, *steered_s, taken_s]).max())
     after_s = max(0.0, flight.setpoints_s[-1] - taken_s)
@@ -70,6 +75,15 @@ def _one_radio() -> str:
     return _ended(flight)
 
 
+def _strangers() -> str:
+    flight = _flooded()
+    stranger = mavlink.MAVLink(None, srcSystem=1, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
+    level = mavlink.MAVLink_attitude_message(1_000_000, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    flight.flood(bytes(level.pack(stranger)), 5.0, 6.6, port=flight.autopilot_port)
+    flight.run(7.2)
+    return _ended(flight)
+
+
 def _late_slot() -> str:
     flight = RealLoop()
     flight.costs_s.update(SLOW)
@@ -80,6 +94,49 @@ def _late_slot() -> str:
     after_s = first_s - 6.0
     assert after_s <= 0.1, f"first setpoint {after_s:.1f} s after it went on"
     return f"the first setpoint {1e3 * after_s:.0f} ms after it went on"
+
+
+def _held_up_while_deciding() -> str:
+    flight = RealLoop()
+    flight.at(5.0, lambda: flight.costs_s.update(decision=2.0))
+    flight.take_over(5.5)
+    flight.at(5.6, lambda: flight.costs_s.update(decision=0.0))
+    flight.run(8.5)
+    assert flight.taken_s is not None
+    late_s = max(0.0, flight.setpoints_s[-1] - flight.taken_s)
+    assert not late_s, f"a setpoint {late_s:.1f} s after the take-over"
+    return "no setpoint after the take-over"
+
+
+class _Link(UdpDuplex):
+    """A link that keeps what is sent."""
+
+    def __init__(self) -> None:
+        self.sent: list[bytes] = []
+
+    def send(self, datagram: bytes) -> None:
+        self.sent.append(datagram)
+
+
+def _mavsdk_goes_on() -> str:
+    rig = Rig("px4-copter")
+    rig.run(12.0)
+    assert rig.companion.steers
+    link = _Link()
+    output = AutopilotOutput(rig.companion, link, FlightLog(None), None)
+    setpoint = rig.companion.repeat(rig.now_s)[-1]
+    output.transmit(setpoint)
+    hold = (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 4.0, 3.0, 0.0, 0.0, 0.0, 0.0)
+    rig.say(mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, *hold))
+    # PX4 tells its mode once a second. The loop has no slot meanwhile, as on a computer that is held up.
+    for step in range(1, 25):
+        t_s = rig.now_s + step * 0.05
+        rig.vehicle.step_to(t_s)
+        for frame in rig.vehicle.telemetry(t_s):
+            rig.companion.receive(frame, t_s)
+    output.transmit(setpoint)
+    assert len(link.sent) == 1, "MAVSDK's next setpoint was passed on"
+    return "MAVSDK's next setpoint was not passed on"
 
 
 def _stall_told() -> str:
@@ -147,10 +204,28 @@ SITUATIONS = (
         _one_radio,
     ),
     Situation(
+        "20 000 frames a second in the autopilot's name come to its link's port from another program",
+        _FLOOD,
+        "no setpoint for 0.8 s before it already",
+        _strangers,
+    ),
+    Situation(
         "the companion is stopped for 1 s while 10 000 datagrams come on the broadcast link",
         "the next setpoint within 0.1 s after it goes on",
         "3.1 s after it goes on: the late slot worked on everything that waited",
         _late_slot,
+    ),
+    Situation(
+        "a decision takes 2 s (swap, a busy core), and a person takes over meanwhile",
+        "its setpoint is not sent",
+        "its setpoint was sent 1.5 s after the take-over",
+        _held_up_while_deciding,
+    ),
+    Situation(
+        "MAVSDK sends its next setpoint when HEARTBEAT has told the take-over and the loop has not come to it yet",
+        "it is not passed on",
+        "it was passed on",
+        _mavsdk_goes_on,
     ),
     Situation(
         "the companion is stopped for 3.2 s",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega, common
 
 from companion.autopilot.heartbeat import IDENTITIES
 from companion.autopilot.linked import LinkedAdapter
@@ -479,3 +479,20 @@ def test_a_warning_fails_only_where_it_is_asked_for(capsys: pytest.CaptureFixtur
         "2 checked, none failed, 1 warning",
     ]
     assert report(told, strict=True) == EXIT_FAILED
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (0x33F, None),
+        (0xA7, "the autopilot's estimate has no position"),
+        (0x833F, "the autopilot's estimate says GPS glitch"),
+    ],
+)
+def test_an_estimate_that_does_not_know_its_place_fails(flags: int, words: str | None) -> None:
+    adapter = heard("arducopter")
+    link = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
+    status = ardupilotmega.MAVLink_ekf_status_report_message(flags, 0.0, 0.0, 0.0, 0.0, 0.0)
+    adapter.receive(bytes(status.pack(link)), NOW_S)
+    told = [one.text for one in failed(found(adapter)) if "estimate" in one.text]
+    assert told == ([] if words is None else [words])

@@ -1,72 +1,94 @@
-"""The broadcast's turns: what anybody may have sent is worked on in a share of the time that the autopilot leaves.
+"""Turns for what anybody may have sent: it is worked on in a share of the time that the autopilot leaves.
 
-What comes on the broadcast link, or wrapped on the autopilot's, is only put aside. It is worked on in short turns of
-the event loop between the slots of the setpoint loop, never before a decision. When more comes than the share allows,
-chance decides what is worked on (`companion/runtime/fair_share.py`); the rest is dropped unread and counted.
+What comes on the broadcast link, or from strangers on the autopilot's, is only put aside. It is worked on in short
+turns of the event loop between the slots of the setpoint loop, never before a decision. When more comes than the share
+allows, chance decides what is worked on (`companion/runtime/fair_share.py`); the rest is dropped unread and counted.
 """
 
 from __future__ import annotations
 
-import asyncio
 import math
 import random
 from collections.abc import Callable
+from typing import Generic, Protocol, TypeVar
 
 from companion.runtime.fair_share import FairShare
 
-SHARE = 0.25
-"""Greatest mean share of the time that is spent on the broadcast."""
-BURST_S = 1.0
-"""Work saved up in quiet times: the 255 frames of a longest broadcast take 0.07 s here, and ten times that on a small
-computer."""
+BURST_S = 4.0
+"""Work saved up in quiet times, in seconds of the share: the 255 frames of a longest broadcast take 0.07 s of work
+here, and ten times that on a small computer."""
 TURN_S = 0.002
 """Time after which the other links get their turn, and by which a slot of the setpoint loop may be late."""
 FIRST_COST_S = 1e-3
-"""Expected cost of one datagram before any was measured."""
+"""Expected cost of one thing before any was measured."""
 MOST_READY = 64
-"""Greatest number of datagrams that wait for work without having been drawn."""
+"""Greatest number of things that wait for work without having been drawn."""
 
 
-class BroadcastQueue:
-    """Holds back what came on the broadcast link until its turn; it runs on an event loop and by that loop's time."""
+ThingT = TypeVar("ThingT")
+
+
+class Pending(Protocol):
+    """A call that was asked for and may be called off."""
+
+    def cancel(self) -> None:
+        """Call it off."""
+
+
+class Scheduler(Protocol):
+    """What an event loop offers to those who take turns."""
+
+    def time(self) -> float:
+        """Return the event loop's time, in seconds."""
+
+    def call_soon(self, callback: Callable[[], None], /) -> Pending:
+        """Call a function in the next round."""
+
+    def call_later(self, delay_s: float, callback: Callable[[], None], /) -> Pending:
+        """Call a function after a time."""
+
+
+class TurnQueue(Generic[ThingT]):
+    """Holds back what came until its turn; it runs on an event loop and by that loop's time."""
 
     def __init__(
         self,
-        take: Callable[[bytes], None],
-        check: Callable[[], float],
-        loop: asyncio.AbstractEventLoop,
+        take: Callable[[ThingT], None],
+        share: float,
+        loop: Scheduler,
+        check: Callable[[], float] = lambda: math.inf,
         rng: random.Random | None = None,
     ) -> None:
-        """Hand what is drawn to `take`.
+        """Hand what is drawn to `take`, in at most a `share` of the time.
 
         `check` does a few of the costly checks that wait from earlier, and returns after how many seconds more are due:
         0 at once, inf if none waits.
         """
         self.offered = 0
-        """Number of datagrams, or chunks of a stream, that came."""
+        """Number of things that came."""
         self._take = take
         self._check = check
         self._loop = loop
-        self._share = FairShare[bytes](SHARE, BURST_S, rng or random.Random(), FIRST_COST_S)
-        self._ready: list[bytes] = []
+        self._share = FairShare[ThingT](share, share * BURST_S, rng or random.Random(), FIRST_COST_S)
+        self._ready: list[ThingT] = []
         self._until_s = math.inf
         """Time by which the last turn must have ended, -inf while none is given."""
-        self._turn: asyncio.Handle | None = None
+        self._turn: Pending | None = None
         """The turn that is asked for."""
         self._soon = False
         """Whether that is the next round of the event loop."""
 
     @property
     def dropped(self) -> int:
-        """Number of datagrams that were dropped unread."""
+        """Number of things that were dropped unread."""
         return self._share.dropped
 
-    def offer(self, datagram: bytes) -> None:
-        """Put a datagram aside until its turn."""
+    def offer(self, thing: ThingT) -> None:
+        """Put a thing aside until its turn."""
         self.offered += 1
         now_s = self._loop.time()
-        if self._share.offer(datagram, now_s, at_once=len(self._ready) < MOST_READY):
-            self._ready.append(datagram)
+        if self._share.offer(thing, now_s, at_once=len(self._ready) < MOST_READY):
+            self._ready.append(thing)
             self._wake()
         elif self._turn is None:
             self._ask_again(math.inf, now_s)
