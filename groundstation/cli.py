@@ -47,6 +47,14 @@ def cli() -> None:
     help=f"What a restart needs of this run is kept there; {STATE_NAME} beside the keys if not given.",
 )
 @click.option("--log", metavar="FILE.tlog", help="Keep what is sent and heard; FILE-2.tlog if there is one.")
+@click.option(
+    "--log-mb",
+    type=click.FloatRange(20, 1_000_000),
+    default=1_000.0,
+    show_default=True,
+    metavar="MB",
+    help="For all logs of that name together: the oldest are removed.",
+)
 @click.option("--mirror", metavar="URL", help="Show threats and reckoned agents as ADSB_VEHICLE there, once a second.")
 @click.option(
     "--sensor", metavar="URL", help="Where detections come in: udpin:HOST:PORT. Without it nobody is tracked."

@@ -14,11 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from companion.errors import InputError
-from companion.files.state import read_state_file, write_state_file
+from companion.files.kept_file import KeptFile
+from companion.files.state import read_state_file, warnings_of
 from companion.mission.model import Mission
 from companion.protocol.mavlink_signing import UNITS_PER_S, MavlinkSigner, timestamp_of
 from companion.protocol.messages import REVISIONS, Directive
 from companion.runtime.console import program_logger
+from companion.runtime.io_thread import IoThread
 from groundstation.clock import MOST_AHEAD_S
 from groundstation.directives import directive_from
 from groundstation.ground_station import GroundStation, Resumed
@@ -28,6 +30,10 @@ LOGGER = program_logger("groundstation")
 STATE_PERIOD_S = 1.0
 """Period at which the last signing time is written to disk: a crash loses less of it than the difference of clocks that
 receivers allow."""
+MOST_HOLD_S = 1.0
+"""Longest time for which the broadcast waits for a state to be on disk: a disk that hangs must not silence it."""
+RISK = "forget the directive and tell the threats where the mission says"
+"""What a restart does whose state could not be written."""
 
 
 @dataclass(frozen=True)
@@ -142,13 +148,16 @@ def threats_digest(mission: Mission) -> str:
 class RunStateFile:
     """The saved state of the last run, and the file in which this run saves its own."""
 
-    def __init__(self, options: Options, mission: Mission, signer: MavlinkSigner | None, now_s: float) -> None:
+    def __init__(
+        self, options: Options, mission: Mission, signer: MavlinkSigner | None, now_s: float, files: IoThread
+    ) -> None:
         """Read the file, if it exists; raises InputError if this run cannot continue from it.
 
         `signer` is this run's MAVLink signer, whose times are set to exceed the last run's; None without MAVLink
-        signing.
+        signing. `files` writes the file.
         """
-        self._path = self._read_from = options.state
+        self._path = options.state
+        self._file = None if self._path is None else KeptFile(self._path, files, LOGGER, RISK)
         self._signer = signer
         text = None if self._path is None else read_state_file(self._path)
         last = None if self._path is None or text is None else saved_state_from(text, self._path)
@@ -160,8 +169,9 @@ class RunStateFile:
         self.directive = Directive.NORMAL if last is None else last.directive
         """Directive of the last run."""
         self._written = last
+        """The state handed over for writing, at first the last run's."""
         self._written_at_s = -math.inf
-        self._signing_timestamp = 0 if last is None else last.signing_timestamp
+        self._hold_until_s = -math.inf
         if signer is not None:
             signer.last_timestamp = signing_after(last, now_s, options.authentication == "mavlink", self._path)
 
@@ -178,45 +188,49 @@ class RunStateFile:
         if self._can_move and self.began_s < now_s:
             lines.append(
                 f"threats: where the mission says {now_s - self.began_s:.0f} s ago, when its first run began; before a "
-                f"new flight remove {self._read_from}"
+                f"new flight remove {self._path}"
             )
         return lines
 
     def warnings(self) -> list[str]:
         """Return the warnings about what a restart will not know."""
-        if self._path is not None or not self._can_move:
+        if self._path is not None:
+            return warnings_of(self._path)
+        if not self._can_move:
             return []
         return ["without --state a restart would tell the threats smaller than they may be by then, and no directive"]
 
     def write(self, station: GroundStation, now_s: float) -> None:
-        """Write the state for the next run; raises InputError if that fails."""
-        if self._path is None:
+        """Have the state written for the next run; while the disk does not take it, that is told and tried again."""
+        if self._file is None:
             return
-        if self._signer is not None:
-            self._signing_timestamp = self._signer.last_timestamp
+        # A run that does not sign with MAVLink forgets no time of one that did.
+        kept_timestamp = 0 if self._written is None else self._written.signing_timestamp
         state = SavedState(
             station.epoch_s,
-            self._signing_timestamp,
+            kept_timestamp if self._signer is None else self._signer.last_timestamp,
             self._threats,
             self.began_s + station.tracks.clock_ahead_s,
             station.directive,
             station.revision,
         )
-        write_state_file(self._path, text_of(state))
+        self._file.write(text_of(state))
+        if _kept(state) != _kept(self._written):
+            self._hold_until_s = now_s + MOST_HOLD_S
         self._written, self._written_at_s = state, now_s
 
     def write_if_due(self, station: GroundStation, now_s: float) -> None:
         """Write the state if directive, epoch or revision has changed, or the signing time is STATE_PERIOD_S old."""
-        last = self._written
-        kept = None if last is None else (last.directive, last.epoch_s, last.revision)
-        changed = kept != (station.directive, station.epoch_s, station.revision)
-        if changed or (self._signer is not None and now_s - self._written_at_s >= STATE_PERIOD_S):
-            self.write_if_possible(station, now_s)
-
-    def write_if_possible(self, station: GroundStation, now_s: float) -> None:
-        """Write the state; if the disk fails, warn once and write no more, so that the broadcast goes on."""
-        try:
+        changed = _kept(self._written) != (station.directive, station.epoch_s, station.revision)
+        is_old = self._signer is not None and now_s - self._written_at_s >= STATE_PERIOD_S
+        if changed or is_old or (self._file is not None and not self._file.is_written):
             self.write(station, now_s)
-        except InputError as error:
-            self._path = None
-            LOGGER.warning("%s; no longer keeping it", error)
+
+    def holds(self, now_s: float) -> bool:
+        """Return whether the broadcast is to wait until directive, epoch and revision are on disk."""
+        return self._file is not None and self._file.is_awaited and now_s < self._hold_until_s
+
+
+def _kept(state: SavedState | None) -> tuple[Directive, int, int] | None:
+    """Return what must be on disk before it is on the air."""
+    return None if state is None else (state.directive, state.epoch_s, state.revision)

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from companion.errors import InputError
+from companion.files.log_series import LogSeries, file_bytes
 from companion.files.tlog import TlogWriter
 from companion.guidance.settings import DEFAULT_LAW
 from companion.mission.model import Mission
-from companion.onboard.flight_log import FlightLog, unused
+from companion.onboard.flight_log import FlightLog
 from companion.protocol.deframer import StreamFramer
 from companion.protocol.ed25519 import FrameSigner
 from companion.protocol.frame import raw_frame
@@ -22,6 +23,7 @@ from companion.protocol.radio_status import read_radio_status
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import wait
 from companion.runtime.console import program_logger
+from companion.runtime.io_thread import IoThread, IoThreadFile
 from companion.transport.endpoints import Link, Sender, open_receiver, open_sender
 from groundstation.adsb_mirror import AdsbMirror
 from groundstation.agents import VehicleModel
@@ -30,6 +32,7 @@ from groundstation.clock import GroundClock, WallSigner
 from groundstation.directives import DirectiveInput
 from groundstation.ground_station import GroundStation
 from groundstation.input_keys import input_trusts
+from groundstation.log_files import log_place
 from groundstation.options import Options
 from groundstation.rivals import LOCK_NAME, Rivals, RunLock
 from groundstation.saved_state import RunStateFile
@@ -89,20 +92,21 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
     clock = GroundClock()
     start_s = clock.now_s()
     with ExitStack() as stack:
-        state_file = RunStateFile(options, mission, frame_signer.signer, start_s)
+        # Opened first and so closed last, after everything that still has bytes to write.
+        files = _io_thread("files", stack)
+        state_file = RunStateFile(options, mission, frame_signer.signer, start_s, files)
         _lock(options, stack)
         station = _station(mission, options, state_file, start_s)
         broadcaster = Broadcaster(station, options.radio, frame_signer)
         broadcaster.begin(start_s)
-        log = FlightLog(None if options.log is None else TlogWriter(unused(options.log)), "groundstation")
-        stack.callback(log.close)
+        log = _opened_log(options, stack)
         rivals = Rivals(frame_signer)
         hearing = _Hearing(clock, log, stack)
         links = await _open_links(options, station, hearing, stack)
         await _listen(options, station, rivals, hearing)
         # On disk before the first frame is on the air.
         state_file.write(station, start_s)
-        stack.callback(lambda: state_file.write_if_possible(station, clock.now_s()))
+        stack.callback(lambda: state_file.write(station, clock.now_s()))
         stack.callback(DirectiveInput(station).close)
         status = Status(station, broadcaster, options)
         for line in [status.opening(), *state_file.news(start_s)]:
@@ -112,6 +116,24 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         run = _Run(station, broadcaster, AdsbMirror(mission), status, state_file, frame_signer, rivals)
         loop = BroadcastLoop(run, links, log, options)
         await loop.run(clock, stop)
+
+
+def _io_thread(name: str, stack: ExitStack) -> IoThread:
+    thread = IoThread(name)
+    stack.callback(thread.close)
+    return thread
+
+
+def _opened_log(options: Options, stack: ExitStack) -> FlightLog:
+    """Return the log of a run, which writes nothing without --log; `stack` closes it."""
+    if options.log is None:
+        return FlightLog(None)
+    most_bytes = int(options.log_mb * 1e6)
+    series = LogSeries(log_place(options.log, most_bytes), file_bytes(most_bytes))
+    # A thread of its own: a disk for logs that hangs must not keep the state from being written.
+    file = IoThreadFile(series, _io_thread("logs", stack))
+    stack.callback(file.close)
+    return FlightLog(TlogWriter(file), "groundstation")
 
 
 def _station(mission: Mission, options: Options, state_file: RunStateFile, start_s: float) -> GroundStation:
@@ -145,14 +167,17 @@ def _lock(options: Options, stack: ExitStack) -> None:
 
 async def _listen(options: Options, station: GroundStation, rivals: Rivals, hearing: _Hearing) -> None:
     """Hear the broadcast's own link where that is possible; raises InputError for one that was asked for."""
-    if options.listen is None:
+    link = options.listened
+    if link is None:
         return
+
+    def hear(datagram: bytes, now_s: float) -> None:
+        rivals.hear(datagram, station.epoch_s, now_s)
+
     try:
-        await hearing.open(
-            options.listen, lambda data, now_s: rivals.hear(data, station.epoch_s, now_s), is_logged=False
-        )
+        await hearing.open(link, hear, is_logged=False)
     except InputError as error:
-        if options.listen != options.link:
+        if options.listen is not None:
             raise
         LOGGER.warning("%s: another ground station would not be noticed", error)
 
@@ -240,7 +265,8 @@ class BroadcastLoop:
             self._follow(clock, now_s)
             # A new directive is on disk before it is on the air: no restart may take back what vehicles have heard.
             self._run.state_file.write_if_due(self._run.station, now_s)
-            self._send(now_s)
+            if not self._run.state_file.holds(now_s):
+                self._send(now_s)
             self._tell(now_s)
             await wait(stop, self._period_s)
 

@@ -146,6 +146,19 @@ class Adapter(Protocol):
         """Return the frames that request message rates and parameters, as far as they are due now."""
         ...
 
+    def silence(self, now_s: float) -> str | None:
+        """Return in words that the autopilot is heard and answers nothing, and the remedy; None if it answers."""
+        ...
+
+    @property
+    def unusual(self) -> str | None:
+        """What is unusual of the frames that the autopilot sends, in words; None if nothing is."""
+        ...
+
+    def note_signed(self) -> bool:
+        """Note that the autopilot signs its frames; return whether that is new."""
+        ...
+
     def encode(self, setpoint: Setpoint, convergence_rad: float, now_s: float) -> list[bytes]:
         """Return the frames that command a setpoint, whose heading is from grid north."""
         ...

@@ -10,6 +10,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import NamedTuple
 
 WRAP_MS = 2**32
 """The clock begins again at 0 after this time, 49.7 days."""
@@ -33,11 +34,13 @@ LEAP_QUIET_S = 1.0
 SHARED_TURNS = 3
 """Number of times within SHARED_WITHIN_S that each of two clocks went on after the other: two autopilots."""
 SHARED_CONTRADICTIONS = 20
-"""Number of late positions within SHARED_WITHIN_S that are not where the vehicle was then: two autopilots."""
+"""Number of positions within SHARED_WITHIN_S where the vehicle cannot have been then: two autopilots."""
 SHARED_WITHIN_S = 10.0
 """Time within which signs of two autopilots are counted."""
 SHARED_MEMORY_S = 30.0
 """Time after the last sign of two autopilots for which they are still assumed."""
+FASTEST_M_S = 100.0
+"""Speed that no vehicle here has."""
 PLACE_TOLERANCE_M = 3.0
 """Distance between a late position and the vehicle's place at that time that is none: rounding and interpolation."""
 ACCELERATION_M_S2 = 10.0
@@ -55,9 +58,18 @@ class Clocked(Enum):
     SAME = "same"
     """The clock stands where it stood."""
     LATE = "late"
-    """A newer frame of the autopilot is there already."""
+    """A newer frame of the autopilot is there already; of its kind this one may still be the newest."""
+    BEFORE = "late, from before the restart"
     UNCONFIRMED = "clock not confirmed"
     """The time does not follow on the times before; nothing is believed until further frames confirm it."""
+
+
+class _Place(NamedTuple):
+    """A position, and the autopilot's clock then, unwrapped."""
+
+    boot_ms: int
+    lat_e7: float
+    lon_e7: float
 
 
 @dataclass(frozen=True)
@@ -103,7 +115,7 @@ class TwoAutopilots:
         self._note(self._turns_s, now_s)
 
     def note_contradiction(self, now_s: float) -> None:
-        """Count a late position that is not where the vehicle was then."""
+        """Count a position where the vehicle cannot have been then."""
         self._note(self._contradictions_s, now_s)
 
     def _note(self, times_s: deque[float], now_s: float) -> None:
@@ -122,7 +134,7 @@ class BootClock:
         self._run: _Run | None = None
         self._other: _Run | None = None
         self._retired: _Run | None = None
-        self._places: deque[tuple[int, int, int]] = deque(maxlen=MAX_PLACES)
+        self._places: deque[_Place] = deque(maxlen=MAX_PLACES)
         self._other_went_on = False
 
     def late_by_s(self, boot_ms: int) -> float:
@@ -143,29 +155,32 @@ class BootClock:
         if ahead_ms == 0:
             return Clocked.SAME
         near_zero = boot_ms <= 1e3 * (now_s - run.at_s) + RESTART_SLACK_MS
-        if not near_zero and (-LATE_MS <= ahead_ms < 0 or self._is_of_the_one_before(boot_ms, now_s)):
+        if not near_zero and self._is_of_the_one_before(boot_ms, now_s):
+            return Clocked.BEFORE
+        if not near_zero and -LATE_MS <= ahead_ms < 0:
             return Clocked.LATE
         return self._take_other(boot_ms, near_zero, now_s)
 
-    def note_place(self, boot_ms: int, lat_e7: int, lon_e7: int) -> None:
-        """Keep a position that was newer than all before."""
-        self._places.append((self._unwrapped(boot_ms), lat_e7, lon_e7))
+    def note_place(self, boot_ms: int, lat_e7: int, lon_e7: int, now_s: float) -> None:
+        """Keep a position that is newer than all before; a sign of two autopilots, if no vehicle is as fast."""
+        place = _Place(self._unwrapped(boot_ms), lat_e7, lon_e7)
+        if self._places:
+            last = self._places[-1]
+            if _metres(last, place) > PLACE_TOLERANCE_M + FASTEST_M_S * (place.boot_ms - last.boot_ms) / 1e3:
+                self.two.note_contradiction(now_s)
+        self._places.append(place)
 
     def compare_place(self, boot_ms: int, lat_e7: int, lon_e7: int, now_s: float) -> None:
         """Count a position that is not newer as a sign of two autopilots, unless the vehicle was there at that time."""
-        places, boot_ms = self._places, self._unwrapped(boot_ms)
-        after = next((k for k in range(len(places) - 1, -1, -1) if places[k][0] <= boot_ms), -1) + 1
-        if not 0 < after <= len(places):
+        places, place = self._places, _Place(self._unwrapped(boot_ms), lat_e7, lon_e7)
+        after = next((k for k in range(len(places) - 1, -1, -1) if places[k].boot_ms <= place.boot_ms), -1) + 1
+        if after == 0:
             return
-        before_ms, *start = places[after - 1]
-        end_ms, *end = places[min(after, len(places) - 1)]
-        share = (boot_ms - before_ms) / (end_ms - before_ms) if end_ms > before_ms else 0.0
-        expected = [one + share * (other - one) for one, other in zip(start, end, strict=True)]
-        off_m = _METRES_PER_E7 * math.hypot(
-            lat_e7 - expected[0], (lon_e7 - expected[1]) * math.cos(math.radians(lat_e7 / 1e7))
-        )
-        gap_s = (end_ms - before_ms) / 1e3
-        if off_m > PLACE_TOLERANCE_M + ACCELERATION_M_S2 * gap_s**2:
+        start, end = places[after - 1], places[min(after, len(places) - 1)]
+        gap_ms = end.boot_ms - start.boot_ms
+        share = (place.boot_ms - start.boot_ms) / gap_ms if gap_ms else 0.0
+        lat, lon = (start[k] + share * (end[k] - start[k]) for k in (1, 2))
+        if _metres(_Place(0, lat, lon), place) > PLACE_TOLERANCE_M + ACCELERATION_M_S2 * (gap_ms / 1e3) ** 2:
             self.two.note_contradiction(now_s)
 
     def _take_other(self, boot_ms: int, near_zero: bool, now_s: float) -> Clocked:
@@ -183,21 +198,27 @@ class BootClock:
         run = self._run
         assert run is not None
         frames, quiet_s = (RESTART_FRAMES, RESTART_QUIET_S) if other.near_zero else (LEAP_FRAMES, LEAP_QUIET_S)
+        if not other.near_zero and 0 < run.ahead_ms(other.newest_ms) <= LATE_MS:
+            # The one so far is what comes late, by a second way; were it another vehicle, the places would tell.
+            quiet_s = 0.0
         if other.frames < frames or now_s - run.at_s < quiet_s:
             return Clocked.UNCONFIRMED
-        self.restarts += other.near_zero or run.ahead_ms(boot_ms) < 0
-        self._run, self._other, self._retired, self._other_went_on = other, None, replace(run, at_s=now_s), False
-        self._places.clear()
+        self._run, self._other, self._other_went_on = other, None, False
+        if other.near_zero or run.ahead_ms(boot_ms) < 0:
+            self.restarts += 1
+            self._retired = replace(run, at_s=now_s)
+            self._places.clear()
         return Clocked.NEWER
 
     def _note_turn(self, now_s: float) -> None:
-        """Count that the clock went on after another one did; one that was only late is forgotten instead."""
+        """Count that the clock went on after another one did, which is no other one where it may be late or early."""
         run, other = self._run, self._other
         if run is None or other is None:
             return
-        if -LATE_MS <= run.ahead_ms(other.newest_ms) < 0:
+        ahead_ms = run.ahead_ms(other.newest_ms)
+        if -LATE_MS <= ahead_ms < 0:
             self._other = None
-        elif self._other_went_on:
+        elif self._other_went_on and abs(ahead_ms) > LATE_MS:
             self.two.note_turn(now_s)
         self._other_went_on = False
 
@@ -210,3 +231,9 @@ class BootClock:
         if before is None or 1e3 * (now_s - before.at_s) > LATE_MS:
             return False
         return -LATE_MS <= before.ahead_ms(boot_ms) <= 0
+
+
+def _metres(one: _Place, other: _Place) -> float:
+    """Return the distance of two places."""
+    east_e7 = (other.lon_e7 - one.lon_e7) * math.cos(math.radians(one.lat_e7 / 1e7))
+    return _METRES_PER_E7 * math.hypot(other.lat_e7 - one.lat_e7, east_e7)

@@ -20,10 +20,10 @@ MAX_KEYS = 1_024
 """Greatest number of messages whose order is kept, beyond which all are forgotten."""
 AHEAD_FRAMES = 16
 """How many frames may have been lost however short the time."""
-RATE_FACTOR = 3.0
+RATE_FACTOR = 1.5
 """How many times its measured rate a link may be taken to run, for the frames that may have been lost in a time."""
-STALE_S = 1.5
-"""Time without a frame after which every number is taken for ahead: an autopilot sends its heartbeat each second."""
+STALE_S = 4.0
+"""Time without a newer frame after which every number is taken for ahead: the autopilot counts as lost by then."""
 RATE_STEP_S, RATE_STEPS = 0.25, 9
 """Least time between two of the points by which the rate is measured, and their number."""
 
@@ -64,8 +64,12 @@ class FrameOrder:
     def anchor(self, number: int, now_s: float) -> None:
         """Go on to the number of a frame that is the newest one by its own time."""
         if self._number is not None:
-            self._counts = self._counts or number != self._number
-            self._index += (number - self._number) % WRAP
+            ahead = (number - self._number) % WRAP
+            self._counts = self._counts or ahead != 0
+            if ahead >= WRAP - AHEAD_FRAMES and ahead > self._most_ahead(now_s):
+                # A frame without a time that was sent after this one has overtaken it.
+                return
+            self._index += ahead
         self._advance(number, now_s)
 
     def take(self, number: int, key: Hashable, payload: bytes, frame: bytes, now_s: float) -> Ordered:

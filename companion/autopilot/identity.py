@@ -30,6 +30,8 @@ OTHERS_MEMORY_S = 30.0
 """Time after which an autopilot that was heard more often is forgotten."""
 MAX_COMPONENTS = 8
 """Greatest number of components beside the autopilot whose frames are kept in order."""
+STANDS_STILL = "clock stands still"
+"""Reason for a new frame with the time of the one before."""
 AUTOPILOT_COMPONENT = common.MAV_COMP_ID_AUTOPILOT1
 _NO_VEHICLES = frozenset(
     {
@@ -260,7 +262,7 @@ class Identity:
         """Judge a frame by the autopilot's clock; each kind of message has its own newest time."""
         boot_ms, lat_e7, lon_e7 = _PLACE.unpack_from(frame.payload.ljust(_PLACE.size, b"\0"))
         clocked = self._clock.take(boot_ms, now_s)
-        if clocked is Clocked.UNCONFIRMED:
+        if clocked in (Clocked.UNCONFIRMED, Clocked.BEFORE):
             return Verdict(clocked.value)
         if self._clock.restarts != self._restarts:
             self._restarts = self._clock.restarts
@@ -276,10 +278,10 @@ class Identity:
                 return Verdict(DUPLICATE)
             if is_place:
                 self._clock.compare_place(boot_ms, lat_e7, lon_e7, now_s)
-            return Verdict("clock stands still" if boot_ms == newest[0] else LATE)
+            return Verdict(STANDS_STILL if boot_ms == newest[0] else LATE)
         self._newest_ms[frame.message_id] = boot_ms, frame.data
         if is_place:
-            self._clock.note_place(boot_ms, lat_e7, lon_e7)
+            self._clock.note_place(boot_ms, lat_e7, lon_e7, now_s)
         return Verdict(None, now_s - late_by_s)
 
     def _untimed(self, order: FrameOrder, frame: RawFrame, now_s: float) -> Verdict:

@@ -15,15 +15,15 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
 from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.commands import Command, Commands
+from companion.autopilot.dialogue import Dialogue
 from companion.autopilot.firmware import ENDINGS, FAMILIES, Firmware, firmware_of, known
 from companion.autopilot.heartbeat import HeartbeatIdentity
-from companion.autopilot.identity import Identity
+from companion.autopilot.identity import STANDS_STILL, Identity
 from companion.autopilot.intake import DAMAGED, decode, is_whole
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import ParameterReader, Wanted, request
 from companion.autopilot.streams import IF_ANY, RESTS_ON, SPARSE, Shortfall, StreamWatch, message_name
 from companion.autopilot.telemetry import (
-    COMPANION_COMPONENT,
     HEARTBEAT_TIMEOUT_S,
     Telemetry,
     TelemetryReader,
@@ -85,13 +85,14 @@ class LinkedAdapter(ABC):
         self._reader = TelemetryReader(self.rejected)
         self._message_ids = self._reader.message_ids | {
             *self.rates_hz,
+            common.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
             common.MAVLINK_MSG_ID_PARAM_VALUE,
             common.MAVLINK_MSG_ID_COMMAND_ACK,
             common.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
         }
         self._message_intervals = Commands()
         self._commands = Commands()
-        self._mav: common.MAVLink | None = None
+        self._dialogue = Dialogue()
         self.firmware: Firmware | None = None
         """The autopilot's firmware; None until it tells it, for which it is asked by `ask_further`."""
         self._streams = StreamWatch(self.rates_hz, self.rests_on)
@@ -157,6 +158,11 @@ class LinkedAdapter(ABC):
         return self._identity.refusal
 
     @property
+    def unusual(self) -> str | None:
+        """What is unusual of the frames that the autopilot sends, in words; None if nothing is."""
+        return self._dialogue.note()
+
+    @property
     def beside(self) -> str | None:
         """Which other autopilots are heard on the link, in words; None if there are none."""
         return self._identity.beside
@@ -180,8 +186,22 @@ class LinkedAdapter(ABC):
             return []
         for message_id in self._streams.due(now_s, self._reader.seen_s):
             self._message_intervals.queue(_interval(message_id, self.rates_hz[message_id]))
-        frames = [self._pack(message) for message in self._message_intervals.due(now_s, self._system_id)]
-        return frames + [self._pack(request(name, self._system_id)) for name in self.parameters.due(now_s)]
+        questions = [
+            *self._message_intervals.due(now_s, self._system_id),
+            *(request(name, self._system_id) for name in self.parameters.due(now_s)),
+        ]
+        if self._dialogue.asked(len(questions), now_s):
+            self.parameters.restart()
+        return [self._pack(message) for message in questions]
+
+    def silence(self, now_s: float) -> str | None:
+        """Return in words that the autopilot is heard and answers nothing, and the remedy; None if it answers."""
+        return self._dialogue.silence(now_s)
+
+    def note_signed(self) -> bool:
+        """Note that the autopilot signs its frames; return whether that is new."""
+        is_new, self._dialogue.signed = not self._dialogue.signed, True
+        return is_new
 
     def ask_further(self) -> None:
         """Ask for what only a check before the flight needs: the firmware, and what ends the guided mode by itself."""
@@ -238,17 +258,21 @@ class LinkedAdapter(ABC):
             return False
         reason, at_s = self._identity.take(frame, now_s)
         self._reader.note_restarts(self._identity.restarts)
+        if reason in (None, STANDS_STILL):
+            if self._heard_after != self.telemetry.restarts:
+                self._begin(now_s)
+            self._streams.arrived(frame.message_id, now_s)
         message = decode(frame) if reason is None else None
         if message is None:
             return False
-        if self._heard_after != self.telemetry.restarts:
-            self._begin(now_s)
-        self._streams.arrived(frame.message_id, now_s)
+        self._dialogue.heard(frame.version)
         if frame.message_id == common.MAVLINK_MSG_ID_PARAM_VALUE:
+            self._dialogue.answered()
             self.parameters.take(message)
         elif frame.message_id == common.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             self.firmware = firmware_of(self.kind, message.flight_sw_version)
         elif frame.message_id == common.MAVLINK_MSG_ID_COMMAND_ACK:
+            self._dialogue.answered()
             self._message_intervals.take(message, self._system_id)
             self._commands.take(message, self._system_id)
         else:
@@ -266,6 +290,7 @@ class LinkedAdapter(ABC):
         """Ask for everything anew: the autopilot is first heard, or has restarted."""
         if self._heard_after is not None:
             self.parameters.restart()
+            self._dialogue.restart()
         self._heard_after = self.telemetry.restarts
         self._streams.begin(now_s)
 
@@ -298,12 +323,7 @@ class LinkedAdapter(ABC):
 
     def _pack(self, message: common.MAVLink_message) -> bytes:
         # A companion shares its autopilot's system id, which is known once a heartbeat was heard.
-        system_id = self.telemetry.system_id or 1
-        if self._mav is None or self._mav.srcSystem != system_id:
-            self._mav = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
-        data = bytes(message.pack(self._mav))
-        self._mav.seq = (self._mav.seq + 1) % 256
-        return data
+        return self._dialogue.packed(message, self.telemetry.system_id or 1)
 
     def _local_target(
         self,

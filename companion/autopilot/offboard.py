@@ -72,8 +72,7 @@ def require_mavsdk() -> None:
 
 def is_setpoint(frame: bytes) -> bool:
     """Return whether a complete MAVLink frame is a setpoint (one of SETPOINT_IDS)."""
-    raw = raw_frame(frame)
-    return raw.version == 2 and raw.message_id in SETPOINT_IDS
+    return raw_frame(frame).message_id in SETPOINT_IDS
 
 
 class Offboard:

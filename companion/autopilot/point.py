@@ -75,6 +75,19 @@ class PointAdapter:
         """Return no frames: there is no autopilot to ask."""
         return []
 
+    def silence(self, now_s: float) -> str | None:
+        """Return None: there is no autopilot to answer."""
+        return None
+
+    @property
+    def unusual(self) -> str | None:
+        """None: there is no autopilot that sends anything."""
+        return None
+
+    def note_signed(self) -> bool:
+        """Return False: there is no autopilot that signs anything."""
+        return False
+
     def hold(self, now_s: float) -> list[bytes]:
         """Return no frames: a point needs no setpoint stream before it is steered."""
         return []

@@ -49,6 +49,12 @@ class KeptFile:
         with self._lock:
             return self._wanted == self._written
 
+    @property
+    def is_awaited(self) -> bool:
+        """Whether the newest text is being written, and no error of the disk was told."""
+        with self._lock:
+            return self._wanted != self._written and not self._told
+
     def write(self, text: str) -> None:
         """Have a text written; call it again regularly until `is_written`."""
         now_s = time.monotonic()

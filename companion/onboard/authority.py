@@ -3,7 +3,8 @@
 ArduPilot obeys setpoints in its guided mode and in no other, so the mode alone decides. PX4 wants a stream of setpoints
 before the safety pilot can choose OFFBOARD, and goes back to OFFBOARD by itself when a stream that ended begins again,
 even out of a failsafe (docs/autopilots.md). So whatever ends an engagement of a PX4 locks the companion: it sends
-nothing until the vehicle is disarmed or the safety pilot clears the lock.
+nothing until the vehicle is disarmed or the safety pilot clears the lock. One heartbeat is enough to let go of a
+vehicle, and never enough to unlock.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ FAILSAFE_STATES = {
 """The MAV_STATEs by which an autopilot says that one of its failsafes acts, ArduPilot also that it warns, and their
 words."""
 
+UNLOCK_AFTER_S = 0.5
+"""Time between two heartbeats, with none between that says otherwise, that unlock: a single one may be a stray."""
 MODE_LEFT = "taken over: the mode was changed"
+DISARMED = "disarmed"
 FAILSAFE = "autopilot's failsafe"
 RESTARTED = "autopilot restarted in flight"
 NOT_OURS = "OFFBOARD was on before this companion began"
@@ -57,6 +61,8 @@ class Authority:
         self._resumes_on_stream = resumes_on_stream
         self._was = was
         self._heard = False
+        self._let_go_since_s: float | None = None
+        """Time of the first of the heartbeats that say one after the other what unlocks."""
         self._restarts = 0
         if resumes_on_stream and was is State.LOCKED:
             self._lock(LOCKED_BEFORE)
@@ -77,14 +83,17 @@ class Authority:
             return
         restarted = self._heard and telemetry.restarts != self._restarts
         self._restarts = telemetry.restarts
-        if not self._resumes_on_stream:
-            if self.state is State.LOCKED and steerable:
-                return
+        if self.state is State.LOCKED:
+            # Neither mode nor state leads a vehicle that resumes out.
+            self._note_locked(telemetry.heartbeat_at_s, telemetry.armed if self._resumes_on_stream else steerable)
+        elif not self._resumes_on_stream:
             self._set(State.ENGAGED if steerable else State.WAITING)
         elif not telemetry.armed:
-            self._set(State.WAITING)
-        elif self.state is State.LOCKED:
-            pass  # Neither mode nor state leads out.
+            if self.state is State.ENGAGED:
+                self._lock(DISARMED)
+                self._note_locked(telemetry.heartbeat_at_s, False)
+            else:
+                self._set(State.WAITING)
         elif telemetry.system_status in FAILSAFE_STATES:
             self._lock(FAILSAFE)
         elif restarted:
@@ -113,6 +122,15 @@ class Authority:
             self._was = State.WAITING
             self._set(State.WAITING)
 
+    def _note_locked(self, heartbeat_at_s: float, holds: bool) -> None:
+        """Unlock once heartbeats have said for a time what unlocks; `holds`: the newest one does not say it."""
+        if holds:
+            self._let_go_since_s = None
+        elif self._let_go_since_s is None:
+            self._let_go_since_s = heartbeat_at_s
+        elif heartbeat_at_s - self._let_go_since_s >= UNLOCK_AFTER_S:
+            self._set(State.WAITING)
+
     def _begin(self, steerable: bool) -> None:
         """Set the state for an armed vehicle that this companion finds when it starts."""
         had_it = self._was is State.ENGAGED
@@ -127,4 +145,4 @@ class Authority:
         self.state, self.reason = state, ""
 
     def _lock(self, reason: str) -> None:
-        self.state, self.reason = State.LOCKED, reason
+        self.state, self.reason, self._let_go_since_s = State.LOCKED, reason, None

@@ -260,7 +260,9 @@ class Companion:
         if idle is None and self.engagement is None:
             unable, status = self.steering.unable, self.failsafe.status
             outside = self._outside_fence()
-            idle = not_ready(self.adapter, self.telemetry, unable, status, outside, self.steering.config)
+            idle = self.adapter.silence(now_s) or not_ready(
+                self.adapter, self.telemetry, unable, status, outside, self.steering.config
+            )
         if idle is None:
             return self._steer(age_s, now_s)
         return self._idle(idle, age_s, now_s)
@@ -271,7 +273,8 @@ class Companion:
             self._assess(age_s, now_s)
             self._disengage()
         status, said = self.failsafe.status, told_by_autopilot(self.adapter)
-        note = "; ".join(one for one in (said, self._told_seldom(now_s)) if one is not None) or None
+        notes = (said, self._told_seldom(now_s), self.adapter.unusual)
+        note = "; ".join(one for one in notes if one is not None) or None
         return Decision(now_s, Purpose.IDLE, idle, status.stage, age_s, triggers=status.all_words, note=note)
 
     def _told_seldom(self, now_s: float) -> str | None:

@@ -41,7 +41,7 @@ class AutopilotSection(Section):
     kind: str
     link: str
     system_id: Annotated[int, Field(ge=1, le=255)] | None = None
-    """MAVLink system id of the autopilot; None: the first one heard."""
+    """MAVLink system id of the autopilot; None: the only one that is heard."""
     offboard: Literal["mavsdk", "direct"] = "mavsdk"
     """Sender of a PX4 copter's setpoints: MAVSDK in a process of its own, or the companion itself."""
     state_file: Annotated[str, Field(min_length=1)] | None = None

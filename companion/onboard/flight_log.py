@@ -55,6 +55,8 @@ class Mark(IntEnum):
     """First in a log: the companion that ran before was locked by a take-over that was not cleared (State.LOCKED)."""
     LOST = common.MAV_CMD_WAYPOINT_USER_1
     """Records are missing before this one: the disk took none for a while."""
+    SIGNED = common.MAV_CMD_WAYPOINT_USER_1
+    """The autopilot was first seen to sign its frames, whose signatures the log leaves out."""
     GAP = common.MAV_CMD_USER_3
     """MAVSDK's stream of setpoints had a gap: Authority.note_gap() was called."""
 

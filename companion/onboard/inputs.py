@@ -67,13 +67,16 @@ class AutopilotInput:
     def receive(self, chunk: bytes, address: Address | None = None) -> None:
         """Take in bytes from the link, cut anywhere; `address` is the sender's, where the link has several."""
         frames = [
-            without_signature(frame)
+            frame
             for frame in self._intake.feed(chunk, address)
             if not self._is_others(frame) and not self._is_strangers(frame, address)
         ]
         if not frames:
             return
+        signed, frames = any(map(self._is_signed, frames)), [without_signature(frame) for frame in frames]
         believed = self._flight.receive(frames)
+        if signed:
+            self._flight.note_signed()
         if address is not None:
             if believed:
                 self.peer.note_believed(address, believed, self._flight.clock.now_s())
@@ -92,6 +95,11 @@ class AutopilotInput:
         return frame.version == 2 and (
             frame.message_id in ONEWAY_IDS or frame.sender == (GROUND_SYSTEM, GROUND_COMPONENT)
         )
+
+    def _is_signed(self, frame: RawFrame) -> bool:
+        """Return whether a frame is the autopilot's and has a MAVLink signature."""
+        system_id = self._flight.companion.adapter.telemetry.system_id
+        return frame.is_signed and frame.sender == (system_id, AUTOPILOT_COMPONENT)
 
     def _is_strangers(self, frame: RawFrame, address: Address | None) -> bool:
         """Return whether a frame in flight is in the autopilot's name, but from an address that is not its own."""

@@ -15,6 +15,7 @@ from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Told
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
+from companion.onboard.causes import CLOCKS, Cause
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.endings import endings
 from companion.onboard.finding import Finding, warning
@@ -27,6 +28,8 @@ SLOWED_REMEDY = (
     "and give the link a higher baud rate"
 )
 """What to do about messages that come more seldom than they were asked for."""
+RATES_S = 5.0
+"""The rates of the messages for which that takes no longer are measured before the findings."""
 ONE_SPEED_SLACK = 0.1
 """How far the configured speed may be, as a share, from the only speed of a vehicle that cannot change it."""
 
@@ -78,6 +81,13 @@ def finding_on_agent(config: Config, world_model: WorldModel, whole: bool) -> Fi
     return Finding(False, f"agent {own} is not in the broadcast: {has}", "correct agent_id, or the mission")
 
 
+def finding_on_cause(cause: Cause) -> Finding:
+    """Return the finding on a cause for which the broadcast is not believed, or less than it should be."""
+    if cause.stops or cause.name == CLOCKS:
+        return Finding(False, f"broadcast: {cause.words}", cause.remedy)
+    return warning(f"broadcast: {cause.words}", cause.remedy)
+
+
 def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: float) -> Iterator[Finding]:
     telemetry = adapter.telemetry
     link = config.autopilot.link if config.autopilot else "none"
@@ -91,7 +101,12 @@ def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: f
         age_s = now_s - telemetry.heartbeat_at_s
         yield Finding(False, f"last heartbeat {age_s:.0f} s ago", "check the link and that the autopilot runs")
     else:
-        yield Finding(True, f"{adapter.kind}, system {telemetry.system_id}, heard on {link}")
+        unusual = "" if adapter.unusual is None else f"; {adapter.unusual}"
+        yield Finding(True, f"{adapter.kind}, system {telemetry.system_id}, heard on {link}{unusual}")
+        silence = adapter.silence(now_s)
+        if silence is not None:
+            words, _, remedy = silence.partition(": ")
+            yield Finding(False, words, remedy)
         if adapter.beside is not None:
             yield warning(
                 f"other autopilots on the same link: {adapter.beside}",
@@ -186,9 +201,12 @@ def _airspeed(limits: LimitsSection, abilities: Abilities) -> Iterator[Finding]:
 
 
 def _streams(adapter: LinkedAdapter, now_s: float) -> Iterator[Finding]:
-    """Yield which of what safety rests on comes too seldom."""
-    for short in adapter.shortfalls(now_s):
+    """Yield which of what safety rests on comes too seldom, or that nothing does as far as it was measured."""
+    shortfalls = adapter.shortfalls(now_s)
+    for short in shortfalls:
         yield Finding(False, f"{short}; {short.rests_on} rests on it", SLOWED_REMEDY)
+    if not shortfalls and adapter.rates_hz and adapter.streams_measured(now_s, RATES_S):
+        yield Finding(True, "the messages that safety rests on come as often as they were asked for")
 
 
 def _at_most(key: str, configured: float, able: float, words: str) -> Finding:

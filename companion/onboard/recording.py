@@ -60,6 +60,11 @@ class RecordedCompanion:
             self._log.record_frame(now_s, frame)
         return believed
 
+    def note_signed(self) -> None:
+        """Pass on that the autopilot signs its frames, and log it the first time: the log has no signatures."""
+        if self.companion.adapter.note_signed():
+            self._mark(Mark.SIGNED, self.clock.now_s())
+
     def note_clock(self, now_s: float) -> None:
         """Pass on the offset of the computer's system clock from the flight's clock, and log it if it changed."""
         offset_s = time.time() - now_s

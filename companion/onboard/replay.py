@@ -49,7 +49,7 @@ def replay(
     lost = False
     for t_s, data in records:
         frame = raw_frame(data)
-        if frame.version == 1:
+        if frame.version == 1 and frame.component != COMPANION_COMPONENT:
             companion.receive(data, t_s)
         elif frame.message_id == oneway.MAVLINK_MSG_ID_ONEWAY_DECISION:
             decision, _ = companion.tick(t_s)
@@ -68,6 +68,8 @@ def replay(
             elif mark is Mark.WITHDRAWN:
                 companion.repeat(t_s)
                 decided_s = t_s
+            elif mark is Mark.SIGNED:
+                companion.adapter.note_signed()
             elif mark is Mark.GAP:
                 companion.authority.note_gap(MAVSDK_SILENT)
             elif mark is Mark.LOST:

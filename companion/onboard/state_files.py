@@ -7,6 +7,9 @@ what is not known counts as the worst.
 from __future__ import annotations
 
 import json
+import os
+import zlib
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -29,6 +32,8 @@ from companion.runtime.io_thread import IoThread
 LOGGER = program_logger("companion")
 STATE_PERIOD_S = 1.0
 """Shortest time between two writes of the authenticator's state."""
+_WORSE = (State.WAITING, State.ENGAGED, State.LOCKED)
+"""The states in the order in which they keep a companion that is started from steering."""
 AUTHORITY_CHARACTERS = 64
 """Length of every text that tells who has the vehicle, so that one can be written over another on a full disk."""
 OLD_BROADCAST = "believe what is broadcast now once more"
@@ -90,19 +95,34 @@ def saved_authority(section: AutopilotSection) -> SavedAuthority:
         return SavedAuthority(State.WAITING)
     path = Path(section.state_file)
     warnings = warnings_of(path)
-    try:
-        text = read_state_file(path)
-        state = State.WAITING if text is None else State(json.loads(text)["engagement"])
-    except (InputError, ValueError, TypeError, KeyError, RecursionError) as error:
-        why = str(error) if isinstance(error, InputError) else f"{path}: not a state of the engagement"
-        warnings.append(f"{why}: a PX4 counts as locked, ArduPilot's mode decides")
-        return SavedAuthority(State.LOCKED, tuple(warnings))
-    try:
-        _check_authority_file(path, state)
-    except InputError as error:
-        warnings.append(f"{error}; a PX4 that flies counts as locked, and so it would after a restart")
-        state = State.LOCKED if state is State.WAITING else state
+    in_memory = _in_memory(path)
+    kept: list[State] = []
+    for place in (path, *in_memory):
+        try:
+            text = read_state_file(place)
+            kept += [] if text is None else [State(json.loads(text)["engagement"])]
+        except (InputError, ValueError, TypeError, KeyError, RecursionError) as error:
+            why = str(error) if isinstance(error, InputError) else f"{place}: not a state of the engagement"
+            warnings.append(f"{why}: a PX4 counts as locked, ArduPilot's mode decides")
+            kept.append(State.LOCKED)
+    state = max(kept, key=_WORSE.index, default=State.WAITING)
+    if kept.count(State.LOCKED) == 0:
+        try:
+            _check_authority_file(path, state)
+        except InputError as error:
+            warnings.append(f"{error}; a PX4 that flies counts as locked, and so it would after a restart")
+            # A copy in memory can be written over whatever becomes of the disk.
+            state = State.LOCKED if state is State.WAITING and not in_memory else state
     return SavedAuthority(state, tuple(warnings))
+
+
+def _in_memory(path: Path) -> list[Path]:
+    """Return where the copy of a state file is that outlives the program but not the computer; nothing without one.
+
+    systemd gives the folder (RuntimeDirectory=), which is in memory: a disk that fails in flight does not lose it.
+    """
+    folder = os.environ.get("RUNTIME_DIRECTORY", "").split(":")[0]
+    return [Path(folder) / f"{zlib.crc32(str(path.absolute()).encode()):08x}-{path.name}"] if folder else []
 
 
 def authority_text(state: State) -> str:
@@ -175,10 +195,16 @@ class AuthorityStateFile:
     def __init__(self, path: str | None, files: IoThread) -> None:
         """Save the state at a path, or nowhere if that is None."""
         self._file = None if path is None else KeptFile(Path(path), files, LOGGER, WHO_HAD_IT, write_authority)
+        self._copies = [] if path is None else _in_memory(Path(path))
         self._saved: State | None = None
 
     def write(self, state: State) -> None:
         """Save the state if it changed, or was not written yet."""
         if self._file is not None and (state is not self._saved or not self._file.is_written):
             self._file.write(authority_text(state))
+        if state is not self._saved:
+            for copy in self._copies:
+                # In memory, so that nothing waits; if it fails, the file on disk has to do.
+                with suppress(InputError):
+                    write_state_file(copy, authority_text(state))
         self._saved = state

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import check, estimate, ground, references, streams, turns
+from tests.field import causes, check, estimate, gate, ground, ground_shell, link, references, streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
+    "The autopilot's link": link.SITUATIONS,
     "Frames of reference that move": references.SITUATIONS,
     "The autopilot's own estimate": estimate.SITUATIONS,
     "What was asked of the autopilot": streams.SITUATIONS,
     "Before a flight": check.SITUATIONS,
     "Floods and stalls": turns.SITUATIONS,
-    "The ground station's inputs": ground.SITUATIONS,
+    "What the gate remembers": gate.SITUATIONS,
+    "The cause in words": causes.SITUATIONS,
+    "The ground station's inputs": (*ground.SITUATIONS, *ground_shell.SITUATIONS),
 }
 """The situations of each area, in the order of the page."""
 

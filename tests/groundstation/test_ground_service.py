@@ -31,6 +31,7 @@ from groundstation import service
 from groundstation.choices import Authentication
 from groundstation.clock import MOST_AHEAD_S, GroundClock, Sources
 from groundstation.directives import directive_from
+from groundstation.log_files import log_place
 from groundstation.options import Options
 from groundstation.radio import parse_radio
 from groundstation.saved_state import (
@@ -369,12 +370,57 @@ def test_a_mission_that_a_radio_cannot_carry_is_refused_before_anything_is_said(
     assert not state.exists()
 
 
-def test_the_state_is_on_disk_before_the_first_frame_is_on_the_air(ear: Ear, tmp_path: Path) -> None:
+def test_the_state_is_on_disk_before_the_first_frame_is_on_the_air(
+    ear: Ear, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     state = tmp_path / "ground.state"
-    (tmp_path / "ground.state.new").mkdir()
-    with pytest.raises(InputError, match="cannot write the state"):
-        broadcast_until(Options(ear.link, "unsigned", state=state), lambda: False)
-    assert ear.heard() == []
+    heard_before: list[int] = []
+    replace_file = Path.replace
+
+    def replaced(fresh: Path, target: Path) -> Path:
+        time.sleep(0.2)
+        heard_before.append(len(ear.heard()))
+        return replace_file(fresh, target)
+
+    monkeypatch.setattr(Path, "replace", replaced)
+    broadcast_until(Options(ear.link, "unsigned", state=state), lambda: bool(ear.heard()))
+    assert heard_before[0] == 0
+
+
+def test_a_disk_that_takes_neither_state_nor_log_is_told_and_silences_nobody(
+    ear: Ear, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state = tmp_path / "ground.state"
+    in_the_way = tmp_path / "ground.state.new"
+    in_the_way.mkdir()
+
+    def done() -> bool:
+        if len(ear.heard()) >= 5 and in_the_way.is_dir():
+            in_the_way.rmdir()
+        return state.exists()
+
+    broadcast_until(Options(ear.link, "unsigned", state=state, log=tmp_path / "nowhere" / "x.tlog"), done)
+    said = capsys.readouterr()
+    assert f"groundstation: warning: {state}: cannot write the state" in said.err
+    assert "groundstation: warning: no logs: No such file or directory; broadcasting without them" in said.err
+    assert said.err.count("warning: ") == 2
+    assert f"groundstation: {state}: the state is written again" in said.out
+
+
+def test_logs_of_one_name_have_a_bound_together_and_none_is_written_over(tmp_path: Path) -> None:
+    path = tmp_path / "ground.tlog"
+    for number in range(1, 30):
+        place = log_place(path, 1_000)
+        one = place(1)
+        assert not one.exists()
+        one.write_bytes(bytes(100))
+        os.utime(one, (number, number))
+    other = tmp_path / "other.tlog"
+    other.write_bytes(bytes(5_000))
+    logs = [one for one in tmp_path.iterdir() if one != other]
+    assert sum(one.stat().st_size for one in logs) <= 1_050
+    assert max(one.stat().st_mtime for one in logs) == 29
+    assert other.exists()
 
 
 def test_a_state_that_is_none_is_not_replaced(ear: Ear, tmp_path: Path) -> None:

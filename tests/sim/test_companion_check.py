@@ -13,9 +13,10 @@ from companion.onboard.authority import State
 from companion.onboard.config import Config, parse_config
 from companion.onboard.preflight_service import check_vehicle
 from companion.onboard.service import run_companion
-from companion.onboard.state_files import saved_authority
+from companion.onboard.state_files import AuthorityStateFile, saved_authority
 from companion.protocol.codec import AgentEntry, Directive, FrameWriter, Stamp, StateFrame
 from companion.protocol.keys import keygen
+from companion.runtime.io_thread import IoThread
 from companion.transport.endpoints import open_sender, parse_link
 from sim.vehicle_service import VehicleOptions, run_vehicle
 from tests.ports import free_ports
@@ -179,6 +180,32 @@ def test_a_state_file_tells_who_had_the_vehicle(tmp_path: Path, state: State) ->
     section = configured(free_ports(2), more=f", state_file: {path}").autopilot
     assert section is not None
     assert saved_authority(section) == (state, ())
+
+
+@pytest.mark.parametrize(("on_disk", "in_memory", "state"), [
+    (None, "engaged", State.ENGAGED),
+    ("waiting", "locked", State.LOCKED),
+    ("locked", "waiting", State.LOCKED),
+    ("waiting", "{", State.LOCKED),
+    ("engaged", None, State.ENGAGED),
+    (None, None, State.WAITING),
+])  # fmt: skip
+def test_the_worse_of_the_states_on_disk_and_in_memory_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, on_disk: str | None, in_memory: str | None, state: State
+) -> None:
+    path = tmp_path / "disk" / "autopilot.json"
+    monkeypatch.setenv("RUNTIME_DIRECTORY", f"{tmp_path}/memory:/nowhere")
+    section = configured(free_ports(2), more=f", state_file: {path}").autopilot
+    assert section is not None
+    files = IoThread("files")
+    AuthorityStateFile(str(path), files).write(State.WAITING)
+    files.close()
+    (copy,) = (tmp_path / "memory").iterdir()
+    for place, word in ((path, on_disk), (copy, in_memory)):
+        place.unlink()
+        if word is not None:
+            place.write_text(word if word == "{" else f'{{"engagement": "{word}"}}')
+    assert saved_authority(section).state is state
 
 
 def test_a_check_of_a_px4_fails_where_its_state_file_is_something_else(

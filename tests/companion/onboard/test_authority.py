@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import common
 from companion.autopilot.telemetry import Telemetry
 from companion.onboard.authority import (
     DIED_BEFORE,
+    DISARMED,
     FAILSAFE,
     LOCKED_BEFORE,
     MODE_LEFT,
@@ -65,12 +66,45 @@ def test_after_a_take_over_offboard_alone_gives_nothing_back() -> None:
     assert authority.state is State.LOCKED
 
 
+def say(authority: Authority, telemetry: Telemetry, *times_s: float) -> None:
+    """Note a vehicle that is not steerable, by heartbeats at some times."""
+    for at_s in times_s:
+        authority.note(replace(telemetry, heartbeat_at_s=at_s), steerable=False)
+
+
 def test_disarming_clears_a_take_over() -> None:
     authority = taken_over()
-    authority.note(ON_THE_GROUND, steerable=False)
+    say(authority, ON_THE_GROUND, 1.0, 2.0)
     assert (authority.state, authority.kept) == (State.WAITING, State.WAITING)
     authority.note(FLYING, steerable=True)
     assert authority.state is State.ENGAGED
+
+
+def test_one_disarmed_heartbeat_clears_nothing() -> None:
+    authority = taken_over()
+    for at_s in (1.0, 3.0, 5.0):
+        say(authority, ON_THE_GROUND, at_s, at_s)
+        say(authority, FLYING, at_s + 1.0)
+        assert authority.state is State.LOCKED
+
+
+def test_one_disarmed_heartbeat_ends_an_engagement_and_does_not_bring_it_back() -> None:
+    authority = engaged()
+    say(authority, ON_THE_GROUND, 1.0)
+    assert (authority.state, authority.reason) == (State.LOCKED, DISARMED)
+    authority.note(replace(FLYING, heartbeat_at_s=2.0), steerable=True)
+    assert authority.state is State.LOCKED
+
+
+def test_where_the_mode_alone_decides_one_heartbeat_of_another_mode_does_not_unlock_what_was_left() -> None:
+    authority = Authority(resumes_on_stream=False)
+    authority.note(FLYING, steerable=True)
+    authority.leave("does not obey")
+    say(authority, FLYING, 1.0)
+    authority.note(replace(FLYING, heartbeat_at_s=2.0), steerable=True)
+    assert authority.locked
+    say(authority, FLYING, 3.0, 4.0)
+    assert authority.state is State.WAITING
 
 
 def test_a_person_clears_a_take_over_on_the_spot() -> None:
@@ -138,7 +172,7 @@ def test_what_was_locked_is_locked_after_a_restart_whatever_the_mode_is_now(in_o
 
 def test_disarming_or_a_person_clears_a_lock_from_before_a_restart() -> None:
     disarmed, cleared = px4(State.LOCKED), px4(State.LOCKED)
-    disarmed.note(ON_THE_GROUND, steerable=False)
+    say(disarmed, ON_THE_GROUND, 1.0, 2.0)
     cleared.clear()
     assert disarmed.kept is cleared.kept is State.WAITING
 
@@ -179,12 +213,13 @@ telemetries = st.builds(
 @pytest.mark.slow
 @given(st.lists(st.tuples(telemetries, st.booleans()), max_size=30), st.sampled_from(State))
 def test_from_a_lock_nothing_but_disarming_leads_out(history: list[tuple[Telemetry, bool]], was: State) -> None:
-    authority = px4(was)
-    for telemetry, in_offboard in history:
+    authority, disarmed = px4(was), 0
+    for at_s, (telemetry, in_offboard) in enumerate(history):
         was_locked = authority.locked
-        authority.note(telemetry, steerable=telemetry.armed and in_offboard)
+        authority.note(replace(telemetry, heartbeat_at_s=at_s), steerable=telemetry.armed and in_offboard)
+        disarmed = 0 if telemetry.armed else disarmed + 1
         if was_locked:
-            assert authority.locked is telemetry.armed
+            assert authority.locked is (disarmed < 2)
         if authority.state is State.ENGAGED:
             assert telemetry.armed
             assert in_offboard

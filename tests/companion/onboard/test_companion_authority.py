@@ -143,7 +143,10 @@ def test_a_take_over_that_is_taken_back_between_two_ticks_counts() -> None:
 def test_disarmed_and_flown_again_it_can_be_handed_over_again() -> None:
     flight = handed_over()
     flight.heartbeat(GUIDED, HOLD_MODE)
-    flight.heartbeat(common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, HOLD_MODE)
+    for _ in range(2):
+        flight.now_s += 1.0
+        flight.heartbeat(common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, HOLD_MODE)
+    flight.position()
     flight.heartbeat(GUIDED, HOLD_MODE)
     assert flight.tick()[1] is not None
     flight.heartbeat()

@@ -99,7 +99,7 @@ def test_a_copter_that_does_not_even_stop_is_let_go_until_it_is_handed_over_anew
     assert drifter.fly(5.0).purpose is Purpose.IDLE
     assert drifter.setpoint is None
     drifter.flight.heartbeat(custom_mode=MODE_LOITER)
-    drifter.fly(STEP_S)
+    drifter.fly(1.0)
     drifter.flight.heartbeat()
     assert drifter.fly(STEP_S).purpose is Purpose.TARGET
 
