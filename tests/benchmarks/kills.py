@@ -58,6 +58,8 @@ START_LIMIT_S = 90.0
 """Longest time that a program may take to start, many at once on a small machine."""
 AFTERWARDS_S = 3.0
 """Time for which the vehicle is watched after the companion was started again."""
+REPORT_RUNS = 20
+"""Number of runs after which the count so far is printed."""
 OFFBOARD = 6 << 16
 MISSION = """
 name: kills
@@ -490,13 +492,19 @@ def main() -> int:
         return subprocess.run(command, check=False, env={**os.environ, "KILLS_MAY_MOUNT": "1"}).returncode
     faulty = 0
     for program in given.programs:
+        runs: list[Run] = []
         with ProcessPoolExecutor(given.workers) as pool:
             tasks = [pool.submit(one_run, program, given.seed + number) for number in range(given.runs)]
-            runs = [task.result() for task in tasks]
-        for run in runs:
-            for fault in run.faults:
-                words = " ".join(fault.split())
-                print(f"FAULT {run.program}, disk {run.disk}, {run.moment}: {words}", flush=True)
+            for number, task in enumerate(tasks, 1):
+                run = task.result()
+                runs.append(run)
+                for fault in run.faults:
+                    words = " ".join(fault.split())
+                    print(f"FAULT {run.program}, disk {run.disk}, {run.moment}: {words}", flush=True)
+                if number % REPORT_RUNS == 0:
+                    print(
+                        f"{program}: {number} killed, {sum(bool(one.faults) for one in runs)} with a fault", flush=True
+                    )
         kinds = Counter(f"{run.disk}, {run.moment}" for run in runs)
         bad = sum(bool(run.faults) for run in runs)
         faulty += bad
