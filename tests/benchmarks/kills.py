@@ -85,7 +85,11 @@ class Disk:
         if how == "full":
             self._fill()
         elif how == "read-only":
-            subprocess.run(["mount", "-o", "remount,ro", str(self.folder)], check=True)
+            # A mount with files that are being written cannot be made read-only: a copy that is one is put over it.
+            copy = self.folder.with_name("copy")
+            shutil.copytree(self.folder, copy)
+            subprocess.run(["mount", "--bind", str(copy), str(self.folder)], check=True)
+            subprocess.run(["mount", "-o", "remount,bind,ro", str(self.folder)], check=True)
         elif how == "taken away" and self._mounted:
             subprocess.run(["umount", "-l", str(self.folder)], check=True)
         elif how == "taken away":
@@ -99,13 +103,13 @@ class Disk:
         if how == "full":
             (self.folder / "filler").unlink()
         elif how == "read-only":
-            subprocess.run(["mount", "-o", "remount,rw", str(self.folder)], check=True)
+            subprocess.run(["mount", "-o", "remount,bind,rw", str(self.folder)], check=True)
         elif how == "taken away" and self._mounted:
             self._mount()
 
     def close(self) -> None:
         """Give the disk back."""
-        if self._mounted:
+        for _ in range(2 * self._mounted):
             subprocess.run(["umount", "-l", str(self.folder)], check=False, stderr=subprocess.DEVNULL)
 
     def _mount(self) -> None:
@@ -303,7 +307,9 @@ def kill_companion(seed: int, folder: Path) -> Run:
     run = Run("companion", f"{how}{', mended' * (mended and how != 'good')}", "in flight" if in_flight else "starting")
     program = Child(folder / "out.txt", "companion", "run", str(config))
     if in_flight:
-        run.expect(world.go_on(lambda: world.guided or program.has_ended, START_LIMIT_S), "never handed over")
+        run.expect(
+            world.go_on(lambda: "target 1 (" in program.said or program.has_ended, START_LIMIT_S), "never steered"
+        )
         world.go_on(lambda: False, drawn.uniform(0.0, 1.5))
     else:
         world.go_on(lambda: False, drawn.uniform(0.0, 2.0))
@@ -473,7 +479,8 @@ def one_run(program: str, seed: int) -> Run:
     except Exception as error:  # noqa: BLE001 every other run is of interest, too
         return Run(program, "?", "?", [f"{type(error).__name__}: {error}"])
     finally:
-        subprocess.run(["umount", "-l", str(folder / "disk")], check=False, stderr=subprocess.DEVNULL)
+        for _ in range(2 * may_mount()):
+            subprocess.run(["umount", "-l", str(folder / "disk")], check=False, stderr=subprocess.DEVNULL)
         shutil.rmtree(folder, ignore_errors=True)
 
 

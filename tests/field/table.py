@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import check, estimate, ground, references, streams, turns
+from tests.field import check, estimate, files, ground, references, streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
@@ -13,6 +13,7 @@ AREAS: Mapping[str, tuple[Situation, ...]] = {
     "What was asked of the autopilot": streams.SITUATIONS,
     "Before a flight": check.SITUATIONS,
     "Floods and stalls": turns.SITUATIONS,
+    "Disks and files": files.SITUATIONS,
     "The ground station's inputs": ground.SITUATIONS,
 }
 """The situations of each area, in the order of the page."""
