@@ -58,6 +58,9 @@ START_LIMIT_S = 90.0
 """Longest time that a program may take to start, many at once on a small machine."""
 AFTERWARDS_S = 3.0
 """Time for which the vehicle is watched after the companion was started again."""
+BRAKING_S = 6.0
+"""Further time in which a vehicle whose companion died must come to stand."""
+STANDS_M_S = 1.0
 REPORT_RUNS = 20
 """Number of runs after which the count so far is printed."""
 OFFBOARD = 6 << 16
@@ -334,10 +337,11 @@ class Again:
 
 def _companion_after(run: Run, world: World, disk: Disk, mend: str, again: Again) -> None:
     had_it = world.guided
-    # The autopilot's own failsafe acts within some seconds.
+    # The autopilot's own failsafe acts within some seconds, and the vehicle then brakes.
     world.go_on(lambda: False, AFTERWARDS_S, broadcasts=False, hands_over=False)
+    world.go_on(lambda: world.speed_m_s < STANDS_M_S, BRAKING_S, broadcasts=False, hands_over=False)
     run.expect(world.height_m > 20.0, f"{world.height_m:.0f} m high after its death")
-    run.expect(world.speed_m_s < 1.0, f"{world.speed_m_s:.1f} m/s after its death")
+    run.expect(world.speed_m_s < STANDS_M_S, f"{world.speed_m_s:.1f} m/s after its death")
     left = not world.guided
     if mend:
         disk.mend(mend)
