@@ -1,7 +1,7 @@
 """The ground station's clock: time that never steps, and what the computer's own clock does meanwhile.
 
-Inside, times come from a clock that goes on while the computer sleeps (CLOCK_BOOTTIME) and never steps, so that ages and
-due times stay true. Stamps and signing times must agree with the vehicles' clocks, which GNSS or NTP set; so they
+Inside, times come from a clock that goes on while the computer sleeps (CLOCK_BOOTTIME) and never steps, so that ages
+and due times stay true. Stamps and signing times must agree with the vehicles' clocks, which GNSS or NTP set; so they
 follow the computer's clock (CLOCK_REALTIME): whoever compares both, all the time, knows by how much it is ahead.
 """
 

@@ -20,8 +20,9 @@ from companion.errors import InputError, nearest_hint, one_line
 
 MAX_FILE_BYTES = 1_000_000
 """Largest file that is read: four times what 2000 listed agents need, and small enough for the slow YAML parser."""
-MAX_VALUES = 200_000
-"""Greatest number of values in a file, each as often as an alias stands for it: 2000 listed agents have 30 000."""
+MAX_VALUES = MAX_FILE_BYTES // 2
+"""Greatest number of values in a file, each as often as an alias stands for it: without aliases no file has so many, as
+each value takes two bytes at least."""
 UNION_TAG = "kind:"
 """Beginning of the tags by which pydantic tells the members of a union apart; errors leave tags out of a key's path."""
 

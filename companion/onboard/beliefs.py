@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
+from companion.mission.model import MAX_ITEMS
 from companion.protocol.codec import (
     AgentEntry,
     BandEntry,
@@ -18,8 +19,21 @@ from companion.protocol.codec import (
     ThreatEntry,
 )
 
+MOST_KNOWN = MAX_ITEMS
+"""Greatest number of agents, of targets and of threats that are known: no mission has more."""
 STANDING_M_S = 0.5
 """Speed below which an agent that is told without a heading stands still (on the wire 0, or hardly more)."""
+
+
+KnownT = TypeVar("KnownT")
+
+
+def put(table: dict[int, KnownT], identity: int, known: KnownT) -> None:
+    """Put an entry into a table as its newest; of more than MOST_KNOWN the one that was not told for longest goes."""
+    table.pop(identity, None)
+    table[identity] = known
+    if len(table) > MOST_KNOWN:
+        del table[next(iter(table))]
 
 
 @dataclass(frozen=True)
@@ -76,9 +90,9 @@ class Beliefs:
         """Take agents and targets from a state or fleet frame, and the unit of its places."""
         self.unit_m = (frame.resolution_cm if isinstance(frame, StateFrame) else frame.grid.resolution_cm) / 100.0
         for agent in frame.agents:
-            self.agents[agent.id] = (agent, heard)
+            put(self.agents, agent.id, (agent, heard))
         for target in frame.targets:
-            self.targets[target.id] = (target, heard)
+            put(self.targets, target.id, (target, heard))
 
     def take_threat(self, threat: ThreatEntry, heard: Heard, same_picture: bool) -> None:
         """Take the newest word on a threat; `same_picture`: the word before was of the same picture.
@@ -100,13 +114,23 @@ class Beliefs:
                 continue
             heading_rad = agent.heading_rad or 0.0
             velocity_m_s = (agent.speed_m_s * math.cos(heading_rad), agent.speed_m_s * math.sin(heading_rad))
-            self.agent_motions[agent.id] = ToldMotion(velocity_m_s, true_at_s - agent.age_s)
+            put(self.agent_motions, agent.id, ToldMotion(velocity_m_s, true_at_s - agent.age_s))
         for threat in frame.threats:
-            self.threat_velocities_m_s[threat.id] = (threat.velocity_north_m_s, threat.velocity_east_m_s)
+            put(self.threat_velocities_m_s, threat.id, (threat.velocity_north_m_s, threat.velocity_east_m_s))
 
     def take_bands(self, frame: BandsFrame) -> None:
-        """Take the floors and ceilings of some threats."""
-        self.bands.update((threat.id, threat) for threat in frame.threats)
+        """Take the floors and ceilings of some threats; one that is forgotten makes a threat reach every altitude."""
+        for threat in frame.threats:
+            put(self.bands, threat.id, threat)
+
+    def make_room(self, is_needed: Callable[[int], bool]) -> bool:
+        """Return whether another threat can be known; if necessary forget one that is not needed, by its id."""
+        if len(self.threats) < MOST_KNOWN:
+            return True
+        spare = next((identity for identity in self.threats if not is_needed(identity)), None)
+        if spare is not None:
+            del self.threats[spare]
+        return spare is not None
 
     def forget(self, is_gone: Callable[[Heard], bool]) -> None:
         """Forget agents and targets of broadcasts that are gone, and the velocities of agents not known any more."""

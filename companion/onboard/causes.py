@@ -28,6 +28,10 @@ from companion.protocol.mavlink_signing import UNSIGNED, WRONG_HASH
 from companion.protocol.other_dialect import OtherDialect
 from companion.transport.silence import Silence
 
+AGENT = "agent"
+"""Name of the cause that the broadcast does not tell of this vehicle's agent."""
+CLOCKS = "clocks"
+"""Name of the cause that the clocks differ."""
 WINDOW_S = 10.0
 """Time over which what came is counted."""
 LATE_S = 3.0
@@ -198,7 +202,7 @@ def _clocks(late_s: float, *, stops: bool = True) -> Cause:
         guess = " (whole hours: local time taken for UTC)"
     recording = ", or a recording is played" if late_s > 0 and stops else ""
     return Cause(
-        "clocks",
+        CLOCKS,
         late_s,
         f"clocks differ by {_seconds(most)}: this computer is {side} the ground station{guess}{recording}",
         "set the clocks of both from GNSS or NTP",
@@ -265,7 +269,7 @@ def _agent(facts: Facts) -> Cause | None:
     own, told = facts.agents
     some = ", ".join(map(str, told[:8])) + (f" and {len(told) - 8} more" if len(told) > 8 else "")
     return Cause(
-        "agent",
+        AGENT,
         own,
         f"agent {own} is not in the broadcast, which tells of {some or 'nobody'}",
         "set agent_id as the mission has it, or broadcast the mission with this vehicle",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.onboard.beliefs import Heard
+from companion.onboard.beliefs import Heard, put
 from companion.protocol.codec import BandEntry, FleetFrame, RadiiEntry, ThreatEntry, ThreatPlace
 
 
@@ -38,6 +38,14 @@ class FleetAssembly:
         self.origin_told = origin_told
         """Whether the epoch's origin was heard: without it the places in a fleet frame cannot be used."""
         self._waiting: dict[int, tuple[FleetFrame, float]] = {}
+
+    def place(self, threat: PlacedThreat) -> None:
+        """Take the newest place of a threat."""
+        put(self.placed, threat.place.id, threat)
+
+    def size(self, threat: RadiiEntry) -> None:
+        """Take the newest radii of a threat."""
+        put(self.radii, threat.id, threat)
 
     def wait(self, frame: FleetFrame, received_s: float) -> None:
         """Keep a fleet frame until the origin is heard; it replaces an older one of the same index."""

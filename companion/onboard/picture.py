@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from companion.mission.model import MAX_ITEMS
 from companion.protocol.messages import REVISIONS
 
 
@@ -30,17 +31,21 @@ class Picture:
         """Ids of the threats whose newest word is of the picture that had `_digest_before`."""
         self._was_whole = False
         """Whether any picture was whole before."""
+        self._too_many = False
+        """Whether it has more threats than can be known."""
 
     @property
     def whole(self) -> bool:
         """Whether every threat of the picture was heard."""
-        return self._threats is not None and len(self._heard) >= self._threats
+        return self._threats is not None and len(self._heard) >= self._threats and not self._too_many
 
     @property
     def missing(self) -> str | None:
         """What of the picture was not heard yet, in words; None if it is whole or nothing at all was heard."""
         if self.revision is None or self.whole:
             return None
+        if self._too_many:
+            return f"more than {MAX_ITEMS} threats"
         new = "new revision: " if self._was_whole else ""
         if self._threats is None:
             return f"{new}{len(self._heard)} threats heard, of how many is not known"
@@ -84,6 +89,10 @@ class Picture:
         self._heard_before.difference_update(self._heard)
         self._was_whole |= self.whole
 
+    def overflow(self) -> None:
+        """Note that the picture has more threats than can be known, so that it will never be whole."""
+        self._too_many = True
+
     def name(self, digest: bytes) -> bool:
         """Note the mission digest of the picture; return whether the picture before had another one.
 
@@ -108,3 +117,4 @@ class Picture:
             self._digest_before, self._heard_before = self._digest, self._heard
         self.revision, self._threats, self._digest = revision, None, None
         self._heard = set()
+        self._too_many = False

@@ -15,6 +15,7 @@ from companion.autopilot.linked import LinkedAdapter
 from companion.autopilot.parameter_checks import ParameterCheck
 from companion.autopilot.parameters import Told
 from companion.autopilot.telemetry import HEARTBEAT_TIMEOUT_S
+from companion.onboard.causes import CLOCKS, Cause
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.endings import endings
 from companion.onboard.finding import Finding, warning
@@ -76,6 +77,13 @@ def finding_on_agent(config: Config, world_model: WorldModel, whole: bool) -> Fi
         return None
     has = f"it has {', '.join(map(str, ids))}" if ids else "it has none"
     return Finding(False, f"agent {own} is not in the broadcast: {has}", "correct agent_id, or the mission")
+
+
+def finding_on_cause(cause: Cause) -> Finding:
+    """Return the finding on a cause for which the broadcast is not believed, or less than it should be."""
+    if cause.stops or cause.name == CLOCKS:
+        return Finding(False, f"broadcast: {cause.words}", cause.remedy)
+    return warning(f"broadcast: {cause.words}", cause.remedy)
 
 
 def _identity(config: Config, adapter: LinkedAdapter, link_heard: bool, now_s: float) -> Iterator[Finding]:

@@ -21,16 +21,19 @@ from companion.autopilot.offboard import require_mavsdk
 from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.telemetry import HEARTBEAT_PERIOD_S
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
+from companion.onboard.broadcast_causes import CauseWatch
+from companion.onboard.causes import AGENT
 from companion.onboard.config import ONE_RADIO, Config
 from companion.onboard.disk_check import DISK_REMEDY, disk_troubles
 from companion.onboard.finding import Finding
 from companion.onboard.param_file import check_new, write_param_file
 from companion.onboard.peer import Peer
-from companion.onboard.preflight import finding_on_agent, finding_on_others, findings
+from companion.onboard.preflight import finding_on_agent, finding_on_cause, finding_on_others, findings
 from companion.onboard.trust import trust_of
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator
 from companion.protocol.codec import FleetFrame, StateFrame
+from companion.protocol.link_quality import LinkMonitor
 from companion.protocol.mavlink_signing import without_signature
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import SteadyClock, wait
@@ -90,6 +93,7 @@ class _Heard:
     link: bool = False
     broadcast: bool = False
     whole: bool = False
+    quality: LinkMonitor = field(default_factory=LinkMonitor)
 
 
 class _Checker:
@@ -105,6 +109,7 @@ class _Checker:
         # Without the saved state: a frame that an earlier companion accepted is genuine, too.
         self._authenticator = Authenticator(trust_of(config.broadcast), is_stream=is_stream)
         self._world_model = WorldModel(config.agent_id, clocks_agree=self._authenticator.trust.clock_checked)
+        self._watch = CauseWatch(self._authenticator, self._broadcast_link, config.staleness.coasting_after_s)
         self._clock = SteadyClock()
         self._heard = _Heard()
         self._disk_troubles: tuple[str, ...] = ()
@@ -130,6 +135,7 @@ class _Checker:
         while not stop.is_set() and time.monotonic() - began_s < wait_s:
             now_s = self._clock.now_s()
             self._believe(self._authenticator.due(now_s), now_s)
+            self._watch.news(self._world_model, self._heard.quality, now_s)
             if self._all_known and time.monotonic() - began_s >= SETTLING_S:
                 return
             if now_s - heartbeat_s >= HEARTBEAT_PERIOD_S:
@@ -153,6 +159,8 @@ class _Checker:
         agent = finding_on_agent(self._config, self._world_model, self._heard.whole)
         if agent is not None:
             found.append(agent)
+        causes = self._watch.seen(self._world_model, self._heard.quality, self._clock.now_s())
+        found += [finding_on_cause(cause) for cause in causes if cause.name != AGENT]
         found += [Finding(False, trouble, DISK_REMEDY) for trouble in self._disk_troubles]
         return found
 
@@ -178,6 +186,7 @@ class _Checker:
     def _believe(self, admitted: list[Authenticated], now_s: float) -> None:
         self._heard.broadcast |= bool(admitted)
         for _, frame in admitted:
+            self._heard.quality.note(frame, now_s)
             self._world_model.take(frame, now_s)
             if isinstance(frame, StateFrame | FleetFrame):
                 self._heard.whole |= self._world_model.order.is_whole(frame.stamp)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from companion.guidance.view import Traffic, View
-from companion.onboard.beliefs import Beliefs, Heard
+from companion.onboard.beliefs import Beliefs, Heard, put
 from companion.onboard.fleet_assembly import FleetAssembly, PlacedThreat
 from companion.onboard.frame_order import Acceptance, FrameOrder
 from companion.onboard.picture import Picture
@@ -163,7 +163,7 @@ class WorldModel:
         if not self._follow(self.order.take_constant(frame.stamp, now_s), frame):
             return False
         for entry in frame.threats:
-            self._assembly.radii[entry.id] = entry
+            self._assembly.size(entry)
             self._join(entry.id)
         self._tables = None
         self._forget_retired()
@@ -272,7 +272,7 @@ class WorldModel:
         for frame, received_s in frames:
             heard = self._merge(frame, received_s)
             for place in frame.threats:
-                self._assembly.placed[place.id] = PlacedThreat(place, frame.rounding_m, heard)
+                self._assembly.place(PlacedThreat(place, frame.rounding_m, heard))
                 self._join(place.id)
         if frames and self.order.is_whole(frames[-1][0].stamp):
             self._forget_absent()
@@ -284,9 +284,13 @@ class WorldModel:
             return
         self._take_threat(joined.threat, joined.heard)
         if joined.band is not None:
-            self._beliefs.bands[identity] = joined.band
+            put(self._beliefs.bands, identity, joined.band)
 
     def _take_threat(self, threat: ThreatEntry, heard: Heard) -> None:
+        if threat.id not in self._beliefs.threats and not self._beliefs.make_room(self._picture.has_heard):
+            # Nothing that counts may be forgotten for it, and nobody may fly among threats that are not known.
+            self._picture.overflow()
+            return
         self._beliefs.take_threat(threat, heard, self._picture.has_heard(threat.id))
         self._picture.hear((threat.id,))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import check, estimate, files, ground, references, streams, turns
+from tests.field import causes, check, estimate, files, gate, ground, references, streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
@@ -14,6 +14,8 @@ AREAS: Mapping[str, tuple[Situation, ...]] = {
     "Before a flight": check.SITUATIONS,
     "Floods and stalls": turns.SITUATIONS,
     "Disks and files": files.SITUATIONS,
+    "What the gate remembers": gate.SITUATIONS,
+    "The cause in words": causes.SITUATIONS,
     "The ground station's inputs": ground.SITUATIONS,
 }
 """The situations of each area, in the order of the page."""

@@ -100,7 +100,7 @@ class Flight:
             # Before the companions: with GUIDED still chosen they would steer a copter that is climbing.
             stack.callback(self._end_programs)
             for agent in self.mission.agents if self.scenario.wired else ():
-                self._wires[agent.id] = Wire(self.kind, self._instance(agent.id), agent.id)
+                self._wires[agent.id] = Wire(self.kind, self._instance(agent.id), agent.id, self.scenario.troubles)
                 stack.callback(self._wires[agent.id].close)
             sensor = stack.enter_context(contextlib.closing(_Sensor(self.mission, self.vehicles)))
             self._start_programs()
@@ -184,7 +184,7 @@ class Flight:
         elif isinstance(action, MoveHome):
             vehicle.move(action)
         elif isinstance(action, LowerRates):
-            self._wires[1].lower_rates(1.0)
+            self._wires[1].lower_rates()
         elif isinstance(action, Have):
             self._wires[1].troubles.add(action.trouble)
         elif isinstance(action, Flood):
@@ -271,6 +271,7 @@ class Flight:
                 for agent_id, seen in samples.items()
             },
             "delivered_s": {agent_id: wire.delivered_s for agent_id, wire in self._wires.items()},
+            "told_s": {agent_id: wire.told_s for agent_id, wire in self._wires.items()},
         }
         (self._folder / "flight.json").write_text(json.dumps(record), encoding="utf-8")
 

@@ -156,9 +156,9 @@ def broken_bounds(figures: Figures, job: Job) -> list[str]:
 
 
 def _values(figures: Figures, figure: Figure) -> list[float | None]:
-    if figure == "last_after_told_s":
+    if figure in ("last_after_told_s", "delivered_after_told_s"):
         taken = [event for event in figures.events if event.what in ("mode wait", "mode return_home")]
-        return [event.last_after_told_s for event in taken]
+        return [getattr(event, figure) for event in taken]
     if figure in ("entries", "breaches", "open_targets"):
         return [getattr(figures, figure)]
     return [getattr(agent, figure) for agent in figures.agents]

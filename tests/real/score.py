@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -15,6 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.files.tlog import read_tlog
 from companion.mission.model import Mission, load_mission
+from companion.onboard.decision import Purpose
 from companion.protocol.frame import RawFrame, raw_frame
 from sim.score import Score, score
 from sim.trajectory import Trajectory, read_csv
@@ -28,8 +30,12 @@ HELD_S = 15.0
 HELD_SHARE = 95.0
 SETTLED_S = 1.0
 """Time after the hand-over from which gaps between setpoints count."""
+_DOES = re.compile(rf" companion: ({'|'.join(purpose.value for purpose in Purpose)})\b")
+"""A line of a companion that says what it does."""
 _CUSTOM_MODE = struct.Struct("<I")
 """The first field of HEARTBEAT's payload."""
+_AUTOPILOT_AT = 5
+"""Where HEARTBEAT's payload has its MAV_AUTOPILOT."""
 SETPOINTS = frozenset(
     {
         mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
@@ -63,8 +69,8 @@ class AgentFigures:
     height_off_m: float | None
     """Greatest difference of its true height from that at the scenario's first event; None without one."""
     delivered_gap_s: float | None
-    """Longest time between two setpoints that reached the autopilot, until its arrival or a person's mode; None without
-    a wire."""
+    """Longest time in which no setpoint reached the autopilot, until its arrival or a person's mode; None without a
+    wire."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,8 @@ class EventFigures:
     """Time from the event to the last setpoint; None if there was none."""
     last_after_told_s: float | None
     """Time from the HEARTBEAT that told the companion of another mode to the last setpoint; 0: none came after it."""
+    delivered_after_told_s: float | None
+    """The same where a wire is between them, by when it carried both: however late the companion took it in."""
     first_setpoint_s: float | None
     gap_s: float | None
     """Longest time between two setpoints."""
@@ -133,13 +141,13 @@ def figures_of(folder: Path) -> Figures:
     for index, agent in enumerate(mission.agents):
         flown = _flown(trajectory, mission, scored, (index, hand_over_s))
         arrived_s = hand_over_s + (flown["arrived_s"] or np.inf)
-        delivered_s = np.array(record.get("delivered_s", {}).get(str(agent.id), ())) - begin_s
+        delivered_s = _carried(record, "delivered_s", agent.id)
         agents.append(
             AgentFigures(
                 gap_s=longest_gap_s(setpoints[agent.id], span_s),
                 height_m=_extremes(heights[agent.id], (0.0, np.inf)),
                 height_off_m=_height_off_m(heights[agent.id], events[0][0]) if len(events) > 1 else None,
-                delivered_gap_s=longest_gap_s(delivered_s, (span_s[0], min(arrived_s, taken_s))),
+                delivered_gap_s=longest_silence_s(delivered_s, (span_s[0], min(arrived_s, taken_s))),
                 **flown,
             )
         )
@@ -148,6 +156,7 @@ def figures_of(folder: Path) -> Figures:
         mode_changes_s(folder / "logs-1") - begin_s,
         heights[mission.agents[0].id],
         _said_lines(folder / "companion-1.log", begin_s),
+        (_carried(record, "delivered_s", 1), _carried(record, "told_s", 1)),
     )
     modes = [(t_s - begin_s, mode) for t_s, mode in record["modes"]["1"]]
     return Figures(
@@ -190,6 +199,8 @@ def mode_changes_s(logs: Path) -> np.ndarray:  # (S,)
     for t_s, frame in _frames(logs):
         if frame.component != mavlink.MAV_COMP_ID_AUTOPILOT1 or frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             continue
+        if frame.payload[_AUTOPILOT_AT] == mavlink.MAV_AUTOPILOT_INVALID:
+            continue
         (mode,) = _CUSTOM_MODE.unpack_from(frame.payload)
         if mode != last:
             times_s.append(t_s)
@@ -201,6 +212,12 @@ def longest_gap_s(times_s: np.ndarray, span_s: tuple[float, float]) -> float | N
     """Return the longest time without a setpoint within a span; None if there was none in it at all."""
     inside = times_s[(times_s >= span_s[0]) & (times_s <= span_s[1])]
     return round(float(np.diff(inside).max()), 3) if len(inside) > 1 else None
+
+
+def longest_silence_s(times_s: np.ndarray, span_s: tuple[float, float]) -> float | None:
+    """Return the longest time within a span without a setpoint, to its begin and end too; None if there is none."""
+    inside = times_s[(times_s >= span_s[0]) & (times_s <= span_s[1])]
+    return round(float(np.diff([span_s[0], *inside, span_s[1]]).max()), 3) if len(times_s) else None
 
 
 def standing_from_s(t_s: np.ndarray, speed_m_s: np.ndarray, since_s: float) -> float | None:
@@ -253,6 +270,8 @@ class _Heard(NamedTuple):
     modes_s: np.ndarray
     heights: np.ndarray  # (S, 2)
     said: list[tuple[float, str]]
+    carried_s: tuple[np.ndarray, np.ndarray]
+    """When a wire carried setpoints to the autopilot, and HEARTBEATs of another mode to the companion."""
 
     def said_at(self, t_s: float) -> str:
         """Return what was said last by a time."""
@@ -270,13 +289,15 @@ def _followed(
     t_s, speed_m_s = trajectory.t_s, trajectory.agents_speed_m_s[:, 0]
     sent_s = heard.setpoints_s[(heard.setpoints_s > event_s) & (heard.setpoints_s <= until_s)]
     told_s = heard.modes_s[(heard.modes_s > event_s) & (heard.modes_s <= until_s)]
+    delivered_s, passed_s = (times_s[(times_s > event_s) & (times_s <= until_s)] for times_s in heard.carried_s)
     within = t_s <= until_s
     standing_s = standing_from_s(t_s[within], speed_m_s[within], event_s)
     flown = (t_s >= event_s) & (t_s <= (until_s if standing_s is None else standing_s))
     return EventFigures(
         what=what,
         last_setpoint_s=round(float(sent_s[-1] - event_s), 2) if len(sent_s) else None,
-        last_after_told_s=round(float(max(0.0, *(sent_s - told_s[0]), 0.0)), 2) if len(told_s) else None,
+        last_after_told_s=_last_after_s(sent_s, told_s),
+        delivered_after_told_s=_last_after_s(delivered_s, passed_s),
         first_setpoint_s=round(float(sent_s[0] - event_s), 2) if len(sent_s) else None,
         gap_s=longest_gap_s(heard.setpoints_s, (event_s, until_s)),
         height_m=_extremes(heard.heights, (event_s, until_s)),
@@ -285,6 +306,17 @@ def _followed(
         mode=[mode for at_s, mode in modes if at_s <= until_s][-1],
         said=heard.said_at(until_s),
     )
+
+
+def _last_after_s(sent_s: np.ndarray, told_s: np.ndarray) -> float | None:
+    """Return the time from the first telling to the last setpoint, 0 if that came before; None if nothing was told."""
+    return round(float(max(0.0, *(sent_s - told_s[0]), 0.0)), 2) if len(told_s) else None
+
+
+def _carried(record: dict[str, Any], what: str, agent_id: int) -> np.ndarray:  # (S,)
+    """Return the times at which a wire carried something for an agent, from when targets set out; none without one."""
+    times_s: np.ndarray = np.array(record.get(what, {}).get(str(agent_id), ())) - record["begin_unix_s"]
+    return times_s
 
 
 def path_length_m(ned_m: np.ndarray) -> float:
@@ -306,5 +338,5 @@ def _height_off_m(heights: np.ndarray, event_s: float) -> float:
 
 def _said_lines(log: Path, begin_s: float) -> list[tuple[float, str]]:
     """Return the lines of what the companion does, with their times."""
-    lines = [line.partition(" ") for line in log.read_text(encoding="utf-8").splitlines() if ", picture " in line]
+    lines = [line.partition(" ") for line in log.read_text(encoding="utf-8").splitlines() if _DOES.search(line)]
     return [(float(at_s) - begin_s, text) for at_s, _, text in lines]

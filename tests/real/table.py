@@ -99,7 +99,7 @@ def _event_row(flight: dict[str, Any], event: dict[str, Any]) -> str:
         KINDS[flight["kind"]].title,
         event["what"],
         _number(event["last_setpoint_s"]),
-        "" if event["what"] == "mode guided" else _number(event["last_after_told_s"]),
+        "" if event["what"] == "mode guided" else _number(_told(event)),
         _number(event["first_setpoint_s"]),
         _number(event["stands_after_s"]),
         _number(event["flown_m"]),
@@ -108,6 +108,13 @@ def _event_row(flight: dict[str, Any], event: dict[str, Any]) -> str:
         KINDS[flight["kind"]].modes.name_of(event["mode"]),
     ]
     return f"| {' | '.join(cells)} |\n"
+
+
+def _told(event: dict[str, Any]) -> float | None:
+    """Return the time from a HEARTBEAT of another mode to the last setpoint, as a wire carried them if there is one."""
+    carried: float | None = event["delivered_after_told_s"]
+    told: float | None = event["last_after_told_s"]
+    return told if carried is None else carried
 
 
 def _each(agents: list[dict[str, Any]], *keys: str) -> str:

@@ -139,12 +139,28 @@ def test_a_height_counts_from_that_at_the_first_event(tmp_path: Path) -> None:
     assert "height_off_m 6, at most 5" in broken_bounds(figures, Job(level, "arducopter"))
 
 
-def test_only_setpoints_that_reach_the_autopilot_count_on_a_wire(tmp_path: Path) -> None:
+def test_on_a_wire_the_time_counts_in_which_no_setpoint_reached_the_autopilot(tmp_path: Path) -> None:
     flown(tmp_path)
     record = json.loads((tmp_path / "flight.json").read_text())
-    record["delivered_s"] = {"1": [BEGIN_S + t_s for t_s in (3.0, 3.1, 4.0, 4.1, 90.0)]}
+    record["delivered_s"] = {"1": [BEGIN_S + t_s for t_s in (*np.arange(2.0, 30.0, 0.1), *np.arange(31.0, 70.0, 0.1))]}
     (tmp_path / "flight.json").write_text(json.dumps(record))
-    assert figures_of(tmp_path).agents[0].delivered_gap_s == pytest.approx(0.9)
+    agent = figures_of(tmp_path).agents[0]
+    assert agent.arrived_s == pytest.approx(72.5, abs=0.1)
+    # From 69.9 s, the last that was delivered, to 2.0 s + 72.5 s, the arrival.
+    assert agent.delivered_gap_s == pytest.approx(4.6, abs=0.15)
+
+
+def test_after_a_take_over_on_a_wire_what_was_carried_counts(tmp_path: Path) -> None:
+    flown(tmp_path)
+    record = json.loads((tmp_path / "flight.json").read_text())
+    record["notes"].insert(2, (BEGIN_S + 20.0, "mode wait"))
+    record["delivered_s"] = {"1": [BEGIN_S + t_s for t_s in np.arange(2.0, 23.0, 0.1)]}
+    record["told_s"] = {"1": [BEGIN_S + 2.0, BEGIN_S + 20.4, BEGIN_S + 22.0]}
+    (tmp_path / "flight.json").write_text(json.dumps(record))
+    figures = figures_of(tmp_path)
+    assert figures.events[0].delivered_after_told_s == pytest.approx(2.5)
+    flood = next(scenario for scenario in SCENARIOS if scenario.name == "flood")
+    assert "delivered_after_told_s 2.5, at most 0.25" in broken_bounds(figures, Job(flood, "arducopter"))
 
 
 def test_setpoints_of_all_starts_of_a_companion_count_and_no_other_messages(tmp_path: Path) -> None:

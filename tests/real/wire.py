@@ -8,7 +8,7 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Literal
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -27,7 +27,7 @@ PORT = 14700
 LATE_S = (0.1, 5.0)
 """How late a copy is: that of a second, worse path of a mobile network."""
 STRANGER_PERIOD_S = 0.02
-IMPOSTOR_PERIOD_S = 1.0
+IMPOSTOR_PERIOD_S = 0.2
 LOWERED = (
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
@@ -38,6 +38,8 @@ LOWERED = (
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
 )
 """Messages that another program slows down on PX4, which has no stream of all of them."""
+SLOW_US = 4e6
+"""Interval to which it slows them down: longer than telemetry counts."""
 _POLL_S = 0.005
 _READ_BYTES = 65_536
 _ROUTER_SYSTEM = 125
@@ -62,29 +64,32 @@ def whole_frames(received: bytearray) -> Iterator[bytes]:
 class Wire:
     """Carries frames between one autopilot and one companion in a thread of its own."""
 
-    def __init__(self, kind: Kind, instance: int, agent_id: int) -> None:
+    def __init__(self, kind: Kind, instance: int, agent_id: int, troubles: Iterable[Trouble]) -> None:
         """Connect to the autopilot, and speak to the companion at PORT + its agent's id."""
         self._kind, self._system = kind, instance + 1
         self._up = _to_px4(14540 + instance) if kind.firmware == "PX4" else _to_ardupilot(5760 + 10 * instance)
         self._down, self._elsewhere = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
         self._companion = ("127.0.0.1", PORT + agent_id)
         self._autopilot: tuple[str, int] | None = None
-        self.troubles: set[Trouble] = set()
+        self.troubles = set(troubles)
         self.delivered_s: list[float] = []
         """Unix times at which setpoints went on to the autopilot."""
+        self.told_s: list[float] = []
+        """Unix times at which the autopilot's HEARTBEAT went on to the companion with another mode than the last."""
+        self._mode: bytes | None = None
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def lower_rates(self, rate_hz: float) -> None:
-        """Have another program on the companion's own link of the autopilot ask for slower messages."""
+    def lower_rates(self) -> None:
+        """Have another program on the companion's own link ask for no messages, or of PX4 for slow ones."""
         other = mavlink.MAVLink(None, srcSystem=255, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
         if self._kind.firmware == "ArduPilot":
-            asked: list[Any] = [mavlink.MAVLink_request_data_stream_message(self._system, 1, 0, round(rate_hz), 1)]
+            asked: list[Any] = [mavlink.MAVLink_request_data_stream_message(self._system, 1, 0, 0, 0)]
         else:
             interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
             asked = [
-                mavlink.MAVLink_command_long_message(self._system, 1, interval, 0, number, 1e6 / rate_hz, *[0.0] * 5)
+                mavlink.MAVLink_command_long_message(self._system, 1, interval, 0, number, SLOW_US, *[0.0] * 5)
                 for number in LOWERED
             ]
         for message in asked:
@@ -110,6 +115,7 @@ class Wire:
                     continue
                 for frame in self._heard(received):
                     self._send_down(frame)
+                    self._note_mode(frame)
                     if "copies" in self.troubles:
                         heapq.heappush(late, (time.time() + chance.uniform(*LATE_S), frame))
             while late and late[0][0] <= time.time():
@@ -131,6 +137,13 @@ class Wire:
         if frame.component == COMPANION_COMPONENT and frame.message_id in SETPOINTS:
             self.delivered_s.append(time.time())
         self._send_up(data)
+
+    def _note_mode(self, data: bytes) -> None:
+        frame = raw_frame(data)
+        autopilot = (self._system, mavlink.MAV_COMP_ID_AUTOPILOT1, mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+        if (*frame.sender, frame.message_id) == autopilot and frame.payload[:4] != self._mode:
+            self._mode = frame.payload[:4]
+            self.told_s.append(time.time())
 
     def _send_up(self, data: bytes) -> None:
         if self._kind.firmware == "ArduPilot":

@@ -13,15 +13,15 @@ from companion.files.yaml import MAX_VALUES, parse_yaml, with_numbers
 from companion.mission.model import parse_mission
 from companion.onboard.config import parse_config
 
-POINTS = ", ".join(["*p"] * 300)
+POINTS = ", ".join(["*p"] * 900)
 PATHS = f"name: a\ntargets: [{{id: 1, motion: {{path: &q [&p [0, 0, 0], {POINTS}]}}}}"
 WIDE_MISSION = PATHS + "".join(f", {{id: {k}, motion: {{path: *q}}}}" for k in range(2, 400)) + "]\n"
-"""Valid everywhere, and 120 000 points of 400 paths in a few kilobytes: with the numbers in them too many."""
+"""Valid everywhere, and 360 000 points of 400 paths in a few kilobytes: with the numbers in them too many."""
 WIDE_CONFIG = (
     "agent_id: 1\nlimits:\n  exclusions: [&e [&c [0, 0], "
     + ", ".join(["*c"] * 999)
     + "], "
-    + ", ".join(["*e"] * 500)
+    + ", ".join(["*e"] * 900)
     + "]\n"
 )
 
