@@ -89,10 +89,12 @@ class Disk:
             self._fill()
         elif how == "read-only":
             # A mount with files that are being written cannot be made read-only: a copy that is one is put over it.
-            copy = self.folder.with_name("copy")
+            copy, read_only = self.folder.with_name("copy"), self.folder.with_name("read-only")
             shutil.copytree(self.folder, copy)
-            subprocess.run(["mount", "--bind", str(copy), str(self.folder)], check=True)
-            subprocess.run(["mount", "-o", "remount,bind,ro", str(self.folder)], check=True)
+            read_only.mkdir()
+            subprocess.run(["mount", "--bind", str(copy), str(read_only)], check=True)
+            subprocess.run(["mount", "-o", "remount,bind,ro", str(read_only)], check=True)
+            subprocess.run(["mount", "--bind", str(read_only), str(self.folder)], check=True)
         elif how == "taken away" and self._mounted:
             subprocess.run(["umount", "-l", str(self.folder)], check=True)
         elif how == "taken away":
@@ -483,8 +485,8 @@ def one_run(program: str, seed: int) -> Run:
     except Exception as error:  # noqa: BLE001 every other run is of interest, too
         return Run(program, "?", "?", [f"{type(error).__name__}: {error}"])
     finally:
-        for _ in range(2 * may_mount()):
-            subprocess.run(["umount", "-l", str(folder / "disk")], check=False, stderr=subprocess.DEVNULL)
+        for name in ("disk", "disk", "read-only") * may_mount():
+            subprocess.run(["umount", "-l", str(folder / name)], check=False, stderr=subprocess.DEVNULL)
         shutil.rmtree(folder, ignore_errors=True)
 
 
