@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import causes, check, estimate, gate, ground, ground_shell, references, streams, turns
+from tests.field import causes, check, estimate, gate, ground, ground_shell, link, references, streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
+    "The autopilot's link": link.SITUATIONS,
     "Frames of reference that move": references.SITUATIONS,
     "The autopilot's own estimate": estimate.SITUATIONS,
     "What was asked of the autopilot": streams.SITUATIONS,
