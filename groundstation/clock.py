@@ -2,7 +2,7 @@
 
 Inside, times come from a clock that goes on while the computer sleeps (CLOCK_BOOTTIME) and never steps, so that ages
 and due times stay true. Stamps and signing times must agree with the vehicles' clocks, which GNSS or NTP set; so they
-follow the computer's clock (CLOCK_REALTIME): whoever compares both, all the time, knows by how much it is ahead.
+follow the computer's clock (CLOCK_REALTIME), which is compared with the first all the time.
 """
 
 from __future__ import annotations
@@ -23,8 +23,19 @@ MOST_AHEAD_S = 1.5
 """Greatest time by which an epoch or a signing time may be ahead of the clock: receivers refuse frames more than 2 s
 ahead of their clocks (companion/protocol/authenticator.py), which may be behind. A restart within the second needs 1 s.
 """
+WAITED_FOR_S = 30.0
+"""Greatest time by which, after a step back, an epoch or a signing time is ahead of the clock: so long vehicles refuse
+it, but those that believed the last one would refuse an earlier one for ever."""
 _READ_WITHIN_S = 0.1
 """Time within which both clocks must have been read to be compared."""
+
+
+def _wall_s() -> float:
+    return time.time()
+
+
+def _monotonic_s() -> float:
+    return time.monotonic()
 
 
 def _boottime_s() -> float:
@@ -36,9 +47,9 @@ def _boottime_s() -> float:
 class Sources:
     """The clocks of the computer, as functions that return seconds."""
 
-    wall_s: Callable[[], float] = time.time
+    wall_s: Callable[[], float] = _wall_s
     """Unix time; it may be set."""
-    monotonic_s: Callable[[], float] = time.monotonic
+    monotonic_s: Callable[[], float] = _monotonic_s
     """Time that stands still while the computer sleeps."""
     boottime_s: Callable[[], float] = _boottime_s
     """The same, but it goes on meanwhile."""
@@ -119,18 +130,19 @@ class WallSigner(MavlinkSigner):
     def follow(self, ahead_s: float, now_s: float) -> None:
         """Take the computer's clock as `ahead_s` ahead from now on.
 
-        Where it was set back so far that no vehicle by that clock would accept the next signing time, times begin anew.
+        Where it was set back by more than can be waited for, signing times begin anew.
         """
         self.ahead_s = ahead_s
-        if self.last_timestamp > timestamp_of(now_s + ahead_s + MOST_AHEAD_S):
+        if self.last_timestamp > timestamp_of(now_s + ahead_s + WAITED_FOR_S):
             self.last_timestamp = timestamp_of(now_s + ahead_s)
 
 
 def next_epoch_s(last_s: int, wall_s: float) -> int:
     """Return the epoch that begins where the computer's clock has stepped to `wall_s`: later than the last if possible.
 
-    A vehicle that believed the last one believes only a later one, but none far ahead of its clock. If the clock was
-    set back farther, the epoch goes back with it, for those that could not believe the last one.
+    A vehicle that believed the last one believes only a later one, and only once its clock has come near it. If the
+    clock was set back by more than can be waited for, the epoch goes back with it: for those that could not believe the
+    last one, because their clocks were right.
     """
     later_s = max(int(wall_s), last_s + 1)
-    return later_s if later_s - wall_s <= MOST_AHEAD_S else int(wall_s)
+    return later_s if later_s - wall_s <= WAITED_FOR_S else int(wall_s)

@@ -63,11 +63,19 @@ class Options:
     can_stop: bool = False
     """Case II: whether the dead-reckoned agents can stand still."""
     listen: Link | None = None
-    """Link on which the broadcast itself is heard, to notice another ground station; None: nowhere."""
+    """Link on which the broadcast itself is heard, to notice another ground station; None: where it goes, if it can be
+    heard there."""
     unsigned_inputs: bool = False
     """Whether sensors and vehicles on other computers are believed though they sign nothing."""
     sensor_error_m: float = SENSOR_ERROR_M
     """Greatest error of a detection."""
+
+    @property
+    def listened(self) -> Link | None:
+        """Link on which the broadcast is heard; None where it goes one way only."""
+        if self.listen is not None:
+            return self.listen
+        return self.link if self.link.scheme in ("mcast", "udpbcast") else None
 
     def believes_unsigned(self, link: Link | None) -> bool:
         """Return whether unsigned frames on an input are believed: by its word, or if only this computer is heard."""
@@ -129,7 +137,7 @@ def _options(given: RunArguments) -> Options:
         log_mb=given["log_mb"],
         state=_path(state),
         can_stop=KINDS[given["autopilot"]].can_stop,
-        listen=_listened(link, given["listen"]),
+        listen=_link(given["listen"]),
         unsigned_inputs=given["unsigned_inputs"],
         sensor_error_m=error_m,
     )
@@ -140,13 +148,6 @@ def _options(given: RunArguments) -> Options:
                 f"--keys DIR, {_LOCAL_FORM}, or --unsigned-inputs to believe anybody"
             )
     return options
-
-
-def _listened(link: Link, url: str | None) -> Link | None:
-    """Return the link on which the broadcast can be heard: the one given, or its own group or subnet."""
-    if url is not None:
-        return parse_link(url)
-    return link if link.scheme in ("mcast", "udpbcast") else None
 
 
 def _is_local(link: Link) -> bool:

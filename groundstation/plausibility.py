@@ -34,7 +34,8 @@ SUSPECTS = 4
 SUSPECT_S = 150.0
 """Time after which an unconfirmed place is forgotten."""
 SLACK_S = 10.0
-"""Time in which a reach grows by the error of a sighting even if the thing stands: no bound in a mission is exact."""
+"""Time in which a reach grows by the error of a sighting even if the thing stands, as no bound in a mission is exact;
+and the age of the reach that many samples together must not leave."""
 
 
 class Bound(NamedTuple):
@@ -128,6 +129,8 @@ class Hypothesis:
 
     motion: Motion
     reach: Reach
+    anchor: Reach
+    """The reach as it was some seconds ago: many samples, each a little off, must not creep away from it."""
     count: int
     """Number of samples that agree."""
     since_s: float
@@ -141,7 +144,12 @@ class Hypothesis:
     def begun(sample: Sample, bound: Bound, now_s: float) -> Hypothesis:
         """Return the hypothesis of one sample alone."""
         motion = Motion.begun(sample.place, sample.at_s, bound.noise, bound.speed_m_s)
-        return Hypothesis(motion, Reach(sample.place, bound.noise.error_m, sample.at_s), 1, now_s, now_s)
+        reach = Reach(sample.place, bound.noise.error_m, sample.at_s)
+        return Hypothesis(motion, reach, reach, 1, now_s, now_s)
+
+    def beyond_m(self, sample: Sample, bound: Bound) -> float:
+        """Return how far a sample is from every place that the bounds allow; 0 or less: they allow it."""
+        return max(self.reach.beyond_m(sample, bound), self.anchor.beyond_m(sample, bound))
 
     def unexpected_m(self, sample: Sample, bound: Bound) -> float:
         """Return by how much a sample is farther from where the thing is expected than the filter allows."""
@@ -155,7 +163,7 @@ class Hypothesis:
 
     def allows(self, sample: Sample, bound: Bound) -> bool:
         """Return whether a sample agrees with the hypothesis."""
-        return self.reach.beyond_m(sample, bound) <= 0.0 and self.unexpected_m(sample, bound) <= 0.0
+        return self.beyond_m(sample, bound) <= 0.0 and self.unexpected_m(sample, bound) <= 0.0
 
     def with_sample(self, sample: Sample, bound: Bound, now_s: float) -> Hypothesis:
         """Return the hypothesis with a sample that agrees and is not older than the last."""
@@ -164,7 +172,8 @@ class Hypothesis:
             # Too long ago for the way between to tell a velocity.
             motion = Motion.begun(sample.place, sample.at_s, bound.noise, bound.speed_m_s)
         reach = self.reach.narrowed(sample, bound)
-        return replace(self.supported(now_s), motion=motion, reach=reach, count=self.count + 1)
+        anchor = reach if sample.at_s - self.anchor.at_s >= SLACK_S else self.anchor
+        return replace(self.supported(now_s), motion=motion, reach=reach, anchor=anchor, count=self.count + 1)
 
     def supported(self, now_s: float) -> Hypothesis:
         """Return the hypothesis with the time of a sample that agrees but is older than the last."""
@@ -212,7 +221,7 @@ def weigh(known: Known, sample: Sample, bound: Bound, now_s: float, astray_m: fl
     since_s = believed.motion.at_s - sample.at_s
     if since_s > LONGEST_S:
         return known, Weighed(Verdict.LATE)
-    beyond_m = believed.reach.beyond_m(sample, bound)
+    beyond_m = believed.beyond_m(sample, bound)
     if since_s > 0.0:
         if beyond_m <= 0.0:
             return known.agreed(believed.supported(now_s), now_s), Weighed(Verdict.SUPPORT)

@@ -96,7 +96,7 @@ class Rivals:
             )
             return
         since_s = raw.stamp.epoch_s - epoch_s
-        which = f"{abs(since_s)} s {'after' if since_s > 0 else 'before'}"
+        which = f"{abs(since_s)} s {'after' if since_s > 0 else 'before'}" if since_s else "in the same second as"
         self._found.add(
             "same",
             f"another ground station broadcasts with this key: its epoch began {which} this one's, and vehicles hear "

@@ -167,14 +167,17 @@ def _lock(options: Options, stack: ExitStack) -> None:
 
 async def _listen(options: Options, station: GroundStation, rivals: Rivals, hearing: _Hearing) -> None:
     """Hear the broadcast's own link where that is possible; raises InputError for one that was asked for."""
-    if options.listen is None:
+    link = options.listened
+    if link is None:
         return
+
+    def hear(datagram: bytes, now_s: float) -> None:
+        rivals.hear(datagram, station.epoch_s, now_s)
+
     try:
-        await hearing.open(
-            options.listen, lambda data, now_s: rivals.hear(data, station.epoch_s, now_s), is_logged=False
-        )
+        await hearing.open(link, hear, is_logged=False)
     except InputError as error:
-        if options.listen != options.link:
+        if options.listen is not None:
             raise
         LOGGER.warning("%s: another ground station would not be noticed", error)
 

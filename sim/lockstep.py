@@ -355,7 +355,9 @@ def _parts(whole_s: float, longest_s: float) -> int:
 def _write_configs(fleet: Sequence[Aircraft], folder: Path, autopilot: str) -> None:
     """Write each companion's configuration for a replay, with its log in the place of its autopilot's link."""
     for aircraft in fleet:
-        recorded = AutopilotSection(kind=autopilot, link=f"file:vehicle-{aircraft.spec.id}.tlog")
+        link, system_id = f"file:vehicle-{aircraft.spec.id}.tlog", aircraft.vehicle.system_id
+        # As in the flight: a companion that is told no id listens for a while whether there are several.
+        recorded = AutopilotSection(kind=autopilot, link=link, system_id=system_id)
         config = aircraft.companion.config.model_copy(update={"autopilot": recorded})
         (folder / f"companion-{aircraft.spec.id}.yaml").write_text(dump_config(config), encoding="utf-8")
 

@@ -81,12 +81,22 @@ class _Sent(NamedTuple):
     """What was commanded last, and when; NaN and -inf before the first command of an engagement."""
 
     altitude_m: float
+    """Altitude above sea level that the plane is to fly at."""
+    height_m: float
+    """The same as a height above home."""
+    frame: int
+    """The MAV_FRAME in which it is commanded."""
     indicated_m_s: float
     commanded_s: float
     loiter_s: float
 
+    @property
+    def ordered_m(self) -> float:
+        """The commanded altitude or height."""
+        return self.altitude_m if self.frame == common.MAV_FRAME_GLOBAL else self.height_m
 
-_NOTHING_SENT = _Sent(math.nan, math.nan, -math.inf, -math.inf)
+
+_NOTHING_SENT = _Sent(math.nan, math.nan, common.MAV_FRAME_GLOBAL, math.nan, -math.inf, -math.inf)
 
 
 class ArduPlaneAdapter(LinkedAdapter):
@@ -185,18 +195,18 @@ class ArduPlaneAdapter(LinkedAdapter):
         if again:
             sent = sent._replace(commanded_s=now_s)
         telemetry = self.telemetry
-        # Above sea level: what is above home moves with home, even after the plane has got it.
-        altitude_m = _commandable_m(setpoint.altitude_m - telemetry.height_m + telemetry.altitude_m)
-        if again or not abs(altitude_m - sent.altitude_m) <= HEIGHT_STEP_M:
-            sent = sent._replace(altitude_m=altitude_m)
+        ordered = self._ordered(sent, setpoint.altitude_m)
+        if again or (ordered.frame, ordered.ordered_m) != (sent.frame, sent.ordered_m):
+            of = "sea level" if ordered.frame == common.MAV_FRAME_GLOBAL else "home"
             self._commands.queue(
                 Command(
                     common.MAV_CMD_GUIDED_CHANGE_ALTITUDE,
-                    f"altitude {altitude_m:.0f} m above sea level",
-                    frame=common.MAV_FRAME_GLOBAL,
-                    altitude_m=altitude_m,
+                    f"{ordered.ordered_m:.0f} m above {of}",
+                    frame=ordered.frame,
+                    altitude_m=_commandable_m(ordered.ordered_m),
                 )
             )
+        sent = ordered
         # A setpoint's speed is through the air, the command's is what the airspeed sensor shows.
         slowest_m_s, fastest_m_s = self._indicated_m_s()
         indicated_m_s = setpoint.speed_m_s / self._air.ratio_at(telemetry.altitude_m)
@@ -218,12 +228,32 @@ class ArduPlaneAdapter(LinkedAdapter):
                     common.MAV_CMD_DO_REPOSITION,
                     "loiter underneath",
                     (_KEEP_SPEED, 0.0, self.parameters.value("WP_LOITER_RAD"), 0.0),
-                    frame=common.MAV_FRAME_GLOBAL,
+                    frame=sent.frame,
                     place_deg=(telemetry.lat_deg, telemetry.lon_deg),
-                    altitude_m=altitude_m,
+                    altitude_m=sent.ordered_m,
                 )
             )
         self._sent = sent
+
+    def _ordered(self, sent: _Sent, height_m: float) -> _Sent:
+        """Return what is commanded for a height above home, as the autopilot tells it now.
+
+        It is an altitude above sea level: one above home moves with home, even after the plane has got it. Where sea
+        level has moved, as the altitude to command has changed and the height has not, it is a height. A height that is
+        the present one changes nothing: the plane keeps by itself what it was last commanded.
+        """
+        telemetry = self.telemetry
+        altitude_m = height_m - telemetry.height_m + telemetry.altitude_m
+        same_altitude = abs(altitude_m - sent.altitude_m) <= HEIGHT_STEP_M
+        same_height = abs(height_m - sent.height_m) <= HEIGHT_STEP_M
+        if math.isfinite(sent.altitude_m) and height_m == telemetry.height_m:
+            return sent
+        if same_altitude and sent.frame == common.MAV_FRAME_GLOBAL:
+            return sent._replace(height_m=height_m)
+        if same_height and sent.frame == common.MAV_FRAME_GLOBAL_RELATIVE_ALT:
+            return sent._replace(altitude_m=altitude_m)
+        frame = common.MAV_FRAME_GLOBAL_RELATIVE_ALT if same_height and not same_altitude else common.MAV_FRAME_GLOBAL
+        return sent._replace(altitude_m=altitude_m, height_m=height_m, frame=frame)
 
     def _bank(self, bank_rad: float, now_s: float) -> bytes:
         return self._pack(

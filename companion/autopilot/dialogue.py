@@ -17,7 +17,7 @@ from companion.protocol.frame import crc_bytes
 
 OLD_AFTER_S = 2.5
 """Time of asking an autopilot that sends MAVLink 1 in version 2 without an answer, after which version 1 is sent."""
-SILENT_AFTER_S = 8.0
+SILENT_AFTER_S = 5.0
 """Time of asking without any answer after which the autopilot is said to answer nothing."""
 SILENT_AFTER_QUESTIONS = 8
 """Number of questions without any answer after which the autopilot is said to answer nothing."""

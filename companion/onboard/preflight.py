@@ -28,6 +28,8 @@ SLOWED_REMEDY = (
     "and give the link a higher baud rate"
 )
 """What to do about messages that come more seldom than they were asked for."""
+RATES_S = 5.0
+"""The rates of the messages for which that takes no longer are measured before the findings."""
 ONE_SPEED_SLACK = 0.1
 """How far the configured speed may be, as a share, from the only speed of a vehicle that cannot change it."""
 
@@ -199,9 +201,12 @@ def _airspeed(limits: LimitsSection, abilities: Abilities) -> Iterator[Finding]:
 
 
 def _streams(adapter: LinkedAdapter, now_s: float) -> Iterator[Finding]:
-    """Yield which of what safety rests on comes too seldom."""
-    for short in adapter.shortfalls(now_s):
+    """Yield which of what safety rests on comes too seldom, or that nothing does as far as it was measured."""
+    shortfalls = adapter.shortfalls(now_s)
+    for short in shortfalls:
         yield Finding(False, f"{short}; {short.rests_on} rests on it", SLOWED_REMEDY)
+    if not shortfalls and adapter.rates_hz and adapter.streams_measured(now_s, RATES_S):
+        yield Finding(True, "the messages that safety rests on come as often as they were asked for")
 
 
 def _at_most(key: str, configured: float, able: float, words: str) -> Finding:

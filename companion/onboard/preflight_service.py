@@ -28,7 +28,13 @@ from companion.onboard.disk_check import DISK_REMEDY, disk_troubles
 from companion.onboard.finding import Finding
 from companion.onboard.param_file import check_new, write_param_file
 from companion.onboard.peer import Peer
-from companion.onboard.preflight import finding_on_agent, finding_on_cause, finding_on_others, findings
+from companion.onboard.preflight import (
+    RATES_S,
+    finding_on_agent,
+    finding_on_cause,
+    finding_on_others,
+    findings,
+)
 from companion.onboard.trust import trust_of
 from companion.onboard.world_model import WorldModel
 from companion.protocol.authenticator import Authenticated, Authenticator
@@ -43,8 +49,6 @@ ASK_PERIOD_S = 0.1
 """Time between two rounds of asking the autopilot and of checking whether all is known."""
 SETTLING_S = 3.0
 """Shortest time of listening: slow messages, such as the battery's, come once a second or less often."""
-RATES_S = 5.0
-"""The rates of the messages for which that takes no longer are measured before the findings."""
 
 
 async def check_vehicle(

@@ -25,6 +25,8 @@ PLACE_MOVED_M = 25.0
 LOCAL_SHARE = 0.02
 """Share of the way from the hand-over by which the local frame may turn and stretch against the degrees: 1 percent is a
 convergence of the meridians of half a degree, 50 km from the origin at a latitude of 50 degrees."""
+UNDECIDED_M = 1.0
+"""Height by which a vehicle whose references have parted may be off before it climbs or descends."""
 IGNORED_M = 0.05
 """Difference of two heights that is rounding."""
 ACCELERATION_M_S2 = 10.0
@@ -106,7 +108,9 @@ def height_to_ask_m(kept: References, told: Telemetry, height_m: float) -> float
     if _is_homes(kept, told, walked_m):
         return told.height_m + by_altitude_m
     by_height_m = height_m - _by_height_m(kept, told)
-    return told.height_m + sorted((by_altitude_m, by_height_m, 0.0))[1]
+    up_m = sorted((by_altitude_m, by_height_m, 0.0))[1]
+    # What is less than the two are apart tells nothing, and nothing is what keeps a plane where it is.
+    return told.height_m + (0.0 if abs(up_m) <= min(abs(walked_m), UNDECIDED_M) else up_m)
 
 
 def fallen_m(kept: References, told: Telemetry) -> float:

@@ -75,7 +75,7 @@ class FrameSigner:
         return inside + (SIGNATURE_BYTES if self.signer is not None else 0)
 
     def has_signed(self, frame: RawFrame) -> bool:
-        """Return whether a frame of the broadcast carries the signatures that this signer adds, whenever made."""
+        """Return whether a frame of the broadcast carries the signatures that this signer adds, made at any time."""
         if self._private_key is not None:
             has_one = frame.payload_length > frame.content_length
             if not has_one or not verify(frame, self._private_key.public_key()):

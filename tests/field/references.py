@@ -139,8 +139,9 @@ def sea_level_moves() -> str:
         return message
 
     rig.edits["GLOBAL_POSITION_INT"] = raised
-    rig.run(rig.t_s + 3.0)
-    return assert_loiters(rig, "altitude above sea level jumped 200 m up")
+    off_m, words = watched(rig)
+    assert off_m < HELD_M, words
+    return f"at most {words}; {assert_loiters(rig, 'altitude above sea level jumped 200 m up')}"
 
 
 def hand_over_again() -> str:

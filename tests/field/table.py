@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import causes, check, estimate, gate, ground, references, streams, turns
+from tests.field import causes, check, estimate, gate, ground, ground_shell, link, references, streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
+    "The autopilot's link": link.SITUATIONS,
     "Frames of reference that move": references.SITUATIONS,
     "The autopilot's own estimate": estimate.SITUATIONS,
     "What was asked of the autopilot": streams.SITUATIONS,
@@ -15,7 +16,7 @@ AREAS: Mapping[str, tuple[Situation, ...]] = {
     "Floods and stalls": turns.SITUATIONS,
     "What the gate remembers": gate.SITUATIONS,
     "The cause in words": causes.SITUATIONS,
-    "The ground station's inputs": ground.SITUATIONS,
+    "The ground station's inputs": (*ground.SITUATIONS, *ground_shell.SITUATIONS),
 }
 """The situations of each area, in the order of the page."""
 

@@ -78,6 +78,13 @@ def test_every_remedy_names_a_parameter_of_that_firmware_and_a_value_in_its_rang
     assert set(NAME.findall(adapter.abilities.airspeed_remedy)) <= names(family)
 
 
+def test_the_page_on_deployment_names_only_parameters_that_a_firmware_has() -> None:
+    page = (PAGE.parent / "deploy.md").read_text(encoding="utf-8")
+    section = page.split("**The autopilot's parameters.**")[1].split("## Before each flight")[0]
+    every = {row.name for row in TABLE}
+    assert set(NAME.findall(section)) - {"ALT_HOLD"} <= every
+
+
 @pytest.mark.parametrize("family", sorted(set(FAMILIES.values())))
 def test_what_ends_the_steering_is_in_the_table(family: str) -> None:
     assert set(ENDINGS[family]) <= names(family)

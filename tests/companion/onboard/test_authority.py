@@ -102,7 +102,7 @@ def test_where_the_mode_alone_decides_one_heartbeat_of_another_mode_does_not_unl
     authority.leave("does not obey")
     say(authority, FLYING, 1.0)
     authority.note(replace(FLYING, heartbeat_at_s=2.0), steerable=True)
-    assert authority.state is State.LOCKED
+    assert authority.locked
     say(authority, FLYING, 3.0, 4.0)
     assert authority.state is State.WAITING
 

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.autopilot.firmware import ENDINGS, FAMILIES, known
+from companion.autopilot.firmware import names as firmware_names
 from companion.onboard.config import Config, parse_config
 from companion.onboard.endings import endings
 from companion.onboard.finding import Finding
 
 KINDS = tuple(FAMILIES)
+NAME = re.compile(r"\b[A-Z][A-Z0-9]+(?:_[A-Z0-9]+)+\b")
+"""What looks like a parameter's name."""
 FENCE = "fence: [[-1000, -1000], [1000, -1000], [1000, 1000], [-1000, 1000]], "
 
 
@@ -161,3 +165,5 @@ def test_whatever_is_told_every_finding_is_whole_and_what_it_sets_is_finite(
         assert finding.text
         assert finding.remedy or finding.word == "pass"
         assert all(math.isfinite(value) for _, value in finding.sets)
+        # By names of this firmware alone.
+        assert {*NAME.findall(finding.remedy), *dict(finding.sets)} <= {*firmware_names(FAMILIES[kind])}

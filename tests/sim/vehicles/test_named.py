@@ -11,6 +11,8 @@ from companion.geo.local_frame import LocalFrame
 from sim.vehicles import CRAFTS, Setup, StandIn
 from sim.vehicles.named import NO_COPTERS, NO_PLANES, firmware_of
 from sim.vehicles.parameters import set_parameters
+from sim.vehicles.px4 import HOLD, LAND
+from tests.field.rig import Rig
 
 
 def stand_in(kind: str, version: tuple[int, int] | None = None) -> StandIn:
@@ -70,9 +72,16 @@ def test_a_version_that_the_table_lacks_is_refused_with_what_is_allowed(kind: st
         firmware_of(kind, version)
 
 
-def test_a_px4_of_1_13_does_what_its_second_parameter_says_when_the_stream_ends() -> None:
-    assert "COM_OBL_ACT" in stand_in("px4-copter", (1, 13)).named
-    assert "COM_OBL_ACT" not in stand_in("px4-copter", (1, 14)).named
+@pytest.mark.parametrize(("version", "mode"), [((1, 13), LAND), ((1, 14), HOLD)])
+def test_a_px4_of_1_13_does_what_its_second_parameter_says_when_the_stream_ends(
+    version: tuple[int, int], mode: int
+) -> None:
+    rig: Rig = type("Versioned", (Rig,), {"firmware": version})("px4-copter", COM_OBL_RC_ACT=5.0)
+    assert ("COM_OBL_ACT" in rig.vehicle.named) == (version == (1, 13))
+    rig.run(6.0)
+    assert rig.last.setpoint is not None
+    rig.vehicle.step_to(rig.now_s + 3.0)
+    assert rig.vehicle.mode == mode
 
 
 def test_request_data_stream_sets_the_rates_of_a_group_on_ardupilot_alone() -> None:
