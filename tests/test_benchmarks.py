@@ -14,6 +14,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[1]
 SMALLEST = {
     "assignment": "--scenes 1",
+    "beside": ". signing --rounds 1 --frames 20",
     "bench": "--rounds 1 --calls 5 --flights 1 --flight-s 10",
     "carousel": "",
     "case_two": "--seeds 1 --error-seeds 1 --time-limit 45",

@@ -17,8 +17,10 @@ import math
 import multiprocessing
 import os
 import random
+import selectors
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -28,6 +30,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
@@ -54,10 +57,14 @@ STARTS = 42 * START
 WATCHED_S = 6.0
 """Time after a take-over in which a setpoint still counts: more than the longest latency ever seen."""
 LONG_GAP_S = 0.3
+TOLD = ("stood still", "was busy", "flooded", "setpoint gaps", "slots at most")
+"""What of the companion's own words is shown with `--said`."""
 CAUGHT_UP_S = 0.1
 """Time up to which the sender of the flood catches up with its rate."""
 PATIENCE_S = 60.0
 """Longest time for which anything is waited for."""
+SO_TIMESTAMPNS = 35
+"""Socket option of asm-generic/socket.h that the standard library lacks: tells when a datagram came."""
 SETTLED_S = 1.0
 """Time after a hand-over from which gaps between setpoints count."""
 REPEAT_S = 1.5
@@ -100,12 +107,18 @@ class Seen:
     gaps_s: list[float] = field(default_factory=list)
     """Gaps between setpoints while the vehicle was handed over."""
     sent_per_s: list[float] = field(default_factory=list)
+    cpu_shares: list[float] = field(default_factory=list)
+    """Share of a core that the companion used in each flood."""
+    said: list[str] = field(default_factory=list)
+    """What the companions said of stalls and floods, and at their end."""
 
     def add(self, other: Seen) -> None:
         """Add what was seen in another flight."""
         self.latencies_s += other.latencies_s
         self.gaps_s += other.gaps_s
         self.sent_per_s += other.sent_per_s
+        self.cpu_shares += other.cpu_shares
+        self.said += other.said
 
     @property
     def words(self) -> str:
@@ -119,8 +132,38 @@ class Seen:
             f"{len(latencies_ms)} take-overs: setpoints end after {p50:.0f} ms (median), {p99:.0f} ms (99 %), at most "
             f"{latencies_ms.max():.0f} ms; {len(gaps_ms)} gaps: {gap50:.0f} ms, {gap99:.0f} ms, at most "
             f"{gaps_ms.max():.0f} ms, {int(np.sum(gaps_ms > 1e3 * LONG_GAP_S))} over {LONG_GAP_S:g} s; "
-            f"{np.mean(self.sent_per_s):.0f} hostile datagrams/s"
+            f"{np.mean(self.sent_per_s):.0f} hostile datagrams/s; the companion used "
+            f"{100.0 * np.mean(self.cpu_shares):.0f} % of its core"
         )
+
+
+class Stamped(socket.socket):
+    """A UDP socket that knows when the kernel took in what it read last, and tells when it sends.
+
+    The program may be held up before it reads, or between looking at a frame and passing it on.
+    """
+
+    arrived_s = 0.0
+    """By the monotonic clock."""
+    on_send: Callable[[float], None]
+    """Takes the time of each datagram, just before it is sent."""
+
+    def __init__(self) -> None:
+        super().__init__(socket.AF_INET, socket.SOCK_DGRAM)
+        self.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        self.setblocking(False)
+
+    def recv(self, size: int, flags: int = 0) -> bytes:
+        """Read a datagram."""
+        datagram, ancillary, _, _ = self.recvmsg(size, 64, flags)
+        seconds, nanoseconds = struct.unpack_from("=qq", ancillary[0][2])
+        self.arrived_s = seconds + 1e-9 * nanoseconds - time.time() + time.monotonic()
+        return datagram
+
+    def send(self, data: Any, flags: int = 0) -> int:  # noqa: ANN401 - as the base class takes it
+        """Send a datagram."""
+        self.on_send(time.monotonic())
+        return super().send(data, flags)
 
 
 class Watched(Between):
@@ -129,6 +172,14 @@ class Watched(Between):
     def __init__(self, companion_port: int, safety_pilot_port: int, connect: str | None) -> None:
         """Wait for the vehicle on a port of its own, or on that of `connect`, udpin:HOST:PORT."""
         super().__init__(companion_port, safety_pilot_port)
+        self._selector.unregister(self.companion)
+        self.companion.close()
+        self.companion: Stamped = Stamped()
+        self.companion.connect((HERE, companion_port))
+        self._selector.register(self.companion, selectors.EVENT_READ)
+        self.companion.on_send = self._send_at
+        self._new_mode: int | None = None
+        """Mode that the HEARTBEAT tells which is passed on next, if it is a new one."""
         self.modes: list[tuple[float, int]] = []
         """Each change of mode, with the time at which its HEARTBEAT was passed on."""
         self.place_deg: tuple[float, float] | None = None
@@ -141,7 +192,7 @@ class Watched(Between):
             self.vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             self.vehicle.bind((host, int(port)))
             self.vehicle.setblocking(False)
-            self._selector.register(self.vehicle, 1)
+            self._selector.register(self.vehicle, selectors.EVENT_READ)
 
     def close(self) -> None:
         """Close all sockets."""
@@ -165,15 +216,24 @@ class Watched(Between):
                 elif self.vehicle_address is not None:
                     self.vehicle.sendto(frame, self.vehicle_address)
 
+    def _note_setpoints(self, datagram: bytes) -> None:
+        # This script may come to read it late: the kernel's time counts.
+        count = len(self.setpoints_s)
+        super()._note_setpoints(datagram)
+        self.setpoints_s[count:] = [self.companion.arrived_s] * (len(self.setpoints_s) - count)
+
+    def _send_at(self, now_s: float) -> None:
+        if self._new_mode is not None:
+            self.modes.append((now_s, self._new_mode))
+            self._new_mode = None
+
     def _note_mode(self, datagram: bytes) -> None:
-        now_s = time.monotonic()
         for frame in raw_frames(datagram):
             if frame.version != 2 or frame.component != 1:
                 continue
             if frame.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 mode = int.from_bytes(frame.payload[:4].ljust(4, b"\0"), "little")
-                if mode != self.custom_mode:
-                    self.modes.append((now_s, mode))
+                self._new_mode = mode if mode != self.custom_mode else None
                 self.custom_mode = mode
             elif frame.message_id == mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
                 lat_e7, lon_e7 = (int.from_bytes(frame.payload[at : at + 4], "little", signed=True) for at in (4, 8))
@@ -270,6 +330,12 @@ class Companion:
     broadcast_port: int
 
     @property
+    def cpu_s(self) -> float:
+        """The processor time that it has used, without that of MAVSDK's processes."""
+        text = Path(f"/proc/{self.process.pid}/stat").read_text()
+        return sum(map(int, text.rsplit(")", 1)[1].split()[11:13])) / os.sysconf("SC_CLK_TCK")
+
+    @property
     def guided(self) -> int:
         """The custom_mode in which its autopilot obeys it."""
         main, _ = GUIDED[self.kind]
@@ -354,16 +420,22 @@ def judge(watched: Watched, companion: Companion, options: argparse.Namespace, r
     try:
         for _ in range(runs):
             hand_over(watched, companion)
+            cpu_s, began_s = companion.cpu_s, time.monotonic()
             with hostile.flooding():
                 steady_s = time.monotonic() + SETTLED_S
                 watched.pass_on(steady_s + rng.uniform(0.5, 2.5))
                 taken_s = take_over(watched, companion)
                 watched.pass_on(taken_s + WATCHED_S)
+            seen.cpu_shares.append((companion.cpu_s - cpu_s) / (time.monotonic() - began_s))
             seen.latencies_s.append(max(0.0, watched.setpoints_s[-1] - taken_s))
             seen.gaps_s += gaps_s(watched.setpoints_s, steady_s, taken_s)
         seen.sent_per_s.append(hostile.sent_per_s)
     finally:
         hostile.close()
+    companion.process.send_signal(signal.SIGINT)
+    companion.process.wait(PATIENCE_S)
+    told = said(companion.folder).splitlines()
+    seen.said += [line for line in told if any(word in line for word in TOLD)]
     return seen
 
 
@@ -425,6 +497,7 @@ def main() -> None:
     parser.add_argument("--busy", type=int, default=1, help="processes that keep the companion's core busy")
     parser.add_argument("--nice", type=int, default=0, help="of the companion; the unit's is -10, which needs root")
     parser.add_argument("--connect", metavar="udpin:HOST:PORT", help="a vehicle that is there already")
+    parser.add_argument("--said", action="store_true", help="show what the companions said of it")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     others = os.sched_getaffinity(0) - {core_of_companion()}
@@ -444,6 +517,8 @@ def main() -> None:
                 seen[name].add(fly(kind, tree, options, max(1, options.runs // options.turns)))
         for name, one in seen.items():
             print(f"{kind}, {name}: {one.words}", flush=True)
+            if options.said:
+                print("\n".join(f"    {line}" for line in one.said), flush=True)
 
 
 if __name__ == "__main__":

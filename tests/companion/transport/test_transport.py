@@ -348,6 +348,44 @@ def test_a_listening_duplex_names_who_sent_and_sends_to_whom_it_is_told() -> Non
     run(body)
 
 
+def test_a_flood_from_others_does_not_take_the_place_of_the_bound_peer() -> None:
+    async def body() -> None:
+        heard: list[bytes] = []
+        link = Link("udpin", LOCALHOST, free_port())
+        duplex = await open_duplex(link, lambda data, _: heard.append(data), receive_buffer_bytes=4096)
+        async with plain_socket() as autopilot, plain_socket() as stranger:
+            duplex.bind(autopilot.getsockname())
+            for _ in range(500):
+                stranger.sendto(b"junk", (LOCALHOST, link.port))
+            autopilot.sendto(b"mode changed", (LOCALHOST, link.port))
+            await asyncio.sleep(0.0)
+            await asyncio.sleep(0.0)
+            assert b"mode changed" in heard
+            assert duplex.overruns() > 0
+        duplex.close()
+
+    run(body)
+
+
+def test_a_port_with_a_bound_peer_is_still_no_other_programs() -> None:
+    async def body() -> None:
+        link = Link("udpin", LOCALHOST, free_port())
+        duplex = await open_duplex(link, lambda _data, _sender: None)
+        async with plain_socket() as autopilot:
+            duplex.bind(autopilot.getsockname())
+            async with plain_socket() as other:
+                rival = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                rival.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                with rival, pytest.raises(OSError, match="in use"):
+                    rival.bind((LOCALHOST, link.port))
+                duplex.bind(other.getsockname())
+                duplex.send(b"to the other")
+                assert other.recv(100) == b"to the other"
+        duplex.close()
+
+    run(body)
+
+
 def test_a_calling_duplex_hears_its_peer_and_nobody_else() -> None:
     async def body() -> None:
         heard: list[bytes] = []
