@@ -21,7 +21,7 @@ SMALLEST = {
     "decision": "seed --threats 4 --scenes 1 --time-limit 50",
     "faults": "--first 1",
     "flood": "--seconds 1 --rate 300 --virtual 10",
-    "fuzz": "--count 150",
+    "fuzz": "--count 60",
     "guard": "30 1 --gusts 1 --checks 50",
     "hostile": "3000",
     "kills": "--runs 2 --workers 2",
