@@ -32,6 +32,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 from companion.files.log_series import LEAST_FREE_BYTES
 from companion.files.tlog import read_tlog
@@ -155,6 +156,9 @@ class Run:
 class Child:
     """A program as a process, with its output in a file."""
 
+    processes: ClassVar[list[subprocess.Popen[bytes]]] = []
+    """Every process that was started, so that none outlives its run."""
+
     def __init__(self, output: Path, *arguments: str) -> None:
         self._output = output
         with output.open("ab") as file:
@@ -166,6 +170,8 @@ class Child:
                 # As systemd gives it: in memory, over restarts.
                 env={**os.environ, "RUNTIME_DIRECTORY": str(output.parent / "memory")},
             )
+
+        self.processes.append(self._process)
 
     @property
     def said(self) -> str:
@@ -485,6 +491,9 @@ def one_run(program: str, seed: int) -> Run:
     except Exception as error:  # noqa: BLE001 every other run is of interest, too
         return Run(program, "?", "?", [f"{type(error).__name__}: {error}"])
     finally:
+        while Child.processes:
+            with suppress(ProcessLookupError):
+                Child.processes.pop().kill()
         for name in ("disk", "disk", "read-only") * may_mount():
             subprocess.run(["umount", "-l", str(folder / name)], check=False, stderr=subprocess.DEVNULL)
         shutil.rmtree(folder, ignore_errors=True)
