@@ -32,12 +32,14 @@ def handed_over(flight: References | None, told: Telemetry) -> HandOver:
 
 
 def flight_after(flight: References | None, told: Telemetry) -> References | None:
-    """Return the references of a flight after new telemetry of a vehicle that a person has; None while it is disarmed.
+    """Return the references of a flight after new telemetry of a vehicle that a person has; None on the ground.
 
-    They begin as it is armed, with the home that the autopilot has then.
+    They begin in the air: until it has taken off an autopilot sets home itself, PX4 with the take-off once more.
     """
-    if not told.armed or not math.isfinite(told.height_m) or not math.isfinite(told.altitude_m):
-        return flight if told.armed else None
+    if not told.armed or told.in_air is False:
+        return None
+    if not math.isfinite(told.height_m) or not math.isfinite(told.altitude_m):
+        return flight
     return references_of(told) if flight is None else references_after(flight, told)
 
 

@@ -49,7 +49,7 @@ class Navigation(NamedTuple):
     hand_over: HandOver | None = None
     """What is kept from the hand-over; None while a person has the vehicle."""
     flight: References | None = None
-    """The references since the vehicle was armed, followed while a person has it; None while it is disarmed."""
+    """The references since the vehicle took off, followed while a person has it; None on the ground."""
 
 
 class Located(NamedTuple):

@@ -129,3 +129,16 @@ def test_with_a_home_that_moved_in_a_persons_hands_it_goes_on_at_its_height(home
     assert decision.purpose is Purpose.TARGET
     assert setpoint is not None and setpoint.vz == pytest.approx(0.0, abs=1e-6)
     assert decision.note is not None and "heights count from where it was" in decision.note
+
+
+def test_a_home_that_the_autopilot_sets_before_the_take_off_is_the_flights_home() -> None:
+    flight = low(height_mm=30_000)
+    flight.heartbeat(common.MAV_MODE_FLAG_SAFETY_ARMED | common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 5)
+    flight.landed()
+    flight.position(height_mm=30_000)
+    flight.move_home(-20_000)
+    flight.landed(common.MAV_LANDED_STATE_IN_AIR)
+    flight.move_home(-20_000)
+    assert flight.companion.telemetry.height_m == pytest.approx(50.0)
+    flight.move_home(-40_000)
+    assert flight.companion.telemetry.height_m == pytest.approx(50.0)
