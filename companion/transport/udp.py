@@ -48,7 +48,7 @@ OnFrom = Callable[[bytes, Address], None]
 async def open_udp_receiver(
     link: Link, on_datagram: OnDatagram, receive_buffer_bytes: int, most_share: float
 ) -> Receiver:
-    """Listen on a `udpin`, `udpbcast` or `mcast` link, see `open_receiver`; raises InputError if it cannot be opened."""
+    """Listen on a `udpin`, `udpbcast` or `mcast` link as `open_receiver` does; raises InputError if it cannot be."""
     sock = await _listening_socket(link, receive_buffer_bytes)
     _forbid_writing(sock)
     reading = _Reading(sock, lambda datagram, _: on_datagram(datagram), most_share)
