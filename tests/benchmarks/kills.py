@@ -55,7 +55,7 @@ DISK_BYTES = LEAST_FREE_BYTES + 4 * 2**20
 DISKS = ("good", "full", "read-only", "taken away", "renamed")
 KINDS = ("arducopter", "px4-copter")
 STEP_S = 0.05
-START_LIMIT_S = 90.0
+START_LIMIT_S = 240.0
 """Longest time that a program may take to start, many at once on a small machine."""
 AFTERWARDS_S = 3.0
 """Time for which the vehicle is watched after the companion was started again."""
