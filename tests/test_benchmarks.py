@@ -24,7 +24,7 @@ SMALLEST = {
     "fuzz": "--count 60",
     "guard": "30 1 --gusts 1 --checks 50",
     "hostile": "3000",
-    "kills": "--runs 2 --workers 2",
+    "kills": "--runs 1 --programs companion groundstation",
     "lags": "px4-plane",
     "loop": "--seconds 2 --idle",
     "loss_sweep": "--runs 1 --levels 0.3 --time-limit 60",
