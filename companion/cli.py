@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import signal
 from pathlib import Path
 
@@ -132,28 +131,14 @@ def replay_command(log: str, config: str | None) -> int:
     """
     from companion.files.yaml import read_text_file
     from companion.onboard.config import parse_config
+    from companion.onboard.log_files import files_of, settings_of
     from companion.onboard.replay_text import replayed_lines
 
-    settings, parts = _flight_of(log)
-    if config is not None:
-        settings = config
+    settings = settings_of(log) if config is None else config
     if settings is None:
         raise InputError(f"{log}: not vehicle-N.tlog, so --config is needed; allowed: the configuration of the flight")
     loaded = parse_config(read_text_file(Path(settings)), settings)
-    return EXIT_FAILED if replayed_lines(log, parts, loaded, click.echo) else EXIT_DONE
-
-
-def _flight_of(log: str) -> tuple[str | None, list[Path]]:
-    """Return the configuration beside a log, None if its name tells of none, and the files that it goes on in."""
-    from companion.files.log_series import parts_of
-
-    path = Path(log)
-    found = re.fullmatch(r"(vehicle-(\d+))(?:-(\d+))?\.tlog", path.name)
-    if found is None:
-        return None, [path]
-    first, number = path.with_name(f"{found[1]}.tlog"), int(found[3] or 1)
-    parts = parts_of(first, number)
-    return str(path.with_name(f"companion-{found[2]}.yaml")), parts
+    return EXIT_FAILED if replayed_lines(log, files_of(log), loaded, click.echo) else EXIT_DONE
 
 
 @cli.command()

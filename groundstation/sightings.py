@@ -28,7 +28,7 @@ ASTRAY_SHARE = 0.25
 broadcasts is."""
 _TURN_S = 1.0
 """Time in which something may turn round or stop that has no turn limit in the mission."""
-_LEAST_PERIOD_S = 10.0
+_REPORT_PERIOD_S = 10.0
 """Period of reports if the mission gives none."""
 
 
@@ -50,7 +50,7 @@ class Sightings:
         for agent in mission.agents:
             bound = _agent_bound(agent, wind_m_s, error_m)
             if self._reports:
-                period_s = max(mission.report_period_s, _LEAST_PERIOD_S)
+                period_s = mission.report_period_s or _REPORT_PERIOD_S
                 bound = bound._replace(is_gated=False, period_s=period_s)
                 self._flown[agent.id] = Known.placed(0j, placed_at_s, bound, now_s)
             self._bounds[Kind.AGENT, agent.id] = bound

@@ -53,6 +53,8 @@ from companion.transport.endpoints import Address, Link, open_duplex, open_recei
 LOGGER = program_logger("companion")
 BROADCAST_SHARE = 0.25
 """Greatest mean share of the time that is spent on what came on the broadcast link."""
+READING_SHARE = 1.0 / 16.0
+"""Greatest share of the time that is spent on reading the broadcast link, before anything is worked on."""
 STRANGERS_SHARE = 0.05
 """The same for what came on the autopilot's link from addresses that are not its own."""
 CHECKS_AT_ONCE = 4
@@ -188,7 +190,7 @@ async def _open_links(vehicle: _Vehicle, autopilot: AutopilotSection, stack: Exi
     queue = TurnQueue(broadcast.receive, BROADCAST_SHARE, loop, flight.hear_waiting)
     overruns: Callable[[], int] = _none
     if vehicle.broadcast_link is not None:
-        receiver = await open_receiver(vehicle.broadcast_link, queue.offer)
+        receiver = await open_receiver(vehicle.broadcast_link, queue.offer, most_share=READING_SHARE)
         stack.callback(receiver.close)
         overruns = receiver.overruns
     offboard = None

@@ -66,10 +66,15 @@ Duplex = UdpDuplex | TcpDuplex | SerialDuplex
 
 
 async def open_receiver(
-    link: Link, on_datagram: OnDatagram, *, receive_buffer_bytes: int = RECEIVE_BUFFER_BYTES
+    link: Link,
+    on_datagram: OnDatagram,
+    *,
+    receive_buffer_bytes: int = RECEIVE_BUFFER_BYTES,
+    most_share: float = 0.5,
 ) -> Receiver:
     """Listen on a link; `on_datagram` is called on the event loop with each datagram, or each chunk of a stream.
 
+    Reading from a network, what `on_datagram` does included, takes at most `most_share` of the time, below 1.
     Raises InputError if the link only sends or cannot be opened.
     """
     if link.scheme not in RECEIVING:
@@ -78,7 +83,7 @@ async def open_receiver(
         return await open_serial_receiver(link, on_datagram)
     if link.scheme == "file":
         return await open_file_receiver(link, on_datagram)
-    return await open_udp_receiver(link, on_datagram, receive_buffer_bytes)
+    return await open_udp_receiver(link, on_datagram, receive_buffer_bytes, most_share)
 
 
 async def open_sender(link: Link, radio: RadioReading | None = None) -> Sender:

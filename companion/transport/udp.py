@@ -18,11 +18,11 @@ RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 """Receive buffer asked of the kernel, which may grant less; the default 208 KiB hold about 166 frames (measured)."""
 MAX_PER_WAKE = 128
 """Greatest number of datagrams read before other tasks on the event loop get their turn."""
+STRANGERS_SHARE = 1.0 / 16.0
+"""Share of the time in which others than the bound peer of an autopilot link are read."""
 REST_S = 0.004
 """Mean time for which a receiver rests after it has read, so that a flood wakes the program 250 times a second and not
 20 000 times. The time is drawn anew each time, so that no sender's period stays in step with it."""
-RESTS_PER_READ = 15.0
-"""Least mean rest as a multiple of the time that the reading took: a flood costs at most a sixteenth of the time."""
 
 REJOIN_PERIOD_S = 5.0
 """Period at which a multicast group is joined again: an unplugged network interface comes back as a new one."""
@@ -45,11 +45,13 @@ OnFrom = Callable[[bytes, Address], None]
 """Callback that takes a datagram and its sender's address."""
 
 
-async def open_udp_receiver(link: Link, on_datagram: OnDatagram, receive_buffer_bytes: int) -> Receiver:
-    """Listen on a `udpin`, `udpbcast` or `mcast` link; raises InputError if it cannot be opened."""
+async def open_udp_receiver(
+    link: Link, on_datagram: OnDatagram, receive_buffer_bytes: int, most_share: float
+) -> Receiver:
+    """Listen on a `udpin`, `udpbcast` or `mcast` link as `open_receiver` does; raises InputError if it cannot be."""
     sock = await _listening_socket(link, receive_buffer_bytes)
     _forbid_writing(sock)
-    reading = _Reading(sock, lambda datagram, _: on_datagram(datagram), rests=True)
+    reading = _Reading(sock, lambda datagram, _: on_datagram(datagram), most_share)
     rejoining = _Rejoining(link, sock, reading.counts) if link.scheme == "mcast" else None
 
     def close() -> None:
@@ -158,7 +160,7 @@ class UdpDuplex(Sender):
             self._of_peer.close()
         own = _socket_of(self._sock, peer)
         self._of_peer = None if own is None else _Reading(own, self._hear)
-        self._reading.rests = self._of_peer is not None
+        self._reading.most_share = 1.0 if self._of_peer is None else STRANGERS_SHARE
 
     def overruns(self) -> int:
         """Return how many datagrams of all but the bound peer the kernel dropped because its buffer was full."""
@@ -183,11 +185,11 @@ class UdpDuplex(Sender):
 
 
 class _Reading:
-    """Reads the datagrams that wait in a socket, a bounded number at a time; where it rests, it pauses between."""
+    """Reads the datagrams that wait in a socket, a bounded number at a time, and rests between where it has a share."""
 
-    def __init__(self, sock: socket.socket, on_datagram: OnFrom, *, rests: bool = False) -> None:
-        """Begin to read on the running event loop."""
-        self.rests = rests
+    def __init__(self, sock: socket.socket, on_datagram: OnFrom, most_share: float = 1.0) -> None:
+        """Begin to read on the running event loop; see `open_receiver` for `most_share`, of which 1 means no rest."""
+        self.most_share = most_share
         self.counts = ReceiveCounts()
         self._sock = sock
         self._on_datagram = on_datagram
@@ -220,9 +222,9 @@ class _Reading:
             # The callback that took the datagram may have closed the end point.
             if self._sock.fileno() < 0:
                 return
-        if self.rests:
+        if self.most_share < 1.0:
             self._loop.remove_reader(self._sock)
-            rest_s = max(REST_S, RESTS_PER_READ * (time.monotonic() - began_s))
+            rest_s = max(REST_S, (time.monotonic() - began_s) * (1.0 / self.most_share - 1.0))
             self._resting = self._loop.call_later(random.uniform(0.0, 2.0) * rest_s, self._go_on)
 
     def _go_on(self) -> None:

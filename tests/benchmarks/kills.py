@@ -32,6 +32,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 from companion.files.log_series import LEAST_FREE_BYTES
 from companion.files.tlog import read_tlog
@@ -54,10 +55,15 @@ DISK_BYTES = LEAST_FREE_BYTES + 4 * 2**20
 DISKS = ("good", "full", "read-only", "taken away", "renamed")
 KINDS = ("arducopter", "px4-copter")
 STEP_S = 0.05
-START_LIMIT_S = 90.0
+START_LIMIT_S = 240.0
 """Longest time that a program may take to start, many at once on a small machine."""
 AFTERWARDS_S = 3.0
 """Time for which the vehicle is watched after the companion was started again."""
+BRAKING_S = 6.0
+"""Further time in which a vehicle whose companion died must come to stand."""
+STANDS_M_S = 1.0
+REPORT_RUNS = 20
+"""Number of runs after which the count so far is printed."""
 OFFBOARD = 6 << 16
 MISSION = """
 name: kills
@@ -83,7 +89,13 @@ class Disk:
         if how == "full":
             self._fill()
         elif how == "read-only":
-            subprocess.run(["mount", "-o", "remount,ro", str(self.folder)], check=True)
+            # A mount with files that are being written cannot be made read-only: a copy that is one is put over it.
+            copy, read_only = self.folder.with_name("copy"), self.folder.with_name("read-only")
+            shutil.copytree(self.folder, copy)
+            read_only.mkdir()
+            subprocess.run(["mount", "--bind", str(copy), str(read_only)], check=True)
+            subprocess.run(["mount", "-o", "remount,bind,ro", str(read_only)], check=True)
+            subprocess.run(["mount", "--bind", str(read_only), str(self.folder)], check=True)
         elif how == "taken away" and self._mounted:
             subprocess.run(["umount", "-l", str(self.folder)], check=True)
         elif how == "taken away":
@@ -97,13 +109,13 @@ class Disk:
         if how == "full":
             (self.folder / "filler").unlink()
         elif how == "read-only":
-            subprocess.run(["mount", "-o", "remount,rw", str(self.folder)], check=True)
+            subprocess.run(["mount", "-o", "remount,bind,rw", str(self.folder)], check=True)
         elif how == "taken away" and self._mounted:
             self._mount()
 
     def close(self) -> None:
         """Give the disk back."""
-        if self._mounted:
+        for _ in range(2 * self._mounted):
             subprocess.run(["umount", "-l", str(self.folder)], check=False, stderr=subprocess.DEVNULL)
 
     def _mount(self) -> None:
@@ -144,6 +156,9 @@ class Run:
 class Child:
     """A program as a process, with its output in a file."""
 
+    processes: ClassVar[list[subprocess.Popen[bytes]]] = []
+    """Every process that was started, so that none outlives its run."""
+
     def __init__(self, output: Path, *arguments: str) -> None:
         self._output = output
         with output.open("ab") as file:
@@ -155,6 +170,8 @@ class Child:
                 # As systemd gives it: in memory, over restarts.
                 env={**os.environ, "RUNTIME_DIRECTORY": str(output.parent / "memory")},
             )
+
+        self.processes.append(self._process)
 
     @property
     def said(self) -> str:
@@ -301,7 +318,9 @@ def kill_companion(seed: int, folder: Path) -> Run:
     run = Run("companion", f"{how}{', mended' * (mended and how != 'good')}", "in flight" if in_flight else "starting")
     program = Child(folder / "out.txt", "companion", "run", str(config))
     if in_flight:
-        run.expect(world.go_on(lambda: world.guided or program.has_ended, START_LIMIT_S), "never handed over")
+        run.expect(
+            world.go_on(lambda: "target 1 (" in program.said or program.has_ended, START_LIMIT_S), "never steered"
+        )
         world.go_on(lambda: False, drawn.uniform(0.0, 1.5))
     else:
         world.go_on(lambda: False, drawn.uniform(0.0, 2.0))
@@ -326,10 +345,11 @@ class Again:
 
 def _companion_after(run: Run, world: World, disk: Disk, mend: str, again: Again) -> None:
     had_it = world.guided
-    # The autopilot's own failsafe acts within some seconds.
+    # The autopilot's own failsafe acts within some seconds, and the vehicle then brakes.
     world.go_on(lambda: False, AFTERWARDS_S, broadcasts=False, hands_over=False)
+    world.go_on(lambda: world.speed_m_s < STANDS_M_S, BRAKING_S, broadcasts=False, hands_over=False)
     run.expect(world.height_m > 20.0, f"{world.height_m:.0f} m high after its death")
-    run.expect(world.speed_m_s < 1.0, f"{world.speed_m_s:.1f} m/s after its death")
+    run.expect(world.speed_m_s < STANDS_M_S, f"{world.speed_m_s:.1f} m/s after its death")
     left = not world.guided
     if mend:
         disk.mend(mend)
@@ -471,7 +491,11 @@ def one_run(program: str, seed: int) -> Run:
     except Exception as error:  # noqa: BLE001 every other run is of interest, too
         return Run(program, "?", "?", [f"{type(error).__name__}: {error}"])
     finally:
-        subprocess.run(["umount", "-l", str(folder / "disk")], check=False, stderr=subprocess.DEVNULL)
+        while Child.processes:
+            with suppress(ProcessLookupError):
+                Child.processes.pop().kill()
+        for name in ("disk", "disk", "read-only") * may_mount():
+            subprocess.run(["umount", "-l", str(folder / name)], check=False, stderr=subprocess.DEVNULL)
         shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -490,13 +514,19 @@ def main() -> int:
         return subprocess.run(command, check=False, env={**os.environ, "KILLS_MAY_MOUNT": "1"}).returncode
     faulty = 0
     for program in given.programs:
+        runs: list[Run] = []
         with ProcessPoolExecutor(given.workers) as pool:
             tasks = [pool.submit(one_run, program, given.seed + number) for number in range(given.runs)]
-            runs = [task.result() for task in tasks]
-        for run in runs:
-            for fault in run.faults:
-                words = " ".join(fault.split())
-                print(f"FAULT {run.program}, disk {run.disk}, {run.moment}: {words}", flush=True)
+            for number, task in enumerate(tasks, 1):
+                run = task.result()
+                runs.append(run)
+                for fault in run.faults:
+                    words = " ".join(fault.split())
+                    print(f"FAULT {run.program}, disk {run.disk}, {run.moment}: {words}", flush=True)
+                if number % REPORT_RUNS == 0:
+                    print(
+                        f"{program}: {number} killed, {sum(bool(one.faults) for one in runs)} with a fault", flush=True
+                    )
         kinds = Counter(f"{run.disk}, {run.moment}" for run in runs)
         bad = sum(bool(run.faults) for run in runs)
         faulty += bad

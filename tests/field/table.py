@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from tests.field import causes, check, estimate, gate, ground, ground_shell, link, references, streams, turns
+from tests.field import causes, check, estimate, files, gate, ground, ground_shell, link, references, streams, turns
 from tests.field.situation import BEFORE, Situation
 
 AREAS: Mapping[str, tuple[Situation, ...]] = {
@@ -14,6 +14,7 @@ AREAS: Mapping[str, tuple[Situation, ...]] = {
     "What was asked of the autopilot": streams.SITUATIONS,
     "Before a flight": check.SITUATIONS,
     "Floods and stalls": turns.SITUATIONS,
+    "Disks and files": files.SITUATIONS,
     "What the gate remembers": gate.SITUATIONS,
     "The cause in words": causes.SITUATIONS,
     "The ground station's inputs": (*ground.SITUATIONS, *ground_shell.SITUATIONS),

@@ -144,14 +144,16 @@ class Autopilot:
     def __init__(self, port: int, north_m: float, east_m: float) -> None:
         self._peer = ("127.0.0.1", port)
         self._place_deg = LocalFrame(47.0, 8.0).to_global(north_m, east_m)
+        self._booted_s = time.monotonic()
         self._mav = common.MAVLink(None, srcSystem=1, srcComponent=common.MAV_COMP_ID_AUTOPILOT1)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def speak(self) -> None:
         lat_e7, lon_e7 = (round(degrees * 1e7) for degrees in self._place_deg)
+        boot_ms = round(1000.0 * (time.monotonic() - self._booted_s))
         for message in (
             common.MAVLink_heartbeat_message(2, common.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, 0, 4, 3),
-            common.MAVLink_global_position_int_message(0, lat_e7, lon_e7, 508_000, 8_000, 0, 0, 0, 0),
+            common.MAVLink_global_position_int_message(boot_ms, lat_e7, lon_e7, 508_000, 8_000, 0, 0, 0, 0),
         ):
             self._socket.sendto(bytes(message.pack(self._mav)), self._peer)
 

@@ -12,7 +12,7 @@ import click
 from companion.autopilot.kinds import KINDS
 from companion.errors import EXIT_DONE, EXIT_FAILED, InputError
 from companion.files.state import write_state_file
-from companion.files.tlog import Tlog, read_tlog
+from companion.files.tlog import Tlog
 from companion.files.yaml import read_text_file, with_numbers
 from companion.onboard.authority import State
 from companion.onboard.config import Config, packaged_configs, parse_config, read_config
@@ -21,6 +21,7 @@ from companion.onboard.identification.identifier import End, Identifier
 from companion.onboard.identification.table import HEADING, Row, obedience_shown, remedies, rows
 from companion.onboard.identification.track import Track, track_of
 from companion.onboard.limits import within
+from companion.onboard.log_files import LogFiles, files_of
 from companion.onboard.log_folder import VehicleLog
 from companion.onboard.service import run_companion
 from companion.protocol.authenticator import Authenticator
@@ -67,7 +68,9 @@ def table_of_log(log: str, name: str) -> list[Row]:
     config = read_config(name)
     if config.autopilot is None:
         raise InputError(f"{name}: autopilot: missing; a log is read as that of its kind, so give autopilot.kind")
-    track = track_of(read_tlog(log), config)
+    records = LogFiles(files_of(log))
+    track = track_of(records, config)
+    records.tell()
     if track.refusal is not None:
         raise InputError(f"{log}: {track.refusal}")
     return _table(track, config)

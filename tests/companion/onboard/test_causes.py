@@ -227,6 +227,15 @@ def test_words_neither_flicker_nor_follow_every_figure(looks: list[tuple[bool, f
     assert len(lines) <= 1 + 2 * len(looks) // END_S
 
 
+def test_a_cause_is_over_only_when_it_has_not_been_seen_for_a_while() -> None:
+    cause = Cause("clocks", 18.0, "by 18", "set it")
+    causes: Causes = ()
+    for at_s in range(6):
+        causes = followed(causes, [cause], float(at_s))
+    assert news(causes, followed(causes, [], 5.0 + END_S - 0.1)) == []
+    assert news(causes, followed(causes, [], 5.0 + END_S)) == ["over: by 18"]
+
+
 def test_a_number_that_changes_much_is_told_anew() -> None:
     first, second = Cause("clocks", 18.0, "by 18", "set it"), Cause("clocks", 90.0, "by 90", "set it")
     before: Causes = ()

@@ -84,8 +84,8 @@ def test_who_is_seen_counts_as_seen_and_not_as_told() -> None:
 
 
 def test_who_is_seen_at_another_height_does_not_count_as_told_either() -> None:
-    model = heard()
-    assert len(around(model.with_traffic(model.view(EPOCH_S + 2.0), [], [3])).ids) == 0
+    model, above = heard(), Traffic(3, (110.0, 2.0), (0.0, 1.0), 0.5)
+    assert len(around(model.with_traffic(model.view(EPOCH_S + 2.0), [], [above])).ids) == 0
 
 
 def test_an_old_word_forbids_no_more_than_the_other_could_and_that_is_said() -> None:

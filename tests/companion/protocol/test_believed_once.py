@@ -60,6 +60,15 @@ def test_the_newest_broadcast_is_not_believed_again_after_a_restart(word: str, c
     assert again.admit(signed(word, 8, START_S + 1.1), START_S + 1.2)
 
 
+def test_nor_if_the_ground_stations_clock_is_ahead(word: str) -> None:
+    vehicle = Authenticator(trust_of(word, checked=True))
+    frame = signed(word, 7, START_S + 1.5)
+    assert vehicle.admit(frame, START_S)
+    again = restarted(vehicle)
+    assert not again.admit(frame, START_S + 1)
+    assert again.admit(signed(word, 8, START_S + 2.5), START_S + 1.2)
+
+
 def test_a_program_that_was_killed_is_followed_by_one_that_believes_nothing_from_before_it(word: str) -> None:
     vehicle = Authenticator(trust_of(word, checked=True))
     lost = signed(word, 7, START_S + 1.5)
