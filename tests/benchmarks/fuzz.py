@@ -17,7 +17,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
@@ -111,7 +111,8 @@ class Result(NamedTuple):
         return self.errors == 0 and self.grown_mb < GROWTH_MB and self.slowest_s < SLOWEST_S
 
 
-def genuine(word: str, count: int = 40) -> list[bytes]:
+@cache
+def genuine(word: str, count: int = 12) -> list[bytes]:
     """Return frames of every kind that a ground station broadcasts, signed."""
     ground = Ground(word, random.Random(0))
     frames: list[bytes] = []
@@ -161,6 +162,7 @@ def autopilot(kind: str, rng: random.Random) -> Parser:
     return Parser(Frames(rng, telemetry_of(kind), _COMMON), lambda data, now_s: link.receive(data, ("a", 1)), look)
 
 
+@cache
 def telemetry_of(kind: str) -> list[bytes]:
     """Return what an autopilot sends within some seconds, with answers to requests."""
     vehicle = stand_in(kind)

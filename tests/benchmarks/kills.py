@@ -32,6 +32,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 from companion.files.log_series import LEAST_FREE_BYTES
 from companion.files.tlog import read_tlog
@@ -54,7 +55,7 @@ DISK_BYTES = LEAST_FREE_BYTES + 4 * 2**20
 DISKS = ("good", "full", "read-only", "taken away", "renamed")
 KINDS = ("arducopter", "px4-copter")
 STEP_S = 0.05
-START_LIMIT_S = 90.0
+START_LIMIT_S = 240.0
 """Longest time that a program may take to start, many at once on a small machine."""
 AFTERWARDS_S = 3.0
 """Time for which the vehicle is watched after the companion was started again."""
@@ -155,6 +156,9 @@ class Run:
 class Child:
     """A program as a process, with its output in a file."""
 
+    processes: ClassVar[list[subprocess.Popen[bytes]]] = []
+    """Every process that was started, so that none outlives its run."""
+
     def __init__(self, output: Path, *arguments: str) -> None:
         self._output = output
         with output.open("ab") as file:
@@ -166,6 +170,8 @@ class Child:
                 # As systemd gives it: in memory, over restarts.
                 env={**os.environ, "RUNTIME_DIRECTORY": str(output.parent / "memory")},
             )
+
+        self.processes.append(self._process)
 
     @property
     def said(self) -> str:
@@ -485,6 +491,9 @@ def one_run(program: str, seed: int) -> Run:
     except Exception as error:  # noqa: BLE001 every other run is of interest, too
         return Run(program, "?", "?", [f"{type(error).__name__}: {error}"])
     finally:
+        while Child.processes:
+            with suppress(ProcessLookupError):
+                Child.processes.pop().kill()
         for name in ("disk", "disk", "read-only") * may_mount():
             subprocess.run(["umount", "-l", str(folder / name)], check=False, stderr=subprocess.DEVNULL)
         shutil.rmtree(folder, ignore_errors=True)
