@@ -24,6 +24,8 @@ _SIOCSIFFLAGS = 0x8914
 _IFF_UP_RUNNING = 0x41
 _PROJECT = Path(__file__).parents[2]
 LONGEST_S = 1200.0
+LEAST_TRUTH_SHARE = 0.5
+"""Share of its simulator's samples below which a flight shows the computer, and nothing of the companion."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,8 @@ def bring_up_loopback() -> None:
 def broken_bounds(figures: Figures, job: Job) -> list[str]:
     """Return the bounds of its scenario that a flight broke, in words."""
     broken = []
+    if figures.truth_share < LEAST_TRUTH_SHARE:
+        broken.append(f"no flight: simulator starved, {100 * figures.truth_share:.0f} % of its samples came")
     if job.scenario.refused and figures.agents[0].gap_s is not None:
         broken.append("it was steered, and should have been refused")
     for figure, bound in job.scenario.bounds(job.kind).items():

@@ -20,6 +20,7 @@ from companion.onboard.decision import Purpose
 from companion.protocol.frame import RawFrame, raw_frame
 from sim.score import Score, score
 from sim.trajectory import Trajectory, read_csv
+from tests.real.kinds import KINDS
 
 STANDING_M_S = 0.3
 """Speed over ground below which a vehicle stands."""
@@ -30,6 +31,9 @@ HELD_S = 15.0
 HELD_SHARE = 95.0
 SETTLED_S = 1.0
 """Time after the hand-over from which gaps between setpoints count."""
+TRUTH_SPAN_S = 5.0
+TRUTH_HZ = {"ArduPilot": 20.0, "PX4": 25.0}
+"""Rate at which each firmware's simulator tells the truth, when it runs at its own speed."""
 _DOES = re.compile(rf" companion: ({'|'.join(purpose.value for purpose in Purpose)})\b")
 """A line of a companion that says what it does."""
 _CUSTOM_MODE = struct.Struct("<I")
@@ -116,6 +120,8 @@ class Figures:
     """Greatest load average of the computer while it was flown."""
     pause_s: float
     """Longest time for which this lane itself, which asks for 0.02 s, was not run: what the computer was late by."""
+    truth_share: float
+    """Least share of its simulator's samples that came within TRUTH_SPAN_S of agent 1's flight."""
     said: str
     """What agent 1's companion said last of what it does."""
 
@@ -174,6 +180,7 @@ def figures_of(folder: Path) -> Figures:
         ),
         load=record["load"],
         pause_s=record["pause_s"],
+        truth_share=_truth_share(heard.heights[:, 0], KINDS[record["kind"]].firmware),
         said=heard.said_at(np.inf),
     )
 
@@ -334,6 +341,13 @@ def _height_off_m(heights: np.ndarray, event_s: float) -> float:
     """Return the greatest difference of heights (S, 2) of times and metres from that at an event, after it."""
     at_m = float(np.interp(event_s, heights[:, 0], heights[:, 1]))
     return round(float(np.abs(heights[heights[:, 0] >= event_s, 1] - at_m).max()), 1)
+
+
+def _truth_share(times_s: np.ndarray, firmware: str) -> float:
+    """Return the least share of the samples that a simulator at its own speed gives, over spans of TRUTH_SPAN_S."""
+    spans = np.arange(times_s[0], times_s[-1] - TRUTH_SPAN_S, 1.0)
+    counts = np.searchsorted(times_s, spans + TRUTH_SPAN_S) - np.searchsorted(times_s, spans)
+    return round(float(counts.min()) / (TRUTH_HZ[firmware] * TRUTH_SPAN_S), 2) if len(counts) else 1.0
 
 
 def _said_lines(log: Path, begin_s: float) -> list[tuple[float, str]]:

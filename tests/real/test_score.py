@@ -89,10 +89,11 @@ def flown(folder: Path, *, drift_m_s: float = 0.0) -> Figures:
         writer.write(BEGIN_S + t_s, bytes(velocity.pack(teller)))
     writer.close()
     (folder / "companion-1.log").write_text("1.0 companion: loiter\n")
+    heights_m = [(seen.t_unix_s, 29.5 if seen.north_m else 30.5) for seen in samples]
     record = {
         "scenario": "discs", "kind": "arducopter", "begin_unix_s": BEGIN_S, "load": 1.0, "pause_s": 0.03,
         "notes": [(BEGIN_S, "ready"), (BEGIN_S + 2.0, "handed over"), (BEGIN_S + 129.0, "over")],
-        "modes": {"1": [(BEGIN_S + 2.0, 4)]}, "heights_m": {"1": [(BEGIN_S + 2.0, 29.5), (BEGIN_S + 100.0, 30.5)]},
+        "modes": {"1": [(BEGIN_S + 2.0, 4)]}, "heights_m": {"1": heights_m},
     }  # fmt: skip
     (folder / "flight.json").write_text(json.dumps(record))
     return figures_of(folder)
@@ -123,6 +124,16 @@ def test_a_vehicle_that_flies_away_after_its_arrival_is_found_out(tmp_path: Path
     broken = broken_bounds(figures, Job(CALM, "arducopter"))
     assert any(line.startswith("farthest_after_arrival_m") for line in broken)
     assert any(line.startswith("stands_after_s unknown") for line in broken)
+
+
+def test_a_flight_whose_simulator_did_not_run_is_none(tmp_path: Path) -> None:
+    assert flown(tmp_path).truth_share > 0.95
+    record = json.loads((tmp_path / "flight.json").read_text())
+    record["heights_m"]["1"] = [told for told in record["heights_m"]["1"] if not 30.0 < told[0] - BEGIN_S < 33.0]
+    (tmp_path / "flight.json").write_text(json.dumps(record))
+    figures = figures_of(tmp_path)
+    assert figures.truth_share == pytest.approx(0.4, abs=0.02)
+    assert "no flight: simulator starved, 41 % of its samples came" in broken_bounds(figures, Job(CALM, "arducopter"))
 
 
 def test_a_height_counts_from_that_at_the_first_event(tmp_path: Path) -> None:
