@@ -84,17 +84,18 @@ class FloodWatch:
 
     def _goes_on(self, before: Counts, lost: int, passed_s: float, now_s: float) -> list[str]:
         if self._began is None:
+            # It may have begun a moment ago: its rate is that of the next second.
             self._began = now_s - min(passed_s, MEASURED_S), _lost(before)
             self._told_s = -math.inf
+            return []
         if now_s - self._told_s < REPEAT_S:
             return []
         self._told_s = now_s
         overran = self._counts.overran - before.overran
         came = self._counts.offered - before.offered + overran
-        rate = 1.0 / passed_s if math.isfinite(passed_s) else 1.0
-        by_kernel = f", {overran * rate:.0f} of them by the kernel" if overran else ""
+        by_kernel = f", {overran / passed_s:.0f} of them by the kernel" if overran else ""
         return [
-            f"warning: {self._link} flooded: {lost * rate:.0f} of {came * rate:.0f} datagrams/s "
+            f"warning: {self._link} flooded: {lost / passed_s:.0f} of {came / passed_s:.0f} datagrams/s "
             f"dropped unread{by_kernel}"
         ]
 

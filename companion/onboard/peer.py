@@ -2,7 +2,7 @@
 
 The address is that of frames which continue what the autopilot said (`autopilot/identity.py`). It changes only when the
 old one is silent and another one goes on, as after a restart of a router. In flight, frames in the autopilot's name
-from any other address are left out, unless that address is a second way of the same frames.
+from any other address are left out until then, those of a second way as well: whoever hears frames can copy them.
 """
 
 from __future__ import annotations
@@ -17,10 +17,6 @@ SILENT_S = 0.5
 """Time without a frame that continues the autopilot after which another address may take the place of the bound one."""
 FRAMES = 3
 """Number of such frames from the other address, while the bound one is silent, for that."""
-COPIES = 3
-"""Number of copies of the bound address's frames by which another one is known as a second way to the autopilot."""
-MAX_REMEMBERED = 1_024
-"""Greatest number of frames that are remembered, to know copies."""
 MAX_ADDRESSES = 64
 """Greatest number of other addresses that are counted; beyond it all counts begin anew."""
 
@@ -34,8 +30,6 @@ class Peer:
         self._bound: Address | None = None
         self._heard_s = 0.0
         self._frames: dict[Address, int] = {}
-        self._copies: dict[Address, int] = {}
-        self._remembered: dict[bytes, Address] = {}
 
     def note_speaker(self, address: Address) -> None:
         """Send to an address that speaks as an autopilot, as long as the autopilot is not known."""
@@ -57,27 +51,14 @@ class Peer:
         self._frames.clear()
 
     def knows(self, address: Address) -> bool:
-        """Return whether an address is the autopilot's, a second way to it, or may be as none is known yet."""
-        return self._bound in (None, address) or self._copies.get(address, 0) >= COPIES
+        """Return whether an address is the autopilot's, or may be as none is known yet."""
+        return self._bound in (None, address)
 
     def is_stranger(self, address: Address, frame: RawFrame, system_id: int | None, now_s: float) -> bool:
-        """Return whether a frame in the autopilot's name is from an address that is not known to be its own."""
+        """Return whether a frame in the autopilot's name is from an address that is not its own."""
         if self._bound is None or frame.sender != (system_id, AUTOPILOT_COMPONENT):
             return False
-        self._compare(address, frame)
-        known = address == self._bound or self._copies.get(address, 0) >= COPIES
-        return not known and not self._is_silent(now_s)
+        return address != self._bound and not self._is_silent(now_s)
 
     def _is_silent(self, now_s: float) -> bool:
         return now_s - self._heard_s >= SILENT_S
-
-    def _compare(self, address: Address, frame: RawFrame) -> None:
-        """Count a frame that came from the bound address and from another one, whichever was first, for the other."""
-        first = self._remembered.setdefault(frame.data, address)
-        if first != address and self._bound in (first, address):
-            other = address if first == self._bound else first
-            if len(self._copies) >= MAX_ADDRESSES:
-                self._copies.clear()
-            self._copies[other] = self._copies.get(other, 0) + 1
-        elif len(self._remembered) > MAX_REMEMBERED:
-            del self._remembered[next(iter(self._remembered))]

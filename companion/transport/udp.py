@@ -207,7 +207,8 @@ class _Reading:
             self._sock.close()
 
     def _read(self) -> None:
-        began_s = time.monotonic()
+        # By processor time: where others have the core meanwhile, the buffer fills all the sooner.
+        began_s = time.thread_time()
         for _ in range(MAX_PER_WAKE):
             try:
                 size, address = self._sock.recvfrom_into(self._buffer)
@@ -224,7 +225,7 @@ class _Reading:
                 return
         if self.most_share < 1.0:
             self._loop.remove_reader(self._sock)
-            rest_s = max(REST_S, (time.monotonic() - began_s) * (1.0 / self.most_share - 1.0))
+            rest_s = max(REST_S, (time.thread_time() - began_s) * (1.0 / self.most_share - 1.0))
             self._resting = self._loop.call_later(random.uniform(0.0, 2.0) * rest_s, self._go_on)
 
     def _go_on(self) -> None:

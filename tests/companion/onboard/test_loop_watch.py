@@ -38,6 +38,15 @@ def test_a_flood_is_told_with_its_numbers_once_a_minute_and_when_it_has_ended() 
     assert link.said == [begun, begun, ended]
 
 
+def test_a_burst_too_great_for_the_buffer_is_told_when_it_is_over() -> None:
+    link = Link()
+    link.pass_second(0.0)
+    link.pass_second(1.0, offered=300, overran=40)
+    for second in range(2, 10):
+        link.pass_second(float(second), offered=30)
+    assert link.said == ["broadcast link no longer flooded: 40 datagrams dropped in 1 s"]
+
+
 def test_a_flood_that_comes_back_soon_is_the_same_one() -> None:
     link = Link()
     link.pass_second(0.0)
