@@ -14,6 +14,7 @@ from companion.onboard.position_gate import (
     DOUBT_S,
     JUMP_M,
     LOST_S,
+    PARTED_M,
     Track,
     as_tracked,
     doubted,
@@ -135,6 +136,96 @@ def test_after_a_gap_a_place_that_the_vehicle_can_have_reached_is_believed() -> 
     vehicle = Vehicle()
     vehicle.tell(15.0, after_s=1.5)
     assert as_tracked(vehicle.track, vehicle.told) is vehicle.told
+
+
+def test_a_position_that_stands_still_is_reckoned_then_told_and_believed_when_it_is_back() -> None:
+    vehicle = Vehicle()
+    for sample in range(80):
+        vehicle.tell(-SPEED_M_S * PERIOD_S * (sample + 1))
+        assert vehicle.off_m <= PARTED_M + 2.0
+    assert jumped(vehicle.track) == (
+        "position stands still while the velocity says 10.0 m/s: not believed before it is back; or hand over again"
+    )
+    assert vehicle.off_m < 2.0
+    vehicle.tell()
+    assert as_tracked(vehicle.track, vehicle.told) is vehicle.told
+    assert (doubted(vehicle.track), jumped(vehicle.track), vehicle.track.jumps) == (None, None, 0)
+
+
+def test_a_position_that_stood_still_is_not_back_because_the_vehicle_stops() -> None:
+    vehicle = Vehicle()
+    for sample in range(40):
+        vehicle.tell(-SPEED_M_S * PERIOD_S * (sample + 1))
+    frozen_deg = vehicle.told.lat_deg
+    for _ in range(600):
+        boot_ms = vehicle.told.boot_ms
+        assert boot_ms is not None
+        vehicle.told = replace(vehicle.told, boot_ms=boot_ms + 100, lat_deg=frozen_deg, velocity_north_m_s=0.0)
+        vehicle.track = track_after(vehicle.track, vehicle.told, NOW_S)
+    assert jumped(vehicle.track) is not None
+
+
+@settings(max_examples=40)
+@given(
+    apart_m_s=st.floats(3.0, 12.0),
+    towards_rad=st.floats(0.0, math.tau),
+    period_s=st.sampled_from((0.1, 0.2, 0.5)),
+    accuracy_m=st.floats(0.3, 1.5),
+)
+def test_a_position_that_parts_from_its_velocity_by_three_metres_a_second_is_told_within_ten_seconds(
+    apart_m_s: float, towards_rad: float, period_s: float, accuracy_m: float
+) -> None:
+    vehicle = Vehicle(accuracy_m)
+    for sample in range(1, round(10.0 / period_s) + 1):
+        away_m = apart_m_s * period_s * sample
+        vehicle.told = replace(vehicle.told, lon_deg=PLACE_DEG[1] + 1.466 * DEG_PER_M * away_m * math.sin(towards_rad))
+        vehicle.tell(away_m * math.cos(towards_rad), after_s=period_s)
+    assert jumped(vehicle.track) is not None
+    assert vehicle.track.jumps == 0
+
+
+@settings(max_examples=40)
+@given(
+    accelerations_m_s2=st.lists(st.tuples(st.floats(-6.0, 6.0), st.floats(-6.0, 6.0)), min_size=8, max_size=24),
+    period_s=st.sampled_from((0.1, 0.2, 0.5)),
+    bias_m_s=st.floats(-0.3, 0.3),
+    reset_m=st.floats(-14.0, 14.0),
+    data=st.data(),
+)
+def test_a_genuine_track_with_noise_loss_turns_and_a_reset_is_always_believed(
+    accelerations_m_s2: list[tuple[float, float]],
+    period_s: float,
+    bias_m_s: float,
+    reset_m: float,
+    data: st.DataObject,
+) -> None:
+    vehicle = Vehicle(1.0)
+    north_m = east_m = east_m_s = 0.0
+    north_m_s = SPEED_M_S
+    reset_at = data.draw(st.integers(0, len(accelerations_m_s2) - 1))
+    random = data.draw(st.randoms(use_true_random=False))
+    silent = 0
+    for second, (north_m_s2, east_m_s2) in enumerate(accelerations_m_s2):
+        for _ in range(round(1.0 / period_s)):
+            north_m += (north_m_s + 0.5 * north_m_s2 * period_s) * period_s
+            east_m += (east_m_s + 0.5 * east_m_s2 * period_s) * period_s
+            north_m_s, east_m_s = north_m_s + north_m_s2 * period_s, east_m_s + east_m_s2 * period_s
+            assert vehicle.told.boot_ms is not None
+            silent += 1
+            if random.random() < 0.3 and silent * period_s < 1.0:
+                continue
+            off_m = random.uniform(-0.5, 0.5) + (reset_m if second >= reset_at else 0.0)
+            vehicle.told = replace(
+                vehicle.told,
+                boot_ms=vehicle.told.boot_ms + round(1e3 * period_s * silent),
+                lat_deg=PLACE_DEG[0] + (north_m + off_m) * DEG_PER_M,
+                lon_deg=PLACE_DEG[1] + east_m * DEG_PER_M / math.cos(math.radians(PLACE_DEG[0])),
+                velocity_north_m_s=north_m_s + bias_m_s,
+                velocity_east_m_s=east_m_s,
+            )
+            silent = 0
+            vehicle.track = track_after(vehicle.track, vehicle.told, NOW_S)
+            assert as_tracked(vehicle.track, vehicle.told) is vehicle.told
 
 
 @settings(max_examples=40)
