@@ -46,6 +46,6 @@ def replayed_lines(log: str, parts: list[Path], config: Config, say: Callable[[s
     before = f", {different or 'none'} different from those in flight" if behind < decisions else ""
     say(
         f"{decisions} decisions: {decisions - behind or 'none'} before any gap in the log{before}; {behind} behind "
-        f"one, {different_behind or 'none'} different, which does not count: what they were made on is not all in the log"
+        f"one, {different_behind or 'none'} different, which does not count: inputs of theirs are missing"
     )
     return different
