@@ -152,14 +152,14 @@ def test_a_fence_that_is_off_or_only_reports_ends_nothing() -> None:
 
 def test_a_fence_that_turns_itself_on_is_judged_without_a_fence_of_the_companions() -> None:
     values = {"FENCE_AUTOENABLE": 3.0, "FENCE_ACTION": 1.0, "FENCE_TYPE": 3.0, "FENCE_ALT_MAX": 50.0}
-    found = words("arduplane", **values)
+    found = words("arduplane", None, **values)
     assert not found["FENCE_ALT_MAX"].passed
     assert found["FENCE_RADIUS"].word == "warn"
 
 
 def test_a_second_battery_that_is_not_monitored_and_a_failsafe_that_is_off_end_nothing() -> None:
     values = {"BATT2_FS_LOW_ACT": 2.0, "BATT2_LOW_MAH": 3000.0, "AFS_TERM_ACTION": 42.0, "FS_OPTIONS": 4.0}
-    assert words("arducopter", **values) == {}
+    assert words("arducopter", None, **values) == {}
 
 
 def test_an_advanced_failsafe_that_does_not_crash_is_warned_of() -> None:
