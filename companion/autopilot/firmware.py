@@ -3,10 +3,14 @@
 A remedy in another firmware's words is dangerous: WPNAV_ACCEL 250 is 2.5 m/s^2, and WP_ACC 250 would be a hundred times
 that. docs/parameters.md is written from this table.
 
-Sources: ArduPilot's parameter reference of each version (github.com/ArduPilot/ParameterRepository, Copter, Plane and
-Rover 4.3 to 4.7; Rover has no 4.3 of its own there, and its 4.2 and 4.4 are alike), with the defaults of its source;
-PX4's commander_params.c, battery_params.c, geofence_params.c, navigator_params.c and the controllers' of 1.15.2, and
-docs/autopilots.md for 1.16.1. Where versions differ in the range alone, the widest stands here.
+What it rests on. ArduPilot 4.3 to 4.7: names, units and ranges were read in its public parameter reference
+(github.com/ArduPilot/ParameterRepository, Copter, Plane and Rover; Rover has no 4.3 of its own there, and its 4.2 and
+4.4 are alike), as 4.7 has them; what it comes with is from memory, and agrees with what the simulators of Copter and
+Plane 4.7.0-dev told, but for what their vehicles set themselves. That 4.7.0-dev still had WPNAV_ACCEL and ANGLE_MAX.
+PX4: the COM and NAV rows but NAV_TRAFF_AVOID were read in commander_params.c of 1.15.2. Every name but COM_OBL_ACT is
+one that the simulators of PX4 1.16.1 told, with this value but for what their vehicles set themselves; the ranges of
+the other rows and what 1.13, 1.14 and 1.17 have were not read in a source. Where versions differ in the range alone,
+the widest stands here.
 """
 
 from __future__ import annotations
@@ -77,7 +81,7 @@ _PLANE = """
     FS_SHORT_ACTN - 0 0 4
     FS_LONG_ACTN - 0 0 5
     FENCE_ENABLE - 0 0 1
-    FENCE_ACTION - 0 0 8
+    FENCE_ACTION - 1 0 8
     FENCE_TYPE - 4 0 15
     FENCE_ALT_MAX m 100 10 1000
     FENCE_ALT_MIN m -10 -100 100
