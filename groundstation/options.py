@@ -12,6 +12,7 @@ from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.mission.resolve import resolve
 from companion.transport.endpoints import Link, parse_link
+from companion.transport.link import RECEIVING
 from groundstation.choices import SIGNED, STATE_NAME, Authentication, one_of, without_null
 from groundstation.ground_station import check_runnable
 from groundstation.plausibility import SENSOR_ERROR_M
@@ -142,7 +143,9 @@ def _options(given: RunArguments) -> Options:
         sensor_error_m=error_m,
     )
     for option, heard in (("--sensor", sensor), ("--uplink", uplink)):
-        if heard is not None and keys is None and not options.believes_unsigned(heard):
+        if heard is None or heard.scheme not in RECEIVING:
+            continue  # One that cannot be listened on is refused where it is opened.
+        if keys is None and not options.believes_unsigned(heard):
             raise InputError(
                 f"{option}: '{heard}' hears others than this computer, and no key tells whom to believe; allowed: "
                 f"--keys DIR, {_LOCAL_FORM}, or --unsigned-inputs to believe anybody"

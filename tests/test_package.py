@@ -26,13 +26,14 @@ import importlib.util, math
 for absent in ("torch", "scipy", "matplotlib", "rich", "jinja2", "groundstation", "sim"):
     assert importlib.util.find_spec(absent) is None, absent
 from pymavlink.dialects.v20 import common
+from companion.autopilot.registry import ADAPTERS
 from companion.onboard.config import Config
 from companion.onboard.companion import Companion
 from companion.onboard.decision import Purpose
 from companion.protocol.codec import AgentEntry, Directive, FrameWriter, Stamp, StateFrame, TargetEntry, ThreatEntry
 import companion.cli
 vehicle = common.MAVLink(None, srcSystem=1, srcComponent=1)
-pilot = Companion(Config(agent_id=1))
+pilot = Companion(Config(agent_id=1), ADAPTERS['kinematic'](1))
 pilot.hear(FrameWriter().encode(StateFrame(Stamp(1000, 0, 1), 47.0, 8.0, Directive.NORMAL, 1, 1, 1, 100,
     (AgentEntry(1, 0.0, 0.0, 1),), (TargetEntry(1, 5000.0, 0.0),),
     (ThreatEntry(1, 2500.0, 400.0, 1000.0, 500.0, 0.0),))), 1000.0)

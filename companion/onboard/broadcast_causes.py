@@ -44,7 +44,9 @@ class CauseWatch:
         if 0.0 <= now_s - self._looked_s < LOOK_S:
             return []
         self._looked_s = now_s
-        before, self.causes = self.causes, followed(self.causes, self.seen(world, quality, now_s), now_s)
+        accepted, _ = window_of(self._tallies, Tally(self._authenticator.accepted, self._authenticator.rejected))
+        before, seen = self.causes, self.seen(world, quality, now_s)
+        self.causes = followed(before, seen, now_s, is_believed=accepted > 0)
         self._keep(now_s)
         return news(before, self.causes)
 

@@ -48,7 +48,7 @@ HOUR_NEAR_S = 60.0
 UNSET_S = 300 * 86_400.0
 """Difference from which a clock was never set, rather than set wrong."""
 END_S = 10.0
-"""Time for which a cause must not have been seen before it is over."""
+"""Time for which a cause must not have been seen before it is over, unless the broadcast is believed before."""
 NEWS_SHARE = 0.25
 """Share by which a cause's number must have changed for its words to change."""
 LEAST_FRAMES = 2
@@ -123,13 +123,17 @@ def causes_of(facts: Facts) -> list[Cause]:
     return [cause for cause in found if cause is not None]
 
 
-def followed(before: Causes, seen: list[Cause], now_s: float) -> Causes:
-    """Return the causes after a look at a time: one begins when it stays, and ends when it stays away."""
+def followed(before: Causes, seen: list[Cause], now_s: float, *, is_believed: bool = False) -> Causes:
+    """Return the causes after a look at a time: one begins when it stays, and ends when it stays away.
+
+    One for which nothing is believed ends at once when frames are accepted again (`is_believed`): it explains nothing
+    any more.
+    """
     old = {told.cause.name: told for told in before}
     after = [_again(old.get(cause.name), cause, now_s) for cause in seen]
     names = {cause.name for cause in seen}
     left = [told for told in before if told.cause.name not in names and told.is_told and now_s - told.seen_s < END_S]
-    return (*after, *left)
+    return (*after, *(told for told in left if not (is_believed and told.cause.stops)))
 
 
 def news(before: Causes, after: Causes) -> list[str]:
@@ -151,6 +155,7 @@ def _again(told: Told | None, cause: Cause, now_s: float) -> Told:
         return Told(cause, now_s, now_s, is_told=cause.begin_s <= 0.0)
     is_told = told.is_told or now_s - told.since_s >= cause.begin_s
     near = abs(cause.number - told.cause.number) <= NEWS_SHARE * abs(told.cause.number)
+    near = near and cause.stops == told.cause.stops
     # While it is told the words stay, unless its number has become quite another one.
     return Told(told.cause if told.is_told and near else cause, told.since_s, now_s, is_told)
 

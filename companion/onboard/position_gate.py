@@ -34,7 +34,7 @@ LOST_S = 5.0
 DRIFT_M_S = 1.0
 """Growth of what a dead-reckoned place may be wrong by."""
 VELOCITY_STEP_M_S = 5.0
-"""Change of the velocity, beside what ACCELERATION_M_S2 explains, from which it is not used to reckon by."""
+"""Change of the velocity, beside what the vehicle's acceleration explains, from which it is not used to reckon by."""
 PARTED_M = 10.0
 """Distance, beside what accuracy explains, by which a position has parted from its velocity within PARTED_MEMORY_S.
 Chosen: a position and a velocity of one estimator differ by tenths of m/s, 2 to 3 m in that time (0.2 m in simulated flights), and
@@ -50,6 +50,8 @@ GAP_S = 1.2
 RETURN_SHARE, RETURN_M_S = 0.6, 0.2
 """Share of the distance for having parted within which a position is back, and growth of what that may be; never more
 than for having parted, so that one that stands still where it was does not count as back when the vehicle stops."""
+TURN_SHARE = 1.5
+"""How many times the acceleration of its turn limit a vehicle may have."""
 STILL_M_S = 0.5
 """Speed below which a position stands still, and difference to the velocity below which it goes on from elsewhere."""
 
@@ -99,6 +101,8 @@ class Track(NamedTuple):
     drift_ned_m: tuple[float, float] = (0.0, 0.0)
     """How far the positions that were believed lately have gone beside their velocity."""
     parted: Parted | None = None
+    acceleration_m_s2: float = ACCELERATION_M_S2
+    """Greatest acceleration that the vehicle may have between two positions."""
 
     @property
     def is_lost(self) -> bool:
@@ -112,10 +116,11 @@ class Track(NamedTuple):
         return away_m if away_m > JUMP_M else 0.0
 
 
-def track_of(told: Telemetry) -> Track:
-    """Return the track that begins with the present position."""
+def track_of(told: Telemetry, turning_m_s2: float = 0.0) -> Track:
+    """Return the track that begins with the present position, of a vehicle that may turn by this acceleration."""
     velocity_m_s = told.velocity_north_m_s, told.velocity_east_m_s
-    return Track((told.lat_deg, told.lon_deg), velocity_m_s, told.boot_ms)
+    acceleration_m_s2 = max(ACCELERATION_M_S2, TURN_SHARE * turning_m_s2)
+    return Track((told.lat_deg, told.lon_deg), velocity_m_s, told.boot_ms, acceleration_m_s2=acceleration_m_s2)
 
 
 def track_after(track: Track, told: Telemetry, now_s: float) -> Track:
@@ -130,7 +135,7 @@ def track_after(track: Track, told: Telemetry, now_s: float) -> Track:
         )
     elapsed_s = (told.boot_ms - track.boot_ms) / 1000.0
     reckoned_m_s = velocity_m_s
-    if math.dist(velocity_m_s, track.velocity_m_s) > VELOCITY_STEP_M_S + ACCELERATION_M_S2 * elapsed_s:
+    if math.dist(velocity_m_s, track.velocity_m_s) > VELOCITY_STEP_M_S + track.acceleration_m_s2 * elapsed_s:
         # A velocity that jumps with the place tells nothing.
         reckoned_m_s = track.velocity_m_s
     expected_deg = _carried(track.place_deg, track.velocity_m_s, reckoned_m_s, elapsed_s)
@@ -139,9 +144,9 @@ def track_after(track: Track, told: Telemetry, now_s: float) -> Track:
         reckoned = track._replace(place_deg=expected_deg, velocity_m_s=reckoned_m_s, boot_ms=told.boot_ms)
         return _while_parted(reckoned, track.parted, told, math.hypot(*jumped_ned_m))
     lasted_s = 0.0 if track.doubt is None else (told.boot_ms - track.doubt.began_ms) / 1000.0
-    allowed_m = _allowed_m(told, elapsed_s)
+    allowed_m = _allowed_m(track, told, elapsed_s)
     if math.hypot(*jumped_ned_m) <= allowed_m + DRIFT_M_S * lasted_s:
-        drift_ned_m = _drifted(track.drift_ned_m, jumped_ned_m, elapsed_s)
+        drift_ned_m = _drifted(track, jumped_ned_m, elapsed_s)
         track = track._replace(place_deg=place_deg, velocity_m_s=velocity_m_s, boot_ms=told.boot_ms, doubt=None)
         return _unless_parted(track._replace(drift_ned_m=drift_ned_m), told)
     doubt = Doubt(told.boot_ms, told.boot_ms, place_deg, jumped_ned_m)
@@ -155,7 +160,10 @@ def track_after(track: Track, told: Telemetry, now_s: float) -> Track:
         return track._replace(place_deg=expected_deg, velocity_m_s=reckoned_m_s, boot_ms=told.boot_ms, doubt=doubt)
     moved_ned_m = (track.moved_ned_m[0] + jumped_ned_m[0], track.moved_ned_m[1] + jumped_ned_m[1])
     jumped_at_s = now_s - (told.boot_ms - doubt.began_ms) / 1000.0
-    return Track(place_deg, velocity_m_s, told.boot_ms, None, moved_ned_m, jumped_at_s, track.jumps + 1)
+    moved = track._replace(
+        moved_ned_m=moved_ned_m, moved_at_s=jumped_at_s, jumps=track.jumps + 1, drift_ned_m=(0.0, 0.0)
+    )
+    return moved._replace(place_deg=place_deg, velocity_m_s=velocity_m_s, boot_ms=told.boot_ms, doubt=None)
 
 
 def as_tracked(track: Track, told: Telemetry) -> Telemetry:
@@ -187,15 +195,15 @@ def jumped(track: Track) -> str | None:
     return f"position jumped {_figure(track.moved_m)} m at {at}: where it is nobody knows; hand over again"
 
 
-def _drifted(
-    drift_ned_m: tuple[float, float], step_ned_m: tuple[float, float], elapsed_s: float
-) -> tuple[float, float]:
+def _drifted(track: Track, step_ned_m: tuple[float, float], elapsed_s: float) -> tuple[float, float]:
     """Return how far positions have gone beside their velocity, after one more step; older ones are forgotten."""
     kept = math.exp(-elapsed_s / PARTED_MEMORY_S)
-    north_m, east_m = kept * drift_ned_m[0], kept * drift_ned_m[1]
-    if elapsed_s > GAP_S:
+    north_m, east_m = kept * track.drift_ned_m[0], kept * track.drift_ned_m[1]
+    step_m = RESET_M + RESET_M_S * elapsed_s
+    if elapsed_s > GAP_S or 0.5 * track.acceleration_m_s2 * elapsed_s**2 > step_m:
+        # What it did in between is not known well enough.
         return north_m, east_m
-    most_m = math.hypot(north_m, east_m) + RESET_M + RESET_M_S * elapsed_s
+    most_m = math.hypot(north_m, east_m) + step_m
     north_m, east_m = north_m + step_ned_m[0], east_m + step_ned_m[1]
     share = min(1.0, most_m / max(math.hypot(north_m, east_m), 1e-9))
     return share * north_m, share * east_m
@@ -238,8 +246,14 @@ def _parted_m(told: Telemetry) -> float:
     return PARTED_M + PARTED_ACCURACY_SHARE * _accuracy_m(told)
 
 
-def _allowed_m(told: Telemetry, elapsed_s: float) -> float:
-    return JUMP_M + ACCURACY_SHARE * _accuracy_m(told) + unexplained_m(elapsed_s)
+def _allowed_m(track: Track, told: Telemetry, elapsed_s: float) -> float:
+    """Return how far a position may be from where two velocities lead that were told so long after one another."""
+    flown_m = (
+        math.hypot(*track.velocity_m_s) + math.hypot(told.velocity_north_m_s, told.velocity_east_m_s)
+    ) * elapsed_s
+    # However hard it turned meanwhile, it went no farther than by its speed.
+    turned_m = min(0.5 * track.acceleration_m_s2 * elapsed_s**2, flown_m)
+    return JUMP_M + ACCURACY_SHARE * _accuracy_m(told) + max(turned_m, unexplained_m(elapsed_s))
 
 
 def _accuracy_m(told: Telemetry) -> float:

@@ -163,14 +163,17 @@ def _abilities(config: Config, adapter: LinkedAdapter) -> Iterator[Finding]:
         names = ", ".join(abilities.assumed)
         yield Finding(False, f"not told, so assumed: {names}", "check the link; these are the autopilot's defaults")
     low_m_s, high_m_s = abilities.speed_min_m_s, abilities.speed_max_m_s
-    # Rounded inwards, so that the advised speed is one that the vehicle can fly.
+    # Rounded inwards, so that the advised speed is one that the vehicle can fly, unless nothing is left between.
+    has_one = math.isfinite(high_m_s) and math.ceil(low_m_s * 1000.0) > math.floor(high_m_s * 1000.0)
+    has_one = has_one or low_m_s == high_m_s
     span = f"{_rounded(low_m_s, math.ceil)} to {_rounded(high_m_s, math.floor)}"
+    span, way = (_rounded(low_m_s, round), "to") if has_one else (span, "within")
     # A vehicle that flies at one speed alone does so whatever is configured: near it is good enough.
-    slack_m_s = ONE_SPEED_SLACK * low_m_s if low_m_s == high_m_s else 0.0
+    slack_m_s = ONE_SPEED_SLACK * low_m_s if has_one else 0.0
     yield Finding(
         low_m_s - slack_m_s <= limits.speed_m_s <= high_m_s + slack_m_s,
         f"limits.speed_m_s: {limits.speed_m_s:g}; this vehicle flies {span} m/s",
-        f"set limits.speed_m_s within {span}",
+        f"set limits.speed_m_s {way} {span}",
     )
     yield _at_most("limits.n_max", limits.n_max, abilities.n_max, "turns at most with")
     if adapter.can_stop:

@@ -55,6 +55,8 @@ class References(NamedTuple):
     """Sum of the steps of the altitude above sea level that no climb explains."""
     height_moved_m: float = 0.0
     """Sum of the steps of the height above home that no climb explains."""
+    both_moved_m: float = 0.0
+    """What of these sums is steps of both alike, which are the estimate's own; NaN once both stepped differently."""
     home_deg: tuple[float, float] | None = None
     home_altitude_m: float = math.nan
     origin: tuple[float, float, float] | None = None
@@ -76,7 +78,7 @@ def references_after(kept: References, told: Telemetry) -> References:
     """Return the references after new telemetry: every position is compared with the one before it."""
     if told.boot_ms != kept.last.boot_ms:
         kept = _stepped(kept, told)
-    return _first_told(kept, told)
+    return _first_told(_returned(kept, told), told)
 
 
 def as_handed_over(kept: References, told: Telemetry) -> Telemetry:
@@ -180,15 +182,39 @@ def _stepped(kept: References, told: Telemetry) -> References:
     if abs(altitude_step_m) <= bound_m and abs(height_step_m) <= bound_m:
         return kept
     # Where only one of the two stepped, the other one says what the climb really was.
+    both_step_m = 0.0
     if abs(altitude_step_m) <= bound_m:
         altitude_step_m, height_step_m = 0.0, height_step_m - altitude_step_m
     elif abs(height_step_m) <= bound_m:
         altitude_step_m, height_step_m = altitude_step_m - height_step_m, 0.0
+    else:
+        both_step_m = altitude_step_m if abs(altitude_step_m - height_step_m) <= IGNORED_M else math.nan
+    altitude_moved_m = _sum(kept.altitude_moved_m, altitude_step_m)
+    height_moved_m = _sum(kept.height_moved_m, height_step_m)
     return kept._replace(
-        altitude_moved_m=_sum(kept.altitude_moved_m, altitude_step_m),
-        height_moved_m=_sum(kept.height_moved_m, height_step_m),
+        altitude_moved_m=altitude_moved_m,
+        height_moved_m=height_moved_m,
+        both_moved_m=_sum(kept.both_moved_m, both_step_m) if altitude_moved_m or height_moved_m else 0.0,
         home_fell_m=_sum(kept.home_fell_m, height_step_m - altitude_step_m) if height_step_m else kept.home_fell_m,
     )
+
+
+def _returned(kept: References, told: Telemetry) -> References:
+    """Return the references without the steps of one of them alone, once both are told as at the hand-over again.
+
+    A home that walks away slowly and comes back by a jump leaves the sum of the jumps behind, though it is back. It is
+    where the two heights are as far apart as they were, HOME_POSITION says so too, and one of the sums has nothing but
+    steps of both: two sums that step alike one after the other are a step of the estimate, which has not come back.
+    """
+    altitude_m, height_m, both_m = kept.altitude_moved_m, kept.height_moved_m, kept.both_moved_m
+    if altitude_m == height_m == both_m:
+        return kept
+    apart_m = told.altitude_m - told.height_m - (kept.base_m - kept.fallen_m)
+    raised_m = told.home_altitude_m - kept.home_altitude_m
+    alone_m = min(abs(altitude_m - both_m), abs(height_m - both_m))
+    if abs(apart_m) <= MOVED_M and abs(raised_m) <= MOVED_M and alone_m <= UNDECIDED_M:
+        return kept._replace(altitude_moved_m=both_m, height_moved_m=both_m, home_fell_m=0.0)
+    return kept
 
 
 def _sum(moved_m: float, step_m: float) -> float:

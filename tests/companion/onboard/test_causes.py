@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.onboard.broadcast_causes import CauseWatch
@@ -214,6 +215,30 @@ def test_a_cause_that_is_gone_is_said_to_be_over() -> None:
     lines = vehicle.hears(lambda now_s, n: signed("both", frame(n, now_s), now_s), 30)
     assert len(lines) == 1 and lines[0].startswith("over: ")
     assert vehicle.watch.causes == ()
+
+
+def test_a_cause_for_which_nothing_was_believed_is_over_with_the_first_frame_that_is() -> None:
+    vehicle = Listener("both")
+    vehicle.hears(lambda _now_s, _n: b"", 20)
+    assert vehicle.watch.stopping is not None
+    assert vehicle.hears(lambda now_s, n: signed("both", frame(n, now_s), now_s), 1)[0].startswith("over: ")
+    assert vehicle.watch.stopping is None
+
+
+def _always(datagram: bytes, _now_s: float, _number: int) -> bytes:
+    return datagram
+
+
+@given(st.lists(st.sampled_from(["nothing", "late", "right"]), min_size=1, max_size=60))
+@settings(max_examples=15, deadline=None)
+def test_no_cause_for_which_nothing_is_believed_is_told_while_frames_are_believed(kinds: list[str]) -> None:
+    vehicle = Listener("none")
+    vehicle.now_s += 60.0
+    for kind in (each for each in kinds for _ in range(5)):
+        before, at_s = vehicle.gate.accepted, vehicle.now_s + 1.0 - (40.0 if kind == "late" else 0.0)
+        datagram = b"" if kind == "nothing" else frame(round(vehicle.now_s - START_S), at_s)
+        vehicle.hears(partial(_always, datagram), 1)
+        assert vehicle.gate.accepted == before or vehicle.watch.stopping is None
 
 
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.99, 1.01)), min_size=1, max_size=60))

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.autopilot.telemetry import Telemetry
+from companion.geo.kinematics import GRAVITY_M_S2
 from companion.onboard.position_gate import (
     DOUBT_S,
     JUMP_M,
@@ -242,3 +243,35 @@ def test_whatever_glitches_a_vehicle_is_never_taken_to_be_elsewhere_within_two_s
         apart_s = 0.0 if off_m == 0.0 else apart_s + period_s
         if apart_s <= DOUBT_S and vehicle.track.jumps == 0:
             assert vehicle.off_m < 2.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.floats(1.0, 100.0),
+    st.floats(0.2, 20.0),
+    st.sampled_from([0.1, 0.5, 1.0, 2.0, 5.0]),
+    st.floats(0.0, 10.0),
+)
+def test_a_vehicle_that_turns_as_hard_as_it_may_is_believed_however_seldom_it_tells_its_place(
+    speed_m_s: float, n_max: float, period_s: float, straight_s: float
+) -> None:
+    turning_m_s2 = n_max * GRAVITY_M_S2
+    radius_m, rate_rad_s = speed_m_s**2 / turning_m_s2, turning_m_s2 / speed_m_s
+
+    def told(t_s: float) -> Telemetry:
+        angle_rad = rate_rad_s * max(0.0, t_s - straight_s)
+        north_m = speed_m_s * min(t_s, straight_s) + radius_m * math.sin(angle_rad)
+        east_m = radius_m * (1.0 - math.cos(angle_rad))
+        return Telemetry(
+            boot_ms=1_000 + round(1e3 * t_s),
+            position_at_s=NOW_S + t_s,
+            lat_deg=PLACE_DEG[0] + north_m * DEG_PER_M,
+            lon_deg=PLACE_DEG[1] + east_m * DEG_PER_M / math.cos(math.radians(PLACE_DEG[0])),
+            velocity_north_m_s=speed_m_s * math.cos(angle_rad),
+            velocity_east_m_s=speed_m_s * math.sin(angle_rad),
+        )
+
+    track = track_of(told(0.0), turning_m_s2)
+    for step in range(1, 60):
+        track = track_after(track, told(step * period_s), NOW_S + step * period_s)
+        assert (doubted(track), jumped(track)) == (None, None)

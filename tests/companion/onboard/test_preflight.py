@@ -290,7 +290,7 @@ def test_only_a_fence_action_that_takes_the_vehicle_from_guided_will_do(
         ("arducopter", "n_max", 0.5, "limits.n_max: 0.5; this vehicle turns at most with 0.178"),
         ("arducopter", "braking_m_s2", 3.0, "limits.braking_m_s2: 3; this vehicle brakes at most with 2"),
         ("arducopter", "speed_m_s", 12.0, "limits.speed_m_s: 12; this vehicle flies 0 to 8.755 m/s"),
-        ("px4-plane", "speed_m_s", 18.0, "limits.speed_m_s: 18; this vehicle flies 15 to 15 m/s"),
+        ("px4-plane", "speed_m_s", 18.0, "limits.speed_m_s: 18; this vehicle flies 15 m/s"),
     ],
 )
 def test_limits_beyond_what_the_vehicle_can_do_are_named(kind: str, key: str, value: float, text: str) -> None:

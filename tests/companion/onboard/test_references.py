@@ -253,6 +253,77 @@ def test_however_often_home_is_moved_and_the_vehicle_handed_over_it_is_never_low
         assert vehicle.asks_up_m >= -MOVED_M - 0.06
 
 
+WAYS = st.lists(st.tuples(st.sampled_from(["walk", "home", "sea", "both"]), st.integers(-600, 600)), max_size=8)
+
+
+@settings(max_examples=60)
+@given(ways=WAYS, walks_home=st.booleans(), ends_by_jump=st.booleans())
+def test_whatever_the_way_there_and_back_where_it_was_nothing_has_moved(
+    ways: list[tuple[str, int]], walks_home: bool, ends_by_jump: bool
+) -> None:
+    """Home, or sea level, walks and jumps, the other jumps, and both at once, until all are where they were."""
+    vehicle, away = Vehicle(), {"home": 0.0, "sea": 0.0}
+
+    def tell(home_up_m: float = 0.0, sea_up_m: float = 0.0) -> None:
+        vehicle.tell(home_up_m=home_up_m, sea_up_m=sea_up_m)
+        away["home"] += home_up_m
+        away["sea"] += sea_up_m
+        vehicle.tell_home(BASE_M + away["home"])
+        # Whether home or sea level walks is told by HOME_POSITION, as exactly as two references may differ.
+        assert vehicle.asks_up_m == pytest.approx(0.0, abs=0.06 if walks_home else MOVED_M + 0.06)
+
+    def walk(metres: float) -> None:
+        for _ in range(1 + int(abs(metres) / 4.0)):
+            step_m = metres / (1 + int(abs(metres) / 4.0))
+            tell(step_m if walks_home else 0.0, 0.0 if walks_home else step_m)
+
+    def back(which: str, *, walks: bool) -> None:
+        metres = -away[which]
+        if walks or abs(metres) < 6.0:
+            walk(metres)
+        else:
+            tell(metres if which == "home" else 0.0, metres if which == "sea" else 0.0)
+
+    walker, jumper = ("home", "sea") if walks_home else ("sea", "home")
+    both_m = jumped_m = 0.0
+    for way, metres in ways:
+        if way == "walk":
+            walk(metres / 10.0)
+        elif abs(metres) > 10:
+            tell(metres if way != "sea" else 0.0, metres if way != "home" else 0.0)
+            both_m += metres if way == "both" else 0.0
+            jumped_m += metres if way == jumper else 0.0
+    if abs(both_m) > 6.0:
+        tell(-both_m, -both_m)
+    elif both_m:
+        return
+    if 0.0 < abs(jumped_m) <= 6.0:
+        return
+    back(jumper, walks=False)
+    back(walker, walks=not ends_by_jump)
+    assert vehicle.words is None
+    assert as_handed_over(vehicle.kept, vehicle.told).height_m == pytest.approx(HEIGHT_M, abs=0.06)
+
+
+def test_a_home_that_walked_away_and_jumped_back_has_not_moved() -> None:
+    vehicle = Vehicle()
+    for _ in range(24):
+        vehicle.tell(home_up_m=-0.25)
+    for home_up_m in (66.0, -60.0):
+        vehicle.tell(home_up_m=home_up_m)
+    assert vehicle.words is None
+    assert as_handed_over(vehicle.kept, vehicle.told).height_m == HEIGHT_M
+    assert fallen_m(vehicle.kept, vehicle.told) == 0.0
+
+
+def test_an_estimate_that_jumped_in_two_steps_has_not_come_back() -> None:
+    vehicle = Vehicle()
+    vehicle.tell(home_up_m=560.0)
+    vehicle.tell(sea_up_m=560.0)
+    assert vehicle.words is not None
+    assert vehicle.asks_up_m == pytest.approx(0.0, abs=SURELY_M)
+
+
 STEPS_M = st.one_of(st.just(0.0), st.floats(-2_000.0, 2_000.0), st.floats(-3.0, 3.0))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pymavlink.dialects.v20 import common
+
 from companion.autopilot.linked import COMMON_RATES_HZ
 from companion.onboard.companion import Companion
 from companion.onboard.decision import Decision, Purpose
@@ -50,6 +52,8 @@ def test_while_it_is_steered_it_loiters_with_both_rates_as_the_reason() -> None:
 
 def test_before_it_is_steered_it_waits_for_that_reason_and_does_not_come_and_go() -> None:
     flight = asking()
+    flown(flight, 5.0, 2.2)
+    flight.tell(common.MAVLink_command_ack_message(common.MAV_CMD_SET_MESSAGE_INTERVAL, common.MAV_RESULT_ACCEPTED))
     decisions = flown(flight, 40.0, 2.2)[100:]
     assert {one.purpose for one in decisions} == {Purpose.IDLE}
     assert any(one.reason == "GLOBAL_POSITION_INT 0.5 Hz of 10 asked, 1.5 needed" for one in decisions)
