@@ -10,7 +10,7 @@ Plane 4.7.0-dev told, but for what their vehicles set themselves. That 4.7.0-dev
 PX4: the COM and NAV rows but NAV_TRAFF_AVOID were read in commander_params.c of 1.15.2. Every name but COM_OBL_ACT is
 one that the simulators of PX4 1.16.1 told, with this value but for what their vehicles set themselves; the ranges of
 the other rows and what 1.13, 1.14 and 1.17 have were not read in a source. Where versions differ in the range alone,
-the widest stands here.
+the widest stands here. The rows of FENCE_AUTOENABLE, BATT2_ and AFS_ are from memory, not read in a source.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ _COPTER = """
     FS_EKF_ACTION - 1 0 3
     FS_EKF_THRESH - 0.8 0 1
     FENCE_ENABLE - 0 0 1
+    FENCE_AUTOENABLE - 0 0 3 4.6..
     FENCE_ACTION - 1 0 5
     FENCE_TYPE - 7 0 15
     FENCE_ALT_MAX m 100 10 1000
@@ -60,6 +61,16 @@ _COPTER = """
     BATT_CRT_VOLT V 0 - -
     BATT_CRT_MAH mAh 0 - -
     BATT_FS_CRT_ACT - 0 0 7
+    BATT2_MONITOR - 0 0 32
+    BATT2_CAPACITY mAh 3300 - -
+    BATT2_LOW_VOLT V 10.5 - -
+    BATT2_LOW_MAH mAh 0 - -
+    BATT2_FS_LOW_ACT - 0 0 7
+    BATT2_CRT_VOLT V 0 - -
+    BATT2_CRT_MAH mAh 0 - -
+    BATT2_FS_CRT_ACT - 0 0 7
+    AFS_ENABLE - 0 0 1
+    AFS_TERM_ACTION - 0 - -
     AVD_ENABLE - 0 0 1
     AVD_F_ACTION - 2 0 6
     ADSB_TYPE - 0 0 4
@@ -81,6 +92,7 @@ _PLANE = """
     FS_SHORT_ACTN - 0 0 4
     FS_LONG_ACTN - 0 0 5
     FENCE_ENABLE - 0 0 1
+    FENCE_AUTOENABLE - 0 0 3
     FENCE_ACTION - 1 0 8
     FENCE_TYPE - 4 0 15
     FENCE_ALT_MAX m 100 10 1000
@@ -95,6 +107,16 @@ _PLANE = """
     BATT_CRT_VOLT V 0 - -
     BATT_CRT_MAH mAh 0 - -
     BATT_FS_CRT_ACT - 0 0 7
+    BATT2_MONITOR - 0 0 32
+    BATT2_CAPACITY mAh 3300 - -
+    BATT2_LOW_VOLT V 0 - -
+    BATT2_LOW_MAH mAh 0 - -
+    BATT2_FS_LOW_ACT - 0 0 7
+    BATT2_CRT_VOLT V 0 - -
+    BATT2_CRT_MAH mAh 0 - -
+    BATT2_FS_CRT_ACT - 0 0 7
+    AFS_ENABLE - 0 0 1
+    AFS_TERM_ACTION - 0 - -
     AVD_ENABLE - 0 0 1
     AVD_F_ACTION - 2 0 6
     ADSB_TYPE - 0 0 4
@@ -123,6 +145,16 @@ _ROVER = """
     BATT_CRT_VOLT V 0 - -
     BATT_CRT_MAH mAh 0 - -
     BATT_FS_CRT_ACT - 0 0 6
+    BATT2_MONITOR - 0 0 32
+    BATT2_CAPACITY mAh 3300 - -
+    BATT2_LOW_VOLT V 10.5 - -
+    BATT2_LOW_MAH mAh 0 - -
+    BATT2_FS_LOW_ACT - 0 0 6
+    BATT2_CRT_VOLT V 0 - -
+    BATT2_CRT_MAH mAh 0 - -
+    BATT2_FS_CRT_ACT - 0 0 6
+    AFS_ENABLE - 0 0 1
+    AFS_TERM_ACTION - 0 - -
     SYSID_THISMAV - 1 1 255 ..4.6
     MAV_SYSID - 1 1 255 4.7..
 """
@@ -265,11 +297,27 @@ _BATTERY = (
     *("BATT_MONITOR", "BATT_CAPACITY", "BATT_LOW_VOLT", "BATT_LOW_MAH", "BATT_FS_LOW_ACT"),
     *("BATT_CRT_VOLT", "BATT_CRT_MAH", "BATT_FS_CRT_ACT"),
 )
-_AVOIDANCE = ("AVD_ENABLE", "AVD_F_ACTION")
+_SECOND_BATTERY = tuple(name.replace("BATT_", "BATT2_") for name in _BATTERY)
+_TERMINATION = ("AFS_ENABLE", "AFS_TERM_ACTION")
+_OWN = (
+    *_FENCES,
+    "FENCE_AUTOENABLE",
+    *_HEIGHTS,
+    *_BATTERY,
+    *_SECOND_BATTERY,
+    *_TERMINATION,
+    "AVD_ENABLE",
+    "AVD_F_ACTION",
+)
+SWITCHES = {
+    **dict.fromkeys(_SECOND_BATTERY[1:], _SECOND_BATTERY[0]),
+    _TERMINATION[1]: _TERMINATION[0],
+}
+"""Parameters that ArduPilot hides while another is 0, with that one: they are asked for once it is told as more."""
 ENDINGS: Mapping[str, tuple[str, ...]] = {
-    "Copter": ("FS_THR_ENABLE", "FS_OPTIONS", "FS_EKF_ACTION", *_FENCES, *_HEIGHTS, *_BATTERY, *_AVOIDANCE),
-    "Plane": ("THR_FAILSAFE", "FS_SHORT_ACTN", "FS_LONG_ACTN", *_FENCES, *_HEIGHTS, *_BATTERY, *_AVOIDANCE),
-    "Rover": ("FS_THR_ENABLE", "FS_ACTION", "FS_EKF_ACTION", *_FENCES, *_BATTERY),
+    "Copter": ("FS_THR_ENABLE", "FS_OPTIONS", "FS_EKF_ACTION", *_OWN),
+    "Plane": ("THR_FAILSAFE", "FS_SHORT_ACTN", "FS_LONG_ACTN", *_OWN),
+    "Rover": ("FS_THR_ENABLE", "FS_ACTION", "FS_EKF_ACTION", *_FENCES, *_BATTERY, *_SECOND_BATTERY, *_TERMINATION),
     PX4: (
         *("NAV_RCL_ACT", "COM_RCL_EXCEPT", "COM_RC_IN_MODE", "NAV_DLL_ACT", "COM_DLL_EXCEPT", "GF_ACTION"),
         *("GF_MAX_HOR_DIST", "GF_MAX_VER_DIST", "COM_LOW_BAT_ACT", "BAT_CRIT_THR", "NAV_TRAFF_AVOID"),

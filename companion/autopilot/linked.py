@@ -16,7 +16,7 @@ from companion.autopilot.adapter import Abilities, SetpointFrame, Velocity
 from companion.autopilot.aircraft import Neighbour
 from companion.autopilot.commands import Command, Commands
 from companion.autopilot.dialogue import Dialogue
-from companion.autopilot.firmware import ENDINGS, FAMILIES, Firmware, firmware_of, known
+from companion.autopilot.firmware import ENDINGS, FAMILIES, SWITCHES, Firmware, firmware_of, known
 from companion.autopilot.heartbeat import HeartbeatIdentity
 from companion.autopilot.identity import STANDS_STILL, Identity
 from companion.autopilot.intake import DAMAGED, decode, is_whole
@@ -207,7 +207,7 @@ class LinkedAdapter(ABC):
         """Ask for what only a check before the flight needs: the firmware, and what ends the guided mode by itself."""
         names = ENDINGS.get(FAMILIES.get(self.kind, ""), ())
         rows = [row for name in names if (row := known(self.kind, name)) is not None]
-        self.parameters.add(Wanted(row.name, row.default, optional=True) for row in rows)
+        self.parameters.add(Wanted(row.name, row.default, optional=True, switch=SWITCHES.get(row.name)) for row in rows)
         params = (float(common.MAVLINK_MSG_ID_AUTOPILOT_VERSION), 0.0, 0.0, 0.0)
         self._message_intervals.queue(Command(common.MAV_CMD_REQUEST_MESSAGE, "AUTOPILOT_VERSION", params))
 

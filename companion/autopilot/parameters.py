@@ -51,6 +51,8 @@ class Wanted:
     """The sane values, in the unit of `name`: a value outside is told to the person and never reckoned with."""
     optional: bool = False
     """Whether only some vehicles have it: nobody waits for it, and a vehicle that does not tell it lacks it."""
+    switch: str | None = None
+    """First name of another parameter: while that is 0, or not told, the vehicle has not this one."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -192,10 +194,22 @@ class ParameterReader:
         return [name for one in waiting for name in one.names]
 
     def _may_ask(self, name: str, now_s: float) -> bool:
-        return name not in self._answered and self._tries[name] < TRIES and self._waited(name, now_s)
+        return (
+            name not in self._answered
+            and not self._is_off(name)
+            and self._tries[name] < TRIES
+            and self._waited(name, now_s)
+        )
 
     def _spent(self, name: str, now_s: float) -> bool:
+        switch = self._wanted[name].switch
+        if switch is not None and self._is_off(name):
+            return self._spent(switch, now_s)
         return name in self._answered or (self._tries[name] >= TRIES and self._waited(name, now_s))
+
+    def _is_off(self, name: str) -> bool:
+        switch = self._wanted[name].switch
+        return switch is not None and (switch not in self._told or self._told[switch].value == 0.0)
 
     def _waited(self, name: str, now_s: float) -> bool:
         return now_s - self._asked_s.get(name, -math.inf) >= RETRY_S

@@ -50,11 +50,25 @@ def remove_oldest(oldest_first: Iterable[Path], most_bytes: int) -> None:
         in_all -= size
 
 
+def unsaid(_records: bytes) -> bytes:
+    """Return nothing: a file whose records before these are gone says nothing of it."""
+    return b""
+
+
 class LogSeries:
     """One log in files that follow each other. It belongs to one thread, which waits for the disk."""
 
-    def __init__(self, place: Callable[[int], Path], most_file_bytes: int, head: bytes = b"") -> None:
+    def __init__(
+        self,
+        place: Callable[[int], Path],
+        most_file_bytes: int,
+        head: bytes = b"",
+        gap_before: Callable[[bytes], bytes] = unsaid,
+    ) -> None:
         """Write nothing yet; every file begins with `head`.
+
+        `gap_before` returns what stands before the first records in a file that begins without those before them,
+        because the file that had them was taken away.
 
         `place` returns the path of the file of a number, from 1, and makes its folder and the room for it; it may raise
         OSError.
@@ -62,6 +76,9 @@ class LogSeries:
         self._place = place
         self._most_file_bytes = most_file_bytes
         self._head = head
+        self._gap_before = gap_before
+        self._newest: Path | None = None
+        """The newest file that took records."""
         self._number = 1
         self._path: Path | None = None
         self._descriptor: int | None = None
@@ -77,13 +94,14 @@ class LogSeries:
                 self.close()
                 self._number += 1
             if self._descriptor is None:
-                self._open()
+                self._open(content)
             self._check_room(len(content))
             self._write(content)
         except OSError:
             self._give_back()
             raise
         self._size += len(content)
+        self._newest = self._path
 
     def close(self) -> None:
         """Close the file; raises OSError."""
@@ -91,14 +109,18 @@ class LogSeries:
         if descriptor is not None:
             os.close(descriptor)
 
-    def _open(self) -> None:
+    def _open(self, content: bytes) -> None:
         self._path = self._place(self._number)
         self._descriptor = os.open(self._path, _FLAGS, 0o644)
         self._size = os.fstat(self._descriptor).st_size
-        if self._size == 0 and self._head:
-            self._check_room(len(self._head))
-            self._write(self._head)
-            self._size = len(self._head)
+        head = self._head if self._size == 0 else b""
+        taken_away = self._newest is not None and (self._newest == self._path or not self._newest.exists())
+        if self._size == 0 and taken_away:
+            head += self._gap_before(content)
+        if head:
+            self._check_room(len(head))
+            self._write(head)
+            self._size = len(head)
 
     def _check_room(self, count: int) -> None:
         """Raise OSError if the file is not the one of its name any more, or the disk would be too full."""

@@ -16,6 +16,7 @@ from companion.autopilot.registry import ADAPTERS
 from companion.autopilot.streams import in_words as seldom_in_words
 from companion.autopilot.telemetry import Telemetry
 from companion.files.tlog import whole_frames
+from companion.geo.kinematics import GRAVITY_M_S2
 from companion.guard.types import BACKUP, FENCE, KEEP_OUT, NO_BACKUP
 from companion.guidance.laws import SteeringLaw
 from companion.onboard.answer import Rung
@@ -224,7 +225,8 @@ class Companion:
     def _begin_hand_over(self) -> None:
         """Keep the references of a vehicle that was handed over in the air, unless they are kept already."""
         if self.navigation.hand_over is None:
-            kept = handed_over(self.navigation.flight, self.adapter.telemetry)
+            turning_m_s2 = self.config.limits.n_max * GRAVITY_M_S2
+            kept = handed_over(self.navigation.flight, self.adapter.telemetry, turning_m_s2)
             self.navigation = self.navigation._replace(hand_over=kept, flight=None)
 
     def _not_steerable(self, now_s: float) -> str | None:

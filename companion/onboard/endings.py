@@ -7,6 +7,7 @@ is. Parameters that a vehicle does not tell are not judged. docs/deploy.md has t
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -31,6 +32,12 @@ AVOIDS_FROM = 2.0
 """Value of AVD_F_ACTION and NAV_TRAFF_AVOID from which the autopilot avoids others by itself: below it reports."""
 COPTER_LANDS = (1.0, 3.0)
 """Values of ArduCopter's FS_EKF_ACTION that land."""
+PARACHUTE = 3.0
+"""Value of ArduPlane's FS_LONG_ACTN that releases the parachute."""
+CRASHES = 42.0
+"""Value of AFS_TERM_ACTION that ends the flight where the advanced failsafe terminates it."""
+BATTERIES = ("BATT", "BATT2")
+"""What the names of ArduPilot's parameters of a battery begin with."""
 _PERCENT = 100.0
 
 
@@ -70,6 +77,14 @@ def _radio_control(told: Told) -> Iterator[Finding]:
     kind = told.kind
     if kind == "arduplane":
         if told["THR_FAILSAFE"] == 1.0 and (told["FS_SHORT_ACTN"] in PLANE_SHORT_ACTIONS or told["FS_LONG_ACTN"] > 0.0):
+            if told["FS_LONG_ACTN"] == PARACHUTE:
+                yield Finding(
+                    False,
+                    "FS_LONG_ACTN: 3; it releases the parachute where radio control is lost",
+                    "set FS_LONG_ACTN to 0",
+                    sets=(("FS_LONG_ACTN", 0.0),),
+                )
+                return
             actions = f"FS_SHORT_ACTN {told['FS_SHORT_ACTN']:g}, FS_LONG_ACTN {told['FS_LONG_ACTN']:g}"
             yield _radio("GUIDED", f"THR_FAILSAFE 1, {actions}", "FS_SHORT_ACTN to 0 and FS_LONG_ACTN to 0")
     elif kind == "ardurover":
@@ -118,7 +133,9 @@ def _fence(told: Told) -> Iterator[Finding]:
     limits = told.config.limits
     # With a fence of its own the companion demands the autopilot's, so that it is judged as it will be.
     demanded = limits.fence is not None or bool(limits.exclusions)
-    if not demanded and (told["FENCE_ENABLE"] != 1.0 or told["FENCE_ACTION"] == 0.0):
+    # By FENCE_AUTOENABLE a fence that is off is turned on at the take-off or when armed.
+    turned_on = told["FENCE_ENABLE"] == 1.0 or told["FENCE_AUTOENABLE"] > 0.0
+    if not demanded and (not turned_on or told["FENCE_ACTION"] == 0.0):
         return
     margin_m = max(told.values.get("FENCE_MARGIN", 0.0), 0.0)
     if told.has_bit("FENCE_TYPE", FENCE_BY_HEIGHT) and told.kind != "ardurover":
@@ -199,7 +216,7 @@ def _greatest_distance_m(corners: Sequence[tuple[float, float]]) -> float:
 
 
 def _battery(told: Told) -> Iterator[Finding]:
-    """Yield what ArduPilot does by itself about its battery, and whether it measures it at all.
+    """Yield what ArduPilot does by itself about its batteries, and whether it measures the first at all.
 
     A companion that is told never to return for its battery leaves it to the autopilot.
     """
@@ -210,8 +227,9 @@ def _battery(told: Told) -> Iterator[Finding]:
             f"BATT_MONITOR: 0; no battery monitor, so that the vehicle cannot return at {least:g} %",
             "set up the autopilot's battery monitor, or set health.battery_return_percent to 0",
         )
-    for level, action in (("LOW", "BATT_FS_LOW_ACT"), ("CRT", "BATT_FS_CRT_ACT")):
-        if not told[action] > 0.0:
+    for battery, level in itertools.product(BATTERIES, ("LOW", "CRT")):
+        action = f"{battery}_FS_{level}_ACT"
+        if not told[action] > 0.0 or (battery != BATTERIES[0] and told[f"{battery}_MONITOR"] == 0.0):
             continue
         if told[action] == TERMINATES[told.kind]:
             yield Finding(
@@ -221,12 +239,14 @@ def _battery(told: Told) -> Iterator[Finding]:
                 sets=((action, 0.0),),
             )
             continue
-        yield from _battery_level(told, level, action, least)
+        yield from _battery_level(told, f"{battery}_{level}", f"{battery}_CAPACITY", least)
 
 
-def _battery_level(told: Told, level: str, action: str, least_percent: float) -> Iterator[Finding]:
+def _battery_level(told: Told, level: str, capacity: str, least_percent: float) -> Iterator[Finding]:
     """Yield at which charge an action of ArduPilot's ends GUIDED, beside that at which the companion returns."""
-    charge, capacity, volt = f"BATT_{level}_MAH", "BATT_CAPACITY", f"BATT_{level}_VOLT"
+    charge, volt = f"{level}_MAH", f"{level}_VOLT"
+    battery, _, which = level.partition("_")
+    action = f"{battery}_FS_{which}_ACT"
     if told[charge] > 0.0 and told[capacity] > 0.0 and least_percent > 0.0:
         percent = _PERCENT * told[charge] / told[capacity]
         most = math.floor(least_percent * told[capacity] / _PERCENT)
@@ -241,6 +261,24 @@ def _battery_level(told: Told, level: str, action: str, least_percent: float) ->
         yield warning(
             f"{action} {told[action]:g} ends GUIDED at {volt} {told[volt]:g}",
             f"see that the battery has less than {least_percent:g} % there: then the companion comes home first",
+        )
+
+
+def _termination(told: Told) -> Iterator[Finding]:
+    """Yield what ArduPilot's advanced failsafe does: it ends the flight by rules of its own."""
+    if told["AFS_ENABLE"] != 1.0:
+        return
+    if told["AFS_TERM_ACTION"] == CRASHES:
+        yield Finding(
+            False,
+            "AFS_ENABLE: 1; with AFS_TERM_ACTION 42 it ends the flight on the ground where a link or its fence is lost",
+            "set AFS_ENABLE to 0",
+            sets=(("AFS_ENABLE", 0.0),),
+        )
+    else:
+        yield warning(
+            "AFS_ENABLE 1: the advanced failsafe can end GUIDED by rules that are not checked here",
+            "set AFS_ENABLE to 0, or see that none of its rules fits the mission",
         )
 
 
@@ -304,5 +342,5 @@ def _px4_avoidance(told: Told) -> Iterator[Finding]:
 
 Rule = Callable[[Told], Iterator[Finding]]
 """One kind of ending, judged by the parameters."""
-ARDUPILOT_RULES: tuple[Rule, ...] = (_radio_control, _fence, _battery, _estimator, _avoidance)
+ARDUPILOT_RULES: tuple[Rule, ...] = (_radio_control, _fence, _battery, _termination, _estimator, _avoidance)
 PX4_RULES: tuple[Rule, ...] = (_px4_radio_control, _px4_data_link, _px4_fence, _px4_battery, _px4_avoidance)

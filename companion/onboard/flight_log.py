@@ -11,12 +11,13 @@ import itertools
 import math
 import zlib
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import IntEnum, unique
 from pathlib import Path
 
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.telemetry import COMPANION_COMPONENT
+from companion.files.records import STAMP
 from companion.files.tlog import TlogWriter
 from companion.onboard.decision import Certificate, Decision, Purpose
 from companion.onboard.failsafe import CLOCK_DIGITS, Stage
@@ -42,6 +43,7 @@ _CERTIFIED = {
 """The certificates as a summary line tells them: without the seconds, so that the line changes only with the kind."""
 
 
+@unique
 class Mark(IntEnum):
     """Events that a log records beside frames and decisions, each as a MAV_CMD that is written but never sent."""
 
@@ -55,7 +57,7 @@ class Mark(IntEnum):
     """First in a log: the companion that ran before was locked by a take-over that was not cleared (State.LOCKED)."""
     LOST = common.MAV_CMD_WAYPOINT_USER_1
     """Records are missing before this one: the disk took none for a while."""
-    SIGNED = common.MAV_CMD_WAYPOINT_USER_1
+    SIGNED = common.MAV_CMD_WAYPOINT_USER_2
     """The autopilot was first seen to sign its frames, whose signatures the log leaves out."""
     GAP = common.MAV_CMD_USER_3
     """MAVSDK's stream of setpoints had a gap: Authority.note_gap() was called."""
@@ -205,6 +207,11 @@ def mark_frame(mark: Mark, system_id: int) -> bytes:
     teller = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
     order = (system_id, COMPANION_COMPONENT, mark, 0, *[0.0] * 7)
     return bytes(common.MAVLink_command_long_message(*order).pack(teller))
+
+
+def gap_before(records: bytes) -> bytes:
+    """Return the record that stands before the first records of a log's file if those before them are gone."""
+    return records[: STAMP.size] + mark_frame(Mark.LOST, 1)
 
 
 def mark_of(frame: RawFrame) -> Mark | None:

@@ -23,12 +23,14 @@ class HandOver(NamedTuple):
     track: Track
 
 
-def handed_over(flight: References | None, told: Telemetry) -> HandOver:
+def handed_over(flight: References | None, told: Telemetry, turning_m_s2: float = 0.0) -> HandOver:
     """Return what is kept of a vehicle that is steered from now on; its telemetry has a position.
 
     `flight` has the references as they were followed before; None: this is the first that is known of the flight.
+    `turning_m_s2`: acceleration of the vehicle's turn limit.
     """
-    return HandOver(references_of(told, 0.0 if flight is None else fallen_m(flight, told)), track_of(told))
+    references = references_of(told, 0.0 if flight is None else fallen_m(flight, told))
+    return HandOver(references, track_of(told, turning_m_s2))
 
 
 def flight_after(flight: References | None, told: Telemetry) -> References | None:

@@ -43,6 +43,12 @@ class LogFiles(Iterator[tuple[float, bytes]]):
         """Whether nothing was left out so far."""
         return self._log.whole and all(log.whole for _, log in self._read_before)
 
+    @property
+    def begins_late(self) -> bool:
+        """Whether the files before the first one are missing, by its name."""
+        found = _NAME.fullmatch(self._paths[0].name)
+        return found is not None and found[3] is not None
+
     def tell(self) -> None:
         """Warn of each file of which something was left out; call it once all are read."""
         for path, log in self._read_before:

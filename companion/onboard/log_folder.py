@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from companion.files.log_series import LogSeries, file_bytes, part_of, remove_oldest
+from companion.files.log_series import LogSeries, file_bytes, part_of, remove_oldest, unsaid
 from companion.files.tlog import Sink, TlogWriter
 from companion.onboard.config import Config, dump_config
 from companion.onboard.decision_table import HEAD, DecisionTable
-from companion.onboard.flight_log import FlightLog, unused
+from companion.onboard.flight_log import FlightLog, gap_before, unused
 from companion.runtime.io_thread import IoThread, IoThreadFile
 
 BROADCAST_LOG_BYTES_PER_S = 20_000.0
@@ -123,7 +123,8 @@ def open_log_folder(config: Config, files: IoThread, stack: ExitStack, vehicle: 
     folder = RunFolder(config, Path(config.log_dir))
 
     def opened(name: str, head: bytes = b"") -> IoThreadFile:
-        file = IoThreadFile(LogSeries(folder.place(name), file_bytes(folder.most_bytes), head), files)
+        series = LogSeries(folder.place(name), file_bytes(folder.most_bytes), head, unsaid if head else gap_before)
+        file = IoThreadFile(series, files)
         stack.callback(file.close)
         return file
 

@@ -22,6 +22,10 @@ from companion.protocol.codec import GROUND_COMPONENT, GROUND_SYSTEM, FrameWrite
 from companion.protocol.dialect import oneway
 from companion.protocol.frame import raw_frame
 
+FLIGHT_BACK_S = 1.0
+"""Time by which a log's times go back where another flight begins: those of one flight only go on."""
+FLIGHT_APART_S = 60.0
+"""Time without any record from which another flight begins: a companion that runs logs each decision."""
 _GROUND = (GROUND_SYSTEM, GROUND_COMPONENT)
 
 
@@ -33,6 +37,8 @@ class Replayed:
     same: bool
     behind_gap: bool
     """Whether inputs before it are missing in the log, so that it may differ."""
+    begins: bool
+    """Whether it is the first of another flight behind the one that the log begins with."""
 
 
 def replay(
@@ -42,20 +48,27 @@ def replay(
 
     `records`: the log's (t_unix_s, frame). Its broadcast frames were accepted in flight and are not checked again.
     `has_gap` returns whether something is missing in the records so far; the log itself may say so, too (Mark.LOST).
+    Where another flight begins in the records, a new companion decides, and all from there on is behind a gap.
     """
     companion = _told(config)
     writer = FrameWriter()
     decided_s: float | None = None
-    lost = False
+    lost = begins = False
+    last_s: float | None = None
     for t_s, data in records:
         frame = raw_frame(data)
+        if last_s is not None and not -FLIGHT_BACK_S <= t_s - last_s <= FLIGHT_APART_S:
+            companion, decided_s = _told(config), None
+            lost = begins = True
+        last_s = t_s
         if frame.version == 1 and frame.component != COMPANION_COMPONENT:
             companion.receive(data, t_s)
         elif frame.message_id == oneway.MAVLINK_MSG_ID_ONEWAY_DECISION:
             decision, _ = companion.tick(t_s)
             decided_s = t_s
             again = raw_frame(writer.encode(decision_frame(decision)))
-            yield Replayed(decision, again.payload == frame.payload, lost or has_gap())
+            yield Replayed(decision, again.payload == frame.payload, lost or has_gap(), begins)
+            begins = False
         elif frame.sender == _GROUND:
             companion.hear(data, t_s)
         elif frame.component != COMPANION_COMPONENT:

@@ -24,8 +24,10 @@ def replayed_lines(log: str, parts: list[Path], config: Config, say: Callable[[s
     records = LogFiles(parts)
     said, decisions, different = "", 0, 0
     behind, different_behind = 0, 0
-    for replayed in replay(records, config, lambda: not records.whole):
+    for replayed in replay(records, config, lambda: not records.whole or records.begins_late):
         decision = replayed.decision
+        if replayed.begins:
+            say(f"{decision.t_s:.3f} another flight begins in the log: all from here on counts as behind a gap")
         decisions += 1
         behind += replayed.behind_gap
         different += not replayed.same and not replayed.behind_gap
@@ -38,6 +40,12 @@ def replayed_lines(log: str, parts: list[Path], config: Config, say: Callable[[s
     records.tell()
     if decisions == 0:
         raise InputError(f"{log}: no decisions in it; allowed: vehicle-N.tlog of `companion run` or `sim fly --out`")
-    tail = f"; {behind} of them behind a gap in the log, where {different_behind or 'none'} differ" if behind else ""
-    say(f"{decisions} decisions, {different or 'none'} different from those in flight{tail}")
+    if behind == 0:
+        say(f"{decisions} decisions, {different or 'none'} different from those in flight")
+        return different
+    before = f", {different or 'none'} different from those in flight" if behind < decisions else ""
+    say(
+        f"{decisions} decisions: {decisions - behind or 'none'} before any gap in the log{before}; {behind} behind "
+        f"one, {different_behind or 'none'} different, which does not count: inputs of theirs are missing"
+    )
     return different

@@ -101,11 +101,13 @@ class IoThreadFile:
             return
         content, self._pending = bytes(self._pending), bytearray()
         now_s = time.monotonic()
-        is_hung = bool(self._handed) and now_s - self._handed[0] > SLOW_S
-        if is_hung or not self._background.do(lambda: self._write_out(content)):
-            self._fail(OSError(0, "the disk is too slow"), content)
-            return
+        # Noted before it is handed over: the thread may have written it before do() returns, and takes off only what
+        # it was given, so that this one stands here meanwhile.
         self._handed.append(now_s)
+        is_hung = now_s - self._handed[0] > SLOW_S
+        if is_hung or not self._background.do(lambda: self._write_out(content)):
+            self._handed.pop()
+            self._fail(OSError(0, "the disk is too slow"), content)
 
     def close(self) -> None:
         """Flush, and have the thread close the file after its last write."""
@@ -121,8 +123,7 @@ class IoThreadFile:
                 self._retry_s = FIRST_RETRY_S
             except OSError as error:
                 self._fail(error, content)
-        with suppress(IndexError):
-            self._handed.popleft()
+        self._handed.popleft()
 
     def _fail(self, error: OSError, content: bytes) -> None:
         self._kept = content

@@ -120,6 +120,33 @@ def jumps_for_good() -> str:
     return f"not believed for 2 s, loiters after {loiters_s:.1f} s, goes on when it has jumped back"
 
 
+def stands_still(at_share: float, says: str) -> Callable[[], str]:
+    """Return a play in which the told place goes a share of the way flown for 12 s, velocity and clock as ever."""
+
+    def play() -> str:
+        rig = TamperedRig().steered()
+        began_s, first = rig.t_s, list[tuple[int, int]]()
+
+        def edit(message: Message) -> Message:
+            first.append((message.lat, message.lon))
+            message.lat = round(first[0][0] + at_share * (message.lat - first[0][0]))
+            message.lon = round(first[0][1] + at_share * (message.lon - first[0][1]))
+            return message
+
+        rig.edits["GLOBAL_POSITION_INT"] = edit
+        rig.run(rig.t_s + 12.0)
+        rig.assert_does(Purpose.LOITER)
+        assert any(says in one for one in rig.last.triggers), rig.words()
+        noticed_s = next(one.t_s for one in rig.decisions if one.t_s > EPOCH_S + began_s and one.triggers) - EPOCH_S
+        words = rig.words()
+        del rig.edits["GLOBAL_POSITION_INT"]
+        rig.run(rig.t_s + 4.0)
+        rig.assert_does(Purpose.TARGET)
+        return f"noticed after {noticed_s - began_s:.1f} s, {words}; goes on when it is back"
+
+    return play
+
+
 def jumps_about() -> str:
     rig = TamperedRig().steered()
     places = iter(range(10_000))
@@ -198,6 +225,18 @@ SITUATIONS: tuple[Situation, ...] = (
         "not believed for 2 s, then loiters",
         "steers on to its target at once",
         jumps_for_good,
+    ),
+    Situation(
+        "the position stands still while clock and velocity go on",
+        "loiters, and says so; goes on when it is back",
+        "steers on to its target",
+        stands_still(0.0, "position stands still while the velocity says"),
+    ),
+    Situation(
+        "the position goes at a third of the velocity",
+        "loiters, and says so; goes on when it is back",
+        "steers on to its target",
+        stands_still(0.33, "otherwise than the velocity"),
     ),
     Situation("the position jumps about for 8 s", "silent, and says why", "steers on, by each of them", jumps_about),
     Situation("an aircraft head-on tells a pressure altitude, 230 m off", "gives way", "flies on", other_datum),

@@ -144,3 +144,20 @@ def test_an_integer_of_ardupilots_is_written_as_a_number() -> None:
 def test_the_bytes_of_a_request_are_pinned() -> None:
     link = common.MAVLink(None, srcSystem=7, srcComponent=191)
     assert bytes(request("GUID_TIMEOUT", 7).pack(link)).hex() == GOLDEN_REQUEST
+
+
+def test_what_a_vehicle_hides_behind_a_switch_is_asked_for_once_that_is_told_as_on() -> None:
+    hidden = Wanted("BATT2_LOW_MAH", 0.0, optional=True, switch="BATT2_MONITOR")
+    wanted = (Wanted("BATT2_MONITOR", 0.0, optional=True), hidden)
+    off = ParameterReader(wanted, bytewise=False)
+    assert {name for _, name in asked(off, 0.0, 1.0)} == {"BATT2_MONITOR"}
+    assert not off.settled(1.0)
+    off.take(message("BATT2_MONITOR", 0.0))
+    assert off.settled(1.0)
+    assert asked(off, 1.0, 9.0) == []
+    silent = ParameterReader(wanted, bytewise=False)
+    assert len(asked(silent, 0.0, 20.0)) == TRIES
+    assert silent.settled(20.0)
+    silent.take(message("BATT2_MONITOR", 4.0))
+    assert {name for _, name in asked(silent, 20.0, 1.0)} == {"BATT2_LOW_MAH"}
+    assert not silent.settled(20.1)

@@ -107,3 +107,31 @@ def test_the_oldest_logs_make_room(tmp_path: Path) -> None:
 def test_all_logs_together_have_room_for_many_files() -> None:
     assert file_bytes(20_000_000) == 1_000_000
     assert file_bytes(10**12) == log_series.MOST_FILE_BYTES
+
+
+def test_a_file_that_begins_behind_records_that_were_taken_away_says_so(tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+
+    def place(number: int) -> Path:
+        folder.mkdir(parents=True, exist_ok=True)
+        return part_of(folder / "vehicle-1.tlog", number)
+
+    def gap_before(records: bytes) -> bytes:
+        return b"gap before " + records
+
+    log = LogSeries(place, 60, gap_before=gap_before)
+    log.append(b"first;")
+    shutil.rmtree(folder)
+    with pytest.raises(OSError, match="taken away|No such file"):
+        log.append(b"second;")
+    log.append(b"second;")
+    assert (folder / "vehicle-1.tlog").read_bytes() == b"gap before second;second;"
+    # The next file goes on behind one that is there, and says so only if that one is gone.
+    log.append(b"3" * 59)
+    assert (folder / "vehicle-1-2.tlog").read_bytes() == b"3" * 59
+    (folder / "vehicle-1-2.tlog").unlink()
+    with pytest.raises(OSError, match="taken away|No such file"):
+        log.append(b"4")
+    log.append(b"4" * 59)
+    log.close()
+    assert (folder / "vehicle-1-2.tlog").read_bytes() == b"gap before " + b"4" * 118

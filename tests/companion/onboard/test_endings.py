@@ -83,6 +83,25 @@ FAILING = [
     ("px4-plane", {"GF_MAX_VER_DIST": 50.0}, "GF_MAX_VER_DIST"),
     ("arducopter", {"BATT_FS_LOW_ACT": 2.0, "BATT_LOW_MAH": 1500.0, "BATT_LOW_VOLT": 0.0}, "BATT_LOW_MAH"),
     ("arduplane", {"BATT_FS_CRT_ACT": 3.0}, "BATT_FS_CRT_ACT"),
+    (
+        "arduplane",
+        {"FENCE_AUTOENABLE": 1.0, "FENCE_ACTION": 1.0, "FENCE_TYPE": 1.0, "FENCE_ALT_MAX": 50.0},
+        "FENCE_ALT_MAX",
+    ),
+    (
+        "arducopter",
+        {"BATT2_MONITOR": 4.0, "BATT2_FS_LOW_ACT": 2.0, "BATT2_LOW_MAH": 1500.0, "BATT2_LOW_VOLT": 0.0},
+        "BATT2_LOW_MAH",
+    ),
+    (
+        "arduplane",
+        {"BATT2_MONITOR": 4.0, "BATT2_FS_LOW_ACT": 1.0, "BATT2_LOW_MAH": 3000.0},
+        "BATT2_LOW_MAH",
+    ),
+    ("arduplane", {"BATT2_MONITOR": 4.0, "BATT2_FS_CRT_ACT": 3.0}, "BATT2_FS_CRT_ACT"),
+    ("arduplane", {"AFS_ENABLE": 1.0, "AFS_TERM_ACTION": 42.0}, "AFS_ENABLE"),
+    ("ardurover", {"AFS_ENABLE": 1.0, "AFS_TERM_ACTION": 42.0}, "AFS_ENABLE"),
+    ("arduplane", {"FS_LONG_ACTN": 3.0}, "FS_LONG_ACTN"),
     ("px4-copter", {"COM_LOW_BAT_ACT": 3.0, "BAT_CRIT_THR": 0.3}, "BAT_CRIT_THR"),
     ("arducopter", {"BATT_MONITOR": 0.0}, "BATT_MONITOR"),
     ("arducopter", {"FS_EKF_ACTION": 2.0}, "FS_EKF_ACTION"),
@@ -129,6 +148,22 @@ def test_a_fence_that_is_off_or_only_reports_ends_nothing() -> None:
     config = config_of("arducopter")
     for values in ({"FENCE_ENABLE": 0.0}, {"FENCE_ENABLE": 1.0, "FENCE_ACTION": 0.0}):
         assert set(words("arducopter", config, FS_OPTIONS=4.0, FENCE_ALT_MAX=10.0, **values)) == set()
+
+
+def test_a_fence_that_turns_itself_on_is_judged_without_a_fence_of_the_companions() -> None:
+    values = {"FENCE_AUTOENABLE": 3.0, "FENCE_ACTION": 1.0, "FENCE_TYPE": 3.0, "FENCE_ALT_MAX": 50.0}
+    found = words("arduplane", None, **values)
+    assert not found["FENCE_ALT_MAX"].passed
+    assert found["FENCE_RADIUS"].word == "warn"
+
+
+def test_a_second_battery_that_is_not_monitored_and_a_failsafe_that_is_off_end_nothing() -> None:
+    values = {"BATT2_FS_LOW_ACT": 2.0, "BATT2_LOW_MAH": 3000.0, "AFS_TERM_ACTION": 42.0, "FS_OPTIONS": 4.0}
+    assert words("arducopter", None, **values) == {}
+
+
+def test_an_advanced_failsafe_that_does_not_crash_is_warned_of() -> None:
+    assert words("arduplane", AFS_ENABLE=1.0)["AFS_ENABLE"].word == "warn"
 
 
 def test_a_companion_that_never_returns_for_its_battery_leaves_it_to_the_autopilot() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import threading
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -10,9 +13,11 @@ from pymavlink.dialects.v20 import common
 from companion.files.log_series import LogSeries, part_of
 from companion.files.tlog import TlogWriter
 from companion.onboard.config import Config
-from companion.onboard.flight_log import FlightLog
+from companion.onboard.flight_log import FlightLog, Mark, mark_of
 from companion.onboard.log_files import LogFiles, files_of, settings_of
-from companion.onboard.log_folder import RunFolder
+from companion.onboard.log_folder import RunFolder, VehicleLog, open_log_folder
+from companion.protocol.frame import raw_frame
+from companion.runtime import io_thread
 from companion.runtime.io_thread import IoThread, IoThreadFile
 
 MAV = common.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -83,3 +88,29 @@ def test_the_oldest_runs_make_room_and_nothing_else_is_touched(tmp_path: Path) -
     assert kept == names[2:]
     assert (tmp_path / names[0] / "notes.txt").exists() and not (tmp_path / names[1]).exists()
     assert (tmp_path / "photographs" / "vehicle-1.tlog").exists()
+
+
+def test_a_log_whose_folder_was_taken_away_in_flight_begins_anew_with_a_gap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(io_thread, "FIRST_RETRY_S", 0.0)
+    files, config = IoThread("logs"), Config(agent_id=7, log_dir=str(tmp_path / "logs"))
+
+    def record(number: int) -> None:
+        done = threading.Event()
+        logs.vehicle.record(float(number), FRAMES[number])
+        files.do(done.set)
+        assert done.wait(10.0)
+
+    with ExitStack() as stack:
+        logs = open_log_folder(config, files, stack, VehicleLog())
+        for number in range(5):
+            record(number)
+        assert logs.path is not None
+        shutil.rmtree(tmp_path / "logs")
+        for number in range(5, 20):
+            record(number)
+    files.close()
+    records = list(LogFiles(files_of(str(logs.path / "vehicle-7.tlog"))))
+    assert mark_of(raw_frame(records[0][1])) is Mark.LOST
+    assert records[-1][1] == FRAMES[19]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -11,13 +13,24 @@ from pymavlink.dialects.v20 import common
 
 from companion.autopilot.offboard import MAVSDK_SILENT
 from companion.autopilot.telemetry import COMPANION_COMPONENT
+from companion.files.records import STAMP
+from companion.files.tlog import Tlog, TlogWriter
 from companion.onboard.authority import State
 from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection
 from companion.onboard.decision import Decision
-from companion.onboard.flight_log import Mark, clock_frame, clock_offset_s, decision_frame, mark_frame, mark_of
+from companion.onboard.flight_log import (
+    Mark,
+    clock_frame,
+    clock_offset_s,
+    decision_frame,
+    gap_before,
+    mark_frame,
+    mark_of,
+)
 from companion.onboard.recording import BEGINNINGS
 from companion.onboard.replay import replay
+from companion.onboard.replay_text import replayed_lines
 from companion.protocol.codec import FrameWriter
 from companion.protocol.frame import raw_frame
 from tests.companion.onboard.companion_flight import CONFIG, GUIDED, SYSTEM, Flight
@@ -196,3 +209,60 @@ def test_a_mode_that_is_left_and_chosen_again_between_two_decisions_is_decided_a
 
 def is_companions(frame: bytes) -> bool:
     return bool(raw_frame(frame).component == COMPANION_COMPONENT)
+
+
+@pytest.fixture(scope="module")
+def steered() -> Recorded:
+    """Return ten seconds in which a vehicle is steered."""
+    flight = Recorded("arducopter", State.WAITING)
+    flight.heartbeat(GUIDED, HOLD_MODE)
+    flight.landed(common.MAV_LANDED_STATE_IN_AIR)
+    flight.parameters()
+    for slot in range(100):
+        if slot == 40:
+            flight.heartbeat()
+        if slot % 10 == 0:
+            flight.broadcast((2_000.0, 3_000.0))
+        flight.position(0.8 * slot, 0.0, (8.0, 0.0))
+        flight.slot()
+    return flight
+
+
+def test_a_log_that_goes_on_in_mid_flight_begins_with_a_gap_and_nothing_in_it_counts(steered: Recorded) -> None:
+    late = steered.records[len(steered.records) // 2 :]
+    content = b"".join(STAMP.pack(round(t_s * 1e6)) + frame for t_s, frame in late)
+    again = list(replay(Tlog(BytesIO(gap_before(content) + content), "late"), steered.config))
+    assert again
+    assert all(one.behind_gap for one in again)
+    assert not any("sign" in one.decision.reason for one in again)
+
+
+def test_the_marks_have_numbers_of_their_own() -> None:
+    assert len({*map(int, Mark.__members__.values())}) == len(Mark.__members__)
+
+
+@pytest.mark.parametrize("later_s", [0.0, 3_600.0])
+def test_a_second_flight_in_a_log_is_decided_by_a_new_companion_and_told(steered: Recorded, later_s: float) -> None:
+    second = [(t_s + later_s, frame) for t_s, frame in steered.records]
+    again = list(replay(steered.records + second, steered.config))
+    half = len(steered.decisions)
+    assert [number for number, one in enumerate(again) if one.begins] == [half]
+    assert all(one.same and not one.behind_gap for one in again[:half])
+    assert all(one.behind_gap for one in again[half:])
+    if later_s == 0.0:
+        assert all(one.same for one in again)
+
+
+def test_the_last_line_says_plainly_what_counts(steered: Recorded, tmp_path: Path) -> None:
+    path = tmp_path / "two.tlog"
+    with TlogWriter(path) as log:
+        for t_s, frame in [*steered.records, *steered.records]:
+            log.write(t_s, frame)
+    said: list[str] = []
+    assert replayed_lines(str(path), [path], steered.config, said.append) == 0
+    count = len(steered.decisions)
+    assert sum("another flight begins" in line for line in said) == 1
+    assert said[-1].startswith(
+        f"{2 * count} decisions: {count} before any gap in the log, none different from those in flight; "
+        f"{count} behind one, none different, which does not count"
+    )

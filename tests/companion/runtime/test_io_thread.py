@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -194,3 +195,23 @@ def test_each_time_that_a_disk_still_fails_it_is_tried_more_seldom(monkeypatch: 
 
 def read_records(content: bytes) -> list[tuple[float, bytes]]:
     return list(Tlog(io.BytesIO(content), "log"))
+
+
+class AtOnce(IoThread):
+    """A thread that is faster than whoever gives it a job."""
+
+    def do(self, job: Callable[[], None]) -> bool:
+        job()
+        return True
+
+
+def test_a_thread_that_writes_before_its_giver_goes_on_is_no_slow_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(background, "SLOW_S", 0.0)
+    disk, working = Disk(), AtOnce("test")
+    file = IoThreadFile(disk, working)
+    for number in range(20):
+        file.write(bytes([number]))
+        file.flush()
+    assert disk.content == bytes(range(20))
+    IoThread.do(working, lambda: None)
+    working.close()
