@@ -229,13 +229,13 @@ SITUATIONS: tuple[Situation, ...] = (
     Situation(
         "the position stands still while clock and velocity go on",
         "loiters, and says so; goes on when it is back",
-        "steers on, uncertain of nothing",
+        "steers on to its target",
         stands_still(0.0, "position stands still while the velocity says"),
     ),
     Situation(
         "the position goes at a third of the velocity",
         "loiters, and says so; goes on when it is back",
-        "steers on, uncertain of nothing",
+        "steers on to its target",
         stands_still(0.33, "otherwise than the velocity"),
     ),
     Situation("the position jumps about for 8 s", "silent, and says why", "steers on, by each of them", jumps_about),
