@@ -75,6 +75,8 @@ class Verdict(Enum):
     """It is within the bounds, but not where the thing is expected, and is not confirmed yet."""
     BEYOND = "beyond"
     """It is where the thing cannot be."""
+    DISPUTED = "disputed"
+    """It, or another one of late, is where the thing can only be if what was believed was wrong (dispute.py)."""
 
 
 class Weighed(NamedTuple):
@@ -82,7 +84,7 @@ class Weighed(NamedTuple):
 
     verdict: Verdict
     off_m: float = 0.0
-    """Distance from what the bounds allow (BEYOND), or from where it was expected (JUMP)."""
+    """Distance from what the bounds allow (BEYOND), or from where it was expected (JUMP, DISPUTED)."""
     replaced: bool = False
     """Whether a confirmed jump has replaced the track."""
 

@@ -1,16 +1,20 @@
 """What the ground station believes of the sightings and reports that come in, and the words about the rest.
 
 Each agent, target and threat of the mission has its bound: the speed that the mission gives it, and for agents the wind
-and a margin. What is believed of it follows from plausibility.py; here are the ids, the clocks and the words.
+and a margin. What is believed of it follows from plausibility.py and dispute.py; here are the ids, the clocks and the
+words.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from companion.geo.kinematics import GRAVITY_M_S2
 from companion.mission.model import AgentSpec, Mission
 from companion.protocol.codec import Kind
+from groundstation.dispute import Watched, judge
 from groundstation.filter import Noise
-from groundstation.plausibility import Bound, Known, Sample, Verdict, Weighed, weigh
+from groundstation.plausibility import Bound, Known, Reach, Sample, Verdict, Weighed, weigh
 from groundstation.refusals import Refusals
 
 Key = tuple[Kind, int]
@@ -45,7 +49,7 @@ class Sightings:
         self._error_m = error_m
         self._broadcast_s = mission.broadcast_period_s
         self._bounds: dict[Key, Bound] = {}
-        self._known: dict[Key, Known] = {}
+        self._watched: dict[Key, Watched] = {}
         self._flown: dict[int, Known] = {}
         for agent in mission.agents:
             bound = _agent_bound(agent, wind_m_s, error_m)
@@ -65,17 +69,24 @@ class Sightings:
         ):
             for item in items:
                 key = kind, item.id
-                self._known[key] = Known.placed(complex(*item.position_ned_m), placed_at_s, self._bounds[key], now_s)
+                bound = self._bounds[key]
+                known = Known.placed(complex(*item.position_ned_m), placed_at_s, bound, now_s)
+                self._watched[key] = Watched.begun(known, bound)
 
     def bound(self, key: Key) -> Bound:
         """Return how fast a thing may be and how well it is seen."""
         return self._bounds[key]
 
+    def held(self, key: Key) -> Reach | None:
+        """Return where a thing was when that was not disputed; None if nothing is disputed."""
+        watched = self._watched[key]
+        return None if watched.candidate is None else watched.sure
+
     def sighted(self, key: Key, sample: Sample, now_s: float) -> Weighed | None:
         """Return what a sighting of a thing is taken for; None if it has no such thing, or agents are not sighted."""
         kind, identity = key
         name = f"{kind.name.lower()} {identity}"
-        if key not in self._known:
+        if key not in self._watched:
             place = f"{sample.place.real:.0f} N {sample.place.imag:.0f} E"
             self.refusals.add(
                 ("unknown", key), f"sensor: {name} at {place} is not in the mission: {{}} detections ignored"
@@ -84,8 +95,14 @@ class Sightings:
         if kind is Kind.AGENT and self._reports:
             self.refusals.add("not seen", "sensor: {} detections of agents ignored: in Case II they are not seen")
             return None
-        weighed = self._weighed(key, sample, now_s)
+        self._watched[key], weighed = judge(self._watched[key], sample, self._bounds[key], now_s)
         self._tell(f"sensor: {name} seen", key, weighed)
+        if weighed.verdict is Verdict.DISPUTED and weighed.off_m > 0.0:
+            self.refusals.add(
+                (key, Verdict.DISPUTED),
+                f"sensor: sightings of {name} contradict each other by {_far(weighed.off_m)}: held at its last "
+                "undisputed place, and its disc grows, {} times",
+            )
         return weighed
 
     def reported(
@@ -96,16 +113,18 @@ class Sightings:
         `reckoned` is where it is by dead reckoning at that time, within `uncertainty_m` if it heard every broadcast.
         """
         key = Kind.AGENT, agent_id
-        if key not in self._known:
+        if key not in self._watched:
             self.refusals.add(
                 ("no agent", agent_id), f"uplink: agent {agent_id} is not in the mission: {{}} reports ignored"
             )
             return None
-        bound, known = self._bounds[key], self._known[key]
+        bound, watched = self._bounds[key], self._watched[key]
+        known = watched.known
         # It may have flown on for a broadcast or two, and since its last report have drifted by a share of its way.
         by_share_s = 2.0 * self._broadcast_s + ASTRAY_SHARE * max(0.0, sample.at_s - known.believed.motion.at_s)
         astray_m = abs(sample.place - reckoned) - uncertainty_m - self._error_m - bound.speed_m_s * by_share_s
-        weighed = self._weighed(key, sample, now_s, astray_m)
+        known, weighed = weigh(known, sample, bound, now_s, astray_m)
+        self._watched[key] = replace(watched, known=known)
         self._tell(f"uplink: agent {agent_id} reports a place", key, weighed)
         return weighed
 
@@ -139,10 +158,6 @@ class Sightings:
             )
             return None
         return min(now_s, at_s)
-
-    def _weighed(self, key: Key, sample: Sample, now_s: float, astray_m: float = 0.0) -> Weighed:
-        self._known[key], weighed = weigh(self._known[key], sample, self._bounds[key], now_s, astray_m)
-        return weighed
 
     def _tell(self, what: str, key: Key, weighed: Weighed) -> None:
         if weighed.verdict is Verdict.BEYOND:

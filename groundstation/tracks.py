@@ -122,7 +122,9 @@ class TrackTable:
                 self._move(key, detection, place_ned_m, seen_at_s)
                 if weighed.replaced:
                     self._begin_anew(key)
-            if weighed is not None and weighed.verdict in (Verdict.BELIEVED, Verdict.SUPPORT):
+            if weighed is not None and weighed.verdict is Verdict.DISPUTED:
+                self._hold(key)
+            if weighed is not None and weighed.verdict in (Verdict.BELIEVED, Verdict.SUPPORT, Verdict.DISPUTED):
                 if detection.kind is Kind.AGENT:
                     self.heard_at_s[detection.id] = max(self.heard_at_s[detection.id], seen_at_s)
 
@@ -144,6 +146,16 @@ class TrackTable:
             flown_m = math.dist(track.position_ned_m, place_ned_m)
             self.flown_m[detection.id] += min(flown_m, bound.speed_m_s * max(0.0, seen_at_s - track.seen_at_s))
         self.tracks[key] = Track(*place_ned_m, velocity.real, velocity.imag, max(seen_at_s, track.seen_at_s))
+
+    def _hold(self, key: Key) -> None:
+        """Take a track whose place is disputed back to the last that was not, and let its age go on from there."""
+        held = self._sightings.held(key)
+        if held is None:
+            return
+        track = Track(held.place.real, held.place.imag, 0.0, 0.0, held.at_s)
+        if track != self.tracks[key]:
+            self.tracks[key] = track
+            self._begin_anew(key, held.at_s)
 
     def excuse(self, silent_s: float) -> None:
         """Count no agent as silent for a time in which nobody could be heard."""
@@ -209,12 +221,16 @@ class TrackTable:
             others = {one: since for one, since in self.progress.near_since.items() if one != agent_id}
             self.progress = replace(self.progress, near_since=others)
 
-    def _begin_anew(self, key: Key) -> None:
-        """Forget the way to an agent's or a target's new place, and the arrivals that only its old place showed."""
+    def _begin_anew(self, key: Key, since_s: float = -math.inf) -> None:
+        """Forget the way to an agent's or a target's new place, and the arrivals that only its old place showed.
+
+        Arrivals before `since_s` stay: its place was not disputed then.
+        """
         self._judged[key] = self.tracks[key]
         kind, identity = key
         for agent_id, arrival in list(self.progress.unproven.items()):
-            if (kind, identity) in ((Kind.AGENT, agent_id), (Kind.TARGET, arrival.target_id)):
+            is_meant = (kind, identity) in ((Kind.AGENT, agent_id), (Kind.TARGET, arrival.target_id))
+            if is_meant and arrival.at_s >= since_s:
                 self._take_back(agent_id, arrival)
 
     def _take_back(self, agent_id: int, arrival: Arrival) -> None:
@@ -261,6 +277,9 @@ class TrackTable:
         near_since = {key: near for key, near in progress.near_since.items() if assignment.get(key) == near[0]}
         for target_id, agent_id in self._candidates(assignment):
             if agent_id in arrived or agent_id in but or self._agents[agent_id].only_target not in (None, target_id):
+                continue
+            # Where a thing is disputed, nothing shows that it was reached.
+            if any(self._sightings.held(key) for key in ((Kind.AGENT, agent_id), (Kind.TARGET, target_id))):
                 continue
             is_near = self._came_near(agent_id, target_id)
             wait_s = self.uncertainty_m[agent_id] / self._agents[agent_id].speed_m_s

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
 _WORDS = {
@@ -51,6 +52,28 @@ def refuse_other(path: Path) -> None:
     except FileNotFoundError:
         return
     _refuse(path, mode)
+
+
+def places_to(path: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    """Yield a path, every folder above it, and the same of all links among these, each with its own status.
+
+    Who may write to one of them, a sticky folder apart, or owns it, can have the path lead to something else.
+
+    Raises:
+        OSError: one of them is missing or must not be looked into.
+
+    """
+    ways, seen = [path.absolute()], set[Path]()
+    while ways:
+        way = ways.pop()
+        for place in (way, *way.parents):
+            if place in seen:
+                continue
+            seen.add(place)
+            status = place.lstat()
+            yield place, status
+            if stat.S_ISLNK(status.st_mode):
+                ways.append(place.parent / place.readlink())
 
 
 def anybody_can_write(mode: int) -> bool:

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from companion.errors import InputError
-from companion.files.regular import anybody_can_write, read_regular, refuse_other
+from companion.files.regular import anybody_can_write, places_to, read_regular, refuse_other
 
 MAX_STATE_BYTES = 65_536
 """Greatest size of a state file."""
@@ -58,13 +58,17 @@ def check_state_file(path: Path) -> None:
 
 
 def warnings_of(path: Path) -> list[str]:
-    """Return warnings about a state file, or its folder, that every user of the computer could replace."""
-    for place in (path, path.parent):
-        with suppress(OSError):
-            mode = place.lstat().st_mode
-            if anybody_can_write(mode):
-                what = "others can replace the state" if place is path else "others can replace the state in it"
-                return [f"{place}: {what} (mode {stat.S_IMODE(mode):03o}); chmod o-w {place}"]
+    """Return warnings about a state file that any user of the computer could replace, or a folder on the way to it."""
+    # The file itself may not be there yet.
+    start = path if path.exists() else path.parent
+    with suppress(OSError):
+        for place, status in places_to(start):
+            # A link has no mode of its own; what it leads to comes later.
+            if not stat.S_ISLNK(status.st_mode) and anybody_can_write(status.st_mode):
+                what = (
+                    "others can replace the state" if place == path.absolute() else "others can replace the state in it"
+                )
+                return [f"{place}: {what} (mode {stat.S_IMODE(status.st_mode):03o}); chmod o-w {place}"]
     return []
 
 

@@ -6,6 +6,7 @@ fault of validation into an InputError naming file, key, value and what is allow
 
 from __future__ import annotations
 
+import errno
 import re
 import reprlib
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Strict, ValidationError, model_valid
 from pydantic_core import ErrorDetails
 
 from companion.errors import InputError, nearest_hint, one_line
+from companion.files.regular import read_regular
 
 MAX_FILE_BYTES = 1_000_000
 """Largest file that is read: four times what 2000 listed agents need, and small enough for the slow YAML parser."""
@@ -120,14 +122,20 @@ def is_there(path: Path) -> bool:
 
 
 def read_text_file(path: Path) -> str:
-    """Return the text of a file; raise InputError if it cannot be read, exceeds MAX_FILE_BYTES or is not UTF-8."""
+    """Return the text of a file, or of the one that a link leads to.
+
+    Raises:
+        InputError: it cannot be read, is a pipe, a device or a folder, exceeds MAX_FILE_BYTES or is not UTF-8.
+
+    """
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
+        data, _ = read_regular(path.resolve(strict=True), MAX_FILE_BYTES)
     except OSError as error:
+        if error.errno == errno.EFBIG:
+            raise InputError(f"{path}: too large; allowed: at most {MAX_FILE_BYTES} bytes") from error
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(data) > MAX_FILE_BYTES:
-        raise InputError(f"{path}: too large; allowed: at most {MAX_FILE_BYTES} bytes")
+    except RuntimeError as error:
+        raise InputError(f"{path}: cannot be read: a link that leads to itself") from error
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -16,7 +16,7 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from companion.errors import InputError
-from companion.files.regular import read_regular
+from companion.files.regular import places_to, read_regular
 from companion.protocol.mavlink_signing import KEY_BYTES
 
 PRIVATE_NAME = "broadcast.private"
@@ -141,8 +141,7 @@ def _read(path: Path, *, secret: bool) -> bytes:
         # A link is followed, but what it leads to must be as safe as a file in its place; a pipe is not waited for.
         real = path.resolve(strict=True)
         content, status = read_regular(real, _MAX_FILE_BYTES)
-        folder = real.parent.stat()
-        link_folder = path.parent.stat()
+        places = list(places_to(path))
     except OSError as error:
         raise InputError(f"{path}: cannot read the key: {error.strerror}") from error
     except (ValueError, RuntimeError) as error:
@@ -150,19 +149,24 @@ def _read(path: Path, *, secret: bool) -> bytes:
     if secret:
         _refuse_open(path, status.st_mode, "the key", "600")
     _refuse_writable(path, path, status)
-    _refuse_writable(path, real.parent, folder)
-    _refuse_writable(path, path.parent, link_folder)
+    for place, status in places:
+        _refuse_writable(path, place, status)
     return content
 
 
 def _refuse_writable(key: Path, path: Path, status: os.stat_result) -> None:
-    """Refuse a key that somebody else could replace: its file, or the folder that its name is in, is not ours alone."""
+    """Refuse a key that somebody else could replace: its file, or a folder or link on the way to it, is not ours alone.
+
+    A link has no mode of its own.
+    """
     what = "the folder" if stat.S_ISDIR(status.st_mode) else "the key"
     if status.st_uid not in (os.geteuid(), _ROOT):
         raise InputError(
             f"{key}: {what} {path} belongs to user {status.st_uid}, who could replace the key; "
             f"allowed: this program's user or root; chown {os.geteuid()} {path}"
         )
+    if stat.S_ISLNK(status.st_mode):
+        return
     is_sticky = stat.S_ISDIR(status.st_mode) and status.st_mode & stat.S_ISVTX
     if status.st_mode & _OTHERS_WRITE and not is_sticky:
         raise InputError(

@@ -164,3 +164,21 @@ def test_a_state_that_anybody_could_replace_is_warned_of(tmp_path: Path) -> None
     assert warnings_of(path) == [f"{tmp_path}: others can replace the state in it (mode 777); chmod o-w {tmp_path}"]
     tmp_path.chmod(0o1777)
     assert warnings_of(path) == []
+
+
+def test_a_warning_about_a_state_behind_a_link_names_the_folder_whose_mode_can_be_mended(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir(mode=0o700)
+    (tmp_path / "link").symlink_to(folder)
+    path = tmp_path / "link" / "flight.state"
+    assert warnings_of(path) == []
+    folder.chmod(0o777)
+    assert warnings_of(path) == [f"{folder}: others can replace the state in it (mode 777); chmod o-w {folder}"]
+
+
+def test_a_folder_above_a_state_that_anybody_could_replace_is_warned_of(tmp_path: Path) -> None:
+    path = tmp_path / "above" / "folder" / "flight.state"
+    write_state_file(path, "text\n")
+    (tmp_path / "above").chmod(0o777)
+    (warning,) = warnings_of(path)
+    assert warning.startswith(f"{tmp_path / 'above'}: others can replace the state in it (mode 777)")

@@ -199,3 +199,25 @@ def test_a_link_that_leads_to_itself_is_named(tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     with pytest.raises(InputError, match="loop: cannot read the key"):
         load_public(tmp_path / "loop")
+
+
+def test_keys_below_a_folder_that_others_could_replace_are_refused(tmp_path: Path) -> None:
+    above = tmp_path / "above"
+    keygen(above / "keys")
+    load_public(above / "keys" / PUBLIC_NAME)
+    above.chmod(0o777)
+    with pytest.raises(InputError, match=r"the folder .*/above can be written by others .*; chmod go-w "):
+        load_public(above / "keys" / PUBLIC_NAME)
+    above.chmod(0o1777)
+    load_public(above / "keys" / PUBLIC_NAME)
+
+
+def test_keys_by_a_link_that_others_could_replace_are_refused(folder: Path, tmp_path: Path) -> None:
+    below = tmp_path / "open"
+    below.mkdir()
+    (below / "link").symlink_to(folder)
+    (tmp_path / "way").symlink_to(below / "link")
+    load_public(tmp_path / "way" / PUBLIC_NAME)
+    below.chmod(0o777)
+    with pytest.raises(InputError, match=r"the folder .*/open can be written by others"):
+        load_public(tmp_path / "way" / PUBLIC_NAME)
