@@ -38,8 +38,8 @@ VELOCITY_STEP_M_S = 5.0
 PARTED_M = 10.0
 """Distance, beside what accuracy explains, by which a position has parted from its velocity within PARTED_MEMORY_S.
 Chosen: a position and a velocity of one estimator differ by tenths of m/s, 2 to 3 m in that time (0.2 m in simulated
-flights), and one reset is at most RESET_M of it. With an accuracy of 1 m, 3 m/s are noticed after 6 s, 4 m/s after
-4 s."""
+flights), and one reset adds little more than RESET_M. With an accuracy of 1 m, 3 m/s are noticed
+after 6 s, 4 m/s after 4 s."""
 PARTED_MEMORY_S = 8.0
 """Time in which a difference between position and velocity is forgotten but for 1/e."""
 PARTED_ACCURACY_SHARE = 1.5
