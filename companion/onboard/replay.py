@@ -57,7 +57,9 @@ def replay(
     last_s: float | None = None
     for t_s, data in records:
         frame = raw_frame(data)
-        if last_s is not None and not -FLIGHT_BACK_S <= t_s - last_s <= FLIGHT_APART_S:
+        jumps = last_s is not None and not -FLIGHT_BACK_S <= t_s - last_s <= FLIGHT_APART_S
+        # Behind a long outage of the disk the same flight goes on, with its mark.
+        if jumps and mark_of(frame) is not Mark.LOST:
             companion, decided_s = _told(config), None
             lost = begins = True
         last_s = t_s

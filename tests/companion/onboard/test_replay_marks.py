@@ -266,3 +266,11 @@ def test_the_last_line_says_plainly_what_counts(steered: Recorded, tmp_path: Pat
         f"{2 * count} decisions: {count} before any gap in the log, none different from those in flight; "
         f"{count} behind one, none different, which does not count"
     )
+
+
+def test_a_long_outage_of_the_disk_is_a_gap_and_no_other_flight(steered: Recorded) -> None:
+    half = len(steered.records) // 2
+    later = [(t_s + 300.0, frame) for t_s, frame in steered.records[half:]]
+    again = list(replay([*steered.records[:half], (later[0][0], mark_frame(Mark.LOST, 1)), *later], steered.config))
+    assert not any(one.begins for one in again)
+    assert again[-1].behind_gap
