@@ -168,6 +168,9 @@ def _why_not_believed(facts: Facts) -> list[Cause | None]:
     counts = {reason: refused[reason] for reason in (*_WORDS, DAMAGED) if refused[reason]}
     counts |= {"clock": off} if off else {}
     if not counts:
+        others = {reason: count for reason, count in refused.items() if count and reason != HEARTBEAT}
+        if others:
+            return [_refused_otherwise(max(others, key=lambda each: (others[each], each)), others)]
         only_heartbeats = refused[HEARTBEAT] > 0
         return [_heartbeats_only(refused[HEARTBEAT]) if only_heartbeats else _nothing(facts)]
     reason = max(counts, key=lambda each: (counts[each], each))
@@ -247,6 +250,17 @@ def _heartbeats_only(count: int) -> Cause:
         1.0,
         f"only the ground station's heartbeats come, {count} in {WINDOW_S:g} s",
         "it has nothing to broadcast yet, or its frames are too long for this link",
+        begin_s=10.0,
+    )
+
+
+def _refused_otherwise(reason: str, others: Mapping[str, int]) -> Cause:
+    """Return the cause that all that comes is refused, for a reason that has no words of its own."""
+    return Cause(
+        "refused",
+        1.0,
+        f"all that comes is refused, most for '{reason}': {others[reason]} in {WINDOW_S:g} s",
+        "an older run's frames, or a recording; a ground station of now is heard within 30 s of silence",
         begin_s=10.0,
     )
 

@@ -203,6 +203,14 @@ def test_where_nothing_arrives_it_is_told_after_a_while_and_what_this_computer_h
     assert told.startswith("nothing arrives on udpin:127.0.0.1:14600: this computer has ")
 
 
+def test_frames_that_come_and_are_all_refused_are_never_told_as_nothing_that_arrives() -> None:
+    vehicle = Listener("mavlink")
+    first = signed("mavlink", frame(1, START_S + 20.0), START_S + 20.0)
+    vehicle.hears(lambda now_s, n: signed("mavlink", frame(n, now_s), now_s), 25)
+    told = only_line(vehicle.hears(lambda now_s, n: first, 25))
+    assert told.startswith("all that comes is refused, most for 'MAVLink time not newer': ")
+
+
 def test_a_stranger_on_the_port_is_told_as_what_it_is() -> None:
     autopilot = bytes.fromhex("fe09000101000000000002030d030c9c")
     told = only_line(Listener("both").hears(lambda now_s, n: autopilot))
