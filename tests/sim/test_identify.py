@@ -22,7 +22,8 @@ from tests.sim.identify_flight import LIMITS, IdentifyFlight, config_of, square_
 
 KINDS = ("arducopter", "px4-copter", "arduplane", "px4-plane")
 WIND_M_S = (2.0, 1.5)
-CARRIED_M = 3.0
+STORM_M_S = 30.0
+"""Wind that no copter of these flights can fly against."""
 
 
 @cache
@@ -232,22 +233,21 @@ def test_inside_a_fence_with_room_it_flies_and_keeps_its_margin() -> None:
     assert flight.companion.steers
 
 
-def carried(flight: IdentifyFlight, north_m: float) -> Callable[[], bool]:
-    """Return what carries the vehicle to the north, by no more at a time than its velocity may be wrong by."""
+def blown(flight: IdentifyFlight) -> Callable[[], bool]:
+    """Return what blows the vehicle to the north, by a wind that it cannot fly against."""
 
-    def carry() -> bool:
-        body = flight.vehicle.craft.body
-        body.north_m = max(body.north_m, min(body.north_m + CARRIED_M, north_m))
+    def blow() -> bool:
+        flight.vehicle.wind_m_s = (STORM_M_S, 0.0)
         return False
 
-    return carry
+    return blow
 
 
 def test_a_vehicle_blown_to_the_fence_is_told_to_stand() -> None:
     flight = IdentifyFlight(config_of("arducopter", limits=limits_with(fence=square_m(450.0))))
     flight.tell_origin()
     hand_over(flight)
-    flight.fly(carried(flight, 440.0))
+    flight.fly(blown(flight))
     assert flight.companion.end is not None and "m to fence or disc" in flight.companion.end.words
     assert flight.asked_m_s[-1] == 0.0
 
@@ -255,7 +255,7 @@ def test_a_vehicle_blown_to_the_fence_is_told_to_stand() -> None:
 def test_a_vehicle_that_does_not_turn_is_not_left_to_fly_on() -> None:
     flight = IdentifyFlight(config_of("arducopter"))
     hand_over(flight)
-    flight.fly(carried(flight, 1_000.0))
+    flight.fly(blown(flight))
     assert flight.companion.end is not None
     assert flight.companion.end.words.startswith("it does not fly what it is asked to")
     assert flight.asked_m_s[-1] == 0.0

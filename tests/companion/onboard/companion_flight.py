@@ -155,7 +155,7 @@ class Flight:
         passed_s, self._here_s = self.now_s - self._here_s, self.now_s
         flown_m = (before_m[0] + velocity[0] * passed_s, before_m[1] + velocity[1] * passed_s, before_m[2])
         self._here_m = here_m
-        if way_m > 0.0 and math.dist(here_m, flown_m) > 1.0:
+        if not jumps and math.dist(here_m, flown_m) > 1.0:
             # Whatever its velocity was before.
             takes_s = math.sqrt(2.0 * way_m / ACCELERATION_M_S2) + 4.0 * math.hypot(*velocity) / ACCELERATION_M_S2
             self.boot_ms += math.ceil(1e3 * takes_s)
