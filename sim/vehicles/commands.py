@@ -97,10 +97,10 @@ class CommandProtocol:
             self._move_home(Home(body.north_m, body.east_m, body.altitude_m))
             return int(mavlink.MAV_RESULT_ACCEPTED)
         scale = 1e-7 if command.int_frame else 1.0
-        lat_deg, lon_deg = command.x * scale, command.y * scale
-        if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and abs(command.z) < SANE_POSITION_M):
+        place_m = self._dynamics.place_on_earth(command.x * scale, command.y * scale)
+        if place_m is None or not abs(command.z) < SANE_POSITION_M:
             return int(mavlink.MAV_RESULT_DENIED)
-        self._move_home(Home(*self._dynamics.place_of(lat_deg, lon_deg), command.z))
+        self._move_home(Home(*place_m, command.z))
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
     def _set_message_interval(self, command: Command, t_s: float) -> int:

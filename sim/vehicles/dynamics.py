@@ -119,8 +119,10 @@ class FlightDynamics:
         """Return latitude and longitude in degrees and the grid's convergence in radians at a place of the plane."""
         return self._frame.to_global_with_convergence(north_m, east_m)
 
-    def place_of(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
-        """Return north and east on the mission's plane of a place in degrees."""
+    def place_on_earth(self, lat_deg: float, lon_deg: float) -> tuple[float, float] | None:
+        """Return north and east on the mission's plane of a place in degrees; None for one that is not on the Earth."""
+        if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
+            return None
         return self._frame.to_local(lat_deg, lon_deg)
 
     def _local_to_plane(self, north_m: float, east_m: float) -> tuple[float, float]:

@@ -263,17 +263,21 @@ class StandIn:
         return []
 
     def _on_set_home(self, message: Message, t_s: float) -> list[bytes]:
-        self.move_home(self._place(message))
+        place = self._place(message)
+        if place is not None:
+            self.move_home(place)
         return []
 
     def _on_set_origin(self, message: Message, t_s: float) -> list[bytes]:
-        self.move_origin(self._place(message))
+        place = self._place(message)
+        if place is not None:
+            self.move_origin(place)
         return []
 
-    def _place(self, message: Message) -> Home:
-        """Return the place in a message with latitude, longitude and altitude."""
-        north_m, east_m = self._dynamics.place_of(message.latitude / 1e7, message.longitude / 1e7)
-        return Home(north_m, east_m, message.altitude / 1000.0)
+    def _place(self, message: Message) -> Home | None:
+        """Return the place in a message with latitude, longitude and altitude; None if it is not on the Earth."""
+        place_m = self._dynamics.place_on_earth(message.latitude / 1e7, message.longitude / 1e7)
+        return None if place_m is None else Home(*place_m, message.altitude / 1000.0)
 
     def _on_mission_request_list(self, message: Message, t_s: float) -> list[bytes]:
         asker = message.get_srcSystem(), message.get_srcComponent()

@@ -90,6 +90,16 @@ def test_a_home_that_is_no_place_is_refused() -> None:
     )
 
 
+@pytest.mark.parametrize("kind", ["arducopter", "px4-plane"])
+@pytest.mark.parametrize("place_e7", [(950_000_000, 80_000_000), (2**31 - 1, -(2**31))])
+def test_references_that_are_no_place_here_are_left_alone(kind: str, place_e7: tuple[int, int]) -> None:
+    flight = Asked(kind)
+    flight.say(GROUND.mav.set_home_position_encode(1, *place_e7, 0, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0))
+    flight.say(GROUND.mav.set_gps_global_origin_encode(1, *place_e7, 0))
+    flight.fly(1.0)
+    assert flight.heights_m() == pytest.approx((530.0, 30.0, 30.0), abs=0.2)
+
+
 def test_an_ardupilot_takes_its_home_by_message_too() -> None:
     flight = Asked("arducopter")
     level = [1.0, 0.0, 0.0, 0.0]
