@@ -26,6 +26,8 @@ MOST_READY = 64
 
 
 ThingT = TypeVar("ThingT")
+LEAST_PAUSE_S = 1e-4
+"""Least pause between two turns: one that rounding leaves of nothing would be asked for again and again."""
 
 
 class Pending(Protocol):
@@ -117,7 +119,7 @@ class TurnQueue(Generic[ThingT]):
             return
         pause_s = self._share.pause_s(began_s)
         if pause_s > 0.0:
-            self._turn = self._loop.call_later(pause_s, self._work)
+            self._turn = self._loop.call_later(max(pause_s, LEAST_PAUSE_S), self._work)
             return
         check_s = self._check()
         self._ready += self._share.due(began_s)
@@ -135,4 +137,4 @@ class TurnQueue(Generic[ThingT]):
         if wait_s <= 0.0:
             self._wake()
         elif math.isfinite(wait_s):
-            self._turn = self._loop.call_later(wait_s, self._work)
+            self._turn = self._loop.call_later(max(wait_s, LEAST_PAUSE_S), self._work)

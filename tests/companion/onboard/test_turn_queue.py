@@ -8,6 +8,7 @@ import math
 import random
 from collections.abc import Callable
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,6 +16,8 @@ from companion.onboard.turn_queue import TURN_S, TurnQueue
 from companion.runtime.fair_share import WINDOW_S
 
 SHARE = 0.25
+MOST_ROUNDS = 100_000
+"""Rounds of the event loop that no run of these tests needs."""
 
 
 class Call:
@@ -48,11 +51,15 @@ class FakeLoop:
 
     def run_until(self, until_s: float) -> None:
         """Run what is due until a time."""
-        while self._due and self._due[0][0] <= until_s:
+        for _ in range(MOST_ROUNDS):
+            if not self._due or self._due[0][0] > until_s:
+                break
             at_s, _, call = heapq.heappop(self._due)
             self.now_s = max(self.now_s, at_s)
             if call.callback is not None:
                 call.callback()
+        else:
+            raise AssertionError(f"the same is asked for again and again at {self.now_s} s")
         self.now_s = max(self.now_s, until_s)
 
 
@@ -136,6 +143,15 @@ def test_work_keeps_to_its_share_whatever_comes_and_whatever_it_costs(
         worked.loop.run_until(worked.loop.now_s + period_s)
     # Beyond the share: what was saved up, and the one thing that was begun before its cost was known, in each turn.
     assert worked.spent_s <= SHARE * (worked.loop.now_s + 4.0 + WINDOW_S) + TURN_S + 0.02 * len(steps)
+
+
+def test_a_pause_that_rounding_leaves_of_nothing_is_not_asked_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    worked = Worked(1e-3)
+    monkeypatch.setattr(worked.queue._share, "pause_s", lambda now_s: 1e-18 if now_s < 1.0 else 0.0)
+    worked.loop.now_s = 0.9
+    worked.queue.offer(None)
+    worked.loop.run_until(2.0)
+    assert worked.taken == [None]
 
 
 def test_a_sender_in_step_with_the_setpoints_gets_its_chance_in_a_flood() -> None:
