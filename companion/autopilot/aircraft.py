@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-Message = Any
-"""A decoded message; pymavlink's generated module has no type annotations."""
+from companion.autopilot.intake import Message
+from companion.geo.degrees import is_on_earth, metres_between
 
 CALLSIGN_PATTERN = r"OW(\d{5})"
 """Regular expression of the fleet's callsigns: OW and the agent id in five digits."""
@@ -18,10 +17,7 @@ NEIGHBOUR_MEMORY_S = 5.0
 """Time after which a neighbour that is no longer seen is forgotten."""
 MAX_NEIGHBOURS = 100
 """Greatest number of neighbours that are stored: the nearest ones."""
-_EARTH_RADIUS_M = 6_371_000.0
 _GEOMETRIC = int(common.ADSB_ALTITUDE_TYPE_GEOMETRIC)
-_LAT_MAX_E7 = 900_000_000
-_LON_MAX_E7 = 1_800_000_000
 
 
 @dataclass(frozen=True)
@@ -45,7 +41,7 @@ def neighbour_of(message: Message, now_s: float) -> Neighbour | str:
     flags = message.flags
     if not flags & common.ADSB_FLAGS_VALID_COORDS:
         return "no coordinates"
-    if not (abs(message.lat) <= _LAT_MAX_E7 and abs(message.lon) <= _LON_MAX_E7):
+    if not is_on_earth(message.lat, message.lon):
         return "out of range"
     if message.tslc > NEIGHBOUR_MEMORY_S:
         return "seen too long ago"
@@ -93,9 +89,7 @@ def entered(
 
 def _apart_m(one: Neighbour, here_deg: tuple[float, float]) -> float:
     """Return about how far away an aircraft is; which of two is nearer needs no more."""
-    north_rad = math.radians(one.lat_deg - here_deg[0])
-    east_rad = math.remainder(math.radians(one.lon_deg - here_deg[1]), math.tau) * math.cos(math.radians(here_deg[0]))
-    return _EARTH_RADIUS_M * math.hypot(north_rad, east_rad)
+    return math.hypot(*metres_between(here_deg, (one.lat_deg, one.lon_deg)))
 
 
 def _agent_id(callsign: str) -> int | None:

@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
+from companion.geo.degrees import metres_between
+
 WRAP_MS = 2**32
 """The clock begins again at 0 after this time, 49.7 days."""
 AHEAD_MS = 1_000
@@ -47,7 +49,6 @@ ACCELERATION_M_S2 = 10.0
 """Acceleration of a vehicle between two positions, for the tolerance of a place between them."""
 MAX_PLACES = 1_000
 """Greatest number of positions that are kept for the comparison with late ones."""
-_METRES_PER_E7 = 111_319.5 / 1e7
 
 
 class Clocked(Enum):
@@ -235,5 +236,4 @@ class BootClock:
 
 def _metres(one: _Place, other: _Place) -> float:
     """Return the distance of two places."""
-    east_e7 = (other.lon_e7 - one.lon_e7) * math.cos(math.radians(one.lat_e7 / 1e7))
-    return _METRES_PER_E7 * math.hypot(other.lat_e7 - one.lat_e7, east_e7)
+    return math.hypot(*metres_between((one.lat_e7 / 1e7, one.lon_e7 / 1e7), (other.lat_e7 / 1e7, other.lon_e7 / 1e7)))

@@ -12,6 +12,7 @@ import math
 from pymavlink.dialects.v20 import common
 
 from companion.autopilot.intake import Message
+from companion.autopilot.telemetry import COMPANION_COMPONENT
 from companion.files.mavlink_layout import CRC_BYTES, HEADER_V1_BYTES, LENGTH_AT
 from companion.protocol.frame import crc_bytes
 
@@ -65,7 +66,7 @@ class Dialogue:
     def packed(self, message: Message, system_id: int) -> bytes:
         """Return the frame of a message of the companion, in the version that the autopilot understands."""
         if self._mav is None or self._mav.srcSystem != system_id:
-            self._mav = common.MAVLink(None, srcSystem=system_id, srcComponent=common.MAV_COMP_ID_ONBOARD_COMPUTER)
+            self._mav = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION_COMPONENT)
         data = packed(message, self._mav, self.in_old_version)
         self._mav.seq = (self._mav.seq + 1) % 256
         return data

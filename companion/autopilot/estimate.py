@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega, common
 
-Message = Any
-"""A decoded message; pymavlink's generated module has no type annotations."""
+from companion.autopilot.intake import Message
 
 ESTIMATE_MAX_AGE_S = 3.5
 """Age from which what the autopilot said of its estimate no longer counts: of the one report a second that is asked

@@ -85,7 +85,6 @@ class LinkedAdapter(ABC):
         self._reader = TelemetryReader(self.rejected)
         self._message_ids = self._reader.message_ids | {
             *self.rates_hz,
-            common.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
             common.MAVLINK_MSG_ID_PARAM_VALUE,
             common.MAVLINK_MSG_ID_COMMAND_ACK,
             common.MAVLINK_MSG_ID_AUTOPILOT_VERSION,

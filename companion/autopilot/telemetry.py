@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega, common
 from companion.autopilot.aircraft import Neighbour, entered, neighbour_of
 from companion.autopilot.estimate import Estimate, Receiver, better, ekf_status, estimator_status
 from companion.autopilot.intake import Message
+from companion.geo.degrees import is_on_earth
 
 COMPANION_COMPONENT = common.MAV_COMP_ID_ONBOARD_COMPUTER
 """The component id that the companion sends with."""
@@ -29,8 +30,6 @@ METRES_PER_HDOP = 2.5
 without corrections."""
 _EPH_UNKNOWN = 65_535
 """Value of GPS_RAW_INT.eph that means unknown."""
-_LAT_MAX_E7 = 900_000_000
-_LON_MAX_E7 = 1_800_000_000
 _NO_FIX = (0, 0)
 """Latitude and longitude that autopilots send before they know them."""
 
@@ -155,7 +154,7 @@ class TelemetryReader:
         )
 
     def _position(self, message: Message, now_s: float) -> None:
-        if (message.lat, message.lon) == _NO_FIX or not _is_on_earth(message.lat, message.lon):
+        if (message.lat, message.lon) == _NO_FIX or not is_on_earth(message.lat, message.lon):
             self.rejected["out of range"] += 1
             return
         self._update(
@@ -174,7 +173,7 @@ class TelemetryReader:
             self._update(local_ned_m=None)
 
     def _home(self, message: Message, now_s: float) -> None:
-        if (message.latitude, message.longitude) == _NO_FIX or not _is_on_earth(message.latitude, message.longitude):
+        if (message.latitude, message.longitude) == _NO_FIX or not is_on_earth(message.latitude, message.longitude):
             self.rejected["out of range"] += 1
             return
         self._update(
@@ -182,7 +181,7 @@ class TelemetryReader:
         )
 
     def _origin(self, message: Message, now_s: float) -> None:
-        if not _is_on_earth(message.latitude, message.longitude):
+        if not is_on_earth(message.latitude, message.longitude):
             self.rejected["out of range"] += 1
             return
         self._update(origin=(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1000.0))
@@ -260,7 +259,3 @@ class TelemetryReader:
         here_deg = self.telemetry.lat_deg, self.telemetry.lon_deg
         if not entered(self.neighbours, message.ICAO_address, seen, here_deg, now_s):
             self.rejected["too many neighbours"] += 1
-
-
-def _is_on_earth(lat_e7: int, lon_e7: int) -> bool:
-    return abs(lat_e7) <= _LAT_MAX_E7 and abs(lon_e7) <= _LON_MAX_E7

@@ -17,7 +17,8 @@ import time
 from typing import NamedTuple
 
 from companion.autopilot.telemetry import Telemetry
-from companion.onboard.references import ACCELERATION_M_S2, metres_between, unexplained_m
+from companion.geo.degrees import metres_between
+from companion.onboard.references import ACCELERATION_M_S2, unexplained_m
 
 JUMP_M = 15.0
 """Distance from the place where the velocity leads to, beside what accuracy and time explain, from which a position has

@@ -15,6 +15,7 @@ import math
 from typing import NamedTuple
 
 from companion.autopilot.telemetry import Telemetry
+from companion.geo.degrees import metres_between
 
 MOVED_M = 5.0
 """Difference from which a height has moved. Chosen: resets of an estimator's height are a few metres (up to 1 m on
@@ -31,7 +32,6 @@ IGNORED_M = 0.05
 """Difference of two heights that is rounding."""
 ACCELERATION_M_S2 = 10.0
 """Greatest acceleration by which two samples of a velocity may not tell what happened between them."""
-_EARTH_RADIUS_M = 6_371_000.0
 _HAND_OVER = "hand over again"
 
 
@@ -143,13 +143,6 @@ def moved(kept: References, told: Telemetry, in_local_frame: bool) -> str | None
     found = (_heights(kept, told), _home(kept, told), _origin(kept, told, in_local_frame))
     said = [words for words in found if words is not None]
     return f"{', '.join(said)}; {_HAND_OVER}" if said else None
-
-
-def metres_between(first_deg: tuple[float, float], second_deg: tuple[float, float]) -> tuple[float, float]:
-    """Return how far a place is (north, east) of another one near it, in metres."""
-    north_rad = math.radians(second_deg[0] - first_deg[0])
-    east_rad = math.remainder(math.radians(second_deg[1] - first_deg[1]), math.tau)
-    return _EARTH_RADIUS_M * north_rad, _EARTH_RADIUS_M * math.cos(math.radians(first_deg[0])) * east_rad
 
 
 def unexplained_m(elapsed_s: float) -> float:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from companion.geo.degrees import is_on_earth
 from companion.protocol.messages import WireError
 
 INT16_MIN, INT16_MAX = -32_768, 32_767
@@ -16,8 +17,6 @@ UINT64_MAX = 2**64 - 1
 INT32_MAX = 2_147_483_647
 NO_FLOOR, NO_CEILING = INT16_MIN, INT16_MAX
 """Field values in m that mean no floor and no ceiling."""
-_LAT_MAX_E7 = 900_000_000
-_LON_MAX_E7 = 1_800_000_000
 _WHOLE = 1.0e-12
 """Relative tolerance within which a quotient counts as a whole number, so that rounding error does not round it up."""
 
@@ -89,7 +88,7 @@ def on_earth_e7(lat_deg: float, lon_deg: float) -> tuple[int, int]:
 
     """
     lat_e7, lon_e7 = rounded(lat_deg * 1e7), rounded(lon_deg * 1e7)
-    if abs(lat_e7) > _LAT_MAX_E7 or abs(lon_e7) > _LON_MAX_E7:
+    if not is_on_earth(lat_e7, lon_e7):
         raise WireError(f"{lat_deg}, {lon_deg} is not on Earth")
     return lat_e7, lon_e7
 
@@ -101,7 +100,7 @@ def degrees_of(lat_e7: int, lon_e7: int, what: str) -> tuple[float, float]:
         WireError: the latitude or longitude is out of range; the text is "`what` out of range".
 
     """
-    if abs(lat_e7) > _LAT_MAX_E7 or abs(lon_e7) > _LON_MAX_E7:
+    if not is_on_earth(lat_e7, lon_e7):
         raise WireError(f"{what} out of range")
     return lat_e7 / 1e7, lon_e7 / 1e7
 

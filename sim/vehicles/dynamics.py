@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from companion.geo.degrees import is_on_earth
 from companion.geo.local_frame import LocalFrame
 from sim.vehicles.craft import Craft, Home, Surroundings
 from sim.vehicles.references import References
@@ -121,7 +122,7 @@ class FlightDynamics:
 
     def place_on_earth(self, lat_deg: float, lon_deg: float) -> tuple[float, float] | None:
         """Return north and east on the mission's plane of a place in degrees; None for one that is not on the Earth."""
-        if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
+        if not is_on_earth(lat_deg * 1e7, lon_deg * 1e7):
             return None
         return self._frame.to_local(lat_deg, lon_deg)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from companion.geo.degrees import is_on_earth
 from sim.vehicles.craft import Body, Command, Message, Surroundings
 
 # POSITION_TARGET_TYPEMASK and MAV_FRAME (mavlink.io).
@@ -21,7 +22,6 @@ _SANE_VELOCITY_M_S = 1000.0
 """Velocity components of this size or more are refused as invalid."""
 SANE_POSITION_M = 1e6
 """Lengths and altitudes of this size or more are refused as invalid."""
-_LAT_MAX_E7, _LON_MAX_E7 = 900_000_000, 1_800_000_000
 ABSOLUTE_FRAMES = frozenset({0, 5})
 """MAV_FRAME_GLOBAL and MAV_FRAME_GLOBAL_INT: the altitude is above sea level."""
 RELATIVE_FRAMES = frozenset({3, 6})
@@ -72,7 +72,7 @@ def understood(message: Message, body: Body, around: Surroundings, now_s: float)
 
 def global_place_m(command: Command, around: Surroundings) -> tuple[float, float, float] | None:
     """Return the place in a COMMAND_INT as (north, east) of the plane and altitude; None if it is invalid."""
-    if not (abs(command.z) < SANE_POSITION_M and abs(command.x) <= _LAT_MAX_E7 and abs(command.y) <= _LON_MAX_E7):
+    if not (abs(command.z) < SANE_POSITION_M and is_on_earth(command.x, command.y)):
         return None
     if command.frame in RELATIVE_FRAMES:
         altitude_m = around.home.altitude_m + command.z

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.autopilot.telemetry import Telemetry
+from companion.geo.degrees import metres_between
 from companion.geo.kinematics import GRAVITY_M_S2
 from companion.onboard.position_gate import (
     DOUBT_S,
@@ -23,7 +24,6 @@ from companion.onboard.position_gate import (
     track_after,
     track_of,
 )
-from companion.onboard.references import metres_between
 
 PERIOD_S = 0.1
 NOW_S = 1_790_000_000.0
