@@ -68,6 +68,8 @@ class Telemetry:
     """Latitude and longitude of home."""
     home_altitude_m: float = math.nan
     """Altitude of home above mean sea level."""
+    home_boot_ms: int | None = None
+    """The autopilot's clock, by its newest position, when home was last told."""
     origin: tuple[float, float, float] | None = None
     """Origin of the autopilot's local frame: latitude and longitude in degrees, altitude above mean sea level."""
     in_air: bool | None = None
@@ -177,7 +179,9 @@ class TelemetryReader:
             self.rejected["out of range"] += 1
             return
         self._update(
-            home_deg=(message.latitude / 1e7, message.longitude / 1e7), home_altitude_m=message.altitude / 1000.0
+            home_deg=(message.latitude / 1e7, message.longitude / 1e7),
+            home_altitude_m=message.altitude / 1000.0,
+            home_boot_ms=self.telemetry.boot_ms,
         )
 
     def _origin(self, message: Message, now_s: float) -> None:

@@ -61,6 +61,8 @@ class References(NamedTuple):
     home_altitude_m: float = math.nan
     origin: tuple[float, float, float] | None = None
     anchor: Anchor | None = None
+    stepped_ms: int = 0
+    """The autopilot's clock at the last step."""
     home_fell_m: float = 0.0
     """Sum of the steps of the height above home alone, since: how far home has come down."""
     fallen_m: float = 0.0
@@ -124,12 +126,12 @@ def fallen_m(kept: References, told: Telemetry) -> float:
     walked_m, stepped_m = _walked_m(kept, told), kept.home_fell_m
     if walked_m < 0.0 or (walked_m and _is_homes(kept, told, walked_m)):
         stepped_m -= walked_m
-    return kept.fallen_m + (stepped_m if abs(stepped_m) > MOVED_M else 0.0)
+    return kept.fallen_m + stepped_m
 
 
 def counted_from(kept: References) -> str | None:
     """Return in words from where heights count, where home has moved in this flight before the hand-over."""
-    if not kept.fallen_m:
+    if abs(kept.fallen_m) <= MOVED_M:
         return None
     return f"home had moved {_up(-kept.fallen_m)} in flight: heights count from where it was"
 
@@ -187,6 +189,7 @@ def _stepped(kept: References, told: Telemetry) -> References:
     return kept._replace(
         altitude_moved_m=altitude_moved_m,
         height_moved_m=height_moved_m,
+        stepped_ms=told.boot_ms,
         both_moved_m=_sum(kept.both_moved_m, both_step_m) if altitude_moved_m or height_moved_m else 0.0,
         home_fell_m=_sum(kept.home_fell_m, height_step_m - altitude_step_m) if height_step_m else kept.home_fell_m,
     )
@@ -205,9 +208,14 @@ def _returned(kept: References, told: Telemetry) -> References:
     apart_m = told.altitude_m - told.height_m - (kept.base_m - kept.fallen_m)
     raised_m = told.home_altitude_m - kept.home_altitude_m
     alone_m = min(abs(altitude_m - both_m), abs(height_m - both_m))
-    if abs(apart_m) <= MOVED_M and abs(raised_m) <= MOVED_M and alone_m <= UNDECIDED_M:
+    if abs(apart_m) <= MOVED_M and abs(raised_m) <= MOVED_M and alone_m <= UNDECIDED_M and _told_since(kept, told):
         return kept._replace(altitude_moved_m=both_m, height_moved_m=both_m, home_fell_m=0.0)
     return kept
+
+
+def _told_since(kept: References, told: Telemetry) -> bool:
+    """Return whether HOME_POSITION was told since the last step: PX4 tells it up to its period later (measured)."""
+    return told.home_boot_ms is not None and told.home_boot_ms >= kept.stepped_ms
 
 
 def _sum(moved_m: float, step_m: float) -> float:
