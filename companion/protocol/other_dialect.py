@@ -8,11 +8,17 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from companion.files.mavlink_layout import FLAGS_AT, HEADER_V2_BYTES, MARKER_V2, SIGNED_FLAG, frame_parts
+from companion.files.mavlink_layout import (
+    FLAGS_AT,
+    HEADER_V2_BYTES,
+    MARKER_V2,
+    SIGNED_FLAG,
+    crc_extra_of,
+    frame_parts,
+)
 from companion.protocol.dialect import oneway
 from companion.protocol.frame import BROADCAST_IDS
 
-_BYTE = 0xFF
 MOST_TRIES = 16
 """Greatest number of places in a sample where a frame is looked for."""
 
@@ -35,24 +41,11 @@ def other_dialect(sample: bytes) -> OtherDialect | None:
         at = sample.find(MARKER_V2, at + 1)
         if at < 0 or len(sample) - at < HEADER_V2_BYTES:
             return None
-        number, _, crc_at, end = frame_parts(sample, at)
+        number, _, _, end = frame_parts(sample, at)
         if number not in BROADCAST_IDS or end > len(sample) or sample[at + FLAGS_AT] & ~SIGNED_FLAG:
             continue
         kind = oneway.mavlink_map[number]
-        heard = _crc_extra(sample[at + 1 : crc_at], sample[crc_at] | sample[crc_at + 1] << 8)
+        heard = crc_extra_of(sample[at:end])
         if heard is not None and heard != kind.crc_extra:
             return OtherDialect(kind.msgname, heard, kind.crc_extra)
     return None
-
-
-def _crc_extra(covered: bytes, carried: int) -> int | None:
-    """Return the CRC_EXTRA with which bytes have a CRC; None if there is none."""
-    before: int = oneway.x25crc(covered).crc
-    return next((extra for extra in range(256) if _after(before, extra) == carried), None)
-
-
-def _after(crc: int, byte: int) -> int:
-    """Return the X.25 CRC after one more byte (mavlink.io, "Packet Serialization")."""
-    part = byte ^ (crc & _BYTE)
-    part ^= part << 4 & _BYTE
-    return crc >> 8 ^ part << 8 ^ part << 3 ^ part >> 4
