@@ -23,7 +23,7 @@ from companion.protocol.radio_status import read_radio_status
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import wait
 from companion.runtime.console import program_logger
-from companion.runtime.io_thread import IoThread, IoThreadFile
+from companion.runtime.io_thread import IoThreadFile, open_io_thread
 from companion.transport.endpoints import Link, Sender, open_receiver, open_sender
 from groundstation.adsb_mirror import AdsbMirror
 from groundstation.agents import VehicleModel
@@ -93,7 +93,7 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
     start_s = clock.now_s()
     with ExitStack() as stack:
         # Opened first and so closed last, after everything that still has bytes to write.
-        files = _io_thread("files", stack)
+        files = open_io_thread("files", stack)
         state_file = RunStateFile(options, mission, frame_signer.signer, start_s, files)
         _lock(options, stack)
         station = _station(mission, options, state_file, start_s)
@@ -118,12 +118,6 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         await loop.run(clock, stop)
 
 
-def _io_thread(name: str, stack: ExitStack) -> IoThread:
-    thread = IoThread(name)
-    stack.callback(thread.close)
-    return thread
-
-
 def _opened_log(options: Options, stack: ExitStack) -> FlightLog:
     """Return the log of a run, which writes nothing without --log; `stack` closes it."""
     if options.log is None:
@@ -131,7 +125,7 @@ def _opened_log(options: Options, stack: ExitStack) -> FlightLog:
     most_bytes = int(options.log_mb * 1e6)
     series = LogSeries(log_place(options.log, most_bytes), file_bytes(most_bytes))
     # A thread of its own: a disk for logs that hangs must not keep the state from being written.
-    file = IoThreadFile(series, _io_thread("logs", stack))
+    file = IoThreadFile(series, open_io_thread("logs", stack))
     stack.callback(file.close)
     return FlightLog(TlogWriter(file), "groundstation")
 

@@ -76,12 +76,14 @@ def places_to(path: Path) -> Iterator[tuple[Path, os.stat_result]]:
                 ways.append(place.parent / place.readlink())
 
 
-def anybody_can_write(mode: int) -> bool:
-    """Return whether every user of the computer may write to what has this mode: to a file, or names in a folder.
+def can_be_written(mode: int, by: int = stat.S_IWOTH) -> bool:
+    """Return whether others may write to what has this mode: to a file, or names in a folder.
 
-    In a folder with the sticky bit, such as /tmp, nobody can replace another user's files.
+    `by`: the permission bits that say so, by default those of every user. A link has no mode of its own, and in a
+    folder with the sticky bit, such as /tmp, nobody can replace another user's files.
     """
-    return bool(mode & stat.S_IWOTH) and not (stat.S_ISDIR(mode) and mode & stat.S_ISVTX)
+    is_sticky = stat.S_ISDIR(mode) and mode & stat.S_ISVTX
+    return bool(mode & by) and not is_sticky and not stat.S_ISLNK(mode)
 
 
 def _refuse(path: Path, mode: int) -> None:

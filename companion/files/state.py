@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from companion.errors import InputError
-from companion.files.regular import anybody_can_write, places_to, read_regular, refuse_other
+from companion.files.regular import can_be_written, places_to, read_regular, refuse_other
 
 MAX_STATE_BYTES = 65_536
 """Greatest size of a state file."""
@@ -64,7 +64,7 @@ def warnings_of(path: Path) -> list[str]:
     with suppress(OSError):
         for place, status in places_to(start):
             # A link has no mode of its own; what it leads to comes later.
-            if not stat.S_ISLNK(status.st_mode) and anybody_can_write(status.st_mode):
+            if can_be_written(status.st_mode):
                 what = (
                     "others can replace the state" if place == path.absolute() else "others can replace the state in it"
                 )

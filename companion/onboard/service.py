@@ -45,7 +45,7 @@ from companion.onboard.uplink import Uplink, open_uplink
 from companion.protocol.authenticator import Authenticator
 from companion.runtime.clock import SteadyClock, drain_sockets, steady_s, wait
 from companion.runtime.console import messages_written_by, program_logger
-from companion.runtime.io_thread import IoThread
+from companion.runtime.io_thread import IoThread, open_io_thread
 from companion.runtime.rate import LoopRate, next_due_s
 from companion.runtime.systemd import Notifier
 from companion.transport.endpoints import Address, Link, open_duplex, open_receiver, parse_link
@@ -88,10 +88,10 @@ async def run_companion(
         raise InputError("companion: autopilot and broadcast links are needed")
     with ExitStack() as stack:
         # Opened first and so closed last, after everything that still has messages to print or bytes to write.
-        stack.enter_context(messages_written_by("companion", _io_thread("words", stack).do))
-        files = _io_thread("files", stack)
+        stack.enter_context(messages_written_by("companion", open_io_thread("words", stack).do))
+        files = open_io_thread("files", stack)
         # Threads of their own: a disk for logs that hangs must not keep the state from being written.
-        logs = open_log_folder(config, _io_thread("logs", stack), stack, log)
+        logs = open_log_folder(config, open_io_thread("logs", stack), stack, log)
         vehicle = _prepare(config, build, logs, files, stack)
         try:
             links = await _open_links(vehicle, config.autopilot, stack)
@@ -314,12 +314,6 @@ def _none() -> int:
 
 def _is_stream(link: Link | None) -> bool:
     return link is not None and link.scheme == "serial"
-
-
-def _io_thread(name: str, stack: ExitStack) -> IoThread:
-    thread = IoThread(name)
-    stack.callback(thread.close)
-    return thread
 
 
 @contextmanager

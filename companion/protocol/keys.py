@@ -16,7 +16,7 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from companion.errors import InputError
-from companion.files.regular import places_to, read_regular
+from companion.files.regular import can_be_written, places_to, read_regular
 from companion.protocol.mavlink_signing import KEY_BYTES
 
 PRIVATE_NAME = "broadcast.private"
@@ -155,20 +155,14 @@ def _read(path: Path, *, secret: bool) -> bytes:
 
 
 def _refuse_writable(key: Path, path: Path, status: os.stat_result) -> None:
-    """Refuse a key that somebody else could replace: its file, or a folder or link on the way to it, is not ours alone.
-
-    A link has no mode of its own.
-    """
+    """Refuse a key that somebody else could replace: its file, or a folder or link on its way, is not ours alone."""
     what = "the folder" if stat.S_ISDIR(status.st_mode) else "the key"
     if status.st_uid not in (os.geteuid(), _ROOT):
         raise InputError(
             f"{key}: {what} {path} belongs to user {status.st_uid}, who could replace the key; "
             f"allowed: this program's user or root; chown {os.geteuid()} {path}"
         )
-    if stat.S_ISLNK(status.st_mode):
-        return
-    is_sticky = stat.S_ISDIR(status.st_mode) and status.st_mode & stat.S_ISVTX
-    if status.st_mode & _OTHERS_WRITE and not is_sticky:
+    if can_be_written(status.st_mode, _OTHERS_WRITE):
         raise InputError(
             f"{key}: {what} {path} can be written by others (mode {stat.S_IMODE(status.st_mode):03o}), who could "
             f"replace the key; allowed: its owner only; chmod go-w {path}"

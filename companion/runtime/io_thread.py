@@ -7,7 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Protocol
 
 MAX_WAITING_JOBS = 1_000
@@ -50,6 +50,13 @@ class IoThread:
         while (job := self._jobs.get()) is not None:
             with suppress(OSError):
                 job()
+
+
+def open_io_thread(name: str, stack: ExitStack) -> IoThread:
+    """Return a new thread, which `stack` closes."""
+    thread = IoThread(name)
+    stack.callback(thread.close)
+    return thread
 
 
 class Target(Protocol):
