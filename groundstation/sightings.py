@@ -7,9 +7,11 @@ words.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 from companion.geo.kinematics import GRAVITY_M_S2
+from companion.mission.extent import Point
 from companion.mission.model import AgentSpec, Mission
 from companion.protocol.codec import Kind
 from groundstation.dispute import Watched, judge
@@ -62,16 +64,10 @@ class Sightings:
             for thing in things:
                 speed_m_s = thing.speed_bound_m_s
                 self._bounds[kind, thing.id] = Bound(speed_m_s, Noise(error_m, 2.0 * speed_m_s / _TURN_S))
-        for kind, items in (
-            (Kind.AGENT, mission.agents),
-            (Kind.TARGET, mission.targets),
-            (Kind.THREAT, mission.threats),
-        ):
-            for item in items:
-                key = kind, item.id
-                bound = self._bounds[key]
-                known = Known.placed(complex(*item.position_ned_m), placed_at_s, bound, now_s)
-                self._watched[key] = Watched.begun(known, bound)
+        for key, place_ned_m in places_in(mission):
+            bound = self._bounds[key]
+            known = Known.placed(complex(*place_ned_m), placed_at_s, bound, now_s)
+            self._watched[key] = Watched.begun(known, bound)
 
     def bound(self, key: Key) -> Bound:
         """Return how fast a thing may be and how well it is seen."""
@@ -172,6 +168,16 @@ class Sightings:
                 (key, Verdict.JUMP),
                 f"{what} {_far(weighed.off_m)} from where it was expected: believed when confirmed, {{}} times",
             )
+
+
+def places_in(mission: Mission) -> Iterator[tuple[Key, Point]]:
+    """Yield every agent, target and threat of a mission by kind and id, with its place (north, east) in m."""
+    for agent in mission.agents:
+        yield (Kind.AGENT, agent.id), agent.position_ned_m
+    for target in mission.targets:
+        yield (Kind.TARGET, target.id), target.position_ned_m
+    for threat in mission.threats:
+        yield (Kind.THREAT, threat.id), threat.position_ned_m
 
 
 def _agent_bound(agent: AgentSpec, wind_m_s: float, error_m: float) -> Bound:

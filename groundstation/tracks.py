@@ -23,7 +23,7 @@ from groundstation.agents import Estimate, Fix
 from groundstation.plausibility import SENSOR_ERROR_M, Bound, Sample, Verdict
 from groundstation.progress import Arrival, MissionProgress, cannot_have_arrived, disproved
 from groundstation.refusals import Refusals
-from groundstation.sightings import Key, Sightings
+from groundstation.sightings import Key, Sightings, places_in
 from groundstation.track import Track, passed_at_m
 
 TOO_FAR = "too far"
@@ -56,14 +56,7 @@ class TrackTable:
         self._agents = {agent.id: agent for agent in mission.agents}
         placed_at_s = now_s if began_s is None else min(began_s, now_s)
         self._sightings = Sightings(mission, placed_at_s, now_s, sensor_error_m)
-        self.tracks: dict[Key, Track] = {}
-        for kind, items in (
-            (Kind.AGENT, mission.agents),
-            (Kind.TARGET, mission.targets),
-            (Kind.THREAT, mission.threats),
-        ):
-            for item in items:
-                self.tracks[kind, item.id] = Track(*item.position_ned_m, 0.0, 0.0, placed_at_s)
+        self.tracks = {key: Track(*place_ned_m, 0.0, 0.0, placed_at_s) for key, place_ned_m in places_in(mission)}
         self.heard_at_s = {agent.id: now_s for agent in mission.agents}
         """Time at which each agent was last detected (Case I) or reported (Case II), by id."""
         self.flown_m = {agent.id: 0.0 for agent in mission.agents}
