@@ -34,7 +34,27 @@ FAMILIES = {
     "px4-plane": PX4,
 }
 """The firmware of each kind of autopilot; the simulator's point has none."""
-_COPTER = """
+
+
+def _batteries(low_volt: float, greatest_action: int) -> str:
+    """Return the rows of ArduPilot's two batteries: the voltage that is low, and the greatest number of an action."""
+    return "".join(
+        f"""
+    {battery}_MONITOR - 0 0 32
+    {battery}_CAPACITY mAh 3300 - -
+    {battery}_LOW_VOLT V {low_volt:g} - -
+    {battery}_LOW_MAH mAh 0 - -
+    {battery}_FS_LOW_ACT - 0 0 {greatest_action}
+    {battery}_CRT_VOLT V 0 - -
+    {battery}_CRT_MAH mAh 0 - -
+    {battery}_FS_CRT_ACT - 0 0 {greatest_action}
+"""
+        for battery in ("BATT", "BATT2")
+    )
+
+
+_COPTER = (
+    """
     GUID_TIMEOUT s 3 0.1 5
     WPNAV_ACCEL cm/s^2 250 50 500 ..4.6
     WP_ACC m/s^2 2.5 0.5 5 4.7..
@@ -53,22 +73,9 @@ _COPTER = """
     FENCE_ALT_MIN m -10 -100 100
     FENCE_RADIUS m 300 30 10000
     FENCE_MARGIN m 2 1 10
-    BATT_MONITOR - 0 0 32
-    BATT_CAPACITY mAh 3300 - -
-    BATT_LOW_VOLT V 10.5 - -
-    BATT_LOW_MAH mAh 0 - -
-    BATT_FS_LOW_ACT - 0 0 7
-    BATT_CRT_VOLT V 0 - -
-    BATT_CRT_MAH mAh 0 - -
-    BATT_FS_CRT_ACT - 0 0 7
-    BATT2_MONITOR - 0 0 32
-    BATT2_CAPACITY mAh 3300 - -
-    BATT2_LOW_VOLT V 10.5 - -
-    BATT2_LOW_MAH mAh 0 - -
-    BATT2_FS_LOW_ACT - 0 0 7
-    BATT2_CRT_VOLT V 0 - -
-    BATT2_CRT_MAH mAh 0 - -
-    BATT2_FS_CRT_ACT - 0 0 7
+"""
+    + _batteries(10.5, 7)
+    + """
     AFS_ENABLE - 0 0 1
     AFS_TERM_ACTION - 0 - -
     AVD_ENABLE - 0 0 1
@@ -77,7 +84,9 @@ _COPTER = """
     SYSID_THISMAV - 1 1 255 ..4.6
     MAV_SYSID - 1 1 255 4.7..
 """
-_PLANE = """
+)
+_PLANE = (
+    """
     ROLL_LIMIT_DEG deg 45 0 90 4.5..
     LIM_ROLL_CD cdeg 4500 0 9000 ..4.4
     WP_LOITER_RAD m 60 -32767 32767
@@ -99,22 +108,9 @@ _PLANE = """
     FENCE_ALT_MIN m -10 -100 100
     FENCE_RADIUS m 300 30 10000
     FENCE_MARGIN m 2 1 10
-    BATT_MONITOR - 0 0 32
-    BATT_CAPACITY mAh 3300 - -
-    BATT_LOW_VOLT V 0 - -
-    BATT_LOW_MAH mAh 0 - -
-    BATT_FS_LOW_ACT - 0 0 7
-    BATT_CRT_VOLT V 0 - -
-    BATT_CRT_MAH mAh 0 - -
-    BATT_FS_CRT_ACT - 0 0 7
-    BATT2_MONITOR - 0 0 32
-    BATT2_CAPACITY mAh 3300 - -
-    BATT2_LOW_VOLT V 0 - -
-    BATT2_LOW_MAH mAh 0 - -
-    BATT2_FS_LOW_ACT - 0 0 7
-    BATT2_CRT_VOLT V 0 - -
-    BATT2_CRT_MAH mAh 0 - -
-    BATT2_FS_CRT_ACT - 0 0 7
+"""
+    + _batteries(0, 7)
+    + """
     AFS_ENABLE - 0 0 1
     AFS_TERM_ACTION - 0 - -
     AVD_ENABLE - 0 0 1
@@ -123,7 +119,9 @@ _PLANE = """
     SYSID_THISMAV - 1 1 255 ..4.6
     MAV_SYSID - 1 1 255 4.7..
 """
-_ROVER = """
+)
+_ROVER = (
+    """
     CRUISE_SPEED m/s 2 0 100
     WP_SPEED m/s 2 0 100
     ATC_TURN_MAX_G g 0.6 0.1 10
@@ -137,27 +135,15 @@ _ROVER = """
     FENCE_TYPE - 6 0 6
     FENCE_RADIUS m 300 30 10000
     FENCE_MARGIN m 2 1 10
-    BATT_MONITOR - 0 0 32
-    BATT_CAPACITY mAh 3300 - -
-    BATT_LOW_VOLT V 10.5 - -
-    BATT_LOW_MAH mAh 0 - -
-    BATT_FS_LOW_ACT - 0 0 6
-    BATT_CRT_VOLT V 0 - -
-    BATT_CRT_MAH mAh 0 - -
-    BATT_FS_CRT_ACT - 0 0 6
-    BATT2_MONITOR - 0 0 32
-    BATT2_CAPACITY mAh 3300 - -
-    BATT2_LOW_VOLT V 10.5 - -
-    BATT2_LOW_MAH mAh 0 - -
-    BATT2_FS_LOW_ACT - 0 0 6
-    BATT2_CRT_VOLT V 0 - -
-    BATT2_CRT_MAH mAh 0 - -
-    BATT2_FS_CRT_ACT - 0 0 6
+"""
+    + _batteries(10.5, 6)
+    + """
     AFS_ENABLE - 0 0 1
     AFS_TERM_ACTION - 0 - -
     SYSID_THISMAV - 1 1 255 ..4.6
     MAV_SYSID - 1 1 255 4.7..
 """
+)
 _PX4 = """
     COM_OF_LOSS_T s 1 0 60
     COM_OBL_RC_ACT - 0 0 7

@@ -78,11 +78,8 @@ def _radio_control(told: Told) -> Iterator[Finding]:
     if kind == "arduplane":
         if told["THR_FAILSAFE"] == 1.0 and (told["FS_SHORT_ACTN"] in PLANE_SHORT_ACTIONS or told["FS_LONG_ACTN"] > 0.0):
             if told["FS_LONG_ACTN"] == PARACHUTE:
-                yield Finding(
-                    False,
-                    "FS_LONG_ACTN: 3; it releases the parachute where radio control is lost",
-                    "set FS_LONG_ACTN to 0",
-                    sets=(("FS_LONG_ACTN", 0.0),),
+                yield _must_be(
+                    "FS_LONG_ACTN", 0.0, "FS_LONG_ACTN: 3; it releases the parachute where radio control is lost"
                 )
                 return
             actions = f"FS_SHORT_ACTN {told['FS_SHORT_ACTN']:g}, FS_LONG_ACTN {told['FS_LONG_ACTN']:g}"
@@ -269,12 +266,8 @@ def _termination(told: Told) -> Iterator[Finding]:
     if told["AFS_ENABLE"] != 1.0:
         return
     if told["AFS_TERM_ACTION"] == CRASHES:
-        yield Finding(
-            False,
-            "AFS_ENABLE: 1; with AFS_TERM_ACTION 42 it ends the flight on the ground where a link or its fence is lost",
-            "set AFS_ENABLE to 0",
-            sets=(("AFS_ENABLE", 0.0),),
-        )
+        words = "with AFS_TERM_ACTION 42 it ends the flight on the ground where a link or its fence is lost"
+        yield _must_be("AFS_ENABLE", 0.0, f"AFS_ENABLE: 1; {words}")
     else:
         yield warning(
             "AFS_ENABLE 1: the advanced failsafe can end GUIDED by rules that are not checked here",
@@ -311,33 +304,28 @@ def _estimator(told: Told) -> Iterator[Finding]:
     elif action == 0.0:
         yield warning("FS_EKF_ACTION: 0; it only reports that its estimate is lost", "set FS_EKF_ACTION to 1")
     else:
-        yield Finding(
-            False,
-            f"FS_EKF_ACTION: {action:g}; allowed: 1 or 3; ALT_HOLD, where the estimate is lost, drifts without sticks",
-            "set FS_EKF_ACTION to 1",
-            sets=(("FS_EKF_ACTION", 1.0),),
-        )
+        words = "allowed: 1 or 3; ALT_HOLD, where the estimate is lost, drifts without sticks"
+        yield _must_be("FS_EKF_ACTION", 1.0, f"FS_EKF_ACTION: {action:g}; {words}")
 
 
 def _avoidance(told: Told) -> Iterator[Finding]:
     """Yield whether ArduPilot avoids aircraft by itself, which ends GUIDED."""
-    if told["AVD_ENABLE"] == 1.0 and told["AVD_F_ACTION"] >= AVOIDS_FROM:
-        yield Finding(
-            False,
-            f"AVD_F_ACTION: {told['AVD_F_ACTION']:g}; allowed: 0 or 1; its own avoidance ends GUIDED",
-            "set AVD_F_ACTION to 1",
-            sets=(("AVD_F_ACTION", 1.0),),
-        )
+    if told["AVD_ENABLE"] == 1.0:
+        yield from _avoids(told, "AVD_F_ACTION", "GUIDED")
 
 
 def _px4_avoidance(told: Told) -> Iterator[Finding]:
-    if told["NAV_TRAFF_AVOID"] >= AVOIDS_FROM:
-        yield Finding(
-            False,
-            f"NAV_TRAFF_AVOID: {told['NAV_TRAFF_AVOID']:g}; allowed: 0 or 1; its own avoidance ends OFFBOARD",
-            "set NAV_TRAFF_AVOID to 1",
-            sets=(("NAV_TRAFF_AVOID", 1.0),),
-        )
+    yield from _avoids(told, "NAV_TRAFF_AVOID", "OFFBOARD")
+
+
+def _avoids(told: Told, name: str, mode: str) -> Iterator[Finding]:
+    if told[name] >= AVOIDS_FROM:
+        yield _must_be(name, 1.0, f"{name}: {told[name]:g}; allowed: 0 or 1; its own avoidance ends {mode}")
+
+
+def _must_be(name: str, value: float, words: str) -> Finding:
+    """Return that a parameter is not as it must be, with the value that it is to be set to."""
+    return Finding(False, words, f"set {name} to {value:g}", sets=((name, value),))
 
 
 Rule = Callable[[Told], Iterator[Finding]]
