@@ -364,7 +364,7 @@ class GroundStation:
         self._revision = next_revision(self._revision, self.mission, self.tracks, radii_m)
 
     def _broadcast(self, now_s: float) -> Broadcast:
-        return Broadcast(self._epoch.stamp(now_s), self.directive, self._revision)
+        return Broadcast(self._epoch.stamp(now_s), self.directive, self._revision, self.operations.orders.own)
 
     def _states(self, now_s: float) -> list[StateFrame]:
         return state_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s))

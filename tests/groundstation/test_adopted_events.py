@@ -47,7 +47,7 @@ class Day:
 
     def told(self) -> Directive:
         """Return the directive on board."""
-        return self.on_board.directive
+        return self.on_board.directives.in_force
 
     @property
     def threats(self) -> list[int]:
@@ -85,7 +85,7 @@ def test_targets_and_orders_begin_no_revision() -> None:
     day.does(do="pin", agent=1, target=2)
     day.does(do="direct", directive="hold")
     assert day.station.revision == revision
-    assert day.on_board.directive is Directive.HOLD
+    assert day.on_board.directives.in_force is Directive.HOLD
 
 
 def test_a_target_that_was_moved_is_told_at_its_new_place() -> None:
@@ -122,3 +122,11 @@ def test_in_a_pause_nobody_gets_another_target() -> None:
     day.does(do="resume")
     assert day.station.assignment == {1: 2, 2: 1}
     assert day.told() is Directive.NORMAL
+
+
+def test_one_agent_alone_is_told_to_return() -> None:
+    day = Day()
+    day.does(do="direct", directive="return", agent=2)
+    assert day.told() is Directive.NORMAL
+    day.does(do="direct", directive="hold", agent=1)
+    assert day.told() is Directive.HOLD
