@@ -118,8 +118,9 @@ def test_in_a_mission_with_a_queue_an_agent_reaches_one_target_after_the_other()
     found = score(flown(tracks, [[(100, 0)], [(200, 0)], [(300, 300)]]), mission_of(1, 3, queue=True))
     assert (found.arrived, found.targets_reached, found.targets) == (1, 2, 3)
     (agent,) = found.per_agent
-    assert [(one.target_id, one.t_s) for one in agent.reached] == [(11, pytest.approx(0.9)), (12, pytest.approx(1.9))]
-    assert (agent.target_id, agent.arrived_t_s) == (12, pytest.approx(1.9))
+    assert [one.target_id for one in agent.reached] == [11, 12]
+    assert [one.t_s for one in agent.reached] == pytest.approx([0.9, 1.9])
+    assert (agent.target_id, agent.arrived_t_s) == (12, agent.reached[1].t_s)
     assert (agent.path_to_end_m, agent.shortest_path_m) == pytest.approx((190.0, 190.0))
     assert [target.agent_id for target in found.per_target] == [1, 1, None]
 
