@@ -259,8 +259,10 @@ def _with_vehicles(mission: Mission, count: int, source: str) -> Mission:
     listed = mission.agents[:count]
     draw = mission.draw.model_copy(update={"agents": count - len(listed)})
     targets = len(mission.targets) + mission.draw.targets
-    if count < targets:
-        raise InputError(f"{source}: --vehicles: {count}; allowed: at least as many as its {targets} targets")
+    if count < targets and not mission.queue:
+        raise InputError(
+            f"{source}: --vehicles: {count}; allowed: at least as many as its {targets} targets, or `queue: true` in it"
+        )
     return mission.model_copy(update={"agents": listed, "draw": draw})
 
 
