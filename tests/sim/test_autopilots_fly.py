@@ -21,7 +21,7 @@ from companion.onboard.config import parse_config
 from companion.onboard.decision import Purpose
 from companion.onboard.replay import replay
 from companion.protocol.v2_extension import V2_EXTENSION_ID
-from groundstation.options import RunArguments, run_of
+from groundstation.cli import cli as groundstation_cli
 from sim.cli import cli
 from sim.lockstep import Flight, FlightOptions, fly
 from sim.safety_pilot import HAND_OVER_S, SafetyPilot
@@ -164,24 +164,21 @@ def test_unasked_the_mission_is_flown_as_it_is_written(tmp_path: Path) -> None:
     assert (result["targets_reached"], result["threat_entries_detection"]) == (2, 0)
 
 
-def run_arguments(mission: str) -> RunArguments:
-    return {
-        "mission": mission, "link": "udpout:127.0.0.1:9", "keys": None, "unsigned": True, "auth": None, "radio": None,
-        "share": None, "state": None, "log": None, "log_mb": 100.0, "mirror": None, "sensor": None, "uplink": None,
-        "listen": None, "sensor_error": 30.0, "unsigned_inputs": False, "autopilot": "arducopter", "seed": 7,
-    }  # fmt: skip
-
-
-def test_sim_fly_flies_the_mission_that_groundstation_run_broadcasts(tmp_path: Path) -> None:
-    path = tmp_path / "mission.yaml"
+def test_sim_fly_flies_the_mission_that_groundstation_run_broadcasts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, broadcast = tmp_path / "mission.yaml", []
     path.write_text(
         "draw: {agents: 3, targets: 2, threats: 1}\narea_m: {north: 4000, east: 4000}\nmax_time_s: 1\n"
         "defaults: {agent: {speed_m_s: 8}, threat: {radius_m: 300}}\n"
     )
+    monkeypatch.setattr("companion.runtime.clock.run_until_signal", lambda start: start(None))
+    monkeypatch.setattr("groundstation.service.run_groundstation", lambda mission, *_: broadcast.append(mission))
+    given = ["run", str(path), "--link", "udpout:127.0.0.1:9", "--unsigned", "--seed", "7"]
+    CliRunner().invoke(groundstation_cli, given, standalone_mode=False, catch_exceptions=False)
     given = ["fly", str(path), "--autopilot", "arducopter", "--seed", "7", "--out", str(tmp_path / "out"), "--json"]
     CliRunner().invoke(cli, given, standalone_mode=False)
-    flown, _ = run_of(run_arguments(str(path)))
-    assert load_mission(tmp_path / "out" / "mission.yaml") == flown
+    assert broadcast == [load_mission(tmp_path / "out" / "mission.yaml")]
 
 
 @pytest.mark.parametrize(
