@@ -237,8 +237,8 @@ def _agent_table(score: Score) -> Table:
     rows = []
     for agent in score.per_agent:
         ending = _NOTHING
-        if agent.arrived_t_s is not None:
-            ending = f"target {agent.target_id}"
+        if agent.reached:
+            ending = f"target {', '.join(str(one.target_id) for one in agent.reached)}"
         elif agent.lost_t_s is not None:
             ending = f"lost at {agent.lost_t_s:,.1f} s"
         ratio = agent.path_to_end_m / agent.shortest_path_m if agent.shortest_path_m > 0 else math.nan
@@ -255,9 +255,9 @@ def _agent_table(score: Score) -> Table:
             )
         )
     return Table(
-        "The shortest path goes around the detection radii of static threats to where the agent arrived (else to its "
-        "last position); moving threats are left out, so it is a lower bound. The ratio compares it with the path up "
-        "to there, without the loiter afterwards.",
+        "The shortest path goes around the detection radii of static threats to where the agent arrived last, by its "
+        "other arrivals (else to its last position); moving threats are left out, so it is a lower bound. The ratio "
+        "compares it with the path up to there, without the loiter afterwards.",
         (
             "agent",
             "arrived at",

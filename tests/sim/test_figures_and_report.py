@@ -53,6 +53,7 @@ def mission_of(agents: int, targets: int, threats: int, name: str = "two by two"
             for index in range(threats)
         ),
         losses=tuple(SimpleNamespace(agent=agent, t_s=20.0) for agent in losses),
+        queue=False,
         fence=None,
         exclusions=(),
         arrival_radius_m=50.0,
