@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from companion.errors import InputError
 from companion.files.yaml import dump_yaml
 from companion.mission.extent import WHOLE_PLANE_M
-from companion.mission.model import RANGE_RESERVE, Mission, parse_mission
+from companion.mission.model import Mission, parse_mission
 from companion.mission.resolve import resolve
+from companion.mission.values import RANGE_RESERVE
 from companion.protocol.codec import (
     BandsFrame,
     Detection,
@@ -31,7 +32,9 @@ from companion.protocol.codec import (
     Stamp,
     StateFrame,
 )
+from groundstation.events import STATION, Direct
 from groundstation.ground_station import MAX_EPOCH_S, GroundStation, Resumed
+from groundstation.operations import directive_name
 from groundstation.track import Track
 
 START_S = 1_790_000_000.0
@@ -176,7 +179,7 @@ def test_with_nobody_left_it_still_broadcasts() -> None:
 @pytest.mark.parametrize("directive", Directive)
 def test_the_directive_goes_out_with_the_next_state(directive: Directive) -> None:
     run = Run().to(1.0)
-    run.station.directive = directive
+    run.station.command(Direct(do="direct", directive=directive_name(directive)), STATION, START_S + 1.0)
     run.to(5.0)
     assert [state.directive for state in run.states()] == [Directive.NORMAL, directive]
 
@@ -201,7 +204,7 @@ def test_the_broadcast_itself_on_the_sensors_channel_changes_nothing() -> None:
 def test_what_it_cannot_do_is_refused_in_one_line() -> None:
     with pytest.raises(InputError) as caught:
         GroundStation(mission("name: test\nwind: {speed_m_s: 50, gust_m_s: 10}\n"), START_S)
-    assert str(caught.value).startswith("test: wind: speed_m_s and gust_m_s together 60; allowed: less than ")
+    assert str(caught.value).startswith("test: wind: speed_m_s and gust_m_s together 60 m/s; allowed: less than ")
 
 
 @pytest.mark.parametrize(("objective", "chosen"), [("distance", {1: 1, 2: 2}), ("inverse-distance", {1: 2, 2: 1})])

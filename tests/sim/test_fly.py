@@ -214,7 +214,7 @@ def test_the_report_needs_nothing_from_elsewhere(run: tuple[Path, subprocess.Com
 def test_flying_the_resolved_mission_again_repeats_the_flight_byte_for_byte(tmp_path: Path) -> None:
     first, again = tmp_path / "first", tmp_path / "again"
     sim_fly("copter-demo", "--autopilot", "arducopter", "--out", str(first))
-    sim_fly(str(first / "mission.yaml"), "--autopilot", "arducopter", "--no-scale", "--out", str(again))
+    sim_fly(str(first / "mission.yaml"), "--autopilot", "arducopter", "--out", str(again))
     assert (again / "trajectory.csv").read_bytes() == (first / "trajectory.csv").read_bytes()
     same = [key for key in KEYS if key not in ("decision_us", "speedup")]
     assert [result_of(again)[key] for key in same] == [result_of(first)[key] for key in same]
@@ -244,7 +244,7 @@ def test_the_number_of_vehicles_can_be_changed(tmp_path: Path) -> None:
 
 
 def test_an_arducopter_flies_the_copter_mission_in_lockstep(tmp_path: Path) -> None:
-    process = sim_fly("copter-demo", "--autopilot", "arducopter", "--no-scale", "--json")
+    process = sim_fly("copter-demo", "--autopilot", "arducopter", "--json")
     result = json.loads(process.stdout)
     assert process.returncode == 0
     assert result["targets_reached"] == 2 and result["threat_entries_detection"] == 0

@@ -313,6 +313,25 @@ def test_it_holds_on_the_directive_hold() -> None:
     assert math.hypot(setpoint.vx, setpoint.vy) == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("for_all", "own", "purpose", "reason"),
+    [
+        (Directive.NORMAL, Directive.HOLD, Purpose.LOITER, "directive hold, for this agent"),
+        (Directive.HOLD, Directive.RETURN, Purpose.RETURN, "directive return, for this agent"),
+        (Directive.RETURN, Directive.HOLD, Purpose.RETURN, "directive return"),
+        (Directive.HOLD, Directive.HOLD, Purpose.LOITER, "directive hold"),
+    ],
+)
+def test_it_obeys_the_stronger_of_its_own_directive_and_that_for_all_and_says_which(
+    for_all: Directive, own: Directive, purpose: Purpose, reason: str
+) -> None:
+    flight = guided()
+    flight.home(-2_000.0, 0.0)
+    flight.broadcast(directive=for_all, own=own)
+    decision, _ = flight.at()
+    assert (decision.purpose, decision.reason) == (purpose, reason)
+
+
 def test_it_comes_home_on_the_directive_return_and_loiters_there() -> None:
     flight = guided()
     flight.home(-2_000.0, 0.0)
@@ -332,6 +351,19 @@ def test_without_a_home_it_returns_to_where_it_began_to_steer() -> None:
     decision, _ = flight.at(0.0, 3_000.0, (0.0, -10.0))
     assert decision.purpose is Purpose.RETURN
     assert decision.wanted_heading_rad == pytest.approx(1.5 * math.pi, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_vehicle_of_any_kind_that_loiters_where_it_arrived_flies_to_the_next_target(kind: str) -> None:
+    flight = guided(kind=kind)
+    flight.broadcast((1_000.0, 0.0))
+    velocity = (15.0, 0.0) if kind.endswith("plane") else (0.0, 0.0)
+    for _ in range(3):
+        decision, _ = flight.at(1_000.0, 0.0, velocity)
+    assert (decision.purpose, decision.reason) == (Purpose.LOITER, "arrived")
+    flight.broadcast((1_000.0, 4_000.0))
+    decision, _ = flight.at(1_000.0, 0.0, velocity)
+    assert (decision.purpose, decision.reason) == (Purpose.TARGET, "assigned")
 
 
 def test_the_directive_normal_sets_it_going_again() -> None:
