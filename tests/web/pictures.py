@@ -126,7 +126,7 @@ def moves(shown: View, t_s: float) -> View:
         heading = math.radians(one["heading_deg"])
         north_m = one["north_m"] + one["speed_m_s"] * since_s * math.cos(heading)
         east_m = one["east_m"] + one["speed_m_s"] * since_s * math.sin(heading)
-        return [one["id"], round(north_m, 2), round(east_m, 2), one["heading_deg"], one["speed_m_s"], 0.2]
+        return [one["id"], round(north_m, 2), round(east_m, 2), one["heading_deg"], one["speed_m_s"], one["age_s"]]
 
     def stands(one: View) -> list[float]:
         return [one["id"], one["north_m"], one["east_m"], one["velocity_north_m_s"], one["velocity_east_m_s"], since_s]

@@ -17,7 +17,7 @@ import { Timeline } from "./timeline.js";
 
 const TOAST_MS = 8000;
 const WHY_EVERY_MS = 1000; // how often an open "why?" is asked again
-const NARROW = matchMedia("(max-width: 899px)");
+const NARROW = matchMedia("(max-width: 599px), (max-width: 899px) and (max-height: 599px)"); // as the style sheet
 const KINDS = { agent: "agents", target: "targets", threat: "threats" };
 
 class Page {
@@ -32,6 +32,7 @@ class Page {
       choose: (mark) => this.chooseMark(mark),
       point: (place, latLng) => this.showPointer(place, latLng),
       dragRadii: (mark) => this.dragRadii(mark),
+      chosenItem: () => this.itemOf(this.chosen),
       moved: (mark, place) => this.actions.move(mark.kind, this.itemOf(mark), place),
     });
     this.actions = new Actions(this);

@@ -44,8 +44,12 @@ export class MissionMap {
     this.request();
   }
 
+  /** A hidden map keeps its place; one that shrinks keeps what is chosen in sight. */
   resized() {
-    this.leaflet.invalidateSize({ pan: false });
+    if (!this.element.clientWidth || !this.element.clientHeight) return;
+    this.leaflet.invalidateSize();
+    const item = this.actions.chosenItem();
+    if (item) this.show(item.north_m, item.east_m);
     if (this.fitted !== this.state.picture?.mission) this.fit();
     this.request();
   }
@@ -103,6 +107,7 @@ export class MissionMap {
   }
 
   show(northM, eastM) {
+    if (!this.element.clientWidth) return;
     const place = this.state.plane.toGlobal(northM, eastM);
     if (!this.leaflet.getBounds().pad(-0.05).contains(place)) this.leaflet.panTo(place, { animate: false });
     this.request();

@@ -36,7 +36,7 @@ const AGENT_COLUMNS = [
   { id: "age", title: "Age", text: (a) => seconds(a.age_s), sort: (a) => a.age_s },
   { id: "range", title: "Range", text: (a) => metres(a.range_left_m), sort: (a) => a.range_left_m, hide: true },
   { id: "link", title: "Link", text: (a) => linkWords(a.link), hide: true, long: true },
-  { id: "eta", title: "ETA", text: (a) => (a.eta_s === null ? NONE : seconds(a.eta_s)), sort: (a) => a.eta_s },
+  { id: "eta", title: "ETA", text: (a) => (a.eta_s === null ? NONE : seconds(a.eta_s)), sort: (a) => a.eta_s, hide: true },
 ];
 
 const TARGET_COLUMNS = [
