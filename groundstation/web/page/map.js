@@ -10,6 +10,7 @@ const TILE_PX = 256;
 const REACH_PX = 18; // how near a click counts as on a mark
 const MOST_ZOOM = 23;
 const MOST_TILE_ZOOM = 19; // of the usual tile sets; nearer, their tiles are enlarged
+const PADDING = { paddingTopLeft: [24, 56], paddingBottomRight: [24, 32] }; // below the buttons, above the scale
 const DRAG_PX = 6; // a press that moves less is a click
 
 export class MissionMap {
@@ -102,7 +103,7 @@ export class MissionMap {
     if (!corners.length) corners.push([-500, -500], [500, 500]);
     this.fitted = picture.mission;
     const bounds = L.latLngBounds(corners.map(([n, e]) => plane.toGlobal(n, e)));
-    this.leaflet.fitBounds(bounds, { padding: [28, 28], animate: false });
+    this.leaflet.fitBounds(bounds, { ...PADDING, animate: false });
     this.request();
   }
 
