@@ -15,6 +15,7 @@ from companion.geo.local_frame import LocalFrame
 from companion.geo.polygon import inside_polygon
 from companion.mission.model import Mission, TargetSpec, ThreatSpec
 from companion.mission.values import MAX_COORDINATE_M, MAX_ID, MAX_ITEMS
+from companion.mission.written import RADII, radii_m
 from companion.protocol.messages import Kind
 from groundstation.events import (
     AddTarget,
@@ -47,9 +48,6 @@ from groundstation.events import (
     Who,
 )
 from groundstation.operations import MOST_UNDOS, Operations
-
-ATTACK_SHARE = 0.5
-"""Attack radius of a threat with one radius, as a share of it (the paper's 5 km of 10 km)."""
 
 
 def event_of(operations: Operations, command: Command, who: Who, now_s: float) -> Event:
@@ -181,13 +179,12 @@ def _free(thing: TargetSpec | ThreatSpec, update: Mapping[str, Any]) -> dict[str
 def _threat(values: Mapping[str, Any], source: str) -> ThreatSpec:
     given = dict(values)
     if "radius_m" in given:
-        given["detection_radius_m"] = given.pop("radius_m")
-        given["attack_radius_m"] = ATTACK_SHARE * given["detection_radius_m"]
+        given |= dict(zip(RADII, radii_m(given.pop("radius_m")), strict=True))
     return validated(ThreatSpec, given, source)
 
 
 def _radii_keys(command: AddThreat | Change) -> tuple[str, ...]:
-    return ("radius_m",) if command.radius_m is not None else ("detection_radius_m", "attack_radius_m")
+    return ("radius_m",) if command.radius_m is not None else RADII
 
 
 def _place(mission: Mission, command: AddTarget | AddThreat | Change, what: str) -> tuple[float, float]:
