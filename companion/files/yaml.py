@@ -58,10 +58,11 @@ class Section(BaseModel):
     @classmethod
     def _known_keys(cls, data: object) -> object:
         if isinstance(data, Mapping):
+            known = [field.alias or name for name, field in cls.model_fields.items()]
             for key in data:
-                if key not in cls.model_fields:
-                    hint = nearest_hint(str(key), cls.model_fields)
-                    raise ValueError(f"unknown key '{_cut(str(key))}'{hint}; allowed: {', '.join(cls.model_fields)}")
+                if key not in known:
+                    hint = nearest_hint(str(key), known)
+                    raise ValueError(f"unknown key '{_cut(str(key))}'{hint}; allowed: {', '.join(known)}")
         return data
 
 

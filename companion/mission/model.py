@@ -18,6 +18,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError,
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import AsList, ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 from companion.geo.polygon import polygon_fault
+from companion.mission.sources import MAX_SOURCES, SourceSpec, refuse_same_names
 
 MAX_ID = 65_535
 """Greatest id of an agent, target or threat: ids travel as 16 bits on the wire."""
@@ -358,6 +359,8 @@ class Mission(Section):
     wind: Wind = Wind()
     losses: Annotated[ListOf[Loss], Field(max_length=MAX_ITEMS)] = ()
     max_time_s: Positive = 20_000.0
+    sources: Annotated[ListOf[SourceSpec], Field(max_length=MAX_SOURCES)] = ()
+    """Live sources of sightings, which only the ground station hears."""
     scale: Scale | None = None
     """How the mission was scaled for a kind of autopilot; None: it is as it was written."""
 
@@ -383,6 +386,7 @@ class Mission(Section):
         for key, items in (("agents", self.agents), ("targets", self.targets), ("threats", self.threats)):
             _refuse_duplicates(key, [item.id for item in items])
         _refuse_duplicates("losses", [loss.agent for loss in self.losses])
+        refuse_same_names(self.sources)
         number_of_agents = len(self.agents) + self.draw.agents
         number_of_targets = len(self.targets) + self.draw.targets
         if number_of_agents < 1:
@@ -565,4 +569,6 @@ def dump_mission(mission: Mission) -> str:
             del data[key]
     if mission.scale is None:
         del data["scale"]
+    if not mission.sources:
+        del data["sources"]
     return dump_yaml(data)
