@@ -128,7 +128,7 @@ class Tracker:
         """Number of sightings that were not believed, by source."""
 
     def follow(self, mission: Mission) -> None:
-        """Follow a mission whose things have changed; what somebody else retired is not taken in again until it ends."""
+        """Follow a mission whose things changed; what somebody else retired is not taken in again until it ends."""
         self._mission = mission
         targets = {one.id for one in mission.targets}
         threats = {one.id for one in mission.threats}
