@@ -24,7 +24,7 @@ EXIT_INTERRUPTED = EXIT_SIGNALLED + 2
 """Exit status of a program that was stopped from the keyboard, by SIGINT."""
 EXTRAS = {"companion": "ground", "groundstation": "ground", "sim": "sim"}
 """By program, the extra in `pip install '.[EXTRA]'` that installs what its commands need beside the base libraries."""
-_OPTIONAL = ("jinja2", "matplotlib", "rich", "scipy")
+_OPTIONAL = ("fastapi", "jinja2", "matplotlib", "orjson", "rich", "scipy", "uvicorn", "websockets", "xstatic")
 """Libraries that these extras install; a program imports them only in the commands that use them."""
 
 

@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from importlib import resources
+from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 from companion.files.weights import content_digest
@@ -55,6 +56,8 @@ EntryT = TypeVar("EntryT", AgentEntry, TargetEntry, ThreatEntry, AgentMotion, Po
 PackedT = TypeVar("PackedT", bound=Entry)
 MOVING_M_S = 0.1
 """Speed below which a heading means nothing."""
+NOWHERE = (None, None)
+"""Place of an agent whose position is not told."""
 
 
 class Broadcast(NamedTuple):
@@ -65,6 +68,8 @@ class Broadcast(NamedTuple):
     directive: Directive
     revision: Revision
     """Revision of the picture that is told, with its grid."""
+    directives: Mapping[int, Directive] = MappingProxyType({})
+    """The directives for single agents, by id of the agent; those that have none are left out."""
 
 
 @dataclass
@@ -95,8 +100,11 @@ def state_frames(
     """
     stamp, revision = broadcast.stamp, broadcast.revision
     now_s = stamp.unix_s - picture.clock_ahead_s
-    here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
-    agents, targets = _agents_and_targets(picture, mission, assignment, _told(here, mission, revision))
+    named = _named(picture, mission, broadcast.directives)
+    here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in named}
+    told = _told({identity: here[identity] for identity in picture.present_agents}, mission, revision)
+    agents, targets = _agents_and_targets(picture, mission, assignment, {**dict.fromkeys(named, NOWHERE), **told})
+    agents = _directed(agents, broadcast.directives)
     threats = [grown(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
     contents = _state_contents(agents, targets, threats, here)
     return [
@@ -204,8 +212,11 @@ def fleet_frames(
     """
     stamp, revision = broadcast.stamp, broadcast.revision
     now_s = stamp.unix_s - picture.clock_ahead_s
-    here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in picture.present_agents}
-    agents, targets = _agents_and_targets(picture, mission, assignment, _told(here, mission, revision))
+    named = _named(picture, mission, broadcast.directives)
+    here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in named}
+    told = _told({identity: here[identity] for identity in picture.present_agents}, mission, revision)
+    agents, targets = _agents_and_targets(picture, mission, assignment, {**dict.fromkeys(named, NOWHERE), **told})
+    agents = _directed(agents, broadcast.directives)
     entries: list[FleetEntry] = [*_by_id(agents), *_by_id(targets.values())]
     entries += _by_id(
         _threat_place(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats
@@ -331,15 +342,15 @@ def grown(threat: ThreatSpec, track: Track, now_s: float) -> ThreatEntry:
     )
 
 
-def untold_growth_m(picture: TrackTable, mission: Mission, until_s: float) -> dict[int, float]:
+def untold_growth_m(picture: TrackTable, threats: Sequence[ThreatSpec], until_s: float) -> dict[int, float]:
     """Return by threat id the growth of its radii until `until_s` from age beyond GREATEST_AGE_S, m.
 
     A fleet frame cannot hold a greater age than that, 58 days; the result is empty while no track is older.
     """
-    ages_s = {threat.id: picture.tracks[Kind.THREAT, threat.id].age_s(until_s) for threat in mission.threats}
+    ages_s = {threat.id: picture.tracks[Kind.THREAT, threat.id].age_s(until_s) for threat in threats}
     return {
         threat.id: threat.speed_bound_m_s * (ages_s[threat.id] - GREATEST_AGE_S)
-        for threat in mission.threats
+        for threat in threats
         if ages_s[threat.id] > GREATEST_AGE_S
     }
 
@@ -361,6 +372,20 @@ def _agents_and_targets(
         AgentEntry(identity, north_m, east_m, assignment.get(identity)) for identity, (north_m, east_m) in told.items()
     ]
     return agents, targets
+
+
+def _named(picture: TrackTable, mission: Mission, directives: Mapping[int, Directive]) -> list[int]:
+    """Return the ids of the agents that a broadcast names: those present, and the lost ones that have a directive.
+
+    A vehicle may be lost to the ground station only, and obeys its own directive for as long as it is named with it.
+    """
+    lost = picture.progress.lost - directives.keys()
+    return [agent.id for agent in mission.agents if agent.id not in lost]
+
+
+def _directed(agents: Sequence[AgentEntry], directives: Mapping[int, Directive]) -> list[AgentEntry]:
+    """Return the agents with their own directives."""
+    return [replace(agent, directive=directives.get(agent.id, Directive.NORMAL)) for agent in agents]
 
 
 def _told(

@@ -44,7 +44,15 @@ def cli() -> None:
 @click.option(
     "--state",
     metavar="FILE",
-    help=f"What a restart needs of this run is kept there; {STATE_NAME} beside the keys if not given.",
+    help=f"The store: events, and what a restart needs; {STATE_NAME} beside the keys if not given (docs/store.md).",
+)
+@click.option(
+    "--store-mb",
+    type=click.FloatRange(1, 1_000_000),
+    default=1_000.0,
+    show_default=True,
+    metavar="MB",
+    help="For pictures and frames in the store: the oldest are removed; events never are.",
 )
 @click.option("--log", metavar="FILE.tlog", help="Keep what is sent and heard; FILE-2.tlog if there is one.")
 @click.option(

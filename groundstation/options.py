@@ -36,6 +36,7 @@ class RunArguments(TypedDict):
     state: str | None
     log: str | None
     log_mb: float
+    store_mb: float
     mirror: str | None
     sensor: str | None
     uplink: str | None
@@ -61,6 +62,8 @@ class Options:
     log_mb: float = 1_000.0
     """Greatest size of the logs of that name together, in millions of bytes."""
     state: Path | None = None
+    store_mb: float = 1_000.0
+    """Greatest size of the pictures and frames in the store, in millions of bytes."""
     can_stop: bool = False
     """Case II: whether the dead-reckoned agents can stand still."""
     listen: Link | None = None
@@ -137,6 +140,7 @@ def _options(given: RunArguments) -> Options:
         log=_path(log),
         log_mb=given["log_mb"],
         state=_path(state),
+        store_mb=given["store_mb"],
         can_stop=KINDS[given["autopilot"]].can_stop,
         listen=_link(given["listen"]),
         unsigned_inputs=given["unsigned_inputs"],

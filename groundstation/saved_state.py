@@ -2,7 +2,8 @@
 
 It holds the last epoch and signing time, so that vehicles, which accept only newer frames, accept those of the next
 run; the time at which the threats were at the mission's positions, so that they are not broadcast as if they had not
-moved since; and the directive.
+moved since; and the directive. It is one kept value of the store; a file of the releases before it, which held this
+alone, is taken over.
 """
 
 from __future__ import annotations
@@ -14,26 +15,25 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from companion.errors import InputError
-from companion.files.kept_file import KeptFile
+from companion.files.regular import refuse_other
 from companion.files.state import read_state_file, warnings_of
 from companion.mission.model import Mission
 from companion.protocol.mavlink_signing import UNITS_PER_S, MavlinkSigner, timestamp_of
 from companion.protocol.messages import REVISIONS, Directive
-from companion.runtime.console import program_logger
-from companion.runtime.io_thread import IoThread
 from groundstation.clock import MOST_AHEAD_S
 from groundstation.directives import directive_from
 from groundstation.ground_station import GroundStation, Resumed
 from groundstation.options import Options
+from groundstation.store.database import Database, is_store
+from groundstation.store.event_store import EventStore
 
-LOGGER = program_logger("groundstation")
+KEPT_AS = "run"
+"""Name of the kept value."""
 STATE_PERIOD_S = 1.0
 """Period at which the last signing time is written to disk: a crash loses less of it than the difference of clocks that
 receivers allow."""
 MOST_HOLD_S = 1.0
 """Longest time for which the broadcast waits for a state to be on disk: a disk that hangs must not silence it."""
-RISK = "forget the directive and tell the threats where the mission says"
-"""What a restart does whose state could not be written."""
 
 
 @dataclass(frozen=True)
@@ -145,22 +145,80 @@ def threats_digest(mission: Mission) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-class RunStateFile:
-    """The saved state of the last run, and the file in which this run saves its own."""
+def open_state(path: Path | None) -> tuple[Database | None, SavedState | None]:
+    """Return the store at a path, None if there is none yet, and the state that the last run left.
+
+    A state file of an earlier release is read, too; the first write replaces it by a store.
+
+    Raises:
+        InputError: what is there is neither, or cannot be read.
+
+    """
+    if path is None:
+        return None, None
+    try:
+        refuse_other(path)
+        is_new = is_store(path)
+    except FileNotFoundError:
+        return None, None
+    except OSError:
+        is_new = False
+    if is_new:
+        database = Database.opened(path)
+        return database, last_state(database)
+    before = read_state_file(path)
+    return None, None if before is None else saved_state_from(before, path)
+
+
+def last_state(database: Database) -> SavedState | None:
+    """Return the state that the last run left in a store; None before the first run.
+
+    Raises:
+        InputError: the store holds something else in its place, or cannot be read.
+
+    """
+    source = database.path or Path("state")
+    try:
+        text = database.kept(KEPT_AS)
+    except OSError as error:
+        raise InputError(f"{source}: cannot read the store: {error.strerror}; allowed: one that is whole") from error
+    return None if text is None else saved_state_from(text, source)
+
+
+def state_in(path: Path) -> SavedState | None:
+    """Return the state that the last run left at a path, without touching it; None before the first run.
+
+    Raises:
+        InputError: there is no store, or it cannot be read.
+
+    """
+    database = Database.read_only(path)
+    try:
+        return last_state(database)
+    finally:
+        database.close()
+
+
+class RunState:
+    """The saved state of the last run, and the store in which this run saves its own."""
 
     def __init__(
-        self, options: Options, mission: Mission, signer: MavlinkSigner | None, now_s: float, files: IoThread
+        self,
+        options: Options,
+        mission: Mission,
+        signer: MavlinkSigner | None,
+        now_s: float,
+        store: EventStore,
+        last: SavedState | None,
     ) -> None:
-        """Read the file, if it exists; raises InputError if this run cannot continue from it.
+        """Go on from the last run; raises InputError if this run cannot.
 
         `signer` is this run's MAVLink signer, whose times are set to exceed the last run's; None without MAVLink
-        signing. `files` writes the file.
+        signing.
         """
         self._path = options.state
-        self._file = None if self._path is None else KeptFile(self._path, files, LOGGER, RISK)
+        self._store = store
         self._signer = signer
-        text = None if self._path is None else read_state_file(self._path)
-        last = None if self._path is None or text is None else saved_state_from(text, self._path)
         self._threats = threats_digest(mission)
         self._can_move = any(threat.speed_bound_m_s > 0.0 for threat in mission.threats)
         self.epoch_s = epoch_after(last, now_s, self._path)
@@ -202,8 +260,6 @@ class RunStateFile:
 
     def write(self, station: GroundStation, now_s: float) -> None:
         """Have the state written for the next run; while the disk does not take it, that is told and tried again."""
-        if self._file is None:
-            return
         # A run that does not sign with MAVLink forgets no time of one that did.
         kept_timestamp = 0 if self._written is None else self._written.signing_timestamp
         state = SavedState(
@@ -214,7 +270,7 @@ class RunStateFile:
             station.directive,
             station.revision,
         )
-        self._file.write(text_of(state))
+        self._store.keep(KEPT_AS, text_of(state))
         if _kept(state) != _kept(self._written):
             self._hold_until_s = now_s + MOST_HOLD_S
         self._written, self._written_at_s = state, now_s
@@ -223,12 +279,13 @@ class RunStateFile:
         """Write the state if directive, epoch or revision has changed, or the signing time is STATE_PERIOD_S old."""
         changed = _kept(self._written) != (station.directive, station.epoch_s, station.revision)
         is_old = self._signer is not None and now_s - self._written_at_s >= STATE_PERIOD_S
-        if changed or is_old or (self._file is not None and not self._file.is_written):
+        if changed or is_old:
             self.write(station, now_s)
+        self._store.retry_if_due()
 
     def holds(self, now_s: float) -> bool:
         """Return whether the broadcast is to wait until directive, epoch and revision are on disk."""
-        return self._file is not None and self._file.is_awaited and now_s < self._hold_until_s
+        return self._path is not None and now_s < self._hold_until_s and self._store.is_awaited
 
 
 def _kept(state: SavedState | None) -> tuple[Directive, int, int] | None:

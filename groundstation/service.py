@@ -19,6 +19,7 @@ from companion.protocol.deframer import StreamFramer
 from companion.protocol.ed25519 import FrameSigner
 from companion.protocol.frame import raw_frame
 from companion.protocol.keys import MAVLINK_NAME, PRIVATE_NAME, load_mavlink_key, load_private
+from companion.protocol.messages import Directive
 from companion.protocol.radio_status import read_radio_status
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import wait
@@ -30,21 +31,25 @@ from groundstation.agents import VehicleModel
 from groundstation.choices import Authentication
 from groundstation.clock import GroundClock, WallSigner
 from groundstation.directives import DirectiveInput
+from groundstation.events import STATION, Direct, Who
 from groundstation.ground_station import GroundStation
 from groundstation.input_keys import input_trusts
 from groundstation.log_files import log_place
+from groundstation.operations import directive_name
 from groundstation.options import Options
 from groundstation.rivals import LOCK_NAME, Rivals, RunLock
-from groundstation.saved_state import RunStateFile
+from groundstation.saved_state import RunState, open_state
 from groundstation.schedule import TICK_S as RADIO_TICK_S
 from groundstation.schedule import Broadcaster
 from groundstation.status import Status
+from groundstation.store.event_store import EventStore
 
 LOGGER = program_logger("groundstation")
 TICK_S = 0.05
 """Period at which the core is asked for due frames without a radio: short against any broadcast period in use."""
 LINK_ID = 0
 """Link id in the MAVLink signatures of the ground station."""
+STANDARD_INPUT = Who(name="standard input", role="operator")
 _OTHERS = 0o077
 """Permission bits of the group and of all others."""
 
@@ -94,9 +99,12 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
     with ExitStack() as stack:
         # Opened first and so closed last, after everything that still has bytes to write.
         files = open_io_thread("files", stack)
-        state_file = RunStateFile(options, mission, frame_signer.signer, start_s, files)
-        _lock(options, stack)
-        station = _station(mission, options, state_file, start_s)
+        unlocked = _lock(options, stack)
+        database, last = open_state(options.state)
+        store = EventStore(options.state, database, files, int(options.store_mb * 1e6))
+        stack.callback(store.close)
+        saved = RunState(options, mission, frame_signer.signer, start_s, store, last)
+        station = _station(mission, options, saved, start_s)
         broadcaster = Broadcaster(station, options.radio, frame_signer)
         broadcaster.begin(start_s)
         log = _opened_log(options, stack)
@@ -105,15 +113,19 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         links = await _open_links(options, station, hearing, stack)
         await _listen(options, station, rivals, hearing)
         # On disk before the first frame is on the air.
-        state_file.write(station, start_s)
-        stack.callback(lambda: state_file.write(station, clock.now_s()))
-        stack.callback(DirectiveInput(station).close)
+        saved.write(station, start_s)
+        stack.callback(lambda: saved.write(station, clock.now_s()))
+
+        def direct(directive: Directive) -> None:
+            station.command(Direct(do="direct", directive=directive_name(directive)), STANDARD_INPUT, clock.now_s())
+
+        stack.callback(DirectiveInput(direct).close)
         status = Status(station, broadcaster, options)
-        for line in [status.opening(), *state_file.news(start_s)]:
+        for line in [status.opening(), *saved.news(start_s)]:
             LOGGER.info("%s", line)
-        for warning in state_file.warnings():
+        for warning in [*unlocked, *saved.warnings()]:
             LOGGER.warning("%s", warning)
-        run = _Run(station, broadcaster, AdsbMirror(mission), status, state_file, frame_signer, rivals)
+        run = _Run(station, broadcaster, AdsbMirror(mission), status, saved, frame_signer, rivals)
         loop = BroadcastLoop(run, links, log, options)
         await loop.run(clock, stop)
 
@@ -130,33 +142,40 @@ def _opened_log(options: Options, stack: ExitStack) -> FlightLog:
     return FlightLog(TlogWriter(file), "groundstation")
 
 
-def _station(mission: Mission, options: Options, state_file: RunStateFile, start_s: float) -> GroundStation:
+def _station(mission: Mission, options: Options, saved: RunState, start_s: float) -> GroundStation:
     """Return the ground station of a run that takes over from the last one; raises InputError."""
     station = GroundStation(
         mission,
         start_s,
         sensed=options.sensor is not None,
         model=VehicleModel(DEFAULT_LAW, options.can_stop),
-        resumed=state_file.resumed,
+        resumed=saved.resumed,
         sensor_error_m=options.sensor_error_m,
     )
     station.inputs.sensor, station.inputs.uplink = input_trusts(options, mission)
-    station.directive = state_file.directive
+    station.command(Direct(do="direct", directive=directive_name(saved.directive)), STATION, start_s)
     return station
 
 
-def _lock(options: Options, stack: ExitStack) -> None:
-    """Take the lock of the keys, or else of the state, which `stack` frees; raises InputError if another run has it."""
+def _lock(options: Options, stack: ExitStack) -> list[str]:
+    """Take the locks of keys and store, which `stack` frees; return warnings about those that cannot be taken.
+
+    Raises:
+        InputError: another run has one of them.
+
+    """
+    warnings: list[str] = []
+    paths: list[Path] = []
     if options.keys is not None:
-        path = options.keys / LOCK_NAME
-    elif options.state is not None:
-        path = options.state.with_name(f"{options.state.name}.lock")
-    else:
-        return
-    try:
-        stack.callback(RunLock(path).close)
-    except OSError as error:
-        LOGGER.warning("%s: no lock: %s; a second ground station would not be noticed here", path, error.strerror)
+        paths.append(options.keys / LOCK_NAME)
+    if options.state is not None:
+        paths.append(options.state.with_name(f"{options.state.name}.lock"))
+    for path in paths:
+        try:
+            stack.callback(RunLock(path).close)
+        except OSError as error:
+            warnings.append(f"{path}: no lock: {error.strerror}; a second ground station would not be noticed here")
+    return warnings
 
 
 async def _listen(options: Options, station: GroundStation, rivals: Rivals, hearing: _Hearing) -> None:
@@ -184,7 +203,7 @@ class _Run:
     broadcaster: Broadcaster
     mirror: AdsbMirror
     status: Status
-    state_file: RunStateFile
+    saved: RunState
     signer: FrameSigner
     rivals: Rivals
 
@@ -258,8 +277,8 @@ class BroadcastLoop:
             now_s = clock.now_s()
             self._follow(clock, now_s)
             # A new directive is on disk before it is on the air: no restart may take back what vehicles have heard.
-            self._run.state_file.write_if_due(self._run.station, now_s)
-            if not self._run.state_file.holds(now_s):
+            self._run.saved.write_if_due(self._run.station, now_s)
+            if not self._run.saved.holds(now_s):
                 self._send(now_s)
             self._tell(now_s)
             await wait(stop, self._period_s)

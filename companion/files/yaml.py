@@ -208,7 +208,7 @@ def validated(model: type[SectionT], data: object, source: str) -> SectionT:
             _refuse_bombs(data, source)
         return model.model_validate(data)
     except ValidationError as error:
-        raise InputError(f"{source}: {_fault(error.errors()[0])}") from error
+        raise InputError(f"{source}: {fault_text(error.errors()[0])}") from error
 
 
 def _refuse_bombs(data: Mapping[str, object], source: str) -> None:
@@ -251,7 +251,8 @@ def _cut(text: str) -> str:
     return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."
 
 
-def _fault(details: ErrorDetails) -> str:
+def fault_text(details: ErrorDetails) -> str:
+    """Return one line about a fault that pydantic found: where, the value, and what is allowed."""
     where = ""
     for part in details["loc"]:
         if isinstance(part, int):

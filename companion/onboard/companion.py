@@ -342,7 +342,7 @@ class Companion:
             located.home.position_ned_m,
             view,
             status,
-            world_model.directive,
+            world_model.directives,
             None if before.last_fix is None else before.last_fix.position_ned_m,
             below_words(telemetry, config) if before.climbs and is_below(telemetry, config) else None,
         )

@@ -10,6 +10,7 @@ from companion.geo.kinematics import nearest_on_way
 from companion.guidance.view import View
 from companion.onboard.config import Config
 from companion.onboard.decision import Purpose
+from companion.onboard.directives import Directives
 from companion.onboard.engagement import Engagement
 from companion.onboard.failsafe import FailsafeStatus, Stage
 from companion.protocol.codec import Directive
@@ -42,7 +43,7 @@ class Situation(NamedTuple):
     home_ned_m: tuple[float, float]
     view: View
     status: FailsafeStatus
-    directive: Directive
+    directives: Directives
     came_from_ned_m: tuple[float, float] | None = None
     """Where the vehicle was at the last tick, if it was steered: it may have passed its target between two ticks."""
     below: str | None = None
@@ -125,13 +126,13 @@ def _passing_m(situation: Situation, target_ned_m: tuple[float, float]) -> float
 def _why_home(situation: Situation) -> str | None:
     if situation.status.stage is Stage.RETURNING:
         return situation.status.words
-    return "directive return" if situation.directive is Directive.RETURN else None
+    return situation.directives.words if situation.directives.in_force is Directive.RETURN else None
 
 
 def _why_wait(situation: Situation) -> str | None:
     if situation.status.stage is Stage.LOITERING:
         return situation.status.words
-    return "directive hold" if situation.directive is Directive.HOLD else None
+    return situation.directives.words if situation.directives.in_force is Directive.HOLD else None
 
 
 def _first_to_arrive(

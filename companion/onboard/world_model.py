@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from companion.guidance.view import Traffic, View
 from companion.onboard.beliefs import Beliefs, Heard, put
+from companion.onboard.directives import Directives
 from companion.onboard.fleet_assembly import FleetAssembly, PlacedThreat
 from companion.onboard.frame_order import Acceptance, FrameOrder
 from companion.onboard.picture import Picture
@@ -28,7 +29,6 @@ from companion.onboard.world_view import (
 )
 from companion.protocol.codec import (
     BandsFrame,
-    Directive,
     FleetFrame,
     Frame,
     MissionFrame,
@@ -50,7 +50,7 @@ class WorldModel:
         self.peer_memory_s = peer_memory_s
         """Age above which a peer's position is left out of views: it is somewhere else by now."""
         self.origin_deg: tuple[float, float] | None = None
-        self.directive = Directive.NORMAL
+        self.directives = Directives()
         self.order = FrameOrder()
         self._sender_clock = SenderClock(agrees=clocks_agree)
         self._state_true_at_s: float | None = None
@@ -121,11 +121,11 @@ class WorldModel:
     def take_state(self, frame: StateFrame, now_s: float) -> bool:
         """Merge a state frame received at `now_s`; return whether it was new.
 
-        Of a frame whose picture was overtaken only the directive counts.
+        Of a frame whose picture was overtaken only the directives count.
         """
         acceptance = self.order.take_part(frame.stamp, now_s)
         if acceptance is not Acceptance.REFUSED:
-            self.directive = frame.directive
+            self.directives = self.directives.after(frame, self.agent_id)
         if not self._follow(acceptance, frame):
             return False
         self._take_origin((frame.origin_lat_deg, frame.origin_lon_deg))
@@ -143,12 +143,12 @@ class WorldModel:
         """Merge a fleet frame received at `now_s`; return whether it was new.
 
         A threat enters the picture once its radii are known as well. Until the epoch's origin is known, only the
-        frame's directive counts and the frame waits; what the picture of the epoch before told stays. Of a frame whose
-        picture was overtaken only the directive counts.
+        frame's directives count and the frame waits; what the picture of the epoch before told stays. Of a frame whose
+        picture was overtaken only the directives count.
         """
         acceptance = self.order.take_part(frame.stamp, now_s)
         if acceptance is not Acceptance.REFUSED:
-            self.directive = frame.directive
+            self.directives = self.directives.after(frame, self.agent_id)
         if not self._follow(acceptance, frame):
             return False
         if self._assembly.origin_told:
@@ -299,6 +299,8 @@ class WorldModel:
         newest = (self.order.epoch_s, self.order.sequence)
         self._beliefs.forget(lambda heard: heard.broadcast != newest)
         self._agents_told = tuple(sorted(self._beliefs.agents))
+        if self.agent_id not in self._beliefs.agents:
+            self.directives = self.directives.unnamed()
 
     def _forget_retired(self) -> None:
         """Forget the threats that the picture lacks, once it is whole: until then one may only be unheard."""

@@ -40,6 +40,7 @@ from companion.protocol.fleet_codec import (
     PAYLOAD_BYTES,
     RADII_HEAD_BYTES,
     FleetEntry,
+    directive_of,
     read_fleet,
     read_radii,
     write_fleet,
@@ -137,6 +138,8 @@ _UNKNOWN_HEADING = UINT16_MAX
 _MIN_RESOLUTION_CM = 1
 DIGEST_BYTES = 8
 _MISSION_NAME_BYTES = PAYLOAD_BYTES - MISSION_HEAD_BYTES
+_DIRECTIVE_SHIFT = 6
+"""Place of an agent's own directive in `agent_target`, whose lower bits say which of the frame's targets is its."""
 _NO_SIGNATURE = [0] * ED25519_BYTES
 
 
@@ -269,13 +272,14 @@ def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
 
 
 def _assigned(frame: StateFrame) -> list[int]:
-    """Return for each agent the index of its target among the frame's targets, counted from 1; 0 for none."""
+    """Return for each agent its target's index in the frame, from 1 on (0: none), and above it its own directive."""
     place = {target.id: index + 1 for index, target in enumerate(frame.targets)}
     assigned = []
     for agent in frame.agents:
         if agent.target_id is not None and agent.target_id not in place:
             raise WireError(f"agent {agent.id} is assigned to target {agent.target_id}, which the frame lacks")
-        assigned.append(0 if agent.target_id is None else place[agent.target_id])
+        index = 0 if agent.target_id is None else place[agent.target_id]
+        assigned.append(index | agent.directive << _DIRECTIVE_SHIFT)
     return assigned
 
 
@@ -408,15 +412,15 @@ def _report_message(frame: ReportFrame) -> oneway.MAVLink_oneway_report_message:
 def _state_frame(message: Fields) -> StateFrame:
     stamp = _stamp(message)
     origin_lat_deg, origin_lon_deg = degrees_of(message.origin_lat, message.origin_lon, "origin")
-    directive = _directive(message)
+    directive = directive_of(message.directive)
     unit_m = message.resolution / 100.0
     if unit_m <= 0:
         raise WireError("resolution is zero")
     agent_ids = _ids(message.agent_id_base, message.agent_id, message.agent_count)
     target_ids = _ids(message.target_id_base, message.target_id, message.target_count)
     threat_ids = _ids(message.threat_id_base, message.threat_id, message.threat_count)
-    assigned = message.agent_target[: len(agent_ids)]
-    if any(place > len(target_ids) for place in assigned):
+    assigned = [divmod(value, 1 << _DIRECTIVE_SHIFT) for value in message.agent_target[: len(agent_ids)]]
+    if any(place > len(target_ids) for _, place in assigned):
         raise WireError("assigned to a target that is not there")
     return StateFrame(
         stamp=stamp,
@@ -428,8 +432,13 @@ def _state_frame(message: Fields) -> StateFrame:
         picture_targets=message.picture_targets,
         resolution_cm=message.resolution,
         agents=tuple(
-            AgentEntry(identity, *_position_m(north, east, unit_m), target_ids[place - 1] if place else None)
-            for identity, north, east, place in zip(
+            AgentEntry(
+                identity,
+                *_position_m(north, east, unit_m),
+                target_ids[place - 1] if place else None,
+                directive_of(directive),
+            )
+            for identity, north, east, (directive, place) in zip(
                 agent_ids, message.agent_north, message.agent_east, assigned, strict=False
             )
         ),
@@ -623,7 +632,8 @@ def _decision_message(frame: DecisionFrame) -> oneway.MAVLink_oneway_decision_me
 def _fleet_frame(message: Fields) -> FleetFrame:
     data = _data_of(message)
     grid = Grid(message.resolution, message.north_base, message.east_base)
-    return FleetFrame(_stamp(message), _directive(message), message.revision, grid, *read_fleet(data, grid))
+    directive = directive_of(message.directive)
+    return FleetFrame(_stamp(message), directive, message.revision, grid, *read_fleet(data, grid))
 
 
 def _radii_frame(message: Fields) -> RadiiFrame:
@@ -697,12 +707,6 @@ def _data_of(message: Fields) -> bytes:
     return bytes(message.data[: message.size])
 
 
-def _directive(message: Fields) -> Directive:
-    if message.directive > _GREATEST_DIRECTIVE:
-        raise WireError("unknown directive")
-    return Directive(message.directive)
-
-
 def _float(value: float) -> float:
     """Return the value rounded to a 32-bit float; nan stays nan."""
     try:
@@ -722,7 +726,6 @@ def _certified(value: float) -> float:
 
 
 _FLOAT = struct.Struct("<f")
-_GREATEST_DIRECTIVE = max(Directive)
 _ALL_FLAGS = int(~DecisionFlag(0))
 _ENCODERS: dict[type[Frame], Callable[[Any], oneway.MAVLink_message]] = {
     StateFrame: _state_message,

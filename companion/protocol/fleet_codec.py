@@ -1,8 +1,9 @@
 """Codec of the packed data in ONEWAY_FLEET and ONEWAY_RADII: sections of records with consecutive ids.
 
 MAVLink sends an array in full, so that few entries would cost as much as many. Here only the bytes in use are sent:
-five for an agent with its position and target. Ages, radii and speeds are rounded up, so that a receiver's disc of a
-threat always contains the true one; bytes that make no sense raise WireError and nothing else.
+five for an agent with its position and target, about one more for a directive of its own. Ages, radii and speeds are
+rounded up, so that a receiver's disc of a threat always contains the true one; bytes that make no sense raise WireError
+and nothing else.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Generic, TypeVar
 
@@ -27,7 +28,7 @@ from companion.protocol.fields import (
     rounded,
     whole,
 )
-from companion.protocol.messages import AgentEntry, Grid, RadiiEntry, TargetEntry, ThreatPlace, WireError
+from companion.protocol.messages import AgentEntry, Directive, Grid, RadiiEntry, TargetEntry, ThreatPlace, WireError
 
 PAYLOAD_BYTES = 255
 """Greatest length of a MAVLink 2 payload."""
@@ -57,6 +58,8 @@ _NOBODY = (UINT16_MAX, UINT16_MAX, 0)
 """Record of an id that no agent has, among agents with a position."""
 _NOBODY_UNPLACED = (UINT8_MAX,)
 """Record of an id that no agent has, among agents without a position."""
+_NO_DIRECTIVE = (0,)
+"""Record of an id that no agent has, or whose agent has no directive of its own."""
 _GREATEST_TARGET_CODE = UINT8_MAX - 1
 """Greatest code of an agent's target: 1 + the target's id - the section's least target id; 0 means no target."""
 
@@ -70,6 +73,7 @@ class Section(IntEnum):
     THREATS = oneway.ONEWAY_SECTION_THREATS
     RADII = oneway.ONEWAY_SECTION_RADII
     RADII_BANDS = oneway.ONEWAY_SECTION_RADII_BANDS
+    DIRECTIVES = oneway.ONEWAY_SECTION_DIRECTIVES
 
 
 FleetEntry = AgentEntry | TargetEntry | ThreatPlace
@@ -84,9 +88,16 @@ _RECORDS = {
     Section.THREATS: struct.Struct("<HHB"),
     Section.RADII: struct.Struct("<HHB"),
     Section.RADII_BANDS: struct.Struct("<HHBhh"),
+    Section.DIRECTIVES: struct.Struct("<B"),
 }
-_ABSENT: dict[Section, Record] = {Section.AGENTS: _NOBODY, Section.AGENTS_UNPLACED: _NOBODY_UNPLACED}
-"""Record of an id that no agent has, for sections of agents; only these have a least target id in their head."""
+_ABSENT: dict[Section, Record] = {
+    Section.AGENTS: _NOBODY,
+    Section.AGENTS_UNPLACED: _NOBODY_UNPLACED,
+    Section.DIRECTIVES: _NO_DIRECTIVE,
+}
+"""Record of an id that is left out, by the kinds of sections in which one may be."""
+_WITH_TARGETS = (Section.AGENTS, Section.AGENTS_UNPLACED)
+"""The kinds of sections that have a least target id in their head."""
 
 
 def data_bytes(head_bytes: int, max_frame_bytes: int, overhead_bytes: int) -> int:
@@ -160,11 +171,15 @@ class _Group(Generic[EntryT]):
 
 
 class Layout(Generic[EntryT]):
-    """Distributes entries over sections one by one, in the order given, and counts the bytes of data."""
+    """Distributes entries over sections one by one, in the order given, and counts the bytes of data.
+
+    An agent with a directive of its own is in two: the second says which.
+    """
 
     def __init__(self) -> None:
         self.size = 0
         self.groups: list[_Group[EntryT]] = []
+        self.directives: list[_Group[EntryT]] = []
 
     @property
     def sections(self) -> list[list[EntryT]]:
@@ -173,37 +188,43 @@ class Layout(Generic[EntryT]):
 
     def cost(self, entry: EntryT) -> int:
         """Return the number of bytes by which an entry would make the data longer."""
-        kind = _kind_of(entry)
-        return _bytes_in(entry, kind, self._joinable(entry, kind))
+        return sum(_bytes_in(entry, kind, _joinable(groups, entry, kind)) for groups, kind in self._places(entry))
 
     def add(self, entry: EntryT) -> None:
         """Add an entry to the last section, or to a new one if it cannot join or a new one takes fewer bytes."""
-        kind = _kind_of(entry)
-        group = self._joinable(entry, kind)
-        self.size += _bytes_in(entry, kind, group)
-        if group is None:
-            group = _Group[EntryT](kind)
-            self.groups.append(group)
-        group.entries.append(entry)
-        target_id = _target_id(entry)
-        if target_id is not None:
-            group.target_base = target_id if group.target_base is None else min(group.target_base, target_id)
-            group.target_top = max(group.target_top, target_id)
+        for groups, kind in self._places(entry):
+            group = _joinable(groups, entry, kind)
+            self.size += _bytes_in(entry, kind, group)
+            if group is None:
+                group = _Group[EntryT](kind)
+                groups.append(group)
+            group.entries.append(entry)
+            target_id = _target_id(entry)
+            if target_id is not None:
+                group.target_base = target_id if group.target_base is None else min(group.target_base, target_id)
+                group.target_top = max(group.target_top, target_id)
 
-    def _joinable(self, entry: EntryT, kind: Section) -> _Group[EntryT] | None:
-        """Return the last section if the entry can join it and that takes no more bytes than a new section."""
-        if not self.groups or self.groups[-1].kind is not kind:
+    def _places(self, entry: EntryT) -> Iterator[tuple[list[_Group[EntryT]], Section]]:
+        """Yield the rows of sections that an entry belongs into, each with the kind that its section has."""
+        yield self.groups, _kind_of(entry)
+        if _own_directive(entry) is not Directive.NORMAL:
+            yield self.directives, Section.DIRECTIVES
+
+
+def _joinable(groups: Sequence[_Group[EntryT]], entry: EntryT, kind: Section) -> _Group[EntryT] | None:
+    """Return the last section if the entry can join it and that takes no more bytes than a new section."""
+    if not groups or groups[-1].kind is not kind:
+        return None
+    group = groups[-1]
+    gap = entry.id - group.entries[-1].id - 1
+    if gap < 0 or (gap > 0 and kind not in _ABSENT) or gap * _RECORDS[kind].size > _head_bytes(kind):
+        return None
+    target_id = _target_id(entry)
+    if kind in _WITH_TARGETS and target_id is not None and group.target_base is not None:
+        base, top = min(group.target_base, target_id), max(group.target_top, target_id)
+        if top - base >= _GREATEST_TARGET_CODE:
             return None
-        group = self.groups[-1]
-        gap = entry.id - group.entries[-1].id - 1
-        if gap < 0 or (gap > 0 and kind not in _ABSENT) or gap * _RECORDS[kind].size > _head_bytes(kind):
-            return None
-        target_id = _target_id(entry)
-        if target_id is not None and group.target_base is not None:
-            base, top = min(group.target_base, target_id), max(group.target_top, target_id)
-            if top - base >= _GREATEST_TARGET_CODE:
-                return None
-        return group
+    return group
 
 
 def _bytes_in(entry: EntryT, kind: Section, group: _Group[EntryT] | None) -> int:
@@ -226,6 +247,8 @@ def write_fleet(entries: Sequence[FleetEntry], grid: Grid) -> bytes:
         raise WireError(f"a base of {grid.north_base}, {grid.east_base} does not fit its fields")
 
     def record(entry: FleetEntry, group: _Group[FleetEntry]) -> Record:
+        if group.kind is Section.DIRECTIVES:
+            return (_own_directive(entry),)
         code = group.target_code(entry.target_id) if isinstance(entry, AgentEntry) else 0
         place = _units(entry, grid.resolution_cm)
         if place is None:
@@ -289,6 +312,7 @@ def read_fleet(
     agents: list[AgentEntry] = []
     targets: list[TargetEntry] = []
     threats: list[ThreatPlace] = []
+    directives: list[tuple[int, Directive]] = []
 
     def place_m(north: int, east: int) -> tuple[float, float]:
         north_m = (BASE_STEP_UNITS * grid.north_base + north) * grid.resolution_cm / 100.0
@@ -304,11 +328,35 @@ def read_fleet(
                 targets.append(TargetEntry(identity, *place_m(*record)))
             elif kind is Section.THREATS:
                 threats.append(ThreatPlace(identity, *place_m(*record[:2]), age_of(record[2])))
+            elif kind is Section.DIRECTIVES:
+                directives.append((identity, directive_of(record[0])))
             else:
                 raise WireError("section out of place")
     for entries in (agents, targets, threats):
         _refuse_twice(entries)
-    return tuple(agents), tuple(targets), tuple(threats)
+    return _directed(agents, directives), tuple(targets), tuple(threats)
+
+
+def _directed(agents: Sequence[AgentEntry], directives: Sequence[tuple[int, Directive]]) -> tuple[AgentEntry, ...]:
+    """Return the agents, each with its own directive if it has one."""
+    by_id = dict(directives)
+    if len(by_id) != len(directives):
+        raise WireError("an id is given twice")
+    if not by_id.keys() <= {agent.id for agent in agents}:
+        raise WireError("directive of an agent that is not there")
+    return tuple(replace(agent, directive=by_id[agent.id]) if agent.id in by_id else agent for agent in agents)
+
+
+def directive_of(value: int) -> Directive:
+    """Return the directive that a field's value means.
+
+    Raises:
+        WireError: there is none of that value.
+
+    """
+    if value not in _DIRECTIVES:
+        raise WireError("unknown directive")
+    return _DIRECTIVES[value]
 
 
 def read_radii(data: bytes, resolution_cm: int) -> tuple[RadiiEntry, ...]:
@@ -351,7 +399,7 @@ def _sections(data: bytes) -> Iterator[tuple[Section, int, list[tuple[int, Recor
             raise WireError("section cut short")
         if count == 0 or first_id + count - 1 > UINT16_MAX:
             raise WireError("ids out of range")
-        (target_base,) = _TARGET_BASE.unpack_from(data, start - _TARGET_BASE.size) if kind in _ABSENT else (0,)
+        (target_base,) = _TARGET_BASE.unpack_from(data, start - _TARGET_BASE.size) if kind in _WITH_TARGETS else (0,)
         records = enumerate(layout.iter_unpack(data[start:at]), first_id)
         nobody = _ABSENT.get(kind)
         yield kind, target_base, [(identity, record) for identity, record in records if record != nobody]
@@ -370,11 +418,11 @@ def _written(
     if layout.size > greatest_bytes:
         raise WireError(f"{layout.size} bytes of entries; a frame holds {greatest_bytes}")
     data = bytearray()
-    for group in layout.groups:
+    for group in (*layout.groups, *layout.directives):
         layout_of_one, absent = _RECORDS[group.kind], _ABSENT.get(group.kind)
         next_id = group.entries[0].id
         data += _SECTION_HEAD.pack(group.kind, group.entries[-1].id - next_id + 1, next_id)
-        if absent is not None:
+        if group.kind in _WITH_TARGETS:
             data += _TARGET_BASE.pack(group.target_base or 0)
         for entry in group.entries:
             if absent is not None:
@@ -385,6 +433,7 @@ def _written(
 
 
 _KINDS = {int(kind): kind for kind in Section}
+_DIRECTIVES = {int(directive): directive for directive in Directive}
 
 
 def _kind_of(entry: Entry) -> Section:
@@ -398,7 +447,11 @@ def _kind_of(entry: Entry) -> Section:
 
 
 def _head_bytes(kind: Section) -> int:
-    return _SECTION_HEAD.size + (_TARGET_BASE.size if kind in _ABSENT else 0)
+    return _SECTION_HEAD.size + (_TARGET_BASE.size if kind in _WITH_TARGETS else 0)
+
+
+def _own_directive(entry: Entry) -> Directive:
+    return entry.directive if isinstance(entry, AgentEntry) else Directive.NORMAL
 
 
 def _target_id(entry: Entry) -> int | None:

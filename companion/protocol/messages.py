@@ -14,7 +14,10 @@ REVISIONS = 256
 
 
 class Directive(IntEnum):
-    """The command that the ground station gives to all agents at once (ONEWAY_DIRECTIVE)."""
+    """The command that the ground station gives to all agents at once, or to one (ONEWAY_DIRECTIVE).
+
+    The greater is the stronger: of the word for all and an agent's own the stronger one is obeyed.
+    """
 
     NORMAL = oneway.ONEWAY_DIRECTIVE_NORMAL
     HOLD = oneway.ONEWAY_DIRECTIVE_HOLD
@@ -35,7 +38,7 @@ class WireError(ValueError):
 
 @dataclass(frozen=True)
 class AgentEntry:
-    """Position and assigned target of an agent.
+    """Position and assigned target of an agent, and the directive for it alone.
 
     Both coordinates are None if the position is not known; an agent without a target (None) loiters.
     """
@@ -44,6 +47,7 @@ class AgentEntry:
     north_m: float | None
     east_m: float | None
     target_id: int | None
+    directive: Directive = Directive.NORMAL
 
     @property
     def position_ned_m(self) -> tuple[float, float] | None:

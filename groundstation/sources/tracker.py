@@ -64,7 +64,8 @@ class Moved(NamedTuple):
     velocity: complex
     """Along the axes of the grid, in m/s; 0 where none is told."""
     at_s: float
-    error_m: float
+    is_listed: bool
+    """Whether it is a thing of the mission's file, whose own bounds hold for it."""
 
 
 class Taken(NamedTuple):
@@ -202,8 +203,7 @@ class Tracker:
         self._put(thing)
         if thing.id is None or not self._owns(thing, now_s):
             return None
-        error_m = rules.bound(sighting, 0.0).noise.error_m
-        return Moved(kind, thing.id, thing.place, thing.velocity or 0j, at_s, error_m)
+        return Moved(kind, thing.id, thing.place, thing.velocity or 0j, at_s, thing.is_listed)
 
     def due(
         self, agents: Sequence[complex], reach_m: float, now_s: float, failed: Collection[str] = ()
@@ -253,11 +253,12 @@ class Tracker:
             self._put(replace(heir, id=dropped.id, wire=wire))
             self._claims[self._claim(heir.key)] = heir.key
 
-    def declined(self, wanted: Taken, why: str, now_s: float) -> None:
+    def declined(self, wanted: Taken | Dropped, why: str, now_s: float) -> None:
         """Note that the ground station refused something, which is not asked for again at once."""
         thing = self._tables[wanted.key.source].get(wanted.key.key)
         if thing is not None:
             self._put(replace(thing, waits_until_s=now_s + AGAIN_S))
+        self.refused[wanted.key.source] += 1
         words = why.replace("{", "(").replace("}", ")")
         self.refusals.add((wanted.key.source, "refused"), f"{wanted.key.source}: not taken in, {{}} times: {words}")
 
@@ -375,7 +376,7 @@ class Tracker:
         drops = []
         rules = self._rules[source]
         for thing in self._tables[source].values():
-            if thing.id is None or thing.is_listed:
+            if thing.id is None or thing.is_listed or now_s < thing.waits_until_s:
                 continue
             ends_s = thing.ends_s(rules, factor)
             if now_s > ends_s:
@@ -403,7 +404,7 @@ class Tracker:
     ) -> tuple[list[Taken], list[Dropped]]:
         """Return what a source sees that is wanted in the picture, and what gives way to it in one that is full."""
         rules, table = self._rules[source], self._tables[source]
-        changes = [thing for thing in table.values() if thing.outruns(SOON)]
+        changes = [thing for thing in table.values() if thing.outruns(SOON) and now_s >= thing.waits_until_s]
         new = [thing for thing in table.values() if self._is_wanted(thing, rules, now_s)]
         if not changes and not new:
             return [], []

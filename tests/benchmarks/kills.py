@@ -46,7 +46,7 @@ from companion.protocol.ed25519 import FrameSigner
 from companion.protocol.frame import raw_frame
 from companion.protocol.keys import keygen, load_mavlink_key, load_private, load_public
 from companion.protocol.messages import Directive
-from groundstation.saved_state import saved_state_from
+from groundstation.saved_state import state_in
 from sim.faults.scene import DEMANDED
 from sim.safety_pilot import SafetyPilot
 from sim.vehicles import CRAFTS, Home, Setup, StandIn
@@ -400,7 +400,7 @@ def kill_groundstation(seed: int, folder: Path) -> Run:
     (folder / "mission.yaml").write_text(MISSION, encoding="utf-8")
     ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     ear.bind(("127.0.0.1", 0))
-    state = disk.folder / "ground.json"
+    state = disk.folder / "ground.state"
     arguments = (
         "groundstation", "run", str(folder / "mission.yaml"), "--link", f"udpout:127.0.0.1:{ear.getsockname()[1]}",
         "--keys", str(keys), "--state", str(state), "--log", str(disk.folder / "ground.tlog"),
@@ -425,7 +425,7 @@ def kill_groundstation(seed: int, folder: Path) -> Run:
     if mended:
         disk.mend(how)
     if state.exists():
-        saved_state_from(state.read_text(), state)
+        state_in(state)
     program = Child(folder / "again.txt", *arguments)
     after = _heard(ear, vehicle, START_LIMIT_S, 2)
     run.expect(len(after) >= 2, f"not believed after it was started again: {program.said[-300:]}; {vehicle.rejected}")

@@ -272,6 +272,20 @@ def test_lost_agents_and_completed_targets_are_left_out() -> None:
     assert [target.id for target in frame.targets] == [1]
 
 
+def test_each_agent_travels_with_its_own_directive_and_a_lost_one_only_with_that() -> None:
+    mission = mission_of({1: (0.0, 0.0), 2: (5.0, 0.0), 3: (9.0, 9.0)}, {1: (9.0, 9.0)}, {})
+    picture = ground(mission)
+    picture.progress = MissionProgress(lost=frozenset({1, 2}))
+    told = broadcast(mission)._replace(directives={1: Directive.RETURN, 3: Directive.HOLD, 7: Directive.HOLD})
+    (state,) = state_frames(picture, mission, {3: 1}, told)
+    (fleet,) = fleet_frames(picture, mission, {3: 1}, told, 200)
+    assert {agent.id: (agent.position_ned_m is None, agent.target_id, agent.directive) for agent in state.agents} == {
+        1: (True, None, Directive.RETURN),
+        3: (False, 1, Directive.HOLD),
+    }
+    assert {agent.id: agent.directive for agent in fleet.agents} == {1: Directive.RETURN, 3: Directive.HOLD}
+
+
 def motions(tracks: dict[tuple[Kind, int], Track], at_s: float) -> MotionFrame:
     mission = mission_of({1: (0.0, 0.0)}, {2: (9.0, 9.0)}, {3: (50_000.0, 0.0)})
     picture = ground(mission)

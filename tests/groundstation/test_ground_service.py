@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import importlib
-import json
 import os
 import socket
 import time
@@ -40,6 +39,7 @@ from groundstation.saved_state import (
     epoch_after,
     saved_state_from,
     signing_after,
+    state_in,
     text_of,
     threats_digest,
 )
@@ -194,7 +194,7 @@ def test_a_restart_begins_an_epoch_after_the_last(ear: Ear, tmp_path: Path) -> N
         ear.heard().clear()
         broadcast_until(Options(ear.link, "unsigned", state=state), lambda: len(ear.heard()) >= 1)
         epochs.append(int.from_bytes(ear.heard()[0][10:14], "little"))
-        assert json.loads(state.read_text())["epoch_s"] == epochs[-1]
+        assert kept_in(state).epoch_s == epochs[-1]
     assert epochs == sorted(set(epochs))
 
 
@@ -240,7 +240,7 @@ def test_with_the_clock_far_behind_the_last_run_it_does_not_start(
     state = tmp_path / "ground.state"
     options = Options(ear.link, "unsigned", state=state)
     broadcast_until(options, lambda: len(ear.heard()) >= 1)
-    before = state.read_text()
+    before = kept_in(state)
     ear.heard().clear()
     set_clock(monkeypatch, -3_600.0)
     with pytest.raises(
@@ -248,7 +248,7 @@ def test_with_the_clock_far_behind_the_last_run_it_does_not_start(
     ):
         broadcast_until(options, lambda: False)
     assert ear.heard() == []
-    assert state.read_text() == before
+    assert kept_in(state) == before
 
 
 @pytest.mark.slow
@@ -259,7 +259,7 @@ def test_no_mavlink_time_is_at_or_below_one_signed_before(ear: Ear, keys: Path) 
     broadcast_until(Options(ear.link, "mavlink", keys, state=state), lambda: len(ear.heard()) >= 3)
     times = [int.from_bytes(raw[-12:-6], "little") for raw in ear.heard()]
     assert times == list(range(ahead + 1, ahead + 1 + len(times)))
-    assert saved_state_from(state.read_text(), state).signing_timestamp >= ahead + len(times)
+    assert kept_in(state).signing_timestamp >= ahead + len(times)
 
 
 def test_a_signing_time_far_ahead_is_refused_where_vehicles_look_at_it_and_only_there() -> None:
@@ -273,7 +273,13 @@ def test_a_run_without_mavlink_signing_forgets_no_signing_time(ear: Ear, tmp_pat
     state = tmp_path / "ground.state"
     state.write_text(text_of(replace(KEPT, signing_timestamp=12_345)))
     broadcast_until(Options(ear.link, "unsigned", state=state), lambda: len(ear.heard()) >= 1)
-    assert saved_state_from(state.read_text(), state).signing_timestamp == 12_345
+    assert kept_in(state).signing_timestamp == 12_345
+
+
+def kept_in(path: Path) -> SavedState:
+    state = state_in(path)
+    assert state is not None
+    return state
 
 
 def threat_radius_m(ear: Ear) -> float:
@@ -288,14 +294,14 @@ def test_after_a_restart_the_threats_are_as_old_as_the_mission(
     options = Options(ear.link, "unsigned", state=state)
     broadcast_until(options, lambda: len(ear.heard()) >= 1)
     assert threat_radius_m(ear) < 3_050.0
-    kept = saved_state_from(state.read_text(), state)
-    state.write_text(text_of(replace(kept, began_s=kept.began_s - 600.0)))
+    kept = kept_in(state)
+    state.write_text(text_of(replace(kept, began_s=kept.began_s - 600.0)))  # As releases before the store wrote it.
     ear.heard().clear()
     capsys.readouterr()
     broadcast_until(options, lambda: len(ear.heard()) >= 1)
     assert threat_radius_m(ear) >= 3_000.0 + 600.0 * 10.0
     assert "threats: where the mission says 60" in capsys.readouterr().out
-    assert saved_state_from(state.read_text(), state).began_s == kept.began_s - 600.0
+    assert kept_in(state).began_s == kept.began_s - 600.0
 
 
 def test_only_the_same_threats_are_as_old_as_the_last_run_has_them() -> None:
@@ -333,7 +339,7 @@ def test_a_directive_is_on_disk_at_once_and_holds_after_a_restart(
             # Looked at while the program runs: it is not its end that writes this.
             heard = [frame.directive for frame in admitted(ear.heard(), Trust())] if ear.heard() else []
             if Directive.HOLD in heard:
-                found.append(saved_state_from(state.read_text(), state).directive)
+                found.append(kept_in(state).directive)
             return bool(found)
 
         broadcast_until(options, held)
@@ -401,10 +407,10 @@ def test_a_disk_that_takes_neither_state_nor_log_is_told_and_silences_nobody(
 
     broadcast_until(Options(ear.link, "unsigned", state=state, log=tmp_path / "nowhere" / "x.tlog"), done)
     said = capsys.readouterr()
-    assert f"groundstation: warning: {state}: cannot write the state" in said.err
+    assert f"groundstation: warning: {state}: cannot write the store" in said.err
     assert "groundstation: warning: no logs: No such file or directory; broadcasting without them" in said.err
     assert said.err.count("warning: ") == 2
-    assert f"groundstation: {state}: the state is written again" in said.out
+    assert f"groundstation: {state}: the store is written again" in said.out
 
 
 def test_logs_of_one_name_have_a_bound_together_and_none_is_written_over(tmp_path: Path) -> None:

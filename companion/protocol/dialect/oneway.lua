@@ -72,6 +72,7 @@ local enumEntryName = {
         [4] = "ONEWAY_SECTION_THREATS",
         [5] = "ONEWAY_SECTION_RADII",
         [6] = "ONEWAY_SECTION_RADII_BANDS",
+        [7] = "ONEWAY_SECTION_DIRECTIVES",
     },
     ["ONEWAY_DECISION_FLAGS"] = {
         [1] = "ONEWAY_DECISION_TURN_LIMITED",

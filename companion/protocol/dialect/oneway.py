@@ -397,8 +397,10 @@ ONEWAY_SECTION_RADII = 5
 enums["ONEWAY_SECTION"][5] = EnumEntry("ONEWAY_SECTION_RADII", """detection radius, attack radius (uint16, units of resolution, rounded up), greatest speed (uint8, m/s, rounded up).""")
 ONEWAY_SECTION_RADII_BANDS = 6
 enums["ONEWAY_SECTION"][6] = EnumEntry("ONEWAY_SECTION_RADII_BANDS", """As ONEWAY_SECTION_RADII, then least and greatest height above sea level that the threat reaches (int16, m, rounded outwards; INT16_MIN, INT16_MAX: no limit).""")
-ONEWAY_SECTION_ENUM_END = 7
-enums["ONEWAY_SECTION"][7] = EnumEntry("ONEWAY_SECTION_ENUM_END", """""")
+ONEWAY_SECTION_DIRECTIVES = 7
+enums["ONEWAY_SECTION"][7] = EnumEntry("ONEWAY_SECTION_DIRECTIVES", """What the ground station wants of single agents that the same data name (uint8, ONEWAY_DIRECTIVE; 0: nothing of its own). An agent that no such record names has no directive of its own.""")
+ONEWAY_SECTION_ENUM_END = 8
+enums["ONEWAY_SECTION"][8] = EnumEntry("ONEWAY_SECTION_ENUM_END", """""")
 
 # ONEWAY_DECISION_FLAGS
 enums["ONEWAY_DECISION_FLAGS"] = Enum()
@@ -1916,7 +1918,7 @@ class MAVLink(object):
         threat_id                 : Id of each threat less threat_id_base. (type:uint8_t)
         target_id                 : Id of each target less target_id_base. (type:uint8_t)
         agent_id                  : Id of each agent less agent_id_base. (type:uint8_t)
-        agent_target              : Assigned target of each agent: 1 + its place in this frame's target entries, 0 for none (loiter). (type:uint8_t)
+        agent_target              : Assigned target of each agent: 1 + its place in this frame's target entries, 0 for none (loiter). The two highest bits are the agent's own directive (ONEWAY_DIRECTIVE). (type:uint8_t)
         ed25519_signature         : Signature of the frame by the ground station; all zero (and then not transmitted) when unsigned. (type:uint8_t)
 
         """
@@ -1961,7 +1963,7 @@ class MAVLink(object):
         threat_id                 : Id of each threat less threat_id_base. (type:uint8_t)
         target_id                 : Id of each target less target_id_base. (type:uint8_t)
         agent_id                  : Id of each agent less agent_id_base. (type:uint8_t)
-        agent_target              : Assigned target of each agent: 1 + its place in this frame's target entries, 0 for none (loiter). (type:uint8_t)
+        agent_target              : Assigned target of each agent: 1 + its place in this frame's target entries, 0 for none (loiter). The two highest bits are the agent's own directive (ONEWAY_DIRECTIVE). (type:uint8_t)
         ed25519_signature         : Signature of the frame by the ground station; all zero (and then not transmitted) when unsigned. (type:uint8_t)
 
         """

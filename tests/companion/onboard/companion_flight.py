@@ -206,15 +206,19 @@ class Flight:
         target: tuple[float, float] | None = (5_000.0, 0.0),
         *,
         directive: Directive = Directive.NORMAL,
+        own: Directive = Directive.NORMAL,
         threats: tuple[ThreatEntry, ...] = (),
         agents: tuple[AgentEntry, ...] = (),
         revision: int = 1,
         lost: tuple[int, ...] = (),
     ) -> None:
-        """Broadcast a state in frames of four threats; `lost` are the indices of those that do not arrive."""
+        """Broadcast a state in frames of four threats; `lost` are the indices of those that do not arrive.
+
+        `own` is the directive for this vehicle alone.
+        """
         self.sequence += 1
         targets = () if target is None else (TargetEntry(4, *target),)
-        me = AgentEntry(ME, 0.0, 0.0, 4 if targets else None)
+        me = AgentEntry(ME, 0.0, 0.0, 4 if targets else None, own)
         parts = [threats[k : k + THREATS_PER_FRAME] for k in range(0, max(1, len(threats)), THREATS_PER_FRAME)]
         points = [one.position_ned_m for one in agents]
         points += [(one.north_m, one.east_m) for one in (*targets, *threats)]

@@ -313,6 +313,25 @@ def test_it_holds_on_the_directive_hold() -> None:
     assert math.hypot(setpoint.vx, setpoint.vy) == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("for_all", "own", "purpose", "reason"),
+    [
+        (Directive.NORMAL, Directive.HOLD, Purpose.LOITER, "directive hold, for this agent"),
+        (Directive.HOLD, Directive.RETURN, Purpose.RETURN, "directive return, for this agent"),
+        (Directive.RETURN, Directive.HOLD, Purpose.RETURN, "directive return"),
+        (Directive.HOLD, Directive.HOLD, Purpose.LOITER, "directive hold"),
+    ],
+)
+def test_it_obeys_the_stronger_of_its_own_directive_and_that_for_all_and_says_which(
+    for_all: Directive, own: Directive, purpose: Purpose, reason: str
+) -> None:
+    flight = guided()
+    flight.home(-2_000.0, 0.0)
+    flight.broadcast(directive=for_all, own=own)
+    decision, _ = flight.at()
+    assert (decision.purpose, decision.reason) == (purpose, reason)
+
+
 def test_it_comes_home_on_the_directive_return_and_loiters_there() -> None:
     flight = guided()
     flight.home(-2_000.0, 0.0)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from companion.guidance.view import View
 from companion.onboard.config import Config
 from companion.onboard.decision import Purpose
+from companion.onboard.directives import Directives
 from companion.onboard.engagement import Engagement
 from companion.onboard.failsafe import Cause, FailsafeStatus, Stage, Trigger
 from companion.onboard.goal import ARRIVAL_SHARE, Goal, LoiterGeometry, Situation, choose_goal
@@ -39,7 +40,7 @@ def goal(
     came_from_ned_m: tuple[float, float] | None = None,
 ) -> Goal:
     situation = Situation(
-        (north_m, 0.0), HOME_NED_M, seen or view(), status or FailsafeStatus(), directive, came_from_ned_m
+        (north_m, 0.0), HOME_NED_M, seen or view(), status or FailsafeStatus(), Directives(directive), came_from_ned_m
     )
     return choose_goal(situation, before or Engagement(), CONFIG, LOITER)
 
@@ -84,7 +85,7 @@ def test_arriving_is_judged_by_the_nearest_point_of_the_way_between_two_ticks(
     way = [(ends[0][0] + s * (ends[1][0] - ends[0][0]), ends[0][1] + s * (ends[1][1] - ends[0][1])) for s in shares]
     nearest_m = min(math.dist(place, (1_000.0, 0.0)) for place in way)
     assume(abs(nearest_m - within_m) > 0.01 * within_m)
-    situation = Situation(ends[1], HOME_NED_M, view(), FailsafeStatus(), Directive.NORMAL, ends[0])
+    situation = Situation(ends[1], HOME_NED_M, view(), FailsafeStatus(), Directives(), ends[0])
     chosen = choose_goal(situation, Engagement(), CONFIG, LOITER)
     assert (chosen.arrived_ned_m is not None) is (nearest_m < within_m)
 

@@ -21,6 +21,7 @@ from companion.guidance.approach import SPEED_LAG_S, STANDING_M_S, Flown, approa
 from companion.guidance.view import View
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.decision import Purpose
+from companion.onboard.directives import Directives
 from companion.onboard.engagement import Engagement, GridSetpoint
 from companion.onboard.failsafe import FailsafeStatus
 from companion.onboard.goal import Situation, choose_goal
@@ -84,7 +85,8 @@ def flown(scene: Scene, lasts_s: float) -> list[Sample]:
     before, came_from, samples = Engagement(), None, []
     for step in range(round(lasts_s / STEP_S)):
         motion = Motion(place.real, place.imag, math.atan2(velocity.imag, velocity.real) % math.tau, abs(velocity))
-        situation = Situation(motion.position_ned_m, HOME_NED_M, view, FailsafeStatus(), scene.directive, came_from)
+        directives = Directives(scene.directive)
+        situation = Situation(motion.position_ned_m, HOME_NED_M, view, FailsafeStatus(), directives, came_from)
         goal = choose_goal(situation, before, config, steering.loiter)
         steered = steer(steering, goal, Moment(motion, view, 0.0, step * STEP_S), before)
         samples.append(Sample(step * STEP_S, place, velocity, steered))
@@ -257,7 +259,8 @@ def test_who_stands_and_must_only_wait_keeps_its_place() -> None:
         loiter_place_ned_m=last.steered.loiter_place_ned_m, loiter_about_ned_m=last.steered.loiter_about_ned_m
     )
     view = replace(WorldModel(ME).view(0.0), target_ned_m=TARGET_NED_M)
-    situation = Situation((last.place.real, last.place.imag), HOME_NED_M, view, FailsafeStatus(), Directive.HOLD, None)
+    here_ned_m = (last.place.real, last.place.imag)
+    situation = Situation(here_ned_m, HOME_NED_M, view, FailsafeStatus(), Directives(Directive.HOLD), None)
     goal = choose_goal(situation, before, COPTER.config, steering.loiter)
     motion = Motion(last.place.real, last.place.imag, 0.0, 0.0)
     held = steer(steering, goal, Moment(motion, view, 0.0, 0.0), before)

@@ -123,7 +123,38 @@ def test_an_older_frame_is_refused() -> None:
 
 def test_the_directive_is_that_of_the_newest_frame() -> None:
     picture = picture_of(state(1, directive=Directive.RETURN), state(2, directive=Directive.HOLD))
-    assert picture.directive is Directive.HOLD
+    assert picture.directives.in_force is Directive.HOLD
+
+
+def me(own: Directive) -> tuple[AgentEntry, ...]:
+    return (AgentEntry(ME, 0.0, 0.0, 1, own), AgentEntry(9, 9.0, 9.0, 1, Directive.RETURN))
+
+
+@pytest.mark.parametrize("own", Directive)
+@pytest.mark.parametrize("for_all", Directive)
+def test_of_the_directive_for_all_and_its_own_a_vehicle_obeys_the_stronger(own: Directive, for_all: Directive) -> None:
+    picture = picture_of(state(1, agents=me(own), directive=for_all))
+    assert picture.directives.in_force is max(own, for_all)
+
+
+def test_its_own_directive_ends_with_the_first_frame_that_names_it_without_one() -> None:
+    picture = picture_of(state(1, agents=me(Directive.HOLD)), state(2, agents=me(Directive.NORMAL)))
+    assert picture.directives.in_force is Directive.NORMAL
+
+
+def test_frames_that_do_not_name_it_leave_its_own_directive_also_after_the_ground_station_has_restarted() -> None:
+    others = (AgentEntry(9, 9.0, 9.0, 1, Directive.HOLD),)
+    picture = picture_of(state(1, agents=me(Directive.RETURN)), state(2, agents=others, index=1, count=2))
+    later = EPOCH_S + 2_600
+    picture.take_state(state(1, agents=others, index=1, count=2, epoch_s=later), time_of(1, later))
+    assert picture.directives.words == "directive return, for this agent"
+    picture.take_state(state(1, agents=me(Directive.HOLD), count=2, epoch_s=later), time_of(1, later))
+    assert picture.directives.words == "directive hold, for this agent"
+
+
+def test_its_own_directive_is_forgotten_with_a_whole_broadcast_that_does_not_name_it() -> None:
+    picture = picture_of(state(1, agents=me(Directive.RETURN)), state(2, agents=()))
+    assert picture.directives.in_force is Directive.NORMAL
 
 
 # Epochs
@@ -750,7 +781,8 @@ def test_fleet_frames_wait_for_the_origin_and_keep_their_age() -> None:
 
 
 def test_a_directive_needs_no_origin() -> None:
-    assert heard(fleet(1, directive=Directive.HOLD)).directive is Directive.HOLD
+    assert heard(fleet(1, directive=Directive.HOLD)).directives.in_force is Directive.HOLD
+    assert heard(fleet(1, me(Directive.RETURN))).directives.in_force is Directive.RETURN
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
@@ -1043,8 +1075,14 @@ def test_a_frame_of_a_revision_overtaken_by_a_radii_frame_brings_its_directive_a
     picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)), radii(3, RADII, revision=2))
     late = fleet(2, targets=target_at(99.0), threats=(replace(PLACE, north_m=9.0),), directive=Directive.RETURN)
     assert not picture.take(late, time_of(3))
-    assert picture.directive is Directive.RETURN
+    assert picture.directives.in_force is Directive.RETURN
     assert picture.view(time_of(3)).threats_ned_m.tolist() == [[1_000.0, 2_000.0]]
+
+
+def test_a_frame_of_a_revision_overtaken_brings_the_vehicles_own_directive() -> None:
+    picture = heard(mission(1, 1), radii(1, RADII), fleet(1, threats=(PLACE,)), radii(3, RADII, revision=2))
+    assert not picture.take(fleet(2, me(Directive.HOLD)), time_of(3))
+    assert picture.directives.words == "directive hold, for this agent"
 
 
 def test_radii_of_a_revision_that_is_over_are_refused() -> None:

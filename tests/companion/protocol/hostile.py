@@ -353,6 +353,7 @@ _STATE_NONSENSE: tuple[dict[str, object], ...] = (
     {"threat_attack": [0] * 4},
     {"threat_attack": [65_535] * 4},
     {"agent_target": [9] * 10},
+    {"agent_target": [0xC0] * 10},
     {"agent_north": [-32_768] * 10},
     {"agent_count": 2},
     {"threat_id_base": 65_535, "threat_id": [255] * 4},
@@ -371,9 +372,10 @@ _FLEET_NONSENSE = (
     _FLEET_HEAD + b"\x01\xff",
     _FLEET_HEAD + b"\x04\xff\xff\xff\xff",
     _FLEET_HEAD + b"\xa0",
+    struct.pack("<hhHBBBB", 0, 0, 100, 1, 0, 0, 1) + b"\x05\x07\x01\x01\x00\x02",
 )
-"""Payloads behind the stamp: resolution 0, an unknown directive, frame 1 of 1 counted from 0, and sections that are cut
-short or unknown."""
+"""Payloads behind the stamp: resolution 0, an unknown directive, frame 1 of 1 counted from 0, sections that are cut
+short or unknown, and a directive for an agent that is not there."""
 
 
 def _nonsense() -> tuple[tuple[int, bytes], ...]:

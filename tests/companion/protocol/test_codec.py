@@ -884,6 +884,8 @@ def forged_state(**fields: object) -> bytes:
         ({"agent_count": 11}, "count out of range"),
         ({"threat_count": 5}, "count out of range"),
         ({"target_count": 4}, "assigned to a target that is not there"),
+        ({"agent_target": [0x80 | 6] * 10}, "assigned to a target that is not there"),
+        ({"agent_target": [0xC1] * 10}, "unknown directive"),
         ({"frame_index": 2}, "frame index out of range"),
         ({"frame_count": 0}, "frame index out of range"),
         ({"origin_lat": 900_000_001}, "origin out of range"),
@@ -898,6 +900,27 @@ def test_a_field_that_makes_no_sense_is_counted_by_its_reason(fields: dict[str, 
     reader = FrameReader()
     assert reader.read(forged_state(**fields)) == []
     assert reader.rejected == {reason: 1}
+
+
+@given(st.lists(st.sampled_from(Directive), min_size=2, max_size=2))
+def test_a_directive_for_one_agent_returns_beside_its_target_and_makes_the_frame_no_longer(
+    own: list[Directive],
+) -> None:
+    agents = tuple(replace(agent, directive=word) for agent, word in zip(SMALL_STATE.agents, own, strict=True))
+    directed = replace(SMALL_STATE, agents=agents)
+    decoded = state_through(directed)
+    assert [(agent.target_id, agent.directive) for agent in decoded.agents] == [(42, own[0]), (None, own[1])]
+    assert len(FrameWriter().encode(directed)) <= len(FrameWriter().encode(SMALL_STATE)) + 1
+
+
+def test_the_bytes_of_directives_for_single_agents_are_pinned() -> None:
+    agents = tuple(
+        replace(agent, directive=own)
+        for agent, own in zip(SMALL_STATE.agents, (Directive.RETURN, Directive.HOLD), strict=True)
+    )
+    plain, directed = (FrameWriter().encode(replace(SMALL_STATE, agents=told)) for told in (SMALL_STATE.agents, agents))
+    assert plain[-3:-2].hex() == "01"
+    assert directed[-4:-2].hex() == "8140"
 
 
 def test_a_genuine_frame_under_the_same_forging_is_accepted() -> None:

@@ -178,7 +178,11 @@ def fleets(draw: st.DrawFn, reach_m: float = SIDE_M) -> FleetFrame:
     goes_to = st.none() | ids_16
     return fitted(
         fleet_of(
-            agents=tuple(AgentEntry(k, place[0], place[1], draw(goes_to)) for k in ids(8) for place in [draw(placed)]),
+            agents=tuple(
+                AgentEntry(k, place[0], place[1], draw(goes_to), draw(st.sampled_from(Directive)))
+                for k in ids(8)
+                for place in [draw(placed)]
+            ),
             targets=tuple(targets),
             threats=tuple(ThreatPlace(k, draw(coordinate), draw(coordinate), draw(ages_s)) for k in ids(5)),
         )
@@ -253,7 +257,7 @@ def test_a_fleet_frame_returns_every_id_target_and_place_within_half_a_unit(fram
             if before.north_m is not None:
                 assert abs(after.north_m - before.north_m) <= half_m
                 assert abs(after.east_m - before.east_m) <= half_m
-    assert [agent.target_id for agent in decoded.agents] == [agent.target_id for agent in frame.agents]
+    assert [(a.target_id, a.directive) for a in decoded.agents] == [(a.target_id, a.directive) for a in frame.agents]
 
 
 @pytest.mark.slow
@@ -636,7 +640,11 @@ AGENT = section(1, 1, 5, struct.pack("<HHHB", 9, 0, 0, 1))
         (SMALL_FLEET, fleet_data(AGENT + b"\x03\x01\x00"), "section cut short"),
         (SMALL_FLEET, fleet_data(section(1, 1, 5)), "section cut short"),
         (SMALL_FLEET, fleet_data(section(0, 1, 5, bytes(9))), "unknown section"),
-        (SMALL_FLEET, fleet_data(section(7, 1, 5, bytes(9))), "unknown section"),
+        (SMALL_FLEET, fleet_data(section(8, 1, 5, bytes(9))), "unknown section"),
+        (SMALL_FLEET, fleet_data(AGENT + section(7, 1, 5, b"\3")), "unknown directive"),
+        (SMALL_FLEET, fleet_data(AGENT + section(7, 1, 6, b"\1")), "directive of an agent that is not there"),
+        (SMALL_FLEET, fleet_data(AGENT + section(7, 1, 5, b"\1") * 2), "an id is given twice"),
+        (SMALL_RADII, radii_data(section(7, 1, 5, b"\1")), "section out of place"),
         (SMALL_FLEET, fleet_data(section(5, 1, 5, bytes(5))), "section out of place"),
         (SMALL_FLEET, fleet_data(section(3, 0, 5)), "ids out of range"),
         (SMALL_FLEET, fleet_data(section(3, 2, 65_535, bytes(8))), "ids out of range"),
@@ -675,6 +683,25 @@ def test_a_frame_that_makes_no_sense_is_refused_with_its_reason(
     with pytest.raises(WireError) as error:
         decode_frame(raw_frame(message_of(frame, **fields)))
     assert str(error.value) == reason
+
+
+def directed(frame: FleetFrame, own: dict[int, Directive]) -> FleetFrame:
+    agents = (replace(agent, directive=own.get(agent.id, Directive.NORMAL)) for agent in frame.agents)
+    return replace(frame, agents=tuple(agents))
+
+
+def test_directives_for_single_agents_stand_in_a_section_of_their_own_that_costs_nothing_without_them() -> None:
+    told = directed(SMALL_FLEET, {300: Directive.HOLD, 302: Directive.RETURN})
+    plain, longer = (FrameWriter().encode(frame) for frame in (SMALL_FLEET, told))
+    assert longer[:-2].endswith(plain[33:-2] + bytes.fromhex("07032c01010002"))
+    assert [agent.directive for agent in fleet_through(told).agents] == [Directive.HOLD, Directive.RETURN, 0]
+
+
+@pytest.mark.parametrize(("step", "bytes_more"), [(40, 5), (2, 4 + 39), (1, 4 + 40), (8, 5 * 5)])
+def test_a_directive_for_one_in_so_many_agents_of_a_frame_costs_that_many_bytes(step: int, bytes_more: int) -> None:
+    frame = fleet_of(agents=tuple(AgentEntry(k, None, None, 1) for k in range(1, 41)))
+    told = directed(frame, dict.fromkeys(range(1, 41, step), Directive.HOLD))
+    assert len(FrameWriter().encode(told)) - len(FrameWriter().encode(frame)) == bytes_more
 
 
 def test_a_record_for_nobody_is_nobody() -> None:

@@ -1,0 +1,94 @@
+"""The web application: API, stream, page, map library and tiles, behind the guards."""
+
+from __future__ import annotations
+
+from importlib import resources
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+
+from companion.files.yaml import fault_text
+from groundstation.web.api import Api, api_router
+from groundstation.web.guards import Guards
+from groundstation.web.stream import stream_router
+
+_DESCRIPTION = "What the ground station knows and broadcasts, and the commands that it takes (docs/ground-station.md)."
+
+
+def application(api: Api, hosts: list[str]) -> ASGIApp:
+    """Return the ASGI application; `hosts` are the names and addresses under which it may be asked for."""
+    app = FastAPI(
+        title="Ground station", version="1", description=_DESCRIPTION, docs_url=None, redoc_url=None, openapi_url=None
+    )
+    app.add_exception_handler(RequestValidationError, _invalid)
+    app.add_exception_handler(HTTPException, _refused)
+    app.add_exception_handler(Exception, _failed)
+    app.include_router(api_router(api))
+    app.include_router(stream_router(api))
+    _add_page(app, api)
+    return Guards(app, hosts, is_tls=api.site.certificate is not None)
+
+
+def _add_page(app: FastAPI, api: Api) -> None:
+    page = Path(str(resources.files("groundstation.web"))) / "page"
+
+    @app.get("/openapi.json", include_in_schema=False)
+    def schema() -> dict[str, Any]:
+        return app.openapi()
+
+    @app.get("/", include_in_schema=False)
+    def index() -> FileResponse:
+        return FileResponse(page / "index.html", headers={"cache-control": "no-cache"})
+
+    app.mount("/page", _Revalidated(directory=page, check_dir=False))
+    app.mount("/leaflet", StaticFiles(directory=leaflet_folder()))
+    if api.site.tiles is not None:
+        app.mount("/tiles", StaticFiles(directory=api.site.tiles))
+
+
+class _Revalidated(StaticFiles):
+    """Files of which a browser asks each time whether they have changed: a new release must not meet old modules."""
+
+    def file_response(self, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+        """Return the answer with a file, or that it has not changed."""
+        response = super().file_response(*args, **kwargs)
+        response.headers["cache-control"] = "no-cache"
+        return response
+
+
+def leaflet_folder() -> Path:
+    """Return the folder of Leaflet's files, as the package XStatic-Leaflet brings them."""
+    spec = find_spec("xstatic.pkg.leaflet")
+    if spec is None or spec.origin is None:
+        raise ModuleNotFoundError("No module named 'xstatic'", name="xstatic")
+    return Path(spec.origin).parent / "data"
+
+
+async def _invalid(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RequestValidationError)
+    first = dict(error.errors()[0])
+    if first["type"] == "json_invalid":
+        return JSONResponse({"detail": f"the body is no JSON: {first.get('ctx', {}).get('error', '')}"}, 422)
+    if first["type"] == "union_tag_invalid":
+        first["ctx"] = {}
+    # The first part of the place says body, path or query; the second, in a body of commands, which command.
+    first["loc"] = tuple(part for part in first["loc"][1:] if not isinstance(part, str) or "-" not in part)
+    return JSONResponse({"detail": fault_text(first)}, 422)  # type: ignore[arg-type]
+
+
+async def _refused(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)
+    return JSONResponse({"detail": error.detail}, error.status_code, headers=error.headers)
+
+
+async def _failed(_request: Request, _error: Exception) -> JSONResponse:
+    # What went wrong stands in the log: an answer must not show paths or values of the program.
+    return JSONResponse({"detail": "the ground station's page has failed; its log says where"}, 500)

@@ -1,0 +1,41 @@
+"""The web process: started by the ground station (bridge.py) with a pipe and a listening socket, and ends with it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import socket
+import sys
+
+from companion.errors import InputError
+from companion.runtime.console import program_logger
+from groundstation.web.live_feed import LiveFeed
+from groundstation.web.server import serve
+from groundstation.web.site import site_from
+
+LOGGER = program_logger("groundstation")
+NICENESS = 5
+"""The page yields the processor to the broadcast."""
+
+
+async def _run(pipe: socket.socket, listener: socket.socket) -> None:
+    feed = await LiveFeed.open(pipe)
+    hello = await feed.greeting()
+    await serve(feed, site_from(hello["site"]), listener, bytes.fromhex(hello["session_key"]))
+
+
+def main() -> None:
+    """Serve until the pipe, whose descriptor is the first argument, ends; the second is the listening socket's."""
+    # Ctrl-C reaches the whole group of processes: the ground station decides what ends when.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(NICENESS)
+    pipe, listener = (socket.socket(fileno=int(number)) for number in sys.argv[1:])
+    try:
+        asyncio.run(_run(pipe, listener))
+    except InputError as error:
+        LOGGER.error("page: %s", error)
+
+
+if __name__ == "__main__":
+    main()

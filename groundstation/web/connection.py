@@ -1,0 +1,76 @@
+"""HTTP connections that are bounded in number and in time, and that tell the application the peer's certificate."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import h11
+import orjson
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+MOST_CONNECTIONS = 256
+"""Greatest number of connections at a time: a browser opens six, and one for the stream."""
+MOST_OF_ONE = 64
+"""Greatest number of connections of one address beyond loopback."""
+HEAD_S = 10.0
+"""Time within which the head of a request must have come."""
+MOST_HEAD_BYTES = 16_384
+
+
+class BoundedConnection(H11Protocol):
+    """uvicorn's connection, closed if there are too many, or if no whole head comes in time."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take a connection, or close it."""
+        super().connection_made(transport)
+        if len(self.connections) > MOST_CONNECTIONS:
+            transport.abort()
+            return
+        self.app_state = {**self.app_state, "peer_certificate": transport.get_extra_info("peercert")}
+        self._await_head()
+
+    def data_received(self, data: bytes) -> None:
+        """Take bytes in."""
+        super().data_received(data)
+        if self.conn.their_state is h11.IDLE and self.timeout_keep_alive_task is None:
+            # uvicorn ended its wait for the next request with the first byte of it; slow ones are waited for here.
+            self._await_head()
+
+    def send_400_response(self, msg: str) -> None:
+        """Answer what is no HTTP."""
+        body = orjson.dumps({"detail": msg})
+        headers = [
+            (b"content-type", b"application/json"),
+            (b"content-length", str(len(body)).encode()),
+            (b"connection", b"close"),
+        ]
+        for event in (h11.Response(status_code=400, headers=headers, reason=b"Bad Request"), h11.Data(data=body)):
+            self.transport.write(self.conn.send(event) or b"")
+        self.transport.close()
+
+    def _await_head(self) -> None:
+        transport, loop = self.transport, self.loop
+
+        def give_up() -> None:
+            if self.conn.their_state is h11.IDLE and not transport.is_closing() and self in self.connections:
+                transport.abort()
+
+        loop.call_later(HEAD_S, give_up)
+
+
+def settings() -> dict[str, Any]:
+    """Return the settings of uvicorn that belong to such connections."""
+    return {
+        "http": BoundedConnection,
+        "h11_max_incomplete_event_size": MOST_HEAD_BYTES,
+        "timeout_keep_alive": 15,
+        "ws_max_size": 4_096,
+        "ws_per_message_deflate": False,
+        "ws_ping_interval": 20.0,
+        "ws_ping_timeout": 20.0,
+        "access_log": False,
+        "proxy_headers": False,
+        "server_header": False,
+        "log_config": None,
+    }

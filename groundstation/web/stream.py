@@ -1,0 +1,63 @@
+"""The stream of messages to a browser or program: a WebSocket on which the newest picture comes first."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+from fastapi import APIRouter
+from starlette.websockets import WebSocket
+
+from groundstation.web.api import Api
+from groundstation.web.feed import Refused
+from groundstation.web.guards import NOT_ALLOWED, TOO_BUSY, headers_of
+from groundstation.web.hub import Browser
+
+SEND_S = 20.0
+"""Time within which a browser must take a message."""
+
+
+def stream_router(api: Api) -> APIRouter:
+    """Return the route of the stream."""
+    router = APIRouter(prefix="/api/v1")
+
+    @router.websocket("/stream")
+    async def stream(socket: WebSocket) -> None:
+        state = socket.scope.get("state", {})
+        who = api.access.who(headers_of(socket.scope), state.get("peer_certificate"), time.time())
+        if who is None:
+            await socket.close(NOT_ALLOWED, "no token, or one that is not known")
+            return
+        try:
+            with api.hub.shown() as browser:
+                await socket.accept()
+                await _show(socket, browser)
+        except Refused as refused:
+            await socket.close(TOO_BUSY, str(refused))
+
+    return router
+
+
+async def _show(socket: WebSocket, browser: Browser) -> None:
+    """Send what there is until either side ends."""
+    tasks = [asyncio.create_task(_send(socket, browser)), asyncio.create_task(_until_gone(socket))]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _send(socket: WebSocket, browser: Browser) -> None:
+    while not browser.is_too_slow:
+        for text in await browser.taken():
+            async with asyncio.timeout(SEND_S):
+                await socket.send_text(text)
+    await socket.close(TOO_BUSY, "too slow; connect again, and ask for the events that are missing")
+
+
+async def _until_gone(socket: WebSocket) -> None:
+    """Wait until the other side has closed; what it sends means nothing."""
+    while (await socket.receive())["type"] != "websocket.disconnect":
+        pass
