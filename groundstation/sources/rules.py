@@ -12,10 +12,10 @@ from groundstation.filter import LONGEST_S, Noise
 from groundstation.plausibility import Bound
 from groundstation.sources.sighting import Category, Sighting
 
-_FASTER = 1.2
-"""Ratio of a bound to the velocity that is told, so that not every gust of wind makes a new bound."""
-_STEP_M_S = 10.0
-"""Step in which bounds are made, for the same reason."""
+_FASTER = 1.25
+"""Least ratio of a bound to the velocity that is told, so that not every gust of wind makes a new bound."""
+_FASTER_STILL, _STEP_M_S = 1.05, 10.0
+"""Ratio, and the step in which bounds are made, above the greatest bound of a category."""
 AHEAD_S = 2.0
 """Greatest time by which a sighting may be stamped ahead of this computer's clock, as of a sensor's detections."""
 
@@ -23,10 +23,9 @@ AHEAD_S = 2.0
 class Traits(NamedTuple):
     """What things of a category do. Chosen with margin; the fastest of each kind are above what is in common use."""
 
-    unknown_m_s: float
-    """Speed bound of one that does not tell its velocity."""
-    least_m_s: float
-    """Least speed bound of one that does."""
+    bounds_m_s: tuple[float, ...]
+    """Speed bounds that are told, so few that one that climbs out makes few; the last is that of one that does not tell
+    its velocity."""
     fastest_m_s: float
     """Speed above which a way between two sightings is no thing's."""
     acceleration_m_s2: float
@@ -35,9 +34,9 @@ class Traits(NamedTuple):
 
 
 TRAITS = {
-    Category.AIRCRAFT: Traits(MAX_THREAT_SPEED_M_S, 100.0, 700.0, 30.0, 30.0),
-    Category.SHIP: Traits(25.0, 15.0, 60.0, 3.0, 600.0),
-    Category.VEHICLE: Traits(50.0, 20.0, 150.0, 10.0, 60.0),
+    Category.AIRCRAFT: Traits((100.0, MAX_THREAT_SPEED_M_S), 700.0, 30.0, 30.0),
+    Category.SHIP: Traits((15.0, 25.0), 60.0, 3.0, 600.0),
+    Category.VEHICLE: Traits((20.0, 50.0), 150.0, 10.0, 60.0),
 }
 """Aircraft tell where they are twice a second, and sailing ships every three minutes while they are moored."""
 
@@ -124,12 +123,15 @@ class Rules:
 
     def speed_bound_m_s(self, category: Category, speed_m_s: float | None) -> float:
         """Return the speed bound of a thing that tells a speed, or none."""
-        given_m_s, traits = self.spec.speed_bound_m_s, TRAITS[category]
+        given_m_s, bounds_m_s = self.spec.speed_bound_m_s, TRAITS[category].bounds_m_s
         if speed_m_s is None:
-            return given_m_s or traits.unknown_m_s
+            return given_m_s or bounds_m_s[-1]
         if given_m_s is not None and speed_m_s <= given_m_s:
             return given_m_s
-        return max(traits.least_m_s, math.ceil(_FASTER * speed_m_s / _STEP_M_S) * _STEP_M_S)
+        for bound_m_s in bounds_m_s:
+            if _FASTER * speed_m_s <= bound_m_s or speed_m_s <= bound_m_s == MAX_THREAT_SPEED_M_S:
+                return bound_m_s
+        return math.ceil(_FASTER_STILL * speed_m_s / _STEP_M_S) * _STEP_M_S
 
     def wire(self, bound_m_s: float, speed_m_s: float | None) -> Wire:
         """Return how a threat's speed bound is told.

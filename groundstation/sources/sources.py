@@ -7,6 +7,7 @@ picture and out of it. A source asks as an operator does: it may be refused, and
 from __future__ import annotations
 
 import asyncio
+import importlib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import Any, Protocol
@@ -34,8 +35,8 @@ from groundstation.sources.links import run_source
 from groundstation.sources.thing import SourceKey
 from groundstation.sources.tracker import BATCH_S, Dropped, Moved, Taken, Tracker
 
-MOST_PER_TICK = 100
-"""Greatest number of sightings that are weighed in a tick, of all sources together: some 10 ms of work."""
+MOST_PER_TICK = 40
+"""Greatest number of sightings that are weighed in a tick, of all sources together: some 8 ms of work."""
 MOST_ASKED = 20
 """Greatest number of commands of a tick, each of which may solve the assignment anew."""
 _WORDS: dict[Kind, ThingKind] = {Kind.TARGET: "target", Kind.THREAT: "threat"}
@@ -70,6 +71,9 @@ class Sources:
         self._turn = 0
         self._asked: set[SourceKey] = set()
         """What was asked for and is not answered yet."""
+        if self.feeds:
+            # Loaded now, as it takes a second and would keep the broadcast waiting at the first sighting.
+            importlib.import_module("filterpy.kalman")
 
     def listen(self, now_s: Callable[[], float], stack: ExitStack) -> None:
         """Begin to hear all sources on the running event loop; `stack` ends it."""

@@ -14,6 +14,8 @@ OUTSIDE = 1.2
 """Ratio of the distance at which things leave the picture to that at which they enter it."""
 HEIGHT_MARGIN_M = 100.0
 """Height by which a thing in the picture must be above the ceiling or below the floor to leave it."""
+_SOON = 1.1
+"""Ratio to its speed that a thing's bound must have; with less it is made greater with the next batch."""
 
 
 class SourceKey(NamedTuple):
@@ -74,9 +76,14 @@ class Thing:
         """Return the bound that it should be told with."""
         return rules.wire(rules.speed_bound_m_s(self.category, self.speed_m_s), self.speed_m_s)
 
-    def outruns(self, ratio: float) -> bool:
+    def outruns(self, ratio: float = 1.0) -> bool:
         """Return whether its speed times a ratio is more than the bound that was told."""
         return self.wire is not None and self.speed_m_s is not None and ratio * self.speed_m_s > self.wire.allowed_m_s
+
+    def outgrows(self, rules: Rules) -> bool:
+        """Return whether the bound that was told must be greater, before it is wrong."""
+        wire = self.wire
+        return wire is not None and self.outruns(_SOON) and self.wire_wanted(rules).allowed_m_s > wire.allowed_m_s
 
 
 def begun(key: SourceKey, rules: Rules, sighting: Sighting, sample: Sample, now_s: float) -> Thing:

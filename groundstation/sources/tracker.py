@@ -30,7 +30,7 @@ from groundstation.sources.rules import AHEAD_S, Rules, Wire
 from groundstation.sources.sighting import Sighting
 from groundstation.sources.thing import SourceKey, Thing, begun, placed, sighted, told
 
-BATCH_S = 10.0
+BATCH_S = 20.0
 """Least time between two batches of commands, but for threats that cannot wait."""
 RETIRED_WITHIN_S = 30.0
 """Time within which a thing that is not wanted any more is retired; earlier with a batch that goes out anyway."""
@@ -50,8 +50,6 @@ REPLACED_AT = 0.7
 """Ratio of distances at which a nearer thing takes the place of the farthest in a picture that is full."""
 AGAIN_S = 30.0
 """Time after which what was refused by the ground station is asked for again."""
-SOON = 1.1
-"""Ratio to its speed that a thing's bound must have; with less it is made greater with the next batch."""
 KINDS = {"agents": Kind.AGENT, "targets": Kind.TARGET, "threats": Kind.THREAT}
 
 
@@ -404,7 +402,7 @@ class Tracker:
     ) -> tuple[list[Taken], list[Dropped]]:
         """Return what a source sees that is wanted in the picture, and what gives way to it in one that is full."""
         rules, table = self._rules[source], self._tables[source]
-        changes = [thing for thing in table.values() if thing.outruns(SOON) and now_s >= thing.waits_until_s]
+        changes = [thing for thing in table.values() if thing.outgrows(rules) and now_s >= thing.waits_until_s]
         new = [thing for thing in table.values() if self._is_wanted(thing, rules, now_s)]
         if not changes and not new:
             return [], []
@@ -439,7 +437,8 @@ class Tracker:
     def _taken_of(self, thing: Thing, rules: Rules, room_m: float) -> Taken:
         """Return what a thing is to be taken in with; `room_m` is how far it is from what it must not reach."""
         wire = thing.wire_wanted(rules)
-        is_urgent = thing.outruns(1.0) or room_m <= wire.wider_m + wire.allowed_m_s * BATCH_S
+        speed_m_s = wire.allowed_m_s if thing.speed_m_s is None else thing.speed_m_s
+        is_urgent = thing.outruns() or room_m <= wire.wider_m + speed_m_s * BATCH_S
         identity = rules.spec.ids.get(thing.key.key) if thing.id is None else thing.id
         motion = thing.known.believed.motion
         kind = self._kind(thing.key)
