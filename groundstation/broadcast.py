@@ -342,15 +342,15 @@ def grown(threat: ThreatSpec, track: Track, now_s: float) -> ThreatEntry:
     )
 
 
-def untold_growth_m(picture: TrackTable, mission: Mission, until_s: float) -> dict[int, float]:
+def untold_growth_m(picture: TrackTable, threats: Sequence[ThreatSpec], until_s: float) -> dict[int, float]:
     """Return by threat id the growth of its radii until `until_s` from age beyond GREATEST_AGE_S, m.
 
     A fleet frame cannot hold a greater age than that, 58 days; the result is empty while no track is older.
     """
-    ages_s = {threat.id: picture.tracks[Kind.THREAT, threat.id].age_s(until_s) for threat in mission.threats}
+    ages_s = {threat.id: picture.tracks[Kind.THREAT, threat.id].age_s(until_s) for threat in threats}
     return {
         threat.id: threat.speed_bound_m_s * (ages_s[threat.id] - GREATEST_AGE_S)
-        for threat in mission.threats
+        for threat in threats
         if ages_s[threat.id] > GREATEST_AGE_S
     }
 

@@ -6,11 +6,11 @@ import asyncio
 import os
 import signal
 import sys
+from collections.abc import Callable
 
 from companion.errors import InputError, nearest_hint
 from companion.protocol.messages import Directive
 from companion.runtime.console import program_logger
-from groundstation.ground_station import GroundStation
 
 LOGGER = program_logger("groundstation")
 _LINE_BYTES = 4096
@@ -32,14 +32,14 @@ def directive_from(line: str) -> Directive:
 
 
 class DirectiveInput:
-    """Sets the directive of a ground station from lines on standard input.
+    """Tells of the directives in lines on standard input.
 
     Nothing is read if no input can be waited for, as without standard input or in the background of a terminal.
     """
 
-    def __init__(self, station: GroundStation) -> None:
-        """Begin to read on the running event loop."""
-        self._station = station
+    def __init__(self, direct: Callable[[Directive], None]) -> None:
+        """Begin to read on the running event loop; `direct` is called with each directive."""
+        self._direct = direct
         self._loop = asyncio.get_running_loop()
         self._descriptor: int | None = _standard_input()
         self._begun_line = b""
@@ -75,7 +75,7 @@ class DirectiveInput:
         if not line.strip():
             return
         try:
-            self._station.directive = directive_from(line)
+            self._direct(directive_from(line))
         except InputError as error:
             LOGGER.error("%s", error)
 

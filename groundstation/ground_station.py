@@ -8,7 +8,7 @@ it has room for.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from companion.errors import InputError
@@ -30,6 +30,7 @@ from companion.protocol.codec import (
 from companion.protocol.dialect import oneway
 from companion.protocol.fleet_codec import FLEET_HEAD_BYTES, MISSION_HEAD_BYTES, RADII_HEAD_BYTES
 from companion.protocol.frame import ED25519_BYTES
+from groundstation.acceptance import event_of
 from groundstation.agents import DeadReckoner, VehicleModel, restamped
 from groundstation.broadcast import (
     Broadcast,
@@ -45,10 +46,12 @@ from groundstation.broadcast import (
     untold_growth_m,
 )
 from groundstation.clock import next_epoch_s
+from groundstation.events import Command, Event, Who
 from groundstation.inputs import Inputs
+from groundstation.operations import Operations, applied
 from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.revision import first_revision, next_revision
-from groundstation.target_assignment import assign_targets
+from groundstation.target_assignment import TargetAssignment, assign_targets
 from groundstation.tracks import TrackTable
 
 _DUE_TOLERANCE_S = 1e-6
@@ -90,6 +93,8 @@ class Resumed(NamedTuple):
     """Time at which the threats were at the mission's positions, if that was before the start."""
     revision: int = 1
     """Number of the revision with which the run begins."""
+    operations: Operations | None = None
+    """What the events of the runs before have made of the mission; None: this is the first."""
 
 
 _NOTHING_RESUMED = Resumed()
@@ -154,8 +159,9 @@ class GroundStation:
 
         """
         check_runnable(mission, mission.name)
-        self.mission = mission
-        self.directive = Directive.NORMAL
+        self.operations = resumed.operations or Operations.begun(mission)
+        """What commands and events have made of the mission."""
+        mission = self.operations.mission
         self._reckoner = DeadReckoner(mission, start_s, model or VehicleModel()) if mission.case == "II" else None
         silent_after_s = _silent_after_s(mission, sensed)
         self.tracks = TrackTable(mission, start_s, silent_after_s, resumed.began_s, sensor_error_m)
@@ -165,7 +171,8 @@ class GroundStation:
         self._writer = FrameWriter()
         self._epoch = _Epoch(int(start_s) if resumed.epoch_s is None else resumed.epoch_s)
         self._due = _DueTimes(start_s, start_s, start_s + mission.broadcast_period_s / 2.0)
-        self._assigned = assign_targets(mission, self.tracks, {}, start_s)
+        self.tracks.progress = replace(self.tracks.progress, out=self.operations.orders.out)
+        self._assigned = assign_targets(mission, self.tracks, {}, start_s, self.operations.orders.pins)
         try:
             self._revision = first_revision(mission, self.tracks, resumed.revision, self._grown_radii_m(start_s))
             for frame in self._state_and_bands(start_s):
@@ -173,7 +180,17 @@ class GroundStation:
         except WireError as error:
             raise InputError(f"{mission.name}: cannot be broadcast: {error}") from error
         self._one_frame = len(self._states(start_s)) == 1
-        """Whether one state frame holds everything, now and later, as entries only become fewer."""
+        """Whether one state frame holds everything, until something is added; otherwise entries only become fewer."""
+
+    @property
+    def mission(self) -> Mission:
+        """The mission with what was added, changed and retired."""
+        return self.operations.mission
+
+    @property
+    def directive(self) -> Directive:
+        """What all vehicles are told."""
+        return self.operations.orders.told
 
     @property
     def epoch_s(self) -> int:
@@ -194,6 +211,40 @@ class GroundStation:
     def uncovered(self) -> tuple[int, ...]:
         """Ids of the targets without an agent, because none is left or none can arrive there."""
         return self._assigned.uncovered
+
+    def command(self, command: Command, who: Who, now_s: float) -> Event:
+        """Do what a command asks and return the event that it makes.
+
+        Raises:
+            InputError: the command cannot be accepted.
+
+        """
+        event = event_of(self.operations, command, who, now_s + self.tracks.clock_ahead_s)
+        self.adopt(event, now_s)
+        return event
+
+    def adopt(self, event: Event, now_s: float) -> None:
+        """Take in an event: what it changes is told from the next broadcast of the state on."""
+        before, self.operations = self.operations, applied(self.operations, event)
+        orders = self.operations.orders
+        if self.mission is not before.mission:
+            ahead_s = self.tracks.clock_ahead_s
+            placed_s = {key: at_s - ahead_s for key, at_s in self.operations.placed_s.items()}
+            self.tracks.follow(self.mission, placed_s, now_s)
+        self.tracks.progress = replace(self.tracks.progress, out=orders.out)
+        if self.mission is not before.mission or orders != before.orders:
+            self._assign(now_s)
+            self._one_frame = len(self._states(now_s)) == 1
+
+    def _assign(self, now_s: float) -> None:
+        """Solve the assignment anew; in a pause only what is not there any more leaves it."""
+        orders = self.operations.orders
+        if not orders.paused:
+            self._assigned = assign_targets(self.mission, self.tracks, self.assignment, now_s, orders.pins)
+            return
+        agents, targets = self.tracks.active_agents, self.tracks.open_targets
+        kept = {one: there for one, there in self.assignment.items() if one in agents and there in targets}
+        self._assigned = TargetAssignment(kept, tuple(one for one in targets if one not in kept.values()))
 
     def sense(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the sensor's channel; never raises, whatever the bytes."""
@@ -225,7 +276,7 @@ class GroundStation:
                 self.tracks.place(identity, self._reckoner.estimate(identity, now_s), now_s)
         changed = self.tracks.update(now_s, self.assignment)
         if changed or now_s >= self._due.assignment_s - _DUE_TOLERANCE_S:
-            self._assigned = assign_targets(self.mission, self.tracks, self.assignment, now_s)
+            self._assign(now_s)
             self._due.assignment_s = _after(self._due.assignment_s, self.mission.assignment_period_s, now_s)
 
     def tick(self, now_s: float) -> list[bytes]:
@@ -265,7 +316,7 @@ class GroundStation:
             self._begin_state(now_s)
             return self._states(now_s)
         self._epoch.begin_state()
-        growth_m = untold_growth_m(self.tracks, self.mission, now_s + RADII_HOLD_S)
+        growth_m = untold_growth_m(self.tracks, self.mission.threats, now_s + RADII_HOLD_S)
         self._revise(threat.detection_radius_m + growth_m.get(threat.id, 0.0) for threat in self.mission.threats)
         data_bytes = payload_bytes - FLEET_HEAD_BYTES
         return fleet_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s), data_bytes)
@@ -278,18 +329,21 @@ class GroundStation:
         With state frames these are motion and bands frames, each kind if it fits `payload_bytes`; with fleet frames
         they are the mission frame and the radii frames, which have the altitude limits too.
         """
-        mission, stamp = self.mission, self._epoch.stamp(now_s)
+        stamp = self._epoch.stamp(now_s)
         if self._tells_all(payload_bytes):
             frames: list[MotionFrame | BandsFrame] = []
             if payload_bytes >= _MOTION_BYTES:
-                frames += motion_frames(self.tracks, mission, stamp)
+                frames += motion_frames(self.tracks, self.mission, stamp)
             if payload_bytes >= _BANDS_BYTES:
-                frames += band_frames(mission, stamp)
+                frames += band_frames(self.mission, stamp)
             return frames
+        # Until the next broadcast of the state begins another revision, these belong to what this one has.
+        mission = self._revision.mission
         slow: list[MissionFrame | RadiiFrame] = []
         name_bytes = payload_bytes - MISSION_HEAD_BYTES
         slow.append(mission_frame(mission, self._revision, surrogate_digest(mission), stamp, name_bytes))
-        growth_m = untold_growth_m(self.tracks, mission, now_s + RADII_HOLD_S)
+        told = [threat for threat in mission.threats if (Kind.THREAT, threat.id) in self.tracks.tracks]
+        growth_m = untold_growth_m(self.tracks, told, now_s + RADII_HOLD_S)
         slow += radii_frames(mission, self._revision, stamp, payload_bytes - RADII_HEAD_BYTES, growth_m)
         return slow
 
@@ -310,7 +364,7 @@ class GroundStation:
         self._revision = next_revision(self._revision, self.mission, self.tracks, radii_m)
 
     def _broadcast(self, now_s: float) -> Broadcast:
-        return Broadcast(self._epoch.stamp(now_s), self.directive, self._revision)
+        return Broadcast(self._epoch.stamp(now_s), self.directive, self._revision, self.operations.orders.own)
 
     def _states(self, now_s: float) -> list[StateFrame]:
         return state_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s))

@@ -48,6 +48,18 @@ class MissionProgress:
     """Id of the target that an agent with an uncertain position came near, and the time of that, by agent id."""
     unproven: Mapping[int, Arrival] = field(default_factory=dict)
     """Arrivals that may still be taken back, by agent id."""
+    out: frozenset[int] = frozenset()
+    """Ids of the agents that an operator has taken out of the assignment."""
+
+    def without_target(self, target_id: int) -> MissionProgress:
+        """Return the progress after a target was retired: who has arrived there stays."""
+        return replace(
+            self,
+            completed=self.completed - {target_id},
+            reached_by={one: there for one, there in self.reached_by.items() if there != target_id},
+            near_since={one: near for one, near in self.near_since.items() if near[0] != target_id},
+            unproven={one: arrival for one, arrival in self.unproven.items() if arrival.target_id != target_id},
+        )
 
     def without(self, agent_id: int) -> MissionProgress:
         """Return the progress without what an agent has reached; its target stays completed if another one was there.

@@ -23,6 +23,8 @@ class Revision:
     """One revision of the picture."""
 
     number: int
+    mission: Mission
+    """The mission whose threats it has."""
     extent: Extent
     moved: Mapping[int, Point]
     """Places of the threats that should stand but do not stand where the mission says, by id."""
@@ -42,13 +44,14 @@ def first_revision(mission: Mission, tracks: TrackTable, number: int, radii_m: I
 
     """
     extent = mission_extent(mission).widened((), max(radii_m, default=0.0))
-    return _revision(number, extent, moved_threats(mission, tracks))
+    return _revision(number, mission, extent, moved_threats(mission, tracks))
 
 
 def next_revision(revision: Revision, mission: Mission, tracks: TrackTable, radii_m: Iterable[float]) -> Revision:
-    """Return the revision in force, or the next one if threats have moved that should stand or the grid is too small.
+    """Return the revision in force, or the next one if threats have changed or the grid is too small.
 
-    `radii_m` are the threats' radii as they are to be told.
+    A threat has changed that was added, retired or given another radius, speed bound or place, or that should stand but
+    has moved. `radii_m` are the threats' radii as they are to be told.
 
     Raises:
         WireError: a position or radius does not fit any grid.
@@ -61,11 +64,17 @@ def next_revision(revision: Revision, mission: Mission, tracks: TrackTable, radi
         for thing in things
     ]
     radius_m = max(radii_m, default=0.0)
-    if radius_m <= revision.extent.radius_m and all(map(revision.extent.holds, points)):
-        if moved == revision.moved:
-            return revision
-        return replace(revision, number=(revision.number + 1) % REVISIONS, moved=moved)
-    return _revision((revision.number + 1) % REVISIONS, revision.extent.widened(points, radius_m), moved)
+    if mission is not revision.mission:
+        # What was added needs room to move, and for the agents that it draws there.
+        extent = mission_extent(mission)
+        points += [extent.low_ned_m, extent.high_ned_m]
+        radius_m = max(radius_m, extent.radius_m)
+    following = (revision.number + 1) % REVISIONS
+    if radius_m > revision.extent.radius_m or not all(map(revision.extent.holds, points)):
+        return _revision(following, mission, revision.extent.widened(points, radius_m), moved)
+    if moved != revision.moved or mission.threats != revision.mission.threats:
+        return replace(revision, number=following, mission=mission, moved=moved)
+    return revision if mission is revision.mission else replace(revision, mission=mission)
 
 
 def moved_threats(mission: Mission, tracks: TrackTable) -> dict[int, Point]:
@@ -75,10 +84,11 @@ def moved_threats(mission: Mission, tracks: TrackTable) -> dict[int, Point]:
     return {threat.id: place for threat, place in places if place != threat.position_ned_m}
 
 
-def _revision(number: int, extent: Extent, moved: Mapping[int, Point]) -> Revision:
+def _revision(number: int, mission: Mission, extent: Extent, moved: Mapping[int, Point]) -> Revision:
     corners = [extent.low_ned_m, extent.high_ned_m]
     return Revision(
         number=number,
+        mission=mission,
         extent=extent,
         moved=moved,
         state_cm=frame_resolution_cm(corners, [extent.radius_m]),

@@ -64,7 +64,9 @@ refresh that other frames may cause."""
 class Station(Protocol):
     """Ground station as the broadcaster uses it; `payload_bytes` is the greatest payload of an unsigned frame."""
 
-    directive: Directive
+    @property
+    def directive(self) -> Directive:
+        """What all vehicles are told; another one begins a new refresh at once."""
 
     def advance(self, now_s: float) -> None:
         """Update all tracks and the assignment to `now_s`."""
@@ -301,8 +303,8 @@ class _Schedule:
         self._refreshes = _RefreshPlace()
         self._carousel = _Carousel()
         self._heartbeat = _Heartbeat(radio.heartbeats, frame_signer)
-        self._picture: tuple[int, int] | None = None
-        """Epoch and revision of the picture that is told."""
+        self._picture: tuple[int, int, type[BroadcastFrame]] | None = None
+        """Epoch and revision of the picture that is told, and the kind of frame that tells it."""
 
     def step(self, now_s: float, txbuf_percent: int | None) -> list[Sent]:
         self.pacer.hear_txbuf(txbuf_percent, now_s)
@@ -387,7 +389,7 @@ class _Schedule:
         self._refresh = _Refresh(now_s, self._station.directive, frames, max(lengths))
         place.due_s = _after(place.due_s, SHORTEST_REFRESH_S, now_s)
         self._waiting = None
-        picture = frames[0][0].stamp.epoch_s, _revision_of(frames[0][0])
+        picture = frames[0][0].stamp.epoch_s, _revision_of(frames[0][0]), type(frames[0][0])
         if picture != self._picture:
             self._picture = picture
             self._carousel.rewind()

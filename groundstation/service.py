@@ -19,6 +19,7 @@ from companion.protocol.deframer import StreamFramer
 from companion.protocol.ed25519 import FrameSigner
 from companion.protocol.frame import raw_frame
 from companion.protocol.keys import MAVLINK_NAME, PRIVATE_NAME, load_mavlink_key, load_private
+from companion.protocol.messages import Directive
 from companion.protocol.radio_status import read_radio_status
 from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import wait
@@ -30,9 +31,11 @@ from groundstation.agents import VehicleModel
 from groundstation.choices import Authentication
 from groundstation.clock import GroundClock, WallSigner
 from groundstation.directives import DirectiveInput
+from groundstation.events import STATION, Direct, Who
 from groundstation.ground_station import GroundStation
 from groundstation.input_keys import input_trusts
 from groundstation.log_files import log_place
+from groundstation.operations import directive_name
 from groundstation.options import Options
 from groundstation.rivals import LOCK_NAME, Rivals, RunLock
 from groundstation.saved_state import RunState, open_state
@@ -46,6 +49,7 @@ TICK_S = 0.05
 """Period at which the core is asked for due frames without a radio: short against any broadcast period in use."""
 LINK_ID = 0
 """Link id in the MAVLink signatures of the ground station."""
+STANDARD_INPUT = Who(name="standard input", role="operator")
 _OTHERS = 0o077
 """Permission bits of the group and of all others."""
 
@@ -111,7 +115,11 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         # On disk before the first frame is on the air.
         saved.write(station, start_s)
         stack.callback(lambda: saved.write(station, clock.now_s()))
-        stack.callback(DirectiveInput(station).close)
+
+        def direct(directive: Directive) -> None:
+            station.command(Direct(do="direct", directive=directive_name(directive)), STANDARD_INPUT, clock.now_s())
+
+        stack.callback(DirectiveInput(direct).close)
         status = Status(station, broadcaster, options)
         for line in [status.opening(), *saved.news(start_s)]:
             LOGGER.info("%s", line)
@@ -145,7 +153,7 @@ def _station(mission: Mission, options: Options, saved: RunState, start_s: float
         sensor_error_m=options.sensor_error_m,
     )
     station.inputs.sensor, station.inputs.uplink = input_trusts(options, mission)
-    station.directive = saved.directive
+    station.command(Direct(do="direct", directive=directive_name(saved.directive)), STATION, start_s)
     return station
 
 

@@ -62,12 +62,22 @@ class Sightings:
             self._bounds[Kind.AGENT, agent.id] = bound
         for kind, things in ((Kind.TARGET, mission.targets), (Kind.THREAT, mission.threats)):
             for thing in things:
-                speed_m_s = thing.speed_bound_m_s
-                self._bounds[kind, thing.id] = Bound(speed_m_s, Noise(error_m, 2.0 * speed_m_s / _TURN_S))
+                self.limit((kind, thing.id), thing.speed_bound_m_s)
         for key, place_ned_m in places_in(mission):
-            bound = self._bounds[key]
-            known = Known.placed(complex(*place_ned_m), placed_at_s, bound, now_s)
-            self._watched[key] = Watched.begun(known, bound)
+            self.begin(key, place_ned_m, placed_at_s, now_s)
+
+    def limit(self, key: Key, speed_m_s: float) -> None:
+        """Take a target or threat to be no faster than `speed_m_s` from now on."""
+        self._bounds[key] = Bound(speed_m_s, Noise(self._error_m, 2.0 * speed_m_s / _TURN_S))
+
+    def begin(self, key: Key, place_ned_m: Point, placed_at_s: float, now_s: float) -> None:
+        """Forget what is known of a thing whose bound is known: it was at a place at `placed_at_s`."""
+        bound = self._bounds[key]
+        self._watched[key] = Watched.begun(Known.placed(complex(*place_ned_m), placed_at_s, bound, now_s), bound)
+
+    def end(self, key: Key) -> None:
+        """Forget a thing."""
+        del self._bounds[key], self._watched[key]
 
     def bound(self, key: Key) -> Bound:
         """Return how fast a thing may be and how well it is seen."""

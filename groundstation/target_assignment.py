@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -38,15 +39,20 @@ def assign_targets(
     tracks: TrackTable,
     present: Mapping[int, int],  # agent id -> target id
     now_s: float,
+    pins: Mapping[int, int] = MappingProxyType({}),  # agent id -> target id
 ) -> TargetAssignment:
     """Return the assignment of the agents on their way to the targets not reached yet.
 
-    `present` is the assignment until now, which is changed only where that saves enough (assignment.py).
+    `present` is the assignment until now, which is changed only where that saves enough (assignment.py). An agent in
+    `pins` goes to its target as long as that is open; the others cover the rest.
     """
-    agents, targets = tracks.active_agents, tracks.open_targets
+    targets = tracks.open_targets
+    pinned = {agent: pins[agent] for agent in tracks.active_agents if pins.get(agent) in targets}
+    agents = [agent for agent in tracks.active_agents if agent not in pinned]
+    left = [target for target in targets if target not in pinned.values()] or targets
     specs = {agent.id: agent for agent in mission.agents}
-    chosen = _Problem(mission, tracks, [specs[identity] for identity in agents], targets).solve(present, now_s)
-    assigned = {agent: targets[index] for agent, index in zip(agents, chosen, strict=True) if index >= 0}
+    chosen = _Problem(mission, tracks, [specs[identity] for identity in agents], left).solve(present, now_s)
+    assigned = {agent: left[index] for agent, index in zip(agents, chosen, strict=True) if index >= 0} | pinned
     covered = set(assigned.values())
     return TargetAssignment(assigned, tuple(target for target in targets if target not in covered))
 

@@ -10,14 +10,14 @@ time that it takes to fly the uncertainty. Times are Unix seconds given by the c
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from companion.geo.local_frame import LocalFrame, to_grid
 from companion.mission.extent import FARTHEST_M, Point
-from companion.mission.model import Mission
+from companion.mission.model import Mission, TargetSpec, ThreatSpec
 from companion.protocol.codec import Detection, DetectionsFrame, Kind, ReportFrame
 from groundstation.agents import Estimate, Fix
 from groundstation.plausibility import SENSOR_ERROR_M, Bound, Sample, Verdict
@@ -84,7 +84,7 @@ class TrackTable:
     @property
     def active_agents(self) -> list[int]:
         """Ids of the agents still on their way, in file order."""
-        gone = self.progress.arrived | self.progress.lost
+        gone = self.progress.arrived | self.progress.lost | self.progress.out
         return [agent.id for agent in self._mission.agents if agent.id not in gone]
 
     @property
@@ -96,6 +96,33 @@ class TrackTable:
     def open_targets(self) -> list[int]:
         """Ids of the targets not reached yet, in file order."""
         return [target.id for target in self._mission.targets if target.id not in self.progress.completed]
+
+    def follow(self, mission: Mission, placed_s: Mapping[Key, float], now_s: float) -> None:
+        """Follow a mission whose targets and threats have changed.
+
+        A thing that is new, or has another place, begins there, where it was at its time in `placed_s`, by default now.
+        """
+        before, self._mission = self._mission, mission
+        known = {(kind, thing.id): thing for kind, thing in _things_of(before)}
+        now = {(kind, thing.id): thing for kind, thing in _things_of(mission)}
+        for key in known.keys() - now.keys():
+            self._sightings.end(key)
+            del self.tracks[key], self._judged[key]
+            if key[0] is Kind.TARGET:
+                self.progress = self.progress.without_target(key[1])
+        for key, thing in now.items():
+            one = known.get(key)
+            if thing is one:
+                continue
+            self._sightings.limit(key, thing.speed_bound_m_s)
+            if one is None or thing.position_ned_m != one.position_ned_m:
+                self._begin(key, thing.position_ned_m, min(now_s, placed_s.get(key, now_s)), now_s)
+
+    def _begin(self, key: Key, place_ned_m: Point, placed_at_s: float, now_s: float) -> None:
+        """Begin a target's or threat's track where a command has put it."""
+        self._sightings.begin(key, place_ned_m, placed_at_s, now_s)
+        self.tracks[key] = Track(*place_ned_m, 0.0, 0.0, placed_at_s)
+        self._begin_anew(key)
 
     def take(self, frame: DetectionsFrame, now_s: float) -> None:
         """Merge one scan of a sensor, as far as it can be true; what cannot is counted in `refusals` by its cause."""
@@ -289,8 +316,13 @@ class TrackTable:
                 unproven[agent_id] = self._arrival(agent_id, target_id, near_since)
                 if target_id not in reached_by.values():
                     reached_by[agent_id] = target_id
-        return MissionProgress(
-            frozenset(arrived), progress.lost, frozenset(completed), reached_by, near_since, unproven
+        return replace(
+            progress,
+            arrived=frozenset(arrived),
+            completed=frozenset(completed),
+            reached_by=reached_by,
+            near_since=near_since,
+            unproven=unproven,
         )
 
     def _arrival(self, agent_id: int, target_id: int, near_since: Mapping[int, tuple[int, float]]) -> Arrival:
@@ -327,6 +359,14 @@ class TrackTable:
         close = np.hypot(apart_m[..., 0], apart_m[..., 1]) <= reach_m
         sent = np.array(targets, dtype=int)[:, np.newaxis] == np.array([assignment.get(one, 0) for one in agents])
         return [(targets[row], agents[column]) for row, column in np.argwhere(close | sent)]
+
+
+def _things_of(mission: Mission) -> Iterator[tuple[Kind, TargetSpec | ThreatSpec]]:
+    """Yield the targets and threats of a mission with their kinds."""
+    for target in mission.targets:
+        yield Kind.TARGET, target
+    for threat in mission.threats:
+        yield Kind.THREAT, threat
 
 
 def _bounded(velocity: complex, bound: Bound) -> complex:

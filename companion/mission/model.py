@@ -356,6 +356,8 @@ class Mission(Section):
     surrogate: Literal["pairwise", "analytic", "monolithic"] = "pairwise"
     link: LinkSpec = LinkSpec()
     wind: Wind = Wind()
+    queue: bool = False
+    """Whether there may be more targets than agents: who has arrived then takes the next one."""
     losses: Annotated[ListOf[Loss], Field(max_length=MAX_ITEMS)] = ()
     max_time_s: Positive = 20_000.0
     scale: Scale | None = None
@@ -389,9 +391,10 @@ class Mission(Section):
             raise ValueError("agents: none; allowed: at least one, listed or under draw")
         if number_of_targets < 1:
             raise ValueError("targets: none; allowed: at least one, listed or under draw")
-        if number_of_targets > number_of_agents:
+        if number_of_targets > number_of_agents and not self.queue:
             raise ValueError(
-                f"targets: {number_of_targets} with agents: {number_of_agents}; allowed: no more targets than agents"
+                f"targets: {number_of_targets} with agents: {number_of_agents}; allowed: no more targets than agents, "
+                "or `queue: true`"
             )
         listed = {target.id for target in self.targets}
         for index, agent in enumerate(self.agents):

@@ -22,6 +22,7 @@ from companion.protocol.frame import raw_frame
 from companion.protocol.mavlink_signing import MavlinkSigner
 from companion.protocol.messages import BandsFrame, Directive, Kind, MissionFrame, Stamp, StateFrame, TargetEntry
 from companion.protocol.v2_extension import unwrap
+from groundstation.events import STATION, Direct
 from groundstation.ground_station import GroundStation
 from groundstation.pacer import LEAST_PACE, Pacer, burst_bytes
 from groundstation.radio import parse_radio
@@ -600,7 +601,7 @@ def test_every_agent_knows_its_target_and_the_threat_and_is_told_of_a_directive(
         assert picture.directives.in_force is Directive.NORMAL
         assert list(picture.view(flight.now_s).threat_ids) == [1]
     assert flight.station.assignment
-    flight.station.directive = Directive.RETURN
+    flight.station.command(Direct(do="direct", directive="return"), STATION, flight.now_s)
     flight.for_s(2.0)
     assert {picture.directives.in_force for picture in flight.pictures.values()} == {Directive.RETURN}
     assert flight.authenticator.rejected.keys() <= {"heartbeat", "repeated"}

@@ -1,0 +1,132 @@
+"""A running ground station takes in events: tracks, assignment, directives and revision follow."""
+
+from __future__ import annotations
+
+from companion.mission.model import parse_mission
+from companion.onboard.world_model import WorldModel
+from companion.protocol.codec import Directive, FrameReader
+from groundstation.events import Event, Who, command_from
+from groundstation.ground_station import GroundStation
+
+MISSION = parse_mission(
+    """
+agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}, {id: 2, north_m: 0, east_m: 9000, heading_deg: 0}]
+targets: [{id: 1, north_m: 20000, east_m: 0}, {id: 2, north_m: 20000, east_m: 9000}]
+threats: [{id: 1, north_m: 10000, east_m: 0, detection_radius_m: 3000, attack_radius_m: 1000}]
+broadcast_period_s: 1
+""",
+    "test",
+)
+START_S = 1_790_000_000.0
+PERSON = Who(name="anna", role="operator")
+
+
+class Day:
+    """A ground station without a radio, and the world model of an agent that hears everything."""
+
+    def __init__(self) -> None:
+        self.station = GroundStation(MISSION, START_S, sensed=False)
+        self.on_board = WorldModel(1)
+        self.now_s = START_S
+        self.to(START_S)
+
+    def to(self, now_s: float) -> None:
+        """Broadcast until a time."""
+        reader = FrameReader()
+        while self.now_s <= now_s:
+            for datagram in self.station.tick(self.now_s):
+                for frame in reader.read(datagram):
+                    self.on_board.take(frame, self.now_s)
+            self.now_s += 0.5
+
+    def does(self, **command: object) -> Event:
+        """Do what a command asks, and broadcast for two periods."""
+        event = self.station.command(command_from(command), PERSON, self.now_s)
+        self.to(self.now_s + 2.0)
+        return event
+
+    def told(self) -> Directive:
+        """Return the directive on board."""
+        return self.on_board.directives.in_force
+
+    @property
+    def threats(self) -> list[int]:
+        """Ids of the threats that the agent knows, in a whole picture."""
+        view = self.on_board.view(self.now_s)
+        assert view.whole
+        return list(view.threat_ids)
+
+
+def test_a_threat_added_is_on_board_within_a_broadcast_and_gone_when_retired() -> None:
+    day = Day()
+    revision = day.station.revision
+    day.does(do="add-threat", north_m=5000.0, east_m=100.0, radius_m=800.0)
+    assert day.threats == [1, 2]
+    day.does(do="retire", kind="threat", id=2)
+    assert day.threats == [1]
+    assert day.station.revision == revision + 2
+
+
+def test_threats_added_together_begin_one_revision() -> None:
+    day = Day()
+    revision = day.station.revision
+    for east_m in (1000.0, 2000.0, 3000.0):
+        command = {"do": "add-threat", "north_m": 5000.0, "east_m": east_m, "radius_m": 100.0}
+        day.station.command(command_from(command), PERSON, day.now_s)
+    day.to(day.now_s + 2.0)
+    assert day.threats == [1, 2, 3, 4]
+    assert day.station.revision == revision + 1
+
+
+def test_targets_and_orders_begin_no_revision() -> None:
+    day = Day()
+    revision = day.station.revision
+    day.does(do="change", kind="target", id=1, north_m=15000.0, east_m=500.0)
+    day.does(do="pin", agent=1, target=2)
+    day.does(do="direct", directive="hold")
+    assert day.station.revision == revision
+    assert day.on_board.directives.in_force is Directive.HOLD
+
+
+def test_a_target_that_was_moved_is_told_at_its_new_place() -> None:
+    day = Day()
+    day.does(do="change", kind="target", id=1, north_m=15000.0, east_m=500.0)
+    assert day.on_board.target_ned_m is not None
+    assert abs(day.on_board.target_ned_m[0] - 15000.0) < 10.0
+
+
+def test_a_pinned_agent_goes_to_its_target_and_the_other_covers_the_rest() -> None:
+    day = Day()
+    assert day.station.assignment == {1: 1, 2: 2}
+    day.does(do="pin", agent=1, target=2)
+    assert day.station.assignment == {1: 2, 2: 1}
+    day.does(do="pin", agent=1, target=None)
+    assert day.station.assignment == {1: 1, 2: 2}
+
+
+def test_the_target_of_an_agent_taken_out_goes_to_another() -> None:
+    day = Day()
+    day.does(do="retire", kind="target", id=2)
+    day.does(do="take-out", agent=1)
+    assert day.station.assignment == {2: 1}
+    day.does(do="put-back", agent=1)
+    assert set(day.station.assignment) == {1, 2}
+
+
+def test_in_a_pause_nobody_gets_another_target() -> None:
+    day = Day()
+    day.does(do="pause")
+    day.does(do="pin", agent=1, target=2)
+    assert day.station.assignment == {1: 1, 2: 2}
+    assert day.told() is Directive.HOLD
+    day.does(do="resume")
+    assert day.station.assignment == {1: 2, 2: 1}
+    assert day.told() is Directive.NORMAL
+
+
+def test_one_agent_alone_is_told_to_return() -> None:
+    day = Day()
+    day.does(do="direct", directive="return", agent=2)
+    assert day.told() is Directive.NORMAL
+    day.does(do="direct", directive="hold", agent=1)
+    assert day.told() is Directive.HOLD
