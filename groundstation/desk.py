@@ -10,14 +10,26 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping
 from concurrent.futures import CancelledError, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 from companion.errors import InputError
+from companion.mission.model import Mission
+from companion.protocol.messages import Directive
 from groundstation.acceptance import event_of
-from groundstation.events import Command, Event, Who, command_from, event_json
+from groundstation.events import (
+    STATION,
+    Command,
+    Direct,
+    Event,
+    Started,
+    Who,
+    command_from,
+    event_from_json,
+    event_json,
+)
 from groundstation.ground_station import GroundStation
-from groundstation.operations import Operations, applied
+from groundstation.operations import Operations, applied, directive_name, folded
 from groundstation.store.rows import EventRow
 
 MOST_WAITING = 200
@@ -66,6 +78,36 @@ class _Kept:
 def row_of(event: Event) -> EventRow:
     """Return an event as it is stored."""
     return EventRow(event.number, event.unix_s, event.who.name, event.event, event_json(event).decode())
+
+
+def operations_of(mission: Mission, stored: Iterable[EventRow]) -> Operations:
+    """Return what the stored events have made of a resolved mission.
+
+    Events of runs of another mission only tell the number that comes next.
+    """
+    events = [event_from_json(row.body) for row in stored]
+    mine: list[Event] = []
+    is_mine = True
+    for event in events:
+        if isinstance(event, Started):
+            is_mine = event.mission == mission.name
+        if is_mine:
+            mine.append(event)
+        else:
+            mine.clear()
+    operations = folded(mission, mine)
+    return operations if not events else replace(operations, next_number=events[-1].number + 1)
+
+
+def begin_day(desk: Desk, station: GroundStation, directive: Directive, now_s: float) -> None:
+    """Note that a run begins, and then the directive of the last one if its events do not have it."""
+    unix_s = now_s + station.tracks.clock_ahead_s
+    number = station.operations.next_number
+    began = Started(number=number, unix_s=unix_s, who=STATION, mission=station.mission.name, epoch_s=station.epoch_s)
+    desk.note([began], now_s)
+    if directive is not station.operations.orders.directive:
+        kept = Direct(do="direct", directive=directive_name(directive))
+        desk.note([event_of(station.operations, kept, STATION, unix_s)], now_s)
 
 
 class Desk:

@@ -5,10 +5,20 @@ from __future__ import annotations
 from collections import deque
 from typing import Any, NamedTuple
 
+from companion.protocol.dialect import oneway
+from companion.protocol.frame import raw_frame
+from companion.transport.endpoints import Link
+from groundstation.options import Options
+from groundstation.view import Surroundings
+
 WINDOW_S = 10.0
 """Time over which rate and periods are taken: a few broadcast periods."""
 MOST_SENDS = 20_000
 """Greatest number of frames in that time that are remembered."""
+
+
+_NAMES = {number: kind.msgname.removeprefix("ONEWAY_").lower() for number, kind in oneway.mavlink_map.items()}
+"""Names of the messages as a page shows them: `state` for ONEWAY_STATE."""
 
 
 class _Send(NamedTuple):
@@ -60,3 +70,30 @@ def _period_s(sent_s: list[float] | tuple[float, ...]) -> float | None:
     if len(sent_s) < 2:
         return None
     return round((sent_s[-1] - sent_s[0]) / (len(sent_s) - 1), 3)
+
+
+def shown(link: Link) -> str:
+    """Return a link as a page shows it: without the path of a device or file."""
+    return link.scheme if link.path else str(link)
+
+
+class BroadcastMeter:
+    """Counts what one run sends, and says it as its page shows it."""
+
+    def __init__(self, options: Options) -> None:
+        self.options = options
+        self._meter = Meter()
+
+    def sent(self, frame: bytes, on_air_bytes: int, now_s: float) -> None:
+        """Take note of a frame that was sent."""
+        self._meter.sent(_NAMES.get(raw_frame(frame).message_id, "other"), on_air_bytes, now_s)
+
+    def surroundings(self, now_s: float) -> Surroundings:
+        """Return what a page shows beside the ground station's picture."""
+        radio = self.options.radio
+        broadcast = self._meter.reading(now_s) | {
+            "budget_bytes_per_s": None if radio is None else radio.budget_bytes_per_s,
+            "authentication": self.options.authentication,
+            "link": shown(self.options.link),
+        }
+        return Surroundings("live", broadcast)

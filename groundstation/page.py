@@ -27,6 +27,9 @@ class Screen(Protocol):
     def frames(self, t_s: float, datagrams: Iterable[bytes]) -> None:
         """Show unsigned frames that were broadcast."""
 
+    def refuse(self, identity: int, why: str) -> None:
+        """Answer a request that is not obeyed."""
+
     def pump(self) -> Sequence[Request]:
         """Send and receive without waiting, and return what was asked."""
 
@@ -35,34 +38,34 @@ class Overheard:
     """A ground station as the broadcaster uses it, whose unsigned frames are kept until they are shown."""
 
     def __init__(self, station: GroundStation) -> None:
-        self._station = station
+        self.station = station
         self._frames: list[bytes] = []
 
     @property
     def directive(self) -> Directive:
         """Directive to all vehicles."""
-        return self._station.directive
+        return self.station.directive
 
     def advance(self, now_s: float) -> None:
         """Update all tracks and the assignment to `now_s`."""
-        self._station.advance(now_s)
+        self.station.advance(now_s)
 
     def refresh(self, now_s: float, payload_bytes: int) -> Sequence[BroadcastFrame]:
         """Return the frames of a new broadcast of the state."""
-        return self._station.refresh(now_s, payload_bytes)
+        return self.station.refresh(now_s, payload_bytes)
 
     def carousel(self, now_s: float, payload_bytes: int) -> Sequence[BroadcastFrame]:
         """Return the frames of one turn of the carousel."""
-        return self._station.carousel(now_s, payload_bytes)
+        return self.station.carousel(now_s, payload_bytes)
 
     def overhear(self, datagram: bytes, now_s: float) -> None:
         """Take note of an unsigned frame that is being broadcast."""
         self._frames.append(datagram)
-        self._station.overhear(datagram, now_s)
+        self.station.overhear(datagram, now_s)
 
     def tick(self, now_s: float) -> list[bytes]:
         """Return the unsigned frames that are due if no radio limits the broadcast."""
-        datagrams = self._station.tick(now_s)
+        datagrams = self.station.tick(now_s)
         self._frames += datagrams
         return datagrams
 
@@ -106,4 +109,8 @@ class Page:
             self._moves_due_s = now_s + MOVES_PERIOD_S
             screen.publish(moves(station, now_s))
         for request in screen.pump():
+            if request.who.role != "operator":
+                # The web process refuses it already; what it shows to everybody must not decide that alone.
+                screen.refuse(request.id, f"{request.who.name} is {request.who.role}; allowed: for an operator only")
+                continue
             self._desk.ask_data(request.command, Who(name=request.who.name, role="operator"), request.id)
