@@ -144,9 +144,7 @@ def test_commands_that_come_too_fast_are_refused_and_told_when(served: Served) -
     assert "too many requests" in why(answers[-1])
 
 
-@pytest.mark.parametrize(
-    "path", ["/nothing", "/page/nothing.js", "/page/%2e%2e/api.py", "/leaflet/../../x", "/tiles/1"]
-)
+@pytest.mark.parametrize("path", ["/nothing", "/leaflet/../../x", "/tiles/1"])
 def test_what_is_not_there_is_refused_in_words(served: Served, path: str) -> None:
     answer = served.ask("GET", path)
     assert answer.status_code == 404
