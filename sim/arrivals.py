@@ -72,11 +72,13 @@ class Arrivals:
         ).reshape(len(mission.agents), len(mission.targets))
         """(N, K) bool, which agents may still arrive at which targets."""
         self._on_their_way = np.ones(len(mission.agents), dtype=bool)
+        self._queue = mission.queue
 
     def note(self, t_s: float, agents: np.ndarray, alive: Sequence[bool], targets: np.ndarray) -> bool:
         """Note the arrivals up to this sample, targets in file order; return whether the flight is over.
 
-        It is over when every target is reached, or every agent alive has arrived. `agents` (N, 4) and `targets` (K, 4)
+        It is over when every target is reached, or nobody is left on its way: no agent alive that has not arrived, or
+        in a mission with a `queue` no agent alive at all. `agents` (N, 4) and `targets` (K, 4)
         are rows of north m, east m, heading deg, speed m/s.
         """
         living = np.asarray(alive, dtype=bool)
@@ -84,8 +86,9 @@ class Arrivals:
         for target in np.flatnonzero(near.any(axis=0)).tolist():
             here = near[:, target] & self._on_their_way
             if here.any():
-                self._on_their_way &= ~here
-                self._awaited[here] = False
+                if not self._queue:
+                    self._on_their_way &= ~here
+                    self._awaited[here] = False
                 self._awaited[:, target] = False
                 self.open.remove(target)
         return not self.open or not (self._on_their_way & living).any()

@@ -287,8 +287,8 @@ def _draw_agents(axes: Axes, trajectory: Trajectory, score: Score, unit_m: float
             axes.plot(thin[:, 1], thin[:, 0], color=colour, ls=style, lw=1.3, zorder=4)
             paths.append(thin[::_LABEL_STRIDE, ::-1])
         axes.plot(*starts[index], ls="", marker="*", ms=9, mfc=colour, mec="white", mew=0.5, zorder=7)
-        if agent.end_ned_m is not None and agent.arrived_t_s is not None:
-            at = (agent.end_ned_m[1] / unit_m, agent.end_ned_m[0] / unit_m)
+        for reached in agent.reached:
+            at = (reached.ned_m[1] / unit_m, reached.ned_m[0] / unit_m)
             axes.plot(*at, ls="", marker="o", ms=5.5, mfc="white", mec=colour, mew=1.6, zorder=7)
         if agent.lost_t_s is not None and len(flown):
             axes.plot(flown[-1, 1], flown[-1, 0], ls="", marker="x", ms=7, mew=2.0, color=colour, zorder=7)

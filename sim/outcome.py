@@ -35,8 +35,8 @@ class AgentResult:
 
     @property
     def target_id(self) -> int | None:
-        """Id of the target at which it arrived, else that it last flew to."""
-        return self.score.target_id if self.score.target_id is not None else self.log.target_id
+        """Id of the target at which it arrived last, else that it last flew to."""
+        return self.score.target_id if self.outcome == "arrived" else self.log.target_id or self.score.target_id
 
     @property
     def certificate_at_start(self) -> str:
@@ -56,6 +56,7 @@ class AgentResult:
             "reason": self.reason,
             "target": self.target_id,
             "arrived_t_s": scored.arrived_t_s,
+            "reached": [{"target": one.target_id, "t_s": one.t_s} for one in scored.reached],
             "certificate_at_start": self.certificate_at_start,
             "certificate_lost": None if log.loss is None else {**log.loss._asdict(), "t_s": _rounded(log.loss.t_s)},
             "broken": [
@@ -93,8 +94,10 @@ def first_reason(flown: FlownMission, results: Sequence[AgentResult]) -> str:
 
 def _outcome(flown: FlownMission, spec: AgentSpec, scored: AgentScore, log: AgentLog) -> tuple[Outcome, str]:
     last = log.last
-    if scored.arrived_t_s is not None:
-        return "arrived", f"within {flown.mission.arrival_radius_m:g} m of target {scored.target_id}"
+    if scored.reached and not _was_sent_on(flown, log):
+        ids = [str(one.target_id) for one in scored.reached]
+        there = f"target {ids[0]}" if len(ids) == 1 else f"targets {', '.join(ids)}"
+        return "arrived", f"within {flown.mission.arrival_radius_m:g} m of {there}"
     if scored.lost_t_s is not None:
         return "lost", f"at {scored.lost_t_s:g} s, as the mission says"
     if last is None:
@@ -114,6 +117,12 @@ def _outcome(flown: FlownMission, spec: AgentSpec, scored: AgentScore, log: Agen
         )
     doing = {Purpose.IDLE: "not steered: ", Purpose.RETURN: "returning: ", Purpose.LOITER: ""}[last.purpose]
     return "loitering", f"{doing}{why}{_cut_short(flown)}"
+
+
+def _was_sent_on(flown: FlownMission, log: AgentLog) -> bool:
+    """Return whether an agent that has arrived was sent to a target after that which was not reached (`queue`)."""
+    still_open = {target.id for target in flown.score.per_target if target.reached_t_s is None}
+    return flown.mission.queue and log.target_id in still_open
 
 
 def _words(decision: Decision) -> str:

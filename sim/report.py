@@ -1,8 +1,8 @@
 """Writes the report of one flight: a single HTML file that is complete in itself.
 
-It can be opened years later without a network: pictures are data URIs, the style sheet is inside, nothing is loaded and
-no script runs. Every value is escaped, because a mission's name may contain anything. The page's template is
-`templates/report.html`; its content is computed here.
+It can be opened years later without a network: pictures are data URIs, style sheet and player are inside, nothing is
+loaded, and a policy in the page lets nothing be. Every value is escaped, because a mission's name may contain anything.
+The page's template is `templates/report.html`; its content is computed here, the player's in sim/player.py.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from companion.mission.model import LinkSpec, Mission, Wind
 from sim.flown import KINEMATIC, FlownMission
+from sim.player import script_json
 from sim.score import Score
 from sim.trajectory import Trajectory
 
@@ -70,10 +71,12 @@ _NOTHING = "–"
 
 @dataclass(frozen=True)
 class Pictures:
-    """The pictures of a report, as the bytes of PNG files."""
+    """The pictures of a report, still as the bytes of PNG files, and moving."""
 
     paths_png: bytes
     clearance_png: bytes
+    player: Mapping[str, Any]
+    """What the player is given (sim/player.py)."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         keep_trailing_newline=True,
     )
+    environment.filters["script_json"] = script_json
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
     return environment
 
@@ -233,8 +237,8 @@ def _agent_table(score: Score) -> Table:
     rows = []
     for agent in score.per_agent:
         ending = _NOTHING
-        if agent.arrived_t_s is not None:
-            ending = f"target {agent.target_id}"
+        if agent.reached:
+            ending = f"target {', '.join(str(one.target_id) for one in agent.reached)}"
         elif agent.lost_t_s is not None:
             ending = f"lost at {agent.lost_t_s:,.1f} s"
         ratio = agent.path_to_end_m / agent.shortest_path_m if agent.shortest_path_m > 0 else math.nan
@@ -251,9 +255,9 @@ def _agent_table(score: Score) -> Table:
             )
         )
     return Table(
-        "The shortest path goes around the detection radii of static threats to where the agent arrived (else to its "
-        "last position); moving threats are left out, so it is a lower bound. The ratio compares it with the path up "
-        "to there, without the loiter afterwards.",
+        "The shortest path goes around the detection radii of static threats to where the agent arrived last, by its "
+        "other arrivals (else to its last position); moving threats are left out, so it is a lower bound. The ratio "
+        "compares it with the path up to there, without the loiter afterwards.",
         (
             "agent",
             "arrived at",

@@ -6,8 +6,10 @@ Nothing here depends on the guidance's estimates or decisions. So the same figur
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,24 +32,32 @@ FIGURE_DECIMALS = 6
 """Decimals of lengths and times in `result.json`: micrometres and microseconds, finer than the trajectory's values."""
 
 
+class Reached(NamedTuple):
+    """One arrival of an agent at a target."""
+
+    target_id: int
+    t_s: float
+    """Time at which it came within the arrival radius, on its path between two samples."""
+    ned_m: tuple[float, float]
+    """Where it was then."""
+
+
 @dataclass(frozen=True)
 class AgentScore:
     """One agent's figures. Lengths count until the agent's loss, if it was lost."""
 
     id: int
-    arrived_t_s: float | None
-    """Time at which it first came within the arrival radius, on its path between two samples."""
-    target_id: int | None
-    """The target at which it arrived."""
+    reached: tuple[Reached, ...]
+    """Its arrivals in order: one at most, unless the mission has a `queue`."""
     end_ned_m: tuple[float, float] | None
-    """The place of its arrival, else its last position alive; None if it was never alive."""
+    """The place of its last arrival, else its last position alive; None if it was never alive."""
     lost_t_s: float | None
     """Time of the first sample at which it was lost; None if it was not."""
     path_length_m: float
     path_to_end_m: float
-    """Length of the path up to `end_ned_m`, which leaves out the loiter after arrival."""
+    """Length of the path up to `end_ned_m`, which leaves out the loiter after the last arrival."""
     shortest_path_m: float
-    """Length of the shortest path from start to `end_ned_m` around static threats; see `score`."""
+    """Length of the shortest path from start by its arrivals to `end_ned_m` around static threats; see `score`."""
     threat_entries_detection: int
     threat_entries_attack: int
     nearest_detection: Nearest | None
@@ -55,6 +65,16 @@ class AgentScore:
     nearest_attack: Nearest | None
     nearest_agent: Nearest | None
     """Nearest approach to another agent at its height; None if there was none."""
+
+    @property
+    def arrived_t_s(self) -> float | None:
+        """Time of its last arrival; None if it has not arrived."""
+        return self.reached[-1].t_s if self.reached else None
+
+    @property
+    def target_id(self) -> int | None:
+        """The target at which it arrived last."""
+        return self.reached[-1].target_id if self.reached else None
 
 
 @dataclass(frozen=True)
@@ -114,11 +134,10 @@ class Score:
 
 @dataclass(frozen=True)
 class _Arrivals:
-    sample: np.ndarray  # (N,) sample at or before which each agent arrived, -1 if it did not
-    target: np.ndarray  # (N,) index of its target, -1 if it did not arrive
-    t_s: np.ndarray  # (N,) time of its arrival, NaN if it did not arrive
-    ned_m: np.ndarray  # (N, 2) place of its arrival
-    reached_by: np.ndarray  # (K,) index of the agent that reached each target first, -1 if it was not reached
+    by_agent: tuple[list[Reached], ...]
+    """The arrivals of each agent, in order."""
+    by_target: dict[int, tuple[int, float]]
+    """Index of the agent that reached a target first, and when, by index of the target."""
 
 
 def score(trajectory: Trajectory, mission: Mission) -> Score:
@@ -130,17 +149,17 @@ def score(trajectory: Trajectory, mission: Mission) -> Score:
     * What happens between two samples is judged on the path that was flown (`sim.flown_path`).
     * Samples are taken in order of time, and at each the targets not yet reached in file order: every agent alive that
       has not yet arrived and was within `arrival_radius_m` on its path from the last sample arrives there, at the time
-      when it came within it, and the target is reached and no longer open. An agent arrives once; one with an
-      `only_target` arrives only there.
+      when it came within it, and the target is reached and no longer open. An agent arrives once, unless the mission
+      has a `queue`; one with an `only_target` arrives only there.
     * A threat counts for the agents whose height it reaches. Agents on different layers are separated by height.
     * An entry is a step from outside to inside a threat's radius (distance less than the radius) between two samples,
       or a path between two samples outside that dips into it by more than the rounding of the file; starting inside is
       no entry. Agents that have arrived still count. The worst depth is the greatest depth of any agent inside any
       detection radius, on its path.
     * A path is the sum of straight segments between samples. The shortest path runs from the agent's first position to
-      the place of its arrival (else its last position alive) around the detection discs of the static threats. Moving
-      threats and discs that contain either end are left out, so it is a lower bound. It is infinite where static
-      discs close every way.
+      the place of its arrival (else its last position alive) around the detection discs of the static threats; of
+      several arrivals, from each place to the next. Moving threats and discs that contain either end are left out, so
+      it is a lower bound. It is infinite where static discs close every way.
     * A breach of separation is a run of paths between samples in which one pair's closest approach is below
       `separation_m`. The least separation is None if no two agents were ever alive together.
 
@@ -157,14 +176,12 @@ def score(trajectory: Trajectory, mission: Mission) -> Score:
     peers = peer_approaches(trajectory, alive, mission)
     per_agent = _agents(trajectory, mission, alive, arrivals, (threats, peers))
     per_target = tuple(
-        TargetScore(identity, float(arrivals.t_s[agent]), trajectory.agent_ids[agent])
-        if agent >= 0
-        else TargetScore(identity, None, None)
-        for identity, agent in zip(trajectory.target_ids, arrivals.reached_by, strict=True)
+        _target_score(identity, arrivals.by_target.get(target), trajectory)
+        for target, identity in enumerate(trajectory.target_ids)
     )
     return Score(
-        arrived=int((arrivals.sample >= 0).sum()),
-        targets_reached=int((arrivals.reached_by >= 0).sum()),
+        arrived=sum(1 for reached in arrivals.by_agent if reached),
+        targets_reached=len(arrivals.by_target),
         targets=len(trajectory.target_ids),
         flight_time_s=float(trajectory.t_s[-1] - trajectory.t_s[0]),
         path_length_m=tuple(agent.path_length_m for agent in per_agent),
@@ -178,6 +195,13 @@ def score(trajectory: Trajectory, mission: Mission) -> Score:
         per_target=per_target,
         history=History(trajectory.t_s, threats.clearance_m, peers.separation_m),
     )
+
+
+def _target_score(identity: int, first: tuple[int, float] | None, trajectory: Trajectory) -> TargetScore:
+    if first is None:
+        return TargetScore(identity, None, None)
+    agent, t_s = first
+    return TargetScore(identity, t_s, trajectory.agent_ids[agent])
 
 
 def _figure(value: float) -> float | None:
@@ -209,25 +233,33 @@ def _arrivals(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> _A
     targets = len(trajectory.target_ids)
     open_to = [[agent.only_target in (None, target.id) for target in mission.targets] for agent in mission.agents]
     allowed = np.array(open_to, dtype=bool).reshape(agents, targets)
-    sample, target_of, reached_by = np.full(agents, -1), np.full(agents, -1), np.full(targets, -1)
-    t_s, ned_m = np.full(agents, np.nan), np.zeros((agents, 2))
+    arrived, closed = np.zeros(agents, dtype=bool), np.zeros(targets, dtype=bool)
+    found = _Arrivals(tuple([] for _ in range(agents)), {})
     for begin, end in chunks(samples, agents * targets):
         near = _near(trajectory, mission, begin, end) & alive[begin:end, :, None] & allowed
         while True:
             # Once arrived agents and reached targets are left out, the first sample left has the next arrival.
-            near[:, sample >= 0] = False
-            near[:, :, reached_by >= 0] = False
+            near[:, arrived] = False
+            near[:, :, closed] = False
             anyone = np.flatnonzero(near.any(axis=(1, 2)))
             if anyone.size == 0:
                 break
             here = begin + int(anyone[0])
             for target in range(targets):
-                arriving = np.flatnonzero(near[anyone[0], :, target] & (sample < 0))
-                if arriving.size:
-                    sample[arriving], target_of[arriving] = here, target
-                    t_s[arriving], ned_m[arriving] = _passages(trajectory, mission, here, arriving, target)
-                    reached_by[target] = arriving[t_s[arriving].argmin()]
-    return _Arrivals(sample, target_of, t_s, ned_m, reached_by)
+                arriving = np.flatnonzero(near[anyone[0], :, target] & ~arrived)
+                if arriving.size == 0:
+                    continue
+                at_s, ned_m = _passages(trajectory, mission, here, arriving, target)
+                for agent, t_s, (north_m, east_m) in zip(arriving, at_s, ned_m, strict=True):
+                    place_ned_m = float(north_m), float(east_m)
+                    found.by_agent[agent].append(Reached(trajectory.target_ids[target], float(t_s), place_ned_m))
+                first = int(at_s.argmin())
+                found.by_target[target] = int(arriving[first]), float(at_s[first])
+                closed[target] = True
+                arrived[arriving] = not mission.queue
+    for reached in found.by_agent:
+        reached.sort(key=lambda one: one.t_s)
+    return found
 
 
 def _near(trajectory: Trajectory, mission: Mission, begin: int, end: int) -> np.ndarray:
@@ -277,22 +309,25 @@ def _agents(
         fixed = [threat.motion == "static" and is_obstacle(mission, identity, threat) for threat in mission.threats]
         around = np.array(fixed, dtype=bool)
         samples_alive = int(alive[:, agent].sum())
-        arrived = int(arrivals.sample[agent])
-        start_m, end_m = trajectory.agents_ned_m[0, agent], trajectory.agents_ned_m[max(samples_alive - 1, 0), agent]
+        reached = arrivals.by_agent[agent]
+        stops_m = [trajectory.agents_ned_m[0, agent], *(np.array(one.ned_m) for one in reached)]
         to_end_m = float(flown_m[max(samples_alive - 1, 0), agent])
-        if arrived >= 0:
-            end_m = arrivals.ned_m[agent]
-            to_end_m = float(np.interp(arrivals.t_s[agent], trajectory.t_s, flown_m[:, agent]))
+        if reached:
+            to_end_m = float(np.interp(reached[-1].t_s, trajectory.t_s, flown_m[:, agent]))
+        else:
+            stops_m.append(trajectory.agents_ned_m[max(samples_alive - 1, 0), agent])
         scores.append(
             AgentScore(
                 id=identity,
-                arrived_t_s=float(arrivals.t_s[agent]) if arrived >= 0 else None,
-                target_id=trajectory.target_ids[arrivals.target[agent]] if arrived >= 0 else None,
-                end_ned_m=(float(end_m[0]), float(end_m[1])) if samples_alive else None,
+                reached=tuple(reached),
+                end_ned_m=(float(stops_m[-1][0]), float(stops_m[-1][1])) if samples_alive else None,
                 lost_t_s=float(trajectory.t_s[samples_alive]) if samples_alive < len(alive) else None,
                 path_length_m=float(flown_m[-1, agent]),
                 path_to_end_m=to_end_m,
-                shortest_path_m=_shortest_m(start_m, end_m, trajectory.threats_ned_m[0, around], radii_m[around]),
+                shortest_path_m=sum(
+                    _shortest_m(from_m, to_m, trajectory.threats_ned_m[0, around], radii_m[around])
+                    for from_m, to_m in itertools.pairwise(stops_m)
+                ),
                 threat_entries_detection=int(threats.entries_detection[agent]),
                 threat_entries_attack=int(threats.entries_attack[agent]),
                 nearest_detection=threats.detection[agent],

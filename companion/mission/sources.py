@@ -10,6 +10,7 @@ from typing import Annotated, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from companion.files.yaml import ListOf, Section
+from companion.mission.values import Identity, Level
 
 MAX_SOURCES = 32
 """Greatest number of sources of a mission."""
@@ -35,9 +36,7 @@ FILED = ("basestation", "ais", "cot", "csv", "jsonl")
 _RADII = ("radius_m", "detection_radius_m", "attack_radius_m")
 
 _Key = Annotated[str, Field(min_length=1, max_length=80)]
-_Identity = Annotated[int, Field(ge=1, le=65_535)]
 _Radius = Annotated[float, Field(gt=0, le=1.0e6)]
-_Level = Annotated[float, Field(ge=-1_000, le=30_000)]
 _Time = Annotated[float, Field(gt=0, le=86_400)]
 
 
@@ -61,10 +60,10 @@ class SourceSpec(Section):
     attack_radius_m: _Radius | None = None
     speed_bound_m_s: Annotated[float, Field(gt=0, le=1_000)] | None = None
     """Greatest speed of its things; None: that of their category."""
-    floor_m: _Level | None = None
-    ceiling_m: _Level | None = None
+    floor_m: Level | None = None
+    ceiling_m: Level | None = None
     """Height above sea level from which, and up to which, its things count; None: at all heights."""
-    ids: dict[_Key, _Identity] = Field(default_factory=dict)
+    ids: dict[_Key, Identity] = Field(default_factory=dict)
     """Id of an agent, target or threat by the source's key for it."""
     ignore: Annotated[ListOf[_Key], Field(max_length=MOST_THINGS)] = ()
     """Keys that are never taken in, such as the addresses of one's own aircraft."""

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.mission.model import MAX_THREAT_SPEED_M_S
 from companion.mission.sources import SourceKind, SourceSpec
+from companion.mission.values import MAX_THREAT_SPEED_M_S
 from groundstation.filter import LONGEST_S, Noise
 from groundstation.plausibility import Bound
 from groundstation.sources.sighting import Category, Sighting

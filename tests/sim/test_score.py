@@ -40,6 +40,7 @@ def mission_of(
     layers: int = 1,
     layer_spacing_m: float = 0.0,
     only_target: int | None = None,
+    queue: bool = False,
 ) -> Any:  # noqa: ANN401  (stands in for a Mission)
     return SimpleNamespace(
         name="stand-in",
@@ -66,6 +67,7 @@ def mission_of(
         losses=tuple(SimpleNamespace(agent=agent, t_s=t_s) for agent, t_s in losses),
         arrival_radius_m=arrival_radius_m,
         separation_m=separation_m,
+        queue=queue,
     )
 
 
@@ -109,6 +111,25 @@ def test_an_agent_that_comes_after_the_target_was_reached_does_not_arrive() -> N
 def test_an_agent_that_has_arrived_cannot_reach_another_target() -> None:
     found = score(flown([[(0, 0), (100, 0), (200, 0)]], [[(100, 0)], [(200, 0)]]), mission_of(1, 2))
     assert (found.arrived, found.targets_reached) == (1, 1)
+
+
+def test_in_a_mission_with_a_queue_an_agent_reaches_one_target_after_the_other() -> None:
+    tracks = [[(0, 0), (100, 0), (200, 0), (200, 50)]]
+    found = score(flown(tracks, [[(100, 0)], [(200, 0)], [(300, 300)]]), mission_of(1, 3, queue=True))
+    assert (found.arrived, found.targets_reached, found.targets) == (1, 2, 3)
+    (agent,) = found.per_agent
+    assert [one.target_id for one in agent.reached] == [11, 12]
+    assert [one.t_s for one in agent.reached] == pytest.approx([0.9, 1.9])
+    assert (agent.target_id, agent.arrived_t_s) == (12, agent.reached[1].t_s)
+    assert (agent.path_to_end_m, agent.shortest_path_m) == pytest.approx((190.0, 190.0))
+    assert [target.agent_id for target in found.per_target] == [1, 1, None]
+
+
+def test_with_a_queue_the_shortest_path_leads_by_every_arrival() -> None:
+    tracks = [[(0, 0), (100, 0), (0, 0), (0, 100)]]
+    found = score(flown(tracks, [[(110, 0)], [(0, 110)]]), mission_of(1, 2, queue=True))
+    assert found.shortest_path_m == pytest.approx((100.0 + math.hypot(100.0, 100.0),))
+    assert found.per_agent[0].path_to_end_m == pytest.approx(300.0)
 
 
 def test_an_agent_within_reach_of_two_targets_at_once_reaches_the_first_in_file_order() -> None:

@@ -353,6 +353,19 @@ def test_without_a_home_it_returns_to_where_it_began_to_steer() -> None:
     assert decision.wanted_heading_rad == pytest.approx(1.5 * math.pi, abs=0.01)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_vehicle_of_any_kind_that_loiters_where_it_arrived_flies_to_the_next_target(kind: str) -> None:
+    flight = guided(kind=kind)
+    flight.broadcast((1_000.0, 0.0))
+    velocity = (15.0, 0.0) if kind.endswith("plane") else (0.0, 0.0)
+    for _ in range(3):
+        decision, _ = flight.at(1_000.0, 0.0, velocity)
+    assert (decision.purpose, decision.reason) == (Purpose.LOITER, "arrived")
+    flight.broadcast((1_000.0, 4_000.0))
+    decision, _ = flight.at(1_000.0, 0.0, velocity)
+    assert (decision.purpose, decision.reason) == (Purpose.TARGET, "assigned")
+
+
 def test_the_directive_normal_sets_it_going_again() -> None:
     flight = guided()
     flight.broadcast(directive=Directive.HOLD)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given, settings
@@ -189,7 +190,7 @@ def test_a_recording_in_metres_of_several_kinds_is_read_as_the_kind_that_is_mean
     assert parser.refused == {OTHER_KIND: 1}
 
 
-PARSERS = {
+PARSERS: dict[str, tuple[Callable[[], Parser], bytes]] = {
     "basestation": (BaseStationParser, CALLSIGN + VELOCITY + POSITION),
     "ais": (AisParser, b"!AIVDM,1,1,,B,15M67FC000G?ufbE`FepT@3n00Sa,0*5C\n"),
     "cot": (CotParser, COT.encode()),
