@@ -17,6 +17,7 @@ from companion.errors import run_program, tell
 from groundstation.choices import AUTHENTICATIONS, RADIOS_BYTES_PER_S, SIGNED, STATE_NAME, one_of, without_null
 
 if TYPE_CHECKING:
+    from groundstation.fleet.command import FleetArguments
     from groundstation.options import RunArguments
 
 RADIO_HELP = f"{', '.join(RADIOS_BYTES_PER_S)}, or bytes per second; /v2ext after it: through an autopilot."
@@ -127,6 +128,36 @@ def keygen(folder: str, agents: str | None) -> None:
         f"{PUBLIC_NAME} goes to every vehicle, {MAVLINK_NAME} too where MAVLink signing is used, uplink-N.mavlink to "
         f"agent N, {SENSOR_NAME} to every sensor; nothing else does"
     )
+
+
+@cli.command("fleet")
+@click.argument("mission")
+@click.option(
+    "--out", required=True, metavar="DIR", help="Folder for configurations, keys and the list of what goes where."
+)
+@click.option("--fleet", metavar="FILE", help="The fleet file: docs/fleet.md. Without it all vehicles are alike.")
+@click.option("--keys", metavar="DIR", help="Trust the keys in DIR, and put each vehicle's beside its configuration.")
+@click.option("--unsigned", is_flag=True, help="Trust anybody: the broadcast is not signed.")
+@click.option("--auth", metavar="WORD", help=f"With --keys: {', '.join(SIGNED)}; both unless said otherwise.")
+@click.option("--link", metavar="URL", help="Where a vehicle hears the broadcast, if FILE does not say.")
+@click.option("--autopilot", metavar="KIND", help=f"Its kind, if FILE does not say: {', '.join(KINDS)}.")
+@click.option("--autopilot-link", metavar="URL", help="Its autopilot, if FILE does not say; {id} is the vehicle's id.")
+@click.option("--uplink", metavar="URL", help="Case II: where its reports go, if FILE does not say.")
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
+def fleet_command(**given: Unpack[FleetArguments]) -> None:
+    """Write the configuration of every vehicle of MISSION, a YAML file or a packaged name.
+
+    What vehicles and ground station must agree on comes from the mission; a fleet file that says otherwise is refused.
+
+    Example: groundstation fleet copter-field --fleet fleet.yaml --keys keys --out fleet
+
+    Example: groundstation fleet copter-demo --unsigned --autopilot arducopter --link udpin:0.0.0.0:14600
+    --autopilot-link serial:/dev/ttyACM0:115200 --out fleet
+    """
+    from groundstation.fleet.command import write
+
+    for path in write(given):
+        click.echo(str(path))
 
 
 @cli.command("plan")
