@@ -15,9 +15,10 @@ import click
 from companion.autopilot.kinds import ARDUCOPTER, KINDS
 from companion.errors import run_program, tell
 from groundstation.choices import AUTHENTICATIONS, RADIOS_BYTES_PER_S, SIGNED, STATE_NAME, one_of, without_null
+from groundstation.mission_commands import MISSION_COMMANDS
+from groundstation.web.address import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
-    from groundstation.fleet.command import FleetArguments
     from groundstation.options import RunArguments
 
 RADIO_HELP = f"{', '.join(RADIOS_BYTES_PER_S)}, or bytes per second; /v2ext after it: through an autopilot."
@@ -84,6 +85,27 @@ def cli() -> None:
     "--autopilot", default="kinematic", show_default=True, help=f"Case II: what is reckoned: {', '.join(KINDS)}."
 )
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
+@click.option(
+    "--ui",
+    is_flag=False,
+    flag_value=DEFAULT_ADDRESS,
+    metavar="[HOST:PORT]",
+    help=f"Serve the page and the API; on {DEFAULT_ADDRESS} if no address follows.",
+)
+@click.option("--ui-tokens", metavar="FILE", help="Let in whoever has a token of `groundstation token --file FILE`.")
+@click.option(
+    "--ui-cert", metavar="FILE", help="Certificate of the page, PEM: TLS, without which only loopback serves."
+)
+@click.option("--ui-key", metavar="FILE", help="Private key of that certificate, PEM.")
+@click.option("--ui-client-ca", metavar="FILE", help="Let in whoever has a client certificate of this authority, PEM.")
+@click.option("--ui-tiles", metavar="DIR", help="Map tiles for the page: DIR/Z/X/Y.png.")
+@click.option(
+    "--log-format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="Of the messages on the terminal: json is one object a line.",
+)
 def run(**given: Unpack[RunArguments]) -> None:
     """Broadcast MISSION, a YAML file or a packaged name, until interrupted.
 
@@ -130,34 +152,27 @@ def keygen(folder: str, agents: str | None) -> None:
     )
 
 
-@cli.command("fleet")
-@click.argument("mission")
-@click.option(
-    "--out", required=True, metavar="DIR", help="Folder for configurations, keys and the list of what goes where."
-)
-@click.option("--fleet", metavar="FILE", help="The fleet file: docs/fleet.md. Without it all vehicles are alike.")
-@click.option("--keys", metavar="DIR", help="Trust the keys in DIR, and put each vehicle's beside its configuration.")
-@click.option("--unsigned", is_flag=True, help="Trust anybody: the broadcast is not signed.")
-@click.option("--auth", metavar="WORD", help=f"With --keys: {', '.join(SIGNED)}; both unless said otherwise.")
-@click.option("--link", metavar="URL", help="Where a vehicle hears the broadcast, if FILE does not say.")
-@click.option("--autopilot", metavar="KIND", help=f"Its kind, if FILE does not say: {', '.join(KINDS)}.")
-@click.option("--autopilot-link", metavar="URL", help="Its autopilot, if FILE does not say; {id} is the vehicle's id.")
-@click.option("--uplink", metavar="URL", help="Case II: where its reports go, if FILE does not say.")
-@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
-def fleet_command(**given: Unpack[FleetArguments]) -> None:
-    """Write the configuration of every vehicle of MISSION, a YAML file or a packaged name.
+@cli.command()
+@click.argument("name")
+@click.option("--file", "path", required=True, metavar="FILE", help="Where the tokens' hashes are kept.")
+@click.option("--role", default="observer", show_default=True, metavar="WORD", help="observer (looks) or operator.")
+@click.option("--revoke", is_flag=True, help="Take NAME's token away; a running ground station follows at once.")
+def token(name: str, path: str, role: str, revoke: bool) -> None:
+    """Make a token with which NAME may use the page and the API; it is printed once and kept nowhere.
 
-    What vehicles and ground station must agree on comes from the mission; a fleet file that says otherwise is refused.
-
-    Example: groundstation fleet copter-field --fleet fleet.yaml --keys keys --out fleet
-
-    Example: groundstation fleet copter-demo --unsigned --autopilot arducopter --link udpin:0.0.0.0:14600
-    --autopilot-link serial:/dev/ttyACM0:115200 --out fleet
+    Example: groundstation token anna --file tokens.json --role operator
     """
-    from groundstation.fleet.command import write
+    from groundstation.web.pipe import Who
+    from groundstation.web.tokens import add_token, revoke_token
 
-    for path in write(given):
-        click.echo(str(path))
+    without_null({"NAME": name, "--file": path})
+    if revoke:
+        revoke_token(Path(path), name)
+        click.echo(f"{name}: revoked", err=True)
+        return
+    secret = add_token(Path(path), Who(name, role))
+    click.echo(f"{name}: {role}; the token is shown this once:", err=True)
+    tell(secret)
 
 
 @cli.command("plan")
@@ -198,6 +213,10 @@ def plan_command(mission: str, radio_name: str, share: float, auth: str, seed: i
         task = bar.add_task("", total=1.0)
         found = plan(resolved, radio, authentication, lambda share: bar.update(task, completed=share))
     tell(json.dumps(found.to_dict(), allow_nan=False) if as_json else plan_text(found))
+
+
+for command in MISSION_COMMANDS:
+    cli.add_command(command)
 
 
 def main() -> None:

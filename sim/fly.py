@@ -175,7 +175,7 @@ def fly_mission(options: FlyOptions) -> FlownResult:
         agents = agent_results(flown, flight.logs)
         result = result_of(flown, flight, agents)
         if folder is not None:
-            write_folder(folder, flown, result, options.command_line(radio))
+            write_folder(folder, flown, result, flight.logs, options.command_line(radio))
     return FlownResult(flown, agents, result, flight.stop)
 
 

@@ -1,4 +1,4 @@
-"""`groundstation fleet`: each vehicle's configuration from mission and fleet file, which do not contradict each other."""
+"""`groundstation fleet`: a configuration for each vehicle from mission and fleet file, which do not contradict it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from groundstation.cli import cli
 from groundstation.input_keys import vehicle_key, write_keys
 
 MISSION = resolve(load_mission("copter-field"), 1)
-ALL = {
+ALL: dict[str, Any] = {
     "kind": "arducopter",
     "autopilot_link": "serial:/dev/ttyACM0:115200",
     "broadcast_link": "mcast:239.255.145.50:14600@10.0.0.{id}",
