@@ -84,6 +84,27 @@ def cli() -> None:
     "--autopilot", default="kinematic", show_default=True, help=f"Case II: what is reckoned: {', '.join(KINDS)}."
 )
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
+@click.option(
+    "--ui",
+    is_flag=False,
+    flag_value=DEFAULT_ADDRESS,
+    metavar="[HOST:PORT]",
+    help=f"Serve the page and the API; on {DEFAULT_ADDRESS} if no address follows.",
+)
+@click.option("--ui-tokens", metavar="FILE", help="Let in whoever has a token of `groundstation token --file FILE`.")
+@click.option(
+    "--ui-cert", metavar="FILE", help="Certificate of the page, PEM: TLS, without which only loopback serves."
+)
+@click.option("--ui-key", metavar="FILE", help="Private key of that certificate, PEM.")
+@click.option("--ui-client-ca", metavar="FILE", help="Let in whoever has a client certificate of this authority, PEM.")
+@click.option("--ui-tiles", metavar="DIR", help="Map tiles for the page: DIR/Z/X/Y.png.")
+@click.option(
+    "--log-format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="Of the messages on the terminal: json is one object a line.",
+)
 def run(**given: Unpack[RunArguments]) -> None:
     """Broadcast MISSION, a YAML file or a packaged name, until interrupted.
 
@@ -128,6 +149,29 @@ def keygen(folder: str, agents: str | None) -> None:
         f"{PUBLIC_NAME} goes to every vehicle, {MAVLINK_NAME} too where MAVLink signing is used, uplink-N.mavlink to "
         f"agent N, {SENSOR_NAME} to every sensor; nothing else does"
     )
+
+
+@cli.command()
+@click.argument("name")
+@click.option("--file", "path", required=True, metavar="FILE", help="Where the tokens' hashes are kept.")
+@click.option("--role", default="observer", show_default=True, metavar="WORD", help="observer (looks) or operator.")
+@click.option("--revoke", is_flag=True, help="Take NAME's token away; a running ground station follows at once.")
+def token(name: str, path: str, role: str, revoke: bool) -> None:
+    """Make a token with which NAME may use the page and the API; it is printed once and kept nowhere.
+
+    Example: groundstation token anna --file tokens.json --role operator
+    """
+    from groundstation.web.pipe import Who
+    from groundstation.web.tokens import add_token, revoke_token
+
+    without_null({"NAME": name, "--file": path})
+    if revoke:
+        revoke_token(Path(path), name)
+        click.echo(f"{name}: revoked", err=True)
+        return
+    secret = add_token(Path(path), Who(name, role))
+    click.echo(f"{name}: {role}; the token is shown this once:", err=True)
+    tell(secret)
 
 
 @cli.command("plan")

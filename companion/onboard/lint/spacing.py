@@ -20,6 +20,10 @@ from companion.guard.types import Motion
 from companion.mission.model import Mission
 from companion.onboard.lint.fleet import Flyer
 
+MOST_GROWN = 0.5
+"""Growth of a word, in separations, up to which vehicles that can stop and only hear of one another kept their
+separation in every flight of docs/separation.md ("What is told grows with its age")."""
+
 
 def _motion(flyer: Flyer) -> Motion:
     heading_rad = math.radians(flyer.spec.heading_deg or 0.0)
@@ -141,7 +145,10 @@ def too_little_known(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
         )
         rules = _rules(max(group, key=lambda one: _rules(one).speed_m_s))
         grown_m = growth_m(rules.speed_m_s, age_s, True, rules, mission.guidance_step_s)
-        if grown_m > greatest_growth_m(rules, mission.guidance_step_s):
+        most_m = greatest_growth_m(rules, mission.guidance_step_s)
+        if rules.can_stop:
+            most_m = min(most_m, MOST_GROWN * mission.separation_m)
+        if grown_m > most_m:
             concerns.append(
                 f"'broadcast': with broadcast_period_s {mission.broadcast_period_s:g} s a word of another agent is up "
                 f"to {age_s:.3g} s old and {grown_m:.0f} m off at {rules.speed_m_s:g} m/s: too much to promise "

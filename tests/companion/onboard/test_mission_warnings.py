@@ -202,6 +202,14 @@ def test_agents_that_hear_of_one_another_often_enough_are_not_warned_of(period_s
     assert warnings_of(agents=pair(8000.0), targets=TWO, threats=[], **told) == []
 
 
+def test_copters_whose_words_grow_beyond_half_of_their_separation_are_warned_of() -> None:
+    copters = [{**each, "speed_m_s": 8.0} for each in pair(8000.0)]
+    told: dict[str, Any] = {"agents": copters, "targets": TWO, "threats": [], "detector": "broadcast"}
+    warning = the_warning("arducopter", **told, separation_m=20.0, broadcast_period_s=3.0)
+    assert warning.startswith("detector: 'broadcast': with broadcast_period_s 3")
+    assert warnings_of("arducopter", **told, separation_m=40.0, broadcast_period_s=1.0) == []
+
+
 def test_a_detector_that_sees_too_late_is_named_with_the_range_it_needs() -> None:
     far = pair(8000.0)
     warning = the_warning(agents=far, targets=TWO, threats=[], detector_range_m=1600.0)
