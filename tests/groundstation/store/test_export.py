@@ -18,7 +18,6 @@ from groundstation.store.export import Slice, event_line, export
 from groundstation.store.log_command import time_of
 from tests.groundstation.store.recorded import NOW_S, recorded_store
 
-
 WHOLE = Slice()
 
 
