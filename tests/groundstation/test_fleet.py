@@ -158,7 +158,7 @@ def changed(index: int, **values: object) -> list[dict[str, Any]]:
     return [{**vehicle, **values} if place == index else vehicle for place, vehicle in enumerate(VEHICLES)]
 
 
-REFUSED: dict[str, tuple[object, str]] = {
+REFUSED: dict[str, tuple[Any, str]] = {
     "a missing id": (
         {"all": ALL, "vehicles": VEHICLES[:2]},
         "vehicles: none for agent 3, which the mission has; allowed: one",
