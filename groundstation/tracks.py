@@ -220,18 +220,6 @@ class TrackTable:
             self.tracks[key] = track
             self._begin_anew(key, held.at_s)
 
-    def told(self, key: Key, place_ned_m: Point, velocity: complex, seen_at_s: float) -> None:
-        """Move a target or threat that a live source has made to where the source's own filter has it.
-
-        `velocity` is north + i east in m/s along the axes of the grid; what is no such thing, or older than its track,
-        changes nothing.
-        """
-        track = self.tracks.get(key)
-        if track is None or seen_at_s < track.seen_at_s or math.hypot(*place_ned_m) > FARTHEST_M:
-            return
-        velocity = _bounded(velocity, self._sightings.bound(key))
-        self.tracks[key] = Track(*place_ned_m, velocity.real, velocity.imag, seen_at_s)
-
     def excuse(self, silent_s: float) -> None:
         """Count no agent as silent for a time in which nobody could be heard."""
         self.heard_at_s = {agent_id: at_s + silent_s for agent_id, at_s in self.heard_at_s.items()}

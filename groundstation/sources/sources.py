@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from typing import Any, Protocol
 
@@ -16,7 +16,8 @@ from companion.errors import InputError
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission
 from companion.mission.sources import SourceSpec
-from companion.protocol.codec import Detection, DetectionsFrame, Kind
+from companion.protocol.codec import Kind
+from groundstation.desk import Answer, Fact
 from groundstation.events import (
     AddTarget,
     AddThreat,
@@ -30,10 +31,11 @@ from groundstation.events import (
     Who,
 )
 from groundstation.ground_station import GroundStation
+from groundstation.origins import Observation
 from groundstation.sources.feed import Feed
 from groundstation.sources.links import run_source
 from groundstation.sources.thing import SourceKey
-from groundstation.sources.tracker import BATCH_S, Dropped, Moved, Taken, Tracker
+from groundstation.sources.tracker import BATCH_S, Dropped, Taken, Tracker
 
 MOST_PER_TICK = 40
 """Greatest number of sightings that are weighed in a tick, of all sources together: some 8 ms of work."""
@@ -41,20 +43,15 @@ MOST_ASKED = 20
 """Greatest number of commands of a tick, each of which may solve the assignment anew."""
 _WORDS: dict[Kind, ThingKind] = {Kind.TARGET: "target", Kind.THREAT: "threat"}
 
-Answer = Callable[[Event | InputError], None]
-"""Takes the event that a command became, once it is obeyed, or why it was refused."""
-Fact = Callable[[int, float], Event]
-"""Makes an event of its number and Unix time."""
-
 
 class Desk(Protocol):
-    """Who obeys commands, and keeps events, in order."""
+    """Who obeys commands, and keeps events, in order (groundstation/desk.py)."""
 
     def ask_with(self, command: Command, who: Who, facts: Callable[[Event], Sequence[Fact]], answer: Answer) -> None:
-        """Have a command obeyed, and the facts kept that follow from its event."""
+        """Have a command obeyed, and what follows from its event kept with it; `answer` is called with the outcome."""
 
-    def note_facts(self, facts: Sequence[Fact]) -> None:
-        """Keep what has happened."""
+    def note_facts(self, facts: Iterable[Fact]) -> None:
+        """Adopt and keep what has happened."""
 
 
 class Sources:
@@ -86,8 +83,8 @@ class Sources:
         if station.mission is not self._mission:
             self._mission = station.mission
             self.tracker.follow(station.mission)
-        for moved in self._moves(now_s):
-            self._move(station, moved, now_s)
+        for seen in self._observations(now_s):
+            station.observe(seen)
         agents = [
             complex(*station.tracks.tracks[Kind.AGENT, one].position_ned_m) for one in station.tracks.present_agents
         ]
@@ -136,9 +133,9 @@ class Sources:
         """Return the lines about what is not believed that are due."""
         return self.tracker.refusals.news(now_s)
 
-    def _moves(self, now_s: float) -> list[Moved]:
+    def _observations(self, now_s: float) -> list[Observation]:
         """Return the moves by the sightings that wait, from each source in turn."""
-        moves = []
+        seen = []
         feeds = list(self.feeds.values())
         left = MOST_PER_TICK
         while left and feeds:
@@ -151,19 +148,8 @@ class Sources:
             left -= 1
             moved = self.tracker.take(feed.spec.name, sighting, now_s)
             if moved is not None:
-                moves.append(moved)
-        return moves
-
-    def _move(self, station: GroundStation, moved: Moved, now_s: float) -> None:
-        place, velocity = moved.place, moved.velocity
-        if moved.kind is not Kind.AGENT and not moved.is_listed:
-            station.tracks.told((moved.kind, moved.id), (place.real, place.imag), velocity, moved.at_s)
-            return
-        # The bounds of the mission's own things hold for what any source says of them.
-        detection = Detection(moved.kind, moved.id, place.real, place.imag, velocity.real, velocity.imag)
-        origin, epoch_s = station.mission.origin, int(moved.at_s + station.tracks.clock_ahead_s)
-        time_ms = round((moved.at_s + station.tracks.clock_ahead_s - epoch_s) * 1e3)
-        station.tracks.take(DetectionsFrame(epoch_s, time_ms, origin.lat_deg, origin.lon_deg, (detection,)), now_s)
+                seen.append(moved)
+        return seen
 
     def _ask(self, station: GroundStation, desk: Desk, one: Taken | Dropped, now_s: float) -> None:
         who = Who(name=one.key.source, role="source")

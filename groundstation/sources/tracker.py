@@ -23,6 +23,7 @@ from companion.geo.local_frame import LocalFrame, to_grid
 from companion.mission.model import Mission
 from companion.mission.sources import SourceSpec
 from companion.protocol.codec import Kind
+from groundstation.origins import Observation
 from groundstation.plausibility import Known, Sample, Verdict, Weighed
 from groundstation.refusals import Refusals
 from groundstation.sources.box import Box
@@ -51,19 +52,6 @@ REPLACED_AT = 0.7
 AGAIN_S = 30.0
 """Time after which what was refused by the ground station is asked for again."""
 KINDS = {"agents": Kind.AGENT, "targets": Kind.TARGET, "threats": Kind.THREAT}
-
-
-class Moved(NamedTuple):
-    """A new place of a thing that the picture has, as the filter has it."""
-
-    kind: Kind
-    id: int
-    place: complex
-    velocity: complex
-    """Along the axes of the grid, in m/s; 0 where none is told."""
-    at_s: float
-    is_listed: bool
-    """Whether it is a thing of the mission's file, whose own bounds hold for it."""
 
 
 class Taken(NamedTuple):
@@ -169,7 +157,7 @@ class Tracker:
         """Return the agents that sources see and the mission does not have."""
         return list(self._unknown.values())
 
-    def take(self, source: str, sighting: Sighting, now_s: float) -> Moved | None:
+    def take(self, source: str, sighting: Sighting, now_s: float) -> Observation | None:
         """Weigh a sighting; return the new place of its thing if the picture has that."""
         rules = self._rules[source]
         at_s = self._time_of(rules, sighting, now_s)
@@ -201,7 +189,8 @@ class Tracker:
         self._put(thing)
         if thing.id is None or not self._owns(thing, now_s):
             return None
-        return Moved(kind, thing.id, thing.place, thing.velocity or 0j, at_s, thing.is_listed)
+        error_m = rules.bound(sighting, 0.0).noise.error_m
+        return Observation(kind, thing.id, thing.place, thing.velocity or 0j, at_s, error_m, source)
 
     def due(
         self, agents: Sequence[complex], reach_m: float, now_s: float, failed: Collection[str] = ()

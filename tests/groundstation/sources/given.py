@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,10 @@ from companion.errors import InputError
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission, parse_mission
 from companion.mission.sources import SourceSpec
+from groundstation.desk import Answer, Fact
 from groundstation.events import Command, Event, Who
 from groundstation.ground_station import GroundStation
 from groundstation.sources.sighting import Category, Sighting
-from groundstation.sources.sources import Answer, Fact
 
 START_S = 1_790_000_000.0
 DATA = Path(__file__).parent / "data"
@@ -71,7 +71,7 @@ class ObeyingDesk:
         self.note_facts(facts(event))
         answer(event)
 
-    def note_facts(self, facts: Sequence[Fact]) -> None:
+    def note_facts(self, facts: Iterable[Fact]) -> None:
         for fact in facts:
             event = fact(self.station.operations.next_number, self.now_s)
             self.station.adopt(event, self.now_s)
