@@ -15,6 +15,7 @@ import click
 from companion.autopilot.kinds import ARDUCOPTER, KINDS
 from companion.errors import InputError, run_program, tell
 from groundstation.choices import AUTHENTICATIONS, RADIOS_BYTES_PER_S, SIGNED, STATE_NAME, one_of, without_null
+from groundstation.mission_commands import MISSION_COMMANDS
 from groundstation.web.address import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
@@ -30,6 +31,10 @@ def cli() -> None:
 
     Example: groundstation run copter-demo --link udpout:127.0.0.1:14600 --unsigned
     """
+
+
+for command in MISSION_COMMANDS:
+    cli.add_command(command)
 
 
 @cli.command()

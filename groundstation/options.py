@@ -124,9 +124,14 @@ def _mission_to_broadcast(name: str, seed: int, uplink: str | None) -> Mission:
             f"{name}: report_period_s: {resolved.report_period_s:g} without --uplink, so that everybody would count "
             "as lost; allowed: --uplink URL, or report_period_s 0"
         )
-    if resolved.surrogate == "monolithic":
-        raise InputError(f"{name}: surrogate: 'monolithic' flies only in the simulator; allowed: pairwise, analytic")
+    refuse_monolithic(resolved, name)
     return resolved
+
+
+def refuse_monolithic(mission: Mission, source: str) -> None:
+    """Raise InputError if a mission has the surrogate that no vehicle flies by; `source` names it."""
+    if mission.surrogate == "monolithic":
+        raise InputError(f"{source}: surrogate: 'monolithic' flies only in the simulator; allowed: pairwise, analytic")
 
 
 def _options(given: RunArguments) -> Options:
@@ -144,7 +149,7 @@ def _options(given: RunArguments) -> Options:
         state = str(Path(keys) / STATE_NAME)
     options = Options(
         link=link,
-        authentication=_authentication(keys, given["unsigned"], given["auth"]),
+        authentication=authentication_of(keys, given["unsigned"], given["auth"]),
         keys=_path(keys),
         radio=_radio(link, given["radio"], given["share"]),
         sensor=sensor,
@@ -216,7 +221,13 @@ def _path(name: str | None) -> Path | None:
     return None if name is None else Path(name)
 
 
-def _authentication(keys: str | None, unsigned: bool, auth: str | None) -> Authentication:
+def authentication_of(keys: str | None, unsigned: bool, auth: str | None) -> Authentication:
+    """Return how frames are signed, by the options --keys, --unsigned and --auth.
+
+    Raises:
+        InputError: they contradict each other, or neither of the first two is given.
+
+    """
     if keys is not None and unsigned:
         raise InputError("--unsigned: given together with --keys; allowed: one of them")
     if keys is None and not unsigned:
