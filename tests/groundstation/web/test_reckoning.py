@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from companion.guard.types import Piece
 from companion.mission.model import Mission, parse_mission
 from groundstation.ground_station import GroundStation
 from groundstation.view import Surroundings, moves, picture
@@ -90,9 +91,9 @@ def test_a_route_that_was_found_is_kept_and_shortened_until_it_is_old_or_somethi
     routes = Routes(mission())
     search = routes._searched
 
-    def counted(agent: Any, *more: Any) -> Any:
+    def counted(agent: dict[str, Any], target: dict[str, Any], threats: list[dict[str, Any]]) -> tuple[Piece, ...]:
         searched.append(agent["id"])
-        return search(agent, *more)
+        return search(agent, target, threats)
 
     monkeypatch.setattr(routes, "_searched", counted)
     second = {**shown["agents"][1], "north_m": 3000.0}
