@@ -231,7 +231,7 @@ COMMANDS = st.one_of(
 def test_whatever_is_done_a_restart_changes_nobodys_target_and_every_change_has_a_reason(
     steps: list[Any], extra: str
 ) -> None:
-    shell = Shell(mission(f"queue: true\n{extra}"), sensed=not extra)
+    shell = Shell(mission(f"queue: true\n{extra}"), sensed=not extra).to(1.0)
     for step in steps:
         if step == "restart":
             before = shell.station
