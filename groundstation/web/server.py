@@ -13,14 +13,14 @@ import uvicorn
 from cryptography import x509
 
 from companion.errors import InputError
-from groundstation.web.access import Access, check_site
+from groundstation.web.access import Access
 from groundstation.web.address import bound
 from groundstation.web.api import Api
 from groundstation.web.application import application
 from groundstation.web.connection import settings
 from groundstation.web.feed import Feed
 from groundstation.web.hub import Hub
-from groundstation.web.site import Site
+from groundstation.web.site import Site, check_site
 
 SHUTDOWN_S = 2
 """Time for answers that are under way when the server stops."""
@@ -48,11 +48,13 @@ async def serve(feed: Feed, site: Site, listener: socket.socket, session_key: by
     server = uvicorn.Server(config)
     fed = asyncio.create_task(feed.run(hub))
     fed.add_done_callback(lambda _: setattr(server, "should_exit", True))
+    reckoned = asyncio.create_task(api.reckoning.run())
     try:
         await server.serve(sockets=[listener])
     finally:
-        fed.cancel()
-        await asyncio.gather(fed, return_exceptions=True)
+        for task in (fed, reckoned):
+            task.cancel()
+        await asyncio.gather(fed, reckoned, return_exceptions=True)
 
 
 def hosts_of(site: Site, listener: socket.socket) -> list[str]:
