@@ -3,8 +3,8 @@
     python -m tests.benchmarks.page --agents 500 --things 50 --seconds 10 --slower 4
 
 A picture each second and moves five times a second, as a ground station sends them, with every route shown and one
-agent chosen. `--slower 4` lets Chromium's main thread run at a quarter of its speed, as on a slow laptop. The times of a
-drawing are those of the map's own code; the share is that of all tasks of the page: JSON, tables, style, layout and
+agent chosen. `--slower 4` lets Chromium's main thread run at a quarter of its speed, as on a slow laptop. The times of
+a drawing are those of the map's own code; the share is that of all tasks of the page: JSON, tables, style, layout and
 drawing.
 """
 
