@@ -31,6 +31,7 @@ SMALLEST = {
     "loss_sweep": "--runs 1 --levels 0.3 --time-limit 15",
     "losses": "--runs 1 --time-limit 40",
     "missions": "3 1 --small --workers 1 --out {folder}/missions",
+    "page": "--agents 10 --things 3 --seconds 1",
     "processes": "{folder}/near.yaml arducopter --limit 60 --out {folder}/out",
     "route": "--scenes 8 --flights 1 --timed 4 --repeat 1",
     "route_time": "lattice walled --counts 25 --flights 1",
