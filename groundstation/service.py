@@ -45,8 +45,10 @@ from groundstation.rivals import LOCK_NAME, Rivals, RunLock
 from groundstation.saved_state import RunState, open_state
 from groundstation.schedule import TICK_S as RADIO_TICK_S
 from groundstation.schedule import Broadcaster
+from groundstation.sources.sources import Sources
 from groundstation.status import Status
 from groundstation.store.event_store import EventStore
+from groundstation.view import Surroundings
 
 if TYPE_CHECKING:
     from groundstation.web.bridge import Bridge
@@ -123,9 +125,11 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         log = _opened_log(options, stack)
         rivals = Rivals(frame_signer)
         hearing = _Hearing(clock, log, stack)
-        links = await _open_links(options, station, hearing, stack)
+        sources = Sources(mission, options.sources)
+        sources.restore(station, start_s)
+        links = await _open_links(options, station, hearing, sources)
         await _listen(options, station, rivals, hearing)
-        shown = _shown(options, overheard, store, stack)
+        shown = _shown(options, overheard, store, sources, stack)
         # On disk before the first frame is on the air.
         begin_day(shown.desk, station, saved.directive, start_s)
         saved.write(station, start_s)
@@ -137,10 +141,12 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
             LOGGER.warning("%s", warning)
         run = _Run(station, broadcaster, AdsbMirror(mission), status, saved, frame_signer, rivals)
         loop = BroadcastLoop(run, links, log, shown)
+        # Heard only now that what they ask for can be obeyed.
+        sources.listen(clock.now_s, stack)
         await loop.run(clock, stop)
 
 
-def _shown(options: Options, overheard: Overheard, store: EventStore, stack: ExitStack) -> Shown:
+def _shown(options: Options, overheard: Overheard, store: EventStore, sources: Sources, stack: ExitStack) -> Shown:
     """Return what takes commands from standard input and the page, and shows the run there; raises InputError."""
     station, meter = overheard.station, BroadcastMeter(options)
     screen = _screen(options, stack)
@@ -152,8 +158,12 @@ def _shown(options: Options, overheard: Overheard, store: EventStore, stack: Exi
     stack.callback(DirectiveInput(direct).close)
     page = None
     if screen is not None:
-        page = Page(station, desk, screen, meter.surroundings, can_stop=options.can_stop)
-    return Shown(desk, overheard, meter, page)
+
+        def around(now_s: float) -> Surroundings:
+            return replace(meter.surroundings(now_s), sources=sources.view(station, now_s))
+
+        page = Page(station, desk, screen, around, can_stop=options.can_stop)
+    return Shown(desk, overheard, meter, page, sources)
 
 
 def _opened_log(options: Options, stack: ExitStack) -> FlightLog:
@@ -191,7 +201,7 @@ def _station(mission: Mission, options: Options, resumed: Resumed, start_s: floa
     station = GroundStation(
         mission,
         start_s,
-        sensed=options.sensor is not None,
+        sensed=options.sensor is not None or any(spec.things == "agents" for spec in options.sources),
         model=VehicleModel(DEFAULT_LAW, options.can_stop),
         resumed=resumed,
         sensor_error_m=options.sensor_error_m,
@@ -288,12 +298,13 @@ class _Hearing:
         self.stack.callback(receiver.close)
 
 
-async def _open_links(options: Options, station: GroundStation, hearing: _Hearing, stack: ExitStack) -> _Links:
-    """Open all links, which `stack` closes; raises InputError."""
+async def _open_links(options: Options, station: GroundStation, hearing: _Hearing, sources: Sources) -> _Links:
+    """Open all links, which the stack of `hearing` closes; raises InputError."""
+    stack = hearing.stack
     broadcast = await open_sender(options.link, read_radio_status)
     stack.callback(broadcast.close)
     if options.sensor is not None:
-        await hearing.open(options.sensor, station.sense)
+        await hearing.open(options.sensor, sources.sensed(station.sense, str(options.sensor)))
     if options.uplink is not None:
         await hearing.open(options.uplink, station.hear_report)
     if options.mirror is None:
@@ -311,6 +322,7 @@ class Shown:
     overheard: Overheard
     meter: BroadcastMeter
     page: Page | None
+    sources: Sources
 
     def tick(self, now_s: float) -> None:
         """Show what is due."""
@@ -342,6 +354,8 @@ class BroadcastLoop:
             self._run.saved.write_if_due(self._run.station, now_s)
             if not self._run.saved.holds(now_s):
                 self._send(now_s)
+            # After the frames, which no source delays.
+            self._shown.sources.tick(self._run.station, self._shown.desk, now_s)
             self._tell(now_s)
             # Last, so that what is shown never delays what is sent.
             self._shown.tick(now_s)
@@ -394,5 +408,5 @@ class BroadcastLoop:
         status = self._run.status
         for line in status.news(now_s, self._links.broadcast.counts.sent):
             LOGGER.info("%s", line)
-        for warning in [*status.warnings(), *self._run.rivals.news(now_s)]:
+        for warning in [*status.warnings(), *self._run.rivals.news(now_s), *self._shown.sources.news(now_s)]:
             LOGGER.warning("%s", warning)
