@@ -29,6 +29,7 @@ from groundstation.events import (
     event_json,
 )
 from groundstation.ground_station import GroundStation
+from groundstation.notices import noticed
 from groundstation.operations import Operations, applied, directive_name, folded
 from groundstation.store.rows import EventRow
 
@@ -171,6 +172,12 @@ class Desk:
             self._station.adopt(event, now_s)
             self._log.note([row_of(event)])
             self._show(event)
+
+    def notice(self, now_s: float) -> None:
+        """Adopt and keep what has happened by itself since the last call, as soon as events can have their numbers."""
+        if self.is_idle:
+            unix_s = now_s + self._station.tracks.clock_ahead_s
+            self.note(noticed(self._station.operations, self._station.facts(), unix_s), now_s)
 
     def tick(self, now_s: float) -> None:
         """Obey what the disk has taken, and hand it what was asked since."""

@@ -334,6 +334,7 @@ class BroadcastLoop:
             now_s = clock.now_s()
             self._follow(clock, now_s)
             self._shown.desk.tick(now_s)
+            self._shown.desk.notice(now_s)
             # A new directive is on disk before it is on the air: no restart may take back what vehicles have heard.
             self._run.saved.write_if_due(self._run.station, now_s)
             if not self._run.saved.holds(now_s):
