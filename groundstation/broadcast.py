@@ -72,6 +72,8 @@ class Broadcast(NamedTuple):
     """Revision of the picture that is told, with its grid."""
     directives: Mapping[int, Directive] = MappingProxyType({})
     """The directives for single agents, by id of the agent; those that have none are left out."""
+    is_last: bool = False
+    """Whether the ground station stops after this broadcast."""
 
 
 @dataclass
@@ -115,6 +117,7 @@ def state_frames(
             origin_lat_deg=mission.origin.lat_deg,
             origin_lon_deg=mission.origin.lon_deg,
             directive=broadcast.directive,
+            is_last=broadcast.is_last,
             revision=revision.number,
             picture_threats=len(threats),
             picture_targets=len(targets),
@@ -248,6 +251,7 @@ def fleet_frames(
         FleetFrame(
             stamp=replace(stamp, frame_index=index, frame_count=len(contents)),
             directive=broadcast.directive,
+            is_last=broadcast.is_last,
             revision=revision.number,
             grid=revision.grid,
             agents=tuple(_by_id(entry for entry in content if isinstance(entry, AgentEntry))),

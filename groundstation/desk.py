@@ -23,6 +23,7 @@ from groundstation.events import (
     Direct,
     Event,
     Started,
+    Stopped,
     Who,
     command_from,
     event_from_json,
@@ -33,6 +34,8 @@ from groundstation.notices import noticed
 from groundstation.operations import Operations, applied, directive_name, folded
 from groundstation.store.rows import EventRow
 
+TOLD = "told to stop; the last broadcast says so"
+"""Why a run ended that was not killed."""
 MOST_WAITING = 200
 """Greatest number of commands that wait for the disk."""
 
@@ -121,6 +124,14 @@ def begin_day(desk: Desk, station: GroundStation, directive: Directive, now_s: f
     if directive is not station.operations.orders.directive:
         kept = Direct(do="direct", directive=directive_name(directive))
         desk.note([event_of(station.operations, kept, STATION, unix_s)], now_s)
+
+
+def end_day(desk: Desk, station: GroundStation, now_s: float) -> None:
+    """Note that a run ends; what was asked and is not on disk yet is not obeyed any more, but for what it takes now."""
+    desk.tick(now_s)
+    if desk.is_idle:
+        unix_s = now_s + station.tracks.clock_ahead_s
+        desk.note([Stopped(number=station.operations.next_number, unix_s=unix_s, who=STATION, reason=TOLD)], now_s)
 
 
 class Desk:

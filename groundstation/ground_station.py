@@ -129,6 +129,8 @@ class _Epoch:
 
     def __init__(self, began_s: int) -> None:
         self.began_s = began_s
+        self.is_ending = False
+        """Whether the broadcast that is begun next is the last, and says so."""
         self._sequence = 0
         self._ahead_s = 0.0
 
@@ -365,6 +367,12 @@ class GroundStation:
             self.overhear(datagram, now_s)
         return datagrams
 
+    def last(self, now_s: float) -> list[bytes]:
+        """Return the frames of a last broadcast of the state; from now on every broadcast says that it is the last."""
+        self._epoch.is_ending = True
+        self._begin_state(now_s)
+        return self._encoded(self._states(now_s))
+
     def overhear(self, datagram: bytes, now_s: float) -> None:
         """Let the dead-reckoned agents (Case II) hear an unsigned frame that is broadcast now."""
         if self.reckoner is not None:
@@ -434,7 +442,8 @@ class GroundStation:
         self._revision = next_revision(self._revision, self.mission, self.tracks, radii_m)
 
     def _broadcast(self, now_s: float) -> Broadcast:
-        return Broadcast(self._epoch.stamp(now_s), self.directive, self._revision, self.operations.orders.own)
+        stamp, own = self._epoch.stamp(now_s), self.operations.orders.own
+        return Broadcast(stamp, self.directive, self._revision, own, self._epoch.is_ending)
 
     def _states(self, now_s: float) -> list[StateFrame]:
         return state_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s))

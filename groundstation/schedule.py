@@ -144,6 +144,22 @@ class Broadcaster:
             return [self._signer.sign(datagram, now_s) for datagram in self._station.tick(now_s)]
         return [sent.data for sent in self._schedule.step(now_s, txbuf_percent)]
 
+    def last(self, datagrams: Sequence[bytes], now_s: float) -> list[bytes]:
+        """Return the signed frames of a last broadcast, whose unsigned ones are given.
+
+        Over a radio none are returned: a refresh, which says the same, begins, and follows from `tick` until
+        `has_told`.
+        """
+        if self._schedule is None:
+            return [self._signer.sign(datagram, now_s) for datagram in datagrams]
+        self._schedule.begin_refresh(now_s)
+        return []
+
+    @property
+    def has_told(self) -> bool:
+        """Whether every frame of the newest broadcast of the state was sent."""
+        return self._schedule is None or self._schedule.has_told
+
     def step(self, now_s: float, txbuf_percent: int | None = None) -> list[Sent]:
         """Return the frames of `tick` with their contents, for planning; only with a radio."""
         assert self._schedule is not None
@@ -330,6 +346,11 @@ class _Schedule:
             self._carousel.earn(sent.on_air_bytes, float(self._radio.max_frame_bytes))
             self._waiting = None
             out.append(sent)
+
+    @property
+    def has_told(self) -> bool:
+        """Whether every frame of the refresh was sent."""
+        return self._refresh is not None and self._refresh.told
 
     def _worked(self, now_s: float) -> bool:
         """Do the work that takes longer than choosing a frame, if any is due; return whether it was."""
