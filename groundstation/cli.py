@@ -78,6 +78,12 @@ for command in MISSION_COMMANDS:
 @click.option(
     "--sensor", metavar="URL", help="Where detections come in: udpin:HOST:PORT. Without it nobody is tracked."
 )
+@click.option(
+    "--source",
+    multiple=True,
+    metavar="KIND=URL[,KEY=VALUE...]",
+    help="A live source beside the mission's, docs/sources.md: basestation=tcp:127.0.0.1:30003,radius_m=800.",
+)
 @click.option("--uplink", metavar="URL", help="Case II: where agents' reports come in: udpin:HOST:PORT.")
 @click.option(
     "--listen",

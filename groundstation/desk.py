@@ -28,9 +28,12 @@ from groundstation.events import (
     event_json,
 )
 from groundstation.ground_station import GroundStation
+from groundstation.notices import noticed
 from groundstation.operations import Operations, applied, directive_name
 from groundstation.store.rows import EventRow
 
+TOLD = "told to stop; the last broadcast says so"
+"""Why a run ended that was not killed."""
 MOST_WAITING = 200
 """Greatest number of commands that wait for the disk."""
 ANSWER_S = 5.0
@@ -109,10 +112,11 @@ def begin_day(desk: Desk, station: GroundStation, directive: Directive, now_s: f
 
 
 def end_day(desk: Desk, station: GroundStation, now_s: float) -> None:
-    """Note that a run ends, unless a command is still on its way to the disk."""
+    """Note that a run ends; what was asked and is not on disk yet is not obeyed any more, but for what it takes now."""
+    desk.tick(now_s)
     if desk.is_idle:
         unix_s = now_s + station.tracks.clock_ahead_s
-        desk.note([Stopped(number=station.operations.next_number, unix_s=unix_s, who=STATION)], now_s)
+        desk.note([Stopped(number=station.operations.next_number, unix_s=unix_s, who=STATION, reason=TOLD)], now_s)
 
 
 class Desk:
@@ -164,6 +168,18 @@ class Desk:
             self._station.adopt(event, now_s)
             self._log.note([row_of(event)])
             self._show(event)
+
+    def notice(self, now_s: float) -> bool:
+        """Adopt and keep what has happened by itself since the last call, as soon as events can have their numbers.
+
+        Return whether anything has.
+        """
+        if not self.is_idle:
+            return False
+        unix_s = now_s + self._station.tracks.clock_ahead_s
+        news = noticed(self._station.operations, self._station.facts(), unix_s)
+        self.note(news, now_s)
+        return bool(news)
 
     def tick(self, now_s: float) -> None:
         """Obey what the disk has taken, and hand it what was asked since."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.protocol.messages import Directive
-from groundstation.places import Places, places_in
+from groundstation.places import Places, kept_places
 from groundstation.saved_state import SavedState, open_state
 from groundstation.store.chapters import Beginning, beginning
 from groundstation.store.database import Database
@@ -63,5 +63,5 @@ def _last_places(database: Database, first: int) -> Places | None:
     if recorded is None or began is None or recorded.unix_s < began.unix_s:
         return None
     with suppress(ValueError, KeyError, TypeError):
-        return places_in(json.loads(recorded.body))
+        return kept_places(json.loads(recorded.body))
     return None

@@ -40,7 +40,7 @@ async def run_source(feed: Feed, now_s: Callable[[], float]) -> None:
     """Hear a source until the task is cancelled; its link or file is opened again whenever it ends."""
     wait_s = AGAIN_FIRST_S
     while True:
-        heard = feed.heard
+        heard = feed.pulse.heard
         try:
             if feed.spec.file is not None:
                 await _play(feed, now_s)
@@ -48,9 +48,7 @@ async def run_source(feed: Feed, now_s: Callable[[], float]) -> None:
             await _hear(feed, now_s)
         except (OSError, InputError, TimeoutError, EOFError) as error:
             feed.link.fault = _words(error)
-        except Exception as error:  # noqa: BLE001 - what a library does wrong with bytes from outside is that source's fault
-            feed.link.fault = f"{type(error).__name__}: {_words(error)}"
-        if feed.heard > heard:
+        if feed.pulse.heard > heard:
             wait_s = AGAIN_FIRST_S
         await asyncio.sleep(wait_s)
         wait_s = min(2.0 * wait_s, AGAIN_MOST_S)

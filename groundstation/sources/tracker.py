@@ -169,9 +169,13 @@ class Tracker:
         if kind is Kind.AGENT and not self._is_agent(key, sample):
             return None
         before = self._tables[source].get(sighting.key)
-        if before is None:
+        if before is None or not before.known.is_seen:
             thing = begun(key, rules, sighting, sample, now_s)
-            self._make_room(rules)
+            if before is None:
+                self._make_room(rules)
+            else:
+                # Of the last run: it may be anywhere by now.
+                thing = replace(thing, id=before.id, wire=before.wire, waits_until_s=before.waits_until_s)
         else:
             thing, weighed, bound = sighted(before, rules, sighting, sample, now_s)
             if weighed.verdict is not Verdict.BELIEVED:
@@ -209,7 +213,7 @@ class Tracker:
             if KINDS[rules.spec.things] is Kind.AGENT:
                 continue
             factor = SILENT_SOURCE if source in failed or self._is_silent(source, now_s) else 1.0
-            self._forget(source, factor, now_s)
+            drops += self._forgotten(source, factor, now_s)
             drops += self._drops(source, factor, now_s)
             more, instead = self._wanted(source, np.array(agents, dtype=complex), reach_m, now_s)
             wanted += more
@@ -231,6 +235,9 @@ class Tracker:
     def dropped(self, dropped: Dropped) -> None:
         """Note that a thing is out of the picture, or is its heir's."""
         thing = self._tables[dropped.key.source].get(dropped.key.key)
+        if thing is not None and thing.waits_until_s == math.inf:
+            del self._tables[dropped.key.source][dropped.key.key]
+            return
         wire = None if thing is None else thing.wire
         if thing is not None:
             self._put(replace(thing, id=None, wire=None))
@@ -352,11 +359,19 @@ class Tracker:
         table = self._tables[source]
         return len(table) > 1 and all(now_s - thing.seen_at_s > QUIET_S for thing in table.values())
 
-    def _forget(self, source: str, factor: float, now_s: float) -> None:
-        """Forget the things that are not in the picture and were not seen for too long."""
+    def _forgotten(self, source: str, factor: float, now_s: float) -> list[tuple[Dropped, float]]:
+        """Forget what is not in the picture and was not seen for too long; return what somebody else has retired."""
         table, rules = self._tables[source], self._rules[source]
-        for key in [one for one, thing in table.items() if thing.id is None and now_s > thing.ends_s(rules, factor)]:
-            del table[key]
+        ended = [thing for thing in table.values() if thing.id is None and now_s > thing.ends_s(rules, factor)]
+        for thing in ended:
+            if thing.waits_until_s != math.inf:
+                del table[thing.key.key]
+        kind = KINDS[rules.spec.things]
+        return [
+            (Dropped(thing.key, kind, 0, "not seen any more"), -math.inf)
+            for thing in ended
+            if thing.waits_until_s == math.inf
+        ]
 
     def _drops(self, source: str, factor: float, now_s: float) -> list[tuple[Dropped, float]]:
         """Return the things of a source that are not wanted any more, each with the time since which."""
