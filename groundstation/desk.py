@@ -23,15 +23,19 @@ from groundstation.events import (
     Direct,
     Event,
     Started,
+    Stopped,
     Who,
     command_from,
     event_from_json,
     event_json,
 )
 from groundstation.ground_station import GroundStation
+from groundstation.notices import noticed
 from groundstation.operations import Operations, applied, directive_name, folded
 from groundstation.store.rows import EventRow
 
+TOLD = "told to stop; the last broadcast says so"
+"""Why a run ended that was not killed."""
 MOST_WAITING = 200
 """Greatest number of commands that wait for the disk."""
 
@@ -122,6 +126,14 @@ def begin_day(desk: Desk, station: GroundStation, directive: Directive, now_s: f
         desk.note([event_of(station.operations, kept, STATION, unix_s)], now_s)
 
 
+def end_day(desk: Desk, station: GroundStation, now_s: float) -> None:
+    """Note that a run ends; what was asked and is not on disk yet is not obeyed any more, but for what it takes now."""
+    desk.tick(now_s)
+    if desk.is_idle:
+        unix_s = now_s + station.tracks.clock_ahead_s
+        desk.note([Stopped(number=station.operations.next_number, unix_s=unix_s, who=STATION, reason=TOLD)], now_s)
+
+
 class Desk:
     """Turns commands into events of one ground station."""
 
@@ -171,6 +183,12 @@ class Desk:
             self._station.adopt(event, now_s)
             self._log.note([row_of(event)])
             self._show(event)
+
+    def notice(self, now_s: float) -> None:
+        """Adopt and keep what has happened by itself since the last call, as soon as events can have their numbers."""
+        if self.is_idle:
+            unix_s = now_s + self._station.tracks.clock_ahead_s
+            self.note(noticed(self._station.operations, self._station.facts(), unix_s), now_s)
 
     def tick(self, now_s: float) -> None:
         """Obey what the disk has taken, and hand it what was asked since."""

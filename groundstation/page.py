@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
-from companion.protocol.messages import Directive
 from groundstation.desk import Desk
 from groundstation.events import Who
 from groundstation.ground_station import GroundStation
@@ -42,9 +41,14 @@ class Overheard:
         self._frames: list[bytes] = []
 
     @property
-    def directive(self) -> Directive:
-        """Directive to all vehicles."""
-        return self.station.directive
+    def orders(self) -> object:
+        """What vehicles are told to do."""
+        return self.station.orders
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether threats have changed since the last broadcast of the state was begun."""
+        return self.station.is_outdated
 
     def advance(self, now_s: float) -> None:
         """Update all tracks and the assignment to `now_s`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,7 +31,7 @@ from groundstation.adsb_mirror import AdsbMirror
 from groundstation.agents import VehicleModel
 from groundstation.choices import Authentication
 from groundstation.clock import GroundClock, WallSigner
-from groundstation.desk import Desk, begin_day, operations_of
+from groundstation.desk import Desk, begin_day, end_day, operations_of
 from groundstation.directives import DirectiveInput
 from groundstation.events import Direct, Who
 from groundstation.ground_station import GroundStation, Resumed
@@ -56,6 +56,10 @@ if TYPE_CHECKING:
 LOGGER = program_logger("groundstation")
 TICK_S = 0.05
 """Period at which the core is asked for due frames without a radio: short against any broadcast period in use."""
+LAST_TIMES = 2
+"""Number of last broadcasts: one that is lost costs nothing but the word that nothing is broken."""
+LAST_S = 5.0
+"""Longest time for them over a slow radio."""
 LINK_ID = 0
 """Link id in the MAVLink signatures of the ground station."""
 STANDARD_INPUT = Who(name="standard input", role="operator")
@@ -346,6 +350,7 @@ class BroadcastLoop:
             now_s = clock.now_s()
             self._follow(clock, now_s)
             self._shown.desk.tick(now_s)
+            self._shown.desk.notice(now_s)
             # A new directive is on disk before it is on the air: no restart may take back what vehicles have heard.
             self._run.saved.write_if_due(self._run.station, now_s)
             if not self._run.saved.holds(now_s):
@@ -356,6 +361,21 @@ class BroadcastLoop:
             # Last, so that what is shown never delays what is sent.
             self._shown.tick(now_s)
             await wait(stop, self._period_s)
+        await self._end(clock)
+
+    async def _end(self, clock: GroundClock) -> None:
+        """Say in a last broadcast, and on the page, that the ground station stops."""
+        began_s = now_s = clock.now_s()
+        end_day(self._shown.desk, self._run.station, now_s)
+        for _ in range(LAST_TIMES):
+            self._put(self._run.broadcaster.last(self._run.station.last(now_s), now_s), now_s)
+            while not self._run.broadcaster.has_told and now_s - began_s < LAST_S:
+                await asyncio.sleep(self._period_s)
+                now_s = clock.now_s()
+                self._send(now_s)
+            await asyncio.sleep(self._period_s)
+            now_s = clock.now_s()
+            self._shown.tick(now_s)
 
     def _follow(self, clock: GroundClock, now_s: float) -> None:
         """Let stamps follow the computer's clock, and say so, if that was set or the computer slept."""
@@ -369,17 +389,21 @@ class BroadcastLoop:
             LOGGER.warning("%s", line)
 
     def _send(self, now_s: float) -> None:
-        sender, display = self._links.broadcast, self._links.display
-        for data in self._run.broadcaster.tick(now_s, sender.txbuf_percent):
-            sender.send(data)
+        display = self._links.display
+        self._put(self._run.broadcaster.tick(now_s, self._links.broadcast.txbuf_percent), now_s)
+        if display is not None:
+            for data in self._run.mirror.tick(self._run.station.tracks, now_s):
+                display.send(data)
+
+    def _put(self, frames: Sequence[bytes], now_s: float) -> None:
+        """Send signed frames, count them and log them."""
+        for data in frames:
+            self._links.broadcast.send(data)
             self._run.status.sent_bytes += len(data) + self._added_bytes
             frame = unwrap(raw_frame(data)) or data
             self._shown.meter.sent(frame, len(data) + self._added_bytes, now_s)
             self._run.rivals.sent(frame)
             self._log.record(now_s, frame)
-        if display is not None:
-            for data in self._run.mirror.tick(self._run.station.tracks, now_s):
-                display.send(data)
 
     def _tell(self, now_s: float) -> None:
         status = self._run.status

@@ -177,3 +177,12 @@ def test_a_directive_that_an_older_state_kept_becomes_an_event(day: Day) -> None
     begin_day(day.desk, day.station, Directive.HOLD, START_S)
     assert day.station.directive is Directive.HOLD
     assert [row.event for row in day.disk.rows] == ["started", "directed"]
+
+
+def test_what_happens_by_itself_is_kept_once_and_shown() -> None:
+    day = Day()
+    day.station.tick(START_S)
+    for _ in range(3):
+        day.desk.notice(START_S)
+    assert [row.event for row in day.disk.rows] == ["assigned", "revision-began"]
+    assert day.screen.shown == [1, 2]

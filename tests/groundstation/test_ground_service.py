@@ -575,3 +575,13 @@ def test_no_error_and_no_status_shows_a_key(keys: Path, ear: Ear, capsys: pytest
     said = "".join(capsys.readouterr())
     secret = load_mavlink_key(keys / "broadcast.mavlink")
     assert secret.hex() not in said + repr(options) + repr(load_frame_signer("both", keys))
+
+
+@pytest.mark.parametrize("radio", [None, "sik-57600"])
+def test_a_ground_station_that_is_stopped_says_so_in_its_last_broadcast(ear: Ear, radio: str | None) -> None:
+    options = Options(ear.link, "unsigned", radio=None if radio is None else parse_radio(radio, 1.0))
+    broadcast_until(options, lambda: len(ear.heard()) > 2)
+    states = admitted(ear.heard(), Trust())
+    assert [state.is_last for state in states[:1]] == [False]
+    assert states[-1].is_last
+    assert states[-1].directive is Directive.NORMAL
