@@ -8,13 +8,12 @@ the next tick.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 from companion.errors import InputError
-from companion.mission.model import Mission
 from companion.protocol.messages import Directive
 from groundstation.acceptance import event_of
 from groundstation.events import (
@@ -23,17 +22,30 @@ from groundstation.events import (
     Direct,
     Event,
     Started,
+    Stopped,
     Who,
     command_from,
-    event_from_json,
     event_json,
 )
 from groundstation.ground_station import GroundStation
-from groundstation.operations import Operations, applied, directive_name, folded
+from groundstation.notices import noticed
+from groundstation.operations import Operations, applied, directive_name
 from groundstation.store.rows import EventRow
 
+TOLD = "told to stop; the last broadcast says so"
+"""Why a run ended that was not killed."""
 MOST_WAITING = 200
 """Greatest number of commands that wait for the disk."""
+ANSWER_S = 5.0
+"""Time after which a command is refused that the disk has not taken: it must not come into force when nobody thinks of
+it any more."""
+
+_SILENT = "the disk does not answer; nothing was changed"
+
+Fact = Callable[[int, float], Event]
+"""Makes an event of its number and Unix time."""
+Answer = Callable[[Event | InputError], None]
+"""Takes the event that a command became, once it is obeyed, or why it is refused."""
 
 
 class EventLog(Protocol):
@@ -59,44 +71,33 @@ class Asker(Protocol):
         """Answer a request that is refused."""
 
 
+def _no_facts(event: Event) -> Sequence[Fact]:
+    return ()
+
+
 class _Asked(NamedTuple):
     """A command, who gave it, and the number under which it is answered; None if nobody waits for the answer."""
 
     command: Command
     who: Who
     request: int | None
+    facts: Callable[[Event], Sequence[Fact]] = _no_facts
+    """What follows from the event that the command becomes, and is kept with it or not at all."""
+    answer: Answer | None = None
 
 
 @dataclass(frozen=True)
 class _Kept:
-    """Events that are on their way to the disk, and what is asked with each."""
+    """Events that are on their way to the disk, and what is asked with each; None: it follows from the one before."""
 
-    asked: tuple[tuple[_Asked, Event], ...]
+    asked: tuple[tuple[_Asked | None, Event], ...]
     written: Future[None]
+    since_s: float
 
 
 def row_of(event: Event) -> EventRow:
     """Return an event as it is stored."""
     return EventRow(event.number, event.unix_s, event.who.name, event.event, event_json(event).decode())
-
-
-def operations_of(mission: Mission, stored: Iterable[EventRow]) -> Operations:
-    """Return what the stored events have made of a resolved mission.
-
-    Events of runs of another mission only tell the number that comes next.
-    """
-    events = [event_from_json(row.body) for row in stored]
-    mine: list[Event] = []
-    is_mine = True
-    for event in events:
-        if isinstance(event, Started):
-            is_mine = event.mission == mission.name
-        if is_mine:
-            mine.append(event)
-        else:
-            mine.clear()
-    operations = folded(mission, mine)
-    return operations if not events else replace(operations, next_number=events[-1].number + 1)
 
 
 def begin_day(desk: Desk, station: GroundStation, directive: Directive, now_s: float) -> None:
@@ -110,6 +111,14 @@ def begin_day(desk: Desk, station: GroundStation, directive: Directive, now_s: f
         desk.note([event_of(station.operations, kept, STATION, unix_s)], now_s)
 
 
+def end_day(desk: Desk, station: GroundStation, now_s: float) -> None:
+    """Note that a run ends; what was asked and is not on disk yet is not obeyed any more, but for what it takes now."""
+    desk.tick(now_s)
+    if desk.is_idle:
+        unix_s = now_s + station.tracks.clock_ahead_s
+        desk.note([Stopped(number=station.operations.next_number, unix_s=unix_s, who=STATION, reason=TOLD)], now_s)
+
+
 class Desk:
     """Turns commands into events of one ground station."""
 
@@ -118,11 +127,22 @@ class Desk:
         self._log = log
         self._asker = asker
         self._waiting: deque[_Asked] = deque()
+        self._facts: deque[Fact] = deque()
         self._kept: _Kept | None = None
 
     def ask(self, command: Command, who: Who, request: int | None = None) -> None:
         """Have a command obeyed by one of the next ticks."""
-        asked = _Asked(command, who, request)
+        self._ask(_Asked(command, who, request))
+
+    def ask_with(self, command: Command, who: Who, facts: Callable[[Event], Sequence[Fact]], answer: Answer) -> None:
+        """Have a command obeyed, and what follows from its event kept with it; `answer` is called with the outcome."""
+        self._ask(_Asked(command, who, None, facts, answer))
+
+    def note_facts(self, facts: Iterable[Fact]) -> None:
+        """Adopt and keep what has happened, by one of the next ticks."""
+        self._facts += facts
+
+    def _ask(self, asked: _Asked) -> None:
         if len(self._waiting) >= MOST_WAITING:
             self._refuse(asked, f"{MOST_WAITING} commands wait for the disk; ask again later")
         else:
@@ -149,11 +169,30 @@ class Desk:
             self._log.note([row_of(event)])
             self._show(event)
 
+    def notice(self, now_s: float) -> bool:
+        """Adopt and keep what has happened by itself since the last call, as soon as events can have their numbers.
+
+        Return whether anything has.
+        """
+        if not self.is_idle:
+            return False
+        unix_s = now_s + self._station.tracks.clock_ahead_s
+        news = noticed(self._station.operations, self._station.facts(), unix_s)
+        self.note(news, now_s)
+        return bool(news)
+
     def tick(self, now_s: float) -> None:
         """Obey what the disk has taken, and hand it what was asked since."""
+        if self._kept is not None and now_s - self._kept.since_s > ANSWER_S and not self._kept.written.cancel():
+            # What is just being written cannot be taken back; it is obeyed if the disk takes it after all.
+            while self._waiting:
+                self._refuse(self._waiting.popleft(), _SILENT)
         if self._kept is not None and self._kept.written.done():
             kept, self._kept = self._kept, None
             self._obey(kept, now_s)
+        while self._kept is None and self._facts:
+            unix_s = now_s + self._station.tracks.clock_ahead_s
+            self.note([self._facts.popleft()(self._station.operations.next_number, unix_s)], now_s)
         if self._kept is None and self._waiting:
             self._kept = self._accepted(now_s)
             if self._kept is not None and self._kept.written.done():
@@ -163,7 +202,7 @@ class Desk:
         """Return the events that all waiting commands become, on their way to the disk; refuse the others."""
         operations: Operations = self._station.operations
         unix_s = now_s + self._station.tracks.clock_ahead_s
-        accepted: list[tuple[_Asked, Event]] = []
+        accepted: list[tuple[_Asked | None, Event]] = []
         while self._waiting:
             asked = self._waiting.popleft()
             try:
@@ -173,29 +212,44 @@ class Desk:
                 continue
             operations = applied(operations, event)
             accepted.append((asked, event))
+            for fact in asked.facts(event):
+                following = fact(operations.next_number, unix_s)
+                operations = applied(operations, following)
+                accepted.append((None, following))
         if not accepted:
             return None
-        return _Kept(tuple(accepted), self._log.append([row_of(event) for _, event in accepted]))
+        return _Kept(tuple(accepted), self._log.append([row_of(event) for _, event in accepted]), now_s)
 
     def _obey(self, kept: _Kept, now_s: float) -> None:
         try:
             kept.written.result()
         except (OSError, CancelledError) as error:
-            why = (error.strerror if isinstance(error, OSError) else None) or "it was given up"
+            why = _SILENT
+            if isinstance(error, OSError):
+                why = f"the disk does not take it: {error.strerror}; nothing was changed"
             for asked, _ in kept.asked:
-                self._refuse(asked, f"the disk does not take it: {why}; nothing was changed")
+                if asked is not None:
+                    self._refuse(asked, why)
             return
         for asked, event in kept.asked:
             self._station.adopt(event, now_s)
             self._show(event)
-            if self._asker is not None and asked.request is not None:
-                self._asker.reply(asked.request, _values(event))
+            if asked is not None:
+                self._reply(asked, event)
+
+    def _reply(self, asked: _Asked, event: Event) -> None:
+        if asked.answer is not None:
+            asked.answer(event)
+        if self._asker is not None and asked.request is not None:
+            self._asker.reply(asked.request, _values(event))
 
     def _show(self, event: Event) -> None:
         if self._asker is not None:
             self._asker.publish({"type": "event", "event": _values(event)})
 
     def _refuse(self, asked: _Asked, why: str) -> None:
+        if asked.answer is not None:
+            asked.answer(InputError(why))
         if self._asker is not None and asked.request is not None:
             self._asker.refuse(asked.request, why)
 

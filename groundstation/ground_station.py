@@ -7,9 +7,10 @@ it has room for.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from companion.errors import InputError
 from companion.mission.model import Mission
@@ -33,9 +34,11 @@ from companion.protocol.frame import ED25519_BYTES
 from groundstation.acceptance import event_of
 from groundstation.agents import DeadReckoner, VehicleModel, restamped
 from groundstation.broadcast import (
+    MOST_FRAMES,
     Broadcast,
     Unsendable,
     band_frames,
+    fits_one_frame,
     fleet_frames,
     grown,
     mission_frame,
@@ -48,8 +51,10 @@ from groundstation.broadcast import (
 from groundstation.clock import next_epoch_s
 from groundstation.events import Command, Event, Who
 from groundstation.inputs import Inputs
+from groundstation.notices import Facts
 from groundstation.operations import Operations, applied
 from groundstation.origins import Observation
+from groundstation.places import Places
 from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.revision import first_revision, next_revision
 from groundstation.target_assignment import TargetAssignment, assign_targets
@@ -59,9 +64,13 @@ _DUE_TOLERANCE_S = 1e-6
 MAX_EPOCH_S = 4.0e6
 """Length of an epoch, 46 days, after which a new one begins: the time in it is sent as 32 bits of milliseconds."""
 
+KEEP_S = 30.0
+"""Longest time after a restart for which agents keep their targets until all were seen or heard: before that nobody
+knows where they are. Chosen: the `lost_after_s` of a mission that gives none."""
 RADII_HOLD_S = 120.0
 """Time for which the radii in a carousel must hold, until they have been sent again."""
 
+PartT = TypeVar("PartT", StateFrame, MotionFrame, BandsFrame, FleetFrame, RadiiFrame)
 _STATE_BYTES, _MOTION_BYTES, _BANDS_BYTES = (
     message.unpacker.size - ED25519_BYTES
     for message in (
@@ -96,6 +105,8 @@ class Resumed(NamedTuple):
     """Number of the revision with which the run begins."""
     operations: Operations | None = None
     """What the events of the runs before have made of the mission; None: this is the first."""
+    places: Places | None = None
+    """Where everything was when the run before ended; None: where the mission, and commands, have it."""
 
 
 _NOTHING_RESUMED = Resumed()
@@ -118,6 +129,8 @@ class _Epoch:
 
     def __init__(self, began_s: int) -> None:
         self.began_s = began_s
+        self.is_ending = False
+        """Whether the broadcast that is begun next is the last, and says so."""
         self._sequence = 0
         self._ahead_s = 0.0
 
@@ -173,16 +186,17 @@ class GroundStation:
         self._writer = FrameWriter()
         self._epoch = _Epoch(int(start_s) if resumed.epoch_s is None else resumed.epoch_s)
         self._due = _DueTimes(start_s, start_s, start_s + mission.broadcast_period_s / 2.0)
-        self.tracks.progress = replace(self.tracks.progress, out=self.operations.orders.out)
-        self._assigned = assign_targets(mission, self.tracks, {}, start_s, self.operations.orders.pins)
+        if resumed.operations is not None:
+            self._resume(resumed.operations, resumed.places, start_s)
+        self._keep_until_s = start_s + KEEP_S if self.operations.assignment else -math.inf
+        self._assigned = TargetAssignment(self.operations.assignment)
+        self._assign(start_s)
         try:
             self._revision = first_revision(mission, self.tracks, resumed.revision, self._grown_radii_m(start_s))
             for frame in self._state_and_bands(start_s):
                 self._writer.encode(frame)
         except WireError as error:
             raise InputError(f"{mission.name}: cannot be broadcast: {error}") from error
-        self._one_frame = len(self._states(start_s)) == 1
-        """Whether one state frame holds everything, until something is added; otherwise entries only become fewer."""
 
     @property
     def mission(self) -> Mission:
@@ -193,6 +207,16 @@ class GroundStation:
     def directive(self) -> Directive:
         """What all vehicles are told."""
         return self.operations.orders.told
+
+    @property
+    def orders(self) -> tuple[Directive, Mapping[int, Directive]]:
+        """What all vehicles are told, and what single ones are, by id."""
+        return self.operations.orders.told, self.operations.orders.own
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether threats were added, retired or changed since the last broadcast of the state was begun."""
+        return self.mission.threats != self._revision.mission.threats
 
     @property
     def epoch_s(self) -> int:
@@ -233,20 +257,55 @@ class GroundStation:
             ahead_s = self.tracks.clock_ahead_s
             placed_s = {key: at_s - ahead_s for key, at_s in self.operations.placed_s.items()}
             self.tracks.follow(self.mission, placed_s, now_s)
+            back = self.operations.reached.by.keys() - before.reached.by.keys()
+            self.tracks.progress = self.tracks.progress.with_reached(
+                {one: self.operations.reached.by[one] for one in back}
+            )
         self.tracks.progress = replace(self.tracks.progress, out=orders.out)
-        if self.mission is not before.mission or orders != before.orders:
+        if self.mission.targets is not before.mission.targets or orders != before.orders:
+            # An order is a reason for other targets.
+            self._keep_until_s = -math.inf
             self._assign(now_s)
-            self._one_frame = len(self._states(now_s)) == 1
+        elif self.mission is not before.mission:
+            self._due.assignment_s = min(self._due.assignment_s, now_s)
+
+    def _resume(self, operations: Operations, places: Places | None, now_s: float) -> None:
+        """Go on where the run before ended."""
+        self.tracks.resume(operations, places, now_s)
+        if self.reckoner is None or places is None:
+            return
+        for agent in self.mission.agents:
+            track = places.tracks.get((Kind.AGENT, agent.id))
+            if track is not None:
+                fix = self.tracks.fix_of(agent.id)
+                self.reckoner.resume(agent.id, fix, places.known_at_s[agent.id])
+
+    def _keeps_targets(self, now_s: float) -> bool:
+        """Return whether nobody is to get another target: in a pause, and after a restart until all were seen."""
+        if self.operations.orders.paused:
+            return True
+        if now_s >= self._keep_until_s:
+            return False
+        began_s = self._keep_until_s - KEEP_S
+        return any(self.tracks.heard_at_s[agent] <= began_s for agent in self.assignment)
+
+    def facts(self) -> Facts:
+        """Return what is known now; what of it events have not told yet is news (notices.py)."""
+        progress = self.tracks.progress
+        return Facts(progress.been_at, progress.lost, self.assignment, self.revision, self.tracks.origins.unknown)
 
     def _assign(self, now_s: float) -> None:
-        """Solve the assignment anew; in a pause only what is not there any more leaves it."""
-        orders = self.operations.orders
-        if not orders.paused:
-            self._assigned = assign_targets(self.mission, self.tracks, self.assignment, now_s, orders.pins)
-            return
-        agents, targets = self.tracks.active_agents, self.tracks.open_targets
-        kept = {one: there for one, there in self.assignment.items() if one in agents and there in targets}
-        self._assigned = TargetAssignment(kept, tuple(one for one in targets if one not in kept.values()))
+        """Solve the assignment anew, or take out of it only what is not there any more."""
+        if not self._keeps_targets(now_s):
+            pins = self.operations.orders.pins
+            self._assigned = assign_targets(self.mission, self.tracks, self.assignment, now_s, pins)
+        else:
+            agents, targets = self.tracks.active_agents, self.tracks.open_targets
+            kept = {one: there for one, there in self.assignment.items() if one in agents and there in targets}
+            self._assigned = TargetAssignment(kept, tuple(one for one in targets if one not in kept.values()))
+        again = self.tracks.progress.arrived.intersection(self.assignment)
+        if again:
+            self.tracks.progress = self.tracks.progress.sent_on(again)
 
     def sense(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the sensor's channel; never raises, whatever the bytes."""
@@ -289,22 +348,34 @@ class GroundStation:
             self._due.assignment_s = _after(self._due.assignment_s, self.mission.assignment_period_s, now_s)
 
     def tick(self, now_s: float) -> list[bytes]:
-        """Return the frames to broadcast now; none if nothing is due.
+        """Update everything to `now_s`, and return the frames to broadcast now; none if nothing is due."""
+        self.advance(now_s)
+        return self.due(now_s)
+
+    def due(self, now_s: float) -> list[bytes]:
+        """Return the frames to broadcast now, by what `advance` has found; none if nothing is due.
 
         A frame that cannot be encoded is counted in `unsendable` and left out.
         """
-        self.advance(now_s)
         datagrams: list[bytes] = []
         if now_s >= self._due.state_s - _DUE_TOLERANCE_S:
             self._begin_state(now_s)
-            datagrams += self._encoded(self._state_and_bands(now_s))
+            datagrams += self._encoded(self._sendable(self._states(now_s)))
+            datagrams += self._encoded(self._sendable(band_frames(self.mission, self._epoch.stamp(now_s))))
             self._due.state_s = _after(self._due.state_s, self.mission.broadcast_period_s, now_s)
         if now_s >= self._due.motion_s - _DUE_TOLERANCE_S:
-            datagrams += self._encoded(motion_frames(self.tracks, self.mission, self._epoch.stamp(now_s)))
+            motion = motion_frames(self.tracks, self.mission, self._epoch.stamp(now_s))
+            datagrams += self._encoded(self._sendable(motion))
             self._due.motion_s = _after(self._due.motion_s, self.mission.broadcast_period_s, now_s)
         for datagram in datagrams:
             self.overhear(datagram, now_s)
         return datagrams
+
+    def last(self, now_s: float) -> list[bytes]:
+        """Return the frames of a last broadcast of the state; from now on every broadcast says that it is the last."""
+        self._epoch.is_ending = True
+        self._begin_state(now_s)
+        return self._encoded(self._states(now_s))
 
     def overhear(self, datagram: bytes, now_s: float) -> None:
         """Let the dead-reckoned agents (Case II) hear an unsigned frame that is broadcast now."""
@@ -328,7 +399,8 @@ class GroundStation:
         growth_m = untold_growth_m(self.tracks, self.mission.threats, now_s + RADII_HOLD_S)
         self._revise(threat.detection_radius_m + growth_m.get(threat.id, 0.0) for threat in self.mission.threats)
         data_bytes = payload_bytes - FLEET_HEAD_BYTES
-        return fleet_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s), data_bytes)
+        frames = fleet_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s), data_bytes)
+        return self._sendable(frames)
 
     def carousel(
         self, now_s: float, payload_bytes: int
@@ -353,11 +425,12 @@ class GroundStation:
         slow.append(mission_frame(mission, self._revision, surrogate_digest(mission), stamp, name_bytes))
         told = [threat for threat in mission.threats if (Kind.THREAT, threat.id) in self.tracks.tracks]
         growth_m = untold_growth_m(self.tracks, told, now_s + RADII_HOLD_S)
-        slow += radii_frames(mission, self._revision, stamp, payload_bytes - RADII_HEAD_BYTES, growth_m)
+        data_bytes = payload_bytes - RADII_HEAD_BYTES
+        slow += self._sendable(radii_frames(mission, self._revision, stamp, data_bytes, growth_m))
         return slow
 
     def _tells_all(self, payload_bytes: int) -> bool:
-        return self._one_frame and payload_bytes >= _STATE_BYTES
+        return payload_bytes >= _STATE_BYTES and fits_one_frame(self.mission)
 
     def _begin_state(self, now_s: float) -> None:
         """Begin a broadcast of state frames, whose radii are grown by the ages of the threats' positions."""
@@ -373,13 +446,26 @@ class GroundStation:
         self._revision = next_revision(self._revision, self.mission, self.tracks, radii_m)
 
     def _broadcast(self, now_s: float) -> Broadcast:
-        return Broadcast(self._epoch.stamp(now_s), self.directive, self._revision, self.operations.orders.own)
+        stamp, own = self._epoch.stamp(now_s), self.operations.orders.own
+        return Broadcast(stamp, self.directive, self._revision, own, self._epoch.is_ending)
 
     def _states(self, now_s: float) -> list[StateFrame]:
         return state_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s))
 
     def _state_and_bands(self, now_s: float) -> list[StateFrame | BandsFrame]:
         return [*self._states(now_s), *band_frames(self.mission, self._epoch.stamp(now_s))]
+
+    def _sendable(self, frames: list[PartT]) -> list[PartT]:
+        """Return the frames of one broadcast, as many as can be numbered.
+
+        What is left out is counted. Whoever hears the others knows that the picture is not whole, and what all are told
+        to do.
+        """
+        if len(frames) <= MOST_FRAMES:
+            return frames
+        self.unsendable.add(WireError(f"{len(frames)} frames in a broadcast; allowed: at most {MOST_FRAMES}"))
+        first = frames[:MOST_FRAMES]
+        return [replace(frame, stamp=replace(frame.stamp, frame_count=MOST_FRAMES)) for frame in first]
 
     def _encoded(self, frames: Sequence[Frame]) -> list[bytes]:
         datagrams = []

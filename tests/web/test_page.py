@@ -14,7 +14,7 @@ from groundstation.web.feed import Refused
 from groundstation.web.pipe import Message, Who
 from groundstation.web.site import Site
 from groundstation.web.tokens import add_token
-from tests.web.pictures import agent, moves, picture, swarm, threat, valley
+from tests.web.pictures import BEGAN_S, agent, moves, picture, swarm, threat, valley
 from tests.web.rig import NARROW, WIDE, Stage, Tab, served
 
 pytestmark = pytest.mark.slow
@@ -143,7 +143,7 @@ def test_a_stream_that_falls_silent_is_said_at_once_and_greys_the_page(scene: _S
         page.click("#hold-all")
         expect(page.locator("dialog")).to_contain_text("What you see is")
         page.keyboard.press("Escape")
-        scene.stage.show(moves(shown, 121.0))
+        scene.stage.show(moves(shown, shown["t_s"] + 1.0))
         expect(page.locator("#stale")).to_be_hidden()
         expect(page.locator("#connection")).to_have_text("connected")
 
@@ -293,18 +293,30 @@ def test_a_narrow_screen_has_everything_and_nothing_runs_out_of_it(scene: _Scene
 
 def test_a_recorded_run_is_wound_to_another_time(scene: _Scene) -> None:
     shown = picture(mode="playback")
+    state = {"type": "playback", "from_s": BEGAN_S, "to_s": BEGAN_S + 600.0, "speed": 1.0, "playing": True}
+    late = {"type": "event", "event": {**_event(9, {"do": "paused"}), "unix_s": BEGAN_S + 100.0}}
     with scene.opened(shown) as page:
-        scene.stage.show(
-            {"type": "playback", "from_s": 0.0, "to_s": 600.0, "at_s": 120.0, "speed": 1.0, "playing": True}
-        )
+        scene.stage.show(late, {**state, "at_s": BEGAN_S + 120.0})
         expect(page.locator("#playback output")).to_have_text("0:02:00 of 0:10:00")
         assert page.locator("#orders").is_hidden()
-        page.locator("#playback input").fill("300")
-        page.locator("#playback select").first.select_option("10")
-        page.locator("#playback button").click()
-        expect(page.locator("#playback output")).to_be_visible()
-        page.wait_for_timeout(0)
-        assert scene.stage.controls == [{"at_s": 300.0}, {"speed": 10.0}, {"playing": False}]
+        page.click("#tab-events")
+        expect(page.locator("#events")).to_contain_text("mission paused")
+        for control in (
+            lambda: page.locator("#playback select").first.select_option("10"),
+            lambda: page.locator("#playback button").click(),
+            lambda: page.locator("#playback select").last.select_option(label="0:01:40 mission paused"),
+            lambda: page.locator("#playback input").fill(str(BEGAN_S + 60)),
+        ):
+            with page.expect_response("**/api/v1/playback"):
+                control()
+        scene.stage.show({**state, "at_s": BEGAN_S + 60.0})
+        expect(page.locator("#events")).not_to_contain_text("mission paused")
+        assert scene.stage.controls == [
+            {"speed": 10.0},
+            {"playing": False},
+            {"at_s": BEGAN_S + 100.0},
+            {"at_s": BEGAN_S + 60.0},
+        ]
 
 
 def test_one_agent_among_500_is_found_by_filter_and_order(scene: _Scene) -> None:
