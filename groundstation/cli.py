@@ -60,6 +60,11 @@ for command in MISSION_COMMANDS:
     metavar="MB",
     help="For pictures and frames in the store: the oldest are removed; events never are.",
 )
+@click.option(
+    "--new-flight",
+    is_flag=True,
+    help="Begin MISSION anew: of the last run only epoch and signing time go on, its events stay in the store.",
+)
 @click.option("--log", metavar="FILE.tlog", help="Keep what is sent and heard; FILE-2.tlog if there is one.")
 @click.option(
     "--log-mb",

@@ -350,11 +350,15 @@ class GroundStation:
             self._due.assignment_s = _after(self._due.assignment_s, self.mission.assignment_period_s, now_s)
 
     def tick(self, now_s: float) -> list[bytes]:
-        """Return the frames to broadcast now; none if nothing is due.
+        """Update everything to `now_s`, and return the frames to broadcast now; none if nothing is due."""
+        self.advance(now_s)
+        return self.due(now_s)
+
+    def due(self, now_s: float) -> list[bytes]:
+        """Return the frames to broadcast now, by what `advance` has found; none if nothing is due.
 
         A frame that cannot be encoded is counted in `unsendable` and left out.
         """
-        self.advance(now_s)
         datagrams: list[bytes] = []
         if now_s >= self._due.state_s - _DUE_TOLERANCE_S:
             self._begin_state(now_s)

@@ -111,7 +111,10 @@ class SourceSpec(Section):
             if given:
                 raise ValueError(f"{given[0]}: given for {self.things}; allowed: for threats only")
         elif given not in (["radius_m"], ["detection_radius_m", "attack_radius_m"]):
-            raise ValueError("radius_m: allowed for threats: radius_m, or detection_radius_m and attack_radius_m")
+            raise ValueError(
+                f"radius_m: {', '.join(given) or 'no radius'} given for threats; allowed: radius_m, or "
+                "detection_radius_m and attack_radius_m"
+            )
         return self
 
     @model_validator(mode="after")

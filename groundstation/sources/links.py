@@ -7,6 +7,8 @@ longer waits. Nothing is ever sent but, where a server must be told where to sen
 from __future__ import annotations
 
 import asyncio
+import os
+import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -135,5 +137,7 @@ def _heartbeat() -> bytes:
 
 
 def _words(error: Exception) -> str:
-    text = (error.strerror or "") if isinstance(error, OSError) else ""
-    return one_line(text or str(error) or type(error).__name__)[:200]
+    # asyncio's own words are "Connect call failed"; gaierror's number is none of the system's.
+    number = error.errno if isinstance(error, OSError) and not isinstance(error, socket.gaierror) else None
+    text = str(error) if number is None else os.strerror(number)
+    return one_line(text or type(error).__name__)[:200]

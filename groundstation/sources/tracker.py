@@ -223,7 +223,9 @@ class Tracker:
         if not is_batch and not any(one.is_urgent for one in wanted):
             return []
         self._batch_s = now_s + BATCH_S
-        return [*(drop for drop, _ in drops), *wanted]
+        # Whoever asks first has it, so that no other source asks for the same meanwhile.
+        firsts = [one for one in wanted if self._claims.setdefault(self._claim(one.key), one.key) == one.key]
+        return [*(drop for drop, _ in drops), *firsts]
 
     def taken(self, taken: Taken, identity: int, is_listed: bool) -> None:
         """Note that a thing is in the picture as was asked for; `is_listed`: as one that the mission's file has."""
@@ -252,6 +254,8 @@ class Tracker:
         thing = self._tables[wanted.key.source].get(wanted.key.key)
         if thing is not None:
             self._put(replace(thing, waits_until_s=now_s + AGAIN_S))
+            if thing.id is None:
+                self._release(wanted.key)
         self.refused[wanted.key.source] += 1
         words = why.replace("{", "(").replace("}", ")")
         self.refusals.add((wanted.key.source, "refused"), f"{wanted.key.source}: not taken in, {{}} times: {words}")
@@ -348,11 +352,15 @@ class Tracker:
         """Forget, of too many things that a source sees, the one that is not in the picture and oldest."""
         table = self._tables[rules.spec.name]
         if len(table) >= WATCHED * rules.spec.most:
-            oldest = next((key for key, thing in table.items() if thing.id is None), None)
+            oldest = next((key for key, thing in table.items() if self._is_out(thing)), None)
             if oldest is not None:
                 del table[oldest]
                 words = f"more than {WATCHED * rules.spec.most} things at once: {{}} forgotten; allowed: a greater most"
                 self.refusals.add((rules.spec.name, "flood"), f"{rules.spec.name}: {words}")
+
+    def _is_out(self, thing: Thing) -> bool:
+        """Return whether the picture does not have a thing, nor was asked to take it in."""
+        return thing.id is None and self._claims.get(self._claim(thing.key)) != thing.key
 
     def _is_silent(self, source: str, now_s: float) -> bool:
         """Return whether a source that sees several things has seen none of late."""
@@ -362,7 +370,7 @@ class Tracker:
     def _forgotten(self, source: str, factor: float, now_s: float) -> list[tuple[Dropped, float]]:
         """Forget what is not in the picture and was not seen for too long; return what somebody else has retired."""
         table, rules = self._tables[source], self._rules[source]
-        ended = [thing for thing in table.values() if thing.id is None and now_s > thing.ends_s(rules, factor)]
+        ended = [thing for thing in table.values() if self._is_out(thing) and now_s > thing.ends_s(rules, factor)]
         for thing in ended:
             if thing.waits_until_s != math.inf:
                 del table[thing.key.key]
