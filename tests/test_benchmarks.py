@@ -16,6 +16,7 @@ SMALLEST = {
     "assignment": "--scenes 1",
     "beside": ". signing --rounds 1 --frames 20",
     "bench": "--rounds 1 --calls 5 --flights 1 --flight-s 10",
+    "browsers": "--agents 10 --targets 2 --threats 2 --browsers 0 --seconds 2 --turns 1",
     "carousel": "",
     "case_two": "--seeds 1 --error-seeds 1 --time-limit 5",
     "decision": "seed --threats 4 --scenes 1 --time-limit 50",
