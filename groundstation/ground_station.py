@@ -262,7 +262,9 @@ class GroundStation:
                 {one: self.operations.reached.by[one] for one in back}
             )
         self.tracks.progress = replace(self.tracks.progress, out=orders.out)
-        if self.mission.targets is not before.mission.targets or orders != before.orders:
+        was = before.orders
+        is_other = (orders.pins, orders.out, orders.paused) != (was.pins, was.out, was.paused)
+        if is_other or self.mission.targets is not before.mission.targets:
             # An order is a reason for other targets.
             self._keep_until_s = -math.inf
             self._assign(now_s)
