@@ -125,7 +125,7 @@ class Sources:
             refused = feed.refused + feed.dropped + self.tracker.refused[name]
             row = _row(name, feed.spec.kind, feed.pulse.health(now_s))
             strangers = sum(1 for one in unknown if one.source == name)
-            rows.append(row | {"things": self.tracker.things(name), "refused": refused, "unknown": strangers})
+            rows.append(row | {"things": self.tracker.things(name, now_s), "refused": refused, "unknown": strangers})
         if self.sensor is not None:
             name = next((spec.name for spec in self._specs if spec.kind == "sensor"), SENSOR)
             things = sum(1 for source in station.tracks.origins.by.values() if source == SENSOR)

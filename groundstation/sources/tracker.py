@@ -149,9 +149,12 @@ class Tracker:
             self._put(replace(thing, id=identity, wire=None if is_listed else Wire(bound_m_s, 0.0, bound_m_s)))
             self._claims[self._claim(thing.key)] = thing.key
 
-    def things(self, source: str) -> int:
-        """Return the number of things of a source that the picture has."""
-        return sum(1 for one in self._tables[source].values() if one.id is not None)
+    def things(self, source: str, now_s: float) -> int:
+        """Return the number of things of a source that the picture has; of agents, those that it has not lost."""
+        rules = self._rules[source]
+        is_agents = KINDS[rules.spec.things] is Kind.AGENT
+        there = (one for one in self._tables[source].values() if one.id is not None)
+        return sum(1 for one in there if not is_agents or now_s <= one.ends_s(rules, 1.0))
 
     def unknown(self) -> list[Unknown]:
         """Return the agents that sources see and the mission does not have."""

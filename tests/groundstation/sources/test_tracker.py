@@ -85,7 +85,7 @@ def test_a_thing_that_is_not_seen_any_more_is_retired_and_told_why() -> None:
     assert isinstance(gone, Dropped)
     assert (gone.key.key, gone.why) == ("A", "not seen for 75 s")
     sky.dropped(gone)
-    assert sky.things("s") == 1
+    assert sky.things("s", START_S) == 1
 
 
 def test_retiring_waits_for_a_batch_but_not_for_ever() -> None:
@@ -258,7 +258,7 @@ def test_a_flood_of_keys_does_not_grow_without_bound_nor_push_out_what_is_in_the
     take_in(sky, 1.0)
     for number in range(200):
         see(sky, f"flood {number}", -FAR_M, 1.5)
-    assert sky.things("s") == 1
+    assert sky.things("s", START_S) == 1
     assert len(sky._tables["s"]) <= 8  # noqa: SLF001 - the bound itself
     assert any("at once" in line for line in sky.refusals.news(START_S))
 
@@ -359,4 +359,4 @@ def test_whatever_is_sighted_at_most_so_many_things_are_in_the_picture_and_place
         moved = sky.take("s", one, now_s)
         assert moved is None or abs(moved.place) < 1e7
         take_in(sky, float(number), first_id=10 * (number + 1))
-        assert sky.things("s") <= 2
+        assert sky.things("s", START_S) <= 2
