@@ -60,6 +60,11 @@ for command in MISSION_COMMANDS:
     metavar="MB",
     help="For pictures and frames in the store: the oldest are removed; events never are.",
 )
+@click.option(
+    "--new-flight",
+    is_flag=True,
+    help="Begin MISSION anew: of the last run only epoch and signing time go on, its events stay in the store.",
+)
 @click.option("--log", metavar="FILE.tlog", help="Keep what is sent and heard; FILE-2.tlog if there is one.")
 @click.option(
     "--log-mb",
@@ -128,11 +133,13 @@ def run(**given: Unpack[RunArguments]) -> None:
     from companion.guidance.settings import DEFAULT_LAW
     from companion.onboard.lint.warnings import lint_flight
     from companion.runtime.clock import run_until_signal
-    from companion.runtime.console import program_logger
+    from companion.runtime.console import messages_as_json, program_logger
     from groundstation.options import run_of
     from groundstation.service import run_groundstation
 
     mission, options = run_of(given)
+    if options.log_format == "json":
+        messages_as_json("groundstation")
     # In Case I nobody is reckoned, so what flies is known only to the vehicles.
     kinds = (given["autopilot"],) if mission.case == "II" else (given["autopilot"], ARDUCOPTER.name)
     for warning in lint_flight(mission, DEFAULT_LAW, kinds, given["mission"]):

@@ -262,7 +262,9 @@ class GroundStation:
                 {one: self.operations.reached.by[one] for one in back}
             )
         self.tracks.progress = replace(self.tracks.progress, out=orders.out)
-        if self.mission.targets is not before.mission.targets or orders != before.orders:
+        was = before.orders
+        is_other = (orders.pins, orders.out, orders.paused) != (was.pins, was.out, was.paused)
+        if is_other or self.mission.targets is not before.mission.targets:
             # An order is a reason for other targets.
             self._keep_until_s = -math.inf
             self._assign(now_s)
@@ -348,11 +350,15 @@ class GroundStation:
             self._due.assignment_s = _after(self._due.assignment_s, self.mission.assignment_period_s, now_s)
 
     def tick(self, now_s: float) -> list[bytes]:
-        """Return the frames to broadcast now; none if nothing is due.
+        """Update everything to `now_s`, and return the frames to broadcast now; none if nothing is due."""
+        self.advance(now_s)
+        return self.due(now_s)
+
+    def due(self, now_s: float) -> list[bytes]:
+        """Return the frames to broadcast now, by what `advance` has found; none if nothing is due.
 
         A frame that cannot be encoded is counted in `unsendable` and left out.
         """
-        self.advance(now_s)
         datagrams: list[bytes] = []
         if now_s >= self._due.state_s - _DUE_TOLERANCE_S:
             self._begin_state(now_s)

@@ -42,6 +42,7 @@ class RunArguments(TypedDict):
     log: str | None
     log_mb: float
     store_mb: float
+    new_flight: bool
     mirror: str | None
     sensor: str | None
     uplink: str | None
@@ -77,6 +78,8 @@ class Options:
     state: Path | None = None
     store_mb: float = 1_000.0
     """Greatest size of the pictures and frames in the store, in millions of bytes."""
+    new_flight: bool = False
+    """Whether nothing of the last run is carried over but what vehicles need to believe this one."""
     can_stop: bool = False
     """Case II: whether the dead-reckoned agents can stand still."""
     listen: Link | None = None
@@ -174,6 +177,7 @@ def _options(given: RunArguments, specs: tuple[SourceSpec, ...]) -> Options:
         log_mb=given["log_mb"],
         state=_path(state),
         store_mb=given["store_mb"],
+        new_flight=given["new_flight"],
         can_stop=KINDS[given["autopilot"]].can_stop,
         listen=_link(given["listen"]),
         unsigned_inputs=given["unsigned_inputs"],

@@ -31,7 +31,7 @@ from groundstation.adsb_mirror import AdsbMirror
 from groundstation.agents import VehicleModel
 from groundstation.choices import Authentication
 from groundstation.clock import GroundClock, WallSigner
-from groundstation.desk import Desk, begin_day, end_day, operations_of
+from groundstation.desk import Desk, begin_day, end_day
 from groundstation.directives import DirectiveInput
 from groundstation.events import Direct, Who
 from groundstation.ground_station import GroundStation, Resumed
@@ -41,13 +41,15 @@ from groundstation.meter import BroadcastMeter
 from groundstation.operations import directive_name
 from groundstation.options import Options
 from groundstation.page import Overheard, Page
+from groundstation.resumption import resumption
 from groundstation.rivals import LOCK_NAME, Rivals, RunLock
-from groundstation.saved_state import RunState, open_state
+from groundstation.saved_state import RunState
 from groundstation.schedule import TICK_S as RADIO_TICK_S
 from groundstation.schedule import Broadcaster
 from groundstation.sources.sources import Sources
 from groundstation.status import Status
 from groundstation.store.event_store import EventStore
+from groundstation.store.recorder import Recorder
 from groundstation.view import Surroundings
 
 if TYPE_CHECKING:
@@ -113,12 +115,12 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         # Opened first and so closed last, after everything that still has bytes to write.
         files = open_io_thread("files", stack)
         unlocked = _lock(options, stack)
-        database, last = open_state(options.state)
-        stored = () if database is None else tuple(database.events())
-        store = EventStore(options.state, database, files, int(options.store_mb * 1e6))
+        found = resumption(options.state, mission, options.new_flight)
+        store = EventStore(options.state, found.database, files, int(options.store_mb * 1e6))
         stack.callback(store.close)
-        saved = RunState(options, mission, frame_signer.signer, start_s, store, last)
-        station = _station(mission, options, saved.resumed._replace(operations=operations_of(mission, stored)), start_s)
+        saved = RunState(options, mission, frame_signer.signer, start_s, store, found.last)
+        resumed = saved.resumed._replace(operations=found.begun.operations, places=found.places)
+        station = _station(mission, options, resumed, start_s)
         overheard = Overheard(station)
         broadcaster = Broadcaster(overheard, options.radio, frame_signer)
         broadcaster.begin(start_s)
@@ -131,13 +133,14 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         await _listen(options, station, rivals, hearing)
         shown = _shown(options, overheard, store, sources, stack)
         # On disk before the first frame is on the air.
+        store.keep(*found.begun.chapter.kept)
         begin_day(shown.desk, station, saved.directive, start_s)
         saved.write(station, start_s)
         stack.callback(lambda: saved.write(station, clock.now_s()))
         status = Status(station, broadcaster, options)
         for line in [status.opening(), *saved.news(start_s)]:
             LOGGER.info("%s", line)
-        for warning in [*unlocked, *saved.warnings()]:
+        for warning in [*unlocked, *saved.warnings(), *found.begun.warnings]:
             LOGGER.warning("%s", warning)
         run = _Run(station, broadcaster, AdsbMirror(mission), status, saved, frame_signer, rivals)
         loop = BroadcastLoop(run, links, log, shown)
@@ -151,18 +154,21 @@ def _shown(options: Options, overheard: Overheard, store: EventStore, sources: S
     station, meter = overheard.station, BroadcastMeter(options)
     screen = _screen(options, stack)
     desk = Desk(station, store, screen)
+    # Without a file there is nobody who could look at it later, and memory is short.
+    recorder = None if options.state is None else Recorder(store, screen)
 
     def direct(directive: Directive) -> None:
         desk.ask(Direct(do="direct", directive=directive_name(directive)), STANDARD_INPUT)
 
     stack.callback(DirectiveInput(direct).close)
-    page = None
-    if screen is not None:
 
-        def around(now_s: float) -> Surroundings:
-            return replace(meter.surroundings(now_s), sources=sources.view(station, now_s))
+    def around(now_s: float) -> Surroundings:
+        return replace(meter.surroundings(now_s), sources=sources.view(station, now_s))
 
-        page = Page(station, desk, screen, around, can_stop=options.can_stop)
+    page, shows = None, recorder or screen
+    if shows is not None:
+        is_seen = screen is not None
+        page = Page(station, desk, shows, around, can_stop=options.can_stop, is_seen=is_seen)
     return Shown(desk, overheard, meter, page, sources)
 
 
@@ -350,8 +356,8 @@ class BroadcastLoop:
             now_s = clock.now_s()
             self._follow(clock, now_s)
             self._shown.desk.tick(now_s)
-            self._shown.desk.notice(now_s)
-            # A new directive is on disk before it is on the air: no restart may take back what vehicles have heard.
+            self._notice(now_s)
+            # A new directive or target is on disk before it is on the air: no restart may take back what was heard.
             self._run.saved.write_if_due(self._run.station, now_s)
             if not self._run.saved.holds(now_s):
                 self._send(now_s)
@@ -387,6 +393,14 @@ class BroadcastLoop:
             self._run.signer.signer.follow(clock.ahead_s, now_s)
         for line in change.words():
             LOGGER.warning("%s", line)
+
+    def _notice(self, now_s: float) -> None:
+        """Keep what the ground station has noticed, before it is broadcast."""
+        if self._shown.meter.options.radio is None:
+            # Over a radio all that is told was found out a while before (schedule.py).
+            self._shown.overheard.advance(now_s)
+        if self._shown.desk.notice(now_s):
+            self._run.saved.hold(now_s)
 
     def _send(self, now_s: float) -> None:
         display = self._links.display

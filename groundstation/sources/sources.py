@@ -7,6 +7,7 @@ picture and out of it. A source asks as an operator does: it may be refused, and
 from __future__ import annotations
 
 import asyncio
+import cmath
 import importlib
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -35,6 +36,7 @@ from groundstation.ground_station import GroundStation
 from groundstation.origins import SENSOR, Observation
 from groundstation.sources.feed import Feed, Health, Pulse
 from groundstation.sources.links import run_source
+from groundstation.sources.sighting import Sighting
 from groundstation.sources.thing import SourceKey
 from groundstation.sources.tracker import BATCH_S, Dropped, Taken, Tracker
 
@@ -61,10 +63,10 @@ class Sources:
 
     def __init__(self, mission: Mission, specs: Sequence[SourceSpec]) -> None:
         """Begin with nothing heard; `mission` is resolved."""
-        frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
+        self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self.tracker = Tracker(mission, specs)
         self._specs = tuple(specs)
-        self.feeds = {spec.name: Feed(spec, frame) for spec in specs if spec.kind != "sensor"}
+        self.feeds = {spec.name: Feed(spec, self._frame) for spec in specs if spec.kind != "sensor"}
         self._mission = mission
         self._reach_m = BATCH_S * max(agent.speed_m_s for agent in mission.agents)
         self._turn = 0
@@ -93,7 +95,7 @@ class Sources:
         if station.mission is not self._mission:
             self._mission = station.mission
             self.tracker.follow(station.mission)
-        for seen in self._observations(now_s):
+        for seen in [*self._observations(now_s), *self._strangers(station, now_s)]:
             station.observe(seen)
         agents = [
             complex(*station.tracks.tracks[Kind.AGENT, one].position_ned_m) for one in station.tracks.present_agents
@@ -130,7 +132,8 @@ class Sources:
             name = next((spec.name for spec in self._specs if spec.kind == "sensor"), SENSOR)
             things = sum(1 for source in station.tracks.origins.by.values() if source == SENSOR)
             row = _row(name, "sensor", self.sensor.health(now_s))
-            rows.append(row | {"things": things, "refused": station.tracks.refusals.total, "unknown": 0})
+            unknown_things = len(station.tracks.origins.unknown)
+            rows.append(row | {"things": things, "refused": station.tracks.refusals.total, "unknown": unknown_things})
         return rows
 
     def unknown_view(self, now_s: float) -> list[dict[str, Any]]:
@@ -151,6 +154,23 @@ class Sources:
     def news(self, now_s: float) -> list[str]:
         """Return the lines about what is not believed that are due."""
         return self.tracker.refusals.news(now_s)
+
+    def _strangers(self, station: GroundStation, now_s: float) -> list[Observation]:
+        """Return the moves of things that the sensor sees, and that are in the picture though no mission lists them."""
+        strangers = station.tracks.origins.strangers
+        waiting = [strangers.popleft() for _ in range(min(len(strangers), MOST_PER_TICK))]
+        spec = next((one for one in self._specs if one.kind == "sensor" and one.takes_in), None)
+        if spec is None:
+            return []
+        seen = []
+        for one in waiting:
+            key = f"{one.key[0].name.lower()} {one.key[1]}"
+            lat_deg, lon_deg, turn_rad = self._frame.to_global_with_convergence(one.place.real, one.place.imag)
+            sighting = Sighting(key, lat_deg, lon_deg, one.at_s, one.velocity * cmath.rect(1.0, turn_rad))
+            moved = self.tracker.take(spec.name, sighting, now_s)
+            if moved is not None:
+                seen.append(moved)
+        return seen
 
     def _observations(self, now_s: float) -> list[Observation]:
         """Return the moves by the sightings that wait, from each source in turn."""
@@ -199,7 +219,7 @@ class Sources:
             else:
                 self.tracker.taken(one, _id_of(outcome), is_listed=False)
 
-        spec = self.feeds[one.key.source].spec
+        spec = next(spec for spec in self._specs if spec.name == one.key.source)
         desk.ask_with(_command(one, spec), who, facts, answer)
 
 

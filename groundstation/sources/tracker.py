@@ -102,7 +102,7 @@ class Tracker:
         self.ahead_s = 0.0
         """Time by which the clock that stamps sightings is ahead of the times given (groundstation/clock.py)."""
         untold_s = max(30.0, 6.0 * mission.broadcast_period_s)
-        self._rules = {spec.name: Rules(spec, untold_s) for spec in specs if spec.kind != "sensor"}
+        self._rules = {spec.name: Rules(spec, untold_s) for spec in specs if spec.takes_in}
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self._mission = mission
         self._box = Box.around(mission)
