@@ -37,8 +37,8 @@ _LONG_RANGE_NO_SPEED_KT, _LONG_RANGE_NO_COURSE_DEG = 63.0, 511.0
 _AIRCRAFT_NO_SPEED_KT, _AIRCRAFT_NO_ALTITUDE_M = 1_023.0, 4_095.0
 _AIRCRAFT, _LONG_RANGE = 9, 27
 _REPORTS = {1: 24, 2: 24, 3: 24, _AIRCRAFT: 23, 18: 24, 19: 24, _LONG_RANGE: 16}
-"""Types of message that tell where a ship or aircraft is, with the number of characters of 6 bits that hold what is read
-of it (ITU-R M.1371). Base stations and buoys stand, and are in charts."""
+"""Types of message that tell where a ship or aircraft is, with the number of characters of 6 bits that hold what is
+read of it (ITU-R M.1371). Base stations and buoys stand, and are in charts."""
 _PAYLOAD = 5
 """Number of the sentence's field with the message."""
 
