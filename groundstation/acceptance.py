@@ -13,7 +13,8 @@ from companion.errors import InputError
 from companion.files.yaml import validated
 from companion.geo.local_frame import LocalFrame
 from companion.geo.polygon import inside_polygon
-from companion.mission.model import MAX_COORDINATE_M, MAX_ID, MAX_ITEMS, Mission, TargetSpec, ThreatSpec
+from companion.mission.model import Mission, TargetSpec, ThreatSpec
+from companion.mission.values import MAX_COORDINATE_M, MAX_ID, MAX_ITEMS
 from companion.protocol.messages import Kind
 from groundstation.events import (
     AddTarget,

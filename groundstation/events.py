@@ -14,16 +14,8 @@ from pydantic import Field, TypeAdapter, model_validator
 
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import ListOf, Section, validated
-from companion.mission.model import (
-    Coordinate,
-    Identity,
-    Level,
-    Positive,
-    SpeedBound,
-    TargetSpec,
-    ThreatSpec,
-    ThreatSpeedBound,
-)
+from companion.mission.model import TargetSpec, ThreatSpec
+from companion.mission.values import Coordinate, Identity, Level, Positive, SpeedBound, ThreatSpeedBound
 
 Name = Annotated[str, Field(min_length=1, max_length=40)]
 Latitude = Annotated[float, Field(ge=-90, le=90)]

@@ -78,8 +78,8 @@ def check_runnable(mission: Mission, source: str) -> None:
     slowest_m_s = min(agent.speed_m_s for agent in mission.agents)
     if wind_m_s >= slowest_m_s:
         raise InputError(
-            f"{source}: wind: speed_m_s and gust_m_s together {wind_m_s:g}; allowed: less than the slowest agent's "
-            f"speed_m_s {slowest_m_s:g}, which could not hold a course"
+            f"{source}: wind: speed_m_s and gust_m_s together {wind_m_s:g} m/s; allowed: less than the slowest agent's "
+            f"speed_m_s {slowest_m_s:g} m/s, which could not hold a course"
         )
 
 

@@ -15,7 +15,8 @@ from types import MappingProxyType
 import numpy as np
 
 from companion.geo.kinematics import turn_rate_rad_s
-from companion.mission.model import RANGE_RESERVE, AgentSpec, Mission, agent_height_m
+from companion.mission.model import AgentSpec, Mission, agent_height_m
+from companion.mission.values import RANGE_RESERVE
 from companion.protocol.codec import Kind
 from groundstation.assignment import SWITCHING_SHARE, assign, within_range
 from groundstation.broadcast import MOVING_M_S, grown

@@ -17,6 +17,7 @@ from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, t
 from companion.guidance.settings import DEFAULT_LAW, LAWS, LawName
 from companion.mission.model import Mission, dump_mission
 from companion.mission.resolve import resolve
+from companion.onboard.lint.fleet import abilities_of
 from companion.onboard.lint.warnings import lint_flight
 from groundstation.choices import RADIOS_BYTES_PER_S
 from groundstation.radio import Radio, parse_radio
@@ -24,7 +25,7 @@ from sim.flown import KINEMATIC, FlownMission
 from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, FlightOptions, check_flyable, fly
 from sim.outcome import AgentResult, agent_results, first_reason
 from sim.parameter_option import parameter_option
-from sim.scaling import scaled
+from sim.scaling import check_speeds, scaled
 from sim.score import score
 from sim.stop import Stop, stop_at_signals
 from sim.terminal import flight_progress, rendered, writable_folder
@@ -48,7 +49,7 @@ class FlyOptions:
     share: float | None
     one_radio: bool
     parameters: tuple[tuple[str, float], ...]
-    no_scale: bool
+    scale: bool
     realtime: bool
     allow_monolithic: bool
 
@@ -58,7 +59,7 @@ class FlyOptions:
         again += "" if self.vehicles is None else f" --vehicles {self.vehicles}"
         again += "" if radio is None else f" --radio '{self.radio}' --share {radio.share:g}"
         again += "".join(f" --param {name}={value:g}" for name, value in self.parameters)
-        return again + " --one-radio" * self.one_radio + " --no-scale" * self.no_scale
+        return again + " --one-radio" * self.one_radio + " --scale" * self.scale
 
 
 @dataclass(frozen=True)
@@ -96,15 +97,20 @@ class FlownResult:
 )
 @click.option("--share", type=float, help="Of the radio's bytes, for the broadcast; all unless said otherwise.")
 @click.option("--one-radio", is_flag=True, help="The broadcast reaches each companion through its autopilot.")
-@click.option("--no-scale", is_flag=True, help="Fly the mission as it is: it was made for the autopilot's vehicle.")
+@click.option(
+    "--scale/--no-scale",
+    default=False,
+    help="Multiply every length and speed by the autopilot's cruise speed over 60 m/s; as written unless asked for.",
+)
 @parameter_option()
 @click.option("--realtime", is_flag=True, help="Pace the virtual clock by the wall clock.")
 @click.option("--allow-monolithic", is_flag=True, help="Fly `surrogate: monolithic` all the same, to see it fail.")
 def fly_command(as_json: bool, **options: Any) -> int:  # noqa: ANN401 click gives each option its type
     """Fly MISSION, a YAML file or a packaged name, over real frames on a virtual clock.
 
-    Missions are written for the paper's 60 m/s: for an autopilot's stand-in every length and speed is multiplied by
-    its cruise speed over that, and mission.yaml says by how much.
+    It is flown as it is written, as `groundstation run` broadcasts it. One that was written for the paper's 60 m/s is
+    flown by an autopilot's stand-in with --scale: every length and speed is then multiplied by the stand-in's cruise
+    speed over that, and mission.yaml says by how much.
 
     Exit status 0 if every target was reached, 1 if not, and then the last line says why, 2 for unusable input or a
     folder that cannot be written. Ctrl-C (130), SIGTERM (143) and SIGHUP (129) end the flight early, and so does a full
@@ -112,7 +118,7 @@ def fly_command(as_json: bool, **options: Any) -> int:  # noqa: ANN401 click giv
 
     Example: sim fly paper-dynamic --seed 1 --out runs/1
 
-    Example: sim fly paper-dynamic --autopilot arduplane --seed 1 --out runs/2
+    Example: sim fly paper-dynamic --autopilot arduplane --scale --seed 1 --out runs/2
     """
     chosen = FlyOptions(**options)
     done = fly_mission(chosen)
@@ -169,7 +175,7 @@ def fly_mission(options: FlyOptions) -> FlownResult:
         agents = agent_results(flown, flight.logs)
         result = result_of(flown, flight, agents)
         if folder is not None:
-            write_folder(folder, flown, result, options.command_line(radio))
+            write_folder(folder, flown, result, flight.logs, options.command_line(radio))
     return FlownResult(flown, agents, result, flight.stop)
 
 
@@ -231,13 +237,16 @@ def _radio(options: FlyOptions) -> Radio | None:
 
 
 def _resolved(options: FlyOptions, law: LawName) -> Mission:
-    """Return the mission to fly, resolved from the seed and scaled, after printing the warnings about it."""
+    """Return the mission to fly, resolved from the seed, scaled if asked for, after printing the warnings about it."""
     source = options.mission
     mission = load_mission_to_fly(source)
     if options.vehicles is not None:
         mission = _with_vehicles(mission, options.vehicles, source)
     resolved = resolve(mission, options.seed, source)
-    resolved = resolved if options.no_scale else scaled(resolved, options.autopilot, source)
+    if options.scale:
+        resolved = scaled(resolved, options.autopilot, source)
+    else:
+        check_speeds(resolved, options.autopilot, abilities_of(options.autopilot, options.parameters), source)
     check_flyable(resolved, source, options.allow_monolithic)
     if resolved.surrogate == "monolithic":
         click.echo(f"sim: warning: {source}: surrogate: 'monolithic' should not fly: {WHY_NOT_MONOLITHIC}", err=True)

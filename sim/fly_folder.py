@@ -7,8 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sim.agent_log import AgentLog
 from sim.figures import clearance_png, plot_paths
 from sim.flown import FlownMission
+from sim.player import player_data
 from sim.report import Pictures, write_report
 
 RESULT_NAME = "result.json"
@@ -26,10 +28,12 @@ def clear_folder(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def write_folder(folder: Path, flown: FlownMission, result: Mapping[str, Any], command: str) -> None:
+def write_folder(
+    folder: Path, flown: FlownMission, result: Mapping[str, Any], logs: Mapping[int, AgentLog], command: str
+) -> None:
     """Write `result.json`, `paths.png` and `report.html`, each whole or not at all.
 
-    `command` is the command line that repeats the flight, for the report.
+    `logs` are those of the companions by id; `command` is the command line that repeats the flight, for the report.
 
     Raises:
         OSError: a file cannot be written.
@@ -39,5 +43,5 @@ def write_folder(folder: Path, flown: FlownMission, result: Mapping[str, Any], c
     part.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     part.replace(folder / RESULT_NAME)
     paths_png = plot_paths(flown, folder / _PATHS_NAME, flown.mission.name)
-    pictures = Pictures(paths_png, clearance_png(flown.score, flown.mission))
+    pictures = Pictures(paths_png, clearance_png(flown.score, flown.mission), player_data(flown, logs))
     write_report(folder / _REPORT_NAME, flown, result, pictures, command)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from companion.autopilot.kinds import KINDS
+from companion.autopilot.kinds import CRUISE_M_S, KINDS
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
 from companion.files.tlog import TlogWriter
@@ -41,7 +41,6 @@ from sim.flight_record import FlightRecord
 from sim.holding import holding_side
 from sim.loop import START_S, TOLERANCE_S, Loop, Outcome, Parts, Watch
 from sim.safety_pilot import SafetyPilot
-from sim.scaling import CRUISE_M_S
 from sim.sensor import SensorChannel
 from sim.stop import Stop, disk_stop
 from sim.trajectory import Trajectory

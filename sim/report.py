@@ -1,8 +1,8 @@
 """Writes the report of one flight: a single HTML file that is complete in itself.
 
-It can be opened years later without a network: pictures are data URIs, the style sheet is inside, nothing is loaded and
-no script runs. Every value is escaped, because a mission's name may contain anything. The page's template is
-`templates/report.html`; its content is computed here.
+It can be opened years later without a network: pictures are data URIs, style sheet and player are inside, nothing is
+loaded, and a policy in the page lets nothing be. Every value is escaped, because a mission's name may contain anything.
+The page's template is `templates/report.html`; its content is computed here, the player's in sim/player.py.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from companion.mission.model import LinkSpec, Mission, Wind
 from sim.flown import KINEMATIC, FlownMission
+from sim.player import script_json
 from sim.score import Score
 from sim.trajectory import Trajectory
 
@@ -70,10 +71,12 @@ _NOTHING = "–"
 
 @dataclass(frozen=True)
 class Pictures:
-    """The pictures of a report, as the bytes of PNG files."""
+    """The pictures of a report, still as the bytes of PNG files, and moving."""
 
     paths_png: bytes
     clearance_png: bytes
+    player: Mapping[str, Any]
+    """What the player is given (sim/player.py)."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         keep_trailing_newline=True,
     )
+    environment.filters["script_json"] = script_json
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
     return environment
 

@@ -1,4 +1,4 @@
-"""Scales a mission that was written for the paper's 60 m/s to the cruise speed of an autopilot's vehicle.
+"""Scales a mission that was written for the paper's 60 m/s, on request, to the cruise speed of an autopilot's vehicle.
 
 Every horizontal length and every speed is multiplied by the cruise speed divided by 60 m/s, so that all times stay the
 same and the scene looks the same from the vehicle. Times, heights, ids and the link are not changed.
@@ -10,22 +10,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from companion.autopilot.adapter import Abilities
-from companion.autopilot.kinds import KINDS
+from companion.autopilot.kinds import CRUISE_M_S, KINDS
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
-from companion.mission.model import Mission
+from companion.mission.model import Mission, Scale
 
 PAPER_SPEED_M_S = 60.0
 """Speed of the paper's vehicle, for which missions are written."""
-CRUISE_M_S = {
-    "arducopter": 8.0,
-    "arduplane": 22.0,
-    "px4-copter": 10.0,
-    "px4-plane": 15.0,
-}
-"""Cruise speed by autopilot kind (docs/autopilots.md). ArduCopter follows turns only below the 10.3 m/s that 30 degrees
-of lean give; ArduPlane's simulator cruises at 22 m/s; a PX4 copter reaches 10 m/s; a PX4 plane always flies
-FW_AIRSPD_TRIM, 15 m/s."""
+SPEED_TOLERANCE = 1e-6
+"""Share of a speed by which it may miss what a kind flies: the rounding of a product."""
 
 # Keys of a mission and its sections whose values are multiplied by the factor.
 _MISSION_LENGTHS = ("arrival_radius_m", "separation_m", "detector_range_m")
@@ -33,6 +26,27 @@ _THREAT_LENGTHS = ("north_m", "east_m", "detection_radius_m", "attack_radius_m",
 _TARGET_LENGTHS = ("north_m", "east_m", "speed_bound_m_s")
 _AGENT_LENGTHS = ("north_m", "east_m", "range_m", "speed_m_s")
 _WIND_SPEEDS = ("speed_m_s", "gust_m_s")
+
+
+def check_speeds(mission: Mission, kind: str, abilities: Abilities, source: str) -> None:
+    """Check that vehicles of a kind can fly a resolved mission as it is written; `source` names it in errors.
+
+    Raises:
+        InputError: an agent is faster or slower than they fly, or the mission was scaled for another kind.
+
+    """
+    if mission.scale is not None and kind in CRUISE_M_S and mission.scale.autopilot != kind:
+        raise _scaled_for_another(mission.scale, kind, source)
+    least_m_s, most_m_s = abilities.speed_min_m_s, abilities.speed_max_m_s
+    for index, agent in enumerate(mission.agents):
+        if least_m_s * (1.0 - SPEED_TOLERANCE) <= agent.speed_m_s <= most_m_s * (1.0 + SPEED_TOLERANCE):
+            continue
+        flown = f"{least_m_s:.4g} m/s" if least_m_s == most_m_s else f"{least_m_s:.4g} to {most_m_s:.4g} m/s"
+        factor = f"{CRUISE_M_S[kind]:g}/{PAPER_SPEED_M_S:g}"
+        raise InputError(
+            f"{source}: agents[{index}].speed_m_s: {agent.speed_m_s:g} m/s with --autopilot {kind}, which flies "
+            f"{flown}; allowed: a speed that it flies, or --scale, which multiplies every length and speed by {factor}"
+        )
 
 
 def scaled(mission: Mission, kind: str, source: str | None = None) -> Mission:
@@ -50,10 +64,7 @@ def scaled(mission: Mission, kind: str, source: str | None = None) -> Mission:
         return mission
     if mission.scale is not None:
         if mission.scale.autopilot != kind:
-            raise InputError(
-                f"{name}: scale.autopilot: '{mission.scale.autopilot}' with --autopilot {kind}; allowed: the kind that "
-                "it was scaled for, or the mission as it was before"
-            )
+            raise _scaled_for_another(mission.scale, kind, name)
         return mission
     factor = CRUISE_M_S[kind] / PAPER_SPEED_M_S
     data = mission.model_dump()
@@ -78,6 +89,13 @@ def scaled(mission: Mission, kind: str, source: str | None = None) -> Mission:
             _fit_wind(agent, data["wind"]["speed_m_s"] + data["wind"]["gust_m_s"], abilities)
     data["scale"] = {"autopilot": kind, "factor": factor}
     return Mission.model_validate(data)
+
+
+def _scaled_for_another(scale: Scale, kind: str, source: str) -> InputError:
+    return InputError(
+        f"{source}: scale.autopilot: '{scale.autopilot}' with --autopilot {kind}; allowed: the kind that it was scaled "
+        "for, or the mission as it was before"
+    )
 
 
 def _fit(agent: dict[str, Any], abilities: Abilities) -> None:

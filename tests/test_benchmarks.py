@@ -17,23 +17,23 @@ SMALLEST = {
     "beside": ". signing --rounds 1 --frames 20",
     "bench": "--rounds 1 --calls 5 --flights 1 --flight-s 10",
     "carousel": "",
-    "case_two": "--seeds 1 --error-seeds 1 --time-limit 45",
+    "case_two": "--seeds 1 --error-seeds 1 --time-limit 5",
     "decision": "seed --threats 4 --scenes 1 --time-limit 50",
     "faults": "--first 1",
-    "flood": "--seconds 1 --rate 300 --virtual 10",
+    "flood": "--seconds 1 --rate 300 --virtual 5",
     "fuzz": "--count 60",
     "guard": "30 1 --gusts 1 --checks 50",
     "hostile": "3000",
     "kills": "--runs 1 --programs companion groundstation",
     "lags": "px4-plane",
-    "loop": "--seconds 2 --idle",
-    "loss_sweep": "--runs 1 --levels 0.3 --time-limit 60",
-    "losses": "--runs 1 --time-limit 100",
+    "loop": "--seconds 1 --idle",
+    "loss_sweep": "--runs 1 --levels 0.3 --time-limit 15",
+    "losses": "--runs 1 --time-limit 40",
     "missions": "3 1 --small --workers 1 --out {folder}/missions",
-    "processes": "{folder}/near.yaml arducopter --no-scale --limit 60 --out {folder}/out",
+    "processes": "{folder}/near.yaml arducopter --limit 60 --out {folder}/out",
     "route": "--scenes 8 --flights 1 --timed 4 --repeat 1",
     "route_time": "lattice walled --counts 25 --flights 1",
-    "serial_radio": "--seconds 2 --agents 10",
+    "serial_radio": "--seconds 1 --settle 1 --agents 10",
     "signing": "--rounds 1 --frames 20",
     "standing": "arducopter",
     "takeover": "--kinds arducopter --runs 1 --rate 500 --busy 0",
@@ -46,7 +46,7 @@ depends on gaps between setpoints, which a busy computer makes long."""
 NEAR = """
 name: near
 agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}]
-targets: [{id: 1, north_m: 60, east_m: 0}]
+targets: [{id: 1, north_m: 42, east_m: 0}]
 defaults:
   agent: {speed_m_s: 8, n_max: 0.17, range_m: 20000}
   target: {speed_bound_m_s: 0}

@@ -9,9 +9,9 @@ from __future__ import annotations
 import errno
 import re
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Strict, ValidationError, model_validator
@@ -30,6 +30,24 @@ UNION_TAG = "kind:"
 
 _SHOWN_CHARACTERS = 60
 """Length to which keys and values are cut in errors."""
+
+_UNITS = {
+    "_m_s2": "m/s^2",
+    "_m_s": "m/s",
+    "_km": "km",
+    "_m": "m",
+    "_s": "s",
+    "_deg": "degrees",
+    "_percent": "%",
+    "_hz": "Hz",
+    "_mb": "MB",
+    "fence": "m",
+    "exclusions": "m",
+    "path": "s and m",
+    "weights": "m^2",
+    "n_max": "g",
+}
+"""Units of values by how their keys end, and of those whose keys do not say it, in the order of looking."""
 
 _MESSAGES = {
     "missing": "missing; it has no default",
@@ -53,6 +71,8 @@ class Section(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    converted: ClassVar[tuple[str, ...]] = ()
+    """Keys that a file may have though this model does not: the model above it converts them before this one checks."""
 
     @model_validator(mode="before")
     @classmethod
@@ -60,8 +80,9 @@ class Section(BaseModel):
         if isinstance(data, Mapping):
             for key in data:
                 if key not in cls.model_fields:
-                    hint = nearest_hint(str(key), cls.model_fields)
-                    raise ValueError(f"unknown key '{_cut(str(key))}'{hint}; allowed: {', '.join(cls.model_fields)}")
+                    known = (*cls.model_fields, *cls.converted)
+                    hint = nearest_hint(str(key), known)
+                    raise ValueError(f"unknown key '{_cut(str(key))}'{hint}; allowed: {', '.join(known)}")
         return data
 
 
@@ -264,4 +285,14 @@ def fault_text(details: ErrorDetails) -> str:
     message = details["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     if kind == "value_error":
         return one_line(f"{where}: {message}" if where else message)
-    return one_line(f"{where}: {_shown(details['input'])}; allowed: {message}")
+    unit = _unit(details["loc"]) if kind.startswith(("greater_than", "less_than", "float", "int", "finite")) else ""
+    return one_line(f"{where}: {_shown(details['input'])}; allowed: {message}{unit}")
+
+
+def _unit(path: Sequence[int | str]) -> str:
+    """Return the unit of a value, with a blank before it, by the keys that lead to it; empty if it has none."""
+    for key in reversed(path):
+        for ending, unit in _UNITS.items():
+            if isinstance(key, str) and not key.startswith(UNION_TAG) and key.endswith(ending):
+                return f" {unit}"
+    return ""

@@ -6,15 +6,8 @@ import math
 from collections.abc import Sequence
 
 from companion.geo.polygon import inside_polygon
-from companion.mission.model import (
-    RANGE_RESERVE,
-    Mission,
-    PathMotion,
-    TargetSpec,
-    ThreatSpec,
-    agent_height_m,
-    reaches,
-)
+from companion.mission.model import Mission, PathMotion, TargetSpec, ThreatSpec, agent_height_m, reaches
+from companion.mission.values import RANGE_RESERVE
 
 
 def lint(mission: Mission) -> list[str]:
@@ -34,11 +27,11 @@ def lint(mission: Mission) -> list[str]:
     if mission.case == "II" and mission.losses and mission.report_period_s == 0.0:
         found.append("losses: nobody reports in this Case II, so no loss can be known: its target may stay uncovered")
     if mission.case == "I" and mission.report_period_s > 0.0:
-        found.append(f"report_period_s: {mission.report_period_s:g}: no effect in Case I, where agents are detected")
+        found.append(f"report_period_s: {mission.report_period_s:g} s: no effect in Case I, where agents are detected")
     if mission.case == "II" and mission.detector == "adsb" and mission.detector_range_m <= mission.separation_m:
         found.append(
-            f"detector_range_m: {mission.detector_range_m:g}: in Case II agents then see each other only when they are "
-            f"already within separation_m {mission.separation_m:g}, or not at all"
+            f"detector_range_m: {mission.detector_range_m:g} m: in Case II agents then see each other only when they "
+            f"are already within separation_m {mission.separation_m:g} m, or not at all"
         )
     return [warning for warning in found if warning is not None]
 
@@ -54,8 +47,8 @@ def first_of(key: str, concerns: list[str]) -> str | None:
 def _too_fast(mission: Mission) -> list[str]:
     fastest_m_s = max(agent.speed_m_s for agent in mission.agents)
     return [
-        f"id {target.id} has speed_bound_m_s {target.speed_bound_m_s:g} and moves: it may outrun every agent, whose "
-        f"speed_m_s is at most {fastest_m_s:g}"
+        f"id {target.id} has speed_bound_m_s {target.speed_bound_m_s:g} m/s and moves: it may outrun every agent, "
+        f"whose speed_m_s is at most {fastest_m_s:g} m/s"
         for target in mission.targets
         if target.motion != "static" and target.speed_bound_m_s >= fastest_m_s
     ]
@@ -71,8 +64,8 @@ def _leaving(mission: Mission) -> list[str]:
             inside = mission.fence is None or inside_polygon((north_m, east_m), mission.fence)
             if not inside or any(inside_polygon((north_m, east_m), exclusion) for exclusion in mission.exclusions):
                 concerns.append(
-                    f"id {target.id} is at ({north_m:g}, {east_m:g}) at {t_s:g} s, outside the fence or inside an "
-                    "exclusion: no agent follows it there"
+                    f"id {target.id} is {north_m:g} m north, {east_m:g} m east at {t_s:g} s, outside the fence or "
+                    "inside an exclusion: no agent follows it there"
                 )
                 break
     return concerns
@@ -80,8 +73,8 @@ def _leaving(mission: Mission) -> list[str]:
 
 def _standing_with_a_bound(items: Sequence[TargetSpec] | Sequence[ThreatSpec]) -> list[str]:
     return [
-        f"id {item.id} stands still but has speed_bound_m_s {item.speed_bound_m_s:g}: every vehicle must count on it "
-        "moving so fast at any time; 0 says that it stands"
+        f"id {item.id} stands still but has speed_bound_m_s {item.speed_bound_m_s:g} m/s: every vehicle must count on "
+        "it moving so fast at any time; 0 says that it stands"
         for item in items
         if item.motion == "static" and item.speed_bound_m_s > 0.0
     ]
@@ -103,7 +96,7 @@ def _unseen_in_wind(mission: Mission) -> list[str]:
     return [
         f"{wind_m_s:g} m/s in Case II, where agents are reckoned without it: {until}, {unseen_s:.0f} s, the reckoning "
         f"by which it assigns targets may be {wind_m_s * unseen_s:.0f} m off, more than arrival_radius_m "
-        f"{mission.arrival_radius_m:g}"
+        f"{mission.arrival_radius_m:g} m"
     ]
 
 
@@ -140,7 +133,7 @@ def _too_short_a_range(mission: Mission) -> list[str]:
         nearest_m = min(math.dist(agent.position_ned_m, target.position_ned_m) for target in mission.targets)
         if ways * nearest_m > agent.range_m:
             concerns.append(
-                f"id {agent.id} has range_m {agent.range_m:g}, too little for its nearest target, {nearest_m:.0f} m "
+                f"id {agent.id} has range_m {agent.range_m:g} m, too little for its nearest target, {nearest_m:.0f} m "
                 f"away, under range_policy {mission.range_policy}"
             )
     return concerns

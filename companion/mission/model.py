@@ -11,76 +11,39 @@ import math
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from companion.errors import InputError, nearest_hint
-from companion.files.yaml import AsList, ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
-from companion.geo.polygon import polygon_fault
-
-MAX_ID = 65_535
-"""Greatest id of an agent, target or threat: ids travel as 16 bits on the wire."""
-MAX_COORDINATE_M = 1.0e6
-"""Greatest distance of a place from the origin, north or east; a larger plane would be too distorted to steer by."""
-MAX_SPEED_M_S = 1.0e3
-MAX_THREAT_SPEED_M_S = 255.0
-"""Greatest speed bound of a threat: bounds travel as 8 bits, and to send less than the true bound would be unsafe."""
-MIN_PERIOD_S = 1.0e-3
-MAX_STEP_S = 10.0
-MAX_STEPS = 20_000_000
-"""Most integration steps of one flight: the default `max_time_s` at the smallest step, which takes days to compute."""
-MAX_ITEMS = 2_000
-"""Most entries of a list in the mission file; also the greatest count under `draw` and the most layers."""
-MAX_HEIGHT_M = 20_000.0
-"""Greatest height of an agent above the origin; a companion's own limits are narrower."""
-MOVING_SPEED_BOUND_M_S = 10.0
-"""Speed bound of a target or threat that moves, where none is given (the paper's); one that stands still has 0."""
-RANGE_RESERVE = 1.1
-"""Factor on the straight line home when `range_policy: return` keeps range for the way back."""
-MIN_LEVEL_M, MAX_LEVEL_M = -1_000.0, 30_000.0
-"""Least and greatest floor or ceiling of a threat above sea level; the wire has 16 bits of metres for them."""
-
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Period = Annotated[float, Field(ge=MIN_PERIOD_S)]
-Step = Annotated[float, Field(ge=MIN_PERIOD_S, le=MAX_STEP_S)]
-Probability = Annotated[float, Field(ge=0, le=1)]
-Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
-Vertex = Annotated[tuple[Coordinate, Coordinate], AsList]
-
-
-def _simple(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    fault = polygon_fault(corners)
-    if fault is not None:
-        raise ValueError(f"{fault}; allowed: a simple polygon, each corner given once and the edges without a crossing")
-    return corners
-
-
-Polygon = Annotated[ListOf[Vertex], Field(min_length=3, max_length=MAX_ITEMS), AfterValidator(_simple)]
-PathPoint = Annotated[tuple[NotNegative, Coordinate, Coordinate], AsList]
-Degrees = Annotated[float, Field(ge=-360, le=360)]
-Speed = Annotated[float, Field(gt=0, le=MAX_SPEED_M_S)]
-ThreatSpeedBound = Annotated[float, Field(ge=0, le=MAX_THREAT_SPEED_M_S)]
-SpeedBound = Annotated[float, Field(ge=0, le=MAX_SPEED_M_S)]
-Height = Annotated[float, Field(ge=0, le=MAX_HEIGHT_M)]
-Level = Annotated[float, Field(ge=MIN_LEVEL_M, le=MAX_LEVEL_M)]
-SwitchingShare = Annotated[float, Field(ge=0, lt=1)]
-DetectorName = Literal["adsb", "broadcast", "none"]
-"""Senses of other vehicles: an ADS-B receiver beside the broadcast, the broadcast alone, none."""
-Identity = Annotated[int, Field(ge=1, le=MAX_ID)]
-Count = Annotated[int, Field(ge=0, le=MAX_ITEMS)]
-
-
-SpecT = TypeVar("SpecT", "AgentSpec", "TargetSpec", "ThreatSpec")
-
-
-class Origin(Section):
-    """WGS84 position of the point (0, 0) of the mission's plane."""
-
-    lat_deg: Annotated[float, Field(ge=-90, le=90)] = 47.0
-    lon_deg: Annotated[float, Field(ge=-180, le=180)] = 8.0
-    alt_m: Annotated[float, Field(ge=-1_000, le=20_000)] = 500.0
+from companion.files.yaml import ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
+from companion.mission.places import IN_DEGREES, Origin
+from companion.mission.values import (
+    MAX_COORDINATE_M,
+    MAX_HEIGHT_M,
+    MAX_ITEMS,
+    MAX_STEPS,
+    MOVING_SPEED_BOUND_M_S,
+    Coordinate,
+    Count,
+    Degrees,
+    DetectorName,
+    Height,
+    Identity,
+    Level,
+    NotNegative,
+    PathPoint,
+    Period,
+    Polygon,
+    Positive,
+    Probability,
+    Speed,
+    SpeedBound,
+    Step,
+    SwitchingShare,
+    ThreatSpeedBound,
+)
+from companion.mission.written import as_modelled, with_defaults
 
 
 class Area(Section):
@@ -135,6 +98,8 @@ ThreatMotion = Annotated[
 class AgentSpec(Section):
     """A vehicle under guidance; a position or heading that is left out is drawn."""
 
+    converted: ClassVar[tuple[str, ...]] = IN_DEGREES
+
     id: Identity
     north_m: Coordinate | None = None
     east_m: Coordinate | None = None
@@ -158,6 +123,8 @@ class AgentSpec(Section):
 
 
 class _Moving(Section):
+    converted: ClassVar[tuple[str, ...]] = IN_DEGREES
+
     id: Identity
     north_m: Coordinate | None = None
     east_m: Coordinate | None = None
@@ -185,7 +152,7 @@ class _Moving(Section):
         speed_m_s = _greatest_speed_m_s(self.motion, self.north_m, self.east_m)
         if speed_m_s > self.speed_bound_m_s + 1e-9:
             raise ValueError(
-                f"motion: {speed_m_s:g} m/s is faster than speed_bound_m_s {self.speed_bound_m_s:g}; "
+                f"motion: {speed_m_s:g} m/s is faster than speed_bound_m_s {self.speed_bound_m_s:g} m/s; "
                 "allowed: at most the bound"
             )
         return self
@@ -200,6 +167,8 @@ class TargetSpec(_Moving):
 class ThreatSpec(_Moving):
     """A keep-out disc, which may move; with the motion `chase` the simulator flies it at the nearest agent."""
 
+    converted: ClassVar[tuple[str, ...]] = (*IN_DEGREES, "radius_m")
+
     detection_radius_m: Positive
     attack_radius_m: Positive
     speed_bound_m_s: ThreatSpeedBound = 0.0
@@ -210,15 +179,15 @@ class ThreatSpec(_Moving):
     @model_validator(mode="after")
     def _a_band(self) -> Self:
         if self.floor_m is not None and self.ceiling_m is not None and self.floor_m >= self.ceiling_m:
-            raise ValueError(f"floor_m: {self.floor_m:g}; allowed: less than ceiling_m {self.ceiling_m:g}")
+            raise ValueError(f"floor_m: {self.floor_m:g} m; allowed: less than ceiling_m {self.ceiling_m:g} m")
         return self
 
     @model_validator(mode="after")
     def _nested(self) -> Self:
         if self.attack_radius_m >= self.detection_radius_m:
             raise ValueError(
-                f"attack_radius_m: {self.attack_radius_m:g}; allowed: less than detection_radius_m "
-                f"{self.detection_radius_m:g}"
+                f"attack_radius_m: {self.attack_radius_m:g} m; allowed: less than detection_radius_m "
+                f"{self.detection_radius_m:g} m"
             )
         return self
 
@@ -250,6 +219,8 @@ class TargetDefaults(Section):
 
 class ThreatDefaults(Section):
     """Values of the keys that a threat leaves out."""
+
+    converted: ClassVar[tuple[str, ...]] = ("radius_m",)
 
     detection_radius_m: Positive | None = None
     attack_radius_m: Positive | None = None
@@ -365,20 +336,21 @@ class Mission(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _apply_defaults(cls, data: object) -> object:
-        if not isinstance(data, Mapping):
+    def _as_modelled(cls, data: object) -> object:
+        if not isinstance(data, Mapping) or not data.keys() <= cls.model_fields.keys():
             return data
-        merged = dict(data)
+        changed = data
         try:
-            defaults = Defaults.model_validate(data.get("defaults", {}))
+            changed = as_modelled(data)
+            defaults = Defaults.model_validate(changed.get("defaults", {}))
         except ValidationError:
-            return data  # the field's own validation reports it, under its full name
+            return changed  # the field's own validation reports it, under its full name
         for key, part in (("agents", defaults.agent), ("targets", defaults.target), ("threats", defaults.threat)):
             given = part.model_dump(exclude_none=True)
-            items = data.get(key)
+            items = changed.get(key)
             if isinstance(items, Sequence) and not isinstance(items, str):
-                merged[key] = [{**given, **item} if isinstance(item, Mapping) else item for item in items]
-        return merged
+                changed[key] = [with_defaults(item, given) for item in items]
+        return changed
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -410,29 +382,29 @@ class Mission(Section):
         self._refuse_bad_layers()
         if self.max_time_s / self.integration_step_s > MAX_STEPS:
             raise ValueError(
-                f"max_time_s: {self.max_time_s:g}; allowed: at most {MAX_STEPS} times integration_step_s "
-                f"{self.integration_step_s:g}"
+                f"max_time_s: {self.max_time_s:g} s; allowed: at most {MAX_STEPS} times integration_step_s "
+                f"{self.integration_step_s:g} s"
             )
         ratio = self.guidance_step_s / self.integration_step_s
         if round(ratio) < 1 or not math.isclose(ratio, round(ratio), rel_tol=1e-9):
             raise ValueError(
-                f"guidance_step_s: {self.guidance_step_s:g}; allowed: a whole multiple of integration_step_s "
-                f"{self.integration_step_s:g}"
+                f"guidance_step_s: {self.guidance_step_s:g} s; allowed: a whole multiple of integration_step_s "
+                f"{self.integration_step_s:g} s"
             )
         return self
 
     def _refuse_bad_layers(self) -> None:
         if (self.layers > 1) != (self.layer_spacing_m > 0.0):
             raise ValueError(
-                f"layers: {self.layers} with layer_spacing_m {self.layer_spacing_m:g}; allowed: neither, or at least 2 "
-                "layers with a spacing"
+                f"layers: {self.layers} with layer_spacing_m {self.layer_spacing_m:g} m; allowed: neither, or at least "
+                "2 layers with a spacing"
             )
         given = self.defaults.agent.model_dump(include={"height_m"}, exclude_none=True)
         drawn = [AgentSpec(id=1, **given)] if self.draw.agents else []
         top_m = max(agent.height_m for agent in (*self.agents, *drawn)) + (self.layers - 1) * self.layer_spacing_m
         if top_m > MAX_HEIGHT_M:
             raise ValueError(
-                f"layer_spacing_m: {self.layer_spacing_m:g} puts an agent at {top_m:g} m; allowed: at most "
+                f"layer_spacing_m: {self.layer_spacing_m:g} m puts an agent at {top_m:g} m; allowed: at most "
                 f"{MAX_HEIGHT_M:g}"
             )
 

@@ -92,15 +92,18 @@ def _check_place(mission: Mission, where: str, item: AgentSpec | TargetSpec) -> 
         if distance_m <= threat.attack_radius_m:
             raise InputError(
                 f"{where}: id {item.id} starts {distance_m:.1f} m from threat {threat.id}; "
-                f"allowed: outside its attack_radius_m {threat.attack_radius_m:g}"
+                f"allowed: outside its attack_radius_m {threat.attack_radius_m:g} m"
             )
     if mission.fence is not None and not inside_polygon(item.position_ned_m, mission.fence):
-        raise InputError(f"{where}: id {item.id} starts at {item.position_ned_m}; allowed: inside the fence")
+        raise InputError(f"{where}: id {item.id} starts at {_shown(item)}; allowed: inside the fence")
     for index, exclusion in enumerate(mission.exclusions):
         if inside_polygon(item.position_ned_m, exclusion):
-            raise InputError(
-                f"{where}: id {item.id} starts at {item.position_ned_m}; allowed: outside exclusions[{index}]"
-            )
+            raise InputError(f"{where}: id {item.id} starts at {_shown(item)}; allowed: outside exclusions[{index}]")
+
+
+def _shown(item: AgentSpec | TargetSpec) -> str:
+    north_m, east_m = item.position_ned_m
+    return f"{north_m:.7g} m north, {east_m:.7g} m east of the origin"
 
 
 def _check_separation(mission: Mission, source: str) -> None:
@@ -112,7 +115,7 @@ def _check_separation(mission: Mission, source: str) -> None:
             if distance_m < mission.separation_m:
                 raise InputError(
                     f"{source}: agents[{index}]: id {mission.agents[index].id} starts {distance_m:.1f} m from agent "
-                    f"{mission.agents[other].id}; allowed: at least separation_m {mission.separation_m:g}"
+                    f"{mission.agents[other].id}; allowed: at least separation_m {mission.separation_m:g} m"
                 )
 
 

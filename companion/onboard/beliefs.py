@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
-from companion.mission.model import MAX_ITEMS
+from companion.mission.values import MAX_ITEMS
 from companion.protocol.codec import (
     AgentEntry,
     BandEntry,

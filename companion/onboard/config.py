@@ -13,19 +13,8 @@ from companion.errors import InputError, nearest_hint
 from companion.files.yaml import ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 from companion.guard.types import PIVOT_SPEED_M_S
 from companion.guidance.settings import DEFAULT_LAW, LawName, SurrogateName
-from companion.mission.model import (
-    MAX_ITEMS,
-    CostWeights,
-    DetectorName,
-    Identity,
-    Mission,
-    NotNegative,
-    Polygon,
-    Positive,
-    Speed,
-    Step,
-    agent_height_m,
-)
+from companion.mission.model import CostWeights, Mission, agent_height_m
+from companion.mission.values import MAX_ITEMS, DetectorName, Identity, NotNegative, Polygon, Positive, Speed, Step
 from companion.transport.endpoints import FORMS, RECEIVING, SENDING, Link, parse_link
 
 TrustWord = Literal["unsigned", "mavlink", "ed25519", "both"]
@@ -276,7 +265,7 @@ def fast_enough(speed_m_s: float, can_stop: bool) -> str | None:
     """Return which speed is allowed instead of one that the guard can hold no vehicle at; None if it can."""
     if can_stop or speed_m_s >= PIVOT_SPEED_M_S:
         return None
-    return f"at least {PIVOT_SPEED_M_S:g} for a vehicle that cannot stop"
+    return f"at least {PIVOT_SPEED_M_S:g} m/s for a vehicle that cannot stop"
 
 
 def packaged_configs() -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.geo.local_frame import LocalFrame
 from companion.geo.polygon import inside_polygon
 from companion.guard.types import Motion
-from companion.mission.model import RANGE_RESERVE
+from companion.mission.values import RANGE_RESERVE
 from companion.onboard.config import Config, LimitsSection
 from companion.onboard.engagement import PositionFix
 from companion.onboard.hand_over import HandOver

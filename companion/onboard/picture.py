@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from companion.mission.model import MAX_ITEMS
+from companion.mission.values import MAX_ITEMS
 from companion.protocol.messages import REVISIONS
 
 

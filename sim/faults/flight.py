@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from companion.autopilot.kinds import CRUISE_M_S
 from companion.autopilot.kinds import KINDS as AUTOPILOTS
 from companion.onboard.config import Config
 from companion.onboard.decision import Decision, Purpose
@@ -24,7 +25,6 @@ from sim.faults.log import Log, Moment
 from sim.faults.scene import LOOP_PERIOD_S, SEED, Setting
 from sim.faults.vehicle import FaultyVehicle
 from sim.loop import START_S, TOLERANCE_S, Loop, Outcome, Parts
-from sim.scaling import CRUISE_M_S
 from sim.sensor import SensorChannel
 from sim.vehicles import StandIn
 from sim.world import World

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from companion.autopilot.kinds import CRUISE_M_S
 from companion.autopilot.kinds import KINDS as AUTOPILOTS
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission
@@ -13,7 +14,7 @@ from companion.mission.resolve import resolve
 from companion.onboard.config import AutopilotSection, Config, StalenessSection, config_for_agent
 from companion.protocol.ed25519 import FrameSigner
 from companion.protocol.mavlink_signing import MavlinkSigner
-from sim.scaling import CRUISE_M_S, scaled
+from sim.scaling import scaled
 from sim.vehicles import CRAFTS, DEFAULT_RATES_HZ, Home, Setup, StandIn
 from sim.vehicles.adsb import ADSB_TYPE
 

@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from companion.autopilot.kinds import CRUISE_M_S
 from sim.faults.flight import Flight
 from sim.faults.log import Log, Moment
 from sim.faults.scene import DEMANDED, KINDS, LOOP_PERIOD_S, Setting, fault_mission
 from sim.loop import START_S
-from sim.scaling import CRUISE_M_S, PAPER_SPEED_M_S
+from sim.scaling import PAPER_SPEED_M_S
 
 ON_S = 10.0
 """Time of the flight at which a fault begins: after 6 s under guidance, 5 s before the static disc."""

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.autopilot.kinds import CRUISE_M_S
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import AgentSpec
 from companion.protocol.codec import Detection, Kind
@@ -26,7 +27,7 @@ from sim.faults.scene import (
 from sim.loop import START_S
 from sim.mavlink_sender import MavlinkSender
 from sim.safety_pilot import SafetyPilot
-from sim.scaling import CRUISE_M_S, PAPER_SPEED_M_S
+from sim.scaling import PAPER_SPEED_M_S
 from sim.sensor import LOOK_PERIOD_S
 from sim.vehicles import StandIn
 

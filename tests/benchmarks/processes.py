@@ -5,7 +5,7 @@ by multicast. This program plays everything around them: the world, the ground s
 board, the safety pilot who hands the vehicles over, and the judge, who knows about the vehicles only what their
 autopilots send.
 
-Run: python tests/benchmarks/processes.py paper-dynamic arduplane --seed 1 --out DIR
+Run: python tests/benchmarks/processes.py paper-dynamic arduplane --scale --seed 1 --out DIR
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.autopilot.kinds import CRUISE_M_S
 from companion.files.tlog import read_tlog
 from companion.files.yaml import dump_yaml
 from companion.geo.local_frame import LocalFrame, to_grid
@@ -36,7 +37,7 @@ from companion.protocol.codec import Detection, Kind
 from sim.arrivals import Arrivals
 from sim.detector import Detector, Fleet
 from sim.safety_pilot import SafetyPilot
-from sim.scaling import CRUISE_M_S, scaled
+from sim.scaling import scaled
 from sim.score import score
 from sim.sensor import LOOK_PERIOD_S, mission_sensor, world_detections
 from sim.trajectory import TrajectoryBuilder
@@ -337,13 +338,13 @@ def main() -> int:
     parser.add_argument("mission")
     parser.add_argument("kind", choices=CRUISE_M_S)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--no-scale", action="store_true")
+    parser.add_argument("--scale", action="store_true")
     parser.add_argument("--offboard", choices=("direct", "mavsdk"), default="direct", help="of px4-copter")
     parser.add_argument("--limit", type=float, default=3600.0, help="s")
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
     mission = resolve(load_mission(given.mission), given.seed, given.mission)
-    if not given.no_scale:
+    if given.scale:
         mission = scaled(mission, given.kind, given.mission)
     given.out.mkdir(parents=True)
     figures = run(mission, given.kind, given.seed, given.out, given.limit, given.offboard)

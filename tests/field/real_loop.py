@@ -23,7 +23,7 @@ from unittest.mock import patch
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.autopilot.kinds import KINDS
+from companion.autopilot.kinds import CRUISE_M_S, KINDS
 from companion.autopilot.offboard import SETPOINT_IDS
 from companion.geo.local_frame import LocalFrame
 from companion.onboard import service
@@ -36,7 +36,6 @@ from companion.protocol.v2_extension import wrap
 from companion.runtime.console import program_logger
 from sim.faults.scene import DEMANDED
 from sim.mavlink_sender import MavlinkSender
-from sim.scaling import CRUISE_M_S
 from sim.vehicles import CRAFTS, Home, Setup, StandIn
 from tests.companion.protocol.hostile import Ground
 from tests.ports import free_ports

@@ -7,7 +7,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.autopilot.kinds import KINDS
+from companion.autopilot.kinds import CRUISE_M_S, KINDS
 from companion.geo.local_frame import LocalFrame
 from companion.onboard.companion import Companion
 from companion.onboard.config import Config, parse_config
@@ -15,7 +15,6 @@ from companion.onboard.decision import Decision, Purpose
 from companion.protocol.codec import AgentEntry, Directive, FrameWriter, Stamp, StateFrame, TargetEntry
 from sim.faults.scene import DEMANDED
 from sim.safety_pilot import SafetyPilot
-from sim.scaling import CRUISE_M_S
 from sim.vehicles import CRAFTS, Home, Setup, StandIn
 
 EPOCH_S = 1_790_000_000

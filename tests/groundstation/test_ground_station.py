@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from companion.errors import InputError
 from companion.files.yaml import dump_yaml
 from companion.mission.extent import WHOLE_PLANE_M
-from companion.mission.model import RANGE_RESERVE, Mission, parse_mission
+from companion.mission.model import Mission, parse_mission
 from companion.mission.resolve import resolve
+from companion.mission.values import RANGE_RESERVE
 from companion.protocol.codec import (
     BandsFrame,
     Detection,
@@ -203,7 +204,7 @@ def test_the_broadcast_itself_on_the_sensors_channel_changes_nothing() -> None:
 def test_what_it_cannot_do_is_refused_in_one_line() -> None:
     with pytest.raises(InputError) as caught:
         GroundStation(mission("name: test\nwind: {speed_m_s: 50, gust_m_s: 10}\n"), START_S)
-    assert str(caught.value).startswith("test: wind: speed_m_s and gust_m_s together 60; allowed: less than ")
+    assert str(caught.value).startswith("test: wind: speed_m_s and gust_m_s together 60 m/s; allowed: less than ")
 
 
 @pytest.mark.parametrize(("objective", "chosen"), [("distance", {1: 1, 2: 2}), ("inverse-distance", {1: 2, 2: 1})])

@@ -37,7 +37,7 @@ def fly_beside(folder: Path, job: Job) -> None:
     """
     command = [
         sys.executable, "-m", "sim", "fly", str(folder / "mission-begun.yaml"), "--autopilot", job.kind.name,
-        "--no-scale", "--seed", str(SEED), "--out", str(folder / FOLDER), "--json",
+        "--seed", str(SEED), "--out", str(folder / FOLDER), "--json",
     ]  # fmt: skip
     for name, value in job.scenario.stand_in_parameters(job.kind).items():
         command += ["--param", f"{name}={value:g}"]

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from companion.geo.local_frame import LocalFrame
-from companion.mission.model import Mission, Origin, dump_mission
+from companion.mission.model import Mission, dump_mission
+from companion.mission.places import Origin
 from companion.protocol.codec import Detection
 from companion.protocol.codec import Kind as DetectionKind
 from companion.protocol.keys import keygen

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO
 
 from companion.errors import InputError
-from companion.mission.model import Origin
+from companion.mission.places import Origin
 
 ARDUPILOT = "ARDUPILOT_SITL"
 PX4 = "PX4_SITL"

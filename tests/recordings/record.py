@@ -20,6 +20,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from companion.autopilot.kinds import CRUISE_M_S
+
 ROOT = Path(__file__).parents[2]
 DIGESTS = Path(__file__).with_name("digests.json")
 OWN_MISSIONS = Path(__file__).with_name("missions")
@@ -83,7 +85,8 @@ def digests(folder: Path, keys: frozenset[str]) -> dict[str, str]:
 def record(row: Row, folder: Path) -> dict[str, str]:
     """Fly a row into a folder; return the digests of the files that it wrote."""
     folder.mkdir(parents=True)
-    options = ["--seed", str(row.seed), "--autopilot", row.autopilot, "--out", str(folder)]
+    scale = ["--scale"] if row.autopilot in CRUISE_M_S else []
+    options = ["--seed", str(row.seed), "--autopilot", row.autopilot, *scale, "--out", str(folder)]
     subprocess.run(
         [sys.executable, "-m", "sim", "fly", *MISSIONS[row.mission], *options],
         cwd=ROOT,

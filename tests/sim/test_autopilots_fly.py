@@ -12,17 +12,20 @@ import pytest
 from click.testing import CliRunner
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.autopilot.kinds import CRUISE_M_S
+from companion.errors import InputError
 from companion.files.tlog import read_tlog
-from companion.mission.model import Mission, parse_mission
+from companion.mission.model import Mission, load_mission, parse_mission
 from companion.mission.resolve import resolve
 from companion.onboard.config import parse_config
 from companion.onboard.decision import Purpose
 from companion.onboard.replay import replay
 from companion.protocol.v2_extension import V2_EXTENSION_ID
+from groundstation.cli import cli as groundstation_cli
 from sim.cli import cli
 from sim.lockstep import Flight, FlightOptions, fly
 from sim.safety_pilot import HAND_OVER_S, SafetyPilot
-from sim.scaling import CRUISE_M_S, scaled
+from sim.scaling import scaled
 from sim.score import score
 from sim.trajectory import Trajectory
 
@@ -141,10 +144,10 @@ def test_one_radio_needs_frames_that_an_autopilot_passes_on() -> None:
 # The command line
 
 
-def test_sim_fly_scales_and_writes_by_how_much(tmp_path: Path) -> None:
+def test_asked_to_sim_fly_scales_and_writes_by_how_much(tmp_path: Path) -> None:
     (tmp_path / "crossing.yaml").write_text(MISSION.replace("max_time_s: 400", "max_time_s: 5"))
     out = tmp_path / "out"
-    given = ["fly", str(tmp_path / "crossing.yaml"), "--autopilot", "px4-plane", "--out", str(out)]
+    given = ["fly", str(tmp_path / "crossing.yaml"), "--autopilot", "px4-plane", "--scale", "--out", str(out)]
     outcome = CliRunner().invoke(cli, given, standalone_mode=False)
     assert outcome.exception is None
     assert "px4-plane stand-ins, scale 0.25" in outcome.output
@@ -153,13 +156,54 @@ def test_sim_fly_scales_and_writes_by_how_much(tmp_path: Path) -> None:
     assert written.targets[0].position_ned_m == (2_000.0, 625.0)
 
 
-def test_with_no_scale_the_mission_is_flown_as_it_is(tmp_path: Path) -> None:
-    given = ["fly", "copter-demo", "--autopilot", "arducopter", "--no-scale", "--out", str(tmp_path), "--json"]
-    outcome = CliRunner().invoke(cli, given, standalone_mode=False)
-    result = json.loads(outcome.output)
+def test_unasked_the_mission_is_flown_as_it_is_written(tmp_path: Path) -> None:
+    given = ["fly", "copter-demo", "--autopilot", "arducopter", "--out", str(tmp_path), "--json"]
+    result = json.loads(CliRunner().invoke(cli, given, standalone_mode=False).output)
     written = parse_mission((tmp_path / "mission.yaml").read_text(), "mission.yaml")
-    assert written.scale is None and written.agents[0].speed_m_s == 4.0
+    assert written == resolve(load_mission("copter-demo"), 1)
     assert (result["targets_reached"], result["threat_entries_detection"]) == (2, 0)
+
+
+def test_sim_fly_flies_the_mission_that_groundstation_run_broadcasts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, broadcast = tmp_path / "mission.yaml", []
+    path.write_text(
+        "draw: {agents: 3, targets: 2, threats: 1}\narea_m: {north: 4000, east: 4000}\nmax_time_s: 1\n"
+        "defaults: {agent: {speed_m_s: 8}, threat: {radius_m: 300}}\n"
+    )
+    monkeypatch.setattr("companion.runtime.clock.run_until_signal", lambda start: start(None))
+    monkeypatch.setattr("groundstation.service.run_groundstation", lambda mission, *_: broadcast.append(mission))
+    given = ["run", str(path), "--link", "udpout:127.0.0.1:9", "--unsigned", "--seed", "7"]
+    CliRunner().invoke(groundstation_cli, given, standalone_mode=False, catch_exceptions=False)
+    given = ["fly", str(path), "--autopilot", "arducopter", "--seed", "7", "--out", str(tmp_path / "out"), "--json"]
+    CliRunner().invoke(cli, given, standalone_mode=False)
+    assert broadcast == [load_mission(tmp_path / "out" / "mission.yaml")]
+
+
+@pytest.mark.parametrize(
+    ("mission", "kind", "said"),
+    [
+        (
+            "paper-dynamic",
+            "arducopter",
+            "agents[0].speed_m_s: 60 m/s with --autopilot arducopter, which flies 0 to 8.7",
+        ),
+        ("paper-dynamic", "px4-plane", "agents[0].speed_m_s: 60 m/s with --autopilot px4-plane, which flies 15 m/s; "),
+        (
+            "copter-demo",
+            "arduplane",
+            "agents[0].speed_m_s: 4 m/s with --autopilot arduplane, which flies 9 to 22 m/s; ",
+        ),
+    ],
+)
+def test_speeds_that_the_autopilots_vehicle_does_not_fly_are_refused_with_the_way_out(
+    mission: str, kind: str, said: str
+) -> None:
+    outcome = CliRunner().invoke(cli, ["fly", mission, "--autopilot", kind], standalone_mode=False)
+    assert isinstance(outcome.exception, InputError)
+    assert str(outcome.exception).startswith(f"{mission}: {said}")
+    assert "--scale, which multiplies every length and speed by" in str(outcome.exception)
 
 
 # The person

@@ -105,7 +105,7 @@ def started(folder: Path, limit_bytes: int | None = None) -> subprocess.Popen[st
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, limit_bytes))
 
     return subprocess.Popen(
-        [sys.executable, "-m", "sim", "fly", str(mission), "--no-scale", "--out", str(folder / "out")],
+        [sys.executable, "-m", "sim", "fly", str(mission), "--out", str(folder / "out")],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -10,10 +10,10 @@ from collections.abc import Callable
 
 import pytest
 
+from companion.autopilot.kinds import CRUISE_M_S
 from sim.faults.log import Moment
 from sim.faults.scene import DEMANDED, KINDS, LOOP_PERIOD_S
 from sim.faults.table import DEAD_PARAMETERS, FAULTS, WATCHDOG_S, Dead, Row, dies, fly
-from sim.scaling import CRUISE_M_S
 
 ARDUPILOT, PX4 = KINDS[:2], KINDS[2:]
 COPTERS, PLANES = KINDS[::2], KINDS[1::2]

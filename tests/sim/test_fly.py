@@ -19,8 +19,21 @@ from companion.protocol.codec import FrameReader, MotionFrame, StateFrame
 
 pytestmark = pytest.mark.slow
 
-SEED = 14
-"""Two agents pass within 120 m in this flight, so that the separation is worth recomputing."""
+SEED = 8
+"""Two agents pass within 240 m in this flight, so that the separation is worth recomputing."""
+SMALL = """
+name: paper-dynamic-small
+area_m: {north: 80000, east: 80000}
+draw: {agents: 5, targets: 3, threats: 2}
+defaults:
+  agent: {speed_m_s: 60, n_max: 10, range_m: 500000}
+  target: {speed_bound_m_s: 10, motion: random}
+  threat: {detection_radius_m: 10000, attack_radius_m: 5000, speed_bound_m_s: 10, motion: random}
+guidance_step_s: 1
+integration_step_s: 0.5
+"""
+"""The paper's dynamic mission with half of its things on less than half of its width, which flies in a tenth of the
+time."""
 KEYS = [
     "seed", "law", "arrived", "targets_reached", "targets", "flight_time_s", "path_length_m", "shortest_path_m",
     "threat_entries_detection", "threat_entries_attack", "worst_depth_m", "separation_breaches", "min_separation_m",
@@ -38,8 +51,9 @@ def sim_fly(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
-    folder = tmp_path_factory.mktemp("fly")
-    return folder, sim_fly("paper-dynamic", "--seed", str(SEED), "--json", "--out", str(folder))
+    folder, mission = tmp_path_factory.mktemp("fly"), tmp_path_factory.mktemp("mission") / "small.yaml"
+    mission.write_text(SMALL)
+    return folder, sim_fly(str(mission), "--seed", str(SEED), "--json", "--out", str(folder))
 
 
 def result_of(folder: Path) -> dict[str, Any]:
@@ -73,16 +87,16 @@ def test_it_is_quiet_in_a_pipe(run: tuple[Path, subprocess.CompletedProcess[str]
 def test_it_writes_every_output(run: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
     names = {path.name for path in run[0].iterdir()}
     logs = {"broadcast.tlog"}
-    for number in range(1, 11):
+    for number in range(1, 6):
         logs |= {f"vehicle-{number}.tlog", f"companion-{number}.yaml"}
     assert names == {"mission.yaml", "trajectory.csv", "result.json", "paths.png", "report.html"} | logs
 
 
-def test_the_paper_s_mission_reaches_every_target_without_an_entry(
+def test_the_mission_reaches_every_target_without_an_entry(
     run: tuple[Path, subprocess.CompletedProcess[str]],
 ) -> None:
     result = result_of(run[0])
-    assert (result["targets_reached"], result["targets"]) == (5, 5)
+    assert (result["targets_reached"], result["targets"]) == (3, 3)
     assert result["threat_entries_detection"] == result["threat_entries_attack"] == 0
 
 
@@ -161,7 +175,7 @@ def nearest(a: Point, b: Point) -> float:
 
 def test_every_thing_has_a_row_at_every_step_to_the_end(run: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
     lengths = {key: len(track) for key, track in tracks(run[0]).items()}
-    assert len(lengths) == 19
+    assert len(lengths) == 10
     assert len(set(lengths.values())) == 1
 
 
@@ -200,7 +214,7 @@ def test_the_report_needs_nothing_from_elsewhere(run: tuple[Path, subprocess.Com
 def test_flying_the_resolved_mission_again_repeats_the_flight_byte_for_byte(tmp_path: Path) -> None:
     first, again = tmp_path / "first", tmp_path / "again"
     sim_fly("copter-demo", "--autopilot", "arducopter", "--out", str(first))
-    sim_fly(str(first / "mission.yaml"), "--autopilot", "arducopter", "--no-scale", "--out", str(again))
+    sim_fly(str(first / "mission.yaml"), "--autopilot", "arducopter", "--out", str(again))
     assert (again / "trajectory.csv").read_bytes() == (first / "trajectory.csv").read_bytes()
     same = [key for key in KEYS if key not in ("decision_us", "speedup")]
     assert [result_of(again)[key] for key in same] == [result_of(first)[key] for key in same]
@@ -230,7 +244,7 @@ def test_the_number_of_vehicles_can_be_changed(tmp_path: Path) -> None:
 
 
 def test_an_arducopter_flies_the_copter_mission_in_lockstep(tmp_path: Path) -> None:
-    process = sim_fly("copter-demo", "--autopilot", "arducopter", "--no-scale", "--json")
+    process = sim_fly("copter-demo", "--autopilot", "arducopter", "--json")
     result = json.loads(process.stdout)
     assert process.returncode == 0
     assert result["targets_reached"] == 2 and result["threat_entries_detection"] == 0

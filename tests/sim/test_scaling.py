@@ -9,12 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.autopilot.kinds import CRUISE_M_S
 from companion.autopilot.missions import load_mission_to_fly
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
 from companion.mission.model import Mission, Wind, dump_mission, load_mission, parse_mission
 from companion.mission.resolve import check_start, resolve
-from sim.scaling import CRUISE_M_S, scaled
+from companion.onboard.lint.fleet import abilities_of
+from sim.scaling import check_speeds, scaled
 
 KINDS = tuple(CRUISE_M_S)
 PATHS = parse_mission(
@@ -116,6 +118,24 @@ def test_a_mission_scaled_for_another_kind_is_refused() -> None:
 
 def test_the_papers_own_vehicle_flies_the_mission_as_it_is() -> None:
     assert scaled(paper(), "kinematic") == paper()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_scaled_mission_has_speeds_that_its_kind_flies(kind: str) -> None:
+    check_speeds(scaled(paper(), kind), kind, abilities_of(kind, ()), "scaled")
+
+
+def test_what_a_kind_flies_follows_its_autopilots_parameters() -> None:
+    mission = scaled(paper(), "px4-plane")
+    with pytest.raises(
+        InputError, match=r"^slow: agents\[0\].speed_m_s: 15 m/s with .*px4-plane, which flies 12 m/s; "
+    ):
+        check_speeds(mission, "px4-plane", abilities_of("px4-plane", (("FW_AIRSPD_TRIM", 12.0),)), "slow")
+
+
+def test_a_mission_scaled_for_another_kind_is_not_flown_as_it_is_either() -> None:
+    with pytest.raises(InputError, match=r"^other: scale.autopilot: 'px4-copter' with --autopilot arducopter; "):
+        check_speeds(scaled(paper(), "px4-copter"), "arducopter", abilities_of("arducopter", ()), "other")
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def fleet_of(mission: Mission, law: LawName, kind: str, abilities: Abilities, so
         where = f"{source}: agents[{index}]"
         allowed = fast_enough(spec.speed_m_s, can_stop)
         if allowed is not None:
-            raise InputError(f"{where}.speed_m_s: {spec.speed_m_s:g}; allowed: {allowed}")
+            raise InputError(f"{where}.speed_m_s: {spec.speed_m_s:g} m/s; allowed: {allowed}")
         config = config_for_agent(mission, spec.id, law)
         config = config.model_copy(update={"limits": within(config.limits, abilities)})
         try:

@@ -89,7 +89,7 @@ def repelled(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
     """Return the targets so near to a threat that the surrogate's repulsion keeps vehicles away from them."""
     return [
         f"id {target.id} is {distance_m:.0f} m from threat {threat.id}, whose detection_radius_m is "
-        f"{threat.detection_radius_m:g}: this law keeps agents farther off than it can be approached"
+        f"{threat.detection_radius_m:g} m: this law keeps agents farther off than it can be approached"
         for target in mission.targets
         for threat in mission.threats
         if any(reaches(threat, flyer.altitude_m) for flyer in fleet)
@@ -118,7 +118,7 @@ def circled_targets(mission: Mission, fleet: Sequence[Flyer], kind: str) -> list
             concerns.append(
                 f"id {flyer.spec.id} begins to be steered {math.hypot(north_m, east_m):.0f} m from target {target.id}, "
                 f"inside its own turning circle of {radius_m:.0f} m radius, with arrival_radius_m "
-                f"{mission.arrival_radius_m:g}: without a route it may circle its target for ever"
+                f"{mission.arrival_radius_m:g} m: without a route it may circle its target for ever"
             )
     return concerns
 
@@ -166,7 +166,7 @@ def _walled_off(mission: Mission, scene: _Scene, flyers: Sequence[Flyer], target
     inside = scene.disc_about(target.position_ned_m)
     return (
         f"is {inside or 'walled off by threats, fence or exclusions'}: the nearest place that a way leads to is "
-        f"{nearest_m:.0f} m from it, arrival_radius_m is {mission.arrival_radius_m:g}"
+        f"{nearest_m:.0f} m from it, arrival_radius_m is {mission.arrival_radius_m:g} m"
     )
 
 
@@ -200,7 +200,7 @@ def _dead_end(mission: Mission, scene: _Scene, flyers: Sequence[Flyer], target: 
         return None
     return (
         f"has no room about it: agent {flyer.spec.id} turns with a radius of {flyer.turn_radius_m:.0f} m, and every "
-        f"such circle within arrival_radius_m {mission.arrival_radius_m:g} of it meets a threat or the fence"
+        f"such circle within arrival_radius_m {mission.arrival_radius_m:g} m of it meets a threat or the fence"
     )
 
 

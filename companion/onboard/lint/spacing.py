@@ -20,6 +20,10 @@ from companion.guard.types import Motion
 from companion.mission.model import Mission
 from companion.onboard.lint.fleet import Flyer
 
+MOST_GROWN = 0.5
+"""Growth of a word, in separations, up to which vehicles that can stop and only hear of one another kept their
+separation in every flight of docs/separation.md ("What is told grows with its age")."""
+
 
 def _motion(flyer: Flyer) -> Motion:
     heading_rad = math.radians(flyer.spec.heading_deg or 0.0)
@@ -73,7 +77,7 @@ def _conflict(mission: Mission, first: Flyer, second: Flyer) -> str | None:
         return None
     return (
         f"if both circle to the right, as the right of way has them do at worst, they come within {least_m:.0f} m; at "
-        f"these headings {_needed_m(mission, first, second):.0f} m keep separation_m {mission.separation_m:g}"
+        f"these headings {_needed_m(mission, first, second):.0f} m keep separation_m {mission.separation_m:g} m"
     )
 
 
@@ -118,8 +122,8 @@ def too_short_a_detector(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
         needed_m = least_detector_range_m(_rules(flyer), mission.guidance_step_s)
         if mission.detector_range_m < needed_m:
             concerns.append(
-                f"{mission.detector_range_m:g}: the right of way needs {needed_m:.0f} m to promise separation_m "
-                f"{mission.separation_m:g} at agent {flyer.spec.id}'s {_rules(flyer).speed_m_s:g} m/s and n_max "
+                f"{mission.detector_range_m:g} m: the right of way needs {needed_m:.0f} m to promise separation_m "
+                f"{mission.separation_m:g} m at agent {flyer.spec.id}'s {_rules(flyer).speed_m_s:g} m/s and n_max "
                 f"{_rules(flyer).n_max:g}"
             )
     return concerns
@@ -132,7 +136,7 @@ def too_little_known(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
         if mission.detector == "none" or mission.case == "II":
             concerns.append(
                 f"'{mission.detector}'{' in Case II' * (mission.detector != 'none')}: agents know nothing of one "
-                f"another, so nothing keeps separation_m {mission.separation_m:g}"
+                f"another, so nothing keeps separation_m {mission.separation_m:g} m"
             )
             continue
         # At worst a place is told anew just after a step, on a velocity that is half a period older.
@@ -141,11 +145,14 @@ def too_little_known(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
         )
         rules = _rules(max(group, key=lambda one: _rules(one).speed_m_s))
         grown_m = growth_m(rules.speed_m_s, age_s, True, rules, mission.guidance_step_s)
-        if grown_m > greatest_growth_m(rules, mission.guidance_step_s):
+        most_m = greatest_growth_m(rules, mission.guidance_step_s)
+        if rules.can_stop:
+            most_m = min(most_m, MOST_GROWN * mission.separation_m)
+        if grown_m > most_m:
             concerns.append(
-                f"'broadcast': with broadcast_period_s {mission.broadcast_period_s:g} a word of another agent is up to "
-                f"{age_s:.3g} s old and {grown_m:.0f} m off at {rules.speed_m_s:g} m/s: too much to promise "
-                f"separation_m {mission.separation_m:g} by"
+                f"'broadcast': with broadcast_period_s {mission.broadcast_period_s:g} s a word of another agent is up "
+                f"to {age_s:.3g} s old and {grown_m:.0f} m off at {rules.speed_m_s:g} m/s: too much to promise "
+                f"separation_m {mission.separation_m:g} m by"
             )
     return concerns
 
@@ -158,7 +165,7 @@ def mixed_turn_limits(mission: Mission, fleet: Sequence[Flyer]) -> list[str]:
         if _rules(least).n_max < _rules(most).n_max and not least.steering.can_stop:
             concerns.append(
                 f"id {least.spec.id} has n_max {_rules(least).n_max:g} and id {most.spec.id} "
-                f"{_rules(most).n_max:g}: the right of way promises separation_m {mission.separation_m:g} only between "
-                "vehicles of one n_max"
+                f"{_rules(most).n_max:g}: the right of way promises separation_m {mission.separation_m:g} m only "
+                "between vehicles of one n_max"
             )
     return concerns

@@ -16,7 +16,6 @@ import numpy as np
 
 from companion.geo.kinematics import GRAVITY_M_S2
 from companion.mission.model import (
-    MAX_COORDINATE_M,
     AgentSpec,
     Burst,
     CostWeights,
@@ -27,6 +26,7 @@ from companion.mission.model import (
     ThreatMotion,
     ThreatSpec,
 )
+from companion.mission.values import MAX_COORDINATE_M
 from sim.arena.families.drawing import (
     ATTACK_SHARE,
     PAPER_RADIUS_M,

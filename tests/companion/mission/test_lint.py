@@ -109,7 +109,7 @@ OUTSIDE = "[{id: 4, north_m: 9000, east_m: 0, motion: {path: [[0, 9000, 0], [500
 def test_a_target_that_leaves_the_fence_is_a_doubt() -> None:
     fence = "[[-900, -1500], [19000, -1500], [19000, 1500], [-900, 1500]]"
     (warning,) = doubts_of(fence=fence, targets=OUTSIDE)
-    assert all(part in warning for part in ("targets: id 4", "(9000, 1900) at 500 s", "outside the fence"))
+    assert all(part in warning for part in ("targets: id 4", "9000 m north, 1900 m east at 500 s", "outside the fence"))
     assert doubts_of(fence=fence.replace("1500", "2500"), targets=OUTSIDE) == []
 
 

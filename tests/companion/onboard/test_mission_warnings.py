@@ -71,7 +71,9 @@ def test_of_the_packaged_missions_only_the_one_with_drifting_threats_in_a_fence_
 @pytest.mark.parametrize("kind", ["kinematic", "arduplane"])
 def test_a_vehicle_that_is_too_slow_to_turn_is_refused_by_file_and_key(kind: str) -> None:
     slow = [agent(1, 0.0, 0.0), agent(2, 900.0, 9000.0, speed_m_s=0.4)]
-    with pytest.raises(InputError, match=r"^test: agents\[1\].speed_m_s: 0.4; allowed: at least 0.5 .*cannot stop$"):
+    with pytest.raises(
+        InputError, match=r"^test: agents\[1\].speed_m_s: 0.4 m/s; allowed: at least 0.5 .*cannot stop$"
+    ):
         warnings_of(kind, agents=slow)
 
 
@@ -200,11 +202,19 @@ def test_agents_that_hear_of_one_another_often_enough_are_not_warned_of(period_s
     assert warnings_of(agents=pair(8000.0), targets=TWO, threats=[], **told) == []
 
 
+def test_copters_whose_words_grow_beyond_half_of_their_separation_are_warned_of() -> None:
+    copters = [{**each, "speed_m_s": 8.0} for each in pair(8000.0)]
+    told: dict[str, Any] = {"agents": copters, "targets": TWO, "threats": [], "detector": "broadcast"}
+    warning = the_warning("arducopter", **told, separation_m=20.0, broadcast_period_s=3.0)
+    assert warning.startswith("detector: 'broadcast': with broadcast_period_s 3")
+    assert warnings_of("arducopter", **told, separation_m=40.0, broadcast_period_s=1.0) == []
+
+
 def test_a_detector_that_sees_too_late_is_named_with_the_range_it_needs() -> None:
     far = pair(8000.0)
     warning = the_warning(agents=far, targets=TWO, threats=[], detector_range_m=1600.0)
     needed_m = 4.0 * RADIUS_M + 100.0 + 60.0
-    assert f"detector_range_m: 1600: the right of way needs {needed_m:.0f} m" in warning
+    assert f"detector_range_m: 1600 m: the right of way needs {needed_m:.0f} m" in warning
     assert warnings_of(agents=far, targets=TWO, threats=[], detector_range_m=needed_m + 1.0) == []
     alone: dict[str, Any] = {"agents": far[:1], "targets": TWO[:1]}
     assert warnings_of(**alone, detector_range_m=1.0) == []

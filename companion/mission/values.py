@@ -1,0 +1,65 @@
+"""The values that a mission file holds: how large they may be, and the types that check it.
+
+The vehicle's configuration has some of the same keys and shares the types.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from companion.files.yaml import AsList, ListOf
+from companion.geo.polygon import polygon_fault
+
+MAX_ID = 65_535
+"""Greatest id of an agent, target or threat: ids travel as 16 bits on the wire."""
+MAX_COORDINATE_M = 1.0e6
+"""Greatest distance of a place from the origin, north or east; a larger plane would be too distorted to steer by."""
+MAX_SPEED_M_S = 1.0e3
+MAX_THREAT_SPEED_M_S = 255.0
+"""Greatest speed bound of a threat: bounds travel as 8 bits, and to send less than the true bound would be unsafe."""
+MIN_PERIOD_S = 1.0e-3
+MAX_STEP_S = 10.0
+MAX_STEPS = 20_000_000
+"""Most integration steps of one flight: the default `max_time_s` at the smallest step, which takes days to compute."""
+MAX_ITEMS = 2_000
+"""Most entries of a list in the mission file; also the greatest count under `draw` and the most layers."""
+MAX_HEIGHT_M = 20_000.0
+"""Greatest height of an agent above the origin; a companion's own limits are narrower."""
+MOVING_SPEED_BOUND_M_S = 10.0
+"""Speed bound of a target or threat that moves, where none is given (the paper's); one that stands still has 0."""
+RANGE_RESERVE = 1.1
+"""Factor on the straight line home when `range_policy: return` keeps range for the way back."""
+MIN_LEVEL_M, MAX_LEVEL_M = -1_000.0, 30_000.0
+"""Least and greatest floor or ceiling of a threat above sea level; the wire has 16 bits of metres for them."""
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Period = Annotated[float, Field(ge=MIN_PERIOD_S)]
+Step = Annotated[float, Field(ge=MIN_PERIOD_S, le=MAX_STEP_S)]
+Probability = Annotated[float, Field(ge=0, le=1)]
+Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
+Vertex = Annotated[tuple[Coordinate, Coordinate], AsList]
+
+
+def _simple(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    fault = polygon_fault(corners)
+    if fault is not None:
+        raise ValueError(f"{fault}; allowed: a simple polygon, each corner given once and the edges without a crossing")
+    return corners
+
+
+Polygon = Annotated[ListOf[Vertex], Field(min_length=3, max_length=MAX_ITEMS), AfterValidator(_simple)]
+PathPoint = Annotated[tuple[NotNegative, Coordinate, Coordinate], AsList]
+Degrees = Annotated[float, Field(ge=-360, le=360)]
+Speed = Annotated[float, Field(gt=0, le=MAX_SPEED_M_S)]
+ThreatSpeedBound = Annotated[float, Field(ge=0, le=MAX_THREAT_SPEED_M_S)]
+SpeedBound = Annotated[float, Field(ge=0, le=MAX_SPEED_M_S)]
+Height = Annotated[float, Field(ge=0, le=MAX_HEIGHT_M)]
+Level = Annotated[float, Field(ge=MIN_LEVEL_M, le=MAX_LEVEL_M)]
+SwitchingShare = Annotated[float, Field(ge=0, lt=1)]
+DetectorName = Literal["adsb", "broadcast", "none"]
+"""Senses of other vehicles: an ADS-B receiver beside the broadcast, the broadcast alone, none."""
+Identity = Annotated[int, Field(ge=1, le=MAX_ID)]
+Count = Annotated[int, Field(ge=0, le=MAX_ITEMS)]
