@@ -5,16 +5,16 @@ A pure function of the operations, the command and the time: what is refused say
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from companion.errors import InputError
 from companion.files.yaml import validated
-from companion.geo.local_frame import LocalFrame
 from companion.geo.polygon import inside_polygon
 from companion.mission.model import Mission, TargetSpec, ThreatSpec
-from companion.mission.values import MAX_COORDINATE_M, MAX_ID, MAX_ITEMS
+from companion.mission.places import Plane, Position
+from companion.mission.values import MAX_ID, MAX_ITEMS
+from companion.mission.written import radii_m
 from companion.protocol.messages import Kind
 from groundstation.events import (
     AddTarget,
@@ -47,9 +47,6 @@ from groundstation.events import (
     Who,
 )
 from groundstation.operations import MOST_UNDOS, Operations
-
-ATTACK_SHARE = 0.5
-"""Attack radius of a threat with one radius, as a share of it (the paper's 5 km of 10 km)."""
 
 
 def event_of(operations: Operations, command: Command, who: Who, now_s: float) -> Event:
@@ -181,8 +178,7 @@ def _free(thing: TargetSpec | ThreatSpec, update: Mapping[str, Any]) -> dict[str
 def _threat(values: Mapping[str, Any], source: str) -> ThreatSpec:
     given = dict(values)
     if "radius_m" in given:
-        given["detection_radius_m"] = given.pop("radius_m")
-        given["attack_radius_m"] = ATTACK_SHARE * given["detection_radius_m"]
+        given["detection_radius_m"], given["attack_radius_m"] = radii_m(given.pop("radius_m"))
     return validated(ThreatSpec, given, source)
 
 
@@ -195,14 +191,10 @@ def _place(mission: Mission, command: AddTarget | AddThreat | Change, what: str)
     if command.north_m is not None and command.east_m is not None:
         return command.north_m, command.east_m
     assert command.lat_deg is not None and command.lon_deg is not None
-    frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
-    place_ned_m = frame.to_local(command.lat_deg, command.lon_deg)
-    if max(map(abs, place_ned_m)) > MAX_COORDINATE_M:
-        raise InputError(
-            f"{what}: lat_deg, lon_deg: {math.hypot(*place_ned_m) / 1000.0:.0f} km from the mission's origin; allowed: "
-            f"at most {MAX_COORDINATE_M / 1000.0:.0f} km north and east"
-        )
-    return place_ned_m
+    try:
+        return Plane(mission.origin).place_m(Position(command.lat_deg, command.lon_deg), what)
+    except ValueError as error:
+        raise InputError(str(error)) from error
 
 
 def _check_goal(mission: Mission, place_ned_m: tuple[float, float], what: str) -> None:

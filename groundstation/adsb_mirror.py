@@ -49,7 +49,7 @@ class AdsbMirror:
             common.MAV_TYPE_ADSB, common.MAV_AUTOPILOT_INVALID, 0, 0, common.MAV_STATE_ACTIVE, 3
         )
         messages = [heartbeat]
-        for threat in self._mission.threats:
+        for threat in picture.mission.threats:
             messages.append(self._contact(Kind.THREAT, threat.id, picture.tracks[Kind.THREAT, threat.id], now_s))
         if self._mission.case == "II":
             for identity in picture.present_agents:

@@ -47,6 +47,8 @@ class Estimate:
     speed_m_s: float
     flown_m: float
     uncertainty_m: float
+    across_m: float = 0.0
+    """Uncertainty across the heading, where only wind and fix count; the drift is along it."""
 
 
 @dataclass(frozen=True)
@@ -160,18 +162,29 @@ class DeadReckoner:
         """Move an agent to its reported position."""
         self._agents[agent_id].fix(fix, self._at_s)
 
+    def follow(self, agent_id: int, fix: Fix) -> None:
+        """Move an agent to where it was seen, if that is news."""
+        if fix.fixed_at_s > self._agents[agent_id].fixed_at_s:
+            self.fix(agent_id, fix)
+
+    def fixed_at_s(self, agent_id: int) -> float:
+        """Return the time at which an agent's place was last known."""
+        return self._agents[agent_id].fixed_at_s
+
     def estimate(self, agent_id: int, now_s: float) -> Estimate:
         """Return an agent's dead-reckoned state at `now_s`, which is not before the last step."""
         agent = self._agents[agent_id]
         motion = agent.motion.ahead(agent.spec.n_max, now_s - self._at_s)
-        rate_m_s = DRIFT_SHARE * agent.spec.speed_m_s + self._wind_bound_m_s
+        since_s = max(0.0, now_s - agent.fixed_at_s)
+        across_m = FIX_ERROR_M + self._wind_bound_m_s * since_s + agent.spec.speed_m_s * agent.skipped_s
         return Estimate(
             motion.north_m,
             motion.east_m,
             motion.heading_rad,
             motion.speed_m_s,
             agent.companion.flown_m,
-            FIX_ERROR_M + rate_m_s * max(0.0, now_s - agent.fixed_at_s) + agent.spec.speed_m_s * agent.skipped_s,
+            across_m + DRIFT_SHARE * agent.spec.speed_m_s * since_s,
+            across_m,
         )
 
 

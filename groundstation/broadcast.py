@@ -102,7 +102,7 @@ def state_frames(
     now_s = stamp.unix_s - picture.clock_ahead_s
     named = _named(picture, mission, broadcast.directives)
     here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in named}
-    told = _told({identity: here[identity] for identity in picture.present_agents}, mission, revision)
+    told = _told(picture.present_agents, {one: here[one] for one in picture.told_agents(now_s)}, revision)
     agents, targets = _agents_and_targets(picture, mission, assignment, {**dict.fromkeys(named, NOWHERE), **told})
     agents = _directed(agents, broadcast.directives)
     threats = [grown(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
@@ -162,7 +162,7 @@ def _state_contents(
 def motion_frames(picture: TrackTable, mission: Mission, stamp: Stamp) -> list[MotionFrame]:
     """Return the motion frames that go with the last state broadcast."""
     now_s = stamp.unix_s - picture.clock_ahead_s
-    moving = picture.present_agents if mission.case == "I" else []
+    moving = picture.told_agents(now_s)
     agents = [_agent_motion(identity, picture.tracks[Kind.AGENT, identity], now_s) for identity in moving]
     targets = [_point_motion(i, picture.tracks[Kind.TARGET, i], now_s) for i in picture.open_targets]
     threats = [_point_motion(t.id, picture.tracks[Kind.THREAT, t.id], now_s) for t in mission.threats]
@@ -214,7 +214,7 @@ def fleet_frames(
     now_s = stamp.unix_s - picture.clock_ahead_s
     named = _named(picture, mission, broadcast.directives)
     here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in named}
-    told = _told({identity: here[identity] for identity in picture.present_agents}, mission, revision)
+    told = _told(picture.present_agents, {one: here[one] for one in picture.told_agents(now_s)}, revision)
     agents, targets = _agents_and_targets(picture, mission, assignment, {**dict.fromkeys(named, NOWHERE), **told})
     agents = _directed(agents, broadcast.directives)
     entries: list[FleetEntry] = [*_by_id(agents), *_by_id(targets.values())]
@@ -389,15 +389,13 @@ def _directed(agents: Sequence[AgentEntry], directives: Mapping[int, Directive])
 
 
 def _told(
-    here: Mapping[int, Point],  # agent id -> m
-    mission: Mission,
+    present: Sequence[int],
+    here: Mapping[int, Point],  # agent id -> m, of the agents whose positions are told
     revision: Revision,
 ) -> dict[int, tuple[float, float] | tuple[None, None]]:
-    """Return the positions of agents as they are broadcast: Nones in Case II, and of one that is off the grid."""
-    return {
-        identity: place if mission.case == "I" and revision.extent.holds(place) else (None, None)
-        for identity, place in here.items()
-    }
+    """Return the positions of agents as they are broadcast: Nones where none is told or it is off the grid."""
+    held = {identity: place for identity, place in here.items() if revision.extent.holds(place)}
+    return {identity: held.get(identity, NOWHERE) for identity in present}
 
 
 def _threat_place(threat: ThreatSpec, track: Track, now_s: float) -> ThreatPlace:

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Unpack
 import click
 
 from companion.autopilot.kinds import ARDUCOPTER, KINDS
-from companion.errors import run_program, tell
+from companion.errors import InputError, run_program, tell
 from groundstation.choices import AUTHENTICATIONS, RADIOS_BYTES_PER_S, SIGNED, STATE_NAME, one_of, without_null
+from groundstation.mission_commands import MISSION_COMMANDS
+from groundstation.web.address import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
     from groundstation.options import RunArguments
@@ -29,6 +31,10 @@ def cli() -> None:
 
     Example: groundstation run copter-demo --link udpout:127.0.0.1:14600 --unsigned
     """
+
+
+for command in MISSION_COMMANDS:
+    cli.add_command(command)
 
 
 @cli.command()
@@ -83,6 +89,27 @@ def cli() -> None:
     "--autopilot", default="kinematic", show_default=True, help=f"Case II: what is reckoned: {', '.join(KINDS)}."
 )
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
+@click.option(
+    "--ui",
+    is_flag=False,
+    flag_value=DEFAULT_ADDRESS,
+    metavar="[HOST:PORT]",
+    help=f"Serve the page and the API; on {DEFAULT_ADDRESS} if no address follows.",
+)
+@click.option("--ui-tokens", metavar="FILE", help="Let in whoever has a token of `groundstation token --file FILE`.")
+@click.option(
+    "--ui-cert", metavar="FILE", help="Certificate of the page, PEM: TLS, without which only loopback serves."
+)
+@click.option("--ui-key", metavar="FILE", help="Private key of that certificate, PEM.")
+@click.option("--ui-client-ca", metavar="FILE", help="Let in whoever has a client certificate of this authority, PEM.")
+@click.option("--ui-tiles", metavar="DIR", help="Map tiles for the page: DIR/Z/X/Y.png.")
+@click.option(
+    "--log-format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="Of the messages on the terminal: json is one object a line.",
+)
 def run(**given: Unpack[RunArguments]) -> None:
     """Broadcast MISSION, a YAML file or a packaged name, until interrupted.
 
@@ -129,6 +156,29 @@ def keygen(folder: str, agents: str | None) -> None:
     )
 
 
+@cli.command()
+@click.argument("name")
+@click.option("--file", "path", required=True, metavar="FILE", help="Where the tokens' hashes are kept.")
+@click.option("--role", default="observer", show_default=True, metavar="WORD", help="observer (looks) or operator.")
+@click.option("--revoke", is_flag=True, help="Take NAME's token away; a running ground station follows at once.")
+def token(name: str, path: str, role: str, revoke: bool) -> None:
+    """Make a token with which NAME may use the page and the API; it is printed once and kept nowhere.
+
+    Example: groundstation token anna --file tokens.json --role operator
+    """
+    from groundstation.web.pipe import Who
+    from groundstation.web.tokens import add_token, revoke_token
+
+    without_null({"NAME": name, "--file": path})
+    if revoke:
+        revoke_token(Path(path), name)
+        click.echo(f"{name}: revoked", err=True)
+        return
+    secret = add_token(Path(path), Who(name, role))
+    click.echo(f"{name}: {role}; the token is shown this once:", err=True)
+    tell(secret)
+
+
 @cli.command("plan")
 @click.argument("mission")
 @click.option("--link", "radio_name", required=True, metavar="NAME", help=f"The radio: {RADIO_HELP}")
@@ -167,6 +217,43 @@ def plan_command(mission: str, radio_name: str, share: float, auth: str, seed: i
         task = bar.add_task("", total=1.0)
         found = plan(resolved, radio, authentication, lambda share: bar.update(task, completed=share))
     tell(json.dumps(found.to_dict(), allow_nan=False) if as_json else plan_text(found))
+
+
+@cli.command("log")
+@click.argument("store", metavar="STORE")
+@click.option("--out", metavar="FILE", help="Export to FILE.csv, .json, .tlog or .mcap instead of printing events.")
+@click.option("--places", is_flag=True, help="With .csv or .json: where everything was, instead of the events.")
+@click.option("--from", "from_time", metavar="TIME", help="Not before: 2026-11-30T08:15:00Z, or Unix seconds.")
+@click.option("--to", "to_time", metavar="TIME", help="Not after.")
+@click.option(
+    "--ui",
+    is_flag=False,
+    flag_value=DEFAULT_ADDRESS,
+    metavar="[HOST:PORT]",
+    help=f"Play it on the page instead; on {DEFAULT_ADDRESS} if no address follows.",
+)
+def log_command(
+    store: str, out: str | None, places: bool, from_time: str | None, to_time: str | None, ui: str | None
+) -> None:
+    """Print, export or play what STORE, the file of --state, holds; also while a ground station writes to it.
+
+    docs/store.md explains each form.
+
+    Example: groundstation log keys/groundstation.state --out day.mcap
+    """
+    from groundstation.store.export import Slice
+    from groundstation.store.log_command import log_store, play_store, time_of
+
+    without_null({"STORE": store, "--out": out})
+    if ui is not None:
+        if out is not None or places:
+            raise InputError("--ui: with --out or --places; allowed: one of them")
+        play_store(Path(store), ui)
+        return
+    if places and out is None:
+        raise InputError("--places: without --out; allowed: with --out FILE.csv or FILE.json")
+    time = Slice(time_of(from_time, "--from", 0.0), time_of(to_time, "--to", 1e12))
+    log_store(Path(store), time, None if out is None else Path(out), places)
 
 
 def main() -> None:

@@ -49,6 +49,7 @@ from groundstation.clock import next_epoch_s
 from groundstation.events import Command, Event, Who
 from groundstation.inputs import Inputs
 from groundstation.operations import Operations, applied
+from groundstation.origins import Observation
 from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.revision import first_revision, next_revision
 from groundstation.target_assignment import TargetAssignment, assign_targets
@@ -162,7 +163,8 @@ class GroundStation:
         self.operations = resumed.operations or Operations.begun(mission)
         """What commands and events have made of the mission."""
         mission = self.operations.mission
-        self._reckoner = DeadReckoner(mission, start_s, model or VehicleModel()) if mission.case == "II" else None
+        self.reckoner = DeadReckoner(mission, start_s, model or VehicleModel()) if mission.case == "II" else None
+        """Dead reckoning of the agents that nobody sees; None in Case I, where what is not seen flies straight on."""
         silent_after_s = _silent_after_s(mission, sensed)
         self.tracks = TrackTable(mission, start_s, silent_after_s, resumed.began_s, sensor_error_m)
         self.unsendable = Unsendable()
@@ -254,9 +256,13 @@ class GroundStation:
     def hear_report(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the uplink; never raises, whatever the bytes. In Case I reports are ignored."""
         for frame in self.inputs.reports(datagram, now_s + self.tracks.clock_ahead_s):
-            fix = None if self._reckoner is None else self.tracks.take_report(frame, now_s)
-            if self._reckoner is not None and fix is not None:
-                self._reckoner.fix(frame.agent_id, fix)
+            fix = None if self.reckoner is None else self.tracks.take_report(frame, now_s)
+            if self.reckoner is not None and fix is not None:
+                self.reckoner.fix(frame.agent_id, fix)
+
+    def observe(self, seen: Observation) -> bool:
+        """Take in where a live source has a thing; return whether that is news of a thing that is there."""
+        return self.tracks.observe(seen)
 
     def follow_clock(self, ahead_s: float, slept_s: float, now_s: float) -> None:
         """Stamp by a computer's clock that is `ahead_s` ahead from now on, after it slept for `slept_s`.
@@ -270,10 +276,13 @@ class GroundStation:
     def advance(self, now_s: float) -> None:
         """Update dead reckoning, tracks and assignment to `now_s`; `tick` calls this itself."""
         self._epoch.follow(now_s, self.tracks.clock_ahead_s)
-        if self._reckoner is not None:
-            self._reckoner.advance(now_s, self.tracks.present_agents)
+        if self.reckoner is not None:
+            self.reckoner.advance(now_s, self.tracks.present_agents)
             for identity in self.tracks.present_agents:
-                self.tracks.place(identity, self._reckoner.estimate(identity, now_s), now_s)
+                if self.tracks.origins.is_seen(identity, now_s):
+                    self.reckoner.follow(identity, self.tracks.fix_of(identity))
+                else:
+                    self.tracks.place(identity, self.reckoner.estimate(identity, now_s), now_s)
         changed = self.tracks.update(now_s, self.assignment)
         if changed or now_s >= self._due.assignment_s - _DUE_TOLERANCE_S:
             self._assign(now_s)
@@ -299,8 +308,8 @@ class GroundStation:
 
     def overhear(self, datagram: bytes, now_s: float) -> None:
         """Let the dead-reckoned agents (Case II) hear an unsigned frame that is broadcast now."""
-        if self._reckoner is not None:
-            self._reckoner.hear(restamped(datagram, self.tracks.clock_ahead_s), now_s)
+        if self.reckoner is not None:
+            self.reckoner.hear(restamped(datagram, self.tracks.clock_ahead_s), now_s)
 
     def refresh(self, now_s: float, payload_bytes: int) -> list[StateFrame] | list[FleetFrame]:
         """Begin a broadcast of the state and return its frames, whose payloads hold at most `payload_bytes`.

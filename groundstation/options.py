@@ -17,6 +17,8 @@ from groundstation.choices import SIGNED, STATE_NAME, Authentication, one_of, wi
 from groundstation.ground_station import check_runnable
 from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.radio import Radio, parse_radio
+from groundstation.web.address import parse_address
+from groundstation.web.site import LogFormat, Site, check_site
 
 _MOST_ERROR_M = 10_000.0
 """Greatest error of a detection that may be given."""
@@ -45,6 +47,13 @@ class RunArguments(TypedDict):
     unsigned_inputs: bool
     autopilot: str
     seed: int
+    ui: str | None
+    ui_tokens: str | None
+    ui_cert: str | None
+    ui_key: str | None
+    ui_client_ca: str | None
+    ui_tiles: str | None
+    log_format: str
 
 
 @dataclass(frozen=True)
@@ -73,6 +82,10 @@ class Options:
     """Whether sensors and vehicles on other computers are believed though they sign nothing."""
     sensor_error_m: float = SENSOR_ERROR_M
     """Greatest error of a detection."""
+    site: Site | None = None
+    """Where and how the page is served; None without one."""
+    log_format: LogFormat = "text"
+    """Form of the messages on the terminal."""
 
     @property
     def listened(self) -> Link | None:
@@ -111,9 +124,14 @@ def _mission_to_broadcast(name: str, seed: int, uplink: str | None) -> Mission:
             f"{name}: report_period_s: {resolved.report_period_s:g} without --uplink, so that everybody would count "
             "as lost; allowed: --uplink URL, or report_period_s 0"
         )
-    if resolved.surrogate == "monolithic":
-        raise InputError(f"{name}: surrogate: 'monolithic' flies only in the simulator; allowed: pairwise, analytic")
+    refuse_monolithic(resolved, name)
     return resolved
+
+
+def refuse_monolithic(mission: Mission, source: str) -> None:
+    """Raise InputError if a mission has the surrogate that no vehicle flies by; `source` names it."""
+    if mission.surrogate == "monolithic":
+        raise InputError(f"{source}: surrogate: 'monolithic' flies only in the simulator; allowed: pairwise, analytic")
 
 
 def _options(given: RunArguments) -> Options:
@@ -131,7 +149,7 @@ def _options(given: RunArguments) -> Options:
         state = str(Path(keys) / STATE_NAME)
     options = Options(
         link=link,
-        authentication=_authentication(keys, given["unsigned"], given["auth"]),
+        authentication=authentication_of(keys, given["unsigned"], given["auth"]),
         keys=_path(keys),
         radio=_radio(link, given["radio"], given["share"]),
         sensor=sensor,
@@ -145,6 +163,8 @@ def _options(given: RunArguments) -> Options:
         listen=_link(given["listen"]),
         unsigned_inputs=given["unsigned_inputs"],
         sensor_error_m=error_m,
+        site=_site(given),
+        log_format="json" if given["log_format"] == "json" else "text",
     )
     for option, heard in (("--sensor", sensor), ("--uplink", uplink)):
         if heard is None or heard.scheme not in RECEIVING:
@@ -155,6 +175,35 @@ def _options(given: RunArguments) -> Options:
                 f"--keys DIR, {_LOCAL_FORM}, or --unsigned-inputs to believe anybody"
             )
     return options
+
+
+def _site(given: RunArguments) -> Site | None:
+    """Return where and how the page is served; raises InputError unless it is guarded as its address demands."""
+    guards = {
+        "--ui-tokens": given["ui_tokens"],
+        "--ui-cert": given["ui_cert"],
+        "--ui-key": given["ui_key"],
+        "--ui-client-ca": given["ui_client_ca"],
+        "--ui-tiles": given["ui_tiles"],
+    }
+    if given["ui"] is None:
+        for option, value in guards.items():
+            if value is not None:
+                raise InputError(f"{option}: '{value}' without --ui; allowed: with --ui")
+        return None
+    without_null(guards)
+    tokens, certificate, key, client_ca, tiles = map(_path, guards.values())
+    site = Site(
+        parse_address(given["ui"]),
+        tokens=tokens,
+        certificate=certificate,
+        key=key,
+        client_ca=client_ca,
+        tiles=tiles,
+        log_format="json" if given["log_format"] == "json" else "text",
+    )
+    check_site(site)
+    return site
 
 
 def _is_local(link: Link) -> bool:
@@ -172,7 +221,13 @@ def _path(name: str | None) -> Path | None:
     return None if name is None else Path(name)
 
 
-def _authentication(keys: str | None, unsigned: bool, auth: str | None) -> Authentication:
+def authentication_of(keys: str | None, unsigned: bool, auth: str | None) -> Authentication:
+    """Return how frames are signed, by the options --keys, --unsigned and --auth.
+
+    Raises:
+        InputError: they contradict each other, or neither of the first two is given.
+
+    """
     if keys is not None and unsigned:
         raise InputError("--unsigned: given together with --keys; allowed: one of them")
     if keys is None and not unsigned:

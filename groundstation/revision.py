@@ -28,6 +28,8 @@ class Revision:
     extent: Extent
     moved: Mapping[int, Point]
     """Places of the threats that should stand but do not stand where the mission says, by id."""
+    jumps: int
+    """How often threats had jumped farther than their bounds allow (Origins.jumps)."""
     state_cm: int
     """Unit of positions and radii in state frames."""
     grid: Grid
@@ -44,14 +46,14 @@ def first_revision(mission: Mission, tracks: TrackTable, number: int, radii_m: I
 
     """
     extent = mission_extent(mission).widened((), max(radii_m, default=0.0))
-    return _revision(number, mission, extent, moved_threats(mission, tracks))
+    return _revision(number, mission, extent, tracks)
 
 
 def next_revision(revision: Revision, mission: Mission, tracks: TrackTable, radii_m: Iterable[float]) -> Revision:
     """Return the revision in force, or the next one if threats have changed or the grid is too small.
 
-    A threat has changed that was added, retired or given another radius, speed bound or place, or that should stand but
-    has moved. `radii_m` are the threats' radii as they are to be told.
+    A threat has changed that was added, retired or given another radius, speed bound or place, that should stand but
+    has moved, or that was seen where its bound does not allow. `radii_m` are the threats' radii as they are to be told.
 
     Raises:
         WireError: a position or radius does not fit any grid.
@@ -71,9 +73,10 @@ def next_revision(revision: Revision, mission: Mission, tracks: TrackTable, radi
         radius_m = max(radius_m, extent.radius_m)
     following = (revision.number + 1) % REVISIONS
     if radius_m > revision.extent.radius_m or not all(map(revision.extent.holds, points)):
-        return _revision(following, mission, revision.extent.widened(points, radius_m), moved)
-    if moved != revision.moved or mission.threats != revision.mission.threats:
-        return replace(revision, number=following, mission=mission, moved=moved)
+        return _revision(following, mission, revision.extent.widened(points, radius_m), tracks)
+    told = (revision.moved, revision.jumps, revision.mission.threats)
+    if (moved, tracks.origins.jumps, mission.threats) != told:
+        return replace(revision, number=following, mission=mission, moved=moved, jumps=tracks.origins.jumps)
     return revision if mission is revision.mission else replace(revision, mission=mission)
 
 
@@ -84,13 +87,14 @@ def moved_threats(mission: Mission, tracks: TrackTable) -> dict[int, Point]:
     return {threat.id: place for threat, place in places if place != threat.position_ned_m}
 
 
-def _revision(number: int, mission: Mission, extent: Extent, moved: Mapping[int, Point]) -> Revision:
+def _revision(number: int, mission: Mission, extent: Extent, tracks: TrackTable) -> Revision:
     corners = [extent.low_ned_m, extent.high_ned_m]
     return Revision(
         number=number,
         mission=mission,
         extent=extent,
-        moved=moved,
+        moved=moved_threats(mission, tracks),
+        jumps=tracks.origins.jumps,
         state_cm=frame_resolution_cm(corners, [extent.radius_m]),
         grid=finest_grid(corners),
         radii_cm=finest_radii_cm(extent.radius_m),

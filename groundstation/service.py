@@ -6,8 +6,9 @@ import asyncio
 import stat
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from companion.errors import InputError
 from companion.files.log_series import LogSeries, file_bytes
@@ -30,19 +31,25 @@ from groundstation.adsb_mirror import AdsbMirror
 from groundstation.agents import VehicleModel
 from groundstation.choices import Authentication
 from groundstation.clock import GroundClock, WallSigner
+from groundstation.desk import Desk, begin_day, operations_of
 from groundstation.directives import DirectiveInput
-from groundstation.events import STATION, Direct, Who
-from groundstation.ground_station import GroundStation
+from groundstation.events import Direct, Who
+from groundstation.ground_station import GroundStation, Resumed
 from groundstation.input_keys import input_trusts
 from groundstation.log_files import log_place
+from groundstation.meter import BroadcastMeter
 from groundstation.operations import directive_name
 from groundstation.options import Options
+from groundstation.page import Overheard, Page
 from groundstation.rivals import LOCK_NAME, Rivals, RunLock
 from groundstation.saved_state import RunState, open_state
 from groundstation.schedule import TICK_S as RADIO_TICK_S
 from groundstation.schedule import Broadcaster
 from groundstation.status import Status
 from groundstation.store.event_store import EventStore
+
+if TYPE_CHECKING:
+    from groundstation.web.bridge import Bridge
 
 LOGGER = program_logger("groundstation")
 TICK_S = 0.05
@@ -101,33 +108,45 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         files = open_io_thread("files", stack)
         unlocked = _lock(options, stack)
         database, last = open_state(options.state)
+        stored = () if database is None else tuple(database.events())
         store = EventStore(options.state, database, files, int(options.store_mb * 1e6))
         stack.callback(store.close)
         saved = RunState(options, mission, frame_signer.signer, start_s, store, last)
-        station = _station(mission, options, saved, start_s)
-        broadcaster = Broadcaster(station, options.radio, frame_signer)
+        station = _station(mission, options, saved.resumed._replace(operations=operations_of(mission, stored)), start_s)
+        overheard = Overheard(station)
+        broadcaster = Broadcaster(overheard, options.radio, frame_signer)
         broadcaster.begin(start_s)
         log = _opened_log(options, stack)
         rivals = Rivals(frame_signer)
         hearing = _Hearing(clock, log, stack)
         links = await _open_links(options, station, hearing, stack)
         await _listen(options, station, rivals, hearing)
+        shown = _shown(options, overheard, store, stack)
         # On disk before the first frame is on the air.
+        begin_day(shown.desk, station, saved.directive, start_s)
         saved.write(station, start_s)
         stack.callback(lambda: saved.write(station, clock.now_s()))
-
-        def direct(directive: Directive) -> None:
-            station.command(Direct(do="direct", directive=directive_name(directive)), STANDARD_INPUT, clock.now_s())
-
-        stack.callback(DirectiveInput(direct).close)
         status = Status(station, broadcaster, options)
         for line in [status.opening(), *saved.news(start_s)]:
             LOGGER.info("%s", line)
         for warning in [*unlocked, *saved.warnings()]:
             LOGGER.warning("%s", warning)
         run = _Run(station, broadcaster, AdsbMirror(mission), status, saved, frame_signer, rivals)
-        loop = BroadcastLoop(run, links, log, options)
+        loop = BroadcastLoop(run, links, log, shown)
         await loop.run(clock, stop)
+
+
+def _shown(options: Options, overheard: Overheard, store: EventStore, stack: ExitStack) -> Shown:
+    """Return what takes commands from standard input and the page, and shows the run there; raises InputError."""
+    station, meter = overheard.station, BroadcastMeter(options)
+    screen = _screen(options, stack)
+    desk = Desk(station, store, screen)
+
+    def direct(directive: Directive) -> None:
+        desk.ask(Direct(do="direct", directive=directive_name(directive)), STANDARD_INPUT)
+
+    stack.callback(DirectiveInput(direct).close)
+    return Shown(desk, overheard, meter, None if screen is None else Page(station, desk, screen, meter.surroundings))
 
 
 def _opened_log(options: Options, stack: ExitStack) -> FlightLog:
@@ -142,18 +161,35 @@ def _opened_log(options: Options, stack: ExitStack) -> FlightLog:
     return FlightLog(TlogWriter(file), "groundstation")
 
 
-def _station(mission: Mission, options: Options, saved: RunState, start_s: float) -> GroundStation:
+def _screen(options: Options, stack: ExitStack) -> Bridge | None:
+    """Return the bridge to the page, which `stack` closes; None without one. Raises InputError if it cannot be served.
+
+    The libraries that the page needs are loaded only here: a run without one starts without them.
+    """
+    if options.site is None:
+        return None
+    from groundstation.web.address import bound, listen
+    from groundstation.web.bridge import Bridge
+
+    listener = listen(options.site.address)
+    site = replace(options.site, address=options.site.address._replace(port=bound(listener).port))
+    bridge = Bridge(site, listener)
+    stack.callback(bridge.close)
+    LOGGER.info("page: %s", site.url)
+    return bridge
+
+
+def _station(mission: Mission, options: Options, resumed: Resumed, start_s: float) -> GroundStation:
     """Return the ground station of a run that takes over from the last one; raises InputError."""
     station = GroundStation(
         mission,
         start_s,
         sensed=options.sensor is not None,
         model=VehicleModel(DEFAULT_LAW, options.can_stop),
-        resumed=saved.resumed,
+        resumed=resumed,
         sensor_error_m=options.sensor_error_m,
     )
     station.inputs.sensor, station.inputs.uplink = input_trusts(options, mission)
-    station.command(Direct(do="direct", directive=directive_name(saved.directive)), STATION, start_s)
     return station
 
 
@@ -260,15 +296,33 @@ async def _open_links(options: Options, station: GroundStation, hearing: _Hearin
     return _Links(broadcast, display)
 
 
+@dataclass(frozen=True)
+class Shown:
+    """What takes commands, and what is shown of a run."""
+
+    desk: Desk
+    overheard: Overheard
+    meter: BroadcastMeter
+    page: Page | None
+
+    def tick(self, now_s: float) -> None:
+        """Show what is due."""
+        frames = self.overheard.taken()
+        if self.page is not None:
+            self.page.tick(frames, now_s)
+
+
 class BroadcastLoop:
     """Sends the frames that are due, logs messages and saves the state, until it is stopped."""
 
-    def __init__(self, run: _Run, links: _Links, log: FlightLog, options: Options) -> None:
+    def __init__(self, run: _Run, links: _Links, log: FlightLog, shown: Shown) -> None:
         self._run = run
         self._links = links
         self._log = log
-        self._period_s = TICK_S if options.radio is None else RADIO_TICK_S
-        self._added_bytes = 0 if options.radio is None else options.radio.added_bytes
+        self._shown = shown
+        radio = shown.meter.options.radio
+        self._period_s = TICK_S if radio is None else RADIO_TICK_S
+        self._added_bytes = 0 if radio is None else radio.added_bytes
         """Number of bytes added to each frame on its way (Radio.added_bytes)."""
 
     async def run(self, clock: GroundClock, stop: asyncio.Event) -> None:
@@ -276,11 +330,14 @@ class BroadcastLoop:
         while not stop.is_set():
             now_s = clock.now_s()
             self._follow(clock, now_s)
+            self._shown.desk.tick(now_s)
             # A new directive is on disk before it is on the air: no restart may take back what vehicles have heard.
             self._run.saved.write_if_due(self._run.station, now_s)
             if not self._run.saved.holds(now_s):
                 self._send(now_s)
             self._tell(now_s)
+            # Last, so that what is shown never delays what is sent.
+            self._shown.tick(now_s)
             await wait(stop, self._period_s)
 
     def _follow(self, clock: GroundClock, now_s: float) -> None:
@@ -300,6 +357,7 @@ class BroadcastLoop:
             sender.send(data)
             self._run.status.sent_bytes += len(data) + self._added_bytes
             frame = unwrap(raw_frame(data)) or data
+            self._shown.meter.sent(frame, len(data) + self._added_bytes, now_s)
             self._run.rivals.sent(frame)
             self._log.record(now_s, frame)
         if display is not None:

@@ -46,7 +46,6 @@ class Sightings:
         self.refusals = Refusals()
         self.ahead_s = 0.0
         """Time by which the clock that stamps frames is ahead of the times given here (clock.py)."""
-        self._reports = mission.case == "II"
         wind_m_s = mission.wind.speed_m_s + mission.wind.gust_m_s
         self._error_m = error_m
         self._broadcast_s = mission.broadcast_period_s
@@ -55,7 +54,7 @@ class Sightings:
         self._flown: dict[int, Known] = {}
         for agent in mission.agents:
             bound = _agent_bound(agent, wind_m_s, error_m)
-            if self._reports:
+            if mission.case == "II":
                 period_s = mission.report_period_s or _REPORT_PERIOD_S
                 bound = bound._replace(is_gated=False, period_s=period_s)
                 self._flown[agent.id] = Known.placed(0j, placed_at_s, bound, now_s)
@@ -89,17 +88,13 @@ class Sightings:
         return None if watched.candidate is None else watched.sure
 
     def sighted(self, key: Key, sample: Sample, now_s: float) -> Weighed | None:
-        """Return what a sighting of a thing is taken for; None if it has no such thing, or agents are not sighted."""
-        kind, identity = key
-        name = f"{kind.name.lower()} {identity}"
+        """Return what a sighting of a thing is taken for; None if the mission has no such thing."""
+        name = f"{key[0].name.lower()} {key[1]}"
         if key not in self._watched:
             place = f"{sample.place.real:.0f} N {sample.place.imag:.0f} E"
             self.refusals.add(
                 ("unknown", key), f"sensor: {name} at {place} is not in the mission: {{}} detections ignored"
             )
-            return None
-        if kind is Kind.AGENT and self._reports:
-            self.refusals.add("not seen", "sensor: {} detections of agents ignored: in Case II they are not seen")
             return None
         self._watched[key], weighed = judge(self._watched[key], sample, self._bounds[key], now_s)
         self._tell(f"sensor: {name} seen", key, weighed)

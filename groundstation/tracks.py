@@ -1,10 +1,11 @@
 """The ground station's picture of the world: one track per agent, target and threat, with ages.
 
 The tracks begin at the mission's positions and are updated by a sensor's detections, as far as these can be true
-(sightings.py); in Case II agents are not detected but placed by dead reckoning. An agent without detection or report
-for too long is lost (docs/method.md section 1, point 7); one that comes within the arrival radius of a target completes
-it, and both leave the assignment (progress.py). If an agent's position is uncertain, it counts as arrived later, by the
-time that it takes to fly the uncertainty. Times are Unix seconds given by the caller.
+(sightings.py), and by live sources, which judge theirs themselves; in Case II agents that nobody sees are placed by
+dead reckoning. An agent without detection or report for too long is lost (docs/method.md section 1, point 7); one that
+comes within the arrival radius of a target completes it, and both leave the assignment (progress.py). If an agent's
+position is uncertain, it counts as arrived later, by the time that it takes to fly the uncertainty. Times are Unix
+seconds given by the caller.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ import numpy as np
 
 from companion.geo.local_frame import LocalFrame, to_grid
 from companion.mission.extent import FARTHEST_M, Point
-from companion.mission.model import Mission, TargetSpec, ThreatSpec
+from companion.mission.model import AgentSpec, Mission, TargetSpec, ThreatSpec
 from companion.protocol.codec import Detection, DetectionsFrame, Kind, ReportFrame
 from groundstation.agents import Estimate, Fix
+from groundstation.origins import SENSOR, Observation, Origins
 from groundstation.plausibility import SENSOR_ERROR_M, Bound, Sample, Verdict
 from groundstation.progress import Arrival, MissionProgress, cannot_have_arrived, disproved
 from groundstation.refusals import Refusals
@@ -53,7 +55,6 @@ class TrackTable:
         self._mission = mission
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self._silent_after_s = silent_after_s
-        self._agents = {agent.id: agent for agent in mission.agents}
         placed_at_s = now_s if began_s is None else min(began_s, now_s)
         self._sightings = Sightings(mission, placed_at_s, now_s, sensor_error_m)
         self.tracks = {key: Track(*place_ned_m, 0.0, 0.0, placed_at_s) for key, place_ned_m in places_in(mission)}
@@ -62,10 +63,17 @@ class TrackTable:
         self.flown_m = {agent.id: 0.0 for agent in mission.agents}
         self.uncertainty_m = {agent.id: 0.0 for agent in mission.agents}
         self.progress = MissionProgress()
+        self.origins = Origins()
+        """Who has seen things where they are."""
         self._told = self.progress
         """The progress as of the last update."""
         self._judged = dict(self.tracks)
         """The tracks as of the last update: arrivals are judged on the ways from there."""
+
+    @property
+    def mission(self) -> Mission:
+        """The mission that is followed."""
+        return self._mission
 
     @property
     def clock_ahead_s(self) -> float:
@@ -97,6 +105,37 @@ class TrackTable:
         """Ids of the targets not reached yet, in file order."""
         return [target.id for target in self._mission.targets if target.id not in self.progress.completed]
 
+    def told_agents(self, now_s: float) -> list[int]:
+        """Return the ids of the agents whose positions are told: in Case II of those that somebody sees."""
+        if self._mission.case == "I":
+            return self.present_agents
+        return [agent_id for agent_id in self.present_agents if self.origins.is_seen(agent_id, now_s)]
+
+    def observe(self, seen: Observation) -> bool:
+        """Move a thing to where a live source has it; return whether that is news of a thing that is there."""
+        key = seen.kind, seen.id
+        track = self.tracks.get(key)
+        if track is None or seen.at_s < track.seen_at_s:
+            return False
+        bound = self._sightings.bound(key)
+        lasts_s = seen.at_s - track.seen_at_s
+        moved_m = abs(seen.place - complex(*track.position_ned_m))
+        if bound.stands and moved_m <= seen.error_m:
+            # What stands is not moved about by the errors of its source.
+            self.tracks[key] = replace(track, seen_at_s=seen.at_s)
+        else:
+            velocity = _bounded(seen.velocity, bound)
+            self.tracks[key] = Track(seen.place.real, seen.place.imag, velocity.real, velocity.imag, seen.at_s)
+        if seen.kind is Kind.THREAT and moved_m > bound.speed_m_s * lasts_s + seen.error_m:
+            self.origins.jumps += not bound.stands
+        if seen.kind is Kind.AGENT:
+            self.flown_m[seen.id] += min(moved_m, bound.speed_m_s * lasts_s)
+            self.uncertainty_m[seen.id] = 0.0
+            self.heard_at_s[seen.id] = max(self.heard_at_s[seen.id], seen.at_s)
+        self._sightings.begin(key, self.tracks[key].position_ned_m, seen.at_s, seen.at_s)
+        self.origins.note(key, seen.source, seen.at_s, seen.error_m)
+        return True
+
     def follow(self, mission: Mission, placed_s: Mapping[Key, float], now_s: float) -> None:
         """Follow a mission whose targets and threats have changed.
 
@@ -107,6 +146,7 @@ class TrackTable:
         now = {(kind, thing.id): thing for kind, thing in _things_of(mission)}
         for key in known.keys() - now.keys():
             self._sightings.end(key)
+            self.origins.forget(key)
             del self.tracks[key], self._judged[key]
             if key[0] is Kind.TARGET:
                 self.progress = self.progress.without_target(key[1])
@@ -121,6 +161,7 @@ class TrackTable:
     def _begin(self, key: Key, place_ned_m: Point, placed_at_s: float, now_s: float) -> None:
         """Begin a target's or threat's track where a command has put it."""
         self._sightings.begin(key, place_ned_m, placed_at_s, now_s)
+        self.origins.forget(key)
         self.tracks[key] = Track(*place_ned_m, 0.0, 0.0, placed_at_s)
         self._begin_anew(key)
 
@@ -162,7 +203,9 @@ class TrackTable:
         if bound.stands:
             place_ned_m = track.position_ned_m
         velocity = _bounded(complex(detection.velocity_north_m_s, detection.velocity_east_m_s), bound)
+        self.origins.note(key, SENSOR, seen_at_s, bound.noise.error_m)
         if detection.kind is Kind.AGENT:
+            self.uncertainty_m[detection.id] = 0.0
             flown_m = math.dist(track.position_ned_m, place_ned_m)
             self.flown_m[detection.id] += min(flown_m, bound.speed_m_s * max(0.0, seen_at_s - track.seen_at_s))
         self.tracks[key] = Track(*place_ned_m, velocity.real, velocity.imag, max(seen_at_s, track.seen_at_s))
@@ -183,6 +226,7 @@ class TrackTable:
 
     def place(self, agent_id: int, estimate: Estimate, now_s: float) -> None:
         """Set an agent's track to its dead-reckoned state (Case II)."""
+        self.origins.forget((Kind.AGENT, agent_id))
         self.tracks[Kind.AGENT, agent_id] = Track(
             estimate.north_m,
             estimate.east_m,
@@ -192,6 +236,12 @@ class TrackTable:
         )
         self.flown_m[agent_id] = estimate.flown_m
         self.uncertainty_m[agent_id] = estimate.uncertainty_m
+
+    def fix_of(self, agent_id: int) -> Fix:
+        """Return where and when an agent was last seen, and how far it has flown."""
+        track = self.tracks[Kind.AGENT, agent_id]
+        velocity_m_s = track.velocity_north_m_s, track.velocity_east_m_s
+        return Fix(track.position_ned_m, velocity_m_s, track.seen_at_s, self.flown_m[agent_id])
 
     def take_report(self, report: ReportFrame, now_s: float) -> Fix | None:
         """Note that an agent reported and return its fix; None if that cannot be true, which `refusals` counts."""
@@ -208,6 +258,7 @@ class TrackTable:
         self.heard_at_s[agent_id] = max(self.heard_at_s[agent_id], fixed_at_s)
         if not is_newest:
             return None
+        self.origins.reported.add(agent_id)
         self._disprove((north_m, east_m), agent_id, fixed_at_s)
         velocity = _bounded(
             complex(*to_grid(report.velocity_north_m_s, report.velocity_east_m_s, convergence_rad)),
@@ -292,17 +343,18 @@ class TrackTable:
         Those in `but` are left for the next time.
         """
         progress = self.progress
+        agents = {agent.id: agent for agent in self._mission.agents}
         arrived, completed = set(progress.arrived), set(progress.completed)
         reached_by, unproven = dict(progress.reached_by), dict(progress.unproven)
         near_since = {key: near for key, near in progress.near_since.items() if assignment.get(key) == near[0]}
         for target_id, agent_id in self._candidates(assignment):
-            if agent_id in arrived or agent_id in but or self._agents[agent_id].only_target not in (None, target_id):
+            if agent_id in arrived or agent_id in but or agents[agent_id].only_target not in (None, target_id):
                 continue
             # Where a thing is disputed, nothing shows that it was reached.
             if any(self._sightings.held(key) for key in ((Kind.AGENT, agent_id), (Kind.TARGET, target_id))):
                 continue
-            is_near = self._came_near(agent_id, target_id)
-            wait_s = self.uncertainty_m[agent_id] / self._agents[agent_id].speed_m_s
+            is_near = self._came_near(agents[agent_id], target_id)
+            wait_s = self.uncertainty_m[agent_id] / agents[agent_id].speed_m_s
             if wait_s != 0.0:
                 if assignment.get(agent_id) != target_id:
                     continue
@@ -332,17 +384,17 @@ class TrackTable:
         agent, target = self.tracks[Kind.AGENT, agent_id], self.tracks[Kind.TARGET, target_id]
         return Arrival(target_id, max(agent.seen_at_s, target.seen_at_s), self._judged[Kind.AGENT, agent_id])
 
-    def _came_near(self, agent_id: int, target_id: int) -> bool:
+    def _came_near(self, spec: AgentSpec, target_id: int) -> bool:
         """Return whether an agent is within the arrival radius of a target, or was since the last update."""
-        agent, target = self.tracks[Kind.AGENT, agent_id], self.tracks[Kind.TARGET, target_id]
+        agent, target = self.tracks[Kind.AGENT, spec.id], self.tracks[Kind.TARGET, target_id]
         radius_m = self._mission.arrival_radius_m
         if math.dist(agent.position_ned_m, target.position_ned_m) <= radius_m:
             return True
-        before = self._judged[Kind.AGENT, agent_id]
+        before = self._judged[Kind.AGENT, spec.id]
         flown_m = math.dist(before.position_ned_m, agent.position_ned_m)
         lasts_s = agent.seen_at_s - before.seen_at_s
         # A sighting that no flight explains is no way along which targets are reached.
-        if flown_m == 0.0 or flown_m > _FASTEST * self._agents[agent_id].speed_m_s * lasts_s:
+        if flown_m == 0.0 or flown_m > _FASTEST * spec.speed_m_s * lasts_s:
             return False
         return passed_at_m((before, agent), (self._judged[Kind.TARGET, target_id], target)) <= radius_m
 

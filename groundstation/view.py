@@ -9,17 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from companion.mission.model import AgentSpec, TargetSpec, ThreatSpec
 from companion.protocol.codec import Kind
 from groundstation.broadcast import MOVING_M_S
 from groundstation.ground_station import GroundStation
 from groundstation.operations import directive_name
+from groundstation.origins import MISSION, SEEN_S, SENSOR
+from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.track import Track
 
 View = dict[str, Any]
 """Values that JSON can hold."""
+AgentSource = Literal["mission", "sensor", "telemetry", "report", "reckoned"]
 Mode = Literal["live", "sim", "playback"]
 
 
@@ -70,8 +73,8 @@ def moves(station: GroundStation, now_s: float) -> View:
     tracks, mission = station.tracks.tracks, station.mission
     agents = []
     for agent in mission.agents:
-        track = tracks[Kind.AGENT, agent.id]
-        agents.append([agent.id, *_place(track), _heading_deg(track, agent), _speed_m_s(track), _age_s(track, now_s)])
+        at = _where(station, agent, now_s)
+        agents.append([agent.id, at.north_m, at.east_m, at.heading_deg, at.speed_m_s, at.age_s])
     return {
         "type": "moves",
         "t_s": round(now_s + station.tracks.clock_ahead_s, 3),
@@ -85,27 +88,80 @@ def moves(station: GroundStation, now_s: float) -> View:
 
 
 def _agent(station: GroundStation, agent: AgentSpec, now_s: float) -> View:
-    track = station.tracks.tracks[Kind.AGENT, agent.id]
+    at = _where(station, agent, now_s)
     target_id = station.assignment.get(agent.id)
-    north_m, east_m = _place(track)
     orders = station.operations.orders
     return {
         "id": agent.id,
-        "north_m": north_m,
-        "east_m": east_m,
-        "heading_deg": _heading_deg(track, agent),
-        "speed_m_s": _speed_m_s(track),
-        "age_s": _age_s(track, now_s),
-        "source": "reckoned" if station.mission.case == "II" else "sensor",
-        "ellipse": None,
+        "north_m": at.north_m,
+        "east_m": at.east_m,
+        "heading_deg": at.heading_deg,
+        "speed_m_s": at.speed_m_s,
+        "age_s": at.age_s,
+        "source": at.source,
+        "ellipse": _ellipse(station, agent, at, now_s),
         "state": _state(station, agent.id),
         "target": target_id,
         "pinned": orders.pins.get(agent.id),
         "directive": directive_name(orders.of(agent.id)),
         "range_left_m": round(max(0.0, agent.range_m - station.tracks.flown_m[agent.id]), 1),
-        "eta_s": _eta_s(station, agent, track, target_id),
+        "eta_s": _eta_s(station, agent, at, target_id),
         "link": None,
         "certificate": None,
+    }
+
+
+class _At(NamedTuple):
+    """Where an agent is now, as far as is known."""
+
+    north_m: float
+    east_m: float
+    heading_deg: float | None
+    speed_m_s: float
+    age_s: float
+    """Time since somebody saw it or it reported, or since the mission's word."""
+    source: AgentSource
+
+
+def _where(station: GroundStation, agent: AgentSpec, now_s: float) -> _At:
+    """Return where an agent is: seen, dead-reckoned by its companion, or flying straight on since it was seen."""
+    key = Kind.AGENT, agent.id
+    track, origins = station.tracks.tracks[key], station.tracks.origins
+    speed_m_s = math.hypot(track.velocity_north_m_s, track.velocity_east_m_s)
+    heading_deg = agent.heading_deg
+    if speed_m_s >= MOVING_M_S:
+        heading_deg = round(math.degrees(math.atan2(track.velocity_east_m_s, track.velocity_north_m_s)) % 360.0, 1)
+    seen_by, is_seen = origins.by.get(key), origins.is_seen(agent.id, now_s)
+    age_s = track.age_s(now_s)
+    if is_seen and seen_by is not None:
+        source: AgentSource = "sensor" if seen_by == SENSOR else "telemetry"
+    elif station.reckoner is not None:
+        age_s = max(0.0, now_s - station.reckoner.fixed_at_s(agent.id))
+        source = "report" if age_s <= SEEN_S and agent.id in origins.reported else "reckoned"
+    else:
+        source = "mission" if seen_by is None else "reckoned"
+    since_s = track.age_s(now_s)
+    north_m, east_m = (
+        track.north_m + track.velocity_north_m_s * since_s,
+        track.east_m + track.velocity_east_m_s * since_s,
+    )
+    return _At(round(north_m, 2), round(east_m, 2), heading_deg, round(speed_m_s, 2), round(age_s, 2), source)
+
+
+def _ellipse(station: GroundStation, agent: AgentSpec, at: _At, now_s: float) -> View | None:
+    """Return the ellipse in which an agent that is not seen is taken to be; None for one that is."""
+    if at.source != "reckoned":
+        return None
+    if station.reckoner is not None:
+        estimate = station.reckoner.estimate(agent.id, now_s)
+        along_m, across_m = estimate.uncertainty_m, estimate.across_m
+    else:
+        # It may have turned at once.
+        along_m = across_m = SENSOR_ERROR_M + at.speed_m_s * at.age_s
+    return {
+        "semi_major_m": round(along_m, 1),
+        "semi_minor_m": round(across_m, 1),
+        "heading_deg": at.heading_deg or 0.0,
     }
 
 
@@ -120,12 +176,12 @@ def _state(station: GroundStation, agent_id: int) -> str:
     return "under way" if agent_id in station.assignment else "no target"
 
 
-def _eta_s(station: GroundStation, agent: AgentSpec, track: Track, target_id: int | None) -> float | None:
+def _eta_s(station: GroundStation, agent: AgentSpec, at: _At, target_id: int | None) -> float | None:
     """Return the time to the target by the straight line at the agent's speed; None without a target."""
     if target_id is None:
         return None
     target = station.tracks.tracks[Kind.TARGET, target_id]
-    away_m = math.dist(track.position_ned_m, target.position_ned_m) - station.mission.arrival_radius_m
+    away_m = math.dist((at.north_m, at.east_m), target.position_ned_m) - station.mission.arrival_radius_m
     return round(max(0.0, away_m) / agent.speed_m_s, 1)
 
 
@@ -137,7 +193,7 @@ def _target(station: GroundStation, target: TargetSpec, now_s: float) -> View:
         "speed_bound_m_s": target.speed_bound_m_s,
         "reached_by": list(station.operations.reached.by.get(target.id, ())),
         "agents": [agent for agent, sent_to in station.assignment.items() if sent_to == target.id],
-        "source": "mission",
+        "source": station.tracks.origins.by.get((Kind.TARGET, target.id), MISSION),
     }
 
 
@@ -152,7 +208,7 @@ def _threat(station: GroundStation, threat: ThreatSpec, now_s: float) -> View:
         "speed_bound_m_s": threat.speed_bound_m_s,
         "floor_m": threat.floor_m,
         "ceiling_m": threat.ceiling_m,
-        "source": "mission",
+        "source": station.tracks.origins.by.get((Kind.THREAT, threat.id), MISSION),
     }
 
 
@@ -184,13 +240,6 @@ def _age_s(track: Track, now_s: float) -> float:
 
 def _speed_m_s(track: Track) -> float:
     return round(math.hypot(track.velocity_north_m_s, track.velocity_east_m_s), 2)
-
-
-def _heading_deg(track: Track, agent: AgentSpec) -> float | None:
-    """Return an agent's heading; where it has not been seen to move, the mission's."""
-    if _speed_m_s(track) < MOVING_M_S:
-        return agent.heading_deg
-    return round(math.degrees(math.atan2(track.velocity_east_m_s, track.velocity_north_m_s)) % 360.0, 1)
 
 
 def _growth_m(station: GroundStation, threat: ThreatSpec, now_s: float) -> float:

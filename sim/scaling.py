@@ -14,12 +14,10 @@ from companion.autopilot.kinds import CRUISE_M_S, KINDS
 from companion.autopilot.registry import ADAPTERS
 from companion.errors import InputError
 from companion.mission.model import Mission, Scale
+from companion.onboard.lint.fleet import speeds_instead
 
 PAPER_SPEED_M_S = 60.0
 """Speed of the paper's vehicle, for which missions are written."""
-SPEED_TOLERANCE = 1e-6
-"""Share of a speed by which it may miss what a kind flies: the rounding of a product."""
-
 # Keys of a mission and its sections whose values are multiplied by the factor.
 _MISSION_LENGTHS = ("arrival_radius_m", "separation_m", "detector_range_m")
 _THREAT_LENGTHS = ("north_m", "east_m", "detection_radius_m", "attack_radius_m", "speed_bound_m_s")
@@ -37,11 +35,10 @@ def check_speeds(mission: Mission, kind: str, abilities: Abilities, source: str)
     """
     if mission.scale is not None and kind in CRUISE_M_S and mission.scale.autopilot != kind:
         raise _scaled_for_another(mission.scale, kind, source)
-    least_m_s, most_m_s = abilities.speed_min_m_s, abilities.speed_max_m_s
     for index, agent in enumerate(mission.agents):
-        if least_m_s * (1.0 - SPEED_TOLERANCE) <= agent.speed_m_s <= most_m_s * (1.0 + SPEED_TOLERANCE):
+        flown = speeds_instead(agent.speed_m_s, abilities)
+        if flown is None:
             continue
-        flown = f"{least_m_s:.4g} m/s" if least_m_s == most_m_s else f"{least_m_s:.4g} to {most_m_s:.4g} m/s"
         factor = f"{CRUISE_M_S[kind]:g}/{PAPER_SPEED_M_S:g}"
         raise InputError(
             f"{source}: agents[{index}].speed_m_s: {agent.speed_m_s:g} m/s with --autopilot {kind}, which flies "

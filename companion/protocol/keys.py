@@ -70,6 +70,22 @@ def keygen(folder: Path) -> list[Path]:
     return written
 
 
+def add_public(folder: Path, key: Ed25519PublicKey) -> list[Path]:
+    """Write a public key into a folder of keys unless one is there; return its path if it was not.
+
+    Raises InputError if it cannot be written.
+    """
+    written: list[Path] = []
+    content = key.public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
+    path = folder / PUBLIC_NAME
+    try:
+        if not (path.exists() or path.is_symlink()):
+            _write_new(path, content, _PUBLIC_MODE, written)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write keys: {error.strerror}") from error
+    return written
+
+
 def add_mavlink_keys(folder: Path, keys: Mapping[str, bytes]) -> list[Path]:
     """Write MAVLink keys under their names into a folder of keys, and return the paths of those that were not there.
 

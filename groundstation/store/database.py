@@ -27,6 +27,8 @@ BUSY_S = 2.0
 """Time for which a write waits for another program that holds the file, such as a backup."""
 TRIM_SHARE = 0.05
 """Share of the bound that is removed at once when pictures and frames are more than it."""
+_LAST = 2**63 - 1
+"""Greatest number that SQLite can hold."""
 _COMPRESSION = 3
 """Level of zlib: pictures become a tenth of their size, as at the highest, in a third of its time."""
 _ERRORS = (OSError, sqlite3.Error, UnicodeError)
@@ -164,20 +166,25 @@ class Database:
     def moved_to(self, path: Path) -> Database:
         """Return a new store at a path with the events and kept values of this one, whose file was taken away."""
         with _disk_errors():
-            batch = Batch(tuple(self.events()), dict(self._connection.execute("SELECT name, value FROM kept")))
+            batch = Batch(tuple(self.events()), self.all_kept())
         return Database.create(path, batch)
 
-    def events(self, after: int = 0) -> Iterator[EventRow]:
-        """Yield the events whose numbers are greater than `after`, one by one, in their order."""
-        query = "SELECT number, unix_s, who, event, body FROM events WHERE number > ? ORDER BY number"
+    def events(self, after: int = 0, to: int = _LAST) -> Iterator[EventRow]:
+        """Yield the events whose numbers are greater than `after` and at most `to`, one by one, in their order."""
+        query = "SELECT number, unix_s, who, event, body FROM events WHERE number > ? AND number <= ? ORDER BY number"
         with _disk_errors():
-            yield from map(EventRow._make, self._connection.execute(query, (after,)))
+            yield from map(EventRow._make, self._connection.execute(query, (after, to)))
 
     def kept(self, name: str) -> str | None:
         """Return the kept value of a name; None if there is none."""
         with _disk_errors():
             row = self._connection.execute("SELECT value FROM kept WHERE name = ?", (name,)).fetchone()
         return None if row is None else str(row[0])
+
+    def all_kept(self) -> dict[str, str]:
+        """Return all kept values by name."""
+        with _disk_errors():
+            return dict(self._connection.execute("SELECT name, value FROM kept"))
 
     def recorded(self, kind: Kind, from_s: float = 0.0, to_s: float = 1e12) -> Iterator[Recorded]:
         """Yield what was recorded in a time, one by one, the oldest first; what cannot be read is left out."""

@@ -13,7 +13,6 @@ import hmac
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from companion.errors import InputError
 from groundstation.web.pipe import Who
 from groundstation.web.site import Site
 from groundstation.web.tokens import MOST_NAME, TokenFile, hash_of
@@ -25,27 +24,6 @@ LOCAL = Who("local", "operator")
 OPERATOR_UNIT = "operator"
 """Organizational unit (OU) of a client certificate that may command; others may look."""
 _MOST_COOKIE = 4_096
-
-
-def check_site(site: Site) -> None:
-    """Raise InputError unless a site is guarded as its address demands."""
-    if (site.certificate is None) != (site.key is None):
-        given, missing = ("--ui-cert", "--ui-key") if site.key is None else ("--ui-key", "--ui-cert")
-        raise InputError(f"{given}: given without {missing}; allowed: both, or neither")
-    if site.client_ca is not None and site.certificate is None:
-        raise InputError("--ui-client-ca: given without --ui-cert; allowed: with --ui-cert and --ui-key")
-    if site.address.is_loopback:
-        return
-    if site.certificate is None:
-        raise InputError(
-            f"--ui: '{site.address}' can be reached from other computers, without TLS; allowed: --ui-cert and --ui-key "
-            "with it, or an address of this computer only, such as 127.0.0.1:8750"
-        )
-    if site.tokens is None and site.client_ca is None:
-        raise InputError(
-            f"--ui: '{site.address}' can be reached from other computers, by anybody; allowed: --ui-tokens or "
-            "--ui-client-ca with it, or an address of this computer only, such as 127.0.0.1:8750"
-        )
 
 
 class Access:

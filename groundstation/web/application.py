@@ -13,7 +13,6 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse
 from starlette.staticfiles import StaticFiles
-from starlette.types import ASGIApp
 
 from companion.files.yaml import fault_text
 from groundstation.web.api import Api, api_router
@@ -23,7 +22,7 @@ from groundstation.web.stream import stream_router
 _DESCRIPTION = "What the ground station knows and broadcasts, and the commands that it takes (docs/ground-station.md)."
 
 
-def application(api: Api, hosts: list[str]) -> ASGIApp:
+def application(api: Api, hosts: list[str]) -> Guards:
     """Return the ASGI application; `hosts` are the names and addresses under which it may be asked for."""
     app = FastAPI(
         title="Ground station", version="1", description=_DESCRIPTION, docs_url=None, redoc_url=None, openapi_url=None

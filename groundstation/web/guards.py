@@ -16,7 +16,7 @@ from typing import NamedTuple
 import orjson
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from groundstation.web.limits import CHANGES, LOGINS, READS, RateLimit
+from groundstation.web.limits import Limits
 
 MOST_BODY_BYTES = 65_536
 """Greatest length of a request's body."""
@@ -84,7 +84,7 @@ class Guards:
         self._headers = [(name.encode(), value.encode()) for name, value in _SECURITY.items()]
         if is_tls:
             self._headers.append((_HSTS[0].encode(), _HSTS[1].encode()))
-        self._reads, self._changes, self._logins = RateLimit(READS), RateLimit(CHANGES), RateLimit(LOGINS)
+        self.limits = Limits()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or answer it."""
@@ -123,9 +123,9 @@ class Guards:
             if why is not None:
                 return Refusal(403, why)
         asker = scope["client"][0] if scope.get("client") else "?"
-        limit = self._changes if changes or is_stream else self._reads
+        limit = self.limits.changes if changes or is_stream else self.limits.reads
         if changes and scope["path"] == SESSION_PATH and scope["method"] == "POST":
-            limit = self._logins
+            limit = self.limits.logins
         wait_s = limit.wait_s(asker, now_s)
         if wait_s > 0.0:
             return Refusal(429, f"too many requests; allowed: the next one in {wait_s:.1f} s", wait_s)

@@ -44,3 +44,10 @@ class RateLimit:
         if len(self._buckets) > MOST_KEPT:
             self._buckets.popitem(last=False)
         return 0.0 if allowed else (1.0 - left) / self._rate.per_s
+
+
+class Limits:
+    """The limits of one site, by the address that asks."""
+
+    def __init__(self) -> None:
+        self.reads, self.changes, self.logins = RateLimit(READS), RateLimit(CHANGES), RateLimit(LOGINS)

@@ -13,14 +13,14 @@ import uvicorn
 from cryptography import x509
 
 from companion.errors import InputError
-from groundstation.web.access import Access, check_site
+from groundstation.web.access import Access
 from groundstation.web.address import bound
 from groundstation.web.api import Api
 from groundstation.web.application import application
 from groundstation.web.connection import settings
 from groundstation.web.feed import Feed
 from groundstation.web.hub import Hub
-from groundstation.web.site import Site
+from groundstation.web.site import Site, check_site
 
 SHUTDOWN_S = 2
 """Time for answers that are under way when the server stops."""

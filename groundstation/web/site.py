@@ -6,10 +6,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from companion.errors import InputError
 from groundstation.web.address import Address
 
 Mode = Literal["live", "sim", "playback"]
 """What is shown: a ground station on the air, a simulated flight, or a recorded one."""
+LogFormat = Literal["text", "json"]
+"""Form of the messages on the terminal: words, or one JSON object a line."""
+_FORMS = {
+    "--ui-tokens": "a file that `groundstation token` has written",
+    "--ui-cert": "a certificate, PEM",
+    "--ui-key": "its private key, PEM",
+}
 
 
 @dataclass(frozen=True)
@@ -28,7 +36,7 @@ class Site:
     """Authority whose client certificates are let in, PEM."""
     tiles: Path | None = None
     """Folder of map tiles, Z/X/Y.png."""
-    log_format: Literal["text", "json"] = "text"
+    log_format: LogFormat = "text"
 
     @property
     def scheme(self) -> str:
@@ -39,6 +47,34 @@ class Site:
     def url(self) -> str:
         """The address as a browser is given it."""
         return f"{self.scheme}://{self.address}/"
+
+
+def check_site(site: Site) -> None:
+    """Raise InputError unless a site is guarded as its address demands."""
+    if (site.certificate is None) != (site.key is None):
+        given, missing = ("--ui-cert", "--ui-key") if site.key is None else ("--ui-key", "--ui-cert")
+        raise InputError(f"{given}: given without {missing}; allowed: both, or neither")
+    if site.client_ca is not None and site.certificate is None:
+        raise InputError("--ui-client-ca: given without --ui-cert; allowed: with --ui-cert and --ui-key")
+    for option, path in (("--ui-tokens", site.tokens), ("--ui-cert", site.certificate), ("--ui-key", site.key)):
+        if path is not None and not path.is_file():
+            raise InputError(f"{option}: '{path}': no such file; allowed: {_FORMS[option]}")
+    if site.client_ca is not None and not site.client_ca.is_file():
+        raise InputError(f"--ui-client-ca: '{site.client_ca}': no such file; allowed: a certificate, PEM")
+    if site.tiles is not None and not site.tiles.is_dir():
+        raise InputError(f"--ui-tiles: '{site.tiles}': no such folder; allowed: one with Z/X/Y.png in it")
+    if site.address.is_loopback:
+        return
+    if site.certificate is None:
+        raise InputError(
+            f"--ui: '{site.address}' can be reached from other computers, without TLS; allowed: --ui-cert and --ui-key "
+            "with it, or an address of this computer only, such as 127.0.0.1:8750"
+        )
+    if site.tokens is None and site.client_ca is None:
+        raise InputError(
+            f"--ui: '{site.address}' can be reached from other computers, by anybody; allowed: --ui-tokens or "
+            "--ui-client-ca with it, or an address of this computer only, such as 127.0.0.1:8750"
+        )
 
 
 def site_to_dict(site: Site) -> dict[str, Any]:

@@ -356,7 +356,7 @@ def test_a_reported_course_is_turned_from_true_north_to_the_grid(
     run = Run(f"agents: [{{id: 1, north_m: {north_m}, east_m: {east_m}, heading_deg: 0}}]\n{ONE}").to(1.0)
     true_rad = course_rad + FRAME.convergence_rad(north_m, east_m)
     run.report(north_m, east_m, velocity=(60.0 * math.cos(true_rad), 60.0 * math.sin(true_rad)))
-    reckoned = run.station._reckoner
+    reckoned = run.station.reckoner
     assert reckoned is not None
     found = reckoned.estimate(1, START_S + 1.0)
     assert place(found) == pytest.approx((north_m, east_m), abs=0.1)

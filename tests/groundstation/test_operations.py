@@ -104,7 +104,7 @@ def test_a_pause_lets_all_hold_and_resuming_gives_back_what_was_told() -> None:
         ({"do": "resume"}, "not paused"),
         ({"do": "undo", "number": 3}, "allowed: the number of one of the last 50 commands: none"),
         ({"do": "add-target", "north_m": 30000.0, "east_m": 0.0}, "outside the fence"),
-        ({"do": "add-target", "lat_deg": -47.0, "lon_deg": 8.0}, "km from the mission's origin"),
+        ({"do": "add-target", "lat_deg": -47.0, "lon_deg": 8.0}, "km from the origin"),
         ({"do": "change", "kind": "threat", "id": 4, "attack_radius_m": 950.0}, "less than detection_radius_m"),
         ({"do": "change", "kind": "threat", "id": 4, "speed_bound_m_s": 300.0}, "speed_bound_m_s: 300"),
     ],

@@ -14,6 +14,7 @@ from companion.mission.extent import FARTHEST_M
 from companion.mission.model import parse_mission
 from companion.protocol.codec import Detection, DetectionsFrame, Kind
 from groundstation.agents import Estimate
+from groundstation.origins import SEEN_S
 from groundstation.track import Track, passed_at_m
 from groundstation.tracks import TOO_FAR, TrackTable
 
@@ -201,12 +202,13 @@ def placed(ground: TrackTable, t_s: float, north_m: float, uncertainty_m: float,
     ground.place(identity, estimate, START_S + t_s)
 
 
-def test_in_case_ii_a_stray_detection_of_an_agent_is_ignored() -> None:
+def test_in_case_ii_an_agent_that_is_detected_all_the_same_is_told_where_it_was_seen() -> None:
     ground = picture(None, "II")
     see(ground, 5.0, agent(1, 300.0, 0.0), Detection(Kind.TARGET, 1, 19_900.0, 0.0, 0.0, 0.0))
-    assert ground.tracks[Kind.AGENT, 1].north_m == 0.0
-    assert (ground.flown_m[1], ground.heard_at_s[1]) == (0.0, START_S)
+    assert ground.tracks[Kind.AGENT, 1].north_m == 300.0
     assert ground.tracks[Kind.TARGET, 1].north_m == 19_900.0
+    assert ground.told_agents(START_S + 6.0) == [1]
+    assert ground.told_agents(START_S + 5.1 + SEEN_S) == []
 
 
 def test_an_agent_is_placed_with_its_motion_its_doubt_and_the_way_that_it_has_flown() -> None:

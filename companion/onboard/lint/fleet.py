@@ -17,6 +17,9 @@ from companion.onboard.config import config_for_agent, fast_enough
 from companion.onboard.limits import beyond_airspeed, within
 from companion.onboard.steering import Steering, steering_of
 
+SPEED_TOLERANCE = 1e-6
+"""Share of a speed by which it may miss what a vehicle flies: the rounding of a product."""
+
 
 class Flyer(NamedTuple):
     """One vehicle of a mission with the steering that it will fly by."""
@@ -44,6 +47,14 @@ def abilities_of(kind: str, parameters: Sequence[tuple[str, float]]) -> Abilitie
     for name, value in parameters:
         adapter.parameters.tell(name, value)
     return adapter.abilities
+
+
+def speeds_instead(speed_m_s: float, abilities: Abilities) -> str | None:
+    """Return which speeds a vehicle of these abilities flies instead of one that it does not; None if it flies it."""
+    least_m_s, most_m_s = abilities.speed_min_m_s, abilities.speed_max_m_s
+    if least_m_s * (1.0 - SPEED_TOLERANCE) <= speed_m_s <= most_m_s * (1.0 + SPEED_TOLERANCE):
+        return None
+    return f"{least_m_s:.4g} m/s" if least_m_s == most_m_s else f"{least_m_s:.4g} to {most_m_s:.4g} m/s"
 
 
 def fleet_of(mission: Mission, law: LawName, kind: str, abilities: Abilities, source: str) -> list[Flyer]:

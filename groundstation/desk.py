@@ -1,0 +1,204 @@
+"""The desk of a run: what operators and sources ask becomes events, in order, each on disk before it is obeyed.
+
+A command is answered with the event that it became once that is kept for good, or with why it is refused. What the
+ground station itself notices is kept as well. Nothing here waits: what the disk has not taken yet is looked at again in
+the next tick.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from concurrent.futures import CancelledError, Future
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
+
+from companion.errors import InputError
+from companion.mission.model import Mission
+from companion.protocol.messages import Directive
+from groundstation.acceptance import event_of
+from groundstation.events import (
+    STATION,
+    Command,
+    Direct,
+    Event,
+    Started,
+    Who,
+    command_from,
+    event_from_json,
+    event_json,
+)
+from groundstation.ground_station import GroundStation
+from groundstation.operations import Operations, applied, directive_name, folded
+from groundstation.store.rows import EventRow
+
+MOST_WAITING = 200
+"""Greatest number of commands that wait for the disk."""
+
+
+class EventLog(Protocol):
+    """Where events are kept: an EventStore, or one in memory."""
+
+    def append(self, events: Iterable[EventRow]) -> Future[None]:
+        """Keep events that were asked for; the future ends when they are kept, or with OSError if they are not."""
+
+    def note(self, events: Iterable[EventRow]) -> None:
+        """Keep events that have happened."""
+
+
+class Asker(Protocol):
+    """Where the answers go, and where every event is shown."""
+
+    def publish(self, message: Mapping[str, Any]) -> None:
+        """Show a message."""
+
+    def reply(self, identity: int, event: Mapping[str, Any]) -> None:
+        """Answer a request with its event."""
+
+    def refuse(self, identity: int, why: str) -> None:
+        """Answer a request that is refused."""
+
+
+class _Asked(NamedTuple):
+    """A command, who gave it, and the number under which it is answered; None if nobody waits for the answer."""
+
+    command: Command
+    who: Who
+    request: int | None
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """Events that are on their way to the disk, and what is asked with each."""
+
+    asked: tuple[tuple[_Asked, Event], ...]
+    written: Future[None]
+
+
+def row_of(event: Event) -> EventRow:
+    """Return an event as it is stored."""
+    return EventRow(event.number, event.unix_s, event.who.name, event.event, event_json(event).decode())
+
+
+def operations_of(mission: Mission, stored: Iterable[EventRow]) -> Operations:
+    """Return what the stored events have made of a resolved mission.
+
+    Events of runs of another mission only tell the number that comes next.
+    """
+    events = [event_from_json(row.body) for row in stored]
+    mine: list[Event] = []
+    is_mine = True
+    for event in events:
+        if isinstance(event, Started):
+            is_mine = event.mission == mission.name
+        if is_mine:
+            mine.append(event)
+        else:
+            mine.clear()
+    operations = folded(mission, mine)
+    return operations if not events else replace(operations, next_number=events[-1].number + 1)
+
+
+def begin_day(desk: Desk, station: GroundStation, directive: Directive, now_s: float) -> None:
+    """Note that a run begins, and then the directive of the last one if its events do not have it."""
+    unix_s = now_s + station.tracks.clock_ahead_s
+    number = station.operations.next_number
+    began = Started(number=number, unix_s=unix_s, who=STATION, mission=station.mission.name, epoch_s=station.epoch_s)
+    desk.note([began], now_s)
+    if directive is not station.operations.orders.directive:
+        kept = Direct(do="direct", directive=directive_name(directive))
+        desk.note([event_of(station.operations, kept, STATION, unix_s)], now_s)
+
+
+class Desk:
+    """Turns commands into events of one ground station."""
+
+    def __init__(self, station: GroundStation, log: EventLog, asker: Asker | None = None) -> None:
+        self._station = station
+        self._log = log
+        self._asker = asker
+        self._waiting: deque[_Asked] = deque()
+        self._kept: _Kept | None = None
+
+    def ask(self, command: Command, who: Who, request: int | None = None) -> None:
+        """Have a command obeyed by one of the next ticks."""
+        asked = _Asked(command, who, request)
+        if len(self._waiting) >= MOST_WAITING:
+            self._refuse(asked, f"{MOST_WAITING} commands wait for the disk; ask again later")
+        else:
+            self._waiting.append(asked)
+
+    def ask_data(self, data: object, who: Who, request: int | None = None) -> None:
+        """Have the command in parsed JSON obeyed; it is refused if it is none."""
+        try:
+            self.ask(command_from(data), who, request)
+        except InputError as error:
+            if self._asker is not None and request is not None:
+                self._asker.refuse(request, str(error))
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no event is on its way to the disk, so that one that happens now can have the next number."""
+        return self._kept is None
+
+    def note(self, events: Iterable[Event], now_s: float) -> None:
+        """Adopt and keep what the ground station itself noticed; only while `is_idle`."""
+        assert self.is_idle
+        for event in events:
+            self._station.adopt(event, now_s)
+            self._log.note([row_of(event)])
+            self._show(event)
+
+    def tick(self, now_s: float) -> None:
+        """Obey what the disk has taken, and hand it what was asked since."""
+        if self._kept is not None and self._kept.written.done():
+            kept, self._kept = self._kept, None
+            self._obey(kept, now_s)
+        if self._kept is None and self._waiting:
+            self._kept = self._accepted(now_s)
+            if self._kept is not None and self._kept.written.done():
+                self.tick(now_s)
+
+    def _accepted(self, now_s: float) -> _Kept | None:
+        """Return the events that all waiting commands become, on their way to the disk; refuse the others."""
+        operations: Operations = self._station.operations
+        unix_s = now_s + self._station.tracks.clock_ahead_s
+        accepted: list[tuple[_Asked, Event]] = []
+        while self._waiting:
+            asked = self._waiting.popleft()
+            try:
+                event = event_of(operations, asked.command, asked.who, unix_s)
+            except InputError as error:
+                self._refuse(asked, str(error))
+                continue
+            operations = applied(operations, event)
+            accepted.append((asked, event))
+        if not accepted:
+            return None
+        return _Kept(tuple(accepted), self._log.append([row_of(event) for _, event in accepted]))
+
+    def _obey(self, kept: _Kept, now_s: float) -> None:
+        try:
+            kept.written.result()
+        except (OSError, CancelledError) as error:
+            why = (error.strerror if isinstance(error, OSError) else None) or "it was given up"
+            for asked, _ in kept.asked:
+                self._refuse(asked, f"the disk does not take it: {why}; nothing was changed")
+            return
+        for asked, event in kept.asked:
+            self._station.adopt(event, now_s)
+            self._show(event)
+            if self._asker is not None and asked.request is not None:
+                self._asker.reply(asked.request, _values(event))
+
+    def _show(self, event: Event) -> None:
+        if self._asker is not None:
+            self._asker.publish({"type": "event", "event": _values(event)})
+
+    def _refuse(self, asked: _Asked, why: str) -> None:
+        if self._asker is not None and asked.request is not None:
+            self._asker.refuse(asked.request, why)
+
+
+def _values(event: Event) -> dict[str, Any]:
+    return event.model_dump(mode="json")

@@ -1,0 +1,49 @@
+"""The commands of `groundstation` that work on a mission at the desk, before anything is broadcast.
+
+Each command imports what it needs itself, so that `--help` prints at once.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Unpack
+
+import click
+
+from companion.autopilot.kinds import KINDS
+from groundstation.choices import SIGNED
+
+if TYPE_CHECKING:
+    from groundstation.fleet.command import FleetArguments
+
+
+@click.command("fleet")
+@click.argument("mission")
+@click.option(
+    "--out", required=True, metavar="DIR", help="Folder for configurations, keys and the list of what goes where."
+)
+@click.option("--fleet", metavar="FILE", help="The fleet file: docs/fleet.md. Without it all vehicles are alike.")
+@click.option("--keys", metavar="DIR", help="Trust the keys in DIR, and put each vehicle's beside its configuration.")
+@click.option("--unsigned", is_flag=True, help="Trust anybody: the broadcast is not signed.")
+@click.option("--auth", metavar="WORD", help=f"With --keys: {', '.join(SIGNED)}; both unless said otherwise.")
+@click.option("--link", metavar="URL", help="Where a vehicle hears the broadcast, if FILE does not say.")
+@click.option("--autopilot", metavar="KIND", help=f"Its kind, if FILE does not say: {', '.join(KINDS)}.")
+@click.option("--autopilot-link", metavar="URL", help="Its autopilot, if FILE does not say; {id} is the vehicle's id.")
+@click.option("--uplink", metavar="URL", help="Case II: where its reports go, if FILE does not say.")
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
+def fleet_command(**given: Unpack[FleetArguments]) -> None:
+    """Write the configuration of every vehicle of MISSION, a YAML file or a packaged name.
+
+    What vehicles and ground station must agree on comes from the mission; a fleet file that says otherwise is refused.
+
+    Example: groundstation fleet copter-field --fleet fleet.yaml --keys keys --out fleet
+
+    Example: groundstation fleet copter-demo --unsigned --autopilot arducopter --link udpin:0.0.0.0:14600
+    --autopilot-link serial:/dev/ttyACM0:115200 --out fleet
+    """
+    from groundstation.fleet.command import write
+
+    for path in write(given):
+        click.echo(str(path))
+
+
+MISSION_COMMANDS: tuple[click.Command, ...] = (fleet_command,)

@@ -1,0 +1,62 @@
+"""Where the places in the ground station's picture come from, and how often one jumped beyond its bound."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from companion.protocol.codec import Kind
+from groundstation.sightings import Key
+
+MISSION, SENSOR = "mission", "sensor"
+"""Names of the sources that are always there: the mission's own word and the sensor's link."""
+SEEN_S = 5.0
+"""Age up to which the position of an agent that somebody saw counts as where it is; an older one is dead-reckoned."""
+
+
+class Observation(NamedTuple):
+    """Where a live source has an agent, target or threat; the source has judged by itself whether that can be."""
+
+    kind: Kind
+    id: int
+    place: complex
+    """North + i east on the mission's plane, in m."""
+    velocity: complex
+    """Along the axes of the plane, in m/s; 0 where none is told."""
+    at_s: float
+    """Time at which it was there, by the clock of the ground station."""
+    error_m: float
+    source: str
+
+
+@dataclass
+class Origins:
+    """Sources of the present places."""
+
+    by: dict[Key, str] = field(default_factory=dict)
+    """Name of the source of a thing's place, by kind and id; none: the mission's word."""
+    error_m: dict[Key, float] = field(default_factory=dict)
+    """Greatest error of a thing's place, where its source tells one."""
+    seen_at_s: dict[int, float] = field(default_factory=dict)
+    """Time at which an agent was last seen by anybody, by its id."""
+    reported: set[int] = field(default_factory=set)
+    """Ids of the agents whose last word on where they are is a report of their own."""
+    jumps: int = 0
+    """How often a threat was seen farther away than its bound allows, which vehicles rely on."""
+
+    def note(self, key: Key, source: str, at_s: float, error_m: float) -> None:
+        """Note who has seen a thing at a time."""
+        self.by[key], self.error_m[key] = source, error_m
+        if key[0] is Kind.AGENT:
+            self.reported.discard(key[1])
+            self.seen_at_s[key[1]] = max(at_s, self.seen_at_s.get(key[1], -math.inf))
+
+    def forget(self, key: Key) -> None:
+        """Forget a thing, or that its place was not the mission's word."""
+        self.by.pop(key, None)
+        self.error_m.pop(key, None)
+
+    def is_seen(self, agent_id: int, now_s: float) -> bool:
+        """Return whether an agent is where somebody has just seen it."""
+        return now_s - self.seen_at_s.get(agent_id, -math.inf) <= SEEN_S

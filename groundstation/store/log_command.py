@@ -1,0 +1,57 @@
+"""What `groundstation log` does: prints, exports or plays what a store holds."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+from companion.errors import InputError, tell
+from groundstation.store.database import Database
+from groundstation.store.export import Slice, event_line, events_in, export
+from groundstation.store.recordings import StoredRun
+
+
+def time_of(text: str | None, option: str, otherwise: float) -> float:
+    """Return the Unix time that a text names: seconds, or ISO 8601 (UTC unless it says otherwise).
+
+    Raises:
+        InputError: it names none.
+
+    """
+    if text is None:
+        return otherwise
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        at = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise InputError(
+            f"{option}: '{text}'; allowed: Unix seconds, or a time such as 2026-11-30T08:15:00Z"
+        ) from error
+    return (at if at.tzinfo is not None else at.replace(tzinfo=UTC)).timestamp()
+
+
+def log_store(path: Path, time: Slice, out: Path | None, places: bool) -> None:
+    """Print the events of a time, or write the export that was asked for; raises InputError."""
+    database = Database.read_only(path)
+    try:
+        if out is not None:
+            tell(f"written to {out}: {export(database, out, time, places)}")
+            return
+        for row in events_in(database, time):
+            tell(event_line(row))
+    finally:
+        database.close()
+
+
+def play_store(path: Path, address: str) -> None:
+    """Play a store on the page until interrupted; raises InputError."""
+    from groundstation.store.playback_page import serve_playback
+
+    run = StoredRun(path)
+    try:
+        serve_playback(run, address, "groundstation")
+    finally:
+        run.close()

@@ -1,0 +1,79 @@
+// The time line: every accepted fact with its time and who did it, and a way back where there is one.
+
+import { el } from "./dom.js";
+import { anyValue, dayTime, words } from "./format.js";
+
+const SHOWN = 300; // events in the list, the newest first
+const named = (kind, id, name) => (name ? `${kind} ${id} (${name})` : `${kind} ${id}`);
+const everyone = (agent) => (agent === null || agent === undefined ? "all agents" : `agent ${agent}`);
+const goes = ({ agent, target, reason }) =>
+  `agent ${agent} ${target === null ? "has no target" : `to target ${target}`}${reason ? ` (${reason})` : ""}`;
+
+const SENTENCES = {
+  "target-added": (e) => `${named("target", e.target.id, e.name)} added`,
+  "threat-added": (e) => `${named("threat", e.threat.id, e.name)} added`,
+  "target-changed": (e) => `${named("target", e.target.id, e.name)} ${e.moved ? "moved" : "changed"}`,
+  "threat-changed": (e) => `${named("threat", e.threat.id, e.name)} ${e.moved ? "moved" : "changed"}`,
+  retired: (e) => `${e.kind} ${e.id} retired${e.reason ? ` (${e.reason})` : ""}`,
+  pinned: (e) => (e.target === null ? `agent ${e.agent} unpinned` : `agent ${e.agent} pinned to target ${e.target}`),
+  "taken-out": (e) => `agent ${e.agent} taken out`,
+  "put-back": (e) => `agent ${e.agent} put back`,
+  directed: (e) => `${everyone(e.agent)}: ${e.directive}`,
+  paused: () => "mission paused",
+  resumed: () => "mission resumed",
+  arrived: (e) => `agent ${e.agent} arrived at target ${e.target}`,
+  "arrival-taken-back": (e) => `agent ${e.agent} was not at target ${e.target} after all`,
+  lost: (e) => `agent ${e.agent} counts as lost`,
+  "heard-again": (e) => `agent ${e.agent} heard again`,
+  assigned: (e) => e.changes.map(goes).join("; "),
+  "revision-began": (e) => `revision ${e.revision} is broadcast, ${e.threats} threats`,
+  started: (e) => `ground station started with ${e.mission}`,
+  stopped: (e) => `ground station stopped${e.reason ? `: ${e.reason}` : ""}`,
+  "track-began": (e) => `${e.source}: ${e.key} is ${e.kind} ${e.id}`,
+  "track-ended": (e) => `${e.source}: ${e.key} ended${e.reason ? ` (${e.reason})` : ""}`,
+  "unknown-seen": (e) => `${e.source} sees an unknown ${e.kind} ${e.id}`,
+};
+
+/** An event in a sentence; one of a kind that the page does not know yet is told by its values. */
+export function sentence(event) {
+  const make = SENTENCES[event.event];
+  const rest = ({ number, unix_s: time, who, event: kind, ...others }) => others;
+  const text = make ? make(event) : `${words(String(event.event))}: ${anyValue("", rest(event))}`;
+  return event.undoes ? `${text} (takes back ${event.undoes})` : text;
+}
+
+/** The list of events, newest first. */
+export class Timeline {
+  constructor(list, onUndo) {
+    this.list = list;
+    this.onUndo = onUndo;
+    this.told = "";
+  }
+
+  /** Shows events; `undoable` are the numbers of those that can be taken back by who looks. */
+  show(events, undoable, filter) {
+    const wanted = filter.toLowerCase();
+    const fits = (event) => !wanted || `${sentence(event)} ${event.who?.name ?? ""}`.toLowerCase().includes(wanted);
+    const shown = events.filter(fits).slice(-SHOWN).reverse();
+    const told = `${undoable.join()} ${wanted} ${events.length} ${events.at(-1)?.number}`;
+    if (told === this.told) return;
+    this.told = told;
+    this.list.replaceChildren(...shown.map((event) => this.item(event, undoable.includes(event.number))));
+  }
+
+  item(event, undoable) {
+    const words = sentence(event);
+    const undo = undoable
+      ? el("button", { type: "button", "aria-label": `Undo event ${event.number}`, onclick: () => this.onUndo(event, words) }, "Undo")
+      : null;
+    return el(
+      "li",
+      { "data-event": event.event, class: event.who?.role === "operator" ? "by-hand" : null },
+      el("span", { class: "when" }, dayTime(event.unix_s)),
+      el("span", { class: "number" }, `#${event.number}`),
+      el("span", { class: "what" }, words),
+      el("span", { class: "who" }, event.who?.name ?? ""),
+      undo,
+    );
+  }
+}
