@@ -79,9 +79,19 @@ class Page:
     """Shows one run on a screen, and has what is asked there obeyed."""
 
     def __init__(
-        self, station: GroundStation, desk: Desk, screen: Screen, around: Callable[[float], Surroundings]
+        self,
+        station: GroundStation,
+        desk: Desk,
+        screen: Screen,
+        around: Callable[[float], Surroundings],
+        *,
+        can_stop: bool = False,
     ) -> None:
-        """Begin to show; `around` returns what a page shows beside the ground station, at a time."""
+        """Begin to show; `around` returns what a page shows beside the ground station, at a time.
+
+        `can_stop`: whether the vehicles can stand still, as the copies that say why are to believe.
+        """
+        self._can_stop = can_stop
         self._station = station
         self._desk = desk
         self._screen = screen
@@ -97,7 +107,8 @@ class Page:
         station, screen = self._station, self._screen
         if station.mission is not self._mission:
             self._mission = station.mission
-            screen.publish({"type": "mission", "mission": station.mission.model_dump(mode="json")})
+            mission = station.mission.model_dump(mode="json")
+            screen.publish({"type": "mission", "mission": mission, "can_stop": self._can_stop})
         if frames:
             screen.frames(now_s + station.tracks.clock_ahead_s, frames)
         number = station.operations.next_number - 1

@@ -146,7 +146,10 @@ def _shown(options: Options, overheard: Overheard, store: EventStore, stack: Exi
         desk.ask(Direct(do="direct", directive=directive_name(directive)), STANDARD_INPUT)
 
     stack.callback(DirectiveInput(direct).close)
-    return Shown(desk, overheard, meter, None if screen is None else Page(station, desk, screen, meter.surroundings))
+    page = None
+    if screen is not None:
+        page = Page(station, desk, screen, meter.surroundings, can_stop=options.can_stop)
+    return Shown(desk, overheard, meter, page)
 
 
 def _opened_log(options: Options, stack: ExitStack) -> FlightLog:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
+import orjson
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
@@ -21,6 +22,7 @@ from groundstation.web.feed import Feed, Refused
 from groundstation.web.guards import headers_of
 from groundstation.web.hub import Hub
 from groundstation.web.pipe import Message, Who
+from groundstation.web.reckoning import Reckoning
 from groundstation.web.site import Site
 
 MOST_ID = 65_535
@@ -119,6 +121,7 @@ class Api:
         self.hub = hub
         self.feed = feed
         self.access = access
+        self.reckoning = Reckoning(hub)
 
     def who(self, request: Request) -> Who:
         """Return who asks; raises HTTPException 401 if nobody is known."""
@@ -209,6 +212,26 @@ def _add_reading(router: APIRouter, api: Api) -> None:
         """Return the sources of live tracks, with their health."""
         sources: list[Json] = api.picture().get("sources", [])
         return sources
+
+    @router.get("/routes", responses=answers(), dependencies=looks, tags=["picture"])
+    def get_routes() -> Json:
+        """Return the routes that agents should be flying, as points [north, east] in m, by agent id."""
+        text = api.hub.text("routes")
+        routes: Json = {} if text is None else orjson.loads(text)["routes"]
+        return routes
+
+    @router.get("/trails", responses=answers(), dependencies=looks, tags=["picture"])
+    def get_trails() -> Json:
+        """Return where agents, targets and threats have been, as points [time, north, east], by id."""
+        return dict(api.hub.trails.to_dict())
+
+    @router.get("/why/{agent_id}", responses=answers(404, 422, 503), dependencies=looks, tags=["picture"])
+    async def get_why(agent_id: Id) -> Json:
+        """Return the decision of the centre's own copy of an agent's companion, with its reasons."""
+        try:
+            return await api.reckoning.why(agent_id)
+        except Refused as refused:
+            raise HTTPException(refused.status, str(refused)) from refused
 
     @router.get("/events", responses=answers(422), dependencies=looks, tags=["events"])
     def get_events(after: Annotated[int, Query(ge=0, le=2**53)] = 0) -> list[Json]:

@@ -26,7 +26,7 @@ class Sink(Protocol):
         """Take in unsigned frames that were broadcast at a time in seconds."""
 
     def forget(self) -> None:
-        """Forget all frames and trails, as where a playback jumps."""
+        """Forget all frames, events and trails, as where a playback jumps."""
 
 
 class Feed(Protocol):

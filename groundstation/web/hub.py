@@ -16,6 +16,7 @@ import orjson
 
 from groundstation.web.feed import Refused
 from groundstation.web.pipe import Message
+from groundstation.web.trails import Trails
 
 SHOWN = ("picture", "moves", "routes", "playback")
 """Types of messages of which a browser needs only the newest, in the order in which they are sent."""
@@ -74,6 +75,9 @@ class Hub:
         """The last events, in order."""
         self.heard: deque[tuple[float, bytes]] = deque(maxlen=MOST_FRAMES)
         """Unsigned frames of the last KEPT_S seconds, with the times in seconds at which they were broadcast."""
+        self.can_stop = False
+        """Whether the vehicles can stand still."""
+        self.trails = Trails()
         self._browsers: set[Browser] = set()
 
     def message(self, message: Message) -> None:
@@ -81,11 +85,14 @@ class Hub:
         kind = message["type"]
         if kind == "mission":
             self.mission = message["mission"]
+            self.can_stop = bool(message.get("can_stop", False))
             return
         if kind == "picture":
             self.picture = dict(message)
         elif kind == "event":
             self.events.append(message["event"])
+        elif kind == "moves":
+            self.trails.add(message)
         text = orjson.dumps(message).decode()
         if kind in SHOWN:
             self._texts[kind] = text
@@ -99,9 +106,10 @@ class Hub:
             self.heard.popleft()
 
     def forget(self) -> None:
-        """Forget all frames and events, as where a playback jumps."""
+        """Forget all frames, events and trails, as where a playback jumps."""
         self.heard.clear()
         self.events.clear()
+        self.trails = Trails()
 
     def text(self, kind: str) -> str | None:
         """Return the newest message of a type as JSON text; None before the first one."""

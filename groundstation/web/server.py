@@ -48,11 +48,13 @@ async def serve(feed: Feed, site: Site, listener: socket.socket, session_key: by
     server = uvicorn.Server(config)
     fed = asyncio.create_task(feed.run(hub))
     fed.add_done_callback(lambda _: setattr(server, "should_exit", True))
+    reckoned = asyncio.create_task(api.reckoning.run())
     try:
         await server.serve(sockets=[listener])
     finally:
-        fed.cancel()
-        await asyncio.gather(fed, return_exceptions=True)
+        for task in (fed, reckoned):
+            task.cancel()
+        await asyncio.gather(fed, reckoned, return_exceptions=True)
 
 
 def hosts_of(site: Site, listener: socket.socket) -> list[str]:
