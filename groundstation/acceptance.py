@@ -14,7 +14,7 @@ from companion.geo.polygon import inside_polygon
 from companion.mission.model import Mission, TargetSpec, ThreatSpec
 from companion.mission.places import Plane, Position
 from companion.mission.values import MAX_ID, MAX_ITEMS
-from companion.mission.written import radii_m
+from companion.mission.written import RADII, radii_m
 from companion.protocol.messages import Kind
 from groundstation.events import (
     AddTarget,
@@ -178,12 +178,12 @@ def _free(thing: TargetSpec | ThreatSpec, update: Mapping[str, Any]) -> dict[str
 def _threat(values: Mapping[str, Any], source: str) -> ThreatSpec:
     given = dict(values)
     if "radius_m" in given:
-        given["detection_radius_m"], given["attack_radius_m"] = radii_m(given.pop("radius_m"))
+        given |= dict(zip(RADII, radii_m(given.pop("radius_m")), strict=True))
     return validated(ThreatSpec, given, source)
 
 
 def _radii_keys(command: AddThreat | Change) -> tuple[str, ...]:
-    return ("radius_m",) if command.radius_m is not None else ("detection_radius_m", "attack_radius_m")
+    return ("radius_m",) if command.radius_m is not None else RADII
 
 
 def _place(mission: Mission, command: AddTarget | AddThreat | Change, what: str) -> tuple[float, float]:

@@ -167,6 +167,14 @@ class DeadReckoner:
         if fix.fixed_at_s > self._agents[agent_id].fixed_at_s:
             self.fix(agent_id, fix)
 
+    def resume(self, agent_id: int, fix: Fix, known_at_s: float) -> None:
+        """Go on with an agent where a run before had it, whose place was last known at `known_at_s`."""
+        agent, silent_s = self._agents[agent_id], self._at_s - fix.fixed_at_s
+        is_long = silent_s > LONGEST_RECKONED_S
+        agent.fix(replace(fix, fixed_at_s=self._at_s) if is_long else fix, self._at_s)
+        agent.skipped_s = silent_s if is_long else 0.0
+        agent.fixed_at_s = min(fix.fixed_at_s, known_at_s)
+
     def fixed_at_s(self, agent_id: int) -> float:
         """Return the time at which an agent's place was last known."""
         return self._agents[agent_id].fixed_at_s

@@ -8,7 +8,7 @@ the next tick.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
@@ -35,6 +35,11 @@ from groundstation.store.rows import EventRow
 MOST_WAITING = 200
 """Greatest number of commands that wait for the disk."""
 
+Fact = Callable[[int, float], Event]
+"""Makes an event of its number and Unix time."""
+Answer = Callable[[Event | InputError], None]
+"""Takes the event that a command became, once it is obeyed, or why it is refused."""
+
 
 class EventLog(Protocol):
     """Where events are kept: an EventStore, or one in memory."""
@@ -59,19 +64,26 @@ class Asker(Protocol):
         """Answer a request that is refused."""
 
 
+def _no_facts(event: Event) -> Sequence[Fact]:
+    return ()
+
+
 class _Asked(NamedTuple):
     """A command, who gave it, and the number under which it is answered; None if nobody waits for the answer."""
 
     command: Command
     who: Who
     request: int | None
+    facts: Callable[[Event], Sequence[Fact]] = _no_facts
+    """What follows from the event that the command becomes, and is kept with it or not at all."""
+    answer: Answer | None = None
 
 
 @dataclass(frozen=True)
 class _Kept:
-    """Events that are on their way to the disk, and what is asked with each."""
+    """Events that are on their way to the disk, and what is asked with each; None: it follows from the one before."""
 
-    asked: tuple[tuple[_Asked, Event], ...]
+    asked: tuple[tuple[_Asked | None, Event], ...]
     written: Future[None]
 
 
@@ -118,11 +130,22 @@ class Desk:
         self._log = log
         self._asker = asker
         self._waiting: deque[_Asked] = deque()
+        self._facts: deque[Fact] = deque()
         self._kept: _Kept | None = None
 
     def ask(self, command: Command, who: Who, request: int | None = None) -> None:
         """Have a command obeyed by one of the next ticks."""
-        asked = _Asked(command, who, request)
+        self._ask(_Asked(command, who, request))
+
+    def ask_with(self, command: Command, who: Who, facts: Callable[[Event], Sequence[Fact]], answer: Answer) -> None:
+        """Have a command obeyed, and what follows from its event kept with it; `answer` is called with the outcome."""
+        self._ask(_Asked(command, who, None, facts, answer))
+
+    def note_facts(self, facts: Iterable[Fact]) -> None:
+        """Adopt and keep what has happened, by one of the next ticks."""
+        self._facts += facts
+
+    def _ask(self, asked: _Asked) -> None:
         if len(self._waiting) >= MOST_WAITING:
             self._refuse(asked, f"{MOST_WAITING} commands wait for the disk; ask again later")
         else:
@@ -154,6 +177,9 @@ class Desk:
         if self._kept is not None and self._kept.written.done():
             kept, self._kept = self._kept, None
             self._obey(kept, now_s)
+        while self._kept is None and self._facts:
+            unix_s = now_s + self._station.tracks.clock_ahead_s
+            self.note([self._facts.popleft()(self._station.operations.next_number, unix_s)], now_s)
         if self._kept is None and self._waiting:
             self._kept = self._accepted(now_s)
             if self._kept is not None and self._kept.written.done():
@@ -163,7 +189,7 @@ class Desk:
         """Return the events that all waiting commands become, on their way to the disk; refuse the others."""
         operations: Operations = self._station.operations
         unix_s = now_s + self._station.tracks.clock_ahead_s
-        accepted: list[tuple[_Asked, Event]] = []
+        accepted: list[tuple[_Asked | None, Event]] = []
         while self._waiting:
             asked = self._waiting.popleft()
             try:
@@ -173,6 +199,10 @@ class Desk:
                 continue
             operations = applied(operations, event)
             accepted.append((asked, event))
+            for fact in asked.facts(event):
+                following = fact(operations.next_number, unix_s)
+                operations = applied(operations, following)
+                accepted.append((None, following))
         if not accepted:
             return None
         return _Kept(tuple(accepted), self._log.append([row_of(event) for _, event in accepted]))
@@ -183,19 +213,28 @@ class Desk:
         except (OSError, CancelledError) as error:
             why = (error.strerror if isinstance(error, OSError) else None) or "it was given up"
             for asked, _ in kept.asked:
-                self._refuse(asked, f"the disk does not take it: {why}; nothing was changed")
+                if asked is not None:
+                    self._refuse(asked, f"the disk does not take it: {why}; nothing was changed")
             return
         for asked, event in kept.asked:
             self._station.adopt(event, now_s)
             self._show(event)
-            if self._asker is not None and asked.request is not None:
-                self._asker.reply(asked.request, _values(event))
+            if asked is not None:
+                self._reply(asked, event)
+
+    def _reply(self, asked: _Asked, event: Event) -> None:
+        if asked.answer is not None:
+            asked.answer(event)
+        if self._asker is not None and asked.request is not None:
+            self._asker.reply(asked.request, _values(event))
 
     def _show(self, event: Event) -> None:
         if self._asker is not None:
             self._asker.publish({"type": "event", "event": _values(event)})
 
     def _refuse(self, asked: _Asked, why: str) -> None:
+        if asked.answer is not None:
+            asked.answer(InputError(why))
         if self._asker is not None and asked.request is not None:
             self._asker.refuse(asked.request, why)
 

@@ -7,6 +7,7 @@ it has room for.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -48,8 +49,10 @@ from groundstation.broadcast import (
 from groundstation.clock import next_epoch_s
 from groundstation.events import Command, Event, Who
 from groundstation.inputs import Inputs
+from groundstation.notices import Facts
 from groundstation.operations import Operations, applied
 from groundstation.origins import Observation
+from groundstation.places import Places
 from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.revision import first_revision, next_revision
 from groundstation.target_assignment import TargetAssignment, assign_targets
@@ -59,6 +62,9 @@ _DUE_TOLERANCE_S = 1e-6
 MAX_EPOCH_S = 4.0e6
 """Length of an epoch, 46 days, after which a new one begins: the time in it is sent as 32 bits of milliseconds."""
 
+KEEP_S = 30.0
+"""Longest time after a restart for which agents keep their targets until all were seen or heard: before that nobody
+knows where they are. Chosen: the `lost_after_s` of a mission that gives none."""
 RADII_HOLD_S = 120.0
 """Time for which the radii in a carousel must hold, until they have been sent again."""
 
@@ -96,6 +102,8 @@ class Resumed(NamedTuple):
     """Number of the revision with which the run begins."""
     operations: Operations | None = None
     """What the events of the runs before have made of the mission; None: this is the first."""
+    places: Places | None = None
+    """Where everything was when the run before ended; None: where the mission, and commands, have it."""
 
 
 _NOTHING_RESUMED = Resumed()
@@ -173,8 +181,11 @@ class GroundStation:
         self._writer = FrameWriter()
         self._epoch = _Epoch(int(start_s) if resumed.epoch_s is None else resumed.epoch_s)
         self._due = _DueTimes(start_s, start_s, start_s + mission.broadcast_period_s / 2.0)
-        self.tracks.progress = replace(self.tracks.progress, out=self.operations.orders.out)
-        self._assigned = assign_targets(mission, self.tracks, {}, start_s, self.operations.orders.pins)
+        if resumed.operations is not None:
+            self._resume(resumed.operations, resumed.places, start_s)
+        self._keep_until_s = start_s + KEEP_S if self.operations.assignment else -math.inf
+        self._assigned = TargetAssignment(self.operations.assignment)
+        self._assign(start_s)
         try:
             self._revision = first_revision(mission, self.tracks, resumed.revision, self._grown_radii_m(start_s))
             for frame in self._state_and_bands(start_s):
@@ -233,20 +244,54 @@ class GroundStation:
             ahead_s = self.tracks.clock_ahead_s
             placed_s = {key: at_s - ahead_s for key, at_s in self.operations.placed_s.items()}
             self.tracks.follow(self.mission, placed_s, now_s)
+            back = self.operations.reached.by.keys() - before.reached.by.keys()
+            self.tracks.progress = self.tracks.progress.with_reached(
+                {one: self.operations.reached.by[one] for one in back}
+            )
         self.tracks.progress = replace(self.tracks.progress, out=orders.out)
         if self.mission is not before.mission or orders != before.orders:
+            # An order is a reason for other targets.
+            self._keep_until_s = -math.inf
             self._assign(now_s)
             self._one_frame = len(self._states(now_s)) == 1
 
-    def _assign(self, now_s: float) -> None:
-        """Solve the assignment anew; in a pause only what is not there any more leaves it."""
-        orders = self.operations.orders
-        if not orders.paused:
-            self._assigned = assign_targets(self.mission, self.tracks, self.assignment, now_s, orders.pins)
+    def _resume(self, operations: Operations, places: Places | None, now_s: float) -> None:
+        """Go on where the run before ended."""
+        self.tracks.resume(operations, places, now_s)
+        if self.reckoner is None or places is None:
             return
-        agents, targets = self.tracks.active_agents, self.tracks.open_targets
-        kept = {one: there for one, there in self.assignment.items() if one in agents and there in targets}
-        self._assigned = TargetAssignment(kept, tuple(one for one in targets if one not in kept.values()))
+        for agent in self.mission.agents:
+            track = places.tracks.get((Kind.AGENT, agent.id))
+            if track is not None:
+                fix = self.tracks.fix_of(agent.id)
+                self.reckoner.resume(agent.id, fix, places.known_at_s[agent.id])
+
+    def _keeps_targets(self, now_s: float) -> bool:
+        """Return whether nobody is to get another target: in a pause, and after a restart until all were seen."""
+        if self.operations.orders.paused:
+            return True
+        if now_s >= self._keep_until_s:
+            return False
+        began_s = self._keep_until_s - KEEP_S
+        return any(self.tracks.heard_at_s[agent] <= began_s for agent in self.assignment)
+
+    def facts(self) -> Facts:
+        """Return what is known now; what of it events have not told yet is news (notices.py)."""
+        progress = self.tracks.progress
+        return Facts(progress.been_at, progress.lost, self.assignment, self.revision, self.tracks.origins.unknown)
+
+    def _assign(self, now_s: float) -> None:
+        """Solve the assignment anew, or take out of it only what is not there any more."""
+        if not self._keeps_targets(now_s):
+            pins = self.operations.orders.pins
+            self._assigned = assign_targets(self.mission, self.tracks, self.assignment, now_s, pins)
+        else:
+            agents, targets = self.tracks.active_agents, self.tracks.open_targets
+            kept = {one: there for one, there in self.assignment.items() if one in agents and there in targets}
+            self._assigned = TargetAssignment(kept, tuple(one for one in targets if one not in kept.values()))
+        again = self.tracks.progress.arrived.intersection(self.assignment)
+        if again:
+            self.tracks.progress = self.tracks.progress.sent_on(again)
 
     def sense(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the sensor's channel; never raises, whatever the bytes."""

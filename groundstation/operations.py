@@ -34,6 +34,7 @@ from groundstation.events import (
     Resumed,
     Retire,
     Retired,
+    RevisionBegan,
     TakenOut,
     TakeOut,
     TargetAdded,
@@ -44,6 +45,7 @@ from groundstation.events import (
     ThreatChanged,
     TrackBegan,
     TrackEnded,
+    UnknownSeen,
     WasPutBack,
 )
 from groundstation.sightings import Key
@@ -128,6 +130,10 @@ class Operations:
     """Id of the target by agent id."""
     tracks: Mapping[tuple[str, str], Identity] = field(default_factory=dict)
     """What a source's tracks stand for, by the source's name and its key."""
+    revision: int | None = None
+    """Number of the last revision of the picture."""
+    unknown: frozenset[Key] = frozenset()
+    """What the sensor saw and the mission does not have, as far as events have told."""
     next_number: int = 1
     undos: tuple[Undone, ...] = ()
     """What takes the last commands back."""
@@ -196,12 +202,11 @@ def _applied(operations: Operations, event: Event) -> Operations:
         case Arrived() | ArrivalTakenBack() | Lost() | HeardAgain():
             return replace(operations, reached=_progressed(operations.reached, event))
         case Assigned():
-            assignment = dict(operations.assignment)
-            for change in event.changes:
-                assignment.pop(change.agent, None)
-                if change.target is not None:
-                    assignment[change.agent] = change.target
-            return replace(operations, assignment=assignment)
+            return _assigned(operations, event)
+        case RevisionBegan():
+            return replace(operations, revision=event.revision)
+        case UnknownSeen():
+            return replace(operations, unknown=operations.unknown | {(KINDS[event.kind], event.id)})
         case TrackBegan():
             identity = Identity(KINDS[event.kind], event.id)
             return replace(operations, tracks={**operations.tracks, (event.source, event.key): identity})
@@ -306,6 +311,17 @@ def _without_thing(operations: Operations, key: Key) -> Operations:
         orders=replace(orders, pins=pins),
         reached=replace(reached, completed=reached.completed - {identity}, by=by),
     )
+
+
+def _assigned(operations: Operations, event: Assigned) -> Operations:
+    """Return the operations with other targets; who has arrived and is sent on is under way again."""
+    assignment, arrived = dict(operations.assignment), dict(operations.reached.arrived)
+    for change in event.changes:
+        assignment.pop(change.agent, None)
+        if change.target is not None:
+            assignment[change.agent] = change.target
+            arrived.pop(change.agent, None)
+    return replace(operations, assignment=assignment, reached=replace(operations.reached, arrived=arrived))
 
 
 def _directed(orders: Orders, event: Directed) -> Orders:

@@ -9,10 +9,14 @@ from typing import NamedTuple
 from companion.protocol.codec import Kind
 from groundstation.sightings import Key
 
-MISSION, SENSOR = "mission", "sensor"
-"""Names of the sources that are always there: the mission's own word and the sensor's link."""
+MISSION, SENSOR, LAST_RUN = "mission", "sensor", "last run"
+"""Names of the sources that are always there: the mission's own word, the sensor's link, and what was kept."""
 SEEN_S = 5.0
 """Age up to which the position of an agent that somebody saw counts as where it is; an older one is dead-reckoned."""
+
+
+MOST_UNKNOWN = 64
+"""Greatest number of unknown things that are remembered."""
 
 
 class Observation(NamedTuple):
@@ -30,6 +34,16 @@ class Observation(NamedTuple):
     source: str
 
 
+class Unknown(NamedTuple):
+    """Something that a source sees and the mission does not have."""
+
+    source: str
+    place: complex
+    at_s: float
+    times: int
+    """Number of its sightings."""
+
+
 @dataclass
 class Origins:
     """Sources of the present places."""
@@ -42,6 +56,8 @@ class Origins:
     """Time at which an agent was last seen by anybody, by its id."""
     reported: set[int] = field(default_factory=set)
     """Ids of the agents whose last word on where they are is a report of their own."""
+    unknown: dict[Key, Unknown] = field(default_factory=dict)
+    """What the sensor sees and the mission does not have, by kind and id; the last MOST_UNKNOWN of them."""
     jumps: int = 0
     """How often a threat was seen farther away than its bound allows, which vehicles rely on."""
 
@@ -51,6 +67,13 @@ class Origins:
         if key[0] is Kind.AGENT:
             self.reported.discard(key[1])
             self.seen_at_s[key[1]] = max(at_s, self.seen_at_s.get(key[1], -math.inf))
+
+    def meet(self, key: Key, place: complex, at_s: float) -> None:
+        """Note a thing that the sensor sees and the mission does not have."""
+        known = self.unknown.pop(key, None)
+        self.unknown[key] = Unknown(SENSOR, place, at_s, 1 if known is None else known.times + 1)
+        if len(self.unknown) > MOST_UNKNOWN:
+            del self.unknown[next(iter(self.unknown))]
 
     def forget(self, key: Key) -> None:
         """Forget a thing, or that its place was not the mission's word."""

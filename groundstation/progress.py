@@ -9,7 +9,7 @@ arrival is taken back, and the target is open again.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 from companion.mission.model import Mission
@@ -44,6 +44,8 @@ class MissionProgress:
     """Ids of the completed targets."""
     reached_by: Mapping[int, int] = field(default_factory=dict)
     """Id of the target that an arrived agent completed, by agent id."""
+    been_at: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+    """Ids of the agents that have arrived at a target, in order, by target id."""
     near_since: Mapping[int, tuple[int, float]] = field(default_factory=dict)
     """Id of the target that an agent with an uncertain position came near, and the time of that, by agent id."""
     unproven: Mapping[int, Arrival] = field(default_factory=dict)
@@ -56,10 +58,19 @@ class MissionProgress:
         return replace(
             self,
             completed=self.completed - {target_id},
+            been_at={one: agents for one, agents in self.been_at.items() if one != target_id},
             reached_by={one: there for one, there in self.reached_by.items() if there != target_id},
             near_since={one: near for one, near in self.near_since.items() if near[0] != target_id},
             unproven={one: arrival for one, arrival in self.unproven.items() if arrival.target_id != target_id},
         )
+
+    def with_reached(self, been_at: Mapping[int, tuple[int, ...]]) -> MissionProgress:
+        """Return the progress with targets that were retired, and are back as what they were: reached."""
+        return replace(self, completed=self.completed | been_at.keys(), been_at={**been_at, **self.been_at})
+
+    def sent_on(self, agent_ids: Collection[int]) -> MissionProgress:
+        """Return the progress after agents that had arrived were given other targets; what they reached stays."""
+        return replace(self, arrived=self.arrived.difference(agent_ids))
 
     def without(self, agent_id: int) -> MissionProgress:
         """Return the progress without what an agent has reached; its target stays completed if another one was there.
@@ -67,18 +78,16 @@ class MissionProgress:
         The others that arrived at the same target are those whose arrival it is, too.
         """
         target_id = self.unproven[agent_id].target_id
-        others = {one for one in self.arrived if one != agent_id and self._target_of(one) == target_id}
+        left = tuple(one for one in self.been_at.get(target_id, ()) if one != agent_id)
+        others = {target: agents for target, agents in self.been_at.items() if target != target_id}
         return replace(
             self,
             arrived=self.arrived - {agent_id},
-            completed=self.completed if others else self.completed - {target_id},
+            been_at={**others, target_id: left} if left else others,
+            completed=self.completed if left else self.completed - {target_id},
             reached_by={one: there for one, there in self.reached_by.items() if one != agent_id},
             unproven={one: arrival for one, arrival in self.unproven.items() if one != agent_id},
         )
-
-    def _target_of(self, agent_id: int) -> int | None:
-        arrival = self.unproven.get(agent_id)
-        return self.reached_by.get(agent_id) if arrival is None else arrival.target_id
 
 
 def disproved(

@@ -45,17 +45,39 @@ def assign_targets(
     """Return the assignment of the agents on their way to the targets not reached yet.
 
     `present` is the assignment until now, which is changed only where that saves enough (assignment.py). An agent in
-    `pins` goes to its target as long as that is open; the others cover the rest.
+    `pins` goes to its target as long as that is open; the others cover the rest. With the mission's `queue` those that
+    have arrived take part as far as there are targets for them.
     """
     targets = tracks.open_targets
-    pinned = {agent: pins[agent] for agent in tracks.active_agents if pins.get(agent) in targets}
-    agents = [agent for agent in tracks.active_agents if agent not in pinned]
-    left = [target for target in targets if target not in pinned.values()] or targets
-    specs = {agent.id: agent for agent in mission.agents}
-    chosen = _Problem(mission, tracks, [specs[identity] for identity in agents], left).solve(present, now_s)
-    assigned = {agent: left[index] for agent, index in zip(agents, chosen, strict=True) if index >= 0} | pinned
+    waiting = tracks.idle_agents if mission.queue else []
+    able = [*tracks.active_agents, *waiting]
+    pinned = {agent: pins[agent] for agent in able if pins.get(agent) in targets}
+    free = [agent for agent in tracks.active_agents if agent not in pinned]
+    left = [target for target in targets if target not in pinned.values()]
+    # Who has arrived goes on to what would stay without an agent, never as one more to where another one goes.
+    if len(left) > len(free):
+        free += [agent for agent in waiting if agent not in pinned]
+    assigned = _assigned(mission, tracks, free, left or targets, present, now_s) | pinned
+    for agent in waiting:
+        sent_to = assigned.get(agent)
+        if sent_to is not None and agent not in pinned and list(assigned.values()).count(sent_to) > 1:
+            del assigned[agent]
     covered = set(assigned.values())
     return TargetAssignment(assigned, tuple(target for target in targets if target not in covered))
+
+
+def _assigned(
+    mission: Mission,
+    tracks: TrackTable,
+    agents: Sequence[int],
+    targets: Sequence[int],
+    present: Mapping[int, int],
+    now_s: float,
+) -> dict[int, int]:
+    """Return the target of each of some agents, by id, where there is one."""
+    specs = {agent.id: agent for agent in mission.agents}
+    chosen = _Problem(mission, tracks, [specs[identity] for identity in agents], targets).solve(present, now_s)
+    return {agent: targets[index] for agent, index in zip(agents, chosen, strict=True) if index >= 0}
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,9 @@ from companion.mission.extent import FARTHEST_M, Point
 from companion.mission.model import AgentSpec, Mission, TargetSpec, ThreatSpec
 from companion.protocol.codec import Detection, DetectionsFrame, Kind, ReportFrame
 from groundstation.agents import Estimate, Fix
-from groundstation.origins import SENSOR, Observation, Origins
+from groundstation.operations import Operations
+from groundstation.origins import LAST_RUN, SENSOR, Observation, Origins
+from groundstation.places import Places
 from groundstation.plausibility import SENSOR_ERROR_M, Bound, Sample, Verdict
 from groundstation.progress import Arrival, MissionProgress, cannot_have_arrived, disproved
 from groundstation.refusals import Refusals
@@ -32,6 +34,8 @@ TOO_FAR = "too far"
 """Cause of refusals of detections that are farther away than FARTHEST_M."""
 _ROUNDED_M_S = 0.02
 """Speed by which a velocity may exceed its bound because it was sent in whole cm/s."""
+ROUNDED_M = 0.02
+"""Greatest distance by which a place in a picture is off because it is rounded."""
 _FASTEST = 2.0
 """Greatest ratio of the speed of a sighting's way to the agent's, which wind and errors of the sensor may explain."""
 
@@ -105,6 +109,12 @@ class TrackTable:
         """Ids of the targets not reached yet, in file order."""
         return [target.id for target in self._mission.targets if target.id not in self.progress.completed]
 
+    @property
+    def idle_agents(self) -> list[int]:
+        """Ids of the agents that have arrived and may be sent on to another target, in file order."""
+        gone = self.progress.lost | self.progress.out
+        return [one.id for one in self._mission.agents if one.id in self.progress.arrived and one.id not in gone]
+
     def told_agents(self, now_s: float) -> list[int]:
         """Return the ids of the agents whose positions are told: in Case II of those that somebody sees."""
         if self._mission.case == "I":
@@ -158,6 +168,47 @@ class TrackTable:
             if one is None or thing.position_ned_m != one.position_ned_m:
                 self._begin(key, thing.position_ned_m, min(now_s, placed_s.get(key, now_s)), now_s)
 
+    def resume(self, operations: Operations, places: Places | None, now_s: float) -> None:
+        """Go on where the run before ended: with its progress, and with its places as far as they are known."""
+        reached = operations.reached
+        self.progress = self._told = MissionProgress(
+            arrived=frozenset(reached.arrived),
+            lost=reached.lost,
+            completed=reached.completed,
+            reached_by={agents[0]: target for target, agents in reached.by.items() if agents},
+            been_at=reached.by,
+            out=operations.orders.out,
+        )
+        for agent_id in reached.lost:
+            # Until it is heard.
+            self.heard_at_s[agent_id] = -math.inf
+        for key, placed_s in operations.placed_s.items():
+            if key in self.tracks:
+                self._begin(key, self.tracks[key].position_ned_m, min(placed_s, now_s), now_s)
+        if places is None:
+            return
+        for key, track in places.tracks.items():
+            # What a command has placed since then is there.
+            if key in self.tracks and operations.placed_s.get(key, -math.inf) <= places.at_s:
+                self._continue(key, replace(track, seen_at_s=min(track.seen_at_s, now_s)), now_s)
+                self.origins.by[key] = places.sources.get(key, LAST_RUN)
+        for agent in self._mission.agents:
+            left_m = places.range_left_m.get(agent.id, agent.range_m)
+            self.flown_m[agent.id] = max(0.0, agent.range_m - left_m)
+
+    def _continue(self, key: Key, track: Track, now_s: float) -> None:
+        """Go on with a track of the run before."""
+        if (
+            key[0] is not Kind.AGENT
+            and self._sightings.bound(key).stands
+            and track.position_ned_m != (self.tracks[key].position_ned_m)
+        ):
+            # A picture is rounded; only what was found elsewhere is elsewhere.
+            if math.dist(track.position_ned_m, self.tracks[key].position_ned_m) <= ROUNDED_M:
+                return
+        self._sightings.begin(key, track.position_ned_m, track.seen_at_s, now_s)
+        self.tracks[key] = self._judged[key] = track
+
     def _begin(self, key: Key, place_ned_m: Point, placed_at_s: float, now_s: float) -> None:
         """Begin a target's or threat's track where a command has put it."""
         self._sightings.begin(key, place_ned_m, placed_at_s, now_s)
@@ -178,6 +229,8 @@ class TrackTable:
                 self.refusals.add(TOO_FAR, "sensor: {} detections refused as too far")
                 continue
             key = (detection.kind, detection.id)
+            if key not in self.tracks:
+                self.origins.meet(key, complex(*place_ned_m), seen_at_s)
             weighed = self._sightings.sighted(key, Sample(complex(*place_ned_m), seen_at_s), now_s)
             if weighed is not None and weighed.verdict is Verdict.BELIEVED:
                 self._move(key, detection, place_ned_m, seen_at_s)
@@ -346,6 +399,7 @@ class TrackTable:
         agents = {agent.id: agent for agent in self._mission.agents}
         arrived, completed = set(progress.arrived), set(progress.completed)
         reached_by, unproven = dict(progress.reached_by), dict(progress.unproven)
+        been_at = dict(progress.been_at)
         near_since = {key: near for key, near in progress.near_since.items() if assignment.get(key) == near[0]}
         for target_id, agent_id in self._candidates(assignment):
             if agent_id in arrived or agent_id in but or agents[agent_id].only_target not in (None, target_id):
@@ -365,6 +419,7 @@ class TrackTable:
             if is_near:
                 arrived.add(agent_id)
                 completed.add(target_id)
+                been_at[target_id] = (*been_at.get(target_id, ()), agent_id)
                 unproven[agent_id] = self._arrival(agent_id, target_id, near_since)
                 if target_id not in reached_by.values():
                     reached_by[agent_id] = target_id
@@ -373,6 +428,7 @@ class TrackTable:
             arrived=frozenset(arrived),
             completed=frozenset(completed),
             reached_by=reached_by,
+            been_at=been_at,
             near_since=near_since,
             unproven=unproven,
         )

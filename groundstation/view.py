@@ -34,6 +34,8 @@ class Surroundings:
     broadcast: Mapping[str, Any] = field(default_factory=dict)
     """Rate, budget, items and authentication of the broadcast."""
     sources: Sequence[Mapping[str, Any]] = ()
+    unknown: Sequence[Mapping[str, Any]] = ()
+    """What live sources see and the mission does not have, beside what the sensor sees."""
     warnings: Sequence[str] = ()
 
 
@@ -61,7 +63,7 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
         "agents": [_agent(station, agent, now_s) for agent in mission.agents],
         "targets": [_target(station, target, now_s) for target in mission.targets],
         "threats": [_threat(station, threat, now_s) for threat in mission.threats],
-        "unknown": [],
+        "unknown": [*_unknown(station, now_s), *(dict(one) for one in around.unknown)],
         "broadcast": dict(around.broadcast),
         "sources": [dict(source) for source in around.sources],
         "warnings": list(around.warnings),
@@ -210,6 +212,22 @@ def _threat(station: GroundStation, threat: ThreatSpec, now_s: float) -> View:
         "ceiling_m": threat.ceiling_m,
         "source": station.tracks.origins.by.get((Kind.THREAT, threat.id), MISSION),
     }
+
+
+def _unknown(station: GroundStation, now_s: float) -> list[View]:
+    """Return what the sensor sees and the mission does not have."""
+    return [
+        {
+            "source": thing.source,
+            "kind": kind.name.lower(),
+            "id": identity,
+            "north_m": round(thing.place.real, 2),
+            "east_m": round(thing.place.imag, 2),
+            "age_s": round(max(0.0, now_s - thing.at_s), 2),
+            "count": thing.times,
+        }
+        for (kind, identity), thing in station.tracks.origins.unknown.items()
+    ]
 
 
 def _moving(identity: int, name: str | None, track: Track, now_s: float) -> View:

@@ -78,9 +78,10 @@ class Section(BaseModel):
     @classmethod
     def _known_keys(cls, data: object) -> object:
         if isinstance(data, Mapping):
+            names = [field.alias or name for name, field in cls.model_fields.items()]
             for key in data:
-                if key not in cls.model_fields:
-                    known = (*cls.model_fields, *cls.converted)
+                if key not in names:
+                    known = (*names, *cls.converted)
                     hint = nearest_hint(str(key), known)
                     raise ValueError(f"unknown key '{_cut(str(key))}'{hint}; allowed: {', '.join(known)}")
         return data

@@ -18,6 +18,7 @@ from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import ListOf, Section, dump_yaml, is_there, parse_yaml, read_text_file, validated
 from companion.mission.places import IN_DEGREES, Origin
+from companion.mission.sources import MAX_SOURCES, SourceSpec, refuse_same_names
 from companion.mission.values import (
     MAX_COORDINATE_M,
     MAX_HEIGHT_M,
@@ -331,6 +332,8 @@ class Mission(Section):
     """Whether there may be more targets than agents: who has arrived then takes the next one."""
     losses: Annotated[ListOf[Loss], Field(max_length=MAX_ITEMS)] = ()
     max_time_s: Positive = 20_000.0
+    sources: Annotated[ListOf[SourceSpec], Field(max_length=MAX_SOURCES)] = ()
+    """Live sources of sightings, which only the ground station hears."""
     scale: Scale | None = None
     """How the mission was scaled for a kind of autopilot; None: it is as it was written."""
 
@@ -357,6 +360,7 @@ class Mission(Section):
         for key, items in (("agents", self.agents), ("targets", self.targets), ("threats", self.threats)):
             _refuse_duplicates(key, [item.id for item in items])
         _refuse_duplicates("losses", [loss.agent for loss in self.losses])
+        refuse_same_names(self.sources)
         number_of_agents = len(self.agents) + self.draw.agents
         number_of_targets = len(self.targets) + self.draw.targets
         if number_of_agents < 1:
@@ -540,4 +544,6 @@ def dump_mission(mission: Mission) -> str:
             del data[key]
     if mission.scale is None:
         del data["scale"]
+    if not mission.sources:
+        del data["sources"]
     return dump_yaml(data)

@@ -1,0 +1,130 @@
+"""The mission's live sources: where sightings of agents, targets and threats come from, and what becomes of them.
+
+The companion and the simulator only carry this section; the ground station reads it (docs/sources.md).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import ConfigDict, Field, model_validator
+
+from companion.files.yaml import ListOf, Section
+from companion.mission.values import Identity, Level
+
+MAX_SOURCES = 32
+"""Greatest number of sources of a mission."""
+MOST_THINGS = 2_000
+"""Greatest number of things that one source may have taken in at once, as many as a mission lists."""
+
+SourceKind = Literal["telemetry", "adsb", "basestation", "ais", "cot", "csv", "jsonl", "sensor"]
+Role = Literal["agents", "targets", "threats"]
+ROLE_OF: dict[SourceKind, Role] = {
+    "telemetry": "agents",
+    "adsb": "threats",
+    "basestation": "threats",
+    "ais": "threats",
+    "cot": "threats",
+    "csv": "threats",
+    "jsonl": "threats",
+}
+"""What a source's things are taken for unless it says otherwise; a sensor's frames say it themselves."""
+RECORDED = ("csv", "jsonl")
+"""Kinds that are files and never links."""
+FILED = ("basestation", "ais", "cot", "csv", "jsonl")
+"""Kinds that can be played back from a file of their text; a telemetry log is the link file:PATH.tlog."""
+_RADII = ("radius_m", "detection_radius_m", "attack_radius_m")
+
+_Key = Annotated[str, Field(min_length=1, max_length=80)]
+_Radius = Annotated[float, Field(gt=0, le=1.0e6)]
+_Time = Annotated[float, Field(gt=0, le=86_400)]
+
+
+class SourceSpec(Section):
+    """One source of sightings."""
+
+    model_config = ConfigDict(serialize_by_alias=True)
+
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    kind: SourceKind
+    url: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    """Link on which it is heard (docs/links.md)."""
+    file: Annotated[str, Field(min_length=1, max_length=1_000)] | None = None
+    """Recording that is played back instead."""
+    play_speed: Annotated[float, Field(gt=0, le=1_000)] | None = 1.0
+    """How many seconds of a recording pass in one second, from its beginning on; None: its times are Unix times."""
+    role: Annotated[Role | None, Field(alias="as")] = None
+    """What its things are; None: what things of its kind are."""
+    radius_m: _Radius | None = None
+    detection_radius_m: _Radius | None = None
+    attack_radius_m: _Radius | None = None
+    speed_bound_m_s: Annotated[float, Field(gt=0, le=1_000)] | None = None
+    """Greatest speed of its things; None: that of their category."""
+    floor_m: Level | None = None
+    ceiling_m: Level | None = None
+    """Height above sea level from which, and up to which, its things count; None: at all heights."""
+    ids: dict[_Key, Identity] = Field(default_factory=dict)
+    """Id of an agent, target or threat by the source's key for it."""
+    ignore: Annotated[ListOf[_Key], Field(max_length=MOST_THINGS)] = ()
+    """Keys that are never taken in, such as the addresses of one's own aircraft."""
+    timeout_s: _Time | None = None
+    """Time without a sighting after which a thing is retired; None: by its category."""
+    within_m: Annotated[float, Field(ge=0, le=1.0e6)] = 20_000.0
+    """Distance from the mission up to which things are taken in."""
+    error_m: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    """Greatest error of a sighting; None: by the source's kind."""
+    most: Annotated[int, Field(ge=1, le=MOST_THINGS)] = 200
+    """Greatest number of its things that are in the picture at once."""
+    unsigned: bool = False
+    """Whether what anybody on the network may have sent is believed."""
+
+    @property
+    def things(self) -> Role:
+        """What its things are."""
+        return self.role or ROLE_OF.get(self.kind, "threats")
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.url is None) == (self.file is None):
+            raise ValueError("url: allowed: either url or file")
+        if self.file is not None and self.kind not in FILED:
+            raise ValueError(f"file: '{self.file}' with kind {self.kind}; allowed: url file:PATH.tlog for MAVLink")
+        if self.url is not None and self.kind in RECORDED:
+            raise ValueError(f"url: '{self.url}' with kind {self.kind}; allowed: file")
+        return self
+
+    @model_validator(mode="after")
+    def _radii(self) -> Self:
+        given = [key for key in _RADII if getattr(self, key) is not None]
+        if self.kind == "sensor":
+            if given or self.role is not None:
+                raise ValueError(f"{given[0] if given else 'as'}: given for a sensor, whose frames name mission things")
+            return self
+        if self.things != "threats":
+            if given:
+                raise ValueError(f"{given[0]}: given for {self.things}; allowed: for threats only")
+        elif given not in (["radius_m"], ["detection_radius_m", "attack_radius_m"]):
+            raise ValueError("radius_m: allowed for threats: radius_m, or detection_radius_m and attack_radius_m")
+        return self
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Self:
+        if self.floor_m is not None and self.ceiling_m is not None and self.floor_m >= self.ceiling_m:
+            raise ValueError(f"floor_m: {self.floor_m:g}; allowed: less than ceiling_m {self.ceiling_m:g}")
+        attack_m, detection_m = self.attack_radius_m, self.detection_radius_m
+        if attack_m is not None and detection_m is not None and attack_m >= detection_m:
+            raise ValueError(f"attack_radius_m: {attack_m:g}; allowed: less than detection_radius_m {detection_m:g}")
+        taken = list(self.ids.values())
+        for key, identity in self.ids.items():
+            if taken.count(identity) > 1:
+                raise ValueError(f"ids: {identity} is given to '{key}' and to another key; allowed: each id once")
+            if key in self.ignore:
+                raise ValueError(f"ignore: '{key}' has an id; allowed: either")
+        return self
+
+
+def refuse_same_names(sources: tuple[SourceSpec, ...]) -> None:
+    """Raise ValueError if two sources have the same name."""
+    for index, source in enumerate(sources):
+        if source.name in [other.name for other in sources[:index]]:
+            raise ValueError(f"sources[{index}]: name '{source.name}' is given twice; allowed: each name once")

@@ -1,0 +1,1 @@
+"""Live sources of sightings: parsers, links, the association of what they say, and their health."""

@@ -1,0 +1,140 @@
+"""One source while it runs: its parser, the sightings that wait, and its health, without any socket.
+
+What comes in is parsed where it comes in and waits in a queue of bounded length, from which each tick takes its share;
+in a flood the oldest are left out and counted, so that no source can keep the broadcast waiting.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from companion.geo.local_frame import LocalFrame
+from companion.mission.sources import SourceSpec
+from groundstation.sources.ais import AisParser
+from groundstation.sources.basestation import BaseStationParser
+from groundstation.sources.cot import CotParser
+from groundstation.sources.mavlink import AdsbParser, TelemetryParser
+from groundstation.sources.recording import RecordingParser
+from groundstation.sources.sighting import Parser, Sighting
+
+MOST_WAITING = 2_000
+"""Greatest number of sightings of a source that wait."""
+RATE_S = 10.0
+"""Time over which a rate is counted."""
+LATE_PERIODS = 3.0
+"""Number of its mean periods without a sighting after which a source is late."""
+LEAST_LATE_S = 3.0
+"""Least time without a sighting after which a source is late."""
+SILENT_S = 30.0
+"""Time without a sighting after which a source is silent, or several of its periods if that is longer."""
+_SILENT_PERIODS = 10.0
+_GAIN = 0.2
+"""Weight of the newest time between two sightings in the mean."""
+
+State = Literal["good", "late", "silent", "failed"]
+
+
+class Health(NamedTuple):
+    """How a source does."""
+
+    state: State
+    rate_hz: float
+    age_s: float | None
+    """Time since the newest sighting; None: there was none."""
+    detail: str
+
+
+@dataclass
+class Link:
+    """What the source's link or file is doing, as its shell says."""
+
+    fault: str | None = None
+    """Why nothing can come; None: it is open."""
+    note: str = "opening"
+
+
+def parser_of(spec: SourceSpec, frame: LocalFrame) -> Parser:
+    """Return a new parser for a source; `frame` is the mission's plane."""
+    match spec.kind:
+        case "telemetry":
+            return TelemetryParser()
+        case "adsb":
+            return AdsbParser()
+        case "basestation":
+            return BaseStationParser()
+        case "ais":
+            return AisParser()
+        case "cot":
+            return CotParser()
+        case "csv" | "jsonl":
+            return RecordingParser(frame, spec.things, is_json=spec.kind == "jsonl")
+    raise ValueError(f"a source of the kind {spec.kind} has no parser")
+
+
+class Feed:
+    """One source's parser, queue and health."""
+
+    def __init__(self, spec: SourceSpec, frame: LocalFrame) -> None:
+        self.spec = spec
+        self.parser = parser_of(spec, frame)
+        self.link = Link()
+        self.heard = 0
+        """Number of sightings."""
+        self.dropped = 0
+        """Number of those that were left out in floods."""
+        self._waiting: deque[Sighting] = deque()
+        self._counts: deque[tuple[float, int]] = deque()
+        """Number of sightings by second of the clock, for the rate."""
+        self._newest_s: float | None = None
+        self._period_s = 0.0
+
+    @property
+    def refused(self) -> int:
+        """Number of messages that could not be used."""
+        return sum(self.parser.refused.values())
+
+    def hear(self, data: bytes, now_s: float, peer: Hashable = None) -> None:
+        """Take in bytes as they came; never raises, whatever the bytes."""
+        self.offer(self.parser.feed(data, now_s, peer), now_s)
+
+    def offer(self, sightings: list[Sighting], now_s: float) -> None:
+        """Take in sightings that were made elsewhere, as of a recording."""
+        if not sightings:
+            return
+        self.heard += len(sightings)
+        self._note(len(sightings), now_s)
+        self._waiting.extend(sightings)
+        while len(self._waiting) > MOST_WAITING:
+            self._waiting.popleft()
+            self.dropped += 1
+
+    def next(self) -> Sighting | None:
+        """Return the sighting that has waited longest, which waits no more."""
+        return self._waiting.popleft() if self._waiting else None
+
+    def health(self, now_s: float) -> Health:
+        """Return how the source does."""
+        while self._counts and now_s - self._counts[0][0] > RATE_S:
+            self._counts.popleft()
+        rate_hz = sum(number for _, number in self._counts) / RATE_S
+        age_s = None if self._newest_s is None else max(0.0, now_s - self._newest_s)
+        if self.link.fault is not None:
+            return Health("failed", rate_hz, age_s, self.link.fault)
+        if age_s is None or age_s > max(SILENT_S, _SILENT_PERIODS * self._period_s):
+            return Health("silent", rate_hz, age_s, self.link.note)
+        is_late = age_s > max(LEAST_LATE_S, LATE_PERIODS * self._period_s)
+        return Health("late" if is_late else "good", rate_hz, age_s, self.link.note)
+
+    def _note(self, number: int, now_s: float) -> None:
+        if self._newest_s is not None:
+            period_s = min(RATE_S * LATE_PERIODS, (now_s - self._newest_s) / number)
+            self._period_s += _GAIN * (period_s - self._period_s)
+        self._newest_s = now_s
+        second_s = math.floor(now_s)
+        if self._counts and self._counts[-1][0] == second_s:
+            number += self._counts.pop()[1]
+        self._counts.append((second_s, number))

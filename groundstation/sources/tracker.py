@@ -1,0 +1,449 @@
+"""Which things the sources see, which of these the picture has, and which commands that takes.
+
+A thing is known by its source's key for it. Its sightings pass the gate of a constant-velocity filter
+(groundstation/plausibility.py); once enough agree, and it is near enough to the mission, it is wanted in the picture,
+and when it was not seen for too long, or is far away, out of it. What is wanted goes out in batches: every change of
+the threats is a new revision, which each vehicle must hear whole before it is certified again. Only a threat that could
+reach an agent before the next batch does not wait for it. Everything is bounded: things, and the words about them.
+
+Times are Unix seconds given by the caller, places complex numbers, north + i east, in m on the mission's plane.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, OrderedDict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from companion.geo.local_frame import LocalFrame, to_grid
+from companion.mission.model import Mission
+from companion.mission.sources import SourceSpec
+from companion.protocol.codec import Kind
+from groundstation.origins import Observation
+from groundstation.plausibility import Known, Sample, Verdict, Weighed
+from groundstation.refusals import Refusals
+from groundstation.sources.box import Box
+from groundstation.sources.rules import AHEAD_S, Rules, Wire
+from groundstation.sources.sighting import Sighting
+from groundstation.sources.thing import SourceKey, Thing, begun, placed, sighted, told
+
+BATCH_S = 20.0
+"""Least time between two batches of commands, but for threats that cannot wait."""
+RETIRED_WITHIN_S = 30.0
+"""Time within which a thing that is not wanted any more is retired; earlier with a batch that goes out anyway."""
+LOOK_S = 0.5
+"""Period at which the whole table is looked through."""
+SILENT_SOURCE = 3.0
+"""Factor on a thing's time-out while its whole source is silent: that a receiver hears nothing says nothing of it."""
+QUIET_S = 10.0
+"""Time without any sighting after which a source counts as silent for that."""
+OWNED_S = 5.0
+"""Time without a sighting after which another source may go on with a thing."""
+WATCHED = 4
+"""Greatest number of things that are watched, as a multiple of those that a source may have in the picture."""
+MOST_UNKNOWN = 64
+"""Greatest number of unknown agents that are remembered."""
+REPLACED_AT = 0.7
+"""Ratio of distances at which a nearer thing takes the place of the farthest in a picture that is full."""
+AGAIN_S = 30.0
+"""Time after which what was refused by the ground station is asked for again."""
+KINDS = {"agents": Kind.AGENT, "targets": Kind.TARGET, "threats": Kind.THREAT}
+
+
+class Taken(NamedTuple):
+    """A thing that is wanted in the picture, or with another bound."""
+
+    key: SourceKey
+    kind: Kind
+    id: int | None
+    """Id that it has or should have in the picture; None: any that is free."""
+    name: str
+    place: complex
+    at_s: float
+    wire: Wire
+    is_new: bool
+    """Whether the picture does not have it from this source yet; otherwise only its bound changes."""
+    is_urgent: bool = False
+
+
+class Dropped(NamedTuple):
+    """A thing that is not wanted in the picture any more."""
+
+    key: SourceKey
+    kind: Kind
+    id: int
+    why: str
+    heir: SourceKey | None = None
+    """What another source calls the same thing, which stays in the picture under its id."""
+
+
+class Unknown(NamedTuple):
+    """An agent that a source sees and the mission does not have."""
+
+    source: str
+    id: int
+    key: str
+    place: complex
+    at_s: float
+    times: int
+
+
+class Tracker:
+    """The things that all sources of one mission see."""
+
+    def __init__(self, mission: Mission, specs: Sequence[SourceSpec]) -> None:
+        """Begin with nothing seen, for some sources."""
+        self.refusals = Refusals()
+        """Sightings that are not believed or not taken in, with the words about them."""
+        self.ahead_s = 0.0
+        """Time by which the clock that stamps sightings is ahead of the times given (groundstation/clock.py)."""
+        untold_s = max(30.0, 6.0 * mission.broadcast_period_s)
+        self._rules = {spec.name: Rules(spec, untold_s) for spec in specs if spec.kind != "sensor"}
+        self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
+        self._mission = mission
+        self._box = Box.around(mission)
+        self._tables: dict[str, OrderedDict[str, Thing]] = {name: OrderedDict() for name in self._rules}
+        self._claims: dict[tuple[str, str], SourceKey] = {}
+        """Which thing is meant by what the picture has, by what it is the same as for other sources."""
+        self._unknown: OrderedDict[tuple[str, str], Unknown] = OrderedDict()
+        self._look_s = self._batch_s = -math.inf
+        self.refused: Counter[str] = Counter()
+        """Number of sightings that were not believed, by source."""
+
+    def follow(self, mission: Mission) -> None:
+        """Follow a mission whose things changed; what somebody else retired is not taken in again until it ends."""
+        self._mission = mission
+        targets = {one.id for one in mission.targets}
+        threats = {one.id for one in mission.threats}
+        ours = {one.id for one in self._things() if self._kind(one.key) is Kind.TARGET and not one.is_listed}
+        self._box = Box.around(mission, [one for one in ours if one is not None])
+        for thing in list(self._things()):
+            kind = self._kind(thing.key)
+            if thing.id is None or kind is Kind.AGENT or thing.id in (targets if kind is Kind.TARGET else threats):
+                continue
+            self._put(replace(thing, id=None, wire=None, waits_until_s=math.inf))
+            self._release(thing.key)
+
+    def restore(self, identities: Mapping[tuple[str, str], tuple[Kind, int]], now_s: float) -> None:
+        """Take over from the last run which thing of a source has which id; one that is gone was retired by hand."""
+        listed = {Kind.TARGET: self._mission.targets, Kind.THREAT: self._mission.threats}
+        for (source, key), (kind, identity) in identities.items():
+            rules = self._rules.get(source)
+            if rules is None or kind is not KINDS[rules.spec.things] or kind is Kind.AGENT:
+                continue
+            there = next((one for one in listed[kind] if one.id == identity), None)
+            sighting = Sighting(key, 0.0, 0.0, now_s)
+            place = 0j if there is None else complex(*there.position_ned_m)
+            thing = begun(SourceKey(source, key), rules, sighting, Sample(place, now_s), now_s)
+            # Until it is seen, the place is that of the last run.
+            thing = replace(thing, known=Known(thing.known.believed))
+            if there is None:
+                self._put(replace(thing, waits_until_s=math.inf))
+                continue
+            bound_m_s = there.speed_bound_m_s
+            is_listed = rules.spec.ids.get(key) == identity
+            self._put(replace(thing, id=identity, wire=None if is_listed else Wire(bound_m_s, 0.0, bound_m_s)))
+            self._claims[self._claim(thing.key)] = thing.key
+
+    def things(self, source: str) -> int:
+        """Return the number of things of a source that the picture has."""
+        return sum(1 for one in self._tables[source].values() if one.id is not None)
+
+    def unknown(self) -> list[Unknown]:
+        """Return the agents that sources see and the mission does not have."""
+        return list(self._unknown.values())
+
+    def take(self, source: str, sighting: Sighting, now_s: float) -> Observation | None:
+        """Weigh a sighting; return the new place of its thing if the picture has that."""
+        rules = self._rules[source]
+        at_s = self._time_of(rules, sighting, now_s)
+        if at_s is None or sighting.key in rules.spec.ignore:
+            return None
+        north_m, east_m, convergence_rad = self._frame.to_local_with_convergence(sighting.lat_deg, sighting.lon_deg)
+        sample = Sample(complex(north_m, east_m), at_s)
+        key, kind = SourceKey(source, sighting.key), KINDS[rules.spec.things]
+        if kind is Kind.AGENT and not self._is_agent(key, sample):
+            return None
+        before = self._tables[source].get(sighting.key)
+        if before is None:
+            thing = begun(key, rules, sighting, sample, now_s)
+            self._make_room(rules)
+        else:
+            thing, weighed, bound = sighted(before, rules, sighting, sample, now_s)
+            if weighed.verdict is not Verdict.BELIEVED:
+                self._put(thing)
+                self._tell(key, weighed, bound.speed_m_s)
+                return None
+        velocity = sighting.velocity
+        if velocity is not None:
+            velocity = complex(*to_grid(velocity.real, velocity.imag, convergence_rad))
+        thing = told(thing, sighting, velocity)
+        if kind is Kind.AGENT:
+            thing = replace(thing, id=self._agent_id(key))
+        else:
+            thing = placed(thing, rules, sighting, self._box.distance_m(sample.place), now_s)
+        self._put(thing)
+        if thing.id is None or not self._owns(thing, now_s):
+            return None
+        error_m = rules.bound(sighting, 0.0).noise.error_m
+        return Observation(kind, thing.id, thing.place, thing.velocity or 0j, at_s, error_m, source)
+
+    def due(
+        self, agents: Sequence[complex], reach_m: float, now_s: float, failed: Collection[str] = ()
+    ) -> list[Taken | Dropped]:
+        """Return what is wanted in the picture and out of it by now.
+
+        `agents` are where agents are, `reach_m` is how far one flies until the next batch, and `failed` are the sources
+        whose links have failed. What is returned is answered by `taken`, `dropped` or `declined`.
+        """
+        if now_s < self._look_s:
+            return []
+        self._look_s = now_s + LOOK_S
+        drops: list[tuple[Dropped, float]] = []
+        wanted: list[Taken] = []
+        for source, rules in self._rules.items():
+            if KINDS[rules.spec.things] is Kind.AGENT:
+                continue
+            factor = SILENT_SOURCE if source in failed or self._is_silent(source, now_s) else 1.0
+            self._forget(source, factor, now_s)
+            drops += self._drops(source, factor, now_s)
+            more, instead = self._wanted(source, np.array(agents, dtype=complex), reach_m, now_s)
+            wanted += more
+            drops += [(one, now_s) for one in instead]
+        waited_s = max((now_s - since_s for _, since_s in drops), default=0.0)
+        is_batch = now_s >= self._batch_s and (wanted or waited_s >= RETIRED_WITHIN_S)
+        if not is_batch and not any(one.is_urgent for one in wanted):
+            return []
+        self._batch_s = now_s + BATCH_S
+        return [*(drop for drop, _ in drops), *wanted]
+
+    def taken(self, taken: Taken, identity: int, is_listed: bool) -> None:
+        """Note that a thing is in the picture as was asked for; `is_listed`: as one that the mission's file has."""
+        thing = self._tables[taken.key.source].get(taken.key.key)
+        if thing is not None:
+            self._put(replace(thing, id=identity, wire=None if is_listed else taken.wire))
+            self._claims[self._claim(taken.key)] = taken.key
+
+    def dropped(self, dropped: Dropped) -> None:
+        """Note that a thing is out of the picture, or is its heir's."""
+        thing = self._tables[dropped.key.source].get(dropped.key.key)
+        wire = None if thing is None else thing.wire
+        if thing is not None:
+            self._put(replace(thing, id=None, wire=None))
+        self._release(dropped.key)
+        heir = dropped.heir and self._tables[dropped.heir.source].get(dropped.heir.key)
+        if heir:
+            self._put(replace(heir, id=dropped.id, wire=wire))
+            self._claims[self._claim(heir.key)] = heir.key
+
+    def declined(self, wanted: Taken | Dropped, why: str, now_s: float) -> None:
+        """Note that the ground station refused something, which is not asked for again at once."""
+        thing = self._tables[wanted.key.source].get(wanted.key.key)
+        if thing is not None:
+            self._put(replace(thing, waits_until_s=now_s + AGAIN_S))
+        self.refused[wanted.key.source] += 1
+        words = why.replace("{", "(").replace("}", ")")
+        self.refusals.add((wanted.key.source, "refused"), f"{wanted.key.source}: not taken in, {{}} times: {words}")
+
+    def _things(self) -> Iterator[Thing]:
+        for table in self._tables.values():
+            yield from table.values()
+
+    def _put(self, thing: Thing) -> None:
+        """Keep a thing; the one that was put for the longest time stands first in its table."""
+        table = self._tables[thing.key.source]
+        table[thing.key.key] = thing
+        table.move_to_end(thing.key.key)
+
+    def _kind(self, key: SourceKey) -> Kind:
+        return KINDS[self._rules[key.source].spec.things]
+
+    def _agent_id(self, key: SourceKey) -> int | None:
+        """Return the id of the agent that a source's key stands for: the given one, or the key where it is a number."""
+        given = self._rules[key.source].spec.ids.get(key.key)
+        return int(key.key) if given is None and key.key.isdecimal() and len(key.key) <= 5 else given
+
+    def _claim(self, key: SourceKey) -> tuple[str, str]:
+        """Return by what a thing is known to be the same one that another source sees."""
+        rules, kind = self._rules[key.source], self._kind(key)
+        identity = self._agent_id(key) if kind is Kind.AGENT else rules.spec.ids.get(key.key)
+        return rules.claim(key.key) if identity is None else (kind.name, str(identity))
+
+    def _release(self, key: SourceKey) -> None:
+        claim = self._claim(key)
+        if self._claims.get(claim) == key:
+            del self._claims[claim]
+
+    def _owns(self, thing: Thing, now_s: float) -> bool:
+        """Return whether a thing's place is its source's to say; another may go on where one has fallen silent."""
+        claim = self._claim(thing.key)
+        owner = self._claims.setdefault(claim, thing.key)
+        if owner == thing.key:
+            return True
+        other = self._tables[owner.source].get(owner.key)
+        if other is None or now_s - other.seen_at_s > OWNED_S:
+            self._claims[claim] = thing.key
+            return True
+        self._refuse(
+            thing.key.source,
+            "claimed",
+            f"{{}} sightings left out of {_named(thing.key)}, which {owner.source} sees too",
+        )
+        return False
+
+    def _is_agent(self, key: SourceKey, sample: Sample) -> bool:
+        """Return whether the mission has the agent that was sighted; note it if not."""
+        identity = self._agent_id(key)
+        if any(agent.id == identity for agent in self._mission.agents):
+            return True
+        before = self._unknown.pop(key, None)
+        times = 1 if before is None else before.times + 1
+        self._unknown[key] = Unknown(key.source, identity or 0, key.key, sample.place, sample.at_s, times)
+        if len(self._unknown) > MOST_UNKNOWN:
+            self._unknown.popitem(last=False)
+        self.refusals.add(
+            (key.source, "unknown"),
+            f"{key.source}: {{}} sightings of agents that the mission does not have, such as {_named(key)}",
+        )
+        return False
+
+    def _time_of(self, rules: Rules, sighting: Sighting, now_s: float) -> float | None:
+        """Return when a sighting was made that comes in now; None if its stamp cannot be true."""
+        at_s = sighting.at_s - (self.ahead_s if rules.is_stamped else 0.0)
+        if not math.isfinite(at_s) or at_s - now_s > AHEAD_S:
+            ahead = f"its clock is {at_s - now_s:.1f} s ahead of this computer's; allowed: {AHEAD_S:g} s"
+            self._refuse(rules.spec.name, "ahead", f"{{}} sightings refused, stamped in the future: {ahead}")
+            return None
+        if now_s - at_s > rules.behind_s:
+            behind = f"they are old, or its clock is {now_s - at_s:.1f} s behind; allowed: {rules.behind_s:g} s"
+            self._refuse(rules.spec.name, "behind", f"{{}} sightings refused, stamped too long ago: {behind}")
+            return None
+        return min(now_s, at_s)
+
+    def _refuse(self, source: str, cause: str, words: str) -> None:
+        self.refused[source] += 1
+        self.refusals.add((source, cause), f"{source}: {words}")
+
+    def _tell(self, key: SourceKey, weighed: Weighed, fastest_m_s: float) -> None:
+        if weighed.verdict is Verdict.BEYOND:
+            why = f"was seen {weighed.off_m:.0f} m from where {fastest_m_s:g} m/s can take it"
+        elif weighed.verdict is Verdict.JUMP:
+            why = f"jumped {weighed.off_m:.0f} m: believed when confirmed"
+        else:
+            return
+        self._refuse(key.source, weighed.verdict.value, f"{{}} sightings not believed; {_named(key)} {why}")
+
+    def _make_room(self, rules: Rules) -> None:
+        """Forget, of too many things that a source sees, the one that is not in the picture and oldest."""
+        table = self._tables[rules.spec.name]
+        if len(table) >= WATCHED * rules.spec.most:
+            oldest = next((key for key, thing in table.items() if thing.id is None), None)
+            if oldest is not None:
+                del table[oldest]
+                words = f"more than {WATCHED * rules.spec.most} things at once: {{}} forgotten; allowed: a greater most"
+                self.refusals.add((rules.spec.name, "flood"), f"{rules.spec.name}: {words}")
+
+    def _is_silent(self, source: str, now_s: float) -> bool:
+        """Return whether a source that sees several things has seen none of late."""
+        table = self._tables[source]
+        return len(table) > 1 and all(now_s - thing.seen_at_s > QUIET_S for thing in table.values())
+
+    def _forget(self, source: str, factor: float, now_s: float) -> None:
+        """Forget the things that are not in the picture and were not seen for too long."""
+        table, rules = self._tables[source], self._rules[source]
+        for key in [one for one, thing in table.items() if thing.id is None and now_s > thing.ends_s(rules, factor)]:
+            del table[key]
+
+    def _drops(self, source: str, factor: float, now_s: float) -> list[tuple[Dropped, float]]:
+        """Return the things of a source that are not wanted any more, each with the time since which."""
+        drops = []
+        rules = self._rules[source]
+        for thing in self._tables[source].values():
+            if thing.id is None or thing.is_listed or now_s < thing.waits_until_s:
+                continue
+            ends_s = thing.ends_s(rules, factor)
+            if now_s > ends_s:
+                why, since_s = f"not seen for {now_s - thing.seen_at_s:.0f} s", ends_s
+            elif thing.leaves_since_s is not None:
+                why, since_s = "too far away, too high or too low", thing.leaves_since_s
+            else:
+                continue
+            heir = self._heir(thing, now_s) if now_s > ends_s else None
+            drops.append((Dropped(thing.key, self._kind(thing.key), thing.id, why, heir), since_s))
+        return drops
+
+    def _heir(self, thing: Thing, now_s: float) -> SourceKey | None:
+        """Return what another source that still sees a thing calls it."""
+        claim = self._claim(thing.key)
+        for source, table in self._tables.items():
+            other = table.get(thing.key.key)
+            if source != thing.key.source and other is not None and self._claim(other.key) == claim:
+                if other.id is None and now_s - other.seen_at_s <= OWNED_S:
+                    return other.key
+        return None
+
+    def _wanted(
+        self, source: str, agents: np.ndarray, reach_m: float, now_s: float
+    ) -> tuple[list[Taken], list[Dropped]]:
+        """Return what a source sees that is wanted in the picture, and what gives way to it in one that is full."""
+        rules, table = self._rules[source], self._tables[source]
+        changes = [thing for thing in table.values() if thing.outgrows(rules) and now_s >= thing.waits_until_s]
+        new = [thing for thing in table.values() if self._is_wanted(thing, rules, now_s)]
+        if not changes and not new:
+            return [], []
+        inside = [thing for thing in table.values() if thing.id is not None]
+        near_m = _nearest_m(new, agents)
+        order = sorted(range(len(new)), key=lambda k: near_m[k])
+        room = max(0, rules.spec.most - len(inside))
+        chosen, dropped = order[:room], []
+        far = sorted(zip(_nearest_m(inside, agents), inside, strict=True), key=lambda one: one[0])
+        for k in order[room:]:
+            # A listed thing stays.
+            while far and far[-1][1].is_listed:
+                far.pop()
+            if not far or near_m[k] >= REPLACED_AT * far[-1][0]:
+                left = len(order) - len(chosen)
+                words = f"{left} things left out, as {rules.spec.most} are in the picture; allowed: a greater most"
+                self.refusals.add((source, "full"), f"{source}: {words} ({{}})")
+                break
+            _, thing = far.pop()
+            assert thing.id is not None
+            dropped.append(Dropped(thing.key, self._kind(thing.key), thing.id, "nearer ones take its place"))
+            chosen.append(k)
+        # What reaches an agent before the next batch goes out now.
+        radius_m = (rules.spec.radius_m or rules.spec.detection_radius_m or 0.0) + reach_m
+        wanted = [self._taken_of(new[k], rules, near_m[k] - radius_m) for k in chosen]
+        return [*(self._taken_of(one, rules, math.inf) for one in changes), *wanted], dropped
+
+    def _is_wanted(self, thing: Thing, rules: Rules, now_s: float) -> bool:
+        is_new = thing.id is None and thing.is_confirmed(rules) and thing.leaves_since_s is None
+        return is_new and now_s >= thing.waits_until_s and self._claim(thing.key) not in self._claims
+
+    def _taken_of(self, thing: Thing, rules: Rules, room_m: float) -> Taken:
+        """Return what a thing is to be taken in with; `room_m` is how far it is from what it must not reach."""
+        wire = thing.wire_wanted(rules)
+        speed_m_s = wire.allowed_m_s if thing.speed_m_s is None else thing.speed_m_s
+        is_urgent = thing.outruns() or room_m <= wire.wider_m + speed_m_s * BATCH_S
+        identity = rules.spec.ids.get(thing.key.key) if thing.id is None else thing.id
+        motion = thing.known.believed.motion
+        kind = self._kind(thing.key)
+        return Taken(
+            thing.key, kind, identity, thing.name, motion.place, motion.at_s, wire, thing.id is None, is_urgent
+        )
+
+
+def _nearest_m(things: Sequence[Thing], agents: np.ndarray) -> list[float]:
+    """Return how far each thing is from the nearest agent; 0 without agents."""
+    places = np.array([thing.place for thing in things], dtype=complex)
+    if not len(agents):
+        return [0.0] * len(things)
+    apart_m = np.abs(places[:, np.newaxis] - agents[np.newaxis, :])
+    return [float(one) for one in apart_m.min(axis=1)]
+
+
+def _named(key: SourceKey) -> str:
+    return key.key.replace("{", "(").replace("}", ")")
