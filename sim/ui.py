@@ -7,14 +7,13 @@ follows: what is added is there for sensor and score. Every event is kept in the
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from companion.errors import InputError
 from companion.mission.model import Mission
-from companion.onboard.companion import Companion
 from companion.onboard.decision import Decision
 from groundstation.desk import Desk, begin_day
 from groundstation.ground_station import GroundStation
@@ -23,35 +22,31 @@ from groundstation.notices import noticed
 from groundstation.page import Overheard, Page
 from groundstation.store.rows import EventRow
 from groundstation.view import Surroundings
+from groundstation.web.address import bound, listen, parse_address
 from groundstation.web.bridge import Bridge
-from groundstation.web.pipe import Request
+from groundstation.web.pipe import CLOCK, Request
+from groundstation.web.site import Site
+from sim.agent_log import AgentLog
 from sim.loop import START_S
 from sim.pace import FASTEST, SLOWEST, Pace
 from sim.stop import Stop
 
 EVENTS_NAME = "events.jsonl"
+OVER = "the flight is over; allowed: to look at it"
 SHOW_PERIOD_S = 0.1
 """Wall-clock time between two looks at the page: what is asked waits no longer than that."""
-CLOCK = "clock"
-"""The command by which the page asks for another pace."""
 
 
 class Stage(NamedTuple):
     """The parts of a flight that a page shows and changes."""
 
-    overheard: Overheard
-    companions: Mapping[int, Companion]
-    """By agent id."""
-    follow: Followers
+    station: GroundStation
+    logs: Mapping[int, AgentLog]
+    """What each companion has decided, by agent id."""
+    follow: Callable[[Mission, float], None]
+    """Function that has the world and the records follow a mission from a time of the flight on."""
     budget_bytes_per_s: float | None
     can_stop: bool
-
-
-class Followers(Protocol):
-    """What follows the ground station's mission."""
-
-    def follow(self, mission: Mission, t_s: float) -> None:
-        """Have the things of a mission from a time of the flight on."""
 
 
 class EventFile:
@@ -94,17 +89,18 @@ class SimScreen:
     def __init__(self, bridge: Bridge, pace: Pace) -> None:
         self.pace = pace
         self._bridge = bridge
-        self._companions: Mapping[int, Companion] = {}
+        self._logs: Mapping[int, AgentLog] = {}
         self._t_s = 0.0
+        self._is_over = False
 
-    def board(self, companions: Mapping[int, Companion]) -> None:
-        """Show what these companions decide, by agent id."""
-        self._companions = companions
+    def board(self, logs: Mapping[int, AgentLog]) -> None:
+        """Show what companions decide, by agent id."""
+        self._logs = logs
 
     def publish(self, message: Mapping[str, Any]) -> None:
         """Show a message, pictures with what each companion has decided last."""
         if message["type"] == "picture":
-            told = {identity: _told(one.last_decision) for identity, one in self._companions.items()}
+            told = {identity: _told(log.last) for identity, log in self._logs.items()}
             agents = [{**agent, **told.get(agent["id"], {})} for agent in message["agents"]]
             message = {**message, "agents": agents}
         self._bridge.publish(message)
@@ -143,12 +139,22 @@ class SimScreen:
             }
         )
 
+    def end(self) -> None:
+        """Show that the flight is over; its clock stands from now on."""
+        self._is_over = True
+        self.pace = self.pace.changed(self._t_s, time.monotonic(), playing=False)
+        self.show_pace(self._t_s)
+
     def close(self) -> None:
         """End the page."""
         self._bridge.close()
 
     def _set_pace(self, request: Request) -> None:
         try:
+            if self._is_over:
+                raise InputError(OVER)
+            if request.who.role != "operator":
+                raise InputError(f"{request.who.name} is {request.who.role}; allowed: for an operator only")
             speed, playing = _asked(request.command)
         except InputError as error:
             self.refuse(request.id, str(error))
@@ -158,6 +164,24 @@ class SimScreen:
         self.reply(request.id, {"at_s": START_S + self._t_s, "speed": self.pace.speed, "playing": self.pace.playing})
 
 
+def open_screen(address: str, pace: Pace) -> tuple[SimScreen, str]:
+    """Serve the page at an address; return its screen, and the address as a browser is given it.
+
+    Raises:
+        InputError: it is no address of this computer only, or nothing can be served there.
+
+    """
+    wanted = parse_address(address)
+    if not wanted.is_loopback:
+        raise InputError(
+            f"--ui: '{address}' can be reached from other computers; allowed: an address of this computer only, such "
+            "as 127.0.0.1:8750"
+        )
+    listener = listen(wanted)
+    site = Site(bound(listener), "sim")
+    return SimScreen(Bridge(site, listener), pace), site.url
+
+
 class FlightPage:
     """Shows one flight and lets the page change it, between its ticks."""
 
@@ -165,16 +189,18 @@ class FlightPage:
         """Begin before the first tick."""
         self._screen = screen
         self._stage = stage
-        self._station: GroundStation = stage.overheard.station
+        self._station = stage.station
+        self.overheard = Overheard(stage.station)
+        """The ground station as its broadcaster is to use it, so that the page shows every frame."""
         self._desk = Desk(self._station, events, screen)
         self._meter = Meter()
         self._page = Page(self._station, self._desk, screen, self._around, can_stop=stage.can_stop)
         self._mission = self._station.mission
         self._look_due_s = float("-inf")
-        screen.board(stage.companions)
+        screen.board(stage.logs)
         begin_day(self._desk, self._station, self._station.directive, START_S)
 
-    def rest(self, t_s: float, stop: Stopped) -> None:
+    def rest(self, t_s: float, stop: Callable[[], Stop | None]) -> None:
         """Show what has happened, obey what was asked, and return when the tick at a time of the flight is due."""
         self._notice(t_s)
         while stop() is None:
@@ -190,7 +216,7 @@ class FlightPage:
     def look(self, t_s: float) -> None:
         """Show everything at a time of the flight, and obey what was asked."""
         now_s = START_S + t_s
-        frames = self._stage.overheard.taken()
+        frames = self.overheard.taken()
         for frame in frames:
             self._meter.sent(name_of(frame), len(frame), now_s)
         self._screen.show_pace(t_s)
@@ -198,7 +224,7 @@ class FlightPage:
         self._desk.tick(now_s)
         if self._station.mission is not self._mission:
             self._mission = self._station.mission
-            self._stage.follow.follow(self._mission, t_s)
+            self._stage.follow(self._mission, t_s)
 
     def _notice(self, t_s: float) -> None:
         if self._desk.is_idle:
@@ -206,22 +232,17 @@ class FlightPage:
             self._desk.note(noticed(self._station.operations, self._station.facts(), now_s), now_s)
 
     def _around(self, now_s: float) -> Surroundings:
-        shown = {"budget_bytes_per_s": self._stage.budget_bytes_per_s, "authentication": "unsigned", "link": "simulated"}
-        return Surroundings("sim", self._meter.reading(now_s) | shown)
+        budget = {"budget_bytes_per_s": self._stage.budget_bytes_per_s}
+        radio = {"authentication": "unsigned", "link": "simulated"}
+        return Surroundings("sim", self._meter.reading(now_s) | budget | radio)
 
 
-class Stopped(Protocol):
-    """Says whether to end early, and why."""
-
-    def __call__(self) -> Stop | None:
-        """Return why, None if it goes on."""
-
-
-def linger(screen: SimScreen, stop: Stopped) -> None:
+def linger(screen: SimScreen, stop: Callable[[], Stop | None]) -> None:
     """Keep the page of a flight that is over until a signal comes."""
+    screen.end()
     while stop() is None:
         for request in screen.pump():
-            screen.refuse(request.id, "the flight is over; allowed: to look at it")
+            screen.refuse(request.id, OVER)
         time.sleep(SHOW_PERIOD_S)
 
 
