@@ -16,6 +16,7 @@ from companion.mission.places import Plane, Position
 from companion.mission.values import MAX_ID, MAX_ITEMS
 from companion.mission.written import RADII, radii_m
 from companion.protocol.messages import Kind
+from groundstation.broadcast import MOST_FRAMES, frames_for
 from groundstation.events import (
     AddTarget,
     AddThreat,
@@ -46,7 +47,7 @@ from groundstation.events import (
     WasPutBack,
     Who,
 )
-from groundstation.operations import MOST_UNDOS, Operations
+from groundstation.operations import MOST_UNDOS, Operations, applied
 
 
 def event_of(operations: Operations, command: Command, who: Who, now_s: float) -> Event:
@@ -57,11 +58,27 @@ def event_of(operations: Operations, command: Command, who: Who, now_s: float) -
 
     """
     head: dict[str, Any] = {"number": operations.next_number, "unix_s": now_s, "who": who}
-    if not isinstance(command, Undo):
-        return _event(operations, command, head)
-    by = _undo(operations, command.number)
-    head["undoes"] = command.number
-    return Restored(**head, state=by) if isinstance(by, ThingState) else _event(operations, by, head)
+    if isinstance(command, Undo):
+        by = _undo(operations, command.number)
+        head["undoes"] = command.number
+        event = Restored(**head, state=by) if isinstance(by, ThingState) else _event(operations, by, head)
+    else:
+        event = _event(operations, command, head)
+    _check_sendable(operations, event)
+    return event
+
+
+def _check_sendable(operations: Operations, event: Event) -> None:
+    """Raise InputError if an event adds what would not fit into a broadcast any more."""
+    before, after = operations.mission, applied(operations, event).mission
+    if len(after.targets) + len(after.threats) <= len(before.targets) + len(before.threats):
+        return
+    frames = frames_for(after)
+    if frames > max(MOST_FRAMES, frames_for(before)):
+        raise InputError(
+            f"{event.event}: {len(after.targets)} targets and {len(after.threats)} threats take {frames} frames; "
+            f"allowed: at most {MOST_FRAMES} in a broadcast, by retiring others"
+        )
 
 
 def _undo(operations: Operations, number: int) -> Command | ThingState:

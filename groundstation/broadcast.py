@@ -54,6 +54,8 @@ from groundstation.tracks import TrackTable
 
 EntryT = TypeVar("EntryT", AgentEntry, TargetEntry, ThreatEntry, AgentMotion, PointMotion, BandEntry)
 PackedT = TypeVar("PackedT", bound=Entry)
+MOST_FRAMES = 255
+"""Greatest number of frames of one broadcast: they are numbered with 8 bits."""
 MOVING_M_S = 0.1
 """Speed below which a heading means nothing."""
 NOWHERE = (None, None)
@@ -70,6 +72,8 @@ class Broadcast(NamedTuple):
     """Revision of the picture that is told, with its grid."""
     directives: Mapping[int, Directive] = MappingProxyType({})
     """The directives for single agents, by id of the agent; those that have none are left out."""
+    is_last: bool = False
+    """Whether the ground station stops after this broadcast."""
 
 
 @dataclass
@@ -113,6 +117,7 @@ def state_frames(
             origin_lat_deg=mission.origin.lat_deg,
             origin_lon_deg=mission.origin.lon_deg,
             directive=broadcast.directive,
+            is_last=broadcast.is_last,
             revision=revision.number,
             picture_threats=len(threats),
             picture_targets=len(targets),
@@ -157,6 +162,26 @@ def _state_contents(
     for index in range(max(len(rest_targets), len(rest_threats))):
         contents.append(_StateContent([], _at(rest_targets, index), _at(rest_threats, index)))
     return contents or [_StateContent()]
+
+
+def fits_one_frame(mission: Mission) -> bool:
+    """Return whether one state frame holds everything that a mission has."""
+    return all(
+        len(things) <= most and _span(thing.id for thing in things) < ID_SPAN
+        for things, most in (
+            (mission.agents, AGENTS_PER_FRAME),
+            (mission.targets, TARGETS_PER_FRAME),
+            (mission.threats, THREATS_PER_FRAME),
+        )
+    )
+
+
+def frames_for(mission: Mission) -> int:
+    """Return about how many state frames a mission takes: one for every five agents, which may have as many targets."""
+    targets = len(_chunks([TargetEntry(one.id, 0.0, 0.0) for one in mission.targets], TARGETS_PER_FRAME))
+    radii_m = 1.0, 0.5, 0.0
+    threats = len(_chunks([ThreatEntry(one.id, 0.0, 0.0, *radii_m) for one in mission.threats], THREATS_PER_FRAME))
+    return math.ceil(len(mission.agents) / TARGETS_PER_FRAME) + max(targets, threats)
 
 
 def motion_frames(picture: TrackTable, mission: Mission, stamp: Stamp) -> list[MotionFrame]:
@@ -226,6 +251,7 @@ def fleet_frames(
         FleetFrame(
             stamp=replace(stamp, frame_index=index, frame_count=len(contents)),
             directive=broadcast.directive,
+            is_last=broadcast.is_last,
             revision=revision.number,
             grid=revision.grid,
             agents=tuple(_by_id(entry for entry in content if isinstance(entry, AgentEntry))),

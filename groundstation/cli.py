@@ -60,6 +60,11 @@ for command in MISSION_COMMANDS:
     metavar="MB",
     help="For pictures and frames in the store: the oldest are removed; events never are.",
 )
+@click.option(
+    "--new-flight",
+    is_flag=True,
+    help="Begin MISSION anew: of the last run only epoch and signing time go on, its events stay in the store.",
+)
 @click.option("--log", metavar="FILE.tlog", help="Keep what is sent and heard; FILE-2.tlog if there is one.")
 @click.option(
     "--log-mb",
@@ -72,6 +77,12 @@ for command in MISSION_COMMANDS:
 @click.option("--mirror", metavar="URL", help="Show threats and reckoned agents as ADSB_VEHICLE there, once a second.")
 @click.option(
     "--sensor", metavar="URL", help="Where detections come in: udpin:HOST:PORT. Without it nobody is tracked."
+)
+@click.option(
+    "--source",
+    multiple=True,
+    metavar="KIND=URL[,KEY=VALUE...]",
+    help="A live source beside the mission's, docs/sources.md: basestation=tcp:127.0.0.1:30003,radius_m=800.",
 )
 @click.option("--uplink", metavar="URL", help="Case II: where agents' reports come in: udpin:HOST:PORT.")
 @click.option(
@@ -122,11 +133,13 @@ def run(**given: Unpack[RunArguments]) -> None:
     from companion.guidance.settings import DEFAULT_LAW
     from companion.onboard.lint.warnings import lint_flight
     from companion.runtime.clock import run_until_signal
-    from companion.runtime.console import program_logger
+    from companion.runtime.console import messages_as_json, program_logger
     from groundstation.options import run_of
     from groundstation.service import run_groundstation
 
     mission, options = run_of(given)
+    if options.log_format == "json":
+        messages_as_json("groundstation")
     # In Case I nobody is reckoned, so what flies is known only to the vehicles.
     kinds = (given["autopilot"],) if mission.case == "II" else (given["autopilot"], ARDUCOPTER.name)
     for warning in lint_flight(mission, DEFAULT_LAW, kinds, given["mission"]):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from companion.errors import InputError
 from companion.mission.model import Mission
@@ -34,9 +34,11 @@ from companion.protocol.frame import ED25519_BYTES
 from groundstation.acceptance import event_of
 from groundstation.agents import DeadReckoner, VehicleModel, restamped
 from groundstation.broadcast import (
+    MOST_FRAMES,
     Broadcast,
     Unsendable,
     band_frames,
+    fits_one_frame,
     fleet_frames,
     grown,
     mission_frame,
@@ -68,6 +70,7 @@ knows where they are. Chosen: the `lost_after_s` of a mission that gives none.""
 RADII_HOLD_S = 120.0
 """Time for which the radii in a carousel must hold, until they have been sent again."""
 
+PartT = TypeVar("PartT", StateFrame, MotionFrame, BandsFrame, FleetFrame, RadiiFrame)
 _STATE_BYTES, _MOTION_BYTES, _BANDS_BYTES = (
     message.unpacker.size - ED25519_BYTES
     for message in (
@@ -126,6 +129,8 @@ class _Epoch:
 
     def __init__(self, began_s: int) -> None:
         self.began_s = began_s
+        self.is_ending = False
+        """Whether the broadcast that is begun next is the last, and says so."""
         self._sequence = 0
         self._ahead_s = 0.0
 
@@ -192,8 +197,6 @@ class GroundStation:
                 self._writer.encode(frame)
         except WireError as error:
             raise InputError(f"{mission.name}: cannot be broadcast: {error}") from error
-        self._one_frame = len(self._states(start_s)) == 1
-        """Whether one state frame holds everything, until something is added; otherwise entries only become fewer."""
 
     @property
     def mission(self) -> Mission:
@@ -204,6 +207,16 @@ class GroundStation:
     def directive(self) -> Directive:
         """What all vehicles are told."""
         return self.operations.orders.told
+
+    @property
+    def orders(self) -> tuple[Directive, Mapping[int, Directive]]:
+        """What all vehicles are told, and what single ones are, by id."""
+        return self.operations.orders.told, self.operations.orders.own
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether threats were added, retired or changed since the last broadcast of the state was begun."""
+        return self.mission.threats != self._revision.mission.threats
 
     @property
     def epoch_s(self) -> int:
@@ -249,11 +262,14 @@ class GroundStation:
                 {one: self.operations.reached.by[one] for one in back}
             )
         self.tracks.progress = replace(self.tracks.progress, out=orders.out)
-        if self.mission is not before.mission or orders != before.orders:
+        was = before.orders
+        is_other = (orders.pins, orders.out, orders.paused) != (was.pins, was.out, was.paused)
+        if is_other or self.mission.targets is not before.mission.targets:
             # An order is a reason for other targets.
             self._keep_until_s = -math.inf
             self._assign(now_s)
-            self._one_frame = len(self._states(now_s)) == 1
+        elif self.mission is not before.mission:
+            self._due.assignment_s = min(self._due.assignment_s, now_s)
 
     def _resume(self, operations: Operations, places: Places | None, now_s: float) -> None:
         """Go on where the run before ended."""
@@ -334,22 +350,34 @@ class GroundStation:
             self._due.assignment_s = _after(self._due.assignment_s, self.mission.assignment_period_s, now_s)
 
     def tick(self, now_s: float) -> list[bytes]:
-        """Return the frames to broadcast now; none if nothing is due.
+        """Update everything to `now_s`, and return the frames to broadcast now; none if nothing is due."""
+        self.advance(now_s)
+        return self.due(now_s)
+
+    def due(self, now_s: float) -> list[bytes]:
+        """Return the frames to broadcast now, by what `advance` has found; none if nothing is due.
 
         A frame that cannot be encoded is counted in `unsendable` and left out.
         """
-        self.advance(now_s)
         datagrams: list[bytes] = []
         if now_s >= self._due.state_s - _DUE_TOLERANCE_S:
             self._begin_state(now_s)
-            datagrams += self._encoded(self._state_and_bands(now_s))
+            datagrams += self._encoded(self._sendable(self._states(now_s)))
+            datagrams += self._encoded(self._sendable(band_frames(self.mission, self._epoch.stamp(now_s))))
             self._due.state_s = _after(self._due.state_s, self.mission.broadcast_period_s, now_s)
         if now_s >= self._due.motion_s - _DUE_TOLERANCE_S:
-            datagrams += self._encoded(motion_frames(self.tracks, self.mission, self._epoch.stamp(now_s)))
+            motion = motion_frames(self.tracks, self.mission, self._epoch.stamp(now_s))
+            datagrams += self._encoded(self._sendable(motion))
             self._due.motion_s = _after(self._due.motion_s, self.mission.broadcast_period_s, now_s)
         for datagram in datagrams:
             self.overhear(datagram, now_s)
         return datagrams
+
+    def last(self, now_s: float) -> list[bytes]:
+        """Return the frames of a last broadcast of the state; from now on every broadcast says that it is the last."""
+        self._epoch.is_ending = True
+        self._begin_state(now_s)
+        return self._encoded(self._states(now_s))
 
     def overhear(self, datagram: bytes, now_s: float) -> None:
         """Let the dead-reckoned agents (Case II) hear an unsigned frame that is broadcast now."""
@@ -373,7 +401,8 @@ class GroundStation:
         growth_m = untold_growth_m(self.tracks, self.mission.threats, now_s + RADII_HOLD_S)
         self._revise(threat.detection_radius_m + growth_m.get(threat.id, 0.0) for threat in self.mission.threats)
         data_bytes = payload_bytes - FLEET_HEAD_BYTES
-        return fleet_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s), data_bytes)
+        frames = fleet_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s), data_bytes)
+        return self._sendable(frames)
 
     def carousel(
         self, now_s: float, payload_bytes: int
@@ -398,11 +427,12 @@ class GroundStation:
         slow.append(mission_frame(mission, self._revision, surrogate_digest(mission), stamp, name_bytes))
         told = [threat for threat in mission.threats if (Kind.THREAT, threat.id) in self.tracks.tracks]
         growth_m = untold_growth_m(self.tracks, told, now_s + RADII_HOLD_S)
-        slow += radii_frames(mission, self._revision, stamp, payload_bytes - RADII_HEAD_BYTES, growth_m)
+        data_bytes = payload_bytes - RADII_HEAD_BYTES
+        slow += self._sendable(radii_frames(mission, self._revision, stamp, data_bytes, growth_m))
         return slow
 
     def _tells_all(self, payload_bytes: int) -> bool:
-        return self._one_frame and payload_bytes >= _STATE_BYTES
+        return payload_bytes >= _STATE_BYTES and fits_one_frame(self.mission)
 
     def _begin_state(self, now_s: float) -> None:
         """Begin a broadcast of state frames, whose radii are grown by the ages of the threats' positions."""
@@ -418,13 +448,26 @@ class GroundStation:
         self._revision = next_revision(self._revision, self.mission, self.tracks, radii_m)
 
     def _broadcast(self, now_s: float) -> Broadcast:
-        return Broadcast(self._epoch.stamp(now_s), self.directive, self._revision, self.operations.orders.own)
+        stamp, own = self._epoch.stamp(now_s), self.operations.orders.own
+        return Broadcast(stamp, self.directive, self._revision, own, self._epoch.is_ending)
 
     def _states(self, now_s: float) -> list[StateFrame]:
         return state_frames(self.tracks, self.mission, self.assignment, self._broadcast(now_s))
 
     def _state_and_bands(self, now_s: float) -> list[StateFrame | BandsFrame]:
         return [*self._states(now_s), *band_frames(self.mission, self._epoch.stamp(now_s))]
+
+    def _sendable(self, frames: list[PartT]) -> list[PartT]:
+        """Return the frames of one broadcast, as many as can be numbered.
+
+        What is left out is counted. Whoever hears the others knows that the picture is not whole, and what all are told
+        to do.
+        """
+        if len(frames) <= MOST_FRAMES:
+            return frames
+        self.unsendable.add(WireError(f"{len(frames)} frames in a broadcast; allowed: at most {MOST_FRAMES}"))
+        first = frames[:MOST_FRAMES]
+        return [replace(frame, stamp=replace(frame.stamp, frame_count=MOST_FRAMES)) for frame in first]
 
     def _encoded(self, frames: Sequence[Frame]) -> list[bytes]:
         datagrams = []

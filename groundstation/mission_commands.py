@@ -14,6 +14,7 @@ from groundstation.choices import SIGNED
 
 if TYPE_CHECKING:
     from groundstation.fleet.command import FleetArguments
+    from groundstation.imports.command import ImportArguments
 
 
 @click.command("fleet")
@@ -46,4 +47,27 @@ def fleet_command(**given: Unpack[FleetArguments]) -> None:
         click.echo(str(path))
 
 
-MISSION_COMMANDS: tuple[click.Command, ...] = (fleet_command,)
+@click.command("import")
+@click.argument("file")
+@click.option("--out", metavar="FILE", help="Write the mission there instead of printing it.")
+@click.option("--home", metavar="LAT,LON[,ALT]", help="Where the vehicles start; else the file's home.")
+@click.option("--autopilot", metavar="KIND", help="What flies, if not what the file says.")
+@click.option("--agents", type=click.IntRange(1, 1_000), default=1, show_default=True, help="How many start at home.")
+def import_command(**given: Unpack[ImportArguments]) -> None:
+    """Turn FILE, a plan of QGroundControl, KML or GeoJSON, into a mission.
+
+    The fence comes from the inclusion, exclusions and threats from what is to be kept out of, targets from way points.
+    What was left out is said on standard error. docs/mission.md has the rules.
+
+    Example: groundstation import survey.plan > mission.yaml
+    """
+    from groundstation.imports.command import imported
+
+    text, notes = imported(given)
+    for note in notes:
+        click.echo(f"groundstation: {given['file']}: {note}", err=True)
+    if given["out"] is None:
+        click.echo(text, nl=False)
+
+
+MISSION_COMMANDS: tuple[click.Command, ...] = (fleet_command, import_command)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypedDict
@@ -11,12 +12,14 @@ from companion.autopilot.missions import load_mission_to_fly
 from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.mission.resolve import resolve
+from companion.mission.sources import SourceSpec
 from companion.transport.endpoints import Link, parse_link
 from companion.transport.link import RECEIVING
 from groundstation.choices import SIGNED, STATE_NAME, Authentication, one_of, without_null
 from groundstation.ground_station import check_runnable
 from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.radio import Radio, parse_radio
+from groundstation.sources.choices import source_specs
 from groundstation.web.address import parse_address
 from groundstation.web.site import LogFormat, Site, check_site
 
@@ -39,6 +42,7 @@ class RunArguments(TypedDict):
     log: str | None
     log_mb: float
     store_mb: float
+    new_flight: bool
     mirror: str | None
     sensor: str | None
     uplink: str | None
@@ -54,6 +58,7 @@ class RunArguments(TypedDict):
     ui_client_ca: str | None
     ui_tiles: str | None
     log_format: str
+    source: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -73,6 +78,8 @@ class Options:
     state: Path | None = None
     store_mb: float = 1_000.0
     """Greatest size of the pictures and frames in the store, in millions of bytes."""
+    new_flight: bool = False
+    """Whether nothing of the last run is carried over but what vehicles need to believe this one."""
     can_stop: bool = False
     """Case II: whether the dead-reckoned agents can stand still."""
     listen: Link | None = None
@@ -82,6 +89,8 @@ class Options:
     """Whether sensors and vehicles on other computers are believed though they sign nothing."""
     sensor_error_m: float = SENSOR_ERROR_M
     """Greatest error of a detection."""
+    sources: tuple[SourceSpec, ...] = ()
+    """Live sources, of the mission and the command line."""
     site: Site | None = None
     """Where and how the page is served; None without one."""
     log_format: LogFormat = "text"
@@ -111,7 +120,8 @@ def run_of(given: RunArguments) -> tuple[Mission, Options]:
     without_null({"--state": given["state"], "--log": given["log"], "--mirror": given["mirror"]})
     without_null({"--sensor": given["sensor"], "--uplink": given["uplink"], "--listen": given["listen"]})
     mission = _mission_to_broadcast(given["mission"], given["seed"], given["uplink"])
-    return mission, _options(given)
+    specs = source_specs(mission, given["source"], given["mission"], given["unsigned_inputs"])
+    return mission, _options(given, specs)
 
 
 def _mission_to_broadcast(name: str, seed: int, uplink: str | None) -> Mission:
@@ -134,9 +144,17 @@ def refuse_monolithic(mission: Mission, source: str) -> None:
         raise InputError(f"{source}: surrogate: 'monolithic' flies only in the simulator; allowed: pairwise, analytic")
 
 
-def _options(given: RunArguments) -> Options:
+def _sensor(given: RunArguments, specs: Sequence[SourceSpec]) -> Link | None:
+    """Return the sensors' link, of the command line or a source of that kind."""
+    urls = [spec.url for spec in specs if spec.kind == "sensor"]
+    if urls and given["sensor"] is not None:
+        raise InputError(f"--sensor: '{given['sensor']}' beside a source of the kind sensor; allowed: one of them")
+    return _link(urls[0] if urls else given["sensor"])
+
+
+def _options(given: RunArguments, specs: tuple[SourceSpec, ...]) -> Options:
     link = parse_link(given["link"])
-    sensor, uplink, mirror = (_link(given["sensor"]), _link(given["uplink"]), _link(given["mirror"]))
+    sensor, uplink, mirror = (_sensor(given, specs), _link(given["uplink"]), _link(given["mirror"]))
     if mirror is not None and mirror == link:
         raise InputError(f"--mirror: '{given['mirror']}' is the broadcast's own link; allowed: another port")
     log, keys, state = given["log"], given["keys"], given["state"]
@@ -159,10 +177,12 @@ def _options(given: RunArguments) -> Options:
         log_mb=given["log_mb"],
         state=_path(state),
         store_mb=given["store_mb"],
+        new_flight=given["new_flight"],
         can_stop=KINDS[given["autopilot"]].can_stop,
         listen=_link(given["listen"]),
         unsigned_inputs=given["unsigned_inputs"],
         sensor_error_m=error_m,
+        sources=specs,
         site=_site(given),
         log_format="json" if given["log_format"] == "json" else "text",
     )

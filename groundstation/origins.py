@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -17,6 +18,10 @@ SEEN_S = 5.0
 
 MOST_UNKNOWN = 64
 """Greatest number of unknown things that are remembered."""
+
+
+MOST_STRANGERS = 256
+"""Greatest number of sightings of unknown things that wait: more than one datagram has."""
 
 
 class Observation(NamedTuple):
@@ -44,6 +49,15 @@ class Unknown(NamedTuple):
     """Number of its sightings."""
 
 
+class Stranger(NamedTuple):
+    """One sighting by the sensor of something that the mission does not have."""
+
+    key: Key
+    place: complex
+    velocity: complex
+    at_s: float
+
+
 @dataclass
 class Origins:
     """Sources of the present places."""
@@ -58,6 +72,8 @@ class Origins:
     """Ids of the agents whose last word on where they are is a report of their own."""
     unknown: dict[Key, Unknown] = field(default_factory=dict)
     """What the sensor sees and the mission does not have, by kind and id; the last MOST_UNKNOWN of them."""
+    strangers: deque[Stranger] = field(default_factory=lambda: deque(maxlen=MOST_STRANGERS))
+    """Sightings of those that nobody has looked at yet."""
     jumps: int = 0
     """How often a threat was seen farther away than its bound allows, which vehicles rely on."""
 
@@ -68,10 +84,12 @@ class Origins:
             self.reported.discard(key[1])
             self.seen_at_s[key[1]] = max(at_s, self.seen_at_s.get(key[1], -math.inf))
 
-    def meet(self, key: Key, place: complex, at_s: float) -> None:
+    def meet(self, stranger: Stranger) -> None:
         """Note a thing that the sensor sees and the mission does not have."""
+        key = stranger.key
         known = self.unknown.pop(key, None)
-        self.unknown[key] = Unknown(SENSOR, place, at_s, 1 if known is None else known.times + 1)
+        self.unknown[key] = Unknown(SENSOR, stranger.place, stranger.at_s, 1 if known is None else known.times + 1)
+        self.strangers.append(stranger)
         if len(self.unknown) > MOST_UNKNOWN:
             del self.unknown[next(iter(self.unknown))]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
-from companion.protocol.messages import Directive
 from groundstation.desk import Desk
 from groundstation.events import Who
 from groundstation.ground_station import GroundStation
@@ -40,14 +39,21 @@ class Overheard:
     def __init__(self, station: GroundStation) -> None:
         self.station = station
         self._frames: list[bytes] = []
+        self._advanced_s: float | None = None
 
     @property
-    def directive(self) -> Directive:
-        """Directive to all vehicles."""
-        return self.station.directive
+    def orders(self) -> object:
+        """What vehicles are told to do."""
+        return self.station.orders
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether threats have changed since the last broadcast of the state was begun."""
+        return self.station.is_outdated
 
     def advance(self, now_s: float) -> None:
         """Update all tracks and the assignment to `now_s`."""
+        self._advanced_s = now_s
         self.station.advance(now_s)
 
     def refresh(self, now_s: float, payload_bytes: int) -> Sequence[BroadcastFrame]:
@@ -65,7 +71,7 @@ class Overheard:
 
     def tick(self, now_s: float) -> list[bytes]:
         """Return the unsigned frames that are due if no radio limits the broadcast."""
-        datagrams = self.station.tick(now_s)
+        datagrams = self.station.due(now_s) if now_s == self._advanced_s else self.station.tick(now_s)
         self._frames += datagrams
         return datagrams
 
@@ -86,17 +92,20 @@ class Page:
         around: Callable[[float], Surroundings],
         *,
         can_stop: bool = False,
+        is_seen: bool = True,
     ) -> None:
         """Begin to show; `around` returns what a page shows beside the ground station, at a time.
 
-        `can_stop`: whether the vehicles can stand still, as the copies that say why are to believe.
+        `can_stop`: whether the vehicles can stand still, as the copies that say why are to believe. `is_seen`: whether
+        somebody may look on, and not only a recorder of pictures and frames.
         """
         self._can_stop = can_stop
         self._station = station
         self._desk = desk
         self._screen = screen
         self._around = around
-        self._picture_due_s = self._moves_due_s = float("-inf")
+        self._picture_due_s = float("-inf")
+        self._moves_due_s = float("-inf") if is_seen else float("inf")
         self._event = -1
         """Number of the last event that a picture has shown."""
         self._mission: object = None

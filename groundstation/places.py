@@ -31,7 +31,7 @@ class Places:
     """Whose word the place of a target or threat is."""
 
 
-def places_in(picture: Mapping[str, Any]) -> Places:
+def kept_places(picture: Mapping[str, Any]) -> Places:
     """Return the places in a picture that `view.picture` has made.
 
     Raises:

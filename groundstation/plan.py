@@ -226,7 +226,8 @@ class _Standing:
     """A ground station in whose world nothing moves: its frames are made once, and stamped anew each time."""
 
     def __init__(self, mission: Mission, start_s: float) -> None:
-        self.directive = Directive.NORMAL
+        self.orders = Directive.NORMAL
+        self.is_outdated = False
         self._station = GroundStation(mission, start_s, sensed=False)
         self._start_s = start_s
         self._sequence = 0

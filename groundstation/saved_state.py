@@ -245,8 +245,8 @@ class RunState:
             lines.append(f"directive: {self.directive.name.lower()}, kept from the last run")
         if self._can_move and self.began_s < now_s:
             lines.append(
-                f"threats: where the mission says {now_s - self.began_s:.0f} s ago, when its first run began; before a "
-                f"new flight remove {self._path}"
+                f"threats: where the mission says {now_s - self.began_s:.0f} s ago, when its first run began; a new "
+                "flight of it begins with --new-flight"
             )
         return lines
 
@@ -272,7 +272,7 @@ class RunState:
         )
         self._store.keep(KEPT_AS, text_of(state))
         if _kept(state) != _kept(self._written):
-            self._hold_until_s = now_s + MOST_HOLD_S
+            self.hold(now_s)
         self._written, self._written_at_s = state, now_s
 
     def write_if_due(self, station: GroundStation, now_s: float) -> None:
@@ -283,8 +283,12 @@ class RunState:
             self.write(station, now_s)
         self._store.retry_if_due()
 
+    def hold(self, now_s: float) -> None:
+        """Have the broadcast wait for what was just handed to the store, as far as MOST_HOLD_S."""
+        self._hold_until_s = now_s + MOST_HOLD_S
+
     def holds(self, now_s: float) -> bool:
-        """Return whether the broadcast is to wait until directive, epoch and revision are on disk."""
+        """Return whether the broadcast is to wait until directive, epoch, revision and new events are on disk."""
         return self._path is not None and now_s < self._hold_until_s and self._store.is_awaited
 
 

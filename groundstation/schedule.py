@@ -2,8 +2,8 @@
 
 The state is refreshed once a second, or as often as it fits. If there is room left its frames are repeated, spread over
 the interval, so that a lost frame costs only a fraction of it. Frames that rarely change are sent in a carousel on a
-small share of the budget. A radio that reports that its buffer fills slows everything down. A changed directive begins
-a new refresh at once.
+small share of the budget. A radio that reports that its buffer fills slows everything down. Changed orders begin a
+new refresh at once, changed threats soon.
 
 Times are arguments; there is no clock and no socket here.
 """
@@ -21,7 +21,6 @@ from companion.protocol.dialect import oneway
 from companion.protocol.ed25519 import FrameSigner
 from companion.protocol.messages import (
     BandsFrame,
-    Directive,
     FleetFrame,
     MissionFrame,
     MotionFrame,
@@ -39,6 +38,9 @@ SHORTEST_REFRESH_S = 1.0
 """Least time between two refreshes of the state: nothing in the broadcast is known or acted on faster."""
 LONGEST_REFRESH_S = 20.0
 """Greatest age of a refresh when its last frame is sent; receivers refuse frames older than 30 s (authenticator.py)."""
+LEAST_REVISION_S = 5.0
+"""Age of a refresh from which on changed threats begin the next one at once. Not sooner: each revision must be heard
+whole, and whoever adds threats one by one would keep the picture from ever being so."""
 MOST_SENDS = 4
 """Greatest number of sends of a state frame in a refresh: two seconds of them give 99.6 % at a loss of one half."""
 CAROUSEL_SHARE = 0.1
@@ -65,8 +67,12 @@ class Station(Protocol):
     """Ground station as the broadcaster uses it; `payload_bytes` is the greatest payload of an unsigned frame."""
 
     @property
-    def directive(self) -> Directive:
-        """What all vehicles are told; another one begins a new refresh at once."""
+    def orders(self) -> object:
+        """What vehicles are told to do; other orders begin a new refresh at once."""
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether threats were added, retired or changed since the last refresh was begun."""
 
     def advance(self, now_s: float) -> None:
         """Update all tracks and the assignment to `now_s`."""
@@ -137,6 +143,22 @@ class Broadcaster:
         if self._schedule is None:
             return [self._signer.sign(datagram, now_s) for datagram in self._station.tick(now_s)]
         return [sent.data for sent in self._schedule.step(now_s, txbuf_percent)]
+
+    def last(self, datagrams: Sequence[bytes], now_s: float) -> list[bytes]:
+        """Return the signed frames of a last broadcast, whose unsigned ones are given.
+
+        Over a radio none are returned: a refresh, which says the same, begins, and follows from `tick` until
+        `has_told`.
+        """
+        if self._schedule is None:
+            return [self._signer.sign(datagram, now_s) for datagram in datagrams]
+        self._schedule.begin_refresh(now_s)
+        return []
+
+    @property
+    def has_told(self) -> bool:
+        """Whether every frame of the newest broadcast of the state was sent."""
+        return self._schedule is None or self._schedule.has_told
 
     def step(self, now_s: float, txbuf_percent: int | None = None) -> list[Sent]:
         """Return the frames of `tick` with their contents, for planning; only with a radio."""
@@ -209,7 +231,7 @@ class _Refresh:
     """One broadcast of the state in progress: its frames in order of sending, and the number of sends so far."""
 
     begun_at_s: float
-    directive: Directive
+    orders: object
     frames: list[tuple[BroadcastFrame, bytes]]
     longest_bytes: int
     """Length on the air of the longest of the frames."""
@@ -325,6 +347,11 @@ class _Schedule:
             self._waiting = None
             out.append(sent)
 
+    @property
+    def has_told(self) -> bool:
+        """Whether every frame of the refresh was sent."""
+        return self._refresh is not None and self._refresh.told
+
     def _worked(self, now_s: float) -> bool:
         """Do the work that takes longer than choosing a frame, if any is due; return whether it was."""
         if now_s >= self._advance_due_s - _DUE_TOLERANCE_S:
@@ -339,8 +366,11 @@ class _Schedule:
         return False
 
     def _must_restart(self, refresh: _Refresh, now_s: float) -> bool:
-        """Return whether the rest of a refresh is not worth sending: the directive has changed, or it is too old."""
-        return refresh.directive is not self._station.directive or now_s - refresh.begun_at_s > LONGEST_REFRESH_S
+        """Return whether the rest of a refresh is not worth sending: orders or threats changed, or it is too old."""
+        age_s = now_s - refresh.begun_at_s
+        if refresh.orders != self._station.orders or age_s > LONGEST_REFRESH_S:
+            return True
+        return age_s >= LEAST_REVISION_S and self._station.is_outdated
 
     def _is_due(self, refresh: _Refresh, now_s: float) -> bool:
         """Return whether a refresh is complete and the next one is due."""
@@ -386,7 +416,7 @@ class _Schedule:
             place.first_frame += self._refresh.sends
         place.first_frame %= len(frames)
         frames = frames[place.first_frame :] + frames[: place.first_frame]
-        self._refresh = _Refresh(now_s, self._station.directive, frames, max(lengths))
+        self._refresh = _Refresh(now_s, self._station.orders, frames, max(lengths))
         place.due_s = _after(place.due_s, SHORTEST_REFRESH_S, now_s)
         self._waiting = None
         picture = frames[0][0].stamp.epoch_s, _revision_of(frames[0][0]), type(frames[0][0])

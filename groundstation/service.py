@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,7 +31,7 @@ from groundstation.adsb_mirror import AdsbMirror
 from groundstation.agents import VehicleModel
 from groundstation.choices import Authentication
 from groundstation.clock import GroundClock, WallSigner
-from groundstation.desk import Desk, begin_day, operations_of
+from groundstation.desk import Desk, begin_day, end_day
 from groundstation.directives import DirectiveInput
 from groundstation.events import Direct, Who
 from groundstation.ground_station import GroundStation, Resumed
@@ -41,12 +41,16 @@ from groundstation.meter import BroadcastMeter
 from groundstation.operations import directive_name
 from groundstation.options import Options
 from groundstation.page import Overheard, Page
+from groundstation.resumption import resumption
 from groundstation.rivals import LOCK_NAME, Rivals, RunLock
-from groundstation.saved_state import RunState, open_state
+from groundstation.saved_state import RunState
 from groundstation.schedule import TICK_S as RADIO_TICK_S
 from groundstation.schedule import Broadcaster
+from groundstation.sources.sources import Sources
 from groundstation.status import Status
 from groundstation.store.event_store import EventStore
+from groundstation.store.recorder import Recorder
+from groundstation.view import Surroundings
 
 if TYPE_CHECKING:
     from groundstation.web.bridge import Bridge
@@ -54,6 +58,10 @@ if TYPE_CHECKING:
 LOGGER = program_logger("groundstation")
 TICK_S = 0.05
 """Period at which the core is asked for due frames without a radio: short against any broadcast period in use."""
+LAST_TIMES = 2
+"""Number of last broadcasts: one that is lost costs nothing but the word that nothing is broken."""
+LAST_S = 5.0
+"""Longest time for them over a slow radio."""
 LINK_ID = 0
 """Link id in the MAVLink signatures of the ground station."""
 STANDARD_INPUT = Who(name="standard input", role="operator")
@@ -107,49 +115,61 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         # Opened first and so closed last, after everything that still has bytes to write.
         files = open_io_thread("files", stack)
         unlocked = _lock(options, stack)
-        database, last = open_state(options.state)
-        stored = () if database is None else tuple(database.events())
-        store = EventStore(options.state, database, files, int(options.store_mb * 1e6))
+        found = resumption(options.state, mission, options.new_flight)
+        store = EventStore(options.state, found.database, files, int(options.store_mb * 1e6))
         stack.callback(store.close)
-        saved = RunState(options, mission, frame_signer.signer, start_s, store, last)
-        station = _station(mission, options, saved.resumed._replace(operations=operations_of(mission, stored)), start_s)
+        saved = RunState(options, mission, frame_signer.signer, start_s, store, found.last)
+        resumed = saved.resumed._replace(operations=found.begun.operations, places=found.places)
+        station = _station(mission, options, resumed, start_s)
         overheard = Overheard(station)
         broadcaster = Broadcaster(overheard, options.radio, frame_signer)
         broadcaster.begin(start_s)
         log = _opened_log(options, stack)
         rivals = Rivals(frame_signer)
         hearing = _Hearing(clock, log, stack)
-        links = await _open_links(options, station, hearing, stack)
+        sources = Sources(mission, options.sources)
+        sources.restore(station, start_s)
+        links = await _open_links(options, station, hearing, sources)
         await _listen(options, station, rivals, hearing)
-        shown = _shown(options, overheard, store, stack)
+        shown = _shown(options, overheard, store, sources, stack)
         # On disk before the first frame is on the air.
+        store.keep(*found.begun.chapter.kept)
         begin_day(shown.desk, station, saved.directive, start_s)
         saved.write(station, start_s)
         stack.callback(lambda: saved.write(station, clock.now_s()))
         status = Status(station, broadcaster, options)
         for line in [status.opening(), *saved.news(start_s)]:
             LOGGER.info("%s", line)
-        for warning in [*unlocked, *saved.warnings()]:
+        for warning in [*unlocked, *saved.warnings(), *found.begun.warnings]:
             LOGGER.warning("%s", warning)
         run = _Run(station, broadcaster, AdsbMirror(mission), status, saved, frame_signer, rivals)
         loop = BroadcastLoop(run, links, log, shown)
+        # Heard only now that what they ask for can be obeyed.
+        sources.listen(clock.now_s, stack)
         await loop.run(clock, stop)
 
 
-def _shown(options: Options, overheard: Overheard, store: EventStore, stack: ExitStack) -> Shown:
+def _shown(options: Options, overheard: Overheard, store: EventStore, sources: Sources, stack: ExitStack) -> Shown:
     """Return what takes commands from standard input and the page, and shows the run there; raises InputError."""
     station, meter = overheard.station, BroadcastMeter(options)
     screen = _screen(options, stack)
     desk = Desk(station, store, screen)
+    # Without a file there is nobody who could look at it later, and memory is short.
+    recorder = None if options.state is None else Recorder(store, screen)
 
     def direct(directive: Directive) -> None:
         desk.ask(Direct(do="direct", directive=directive_name(directive)), STANDARD_INPUT)
 
     stack.callback(DirectiveInput(direct).close)
-    page = None
-    if screen is not None:
-        page = Page(station, desk, screen, meter.surroundings, can_stop=options.can_stop)
-    return Shown(desk, overheard, meter, page)
+
+    def around(now_s: float) -> Surroundings:
+        return replace(meter.surroundings(now_s), sources=sources.view(station, now_s))
+
+    page, shows = None, recorder or screen
+    if shows is not None:
+        is_seen = screen is not None
+        page = Page(station, desk, shows, around, can_stop=options.can_stop, is_seen=is_seen)
+    return Shown(desk, overheard, meter, page, sources)
 
 
 def _opened_log(options: Options, stack: ExitStack) -> FlightLog:
@@ -187,7 +207,7 @@ def _station(mission: Mission, options: Options, resumed: Resumed, start_s: floa
     station = GroundStation(
         mission,
         start_s,
-        sensed=options.sensor is not None,
+        sensed=options.sensor is not None or any(spec.things == "agents" for spec in options.sources),
         model=VehicleModel(DEFAULT_LAW, options.can_stop),
         resumed=resumed,
         sensor_error_m=options.sensor_error_m,
@@ -284,12 +304,13 @@ class _Hearing:
         self.stack.callback(receiver.close)
 
 
-async def _open_links(options: Options, station: GroundStation, hearing: _Hearing, stack: ExitStack) -> _Links:
-    """Open all links, which `stack` closes; raises InputError."""
+async def _open_links(options: Options, station: GroundStation, hearing: _Hearing, sources: Sources) -> _Links:
+    """Open all links, which the stack of `hearing` closes; raises InputError."""
+    stack = hearing.stack
     broadcast = await open_sender(options.link, read_radio_status)
     stack.callback(broadcast.close)
     if options.sensor is not None:
-        await hearing.open(options.sensor, station.sense)
+        await hearing.open(options.sensor, sources.sensed(station.sense, str(options.sensor)))
     if options.uplink is not None:
         await hearing.open(options.uplink, station.hear_report)
     if options.mirror is None:
@@ -307,6 +328,7 @@ class Shown:
     overheard: Overheard
     meter: BroadcastMeter
     page: Page | None
+    sources: Sources
 
     def tick(self, now_s: float) -> None:
         """Show what is due."""
@@ -334,14 +356,32 @@ class BroadcastLoop:
             now_s = clock.now_s()
             self._follow(clock, now_s)
             self._shown.desk.tick(now_s)
-            # A new directive is on disk before it is on the air: no restart may take back what vehicles have heard.
+            self._notice(now_s)
+            # A new directive or target is on disk before it is on the air: no restart may take back what was heard.
             self._run.saved.write_if_due(self._run.station, now_s)
             if not self._run.saved.holds(now_s):
                 self._send(now_s)
+            # After the frames, which no source delays.
+            self._shown.sources.tick(self._run.station, self._shown.desk, now_s)
             self._tell(now_s)
             # Last, so that what is shown never delays what is sent.
             self._shown.tick(now_s)
             await wait(stop, self._period_s)
+        await self._end(clock)
+
+    async def _end(self, clock: GroundClock) -> None:
+        """Say in a last broadcast, and on the page, that the ground station stops."""
+        began_s = now_s = clock.now_s()
+        end_day(self._shown.desk, self._run.station, now_s)
+        for _ in range(LAST_TIMES):
+            self._put(self._run.broadcaster.last(self._run.station.last(now_s), now_s), now_s)
+            while not self._run.broadcaster.has_told and now_s - began_s < LAST_S:
+                await asyncio.sleep(self._period_s)
+                now_s = clock.now_s()
+                self._send(now_s)
+            await asyncio.sleep(self._period_s)
+            now_s = clock.now_s()
+            self._shown.tick(now_s)
 
     def _follow(self, clock: GroundClock, now_s: float) -> None:
         """Let stamps follow the computer's clock, and say so, if that was set or the computer slept."""
@@ -354,22 +394,34 @@ class BroadcastLoop:
         for line in change.words():
             LOGGER.warning("%s", line)
 
+    def _notice(self, now_s: float) -> None:
+        """Keep what the ground station has noticed, before it is broadcast."""
+        if self._shown.meter.options.radio is None:
+            # Over a radio all that is told was found out a while before (schedule.py).
+            self._shown.overheard.advance(now_s)
+        if self._shown.desk.notice(now_s):
+            self._run.saved.hold(now_s)
+
     def _send(self, now_s: float) -> None:
-        sender, display = self._links.broadcast, self._links.display
-        for data in self._run.broadcaster.tick(now_s, sender.txbuf_percent):
-            sender.send(data)
+        display = self._links.display
+        self._put(self._run.broadcaster.tick(now_s, self._links.broadcast.txbuf_percent), now_s)
+        if display is not None:
+            for data in self._run.mirror.tick(self._run.station.tracks, now_s):
+                display.send(data)
+
+    def _put(self, frames: Sequence[bytes], now_s: float) -> None:
+        """Send signed frames, count them and log them."""
+        for data in frames:
+            self._links.broadcast.send(data)
             self._run.status.sent_bytes += len(data) + self._added_bytes
             frame = unwrap(raw_frame(data)) or data
             self._shown.meter.sent(frame, len(data) + self._added_bytes, now_s)
             self._run.rivals.sent(frame)
             self._log.record(now_s, frame)
-        if display is not None:
-            for data in self._run.mirror.tick(self._run.station.tracks, now_s):
-                display.send(data)
 
     def _tell(self, now_s: float) -> None:
         status = self._run.status
         for line in status.news(now_s, self._links.broadcast.counts.sent):
             LOGGER.info("%s", line)
-        for warning in [*status.warnings(), *self._run.rivals.news(now_s)]:
+        for warning in [*status.warnings(), *self._run.rivals.news(now_s), *self._shown.sources.news(now_s)]:
             LOGGER.warning("%s", warning)

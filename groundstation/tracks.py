@@ -22,7 +22,7 @@ from companion.mission.model import AgentSpec, Mission, TargetSpec, ThreatSpec
 from companion.protocol.codec import Detection, DetectionsFrame, Kind, ReportFrame
 from groundstation.agents import Estimate, Fix
 from groundstation.operations import Operations
-from groundstation.origins import LAST_RUN, SENSOR, Observation, Origins
+from groundstation.origins import LAST_RUN, SENSOR, Observation, Origins, Stranger
 from groundstation.places import Places
 from groundstation.plausibility import SENSOR_ERROR_M, Bound, Sample, Verdict
 from groundstation.progress import Arrival, MissionProgress, cannot_have_arrived, disproved
@@ -230,7 +230,8 @@ class TrackTable:
                 continue
             key = (detection.kind, detection.id)
             if key not in self.tracks:
-                self.origins.meet(key, complex(*place_ned_m), seen_at_s)
+                velocity = complex(detection.velocity_north_m_s, detection.velocity_east_m_s)
+                self.origins.meet(Stranger(key, complex(*place_ned_m), velocity, seen_at_s))
             weighed = self._sightings.sighted(key, Sample(complex(*place_ned_m), seen_at_s), now_s)
             if weighed is not None and weighed.verdict is Verdict.BELIEVED:
                 self._move(key, detection, place_ned_m, seen_at_s)

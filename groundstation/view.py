@@ -215,7 +215,8 @@ def _threat(station: GroundStation, threat: ThreatSpec, now_s: float) -> View:
 
 
 def _unknown(station: GroundStation, now_s: float) -> list[View]:
-    """Return what the sensor sees and the mission does not have."""
+    """Return what the sensor sees, and neither the mission has nor a rule has taken in."""
+    known = {key for _, key in station.operations.tracks}
     return [
         {
             "source": thing.source,
@@ -227,6 +228,7 @@ def _unknown(station: GroundStation, now_s: float) -> list[View]:
             "count": thing.times,
         }
         for (kind, identity), thing in station.tracks.origins.unknown.items()
+        if f"{kind.name.lower()} {identity}" not in known
     ]
 
 

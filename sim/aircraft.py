@@ -11,7 +11,7 @@ import numpy as np
 from companion.files.tlog import TlogWriter
 from companion.mission.model import AgentSpec
 from companion.onboard.companion import Companion
-from companion.onboard.flight_log import Mark, decision_frame, mark_frame
+from companion.onboard.flight_log import MOST_TEXT_ID, Mark, decision_frame, mark_frame, summary_line, text_frames
 from companion.protocol.codec import Detection, FrameWriter, Kind
 from companion.runtime.clock import logged_s
 from sim.air_link import LossyLink
@@ -77,6 +77,8 @@ class Aircraft:
     alive: bool = True
     _t_s: float = 0.0
     _marks: FrameWriter = field(default_factory=FrameWriter)
+    _said: str = ""
+    _told: int = 0
 
     @property
     def vehicle(self) -> StandIn:
@@ -134,8 +136,17 @@ class Aircraft:
         decision_us = (time.perf_counter_ns() - began_ns) / 1000.0
         if self.autopilot.log is not None:
             self.autopilot.write(self._marks.encode(decision_frame(decision)), now_s)
+            self._say(summary_line(decision), now_s)
         self.autopilot.send(frames, now_s)
         return Outcome(decision, decision_us)
+
+    def _say(self, line: str, now_s: float) -> None:
+        """Log what the companion says of a decision, if it is something else than before."""
+        if line == self._said:
+            return
+        self._said, self._told = line, self._told % MOST_TEXT_ID + 1
+        for frame in text_frames(line, self._told):
+            self.autopilot.write(frame, now_s)
 
     def repeat(self, t_s: float) -> None:
         """Give the companion the telemetry, and send its last decision's setpoint again."""

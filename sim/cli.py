@@ -34,6 +34,9 @@ COMMANDS = {
     "fly": CommandEntry(
         "sim.fly", "fly_command", "Fly MISSION, a YAML file or a packaged name, over real frames on a virtual clock."
     ),
+    "replay": CommandEntry(
+        "sim.replay", "replay_command", "Play DIR, a folder that `sim fly --out DIR` wrote, on the page."
+    ),
     "reproduce": CommandEntry(
         "sim.reproduction.command",
         "reproduce_command",

@@ -79,6 +79,11 @@ class SourceSpec(Section):
     """Whether what anybody on the network may have sent is believed."""
 
     @property
+    def takes_in(self) -> bool:
+        """Whether its things come into the picture that the mission does not have."""
+        return self.kind != "sensor" or self.radius_m is not None or self.detection_radius_m is not None
+
+    @property
     def things(self) -> Role:
         """What its things are."""
         return self.role or ROLE_OF.get(self.kind, "threats")
@@ -97,14 +102,19 @@ class SourceSpec(Section):
     def _radii(self) -> Self:
         given = [key for key in _RADII if getattr(self, key) is not None]
         if self.kind == "sensor":
-            if given or self.role is not None:
-                raise ValueError(f"{given[0] if given else 'as'}: given for a sensor, whose frames name mission things")
-            return self
+            # Its frames name the mission's things; with radii, others are taken in as threats.
+            if self.role is not None:
+                raise ValueError("as: given for a sensor; allowed: radii, with which unknown things become threats")
+            if not given:
+                return self
         if self.things != "threats":
             if given:
                 raise ValueError(f"{given[0]}: given for {self.things}; allowed: for threats only")
         elif given not in (["radius_m"], ["detection_radius_m", "attack_radius_m"]):
-            raise ValueError("radius_m: allowed for threats: radius_m, or detection_radius_m and attack_radius_m")
+            raise ValueError(
+                f"radius_m: {', '.join(given) or 'no radius'} given for threats; allowed: radius_m, or "
+                "detection_radius_m and attack_radius_m"
+            )
         return self
 
     @model_validator(mode="after")

@@ -275,7 +275,7 @@ class Companion:
             self._assess(age_s, now_s)
             self._disengage()
         status, said = self.failsafe.status, told_by_autopilot(self.adapter)
-        notes = (said, self._told_seldom(now_s), self.adapter.unusual)
+        notes = (said, self._told_seldom(now_s), self.adapter.unusual, self.world_model.directives.ended)
         note = "; ".join(one for one in notes if one is not None) or None
         return Decision(now_s, Purpose.IDLE, idle, status.stage, age_s, triggers=status.all_words, note=note)
 
@@ -379,6 +379,7 @@ class Companion:
         """Return what is to be said beside the decision of a vehicle that is steered."""
         config, kept = self.steering.config, self.navigation.hand_over
         return (
+            self.world_model.directives.ended,
             without_a_sense(config, self.world_model.others_told, self.adapter.sees_others),
             HOME_TOO_FAR if located.home.too_far else None,
             told_by_autopilot(self.adapter),

@@ -1,4 +1,8 @@
-"""The directives that a vehicle was told: that for all agents, and its own, of which the stronger is obeyed."""
+"""What a vehicle was told to do: by the directive for all agents and by its own, of which the stronger is obeyed.
+
+Also whether the ground station has said that it stops. That changes nothing by itself: the vehicle does as after any
+loss of the broadcast, by the age of its picture; but whoever looks at it knows at once that nothing is broken.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,13 @@ class Directives:
 
     for_all: Directive = Directive.NORMAL
     own: Directive = Directive.NORMAL
+    has_ended: bool = False
+    """Whether the newest broadcast said that it is the last."""
+
+    @property
+    def ended(self) -> str | None:
+        """That the ground station has stopped, in words; None if it did not say so."""
+        return "the ground station has stopped" if self.has_ended else None
 
     @property
     def in_force(self) -> Directive:
@@ -32,7 +43,7 @@ class Directives:
         ground station: who was called back keeps coming while only frames about others are heard.
         """
         own = next((agent.directive for agent in frame.agents if agent.id == agent_id), self.own)
-        return Directives(frame.directive, own)
+        return Directives(frame.directive, own, frame.is_last)
 
     def unnamed(self) -> Directives:
         """Return what holds after a whole broadcast that does not name the agent."""

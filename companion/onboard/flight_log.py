@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum, unique
 from pathlib import Path
@@ -28,6 +29,8 @@ from companion.runtime.console import program_logger
 
 STATUSTEXT_ID = common.MAVLINK_MSG_ID_STATUSTEXT
 STATUSTEXT_CHARACTERS = 50
+MOST_TEXT_ID = 65_535
+"""Greatest id of a STATUSTEXT."""
 FLUSH_PERIOD_S = 1.0
 """Time between two flushes of a log, and so the most of it that is lost if the machine dies."""
 LOG_BURST_S = 10.0
@@ -114,12 +117,9 @@ class FlightLog:
 
     def tell(self, t_unix_s: float, text: str) -> None:
         """Log a line of text as STATUSTEXT, the MAVLink message that ground-control programs show."""
-        teller = common.MAVLink(None, srcSystem=1, srcComponent=COMPANION_COMPONENT)
-        self._told = self._told % 65_535 + 1
-        for number, start in enumerate(range(0, len(text), STATUSTEXT_CHARACTERS)):
-            part = text[start : start + STATUSTEXT_CHARACTERS].encode(errors="replace")
-            message = common.MAVLink_statustext_message(common.MAV_SEVERITY_INFO, part, self._told, number)
-            self._write(t_unix_s, bytes(message.pack(teller)))
+        self._told = self._told % MOST_TEXT_ID + 1
+        for frame in text_frames(text, self._told):
+            self._write(t_unix_s, frame)
 
     def _write(self, t_unix_s: float, frame: bytes) -> None:
         if self._writer is None or not self._allowed(t_unix_s, len(frame)):
@@ -170,6 +170,15 @@ def unused(path: Path) -> Path:
         return path
     numbered = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
     return next(one for one in numbered if not one.exists())
+
+
+def text_frames(text: str, identity: int) -> Iterator[bytes]:
+    """Yield a line of text as STATUSTEXT frames of a companion; `identity` (1 to MOST_TEXT_ID) joins its chunks."""
+    teller = common.MAVLink(None, srcSystem=1, srcComponent=COMPANION_COMPONENT)
+    for number, start in enumerate(range(0, len(text), STATUSTEXT_CHARACTERS)):
+        part = text[start : start + STATUSTEXT_CHARACTERS].encode(errors="replace")
+        message = common.MAVLink_statustext_message(common.MAV_SEVERITY_INFO, part, identity, number)
+        yield bytes(message.pack(teller))
 
 
 def decision_frame(decision: Decision) -> DecisionFrame:

@@ -140,6 +140,8 @@ DIGEST_BYTES = 8
 _MISSION_NAME_BYTES = PAYLOAD_BYTES - MISSION_HEAD_BYTES
 _DIRECTIVE_SHIFT = 6
 """Place of an agent's own directive in `agent_target`, whose lower bits say which of the frame's targets is its."""
+_LAST = 0x80
+"""Bit of `directive` that says that the broadcast is the last; programs that do not know it refuse the frame."""
 _NO_SIGNATURE = [0] * ED25519_BYTES
 
 
@@ -253,7 +255,7 @@ def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
         revision=whole(frame.revision, UINT8_MAX, "revision"),
         picture_threats=whole(frame.picture_threats, UINT16_MAX, "picture_threats"),
         picture_targets=min(frame.picture_targets, UINT8_MAX),
-        directive=int(frame.directive),
+        directive=frame.directive | (_LAST if frame.is_last else 0),
         frame_index=frame_index,
         frame_count=frame_count,
         agent_count=len(frame.agents),
@@ -412,7 +414,7 @@ def _report_message(frame: ReportFrame) -> oneway.MAVLink_oneway_report_message:
 def _state_frame(message: Fields) -> StateFrame:
     stamp = _stamp(message)
     origin_lat_deg, origin_lon_deg = degrees_of(message.origin_lat, message.origin_lon, "origin")
-    directive = directive_of(message.directive)
+    directive = directive_of(message.directive & ~_LAST)
     unit_m = message.resolution / 100.0
     if unit_m <= 0:
         raise WireError("resolution is zero")
@@ -447,6 +449,7 @@ def _state_frame(message: Fields) -> StateFrame:
             for identity, north, east in zip(target_ids, message.target_north, message.target_east, strict=False)
         ),
         threats=tuple(_threat_entry(identity, message, index, unit_m) for index, identity in enumerate(threat_ids)),
+        is_last=message.directive & _LAST != 0,
     )
 
 
@@ -564,7 +567,7 @@ def _fleet_message(frame: FleetFrame) -> oneway.MAVLink_oneway_fleet_message:
         east_base=frame.grid.east_base,
         resolution=frame.grid.resolution_cm,
         revision=whole(frame.revision, UINT8_MAX, "revision"),
-        directive=int(frame.directive),
+        directive=frame.directive | (_LAST if frame.is_last else 0),
         frame_index=frame_index,
         frame_count=frame_count,
         **_data(data, FLEET_HEAD_BYTES),
@@ -632,8 +635,8 @@ def _decision_message(frame: DecisionFrame) -> oneway.MAVLink_oneway_decision_me
 def _fleet_frame(message: Fields) -> FleetFrame:
     data = _data_of(message)
     grid = Grid(message.resolution, message.north_base, message.east_base)
-    directive = directive_of(message.directive)
-    return FleetFrame(_stamp(message), directive, message.revision, grid, *read_fleet(data, grid))
+    directive, is_last = directive_of(message.directive & ~_LAST), message.directive & _LAST != 0
+    return FleetFrame(_stamp(message), directive, message.revision, grid, *read_fleet(data, grid), is_last)
 
 
 def _radii_frame(message: Fields) -> RadiiFrame:

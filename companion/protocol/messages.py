@@ -111,6 +111,8 @@ class StateFrame:
     agents: tuple[AgentEntry, ...]
     targets: tuple[TargetEntry, ...]
     threats: tuple[ThreatEntry, ...]
+    is_last: bool = False
+    """Whether this broadcast is the last: the ground station stops."""
 
 
 @dataclass(frozen=True)
@@ -246,6 +248,8 @@ class FleetFrame:
     agents: tuple[AgentEntry, ...]
     targets: tuple[TargetEntry, ...]
     threats: tuple[ThreatPlace, ...]
+    is_last: bool = False
+    """Whether this broadcast is the last: the ground station stops."""
 
     @property
     def rounding_m(self) -> float:

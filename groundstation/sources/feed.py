@@ -19,7 +19,7 @@ from groundstation.sources.basestation import BaseStationParser
 from groundstation.sources.cot import CotParser
 from groundstation.sources.mavlink import AdsbParser, TelemetryParser
 from groundstation.sources.recording import RecordingParser
-from groundstation.sources.sighting import Parser, Sighting
+from groundstation.sources.sighting import Parser, Sighting, count
 
 MOST_WAITING = 2_000
 """Greatest number of sightings of a source that wait."""
@@ -75,49 +75,32 @@ def parser_of(spec: SourceSpec, frame: LocalFrame) -> Parser:
     raise ValueError(f"a source of the kind {spec.kind} has no parser")
 
 
-class Feed:
-    """One source's parser, queue and health."""
+class Pulse:
+    """The health of something that is heard, by when it was."""
 
-    def __init__(self, spec: SourceSpec, frame: LocalFrame) -> None:
-        self.spec = spec
-        self.parser = parser_of(spec, frame)
+    def __init__(self) -> None:
         self.link = Link()
         self.heard = 0
-        """Number of sightings."""
-        self.dropped = 0
-        """Number of those that were left out in floods."""
-        self._waiting: deque[Sighting] = deque()
+        """Number of sightings, or of frames."""
         self._counts: deque[tuple[float, int]] = deque()
-        """Number of sightings by second of the clock, for the rate."""
+        """Number by second of the clock, for the rate."""
         self._newest_s: float | None = None
         self._period_s = 0.0
 
-    @property
-    def refused(self) -> int:
-        """Number of messages that could not be used."""
-        return sum(self.parser.refused.values())
-
-    def hear(self, data: bytes, now_s: float, peer: Hashable = None) -> None:
-        """Take in bytes as they came; never raises, whatever the bytes."""
-        self.offer(self.parser.feed(data, now_s, peer), now_s)
-
-    def offer(self, sightings: list[Sighting], now_s: float) -> None:
-        """Take in sightings that were made elsewhere, as of a recording."""
-        if not sightings:
-            return
-        self.heard += len(sightings)
-        self._note(len(sightings), now_s)
-        self._waiting.extend(sightings)
-        while len(self._waiting) > MOST_WAITING:
-            self._waiting.popleft()
-            self.dropped += 1
-
-    def next(self) -> Sighting | None:
-        """Return the sighting that has waited longest, which waits no more."""
-        return self._waiting.popleft() if self._waiting else None
+    def note(self, number: int, now_s: float) -> None:
+        """Take note that something was heard."""
+        self.heard += number
+        if self._newest_s is not None:
+            period_s = min(RATE_S * LATE_PERIODS, (now_s - self._newest_s) / number)
+            self._period_s += _GAIN * (period_s - self._period_s)
+        self._newest_s = now_s
+        second_s = math.floor(now_s)
+        if self._counts and self._counts[-1][0] == second_s:
+            number += self._counts.pop()[1]
+        self._counts.append((second_s, number))
 
     def health(self, now_s: float) -> Health:
-        """Return how the source does."""
+        """Return how it does."""
         while self._counts and now_s - self._counts[0][0] > RATE_S:
             self._counts.popleft()
         rate_hz = sum(number for _, number in self._counts) / RATE_S
@@ -129,12 +112,47 @@ class Feed:
         is_late = age_s > max(LEAST_LATE_S, LATE_PERIODS * self._period_s)
         return Health("late" if is_late else "good", rate_hz, age_s, self.link.note)
 
-    def _note(self, number: int, now_s: float) -> None:
-        if self._newest_s is not None:
-            period_s = min(RATE_S * LATE_PERIODS, (now_s - self._newest_s) / number)
-            self._period_s += _GAIN * (period_s - self._period_s)
-        self._newest_s = now_s
-        second_s = math.floor(now_s)
-        if self._counts and self._counts[-1][0] == second_s:
-            number += self._counts.pop()[1]
-        self._counts.append((second_s, number))
+
+class Feed:
+    """One source's parser, and the sightings that wait."""
+
+    def __init__(self, spec: SourceSpec, frame: LocalFrame) -> None:
+        self.spec = spec
+        self.parser = parser_of(spec, frame)
+        self.pulse = Pulse()
+        self.dropped = 0
+        """Number of sightings that were left out in floods."""
+        self._waiting: deque[Sighting] = deque()
+
+    @property
+    def link(self) -> Link:
+        """What the source's link or file is doing."""
+        return self.pulse.link
+
+    @property
+    def refused(self) -> int:
+        """Number of messages that could not be used."""
+        return self.parser.refused.total()
+
+    def hear(self, data: bytes, now_s: float, peer: Hashable = None) -> None:
+        """Take in bytes as they came; never raises, whatever the bytes."""
+        try:
+            found = self.parser.feed(data, now_s, peer)
+        except Exception as error:  # noqa: BLE001 - a library's fault with bytes from outside must not end the run
+            count(self.parser.refused, f"fault of a library: {type(error).__name__}")
+            return
+        self.offer(found, now_s)
+
+    def offer(self, sightings: list[Sighting], now_s: float) -> None:
+        """Take in sightings that were made elsewhere, as of a recording."""
+        if not sightings:
+            return
+        self.pulse.note(len(sightings), now_s)
+        self._waiting.extend(sightings)
+        while len(self._waiting) > MOST_WAITING:
+            self._waiting.popleft()
+            self.dropped += 1
+
+    def next(self) -> Sighting | None:
+        """Return the sighting that has waited longest, which waits no more."""
+        return self._waiting.popleft() if self._waiting else None

@@ -7,6 +7,8 @@ longer waits. Nothing is ever sent but, where a server must be told where to sen
 from __future__ import annotations
 
 import asyncio
+import os
+import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -40,7 +42,7 @@ async def run_source(feed: Feed, now_s: Callable[[], float]) -> None:
     """Hear a source until the task is cancelled; its link or file is opened again whenever it ends."""
     wait_s = AGAIN_FIRST_S
     while True:
-        heard = feed.heard
+        heard = feed.pulse.heard
         try:
             if feed.spec.file is not None:
                 await _play(feed, now_s)
@@ -48,9 +50,7 @@ async def run_source(feed: Feed, now_s: Callable[[], float]) -> None:
             await _hear(feed, now_s)
         except (OSError, InputError, TimeoutError, EOFError) as error:
             feed.link.fault = _words(error)
-        except Exception as error:  # noqa: BLE001 - what a library does wrong with bytes from outside is that source's fault
-            feed.link.fault = f"{type(error).__name__}: {_words(error)}"
-        if feed.heard > heard:
+        if feed.pulse.heard > heard:
             wait_s = AGAIN_FIRST_S
         await asyncio.sleep(wait_s)
         wait_s = min(2.0 * wait_s, AGAIN_MOST_S)
@@ -137,5 +137,7 @@ def _heartbeat() -> bytes:
 
 
 def _words(error: Exception) -> str:
-    text = (error.strerror or "") if isinstance(error, OSError) else ""
-    return one_line(text or str(error) or type(error).__name__)[:200]
+    # asyncio's own words are "Connect call failed"; gaierror's number is none of the system's.
+    number = error.errno if isinstance(error, OSError) and not isinstance(error, socket.gaierror) else None
+    text = str(error) if number is None else os.strerror(number)
+    return one_line(text or type(error).__name__)[:200]

@@ -62,6 +62,7 @@ _OF_KIND: dict[SourceKind, _OfKind] = {
     "cot": _OfKind(Category.VEHICLE, 50.0, 60.0, 1),
     "csv": _OfKind(Category.AIRCRAFT, 30.0, 30.0, 1),
     "jsonl": _OfKind(Category.AIRCRAFT, 30.0, 30.0, 1),
+    "sensor": _OfKind(Category.VEHICLE, 30.0, 30.0, 3),
 }
 """A receiver of ADS-B hears an aircraft's checked frames, but a bit error in 1 of 2^24 passes; so two must agree."""
 _NAMESPACES: dict[SourceKind, str] = {"adsb": "icao", "basestation": "icao", "ais": "mmsi", "cot": "uid"}

@@ -7,7 +7,9 @@ picture and out of it. A source asks as an operator does: it may be refused, and
 from __future__ import annotations
 
 import asyncio
+import cmath
 import importlib
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from typing import Any, Protocol
@@ -15,7 +17,7 @@ from typing import Any, Protocol
 from companion.errors import InputError
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission
-from companion.mission.sources import SourceSpec
+from companion.mission.sources import SourceKind, SourceSpec
 from companion.protocol.codec import Kind
 from groundstation.desk import Answer, Fact
 from groundstation.events import (
@@ -31,16 +33,18 @@ from groundstation.events import (
     Who,
 )
 from groundstation.ground_station import GroundStation
-from groundstation.origins import Observation
-from groundstation.sources.feed import Feed
+from groundstation.origins import SENSOR, Observation
+from groundstation.sources.feed import Feed, Health, Pulse
 from groundstation.sources.links import run_source
+from groundstation.sources.sighting import Sighting
 from groundstation.sources.thing import SourceKey
 from groundstation.sources.tracker import BATCH_S, Dropped, Taken, Tracker
 
 MOST_PER_TICK = 40
 """Greatest number of sightings that are weighed in a tick, of all sources together: some 8 ms of work."""
-MOST_ASKED = 20
-"""Greatest number of commands of a tick, each of which may solve the assignment anew."""
+MOST_ASKED = 10
+"""Greatest number of commands that wait for their answers: each may solve the assignment anew when it is obeyed."""
+_LIBRARIES: dict[SourceKind, str] = {"ais": "pyais", "cot": "takproto"}
 _WORDS: dict[Kind, ThingKind] = {Kind.TARGET: "target", Kind.THREAT: "threat"}
 
 
@@ -59,18 +63,26 @@ class Sources:
 
     def __init__(self, mission: Mission, specs: Sequence[SourceSpec]) -> None:
         """Begin with nothing heard; `mission` is resolved."""
-        frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
+        self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self.tracker = Tracker(mission, specs)
         self._specs = tuple(specs)
-        self.feeds = {spec.name: Feed(spec, frame) for spec in specs if spec.kind != "sensor"}
+        self.feeds = {spec.name: Feed(spec, self._frame) for spec in specs if spec.kind != "sensor"}
         self._mission = mission
         self._reach_m = BATCH_S * max(agent.speed_m_s for agent in mission.agents)
         self._turn = 0
+        self._wanted: deque[Taken | Dropped] = deque()
+        """The rest of a batch."""
         self._asked: set[SourceKey] = set()
         """What was asked for and is not answered yet."""
-        if self.feeds:
-            # Loaded now, as it takes a second and would keep the broadcast waiting at the first sighting.
-            importlib.import_module("filterpy.kalman")
+        self.sensor: Pulse | None = None
+        """The health of the sensor's link; None without one."""
+        for module in {"filterpy.kalman"} | {_LIBRARIES.get(spec.kind, "math") for spec in specs} if specs else ():
+            # Loaded now: at the first sighting they would keep the broadcast waiting for a second.
+            importlib.import_module(module)
+
+    def restore(self, station: GroundStation, now_s: float) -> None:
+        """Take over from the last run which thing of a source has which id."""
+        self.tracker.restore(station.operations.tracks, now_s)
 
     def listen(self, now_s: Callable[[], float], stack: ExitStack) -> None:
         """Begin to hear all sources on the running event loop; `stack` ends it."""
@@ -83,35 +95,45 @@ class Sources:
         if station.mission is not self._mission:
             self._mission = station.mission
             self.tracker.follow(station.mission)
-        for seen in self._observations(now_s):
+        for seen in [*self._observations(now_s), *self._strangers(station, now_s)]:
             station.observe(seen)
         agents = [
             complex(*station.tracks.tracks[Kind.AGENT, one].position_ned_m) for one in station.tracks.present_agents
         ]
         failed = [name for name, feed in self.feeds.items() if feed.link.fault is not None]
-        for one in self.tracker.due(agents, self._reach_m, now_s, failed):
-            if one.key not in self._asked and len(self._asked) < MOST_ASKED:
+        if not self._wanted:
+            self._wanted += self.tracker.due(agents, self._reach_m, now_s, failed)
+        while self._wanted and len(self._asked) < MOST_ASKED:
+            one = self._wanted.popleft()
+            if one.key not in self._asked:
                 self._ask(station, desk, one, now_s)
 
-    def view(self, now_s: float) -> list[dict[str, Any]]:
+    def sensed(self, sense: Callable[[bytes, float], None], note: str) -> Callable[[bytes, float], None]:
+        """Return what takes the sensor's datagrams, and notes that there was one; `note` names the link."""
+        pulse = self.sensor = Pulse()
+        pulse.link.note = note
+
+        def take(datagram: bytes, now_s: float) -> None:
+            pulse.note(1, now_s)
+            sense(datagram, now_s)
+
+        return take
+
+    def view(self, station: GroundStation, now_s: float) -> list[dict[str, Any]]:
         """Return the sources as a page shows them."""
         unknown = self.tracker.unknown()
         rows = []
         for name, feed in self.feeds.items():
-            health = feed.health(now_s)
-            rows.append(
-                {
-                    "name": name,
-                    "kind": feed.spec.kind,
-                    "state": health.state,
-                    "rate_hz": round(health.rate_hz, 1),
-                    "age_s": None if health.age_s is None else round(health.age_s, 1),
-                    "things": self.tracker.things(name),
-                    "refused": feed.refused + feed.dropped + self.tracker.refused[name],
-                    "unknown": sum(1 for one in unknown if one.source == name),
-                    "detail": health.detail,
-                }
-            )
+            refused = feed.refused + feed.dropped + self.tracker.refused[name]
+            row = _row(name, feed.spec.kind, feed.pulse.health(now_s))
+            strangers = sum(1 for one in unknown if one.source == name)
+            rows.append(row | {"things": self.tracker.things(name), "refused": refused, "unknown": strangers})
+        if self.sensor is not None:
+            name = next((spec.name for spec in self._specs if spec.kind == "sensor"), SENSOR)
+            things = sum(1 for source in station.tracks.origins.by.values() if source == SENSOR)
+            row = _row(name, "sensor", self.sensor.health(now_s))
+            unknown_things = len(station.tracks.origins.unknown)
+            rows.append(row | {"things": things, "refused": station.tracks.refusals.total, "unknown": unknown_things})
         return rows
 
     def unknown_view(self, now_s: float) -> list[dict[str, Any]]:
@@ -132,6 +154,23 @@ class Sources:
     def news(self, now_s: float) -> list[str]:
         """Return the lines about what is not believed that are due."""
         return self.tracker.refusals.news(now_s)
+
+    def _strangers(self, station: GroundStation, now_s: float) -> list[Observation]:
+        """Return the moves of things that the sensor sees, and that are in the picture though no mission lists them."""
+        strangers = station.tracks.origins.strangers
+        waiting = [strangers.popleft() for _ in range(min(len(strangers), MOST_PER_TICK))]
+        spec = next((one for one in self._specs if one.kind == "sensor" and one.takes_in), None)
+        if spec is None:
+            return []
+        seen = []
+        for one in waiting:
+            key = f"{one.key[0].name.lower()} {one.key[1]}"
+            lat_deg, lon_deg, turn_rad = self._frame.to_global_with_convergence(one.place.real, one.place.imag)
+            sighting = Sighting(key, lat_deg, lon_deg, one.at_s, one.velocity * cmath.rect(1.0, turn_rad))
+            moved = self.tracker.take(spec.name, sighting, now_s)
+            if moved is not None:
+                seen.append(moved)
+        return seen
 
     def _observations(self, now_s: float) -> list[Observation]:
         """Return the moves by the sightings that wait, from each source in turn."""
@@ -180,8 +219,20 @@ class Sources:
             else:
                 self.tracker.taken(one, _id_of(outcome), is_listed=False)
 
-        spec = self.feeds[one.key.source].spec
+        spec = next(spec for spec in self._specs if spec.name == one.key.source)
         desk.ask_with(_command(one, spec), who, facts, answer)
+
+
+def _row(name: str, kind: SourceKind, health: Health) -> dict[str, Any]:
+    """Return what a page shows of a source's health."""
+    return {
+        "name": name,
+        "kind": kind,
+        "state": health.state,
+        "rate_hz": round(health.rate_hz, 1),
+        "age_s": None if health.age_s is None else round(health.age_s, 1),
+        "detail": health.detail,
+    }
 
 
 def _command(one: Taken | Dropped, spec: SourceSpec) -> Command:

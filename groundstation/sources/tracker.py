@@ -102,7 +102,7 @@ class Tracker:
         self.ahead_s = 0.0
         """Time by which the clock that stamps sightings is ahead of the times given (groundstation/clock.py)."""
         untold_s = max(30.0, 6.0 * mission.broadcast_period_s)
-        self._rules = {spec.name: Rules(spec, untold_s) for spec in specs if spec.kind != "sensor"}
+        self._rules = {spec.name: Rules(spec, untold_s) for spec in specs if spec.takes_in}
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self._mission = mission
         self._box = Box.around(mission)
@@ -169,9 +169,13 @@ class Tracker:
         if kind is Kind.AGENT and not self._is_agent(key, sample):
             return None
         before = self._tables[source].get(sighting.key)
-        if before is None:
+        if before is None or not before.known.is_seen:
             thing = begun(key, rules, sighting, sample, now_s)
-            self._make_room(rules)
+            if before is None:
+                self._make_room(rules)
+            else:
+                # Of the last run: it may be anywhere by now.
+                thing = replace(thing, id=before.id, wire=before.wire, waits_until_s=before.waits_until_s)
         else:
             thing, weighed, bound = sighted(before, rules, sighting, sample, now_s)
             if weighed.verdict is not Verdict.BELIEVED:
@@ -209,7 +213,7 @@ class Tracker:
             if KINDS[rules.spec.things] is Kind.AGENT:
                 continue
             factor = SILENT_SOURCE if source in failed or self._is_silent(source, now_s) else 1.0
-            self._forget(source, factor, now_s)
+            drops += self._forgotten(source, factor, now_s)
             drops += self._drops(source, factor, now_s)
             more, instead = self._wanted(source, np.array(agents, dtype=complex), reach_m, now_s)
             wanted += more
@@ -219,7 +223,9 @@ class Tracker:
         if not is_batch and not any(one.is_urgent for one in wanted):
             return []
         self._batch_s = now_s + BATCH_S
-        return [*(drop for drop, _ in drops), *wanted]
+        # Whoever asks first has it, so that no other source asks for the same meanwhile.
+        firsts = [one for one in wanted if self._claims.setdefault(self._claim(one.key), one.key) == one.key]
+        return [*(drop for drop, _ in drops), *firsts]
 
     def taken(self, taken: Taken, identity: int, is_listed: bool) -> None:
         """Note that a thing is in the picture as was asked for; `is_listed`: as one that the mission's file has."""
@@ -231,6 +237,9 @@ class Tracker:
     def dropped(self, dropped: Dropped) -> None:
         """Note that a thing is out of the picture, or is its heir's."""
         thing = self._tables[dropped.key.source].get(dropped.key.key)
+        if thing is not None and thing.waits_until_s == math.inf:
+            del self._tables[dropped.key.source][dropped.key.key]
+            return
         wire = None if thing is None else thing.wire
         if thing is not None:
             self._put(replace(thing, id=None, wire=None))
@@ -245,6 +254,8 @@ class Tracker:
         thing = self._tables[wanted.key.source].get(wanted.key.key)
         if thing is not None:
             self._put(replace(thing, waits_until_s=now_s + AGAIN_S))
+            if thing.id is None:
+                self._release(wanted.key)
         self.refused[wanted.key.source] += 1
         words = why.replace("{", "(").replace("}", ")")
         self.refusals.add((wanted.key.source, "refused"), f"{wanted.key.source}: not taken in, {{}} times: {words}")
@@ -341,22 +352,34 @@ class Tracker:
         """Forget, of too many things that a source sees, the one that is not in the picture and oldest."""
         table = self._tables[rules.spec.name]
         if len(table) >= WATCHED * rules.spec.most:
-            oldest = next((key for key, thing in table.items() if thing.id is None), None)
+            oldest = next((key for key, thing in table.items() if self._is_out(thing)), None)
             if oldest is not None:
                 del table[oldest]
                 words = f"more than {WATCHED * rules.spec.most} things at once: {{}} forgotten; allowed: a greater most"
                 self.refusals.add((rules.spec.name, "flood"), f"{rules.spec.name}: {words}")
+
+    def _is_out(self, thing: Thing) -> bool:
+        """Return whether the picture does not have a thing, nor was asked to take it in."""
+        return thing.id is None and self._claims.get(self._claim(thing.key)) != thing.key
 
     def _is_silent(self, source: str, now_s: float) -> bool:
         """Return whether a source that sees several things has seen none of late."""
         table = self._tables[source]
         return len(table) > 1 and all(now_s - thing.seen_at_s > QUIET_S for thing in table.values())
 
-    def _forget(self, source: str, factor: float, now_s: float) -> None:
-        """Forget the things that are not in the picture and were not seen for too long."""
+    def _forgotten(self, source: str, factor: float, now_s: float) -> list[tuple[Dropped, float]]:
+        """Forget what is not in the picture and was not seen for too long; return what somebody else has retired."""
         table, rules = self._tables[source], self._rules[source]
-        for key in [one for one, thing in table.items() if thing.id is None and now_s > thing.ends_s(rules, factor)]:
-            del table[key]
+        ended = [thing for thing in table.values() if self._is_out(thing) and now_s > thing.ends_s(rules, factor)]
+        for thing in ended:
+            if thing.waits_until_s != math.inf:
+                del table[thing.key.key]
+        kind = KINDS[rules.spec.things]
+        return [
+            (Dropped(thing.key, kind, 0, "not seen any more"), -math.inf)
+            for thing in ended
+            if thing.waits_until_s == math.inf
+        ]
 
     def _drops(self, source: str, factor: float, now_s: float) -> list[tuple[Dropped, float]]:
         """Return the things of a source that are not wanted any more, each with the time since which."""

@@ -20,7 +20,7 @@ from groundstation.store.rows import EventRow
 
 MISSION_KEY = "mission:"
 """What the names of kept missions begin with; the number of their chapter's first event follows."""
-THINGS = ("origin", "fence", "exclusions", "agents", "targets", "threats", "case")
+THINGS = ("name", "origin", "fence", "exclusions", "agents", "targets", "threats", "case")
 """Keys of a mission that events are about: where they differ, a new chapter begins."""
 
 
@@ -55,8 +55,15 @@ class Beginning:
 
     chapter: Chapter
     operations: Operations
-    words: str
+    words: str = ""
     """What is told of it; empty for a store that is new."""
+    is_fresh: bool = False
+    """Whether the chapter is a new one."""
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is told of a new chapter."""
+        return [self.words] if self.is_fresh and self.words else []
 
 
 def json_of(mission: Mission) -> str:
@@ -93,8 +100,8 @@ def beginning(mission: Mission, kept: Mapping[str, str], stored: Iterable[EventR
             events.append(event_of_row(row))
     if last is None or differs or anew:
         fresh = Chapter(number + 1, json_of(mission))
-        words = _fresh_words(mission, last, differs, len(events))
-        return Beginning(fresh, replace(Operations.begun(mission), next_number=number + 1), words)
+        words = _fresh_words(mission, differs, len(events))
+        return Beginning(fresh, replace(Operations.begun(mission), next_number=number + 1), words, is_fresh=True)
     operations = replace(folded(mission, events), next_number=number + 1)
     return Beginning(last, operations, f"goes on after event {number}" if events else "")
 
@@ -107,8 +114,12 @@ def event_of_row(row: EventRow) -> Event:
         raise InputError(f"event {row.number}, '{row.event}', is not understood by this release") from error
 
 
-def _fresh_words(mission: Mission, last: Chapter | None, differs: tuple[str, ...], count: int) -> str:
-    if last is None:
+def _fresh_words(mission: Mission, differs: tuple[str, ...], count: int) -> str:
+    if not count:
         return ""
-    why = f"{', '.join(differs)} of {mission.name} differ from the last run's" if differs else "a new flight"
-    return f"{why}: {count} events are kept but not carried over (pins, places, arrivals); directive and epoch go on"
+    if not differs:
+        return f"a new flight: {count} events are kept, and nothing of them is carried over"
+    return (
+        f"{', '.join(differs)} of {mission.name} differ from the last run's: {count} events are kept but not carried "
+        "over (pins, what was added or retired, arrivals); the directive is"
+    )

@@ -68,6 +68,8 @@ class EventStore:
         self._kept: dict[str, str] = {}
         """Kept values as they were handed over last."""
         self._busy_since_s: float | None = None
+        self._is_writing = False
+        """Whether events or kept values are being written."""
         self._next_s = 0.0
         self.trouble: str | None = None
         """Why the disk takes nothing at present; None if it does."""
@@ -78,7 +80,7 @@ class EventStore:
     def is_awaited(self) -> bool:
         """Whether events or kept values are being written, and no error of the disk was told."""
         with self._lock:
-            unwritten = self._waiting.tickets or self._waiting.kept or self._busy_since_s is not None
+            unwritten = self._waiting.tickets or self._waiting.kept or self._is_writing
             return bool(unwritten) and self.trouble is None
 
     def append(self, events: Iterable[EventRow]) -> Future[None]:
@@ -151,6 +153,7 @@ class EventStore:
         while True:
             with self._lock:
                 taken, self._waiting = self._waiting, _Waiting()
+                self._is_writing = bool(taken.tickets or taken.kept)
                 if not taken:
                     self._busy_since_s = None
                     return
@@ -215,7 +218,7 @@ class EventStore:
             facts = [ticket for ticket in tickets if ticket.written is None]
             self._waiting.tickets[:0] = facts
             self._waiting.kept = {**taken.kept, **self._waiting.kept}
-            self._busy_since_s = None
+            self._busy_since_s, self._is_writing = None, False
             self._next_s = time.monotonic() + RETRY_S
             self._tell(why)
         for ticket in tickets:
@@ -234,6 +237,7 @@ class EventStore:
 
     def _recover(self) -> None:
         with self._lock:
+            self._is_writing = False
             was, self.trouble = self.trouble, None
         if was is not None:
             LOGGER.info("%s: the store is written again", self.path)

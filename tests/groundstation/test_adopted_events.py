@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 from companion.mission.model import parse_mission
 from companion.onboard.world_model import WorldModel
 from companion.protocol.codec import Directive, FrameReader
-from groundstation.events import Event, Who, command_from
+from groundstation.events import STATION, Event, ThreatAdded, Who, command_from
 from groundstation.ground_station import GroundStation
 
 MISSION = parse_mission(
@@ -122,6 +124,21 @@ def test_in_a_pause_nobody_gets_another_target() -> None:
     day.does(do="resume")
     assert day.station.assignment == {1: 2, 2: 1}
     assert day.told() is Directive.NORMAL
+
+
+def test_more_than_a_broadcast_can_tell_is_counted_and_the_directive_still_goes_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("groundstation.ground_station.MOST_FRAMES", 3)
+    day = Day()
+    template = MISSION.threats[0]
+    for identity in range(2, 18):
+        threat = template.model_copy(update={"id": identity})
+        day.station.adopt(ThreatAdded(number=identity, unix_s=START_S, who=STATION, threat=threat), day.now_s)
+    day.does(do="direct", directive="hold")
+    assert day.told() is Directive.HOLD
+    assert not day.on_board.view(day.now_s).whole
+    assert day.station.unsendable.count > 0
 
 
 def test_one_agent_alone_is_told_to_return() -> None:

@@ -10,9 +10,10 @@ import pytest
 
 from companion.mission.model import Mission, parse_mission
 from companion.protocol.messages import Directive
-from groundstation.desk import MOST_WAITING, Desk, begin_day, operations_of
+from groundstation.desk import ANSWER_S, MOST_WAITING, Desk, begin_day
 from groundstation.events import Pause, TakeOut, Undo, Who
 from groundstation.ground_station import GroundStation, Resumed
+from groundstation.store.chapters import beginning
 from groundstation.store.rows import EventRow
 
 START_S = 1_790_000_000.0
@@ -157,23 +158,35 @@ def test_a_restart_goes_on_with_what_the_events_have_made_and_with_their_numbers
     begin_day(day.desk, day.station, Directive.NORMAL, START_S)
     day.desk.ask(TakeOut(do="take-out", agent=1), ANNA)
     day.desk.tick(START_S)
-    operations = operations_of(mission(), day.disk.rows)
+    kept = dict([beginning(mission(), {}, ()).chapter.kept])
+    operations = beginning(mission(), kept, day.disk.rows).operations
     again = GroundStation(mission(), START_S + 9.0, resumed=Resumed(operations=operations))
     assert again.operations == day.station.operations
     assert again.assignment == {2: 2} == day.station.assignment
 
 
-def test_events_of_another_mission_only_tell_the_next_number(day: Day) -> None:
-    begin_day(day.desk, day.station, Directive.NORMAL, START_S)
-    day.desk.ask(TakeOut(do="take-out", agent=1), ANNA)
+def test_a_disk_that_does_not_answer_refuses_a_command_that_it_has_not_begun_to_write(day: Day) -> None:
+    day.disk.open = False
+    day.desk.ask(Pause(do="pause"), ANNA, 1)
     day.desk.tick(START_S)
-    other = mission().model_copy(update={"name": "other"})
-    operations = operations_of(other, day.disk.rows)
-    assert operations.orders.out == set()
-    assert operations.next_number == 3
+    day.desk.tick(START_S + ANSWER_S)
+    assert 1 not in day.screen.answers
+    day.desk.tick(START_S + ANSWER_S + 0.1)
+    assert day.screen.answers[1] == "the disk does not answer; nothing was changed"
+    assert day.desk.is_idle
+    assert not day.station.operations.orders.paused
 
 
 def test_a_directive_that_an_older_state_kept_becomes_an_event(day: Day) -> None:
     begin_day(day.desk, day.station, Directive.HOLD, START_S)
     assert day.station.directive is Directive.HOLD
     assert [row.event for row in day.disk.rows] == ["started", "directed"]
+
+
+def test_what_happens_by_itself_is_kept_once_and_shown() -> None:
+    day = Day()
+    day.station.tick(START_S)
+    for _ in range(3):
+        day.desk.notice(START_S)
+    assert [row.event for row in day.disk.rows] == ["assigned", "revision-began"]
+    assert day.screen.shown == [1, 2]

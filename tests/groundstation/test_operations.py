@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.errors import InputError
 from companion.mission.model import Mission, parse_mission
 from companion.protocol.messages import Directive, Kind
 from groundstation.acceptance import event_of
+from groundstation.broadcast import MOST_FRAMES
 from groundstation.events import (
     STATION,
     Event,
@@ -118,6 +120,18 @@ def test_without_a_queue_no_target_is_added_that_nobody_could_go_to() -> None:
     assert "2 open targets for 2 agents" in refusal(operations, {"do": "add-target", "north_m": 1.0, "east_m": 1.0})
 
 
+def test_no_more_threats_are_added_than_a_broadcast_can_tell() -> None:
+    operations = Operations.begun(MISSION)
+    threats = tuple(
+        MISSION.threats[0].model_copy(update={"id": identity}) for identity in range(1, 4 * (MOST_FRAMES - 1) + 1)
+    )
+    used = {**operations.used, Kind.THREAT: 1 << 1016}
+    full = replace(operations, mission=MISSION.model_copy(update={"threats": threats}), used=used)
+    add = {"do": "add-threat", "north_m": 0.0, "east_m": 0.0, "radius_m": 100.0}
+    assert "take 256 frames; allowed: at most 255" in refusal(full, add)
+    assert does(full, {"do": "retire", "kind": "threat", "id": 9}, add).mission.threats[-1].id == 1017
+
+
 IDS = st.integers(1, 8)
 PLACE = st.fixed_dictionaries({"north_m": st.floats(-1.9e4, 1.9e4), "east_m": st.floats(-1.9e4, 1.9e4)})
 NAME = st.fixed_dictionaries({}, optional={"name": st.sampled_from(("a", "b"))})
@@ -160,6 +174,7 @@ def accepted(commands: list[dict[str, Any]], mission: Mission = MISSION) -> tupl
     return operations, events
 
 
+@settings(max_examples=40)
 @given(st.lists(COMMANDS, max_size=30))
 def test_stored_events_fold_to_what_the_run_had(commands: list[dict[str, Any]]) -> None:
     operations, events = accepted(commands)
@@ -169,6 +184,7 @@ def test_stored_events_fold_to_what_the_run_had(commands: list[dict[str, Any]]) 
     assert [event.number for event in events] == list(range(1, len(events) + 1))
 
 
+@settings(max_examples=40)
 @given(st.lists(COMMANDS, max_size=20), COMMANDS)
 def test_undo_restores_what_was_before(commands: list[dict[str, Any]], last: dict[str, Any]) -> None:
     before, events = accepted(commands)
@@ -183,6 +199,7 @@ def test_undo_restores_what_was_before(commands: list[dict[str, Any]], last: dic
         assert getattr(undone, part) == getattr(before, part), part
 
 
+@settings(max_examples=40)
 @given(st.lists(COMMANDS, max_size=30))
 def test_no_thing_added_has_an_id_that_another_had(commands: list[dict[str, Any]]) -> None:
     ids = {Kind.TARGET: [1, 3], Kind.THREAT: [4]}

@@ -18,7 +18,7 @@ from groundstation.ground_station import GroundStation, Resumed
 from groundstation.notices import noticed
 from groundstation.operations import folded
 from groundstation.origins import Observation
-from groundstation.places import Places, places_in
+from groundstation.places import Places, kept_places
 from groundstation.view import Surroundings, picture
 
 TEXT = """
@@ -55,7 +55,7 @@ class Shell:
 
     def _started(self) -> GroundStation:
         operations = folded(self.mission, map(event_from_json, self.stored)) if self.stored else None
-        places: Places | None = places_in(json.loads(self.kept)) if self.kept else None
+        places: Places | None = kept_places(json.loads(self.kept)) if self.kept else None
         number = 1 if operations is None else (operations.revision or 0) + 1
         resumed = Resumed(revision=number, operations=operations, places=places, began_s=START_S)
         return GroundStation(self.mission, START_S + self.t_s, self.sensed, resumed=resumed)

@@ -28,6 +28,7 @@ from groundstation.pacer import LEAST_PACE, Pacer, burst_bytes
 from groundstation.radio import parse_radio
 from groundstation.schedule import (
     CAROUSEL_SHARE,
+    LEAST_REVISION_S,
     LONGEST_REFRESH_S,
     MOST_SENDS,
     TICK_S,
@@ -51,10 +52,15 @@ class Talker:
 
     def __init__(self, states: int, bands: int = 0, with_mission: bool = False) -> None:
         self.directive = Directive.NORMAL
+        self.is_outdated = False
         self.states, self.bands, self.with_mission = states, bands, with_mission
         self.epoch_s = EPOCH_S
         self.sequence = 0
         self.overheard: list[tuple[float, bytes]] = []
+
+    @property
+    def orders(self) -> object:
+        return self.directive
 
     def stamp(self, now_s: float) -> Stamp:
         return Stamp(self.epoch_s, round((now_s - self.epoch_s) * 1000.0), self.sequence)
@@ -294,6 +300,21 @@ def test_a_changed_directive_does_not_wait_for_the_refresh_to_end() -> None:
     first = air.sent[before][1].frame
     assert isinstance(first, StateFrame)
     assert first.directive is Directive.RETURN
+
+
+def test_changed_threats_do_not_wait_for_a_long_refresh_to_end() -> None:
+    air = Air(Talker(40), "400").to(LEAST_REVISION_S - 1.0)
+    air.station.is_outdated = True
+    air.to(LEAST_REVISION_S + 0.5)
+    assert len(air.begun()) == 2
+    assert air.begun()[1] == pytest.approx(LEAST_REVISION_S, abs=0.5)
+
+
+def test_threats_that_keep_changing_keep_no_frame_from_the_air() -> None:
+    air = Air(Talker(40), "400")
+    air.station.is_outdated = True
+    told = Counter(frame.stamp.frame_index for _, frame, _ in air.to(60.0).states())
+    assert set(told) == set(range(40))
 
 
 def test_directives_that_keep_changing_keep_no_frame_from_the_air() -> None:

@@ -7,6 +7,8 @@ import random
 from typing import Any
 
 View = dict[str, Any]
+BEGAN_S = 1_790_000_000
+"""Unix time of the beginning of all that is shown."""
 ORIGIN = {"lat_deg": 47.0, "lon_deg": 8.0, "alt_m": 500.0}
 
 
@@ -92,13 +94,13 @@ def picture(**changes: object) -> View:
     """Return a picture with one agent, one target and one threat."""
     return {
         "type": "picture",
-        "t_s": 120.0,
+        "t_s": BEGAN_S + 120.0,
         "mode": "live",
         "mission": "valley",
         "case": "I",
         "paused": False,
         "directive": "normal",
-        "epoch_s": 1_790_000_000,
+        "epoch_s": BEGAN_S,
         "revision": 1,
         "event": 0,
         "undoable": [],
@@ -204,7 +206,7 @@ def valley_events() -> list[View]:
     anna = {"name": "anna", "role": "operator"}
     station = {"name": "ground station", "role": "station"}
     facts: list[View] = [
-        {"event": "started", "who": station, "mission": "valley", "epoch_s": 1_790_000_000},
+        {"event": "started", "who": station, "mission": "valley", "epoch_s": BEGAN_S},
         {"event": "assigned", "who": station, "changes": [{"agent": 3, "target": 2, "reason": "first assignment"}]},
         {"event": "threat-added", "who": anna, "threat": {"id": 2}, "name": None},
         {"event": "revision-began", "who": station, "revision": 1, "threats": 2},
@@ -222,7 +224,7 @@ def valley_events() -> list[View]:
         {"event": "arrived", "who": station, "agent": 4, "target": 1},
     ]
     return [
-        {"type": "event", "event": {"number": 1 + index, "unix_s": 1_790_000_000.0 + 11 * index, **fact}}
+        {"type": "event", "event": {"number": 1 + index, "unix_s": BEGAN_S + 11 * index, **fact}}
         for index, fact in enumerate(facts)
     ]
 

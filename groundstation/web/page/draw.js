@@ -13,9 +13,15 @@ const LABELS_AT_MOST = 120; // names on the map at one time
 const LABEL_CHARACTERS = 22;
 const SQUARE_PX = 7;
 const HATCH_PX = 9;
+const HATCH_SCALE = 2; // pixels of the tile for each of the screen's
 const RAD = Math.PI / 180;
+const MANY = 100; // agents, from which on their lines are drawn without dashes, which cost more than all else
 const AHEAD_M = 10; // how far ahead a heading is projected to find its direction on the map
 const places = new WeakMap();
+const arrows = new Map();
+const hatches = new Map();
+const widths = new Map(); // of labels in pixels
+const MOST_WIDTHS = 5000;
 
 /** The colours of the theme, read from the style sheet once after each change of theme. */
 export function paletteOf(element) {
@@ -38,7 +44,7 @@ function squareOf(plane, item) {
 /** Draws the mission's picture; answers the marks that can be pointed at, the last drawn last. */
 export function draw(context, view, state, ui) {
   const { palette } = ui;
-  const scene = { context, view, state, ui, palette, marks: [], labels: [] };
+  const scene = { context, view, state, ui, palette, marks: [], labels: [], many: state.agents.size > MANY };
   context.setTransform(view.ratio, 0, 0, view.ratio, 0, 0);
   context.clearRect(0, 0, view.width, view.height);
   if (!state.picture) return scene.marks;
@@ -80,12 +86,17 @@ function circle(scene, item, radiusM) {
 
 function line(scene, points, closed) {
   scene.context.beginPath();
+  trace(scene, points);
+  if (closed) scene.context.closePath();
+}
+
+/** Adds a line to the present path: many lines are drawn at once far faster than one after the other. */
+function trace(scene, points) {
   points.forEach((at, index) => {
     const [x, y] = pixel(scene.view, at);
     if (index) scene.context.lineTo(x, y);
     else scene.context.moveTo(x, y);
   });
-  if (closed) scene.context.closePath();
 }
 
 function stroke(scene, colour, width, dash = []) {
@@ -104,37 +115,50 @@ function drawArea(scene) {
     stroke(scene, scene.palette.fence, 2, [10, 4, 2, 4]);
   }
   for (const exclusion of picture.exclusions ?? []) {
-    const corners = polygon(exclusion);
-    line(scene, corners, true);
+    line(scene, polygon(exclusion), true);
     hatch(scene, scene.palette.fence);
-    line(scene, corners, true);
     stroke(scene, scene.palette.fence, 2);
   }
 }
 
-/** Fills the present path with slanted lines, which stay where they are on the map; the path is gone afterwards. */
+/** Fills the present path with slanted lines, which stay where they are on the map. */
 function hatch(scene, colour) {
   const { context, view } = scene;
-  context.save();
-  context.clip();
-  context.beginPath();
-  const offset = ((view.left + view.top) % HATCH_PX) + HATCH_PX;
-  for (let at = -view.height - offset; at < view.width + HATCH_PX; at += HATCH_PX) {
-    context.moveTo(at, view.height);
-    context.lineTo(at + view.height, 0);
+  const pattern = hatchOf(context, colour);
+  pattern.setTransform(new DOMMatrix().translate(-view.left % HATCH_PX, -view.top % HATCH_PX).scale(1 / HATCH_SCALE));
+  context.fillStyle = pattern;
+  context.globalAlpha = 0.4;
+  context.fill();
+  context.globalAlpha = 1;
+}
+
+/** A tile of slanted lines in a colour, made once: filled far faster than lines that are clipped. */
+function hatchOf(context, colour) {
+  if (!hatches.has(colour)) {
+    const tile = document.createElement("canvas");
+    const side = HATCH_PX * HATCH_SCALE;
+    tile.width = tile.height = side;
+    const ink = tile.getContext("2d");
+    ink.strokeStyle = colour;
+    ink.lineWidth = HATCH_SCALE;
+    ink.beginPath();
+    for (const at of [-side, 0, side]) {
+      ink.moveTo(at, side);
+      ink.lineTo(at + side, 0);
+    }
+    ink.stroke();
+    hatches.set(colour, context.createPattern(tile, "repeat"));
   }
-  context.globalAlpha = 0.35;
-  stroke(scene, colour, 1);
-  context.restore();
+  return hatches.get(colour);
 }
 
 function drawTrails(scene) {
   if (!scene.ui.layers.trails) return;
+  scene.context.beginPath();
   for (const [id, trail] of scene.state.trails) {
-    if (trail.length < 2 || !scene.state.agents.has(id)) continue;
-    line(scene, trail.map((point) => point.at));
-    stroke(scene, scene.palette.trail, 1.5);
+    if (trail.length > 1 && scene.state.agents.has(id)) trace(scene, trail.map((point) => point.at));
   }
+  stroke(scene, scene.palette.trail, 1.5);
 }
 
 function drawThreat(scene, threat) {
@@ -151,7 +175,6 @@ function drawThreat(scene, threat) {
   stroke(scene, palette.threat, 1.5, [7, 4]);
   circle(scene, threat, threat.attack_radius_m);
   if (ui.layers.hatch) hatch(scene, palette.threat);
-  circle(scene, threat, threat.attack_radius_m);
   stroke(scene, palette.threat, 2);
   arrowOfVelocity(scene, threat, palette.threat);
   badge(scene, "threat", threat, rim, palette.threat);
@@ -235,23 +258,24 @@ function drawAssignments(scene) {
     scene.context.moveTo(...pixel(view, squareOf(state.plane, agent)));
     scene.context.lineTo(...pixel(view, squareOf(state.plane, target)));
   }
-  scene.context.globalAlpha = 0.7;
-  stroke(scene, palette.ink, 1, [1, 5]);
+  scene.context.globalAlpha = scene.many ? 0.25 : 0.7;
+  stroke(scene, palette.ink, 1, scene.many ? [] : [1, 5]);
   scene.context.globalAlpha = 1;
 }
 
 function drawRoutes(scene) {
-  const { state, palette, ui } = scene;
+  const { context, state, palette, ui } = scene;
   if (!ui.layers.routes) return;
-  for (const [id, points] of state.routes) {
-    if (!state.agents.has(id)) continue;
-    line(scene, points);
-    const chosen = isChosen(ui, "agent", id);
-    if (chosen) stroke(scene, palette.halo, 6);
-    else if (ui.chosen?.kind === "agent") scene.context.globalAlpha = 0.45;
-    stroke(scene, palette.route, chosen ? 3 : 1.8);
-    scene.context.globalAlpha = 1;
-  }
+  const chosen = ui.chosen?.kind === "agent" ? state.routes.get(String(ui.chosen.id)) : undefined;
+  context.beginPath();
+  for (const [id, points] of state.routes) if (points !== chosen && state.agents.has(id)) trace(scene, points);
+  context.globalAlpha = chosen ? 0.45 : 1;
+  stroke(scene, palette.route, scene.many ? 1 : 1.8);
+  context.globalAlpha = 1;
+  if (!chosen) return;
+  line(scene, chosen);
+  stroke(scene, palette.halo, 6);
+  stroke(scene, palette.route, 3);
 }
 
 function drawUnknown(scene, thing) {
@@ -289,7 +313,7 @@ function drawEllipse(scene, agent) {
   context.globalAlpha = 0.12;
   context.fill();
   context.globalAlpha = 1;
-  stroke(scene, palette.ghost, 1.5, [4, 3]);
+  stroke(scene, palette.ghost, scene.many ? 1 : 1.5, scene.many ? [] : [4, 3]);
 }
 
 /** The angle on the screen of a heading in the plane at a thing's place. */
@@ -310,22 +334,14 @@ function drawAgent(scene, agent) {
   const colour = gone ? palette.gone : ghost ? palette.ghost : palette.agent;
   const chosen = isChosen(ui, "agent", agent.id);
   if (chosen) ring(scene, x, y);
+  const sign = arrowOf(view.ratio, colour, palette.halo, { hollow: ghost || gone, dotted: agent.source === "telemetry" && !gone });
+  const half = ARROW_PX + HALO_PX;
   context.save();
   context.translate(x, y);
   context.rotate(directionPx(scene, agent, agent.heading_deg ?? 0));
-  context.beginPath();
-  context.moveTo(ARROW_PX, 0);
-  context.lineTo(-ARROW_PX * 0.75, ARROW_PX * 0.7);
-  context.lineTo(-ARROW_PX * 0.35, 0);
-  context.lineTo(-ARROW_PX * 0.75, -ARROW_PX * 0.7);
-  context.closePath();
-  stroke(scene, palette.halo, 2 + HALO_PX);
-  context.fillStyle = ghost || gone ? palette.halo : colour;
-  context.fill();
-  stroke(scene, colour, 2);
+  context.drawImage(sign, -half, -half, 2 * half, 2 * half);
   context.restore();
   if (gone) cross(scene, x, y, colour);
-  if (agent.source === "telemetry" && !gone) dot(scene, x, y);
   scene.marks.push({ kind: "agent", id: agent.id, x, y });
   scene.labels.push({ x, y, text: agentLabel(agent, ghost), colour: chosen ? palette.ink : colour, chosen });
 }
@@ -353,11 +369,37 @@ function cross(scene, x, y, colour) {
   stroke(scene, colour, 2);
 }
 
-function dot(scene, x, y) {
-  scene.context.beginPath();
-  scene.context.arc(x, y, 2.2, 0, 2 * Math.PI);
-  scene.context.fillStyle = scene.palette.halo;
-  scene.context.fill();
+/** An agent's arrow, made once for each look: hundreds of them are drawn five times a second. */
+function arrowOf(ratio, colour, halo, { hollow, dotted }) {
+  const key = [ratio, colour, halo, hollow, dotted].join();
+  if (arrows.has(key)) return arrows.get(key);
+  const half = ARROW_PX + HALO_PX;
+  const sign = document.createElement("canvas");
+  sign.width = sign.height = Math.ceil(2 * half * ratio);
+  const ink = sign.getContext("2d");
+  ink.setTransform(ratio, 0, 0, ratio, half * ratio, half * ratio);
+  ink.lineJoin = "round";
+  ink.beginPath();
+  ink.moveTo(ARROW_PX, 0);
+  ink.lineTo(-ARROW_PX * 0.75, ARROW_PX * 0.7);
+  ink.lineTo(-ARROW_PX * 0.35, 0);
+  ink.lineTo(-ARROW_PX * 0.75, -ARROW_PX * 0.7);
+  ink.closePath();
+  for (const [style, width] of [[halo, 2 + HALO_PX], [colour, 2]]) {
+    ink.strokeStyle = style;
+    ink.lineWidth = width;
+    ink.stroke();
+  }
+  ink.fillStyle = hollow ? halo : colour;
+  ink.fill();
+  if (dotted) {
+    ink.beginPath();
+    ink.arc(0, 0, 2.4, 0, 2 * Math.PI);
+    ink.fillStyle = halo;
+    ink.fill();
+  }
+  arrows.set(key, sign);
+  return sign;
 }
 
 /** Names beside their things, the chosen one first; one that would cover another is left out. */
@@ -370,7 +412,7 @@ function drawLabels(scene) {
   for (const { x, y, text, colour } of sorted) {
     if (taken.length >= LABELS_AT_MOST) break;
     if (!inside(view, x, y, 0)) continue;
-    const width = context.measureText(text).width;
+    const width = widthOf(context, text);
     const [right, other] = [x + 14, x - 14 - width];
     const sides = right + width > view.width ? [other, right] : [right, other];
     const left = sides.find((side) => !taken.some((box) => covers(box, side, y, width)));
@@ -382,6 +424,12 @@ function drawLabels(scene) {
     context.fillStyle = colour;
     context.fillText(text, left, y);
   }
+}
+
+function widthOf(context, text) {
+  if (widths.size > MOST_WIDTHS) widths.clear();
+  if (!widths.has(text)) widths.set(text, context.measureText(text).width);
+  return widths.get(text);
 }
 
 function covers(box, left, y, width) {

@@ -5,10 +5,10 @@ import { Actions, radiiOf } from "./actions.js";
 import { get } from "./api.js";
 import { logIn, prepareDialog } from "./dialog.js";
 import { byId, el, setAttribute, setText } from "./dom.js";
-import { clock, latLon, position, seconds, thing, words } from "./format.js";
+import { clock, dayTime, latLon, position, seconds, thing, words } from "./format.js";
 import { MissionMap } from "./map.js";
-import { addEvents, isUnsigned, nothing, take } from "./model.js";
-import { BroadcastPanel, detailFacts, Facts, stripWords, Tables, UnknownList, whyList } from "./panels.js";
+import { addEvents, isUnsigned, nothing, take, takeTrails } from "./model.js";
+import { BroadcastPanel, detailFacts, Facts, stripWords, Tables, UnknownList, whyWords } from "./panels.js";
 import { Playback } from "./playback.js";
 import { Stream } from "./stream.js";
 import { Tabs } from "./tabs.js";
@@ -118,14 +118,29 @@ class Page {
     const changed = take(this.state, message);
     if (changed === null) return;
     if (changed === "picture") this.showPicture();
-    if (changed === "event") this.showEvents();
     if (changed === "playback") this.showPlayback();
-    setText(byId("clock"), clock(this.state.nowS));
+    if (changed === "event" || changed === "playback") this.showEvents();
+    this.showClock();
     this.map.request();
+  }
+
+  showClock() {
+    const zone = this.tellsDay ? " UTC" : "";
+    setText(byId("clock"), this.timeOf(this.state.nowS) + zone);
+  }
+
+  /** Whether times are those of the day: those of a simulated or recorded flight are told since its beginning. */
+  get tellsDay() {
+    return this.state.picture?.mode === "live" || !this.state.playback;
+  }
+
+  timeOf(unixS) {
+    return this.tellsDay ? dayTime(unixS) : clock(unixS - this.state.playback.from_s);
   }
 
   showPicture() {
     const { picture } = this.state;
+    if (!this.hasTrails) this.askTrails();
     document.title = `${picture.mission} – ground station`;
     setText(byId("mission"), picture.mission);
     byId("unsigned").hidden = !isUnsigned(picture);
@@ -144,6 +159,17 @@ class Page {
     this.showEvents();
     this.showPlayback();
     if (this.lastEvent !== picture.event) this.askEvents(picture.event);
+  }
+
+  /** The trails from before this page was opened. */
+  async askTrails() {
+    this.hasTrails = true;
+    try {
+      takeTrails(this.state, (await get("/trails")).agents);
+      this.map.request();
+    } catch (problem) {
+      this.warn(problem.message);
+    }
   }
 
   /** Events that came while nobody listened. */
@@ -172,7 +198,7 @@ class Page {
 
   showEvents() {
     const undoable = this.mayAct ? (this.state.picture?.undoable ?? []) : [];
-    this.timeline.show(this.state.events, undoable, byId("event-filter").value);
+    this.timeline.show(this.state.events, undoable, byId("event-filter").value, (unixS) => this.timeOf(unixS));
     this.playback.showEvents(this.state.events);
   }
 
@@ -304,12 +330,16 @@ class Page {
     this.asking = true;
     let shown;
     try {
-      shown = whyList(await get(`/why/${encodeURIComponent(id)}`));
+      shown = whyWords(await get(`/why/${encodeURIComponent(id)}`));
     } catch (problem) {
       shown = el("p", { class: "refusal" }, problem.message);
     }
     this.asking = false;
-    if (this.whyOpen && this.chosen?.id === id) byId("why").replaceChildren(shown);
+    if (!this.whyOpen || this.chosen?.id !== id) return;
+    const wasOpen = byId("why").querySelector("details")?.open ?? false;
+    byId("why").replaceChildren(shown);
+    const more = byId("why").querySelector("details");
+    if (more) more.open = wasOpen;
   }
 
   /** The circles of what may be dragged; null for what may not. */

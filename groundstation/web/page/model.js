@@ -90,7 +90,11 @@ export function addEvents(state, events) {
   state.events = [...state.events, ...fresh].sort((one, other) => one.number - other.number).slice(-EVENTS_KEPT);
 }
 
+/** A run that was wound back has not seen yet what came later. */
 function takePlayback(state, message) {
+  if (state.playback && message.at_s < state.playback.at_s) {
+    state.events = state.events.filter((event) => event.unix_s <= message.at_s + 1);
+  }
   state.playback = message;
 }
 

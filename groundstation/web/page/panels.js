@@ -256,22 +256,24 @@ function agentFacts(agent) {
   if (ellipse) facts.push(["May be off by", `${metres(ellipse.semi_major_m)} along, ${metres(ellipse.semi_minor_m)} across`]);
   facts.push(["Speed", `${rate(agent.speed_m_s, "m/s")}, heading ${anyValue("heading_deg", agent.heading_deg)}`]);
   facts.push(["Range left", metres(agent.range_left_m)], ["Link", linkWords(agent.link)]);
+  if (agent.reason) facts.unshift(["Decides", agent.reason]);
   if (agent.certificate) facts.push(["Certificate", agent.certificate]);
   return facts;
 }
 
-/** The answer of "why?" as nested lists: whatever keys it has, in words, with their units. */
-export function whyList(value) {
-  const row = ([key, inner]) => el("div", {}, el("dt", {}, words(key)), el("dd", {}, whyValue(key, inner)));
-  return el("dl", { class: "facts" }, Object.entries(value).map(row));
+/** The answer to "why?": its sentences, and behind them every value that it has, in words, with its unit. */
+export function whyWords(answer) {
+  const { sentences, as_of: asOf, ...values } = answer;
+  return el(
+    "div",
+    {},
+    el("ul", { class: "sentences" }, sentences.map((sentence) => el("li", {}, sentence))),
+    el("p", { class: "quiet" }, `This is ${asOf}.`),
+    el("details", {}, el("summary", {}, "All values"), valueList(values)),
+  );
 }
 
-function whyValue(key, value) {
-  if (Array.isArray(value) && value.some((each) => typeof each === "object" && each !== null)) {
-    return value.slice(0, 12).map((each) => el("div", { class: "nested" }, whyValue(key, each)));
-  }
-  if (value !== null && typeof value === "object" && !Array.isArray(value)) return whyList(value);
-  return anyValue(key, value);
+function valueList(values) {
+  const row = ([key, value]) => el("div", {}, el("dt", {}, words(key)), el("dd", {}, anyValue(key, value)));
+  return el("dl", { class: "facts" }, Object.entries(values).map(row));
 }
-
-

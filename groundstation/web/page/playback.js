@@ -15,6 +15,7 @@ export class Playback {
     this.held = false;
     this.playing = false;
     this.speeds = "";
+    this.events = new Map();
     this.play = el("button", { type: "button", onclick: () => this.set({ playing: !this.playing }) }, "Pause");
     this.slider = el("input", { type: "range", min: "0", max: "1", step: "any", "aria-label": "Time of the flight" });
     this.slider.addEventListener("input", () => this.slide());
@@ -35,7 +36,7 @@ export class Playback {
 
   slide() {
     this.held = true;
-    setText(this.time, clock(Number(this.slider.value)));
+    setText(this.time, clock(Number(this.slider.value) - this.from));
   }
 
   async settle() {
@@ -54,14 +55,15 @@ export class Playback {
     if (this.element.hidden) return;
     const { from_s: from, to_s: to, at_s: at, speed, playing } = playback;
     this.playing = playing;
+    this.from = from;
     setText(this.play, playing ? "Pause" : "Play");
     this.slider.hidden = this.jump.hidden = mode !== "playback";
     this.slider.min = String(from);
     this.slider.max = String(to);
     if (!this.held) {
       this.slider.value = String(at);
-      this.slider.setAttribute("aria-valuetext", clock(at));
-      setText(this.time, mode === "playback" ? `${clock(at)} of ${clock(to)}` : clock(at));
+      this.slider.setAttribute("aria-valuetext", clock(at - from));
+      setText(this.time, mode === "playback" ? `${clock(at - from)} of ${clock(to - from)}` : clock(at - from));
     }
     this.showSpeeds(speed);
   }
@@ -76,12 +78,14 @@ export class Playback {
     if (document.activeElement !== this.speed && known) this.speed.value = String(speed);
   }
 
-  /** Lists the events to jump to, which carry their time in the run. */
+  /** Lists the events to jump to: those that this page has heard of, at whatever time of the run. */
   showEvents(events) {
-    const timed = events.filter((event) => typeof event.t_s === "number");
-    if (this.listed === timed.length) return;
-    this.listed = timed.length;
-    const options = timed.map((event) => el("option", { value: event.t_s }, `${clock(event.t_s)} ${sentence(event)}`));
+    for (const event of events) this.events.set(event.number, event);
+    if (this.listed === this.events.size || this.from === undefined) return;
+    this.listed = this.events.size;
+    const sorted = [...this.events.values()].sort((one, other) => one.number - other.number);
+    const words = (event) => `${clock(event.unix_s - this.from)} ${sentence(event)}`;
+    const options = sorted.map((event) => el("option", { value: event.unix_s }, words(event)));
     this.jump.replaceChildren(el("option", { value: "" }, "Jump to…"), ...options);
   }
 }

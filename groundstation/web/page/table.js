@@ -1,6 +1,6 @@
 // Tables whose rows are kept: only what another word stands in is written again, so that 500 rows a second cost little.
 
-import { el, setAttribute, setText } from "./dom.js";
+import { el, setAttribute } from "./dom.js";
 
 /** A table that is sorted by a click on a heading.
  *
@@ -71,7 +71,7 @@ export class Table {
   }
 
   newRow(key) {
-    const row = { item: null, cells: [] };
+    const row = { item: null, cells: [], texts: [] };
     row.button = el("button", { type: "button", class: "pick", onclick: () => this.onChoose(row.item) });
     row.cells = this.columns.map((column, index) =>
       index === 0
@@ -87,9 +87,12 @@ export class Table {
     row.item = item;
     this.columns.forEach((column, index) => {
       const place = index === 0 ? row.button : row.cells[index];
-      const text = column.text(item);
-      setText(place, text);
-      if (column.long) setAttribute(row.cells[index], "title", text);
+      const text = String(column.text(item));
+      if (row.texts[index] !== text) {
+        row.texts[index] = text;
+        place.textContent = text;
+        if (column.long) setAttribute(row.cells[index], "title", text);
+      }
       if (column.sign) setAttribute(row.cells[index], "data-sign", column.sign(item));
     });
     setAttribute(row.element, "class", isChosen ? "chosen" : null);

@@ -211,10 +211,11 @@ class Flight:
         agents: tuple[AgentEntry, ...] = (),
         revision: int = 1,
         lost: tuple[int, ...] = (),
+        is_last: bool = False,
     ) -> None:
         """Broadcast a state in frames of four threats; `lost` are the indices of those that do not arrive.
 
-        `own` is the directive for this vehicle alone.
+        `own` is the directive for this vehicle alone. The ground station stops after a broadcast that `is_last`.
         """
         self.sequence += 1
         targets = () if target is None else (TargetEntry(4, *target),)
@@ -236,6 +237,7 @@ class Flight:
                 (me, *agents),
                 targets,
                 part,
+                is_last,
             )
             if index not in lost:
                 self.hear(self._writer.encode(frame))

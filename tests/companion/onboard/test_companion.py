@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -330,6 +331,20 @@ def test_it_obeys_the_stronger_of_its_own_directive_and_that_for_all_and_says_wh
     flight.broadcast(directive=for_all, own=own)
     decision, _ = flight.at()
     assert (decision.purpose, decision.reason) == (purpose, reason)
+
+
+def test_after_the_last_broadcast_it_flies_on_as_after_any_loss_and_says_at_once_that_nothing_is_broken() -> None:
+    flight, silent = guided(), guided()
+    flight.broadcast(is_last=True)
+    silent.broadcast()
+    for _ in range(3):
+        (decision, _), (as_ever, _) = flight.tick(), silent.tick()
+        assert decision.note == "the ground station has stopped"
+        assert as_ever.note is None
+        assert decision == replace(as_ever, note=decision.note)
+    flight.broadcast()
+    decision, _ = flight.tick()
+    assert decision.note is None
 
 
 def test_it_comes_home_on_the_directive_return_and_loiters_there() -> None:

@@ -913,6 +913,14 @@ def test_a_directive_for_one_agent_returns_beside_its_target_and_makes_the_frame
     assert len(FrameWriter().encode(directed)) <= len(FrameWriter().encode(SMALL_STATE)) + 1
 
 
+@given(st.sampled_from(Directive), st.booleans())
+def test_the_last_broadcast_says_so_beside_its_directive_and_is_no_longer(directive: Directive, is_last: bool) -> None:
+    frame = replace(SMALL_STATE, directive=directive)
+    told = replace(frame, is_last=is_last)
+    assert state_through(told) == replace(state_through(frame), is_last=is_last)
+    assert len(FrameWriter().encode(told)) == len(FrameWriter().encode(frame))
+
+
 def test_the_bytes_of_directives_for_single_agents_are_pinned() -> None:
     agents = tuple(
         replace(agent, directive=own)

@@ -690,6 +690,13 @@ def directed(frame: FleetFrame, own: dict[int, Directive]) -> FleetFrame:
     return replace(frame, agents=tuple(agents))
 
 
+@given(st.sampled_from(Directive))
+def test_the_last_broadcast_says_so_beside_its_directive(directive: Directive) -> None:
+    told = fleet_through(replace(SMALL_FLEET, directive=directive, is_last=True))
+    assert (told.directive, told.is_last) == (directive, True)
+    assert not fleet_through(SMALL_FLEET).is_last
+
+
 def test_directives_for_single_agents_stand_in_a_section_of_their_own_that_costs_nothing_without_them() -> None:
     told = directed(SMALL_FLEET, {300: Directive.HOLD, 302: Directive.RETURN})
     plain, longer = (FrameWriter().encode(frame) for frame in (SMALL_FLEET, told))

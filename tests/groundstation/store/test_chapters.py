@@ -52,7 +52,7 @@ def test_other_things_begin_a_chapter_that_carries_nothing_over_and_says_so(was:
 def test_a_new_flight_of_the_same_mission_begins_a_chapter_when_it_is_asked_for() -> None:
     begun = beginning(mission(), kept_of(mission()), ROWS, anew=True)
     assert (begun.chapter.first, begun.operations.orders.pins) == (5, {})
-    assert begun.words.startswith("a new flight: 4 events")
+    assert begun.words.startswith("a new flight: 4 events are kept, and nothing")
     both = kept_of(mission()) | dict([begun.chapter.kept])
     assert [chapter.first for chapter in chapters_in(both)] == [1, 5]
     assert beginning(mission(), both, ROWS).operations.orders.pins == {}

@@ -1,0 +1,302 @@
+"""A folder of `sim fly --out` as a playback sees it: the truth, and what every vehicle knew of it and when."""
+
+from __future__ import annotations
+
+import json
+import math
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from companion.errors import InputError
+from companion.files.tlog import read_tlog
+from companion.mission.model import Mission, load_mission
+from companion.protocol.codec import FleetFrame, StateFrame, decode_frame
+from companion.protocol.frame import raw_frame
+from companion.protocol.messages import WireError
+from groundstation.events import STATION, Arrived, Assigned, Event, Lost, NewTarget, RevisionBegan, Started
+from groundstation.store.recordings import MOST_EVENTS, Json, Span
+from sim.flight_files import TRAJECTORY_NAME
+from sim.loop import START_S
+from sim.trajectory import Trajectory, read_csv
+from sim.vehicle_words import Knowledge, read_words
+
+BROADCAST_NAME = "broadcast.tlog"
+PICTURE_S = 0.5
+"""Time from one picture to the next."""
+_COURSE_S = 1.0
+"""Time over which the velocity of a target or threat is taken from its places."""
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """When an agent arrived where, by the flight's result."""
+
+    at_s: float
+    """Unix time."""
+    target_id: int
+
+
+class FlownFolder:
+    """A recording in a folder; everything but the vehicles' logs is read when it is opened."""
+
+    def __init__(self, folder: Path) -> None:
+        """Read a folder; raises InputError if it is none that `sim fly --out` wrote."""
+        for name in ("mission.yaml", TRAJECTORY_NAME, BROADCAST_NAME):
+            if not (folder / name).is_file():
+                raise InputError(f"{folder}: no {name}; allowed: a folder that `sim fly --out` wrote")
+        self._mission = load_mission(str(folder / "mission.yaml"))
+        self._trajectory = read_csv(folder / TRAJECTORY_NAME)
+        self._frames = [(at_s, frame) for at_s, frame in read_tlog(folder / BROADCAST_NAME)]
+        self._sent_s = [at_s for at_s, _ in self._frames]
+        self._words = {
+            agent.id: read_words(folder / f"vehicle-{agent.id}.tlog", agent.id)
+            for agent in self._mission.agents
+            if (folder / f"vehicle-{agent.id}.tlog").is_file()
+        }
+        self._arrivals = arrivals_in(folder / "result.json")
+        self._events = list(events_of(self._mission, self._frames, self._arrivals))
+        self._event_times_s = [event.unix_s for event in self._events]
+        times_s = self._trajectory.t_s
+        self.span = Span(START_S + float(times_s[0]), START_S + float(times_s[-1]))
+
+    def mission_at(self, at_s: float) -> Json | None:
+        """Return the mission that was flown."""
+        mission: Json = self._mission.model_dump(mode="json")
+        return mission
+
+    def events(self, after_s: float, to_s: float) -> list[Json]:
+        """Return the events after one time, up to another, at most the last MOST_EVENTS of them."""
+        first, last = (bisect_right(self._event_times_s, at_s) for at_s in (after_s, to_s))
+        return [event.model_dump(mode="json") for event in self._events[max(first, last - MOST_EVENTS) : last]]
+
+    def frames(self, after_s: float, to_s: float) -> Iterator[tuple[float, list[bytes]]]:
+        """Yield the frames that were broadcast after one time, up to another."""
+        first, last = (bisect_right(self._sent_s, at_s) for at_s in (after_s, to_s))
+        for at_s, frame in self._frames[first:last]:
+            yield at_s, [frame]
+
+    def picture_at(self, at_s: float) -> Json | None:
+        """Return where everything truly was in the PICTURE_S of a time, and what the vehicles knew then."""
+        at_s = self.span.from_s + PICTURE_S * math.floor((at_s - self.span.from_s) / PICTURE_S)
+        scene = Scene(self._trajectory, at_s - START_S)
+        known = {agent_id: words.at(at_s) for agent_id, words in self._words.items()}
+        number = bisect_right(self._event_times_s, at_s)
+        heard_s = [one.picture_s for one in known.values() if one is not None and one.picture_s is not None]
+        age_s = round(at_s - max(heard_s), 2) if heard_s else None
+        return picture_of(self._mission, scene, Known(known, self._arrivals, age_s, at_s), number)
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known at a time."""
+
+    vehicles: Mapping[int, Knowledge | None]
+    """What each vehicle knows, by agent id."""
+    arrivals: Mapping[int, Arrival]
+    age_s: float | None
+    """Age of the newest picture that any vehicle has; None: none has any."""
+    at_s: float
+
+
+class Scene:
+    """Where everything is at a time of a trajectory; things that are not there then are left out."""
+
+    def __init__(self, trajectory: Trajectory, t_s: float) -> None:
+        self._trajectory = trajectory
+        self._index = max(0, int(np.searchsorted(trajectory.t_s, t_s + 1e-6, side="right")) - 1)
+        self._before = max(0, int(np.searchsorted(trajectory.t_s, t_s - _COURSE_S, side="left")))
+
+    def agents(self) -> Iterator[tuple[int, tuple[float, float], float, float]]:
+        """Yield id, place (m), heading (deg) and speed (m/s) of every agent."""
+        one, at = self._trajectory, self._index
+        for column, identity in enumerate(one.agent_ids):
+            north_m, east_m = one.agents_ned_m[at, column].tolist()
+            heading_deg, speed_m_s = one.agents_heading_deg[at, column], one.agents_speed_m_s[at, column]
+            yield identity, (north_m, east_m), float(heading_deg), float(speed_m_s)
+
+    def targets(self) -> dict[int, Json]:
+        """Return place and velocity of every target that is there, by id."""
+        return self._moving(self._trajectory.target_ids, self._trajectory.targets_ned_m)
+
+    def threats(self) -> dict[int, Json]:
+        """Return place and velocity of every threat that is there, by id."""
+        return self._moving(self._trajectory.threat_ids, self._trajectory.threats_ned_m)
+
+    def _moving(self, ids: Sequence[int], ned_m: np.ndarray) -> dict[int, Json]:
+        lasts_s = float(self._trajectory.t_s[self._index] - self._trajectory.t_s[self._before])
+        found: dict[int, Json] = {}
+        for column, identity in enumerate(ids):
+            place_ned_m = ned_m[self._index, column]
+            if not np.isfinite(place_ned_m).all():
+                continue
+            way_m = np.nan_to_num(place_ned_m - ned_m[self._before, column])
+            velocity_m_s = way_m / lasts_s if lasts_s > 0.0 else np.zeros(2)
+            found[identity] = {
+                "id": identity,
+                "name": None,
+                "north_m": round(float(place_ned_m[0]), 2),
+                "east_m": round(float(place_ned_m[1]), 2),
+                "velocity_north_m_s": round(float(velocity_m_s[0]), 2),
+                "velocity_east_m_s": round(float(velocity_m_s[1]), 2),
+            }
+        return found
+
+
+def picture_of(mission: Mission, scene: Scene, known: Known, number: int) -> Json:
+    """Return a picture as groundstation/view.py makes one, of the truth and of what the vehicles knew."""
+    return {
+        "type": "picture",
+        "t_s": known.at_s,
+        "mode": "playback",
+        "mission": mission.name,
+        "case": mission.case,
+        "paused": False,
+        "directive": "normal",
+        "epoch_s": int(START_S),
+        "revision": 0,
+        "event": number,
+        "undoable": [],
+        "origin": mission.origin.model_dump(),
+        "fence": None if mission.fence is None else [list(corner) for corner in mission.fence],
+        "exclusions": [[list(corner) for corner in polygon] for polygon in mission.exclusions],
+        "arrival_radius_m": mission.arrival_radius_m,
+        "separation_m": mission.separation_m,
+        "agents": list(_agents(mission, scene, known)),
+        "targets": list(_targets(mission, scene, known)),
+        "threats": list(_threats(mission, scene, known)),
+        "unknown": [],
+        "broadcast": {},
+        "sources": [],
+        "warnings": [],
+    }
+
+
+def _agents(mission: Mission, scene: Scene, known: Known) -> Iterator[Json]:
+    lost_s = {loss.agent: START_S + loss.t_s for loss in mission.losses}
+    for identity, (north_m, east_m), heading_deg, speed_m_s in scene.agents():
+        one, arrival = known.vehicles.get(identity), known.arrivals.get(identity)
+        target_id = None if one is None else one.target_id
+        state = "no target" if target_id is None else "under way"
+        if arrival is not None and known.at_s >= arrival.at_s:
+            state = "arrived"
+        if known.at_s >= lost_s.get(identity, math.inf):
+            state = "lost"
+        yield {
+            "id": identity,
+            "north_m": north_m,
+            "east_m": east_m,
+            "heading_deg": heading_deg,
+            "speed_m_s": speed_m_s,
+            "age_s": 0.0,
+            "source": "mission",
+            "ellipse": None,
+            "state": state,
+            "target": target_id,
+            "pinned": None,
+            "directive": "normal",
+            "range_left_m": None,
+            "eta_s": None,
+            "link": heard_words(one, known.at_s),
+            "certificate": None if one is None else one.certificate,
+            "said": None if one is None else one.words,
+        }
+
+
+def heard_words(one: Knowledge | None, at_s: float) -> str:
+    """Return what a vehicle had heard, in words."""
+    if one is None or one.picture_s is None:
+        return "nothing heard yet"
+    return f"picture {max(0.0, at_s - one.picture_s):.1f} s old, {one.missing or 'held whole'}, {one.stage}"
+
+
+def _targets(mission: Mission, scene: Scene, known: Known) -> Iterator[Json]:
+    bounds = {target.id: target.speed_bound_m_s for target in mission.targets}
+    for identity, place in scene.targets().items():
+        by = [
+            agent_id
+            for agent_id, arrival in known.arrivals.items()
+            if arrival.target_id == identity and arrival.at_s <= known.at_s
+        ]
+        sent = [agent_id for agent_id, one in known.vehicles.items() if one is not None and one.target_id == identity]
+        yield place | {
+            "age_s": known.age_s,
+            "speed_bound_m_s": bounds.get(identity, 0.0),
+            "reached_by": by,
+            "agents": [agent_id for agent_id in sent if agent_id not in by],
+            "source": "mission",
+        }
+
+
+def _threats(mission: Mission, scene: Scene, known: Known) -> Iterator[Json]:
+    specs = {threat.id: threat for threat in mission.threats}
+    for identity, place in scene.threats().items():
+        spec = specs.get(identity)
+        if spec is None:
+            continue
+        yield place | {
+            "age_s": known.age_s,
+            "detection_radius_m": spec.detection_radius_m,
+            "attack_radius_m": spec.attack_radius_m,
+            "growth_m": round(spec.speed_bound_m_s * (known.age_s or 0.0), 2),
+            "speed_bound_m_s": spec.speed_bound_m_s,
+            "floor_m": spec.floor_m,
+            "ceiling_m": spec.ceiling_m,
+            "source": "mission",
+        }
+
+
+def arrivals_in(path: Path) -> dict[int, Arrival]:
+    """Return the arrivals of a `result.json` by agent id; none if a flight that was killed has left no such file."""
+    try:
+        agents = json.loads(path.read_text(encoding="utf-8"))["agents"]
+        return {
+            one["id"]: Arrival(START_S + one["arrived_t_s"], one["target"])
+            for one in agents
+            if one["arrived_t_s"] is not None
+        }
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: no result of a flight; allowed: the file that `sim fly` wrote") from error
+
+
+def events_of(
+    mission: Mission, frames: Sequence[tuple[float, bytes]], arrivals: Mapping[int, Arrival]
+) -> Iterator[Event]:
+    """Yield what happened in a flight, in its order: who was sent where by the broadcast, arrived or was lost."""
+    found: list[tuple[float, Callable[..., Event]]] = [
+        (START_S, partial(Started, mission=mission.name, epoch_s=int(START_S))),
+        *((START_S + loss.t_s, partial(Lost, agent=loss.agent)) for loss in mission.losses),
+        *_told(frames, len(mission.threats)),
+    ]
+    for agent_id, arrival in arrivals.items():
+        found.append((arrival.at_s, partial(Arrived, agent=agent_id, target=arrival.target_id)))
+    for number, (at_s, event) in enumerate(sorted(found, key=lambda one: one[0]), 1):
+        yield event(number=number, unix_s=at_s, who=STATION)
+
+
+def _told(frames: Sequence[tuple[float, bytes]], threats: int) -> Iterator[tuple[float, Callable[..., Event]]]:
+    """Yield when the broadcast first told another target of an agent, or another revision of the picture."""
+    assignment: dict[int, int | None] = {}
+    revision: int | None = None
+    for at_s, data in frames:
+        try:
+            frame = decode_frame(raw_frame(data))
+        except WireError:
+            continue
+        if not isinstance(frame, StateFrame | FleetFrame):
+            continue
+        if frame.revision != revision:
+            revision = frame.revision
+            yield at_s, partial(RevisionBegan, revision=revision, threats=threats)
+        now = {agent.id: agent.target_id for agent in frame.agents}
+        changed = {agent: target for agent, target in now.items() if assignment.get(agent) != target}
+        if changed:
+            assignment |= changed
+            told = tuple(NewTarget(agent=one, target=there, reason="as broadcast") for one, there in changed.items())
+            yield at_s, partial(Assigned, changes=told)

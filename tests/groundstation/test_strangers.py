@@ -1,0 +1,92 @@
+"""What the sensor sees and the mission does not have: counted, shown, and by the sensor's rule taken in as threats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from concurrent.futures import Future
+
+from companion.mission.model import Mission, parse_mission
+from companion.protocol.codec import Detection, DetectionsFrame, FrameWriter, Kind
+from groundstation.desk import Desk
+from groundstation.ground_station import GroundStation
+from groundstation.sources.sources import Sources
+from groundstation.store.rows import EventRow
+from groundstation.view import Surroundings, View, picture
+
+TEXT = """
+agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}]
+targets: [{id: 1, north_m: 9000, east_m: 0}]
+"""
+RULE = """
+sources: [{name: radar, kind: sensor, url: "udpin:127.0.0.1:14700", radius_m: 200, speed_bound_m_s: 30, timeout_s: 20}]
+"""
+START_S = 1_790_000_000.0
+
+
+class Disk:
+    """A disk that takes everything at once."""
+
+    def __init__(self) -> None:
+        self.kinds: list[str] = []
+
+    def append(self, events: Iterable[EventRow]) -> Future[None]:
+        self.note(events)
+        future: Future[None] = Future()
+        future.set_result(None)
+        return future
+
+    def note(self, events: Iterable[EventRow]) -> None:
+        self.kinds += [row.event for row in events]
+
+
+class Watch:
+    """A ground station whose sensor sees a threat 7 that flies north at 10 m/s."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.disk = Disk()
+        self.station = GroundStation(mission, START_S)
+        self.desk = Desk(self.station, self.disk)
+        self.sources = Sources(mission, mission.sources)
+        self.t_s = 0
+
+    def to(self, t_s: int, sees: bool = True) -> Watch:
+        while self.t_s < t_s:
+            self.t_s += 1
+            stranger = Detection(Kind.THREAT, 7, 4000.0 + 10.0 * self.t_s, 500.0, 10.0, 0.0)
+            frame = DetectionsFrame(int(START_S), 1000 * self.t_s, 47.0, 8.0, (stranger,) if sees else ())
+            self.station.sense(FrameWriter().encode(frame), START_S + self.t_s)
+            self.station.tick(START_S + self.t_s)
+            self.sources.tick(self.station, self.desk, START_S + self.t_s)
+            self.desk.tick(START_S + self.t_s)
+            self.desk.notice(START_S + self.t_s)
+        return self
+
+    def shown(self) -> View:
+        return picture(self.station, START_S + self.t_s, Surroundings())
+
+
+def test_a_stranger_is_counted_told_once_and_shown_where_it_is() -> None:
+    watch = Watch(parse_mission(TEXT, "test")).to(5)
+    (unknown,) = watch.shown()["unknown"]
+    assert unknown == {
+        "source": "sensor",
+        "kind": "threat",
+        "id": 7,
+        "north_m": 4050.0,
+        "east_m": 500.0,
+        "age_s": 0.0,
+        "count": 5,
+    }
+    assert watch.disk.kinds.count("unknown-seen") == 1
+    assert watch.shown()["threats"] == []
+
+
+def test_by_the_sensors_rule_a_stranger_is_taken_in_as_a_threat_that_moves_and_is_retired() -> None:
+    watch = Watch(parse_mission(TEXT + RULE, "test")).to(12)
+    (threat,) = watch.shown()["threats"]
+    assert (threat["detection_radius_m"], threat["speed_bound_m_s"]) == (200.0, 30.0)
+    assert abs(threat["north_m"] - 4120.0) < 30.0
+    assert watch.shown()["unknown"] == []
+    watch.to(100, sees=False)
+    assert watch.shown()["threats"] == []
+    assert watch.disk.kinds.count("threat-added") == watch.disk.kinds.count("retired") == 1
