@@ -145,9 +145,9 @@ class Api:
             raise HTTPException(403, f"{who.name} is {who.role}; allowed: for an operator only")
         return who
 
-    def player(self, request: Request) -> Who:
+    async def player(self, request: Request) -> Who:
         """Return who asks for another pace: anybody of a recorded run, but only an operator of a simulator."""
-        return self.operator(request) if self.site.mode == "sim" else self.who(request)
+        return await (self.operator(request) if self.site.mode == "sim" else self.who(request))
 
     async def obey(self, who: Who, command: Command) -> Message:
         """Return the event that a command became; raises HTTPException."""
