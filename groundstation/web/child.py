@@ -9,7 +9,7 @@ import socket
 import sys
 
 from companion.errors import InputError
-from companion.runtime.console import program_logger
+from companion.runtime.console import messages_as_json, program_logger
 from groundstation.web.live_feed import LiveFeed
 from groundstation.web.server import serve
 from groundstation.web.site import site_from
@@ -22,7 +22,11 @@ NICENESS = 5
 async def _run(pipe: socket.socket, listener: socket.socket) -> None:
     feed = await LiveFeed.open(pipe)
     hello = await feed.greeting()
-    await serve(feed, site_from(hello["site"]), listener, bytes.fromhex(hello["session_key"]))
+    site = site_from(hello["site"])
+    if site.log_format == "json":
+        for name in ("groundstation", "uvicorn.error"):
+            messages_as_json(name)
+    await serve(feed, site, listener, bytes.fromhex(hello["session_key"]))
 
 
 def main() -> None:
