@@ -25,8 +25,8 @@ EXIT_INTERRUPTED = EXIT_SIGNALLED + 2
 EXTRAS = {"companion": "ground", "groundstation": "ground", "sim": "sim"}
 """By program, the extra in `pip install '.[EXTRA]'` that installs what its commands need beside the base libraries."""
 _OPTIONAL = (
-    "fastapi", "foxglove_schemas_protobuf", "jinja2", "matplotlib", "mcap_protobuf", "orjson", "rich", "scipy",
-    "uvicorn", "websockets", "xstatic",
+    "fastapi", "foxglove_schemas_protobuf", "jinja2", "matplotlib", "mcap_protobuf", "orjson",
+    "prometheus_client", "rich", "scipy", "uvicorn", "websockets", "xstatic",
 )  # fmt: skip
 """Libraries that these extras install; a program imports them only in the commands that use them."""
 
