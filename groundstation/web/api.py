@@ -22,7 +22,7 @@ from groundstation.web.access import SESSION_S, Access
 from groundstation.web.feed import Feed, Refused
 from groundstation.web.guards import headers_of
 from groundstation.web.hub import Hub
-from groundstation.web.pipe import Message, Who
+from groundstation.web.pipe import CLOCK, Message, Who
 from groundstation.web.reckoning import Reckoning
 from groundstation.web.site import Site
 
@@ -145,6 +145,10 @@ class Api:
             raise HTTPException(403, f"{who.name} is {who.role}; allowed: for an operator only")
         return who
 
+    async def player(self, request: Request) -> Who:
+        """Return who asks for another pace: anybody of a recorded run, but only an operator of a simulator."""
+        return await (self.operator(request) if self.site.mode == "sim" else self.who(request))
+
     async def obey(self, who: Who, command: Command) -> Message:
         """Return the event that a command became; raises HTTPException."""
         try:
@@ -259,10 +263,13 @@ def _add_commands(router: APIRouter, api: Api) -> None:
         return dict(await api.obey(who, command))
 
     @router.post("/playback", responses=answers(400, 404, 408, 409, 413, 415, 422), tags=["playback"])
-    async def post_playback(control: PlaybackControl, _who: Annotated[Who, Depends(api.who)]) -> Json:
-        """Wind, slow down, hurry, stop or go on with a playback; the answer is its state."""
+    async def post_playback(control: PlaybackControl, who: Annotated[Who, Depends(api.player)]) -> Json:
+        """Wind, slow down, hurry, stop or go on with a playback, or a simulator's clock; the answer is its state."""
+        asked = control.model_dump(exclude_none=True)
         try:
-            return dict(await api.feed.playback(control.model_dump(exclude_none=True)))
+            if api.site.mode == "sim":
+                return dict(await api.feed.command(who, {"do": CLOCK, **asked}))
+            return dict(await api.feed.playback(asked))
         except Refused as refused:
             raise HTTPException(refused.status, str(refused)) from refused
 
