@@ -63,20 +63,20 @@ def test_the_compose_file_starts_three_stand_ins_each_where_the_mission_has_its_
     for agent in MISSION.agents:
         options = _options(f"stand-in-{agent.id}")
         assert options["system_id"] == agent.id
-        assert options["speed"] == agent.speed_m_s
-        assert math.dist(frame.to_local(options["lat"], options["lon"]), agent.position_ned_m) < 1.0
+        assert options["speed_m_s"] == agent.speed_m_s
+        assert math.dist(frame.to_local(options["lat_deg"], options["lon_deg"]), agent.position_ned_m) < 1.0
 
 
 def test_what_the_compose_file_connects_fits_the_fleet_file() -> None:
     fleet = yaml.safe_load((DEPLOY / "demo" / "fleet.yaml").read_text())
     ground = _options("groundstation")
     assert ground["link"] == fleet["all"]["broadcast_link"]
-    for vehicle in fleet["vehicles"]:
-        options = _options(f"stand-in-{vehicle['id']}")
-        heard = parse_link(fleet["all"]["autopilot_link"].replace("{id}", str(vehicle["id"])))
-        assert [parse_link(url).port for url in options["connect"]] == [heard.port]
+    for one in fleet["vehicles"]:
+        options = _options(f"stand-in-{one['id']}")
+        heard = parse_link(fleet["all"]["autopilot_link"].replace("{id}", str(one["id"])))
+        assert [parse_link(url).port for url in options["links"]] == [heard.port]
         assert parse_link(options["sensor"]).port == parse_link(ground["sensor"]).port
-        assert COMMANDS[f"companion-{vehicle['id']}"][-1].endswith(f"vehicle-{vehicle['id']}/{vehicle['id']}.yaml")
+        assert COMMANDS[f"companion-{one['id']}"][-1].endswith(f"vehicle-{one['id']}/{one['id']}.yaml")
 
 
 def test_the_page_of_the_compose_file_is_on_the_loopback_address_where_its_health_is_asked_for() -> None:
