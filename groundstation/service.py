@@ -167,7 +167,8 @@ def _shown(options: Options, overheard: Overheard, store: EventStore, sources: S
     stack.callback(DirectiveInput(direct).close)
 
     def around(now_s: float) -> Surroundings:
-        return replace(meter.surroundings(now_s), sources=sources.view(station, now_s))
+        rows, strangers = sources.view(station, now_s), sources.unknown_view(now_s)
+        return replace(meter.surroundings(now_s), sources=rows, unknown=strangers)
 
     page, shows = None, recorder or screen
     if shows is not None:
