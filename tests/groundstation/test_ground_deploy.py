@@ -74,8 +74,8 @@ def test_what_the_compose_file_connects_fits_the_fleet_file() -> None:
     for one in fleet["vehicles"]:
         options = _options(f"stand-in-{one['id']}")
         heard = parse_link(fleet["all"]["autopilot_link"].replace("{id}", str(one["id"])))
-        assert [parse_link(url).port for url in options["links"]] == [heard.port]
-        assert parse_link(options["sensor"]).port == parse_link(ground["sensor"]).port
+        assert [link.port for link in options["links"]] == [heard.port]
+        assert parse_link(str(options["sensor"])).port == parse_link(str(ground["sensor"])).port
         assert COMMANDS[f"companion-{one['id']}"][-1].endswith(f"vehicle-{one['id']}/{one['id']}.yaml")
 
 
