@@ -135,7 +135,7 @@ class Page {
   }
 
   timeOf(unixS) {
-    return this.tellsDay ? dayTime(unixS) : clock(unixS - this.state.playback.from_s);
+    return this.tellsDay ? dayTime(unixS) : clock(Math.max(0, unixS - this.state.playback.from_s));
   }
 
   showPicture() {
