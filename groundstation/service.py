@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import importlib
 import stat
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -66,6 +68,8 @@ LAST_TIMES = 2
 """Number of last broadcasts: one that is lost costs nothing but the word that nothing is broken."""
 LAST_S = 5.0
 """Longest time for them over a slow radio."""
+SOLVER = "scipy.optimize"
+"""The library of the assignment, which is loaded when it is first needed."""
 LINK_ID = 0
 """Link id in the MAVLink signatures of the ground station."""
 STANDARD_INPUT = Who(name="standard input", role="operator")
@@ -150,7 +154,16 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         loop = BroadcastLoop(run, links, log, shown)
         # Heard only now that what they ask for can be obeyed.
         sources.listen(clock.now_s, stack)
+        _load_ahead()
         await loop.run(clock, stop)
+
+
+def _load_ahead() -> None:
+    """Load what the next assignment needs in the background: after a restart the first one may come much later.
+
+    Loaded in the loop it would hold up the broadcast, by half a second of processor time.
+    """
+    threading.Thread(target=importlib.import_module, args=(SOLVER,), name="loading", daemon=True).start()
 
 
 def _shown(options: Options, overheard: Overheard, store: EventStore, sources: Sources, stack: ExitStack) -> Shown:
