@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.onboard.world_model import WorldModel
-from companion.protocol.codec import FrameReader
+from companion.protocol.codec import FrameReader, MissionFrame, RadiiFrame
 from groundstation.events import Who, command_from
 from groundstation.ground_station import GroundStation
 from groundstation.radio import parse_radio
@@ -116,3 +116,20 @@ def test_who_hears_the_broadcast_knows_what_was_done_whatever_came_when(
     assert air.on_board.target_id == station.assignment.get(1)
     assert air.on_board.directives.in_force is station.operations.orders.of(1)
     assert station.unsendable.count == air.broadcaster.unsendable.count == 0
+
+
+def test_until_the_next_broadcast_of_the_state_the_carousel_tells_the_threats_of_the_last() -> None:
+    station = GroundStation(mission(14), START_S, sensed=False)
+    station.refresh(START_S, 200)
+    station.command(command_from({"do": "add-threat", "north_m": 1.0, "east_m": 1.0, "radius_m": 9.0}), PERSON, START_S)
+    station.command(command_from({"do": "retire", "kind": "threat", "id": 1}), PERSON, START_S)
+
+    def told() -> tuple[int, int, set[int]]:
+        head, *radii = station.carousel(START_S + 0.5, 200)
+        assert isinstance(head, MissionFrame)
+        ids = {threat.id for frame in radii if isinstance(frame, RadiiFrame) for threat in frame.threats}
+        return head.revision, head.threats, ids
+
+    assert told() == (1, 3, {1, 2, 3})
+    station.refresh(START_S + 1.0, 200)
+    assert told() == (2, 3, {2, 3, 4})
