@@ -25,10 +25,12 @@ EXIT_INTERRUPTED = EXIT_SIGNALLED + 2
 EXTRAS = {"companion": "ground", "groundstation": "ground", "sim": "sim"}
 """By program, the extra in `pip install '.[EXTRA]'` that installs what its commands need beside the base libraries."""
 _OPTIONAL = (
-    "fastapi", "foxglove_schemas_protobuf", "jinja2", "matplotlib", "mcap_protobuf", "orjson", "rich", "scipy",
-    "uvicorn", "websockets", "xstatic",
+    "defusedxml", "fastapi", "foxglove_schemas_protobuf", "geojson_pydantic", "jinja2", "kml2geojson", "matplotlib",
+    "mcap_protobuf", "orjson", "prometheus_client", "rich", "scipy", "uvicorn", "websockets", "xstatic",
 )  # fmt: skip
 """Libraries that these extras install; a program imports them only in the commands that use them."""
+_PICTURES, _PICTURES_EXTRA = ("jinja2", "matplotlib"), "sim"
+"""Libraries for pictures and reports, and the extra that alone installs them, for any program."""
 
 
 class InputError(Exception):
@@ -74,7 +76,8 @@ def run_program(command: click.Command, name: str) -> None:
         library = (error.name or "").partition(".")[0]
         if library not in _OPTIONAL or name not in EXTRAS:
             raise
-        message, status = f"needs {library}, which is not installed: pip install '.[{EXTRAS[name]}]'", EXIT_UNUSABLE
+        extra = _PICTURES_EXTRA if library in _PICTURES else EXTRAS[name]
+        message, status = f"needs {library}, which is not installed: pip install '.[{extra}]'", EXIT_UNUSABLE
     except OSError as error:
         # A full disk, a vanished folder: the machine's fault, not the mission's, and no reason for a traceback.
         where = f"{error.filename}: " if error.filename else ""

@@ -133,11 +133,13 @@ def run(**given: Unpack[RunArguments]) -> None:
     from companion.guidance.settings import DEFAULT_LAW
     from companion.onboard.lint.warnings import lint_flight
     from companion.runtime.clock import run_until_signal
-    from companion.runtime.console import program_logger
+    from companion.runtime.console import messages_as_json, program_logger
     from groundstation.options import run_of
     from groundstation.service import run_groundstation
 
     mission, options = run_of(given)
+    if options.log_format == "json":
+        messages_as_json("groundstation")
     # In Case I nobody is reckoned, so what flies is known only to the vehicles.
     kinds = (given["autopilot"],) if mission.case == "II" else (given["autopilot"], ARDUCOPTER.name)
     for warning in lint_flight(mission, DEFAULT_LAW, kinds, given["mission"]):

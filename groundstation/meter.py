@@ -72,6 +72,12 @@ def _period_s(sent_s: list[float] | tuple[float, ...]) -> float | None:
     return round((sent_s[-1] - sent_s[0]) / (len(sent_s) - 1), 3)
 
 
+def name_of(frame: bytes) -> str:
+    """Return the name of a frame's message as a page shows it."""
+    name: str = _NAMES.get(raw_frame(frame).message_id, "other")
+    return name
+
+
 def shown(link: Link) -> str:
     """Return a link as a page shows it: without the path of a device or file."""
     return link.scheme if link.path else str(link)
@@ -86,7 +92,7 @@ class BroadcastMeter:
 
     def sent(self, frame: bytes, on_air_bytes: int, now_s: float) -> None:
         """Take note of a frame that was sent."""
-        self._meter.sent(_NAMES.get(raw_frame(frame).message_id, "other"), on_air_bytes, now_s)
+        self._meter.sent(name_of(frame), on_air_bytes, now_s)
 
     def surroundings(self, now_s: float) -> Surroundings:
         """Return what a page shows beside the ground station's picture."""

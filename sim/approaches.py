@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.mission.model import Mission, agent_height_m, is_obstacle
+from sim.changes import Things
 from sim.flown_path import ROUNDING_M, Crafts, crafts_of, flown_by, moved, nearest
 from sim.trajectory import Trajectory
 
@@ -106,54 +107,67 @@ def least_possible_m(
     return least_m
 
 
-class _Circles:
-    """The circles of one radius about all threats, and what agents had to do with them."""
+class _Chunk(NamedTuple):
+    """Some samples, and how far apart agents and threats are at them."""
 
-    def __init__(self, agents: int, radii_m: np.ndarray) -> None:
+    t_s: np.ndarray  # (C,) s
+    distance_m: np.ndarray  # (C, N, M) m
+    counts: np.ndarray  # (C, N, M) bool, whether both are there
+    flown: np.ndarray  # (C - 1, N, M) bool, whether the path between two samples leads past the threat
+
+
+class _Passing(NamedTuple):
+    """Where L paths pass nearest to a threat."""
+
+    distance_m: np.ndarray  # (L,) m
+    t_s: np.ndarray  # (L,) s
+
+
+class _Circles:
+    """The circles of one kind about all threats, and what agents had to do with them."""
+
+    def __init__(self, agents: int) -> None:
         self.entries = np.zeros(agents, dtype=int)
         self.least = _Least(agents)
-        self._radii_m = radii_m
 
-    def note_samples(
-        self, distance_m: np.ndarray, counts: np.ndarray, possible_m: np.ndarray, t_s: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Note distances (C, N, M) at samples, where `counts`.
+    def note_samples(self, chunk: _Chunk, radii_m: np.ndarray, possible_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Note the distances at samples from circles with radii (C, M).
 
         Return how far beyond the circles these are, and which paths between samples (C - 1, N, M) matter, as nothing
         shows that they are farther than `possible_m`.
         """
-        beyond_m = np.where(counts, distance_m - self._radii_m, np.inf)
+        beyond_m = np.where(chunk.counts, chunk.distance_m - radii_m[:, None], np.inf)
         by_agent_m = beyond_m.swapaxes(0, 1).reshape(beyond_m.shape[1], -1)
-        sample, threat = np.divmod(by_agent_m.argmin(axis=1), len(self._radii_m))
-        self.least.note(np.arange(len(by_agent_m)), by_agent_m.min(axis=1), threat, t_s[sample])
+        sample, threat = np.divmod(by_agent_m.argmin(axis=1), beyond_m.shape[2])
+        self.least.note(np.arange(len(by_agent_m)), by_agent_m.min(axis=1), threat, chunk.t_s[sample])
         outside = beyond_m >= 0.0
-        self.entries += (outside[:-1] & ~outside[1:]).sum(axis=(0, 2))
-        may_dip = outside[:-1] & outside[1:] & (possible_m < self._radii_m)
-        may_be_least = possible_m - self._radii_m < self.least.distance_m[:, None]
-        return beyond_m, counts[1:] & (may_dip | may_be_least)
+        self.entries += (outside[:-1] & ~outside[1:] & chunk.flown).sum(axis=(0, 2))
+        may_dip = outside[:-1] & outside[1:] & (possible_m < radii_m[1:, None])
+        may_be_least = possible_m - radii_m[1:, None] < self.least.distance_m[:, None]
+        return beyond_m, chunk.flown & (may_dip | may_be_least)
 
     def note_paths(
-        self, pairs: tuple[np.ndarray, np.ndarray], ends_m: np.ndarray, nearest_m: np.ndarray, at_s: np.ndarray
+        self, pairs: tuple[np.ndarray, np.ndarray], radii_m: np.ndarray, ends_m: np.ndarray, nearest: _Passing
     ) -> np.ndarray:
         """Note the nearest places of L paths of agents to threats (`pairs`, by index); return how far beyond they are.
 
-        `ends_m` is the lesser distance at the path's ends.
+        `radii_m` (L,) are those of the circles, `ends_m` is the lesser distance at the path's ends.
         """
         agent, threat = pairs
-        beyond_m: np.ndarray = nearest_m - self._radii_m[threat]
-        outside = ends_m >= self._radii_m[threat]
+        beyond_m: np.ndarray = nearest.distance_m - radii_m
+        outside = ends_m >= radii_m
         # What the file's rounding makes of a path along the circle is no depth.
         beyond_m = np.where(outside & (beyond_m > -ROUNDING_M), np.maximum(beyond_m, 0.0), beyond_m)
         np.add.at(self.entries, agent, outside & (beyond_m < 0.0))
-        self.least.note(agent, beyond_m, threat, at_s)
+        self.least.note(agent, beyond_m, threat, nearest.t_s)
         return beyond_m
 
 
-def threat_approaches(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> ThreatApproaches:
+def threat_approaches(trajectory: Trajectory, alive: np.ndarray, mission: Mission, things: Things) -> ThreatApproaches:
     """Return entries and approaches of agents alive (S, N) to the threats that reach their height."""
     samples, agents = alive.shape
-    detection = _Circles(agents, np.array([threat.detection_radius_m for threat in mission.threats], dtype=float))
-    attack = _Circles(agents, np.array([threat.attack_radius_m for threat in mission.threats], dtype=float))
+    detection, attack = _Circles(agents), _Circles(agents)
+    there = ~np.isnan(trajectory.threats_ned_m[..., 0])
     reaches = np.array([[is_obstacle(mission, a.id, threat) for threat in mission.threats] for a in mission.agents])
     clearance_m = np.full(samples, np.inf)
     crafts = crafts_of(mission)
@@ -162,20 +176,25 @@ def threat_approaches(trajectory: Trajectory, alive: np.ndarray, mission: Missio
         before = max(begin - 1, 0)  # one sample more, for the path into the chunk
         t_s = trajectory.t_s[before:end]
         distance_m = distances_m(trajectory.agents_ned_m[before:end], trajectory.threats_ned_m[before:end])
-        counts = alive[before:end, :, None] & reaches
+        counts = alive[before:end, :, None] & there[before:end, None] & reaches
+        led = there[before : end - 1] & ~things.threats_anew[before + 1 : end]
+        flown = counts[1:] & led[:, None]
+        chunk = _Chunk(t_s, distance_m, counts, flown)
+        detection_m, attack_m = things.detection_m[before:end], things.attack_m[before:end]
         possible_m = least_possible_m(distance_m, trajectory, crafts, trajectory.threats_ned_m, before)
-        beyond_m, matter = detection.note_samples(distance_m, counts, possible_m, t_s)
+        beyond_m, matter = detection.note_samples(chunk, detection_m, possible_m)
         clearance_m[before:end] = np.minimum(clearance_m[before:end], beyond_m.min(axis=(1, 2)))
-        matter |= attack.note_samples(distance_m, counts, possible_m, t_s)[1]
+        matter |= attack.note_samples(chunk, attack_m, possible_m)[1]
         path, agent, threat = np.nonzero(matter)
         since_s, nearest_m = nearest(
             flown_by(trajectory, crafts, path + before, agent),
             moved(trajectory, trajectory.threats_ned_m, path + before, threat),
         )
         ends_m = np.minimum(distance_m[path, agent, threat], distance_m[path + 1, agent, threat])
-        at_s = t_s[path] + since_s
-        attack.note_paths((agent, threat), ends_m, nearest_m, at_s)
-        np.minimum.at(clearance_m, path + before + 1, detection.note_paths((agent, threat), ends_m, nearest_m, at_s))
+        passing = _Passing(nearest_m, t_s[path] + since_s)
+        attack.note_paths((agent, threat), attack_m[path + 1, threat], ends_m, passing)
+        beyond_m = detection.note_paths((agent, threat), detection_m[path + 1, threat], ends_m, passing)
+        np.minimum.at(clearance_m, path + before + 1, beyond_m)
     clearance_m[np.isinf(clearance_m)] = np.nan
     ids = trajectory.threat_ids
     return ThreatApproaches(

@@ -44,6 +44,17 @@ class Passages:
         self._last = now
         return near
 
+    def follow(self, places: Sequence[int | None]) -> None:
+        """Have other targets from the next sample on: for each its place among the last ones, None if it is anew."""
+        if self._last is None:
+            return
+        rows = np.array([-1 if place is None else place for place in places], dtype=int)
+        targets = np.concatenate((self._last.targets, np.full((1, 3), np.nan)))[rows]
+        nowhere = np.full((len(self._last.agents), 1), np.nan)
+        self._last = self._last._replace(
+            targets=targets, apart_m=np.concatenate((self._last.apart_m, nowhere), axis=1)[:, rows]
+        )
+
     def _look_between(self, last: Sample, now: Sample, near: np.ndarray, matter: np.ndarray | bool) -> None:
         """Set in `near` who comes near what between two samples, at which it is not near."""
         lasts_s = np.array([now.t_s - last.t_s])
@@ -62,17 +73,35 @@ class Passages:
 
 
 class Arrivals:
-    """The open targets and the arrived agents, by index, of one flight of a resolved mission."""
+    """The open targets and the arrived agents of one flight of a resolved mission."""
 
     def __init__(self, mission: Mission) -> None:
         self._passages = Passages(mission)
-        self.open = list(range(len(mission.targets)))
-        self._awaited = np.array(
-            [[agent.only_target in (None, target.id) for target in mission.targets] for agent in mission.agents]
-        ).reshape(len(mission.agents), len(mission.targets))
+        self._mission = mission
+        self.reached: set[int] = set()
+        """Ids of the targets that were reached."""
+        self._awaited = _awaited(mission)
         """(N, K) bool, which agents may still arrive at which targets."""
         self._on_their_way = np.ones(len(mission.agents), dtype=bool)
-        self._queue = mission.queue
+
+    @property
+    def open(self) -> list[int]:
+        """Ids of the targets that nobody has reached, in file order."""
+        return [target.id for target in self._mission.targets if target.id not in self.reached]
+
+    def follow(self, mission: Mission) -> None:
+        """Have the targets of a mission from the next sample on: some were added, moved or retired."""
+        before = {target.id: (index, target.position_ned_m) for index, target in enumerate(self._mission.targets)}
+        places = [before.get(target.id, (None, None)) for target in mission.targets]
+        self._passages.follow(
+            [
+                index if place_ned_m == target.position_ned_m else None
+                for (index, place_ned_m), target in zip(places, mission.targets, strict=True)
+            ]
+        )
+        self._mission, self._awaited = mission, _awaited(mission)
+        self._awaited[~self._on_their_way] = False
+        self._awaited[:, [target.id in self.reached for target in mission.targets]] = False
 
     def note(self, t_s: float, agents: np.ndarray, alive: Sequence[bool], targets: np.ndarray) -> bool:
         """Note the arrivals up to this sample, targets in file order; return whether the flight is over.
@@ -86,9 +115,15 @@ class Arrivals:
         for target in np.flatnonzero(near.any(axis=0)).tolist():
             here = near[:, target] & self._on_their_way
             if here.any():
-                if not self._queue:
+                if not self._mission.queue:
                     self._on_their_way &= ~here
                     self._awaited[here] = False
                 self._awaited[:, target] = False
-                self.open.remove(target)
+                self.reached.add(self._mission.targets[target].id)
         return not self.open or not (self._on_their_way & living).any()
+
+
+def _awaited(mission: Mission) -> np.ndarray:  # (N, K) bool
+    """Return which agents may arrive at which targets."""
+    awaited = [[agent.only_target in (None, target.id) for target in mission.targets] for agent in mission.agents]
+    return np.array(awaited, dtype=bool).reshape(len(mission.agents), len(mission.targets))

@@ -182,12 +182,12 @@ def _frame(axes: Axes, trajectory: Trajectory, mission: Mission) -> tuple[float,
     """Set the map's limits to hold everything drawn, with equal scales; return the axes' unit (m) and its name."""
     shown_m = [trajectory.agents_ned_m.reshape(-1, 2), trajectory.targets_ned_m.reshape(-1, 2)]
     for index, threat in enumerate(mission.threats):
-        for sample in (0, -1):
-            centre_m = trajectory.threats_ned_m[sample, index]
+        track_m = _there(trajectory.threats_ned_m[:, index])
+        for centre_m in (track_m[0], track_m[-1]):
             shown_m.append(np.stack((centre_m - threat.detection_radius_m, centre_m + threat.detection_radius_m)))
     shown_m += [np.array(polygon) for polygon in (mission.fence or (), *mission.exclusions) if polygon]
     every_m = np.concatenate(shown_m)
-    low_m, high_m = every_m.min(axis=0), every_m.max(axis=0)
+    low_m, high_m = np.nanmin(every_m, axis=0), np.nanmax(every_m, axis=0)
     width_m = max(float((high_m - low_m).max()), 1.0)
     unit_m, unit = (1_000.0, "km") if width_m >= KILOMETRE_SCALE_FROM_M else (1.0, "m")
     half_m = width_m * (0.5 + MARGIN)
@@ -198,6 +198,12 @@ def _frame(axes: Axes, trajectory: Trajectory, mission: Mission) -> tuple[float,
     axes.grid(True, color="#e6e6e6", lw=0.6)
     axes.set_axisbelow(True)
     return unit_m, unit
+
+
+def _there(ned_m: np.ndarray) -> np.ndarray:  # (S, 2) -> (T, 2)
+    """Return the positions of a thing while it was there, without its NaNs."""
+    there: np.ndarray = ned_m[~np.isnan(ned_m[:, 0])]
+    return there
 
 
 def _draw_walls(axes: Axes, mission: Mission, unit_m: float) -> list[Line2D]:
@@ -219,7 +225,7 @@ def _draw_threats(axes: Axes, trajectory: Trajectory, mission: Mission, unit_m: 
     """Draw the threats' circles and tracks; return the legend's entries."""
     any_moved = False
     for index, threat in enumerate(mission.threats):
-        track = trajectory.threats_ned_m[:, index] / unit_m  # (S, 2)
+        track = _there(trajectory.threats_ned_m[:, index]) / unit_m
         moved = _moved(axes, track)
         any_moved |= moved
         for radius_m, colour in (
@@ -255,7 +261,7 @@ def _draw_targets(axes: Axes, trajectory: Trajectory, unit_m: float) -> list[Lin
     style: dict[str, Any] = {"ls": "", "marker": "+", "color": TARGET_COLOUR}
     any_moved = False
     for index in range(len(trajectory.target_ids)):
-        track = trajectory.targets_ned_m[:, index] / unit_m  # (S, 2)
+        track = _there(trajectory.targets_ned_m[:, index]) / unit_m
         axes.plot(track[-1:, 1], track[-1:, 0], ms=12, mew=2.2, zorder=6, **style)
         if _moved(axes, track):
             any_moved = True
@@ -292,7 +298,7 @@ def _draw_agents(axes: Axes, trajectory: Trajectory, score: Score, unit_m: float
             axes.plot(*at, ls="", marker="o", ms=5.5, mfc="white", mec=colour, mew=1.6, zorder=7)
         if agent.lost_t_s is not None and len(flown):
             axes.plot(flown[-1, 1], flown[-1, 0], ls="", marker="x", ms=7, mew=2.0, color=colour, zorder=7)
-    marks = (starts, trajectory.targets_ned_m[(0, -1), :, ::-1].reshape(-1, 2) / unit_m)
+    marks = (starts, _there(trajectory.targets_ned_m[(0, -1), :, ::-1].reshape(-1, 2)) / unit_m)
     _label(
         axes, starts, [str(identity) for identity in trajectory.agent_ids], colours, np.concatenate((*marks, *paths))
     )

@@ -9,6 +9,7 @@ import numpy as np
 from companion.mission.model import Mission
 from sim.agent_log import AgentLog
 from sim.arrivals import Arrivals
+from sim.changes import Change
 from sim.loop import START_S, Outcome
 from sim.trajectory import Trajectory, TrajectoryBuilder
 
@@ -19,6 +20,9 @@ class FlightRecord:
     def __init__(self, mission: Mission) -> None:
         """Begin without samples and with every target open."""
         self._arrivals = Arrivals(mission)
+        self.changes: list[Change] = []
+        """What was there from when on, from the start, if anything was added, changed or retired."""
+        self._mission = mission
         self.logs = {agent.id: AgentLog() for agent in mission.agents}
         """What each companion decided, by agent id."""
         self.builder = TrajectoryBuilder(
@@ -31,6 +35,14 @@ class FlightRecord:
     def open_targets(self) -> int:
         """Number of targets that no agent has reached yet."""
         return len(self._arrivals.open)
+
+    def follow(self, mission: Mission, t_s: float) -> None:
+        """Record the targets and threats of a mission from the next sample on, which is at `t_s`."""
+        if not self.changes:
+            self.changes.append(Change(0.0, self._mission))
+        self.changes.append(Change(t_s, mission))
+        self._arrivals.follow(mission)
+        self.builder.follow([target.id for target in mission.targets], [threat.id for threat in mission.threats])
 
     def record(
         self, t_s: float, agents: np.ndarray, alive: Sequence[bool], things: tuple[np.ndarray, np.ndarray]

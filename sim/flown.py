@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion.mission.model import Mission
+from sim.changes import Change
 from sim.score import Score
 from sim.trajectory import Trajectory
 
@@ -25,3 +26,5 @@ class FlownMission:
     """Which vehicles flew, in words for reports and figures."""
     ended_early: str | None = None
     """Why the flight was ended early; None if it flew to its end."""
+    changes: tuple[Change, ...] = ()
+    """What was there from when on, if things were added, changed or retired; the mission has all that ever were."""

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -21,9 +24,11 @@ from companion.onboard.lint.fleet import abilities_of
 from companion.onboard.lint.warnings import lint_flight
 from groundstation.choices import RADIOS_BYTES_PER_S
 from groundstation.radio import Radio, parse_radio
+from sim.changes import with_all_things
 from sim.flown import KINEMATIC, FlownMission
 from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, FlightOptions, check_flyable, fly
 from sim.outcome import AgentResult, agent_results, first_reason
+from sim.pace import FASTEST, SLOWEST, Pace
 from sim.parameter_option import parameter_option
 from sim.scaling import check_speeds, scaled
 from sim.score import score
@@ -31,6 +36,11 @@ from sim.stop import Stop, stop_at_signals
 from sim.terminal import flight_progress, rendered, writable_folder
 
 MAX_SEED = 2**63 - 1
+if TYPE_CHECKING:
+    from sim.ui import SimScreen
+
+DEFAULT_UI = "127.0.0.1:8750"
+"""Address of the page if none is given."""
 MOST_AGENTS = 20
 """Number of agents, the first of the mission, in the printed table; `result.json` and report have all."""
 
@@ -52,6 +62,15 @@ class FlyOptions:
     scale: bool
     realtime: bool
     allow_monolithic: bool
+    speed: float | None = None
+    """Virtual seconds in one of the wall clock; None: as many as the computer manages, or with `realtime` one."""
+    ui: str | None = None
+    """Address of the page; None: there is none."""
+
+    @property
+    def pace(self) -> float | None:
+        """Virtual seconds in one of the wall clock; None: as many as the computer manages."""
+        return self.speed or (1.0 if self.realtime else None)
 
     def command_line(self, radio: Radio | None) -> str:
         """Return the command line that repeats the flight; `radio` is the parsed `--radio`, None if there is none."""
@@ -104,6 +123,14 @@ class FlownResult:
 )
 @parameter_option()
 @click.option("--realtime", is_flag=True, help="Pace the virtual clock by the wall clock.")
+@click.option("--speed", type=click.FloatRange(SLOWEST, FASTEST), help="Pace it by so many times the wall clock.")
+@click.option(
+    "--ui",
+    is_flag=False,
+    flag_value=DEFAULT_UI,
+    metavar="[HOST:PORT]",
+    help=f"Serve the page on the flight; on {DEFAULT_UI} if no address follows.",
+)
 @click.option("--allow-monolithic", is_flag=True, help="Fly `surrogate: monolithic` all the same, to see it fail.")
 def fly_command(as_json: bool, **options: Any) -> int:  # noqa: ANN401 click gives each option its type
     """Fly MISSION, a YAML file or a packaged name, over real frames on a virtual clock.
@@ -116,13 +143,26 @@ def fly_command(as_json: bool, **options: Any) -> int:  # noqa: ANN401 click giv
     folder that cannot be written. Ctrl-C (130), SIGTERM (143) and SIGHUP (129) end the flight early, and so does a full
     disk (2): what was flown until then is scored, drawn and kept.
 
+    With --ui what is done on the page is done in the flight, and kept in DIR/events.jsonl; the page stays after the
+    flight, until Ctrl-C, unless --out writes a folder from a pipe.
+
     Example: sim fly paper-dynamic --seed 1 --out runs/1
+
+    Example: sim fly paper-dynamic --realtime --ui
 
     Example: sim fly paper-dynamic --autopilot arduplane --scale --seed 1 --out runs/2
     """
     chosen = FlyOptions(**options)
-    done = fly_mission(chosen)
-    tell(json.dumps(done.result) if as_json else _table(done, chosen.out))
+    with _screen(chosen) as screen:
+        done = fly_mission(chosen, screen)
+        tell(json.dumps(done.result) if as_json else _table(done, chosen.out))
+        if screen is not None and done.stop is None and (chosen.out is None or sys.stdout.isatty()):
+            _linger(screen)
+    return _status(done, as_json)
+
+
+def _status(done: FlownResult, as_json: bool) -> int:
+    """Return the exit status, after saying what went wrong."""
     if done.stop is not None:
         click.echo(f"sim: ended early, after {done.flown.score.flight_time_s:g} s of flight: {done.stop.why}", err=True)
         return done.stop.status
@@ -133,8 +173,38 @@ def fly_command(as_json: bool, **options: Any) -> int:  # noqa: ANN401 click giv
     return EXIT_FAILED
 
 
-def fly_mission(options: FlyOptions) -> FlownResult:
-    """Fly a mission as the options say; with `out`, write the folder of its results.
+@contextmanager
+def _screen(options: FlyOptions) -> Iterator[SimScreen | None]:
+    """Open the page if one is asked for, say where it is, and close it in the end.
+
+    Raises:
+        InputError: nothing can be served at that address.
+
+    """
+    if options.ui is None:
+        yield None
+        return
+    # The page's libraries are loaded only for who looks.
+    from sim.ui import open_screen
+
+    screen, url = open_screen(options.ui, Pace(options.pace, wall_s=time.monotonic()))
+    click.echo(f"sim: page: {url}", err=True)
+    try:
+        yield screen
+    finally:
+        screen.close()
+
+
+def _linger(screen: SimScreen) -> None:
+    from sim.ui import linger
+
+    click.echo("sim: the flight is over; the page stays until Ctrl-C", err=True)
+    with stop_at_signals() as stop:
+        linger(screen, stop)
+
+
+def fly_mission(options: FlyOptions, screen: SimScreen | None = None) -> FlownResult:
+    """Fly a mission as the options say; with `out`, write the folder of its results; with a `screen`, show it there.
 
     Raises:
         InputError: an option or the mission is unusable, or the folder cannot be written.
@@ -162,7 +232,8 @@ def fly_mission(options: FlyOptions) -> FlownResult:
                 law=law,
                 autopilot=options.autopilot,
                 out=folder,
-                realtime=options.realtime,
+                speed=options.pace,
+                screen=screen,
                 progress=progress,
                 allow_monolithic=options.allow_monolithic,
                 radio=radio,
@@ -180,14 +251,16 @@ def fly_mission(options: FlyOptions) -> FlownResult:
 
 
 def _flown(mission: Mission, flight: Flight, options: FlyOptions, law: LawName) -> FlownMission:
+    mission = with_all_things(flight.changes) if flight.changes else mission
     return FlownMission(
         mission,
         flight.trajectory,
-        score(flight.trajectory, mission),
+        score(flight.trajectory, mission, flight.changes),
         options.seed,
         law,
         _stand_in(mission, options.autopilot),
         None if flight.stop is None else flight.stop.why,
+        flight.changes,
     )
 
 

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pymavlink.dialects.v20 import common
@@ -35,11 +36,13 @@ from groundstation.schedule import Broadcaster
 from sim.agent_log import AgentLog
 from sim.air_link import LINK_STREAM, LossyLink, Tamper
 from sim.aircraft import Aircraft, AutopilotLink
+from sim.changes import Change
 from sim.detector import Detector, Fleet
 from sim.flight_files import FlightFiles
 from sim.flight_record import FlightRecord
 from sim.holding import holding_side
 from sim.loop import START_S, TOLERANCE_S, Loop, Outcome, Parts, Watch
+from sim.pace import Pace
 from sim.safety_pilot import SafetyPilot
 from sim.sensor import SensorChannel
 from sim.stop import Stop, disk_stop
@@ -51,6 +54,9 @@ from sim.vehicles.parameters import set_parameters
 from sim.vehicles.routing import Router
 from sim.wind import WindField
 from sim.world import World
+
+if TYPE_CHECKING:
+    from sim.ui import FlightPage, SimScreen
 
 AUTOPILOTS = ("kinematic", *CRUISE_M_S)
 """Autopilot kinds with which a mission can be flown."""
@@ -79,8 +85,8 @@ class FlightOptions:
     autopilot: str = "kinematic"
     out: Path | None = None
     """Folder for the `.tlog` files and the companions' configurations; None: they are not written."""
-    realtime: bool = False
-    """Whether the virtual clock keeps pace with the wall clock, instead of running as fast as possible."""
+    speed: float | None = None
+    """Virtual seconds in one of the wall clock; None: as many as the computer manages. A screen has its own."""
     progress: Progress | None = None
     tamper: Tamper | None = None
     """Function that changes frames on the broadcast link, for tests and measurements."""
@@ -96,6 +102,8 @@ class FlightOptions:
     """Names and values of autopilot parameters that differ from the stand-ins' defaults."""
     stop: Callable[[], Stop | None] = lambda: None
     """Function that is asked at every tick whether to end the flight early, and why."""
+    screen: SimScreen | None = None
+    """Page that shows the flight and is asked for changes; None: nobody is shown anything."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +127,8 @@ class Flight:
     """What each companion decided, by agent id."""
     stop: Stop | None
     """Why the flight was ended early; None if it flew to its end."""
+    changes: tuple[Change, ...] = ()
+    """What was there from when on, from the start, if anything was added, changed or retired."""
 
 
 def check_flyable(mission: Mission, source: str | None = None, allow_monolithic: bool = False) -> None:
@@ -189,8 +199,10 @@ def _fly(
     mission, options = hangar.mission, hangar.options
     is_point = options.autopilot == "kinematic"
     ground = GroundStation(mission, START_S, model=VehicleModel(options.law, KINDS[options.autopilot].can_stop))
+    world = World(mission, hangar.seed)
+    page = None if options.screen is None else _page(options, ground, world, record)
     transmitter = Transmitter(
-        Broadcaster(ground, options.radio),
+        Broadcaster(ground if page is None else page.overheard, options.radio),
         mission.integration_step_s if options.radio else RADIO_TICK_S,
         wraps=options.one_radio and options.radio is None,
         log=broadcast_log,
@@ -198,7 +210,7 @@ def _fly(
     loop = Loop(
         Parts(
             mission=mission,
-            world=World(mission, hangar.seed),
+            world=world,
             vehicles=fleet,
             snapshot=lambda _now_s: Fleet.of({one.spec.id: one.vehicle for one in fleet if one.alive}),
             ground=ground,
@@ -211,7 +223,7 @@ def _fly(
         )
     )
     began_s = time.perf_counter()
-    stop = _run(loop, options, files, began_s)
+    stop = _run(loop, options, files, page)
     elapsed_s = time.perf_counter() - began_s
     refused = files.close()
     stop = stop or refused
@@ -229,19 +241,43 @@ def _fly(
         companions={one.spec.id: one.companion for one in fleet},
         logs=record.logs,
         stop=stop,
+        changes=tuple(record.changes),
     )
 
 
-def _run(loop: Loop[Fleet], options: FlightOptions, files: FlightFiles, began_s: float) -> Stop | None:
+def _page(options: FlightOptions, ground: GroundStation, world: World, record: _Record) -> FlightPage:
+    """Return the page of a flight, begun on its screen."""
+    # Only who looks needs the libraries of the page.
+    from sim.ui import EventFile, FlightPage, Stage
+
+    assert options.screen is not None
+
+    def follow(mission: Mission, t_s: float) -> None:
+        world.follow(mission)
+        record.follow(mission, t_s)
+
+    budget_bytes_per_s = None if options.radio is None else options.radio.budget_bytes_per_s
+    stage = Stage(ground, record.logs, follow, budget_bytes_per_s, KINDS[options.autopilot].can_stop)
+    return FlightPage(options.screen, stage, EventFile(options.out))
+
+
+def _run(loop: Loop[Fleet], options: FlightOptions, files: FlightFiles, page: FlightPage | None) -> Stop | None:
     """Step to the end of a flight; return why it was ended early, None if it was not."""
+    pace = Pace(options.speed, wall_s=time.monotonic())
     try:
+        if page is not None:
+            page.rest(0.0, options.stop)
         while loop.step():
             files.keep_up()
             stop = options.stop()
             if stop is not None:
                 return stop
-            if options.realtime:
-                time.sleep(max(0.0, began_s + loop.t_s - time.perf_counter()))
+            if page is not None:
+                page.rest(loop.t_s, options.stop)
+            elif options.speed is not None:
+                time.sleep(pace.wait_s(loop.t_s, time.monotonic()) or 0.0)
+        if page is not None:
+            page.look(loop.t_s)
     except OSError as error:
         return disk_stop(error, options.out)
     return None

@@ -213,7 +213,7 @@ class Loop(Generic[SnapshotT]):
 
     def _look(self, t_s: float, things: tuple[np.ndarray, np.ndarray]) -> None:
         """Give the ground station detections of the targets (K, 4), the threats (M, 4) and, in Case I, the agents."""
-        mission, (targets, threats) = self._parts.mission, things
+        mission, (targets, threats) = self._parts.ground.mission, things
         visible = self._parts.vehicles if mission.case == "I" else ()
         detections = [vehicle.detection() for vehicle in visible if vehicle.alive]
         detections += world_detections(mission, targets, threats)

@@ -83,7 +83,7 @@ def agent_results(flown: FlownMission, logs: Mapping[int, AgentLog]) -> tuple[Ag
 
 def first_reason(flown: FlownMission, results: Sequence[AgentResult]) -> str:
     """Return the line that says why not every target was reached: of the first agent whose target is still open."""
-    still_open = {target.id for target in flown.score.per_target if target.reached_t_s is None}
+    still_open = {target.id for target in flown.score.per_target if target.is_open}
     missing = [result for result in results if result.outcome != "arrived"]
     concerned = [result for result in missing if result.target_id in still_open] or missing
     if concerned:
@@ -121,7 +121,7 @@ def _outcome(flown: FlownMission, spec: AgentSpec, scored: AgentScore, log: Agen
 
 def _was_sent_on(flown: FlownMission, log: AgentLog) -> bool:
     """Return whether an agent that has arrived was sent to a target after that which was not reached (`queue`)."""
-    still_open = {target.id for target in flown.score.per_target if target.reached_t_s is None}
+    still_open = {target.id for target in flown.score.per_target if target.is_open}
     return flown.mission.queue and log.target_id in still_open
 
 
@@ -134,15 +134,20 @@ def _words(decision: Decision) -> str:
 def _progress(flown: FlownMission, scored: AgentScore, log: AgentLog, before: str) -> str:
     """Return, after a text `before`, how far it was from its target at the end, and how near it had been."""
     trajectory = flown.trajectory
-    if log.target_id not in trajectory.target_ids:
+    if log.target_id not in trajectory.target_ids or not _is_there(flown, log.target_id):
         return ""
     agent, target = trajectory.agent_ids.index(scored.id), trajectory.target_ids.index(log.target_id)
     apart_m = np.hypot(*(trajectory.agents_ned_m[:, agent] - trajectory.targets_ned_m[:, target]).T)
-    nearest = int(apart_m.argmin())
+    nearest = int(np.nanargmin(apart_m))
     text = f"{before}target {log.target_id}, {apart_m[-1]:.0f} m away"
     if apart_m[-1] > apart_m[nearest] + flown.mission.arrival_radius_m:
         text += f" (the nearest was {apart_m[nearest]:.0f} m, at {trajectory.t_s[nearest]:g} s)"
     return text
+
+
+def _is_there(flown: FlownMission, target_id: int) -> bool:
+    """Return whether a target was there to the end."""
+    return any(target.id == target_id and target.retired_t_s is None for target in flown.score.per_target)
 
 
 def _cut_short(flown: FlownMission) -> str:
@@ -167,7 +172,7 @@ def _guard(log: AgentLog) -> str:
 
 def _too_far(flown: FlownMission, spec: AgentSpec, scored: AgentScore) -> bool:
     """Return whether an agent that flies to no target could reach no open one on what is left of its range."""
-    still_open = [index for index, target in enumerate(flown.score.per_target) if target.reached_t_s is None]
+    still_open = [index for index, target in enumerate(flown.score.per_target) if target.is_open]
     if not still_open:
         return False
     trajectory = flown.trajectory

@@ -85,8 +85,17 @@ def _log(logs: Mapping[int, AgentLog], identity: int) -> AgentLog:
 
 
 def _track(ned_m: np.ndarray) -> dict[str, list[int]]:
-    """Return the places (S, 2) m as the steps between them, north and east."""
-    return {"n": _steps(ned_m[:, 0]), "e": _steps(ned_m[:, 1])}
+    """Return the places (S, 2) m as the steps between them, north and east, and the samples at which it was there.
+
+    These are the first and the one after the last of each time that it was there, or nothing if it always was.
+    """
+    there = ~np.isnan(ned_m[:, 0])
+    edges = np.flatnonzero(np.diff(there, prepend=False, append=False)).tolist()
+    # What is not drawn is where it was last, or will be.
+    shown = np.maximum.accumulate(np.where(there, np.arange(len(there)), -1))
+    shown = np.where(shown < 0, int(there.argmax()), shown)
+    whole_m = np.nan_to_num(ned_m[shown])
+    return {"n": _steps(whole_m[:, 0]), "e": _steps(whole_m[:, 1]), "there": [] if there.all() else edges}
 
 
 def _steps(values: np.ndarray) -> list[int]:
@@ -112,6 +121,6 @@ def _box(flown: FlownMission) -> list[float]:
     if mission.fence is not None:
         places.append(np.array(mission.fence))
     everything = np.concatenate(places)
-    low, high = everything.min(axis=0), everything.max(axis=0)
+    low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     margin_m = _MARGIN * max(*(high - low), mission.arrival_radius_m)
     return [*(low - margin_m).round().tolist(), *(high + margin_m).round().tolist()]

@@ -19,7 +19,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from companion.mission.model import LinkSpec, Mission, Wind
 from sim.flown import KINEMATIC, FlownMission
 from sim.player import script_json
-from sim.score import Score
+from sim.score import Score, TargetScore
 from sim.trajectory import Trajectory
 
 RESULT_ROWS: tuple[tuple[str, str, str], ...] = (
@@ -273,11 +273,17 @@ def _agent_table(score: Score) -> Table:
     )
 
 
+def _ending(target: TargetScore) -> str:
+    if target.reached_t_s is not None:
+        return _fixed(target.reached_t_s, 1)
+    return "not reached" if target.retired_t_s is None else f"retired at {target.retired_t_s:,.1f} s"
+
+
 def _target_table(score: Score) -> Table:
     rows = [
         (
             str(target.id),
-            _fixed(target.reached_t_s, 1) if target.reached_t_s is not None else "not reached",
+            _ending(target),
             _NOTHING if target.agent_id is None else str(target.agent_id),
         )
         for target in score.per_target

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from sim.approaches import (
     peer_approaches,
     threat_approaches,
 )
+from sim.changes import Change, things_of
 from sim.flown_path import crafts_of, first_within, flown_by, moved, nearest
 from sim.shortest_path import shortest_path_length
 from sim.trajectory import Trajectory
@@ -84,6 +86,13 @@ class TargetScore:
     id: int
     reached_t_s: float | None
     agent_id: int | None
+    retired_t_s: float | None = None
+    """Time of the first sample at which it was not there any more; None if it was there to the end."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it was still to be reached at the end."""
+        return self.reached_t_s is None and self.retired_t_s is None
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +149,19 @@ class _Arrivals:
     """Index of the agent that reached a target first, and when, by index of the target."""
 
 
-def score(trajectory: Trajectory, mission: Mission) -> Score:
+class _Around(NamedTuple):
+    """What agents had to do with threats and with one another."""
+
+    threats: ThreatApproaches
+    peers: PeerApproaches
+    stay: np.ndarray  # (M,) bool, which threats were there all the time as they were at the start
+
+
+def score(trajectory: Trajectory, mission: Mission, changes: Sequence[Change] = ()) -> Score:
     """Return the figures of a flight, whose trajectory has the ids of its mission.
 
-    The rules:
+    Where things were added, changed or retired in flight, `mission` has all that ever were (`with_all_things`), and
+    `changes` begin with what was there at the start. The rules:
 
     * A lost agent does not count from the first sample at or after its loss.
     * What happens between two samples is judged on the path that was flown (`sim.flown_path`).
@@ -160,6 +178,8 @@ def score(trajectory: Trajectory, mission: Mission) -> Score:
       the place of its arrival (else its last position alive) around the detection discs of the static threats; of
       several arrivals, from each place to the next. Moving threats and discs that contain either end are left out, so
       it is a lower bound. It is infinite where static discs close every way.
+    * A target or threat counts while it is there. What appears, is moved by an operator or gets other radii between two
+      samples was not flown into, and a target that was retired before anybody reached it does not count.
     * A breach of separation is a run of paths between samples in which one pair's closest approach is below
       `separation_m`. The least separation is None if no two agents were ever alive together.
 
@@ -171,18 +191,20 @@ def score(trajectory: Trajectory, mission: Mission) -> Score:
     """
     _check_ids(trajectory, mission)
     alive = _alive(trajectory, mission)
-    arrivals = _arrivals(trajectory, alive, mission)
-    threats = threat_approaches(trajectory, alive, mission)
+    things = things_of(trajectory, mission, changes)
+    arrivals = _arrivals(trajectory, alive, mission, things.targets_anew)
+    threats = threat_approaches(trajectory, alive, mission, things)
     peers = peer_approaches(trajectory, alive, mission)
-    per_agent = _agents(trajectory, mission, alive, arrivals, (threats, peers))
+    stay = ~things.threats_anew.any(axis=0) & ~np.isnan(trajectory.threats_ned_m[..., 0]).any(axis=0)
+    per_agent = _agents(trajectory, mission, alive, arrivals, _Around(threats, peers, stay))
     per_target = tuple(
-        _target_score(identity, arrivals.by_target.get(target), trajectory)
+        _target_score(target, identity, arrivals.by_target.get(target), trajectory)
         for target, identity in enumerate(trajectory.target_ids)
     )
     return Score(
         arrived=sum(1 for reached in arrivals.by_agent if reached),
         targets_reached=len(arrivals.by_target),
-        targets=len(trajectory.target_ids),
+        targets=sum(1 for target in per_target if target.is_open or target.reached_t_s is not None),
         flight_time_s=float(trajectory.t_s[-1] - trajectory.t_s[0]),
         path_length_m=tuple(agent.path_length_m for agent in per_agent),
         shortest_path_m=tuple(agent.shortest_path_m for agent in per_agent),
@@ -197,11 +219,14 @@ def score(trajectory: Trajectory, mission: Mission) -> Score:
     )
 
 
-def _target_score(identity: int, first: tuple[int, float] | None, trajectory: Trajectory) -> TargetScore:
+def _target_score(target: int, identity: int, first: tuple[int, float] | None, trajectory: Trajectory) -> TargetScore:
+    there = np.flatnonzero(~np.isnan(trajectory.targets_ned_m[:, target, 0]))
+    after = int(there[-1]) + 1 if len(there) else 0
+    retired_t_s = float(trajectory.t_s[after]) if after < len(trajectory.t_s) else None
     if first is None:
-        return TargetScore(identity, None, None)
+        return TargetScore(identity, None, None, retired_t_s)
     agent, t_s = first
-    return TargetScore(identity, t_s, trajectory.agent_ids[agent])
+    return TargetScore(identity, t_s, trajectory.agent_ids[agent], retired_t_s)
 
 
 def _figure(value: float) -> float | None:
@@ -228,7 +253,8 @@ def _alive(trajectory: Trajectory, mission: Mission) -> np.ndarray:
     return alive
 
 
-def _arrivals(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> _Arrivals:
+def _arrivals(trajectory: Trajectory, alive: np.ndarray, mission: Mission, anew: np.ndarray) -> _Arrivals:
+    """Return the arrivals; `anew` (S, K) says where a target appeared or jumped since the last sample."""
     samples, agents = alive.shape
     targets = len(trajectory.target_ids)
     open_to = [[agent.only_target in (None, target.id) for target in mission.targets] for agent in mission.agents]
@@ -236,7 +262,7 @@ def _arrivals(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> _A
     arrived, closed = np.zeros(agents, dtype=bool), np.zeros(targets, dtype=bool)
     found = _Arrivals(tuple([] for _ in range(agents)), {})
     for begin, end in chunks(samples, agents * targets):
-        near = _near(trajectory, mission, begin, end) & alive[begin:end, :, None] & allowed
+        near = _near(trajectory, mission, anew, begin, end) & alive[begin:end, :, None] & allowed
         while True:
             # Once arrived agents and reached targets are left out, the first sample left has the next arrival.
             near[:, arrived] = False
@@ -249,7 +275,11 @@ def _arrivals(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> _A
                 arriving = np.flatnonzero(near[anyone[0], :, target] & ~arrived)
                 if arriving.size == 0:
                     continue
-                at_s, ned_m = _passages(trajectory, mission, here, arriving, target)
+                if here == 0 or anew[here, target]:
+                    at_s = np.full(len(arriving), trajectory.t_s[here])
+                    ned_m = trajectory.agents_ned_m[here, arriving]
+                else:
+                    at_s, ned_m = _passages(trajectory, mission, here, arriving, target)
                 for agent, t_s, (north_m, east_m) in zip(arriving, at_s, ned_m, strict=True):
                     place_ned_m = float(north_m), float(east_m)
                     found.by_agent[agent].append(Reached(trajectory.target_ids[target], float(t_s), place_ned_m))
@@ -262,14 +292,15 @@ def _arrivals(trajectory: Trajectory, alive: np.ndarray, mission: Mission) -> _A
     return found
 
 
-def _near(trajectory: Trajectory, mission: Mission, begin: int, end: int) -> np.ndarray:
+def _near(trajectory: Trajectory, mission: Mission, anew: np.ndarray, begin: int, end: int) -> np.ndarray:
     """Return (C, N, K), which agents come within the arrival radius of which targets on the paths to C samples."""
     before = max(begin - 1, 0)
     crafts = crafts_of(mission)
     distance_m = distances_m(trajectory.agents_ned_m[before:end], trajectory.targets_ned_m[before:end])
     near: np.ndarray = distance_m <= mission.arrival_radius_m
     possible_m = least_possible_m(distance_m, trajectory, crafts, trajectory.targets_ned_m, before)
-    path, agent, target = np.nonzero(~near[:-1] & ~near[1:] & (possible_m <= mission.arrival_radius_m))
+    may_pass = (possible_m <= mission.arrival_radius_m) & ~anew[before + 1 : end, None]
+    path, agent, target = np.nonzero(~near[:-1] & ~near[1:] & may_pass)
     passes = nearest(
         flown_by(trajectory, crafts, path + before, agent),
         moved(trajectory, trajectory.targets_ned_m, path + before, target),
@@ -281,9 +312,7 @@ def _near(trajectory: Trajectory, mission: Mission, begin: int, end: int) -> np.
 def _passages(
     trajectory: Trajectory, mission: Mission, sample: int, agents: np.ndarray, target: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return when (A,) and where (A, 2) agents that arrive at a sample came within the arrival radius of a target."""
-    if sample == 0:
-        return np.full(len(agents), trajectory.t_s[0]), trajectory.agents_ned_m[0, agents]
+    """Return when (A,) and where (A, 2) agents came within the arrival radius of a target on the path to a sample."""
     paths = np.full(len(agents), sample - 1)
     way = flown_by(trajectory, crafts_of(mission), paths, agents)
     targets = moved(trajectory, trajectory.targets_ned_m, paths, np.full(len(agents), target))
@@ -297,9 +326,9 @@ def _agents(
     mission: Mission,
     alive: np.ndarray,
     arrivals: _Arrivals,
-    approaches: tuple[ThreatApproaches, PeerApproaches],
+    around: _Around,
 ) -> tuple[AgentScore, ...]:
-    threats, peers = approaches
+    threats, peers, stay = around
     step_m = np.diff(trajectory.agents_ned_m, axis=0)
     flown_m = np.zeros(alive.shape)
     flown_m[1:] = np.cumsum(np.hypot(step_m[..., 0], step_m[..., 1]) * alive[1:], axis=0)
@@ -307,7 +336,7 @@ def _agents(
     scores = []
     for agent, identity in enumerate(trajectory.agent_ids):
         fixed = [threat.motion == "static" and is_obstacle(mission, identity, threat) for threat in mission.threats]
-        around = np.array(fixed, dtype=bool)
+        walls = np.array(fixed, dtype=bool) & stay
         samples_alive = int(alive[:, agent].sum())
         reached = arrivals.by_agent[agent]
         stops_m = [trajectory.agents_ned_m[0, agent], *(np.array(one.ned_m) for one in reached)]
@@ -325,7 +354,7 @@ def _agents(
                 path_length_m=float(flown_m[-1, agent]),
                 path_to_end_m=to_end_m,
                 shortest_path_m=sum(
-                    _shortest_m(from_m, to_m, trajectory.threats_ned_m[0, around], radii_m[around])
+                    _shortest_m(from_m, to_m, trajectory.threats_ned_m[0, walls], radii_m[walls])
                     for from_m, to_m in itertools.pairwise(stops_m)
                 ),
                 threat_entries_detection=int(threats.entries_detection[agent]),

@@ -37,6 +37,7 @@ class Trajectory:
     """The true states of N agents, K targets and M threats at S samples, with ids in file order.
 
     Headings are in degrees clockwise from north in [0, 360). Values have no more decimals than in `trajectory.csv`.
+    A target or threat that is not there at a sample, as it was added later or retired before, has NaN in it.
     """
 
     t_s: np.ndarray  # (S,) s, strictly increasing
@@ -62,21 +63,27 @@ class Trajectory:
         """
         with path.open("w", encoding="ascii", newline="\n") as file:
             file.write(HEADER + "\n")
-            for text in self.csv_text():
+            for text, _ in self.csv_text():
                 file.write(text)
 
-    def csv_text(self) -> Iterator[str]:
-        """Yield the text of all rows, some steps at a time."""
+    def csv_text(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Yield the text of all rows, some steps at a time, and the number of rows of each of these steps."""
         ids_by_kind = (self.agent_ids, self.target_ids, self.threat_ids)
-        step_format = "".join(
+        formats = [
             _ROW_FORMAT.format(kind=kind, id=identity)
             for kind, ids in zip(KINDS, ids_by_kind, strict=True)
             for identity in ids
-        )
+        ]
+        step_format = "".join(formats)
         values = self._rows()  # (S, (N + K + M) * 5)
         for begin in range(0, len(values), _WRITE_BATCH):
-            batch = values[begin : begin + _WRITE_BATCH].tolist()
-            yield "".join([step_format % tuple(row) for row in batch])
+            batch = values[begin : begin + _WRITE_BATCH]
+            there = ~np.isnan(batch[:, 1::5])  # (C, N + K + M)
+            if there.all():
+                text = "".join([step_format % tuple(row) for row in batch.tolist()])
+            else:
+                text = "".join([_step_text(formats, *step) for step in zip(batch, there, strict=True)])
+            yield text, there.sum(axis=1)
 
     def _rows(self) -> np.ndarray:
         """Return (S, (N + K + M) * 5): time, north, east, heading, speed of each object, in the file's order."""
@@ -95,16 +102,34 @@ class TrajectoryBuilder:
     """Collects the rows of each integration step, and builds the Trajectory at the end."""
 
     def __init__(self, agent_ids: Sequence[int], target_ids: Sequence[int], threat_ids: Sequence[int]) -> None:
-        self._ids = (tuple(agent_ids), tuple(target_ids), tuple(threat_ids))
-        self.objects = sum(len(ids) for ids in self._ids)
-        """Number of rows of a step."""
+        self._present: list[tuple[int, ...]] = [tuple(agent_ids), tuple(target_ids), tuple(threat_ids)]
+        """Ids of the objects of each kind that the next step has, in order."""
+        self._columns: list[dict[int, int]] = [{}, {}, {}]
+        """Column of each object of a kind that any step has had, by id."""
         self._t_s = np.empty(_FIRST_CAPACITY)
-        self._values = np.empty((_FIRST_CAPACITY, self.objects, 4))
+        self._values = np.empty((_FIRST_CAPACITY, 0, 4))
         self._count = 0
+        self._make_room()
 
     def __len__(self) -> int:
         """Return the number of steps that were recorded."""
         return self._count
+
+    def follow(self, target_ids: Sequence[int], threat_ids: Sequence[int]) -> None:
+        """Record these targets and threats from the next step on: some were added or retired."""
+        self._present[1:] = [tuple(target_ids), tuple(threat_ids)]
+        self._make_room()
+
+    def _make_room(self) -> None:
+        """Give every object that the next step has a column."""
+        columns = self._values.shape[1]
+        for of_kind, ids in zip(self._columns, self._present, strict=True):
+            for identity in ids:
+                of_kind.setdefault(identity, sum(map(len, self._columns)))
+        more = sum(map(len, self._columns)) - columns
+        if more:
+            room = np.full((len(self._values), more, 4), np.nan)
+            self._values = np.concatenate((self._values, room), axis=1)
 
     def append(self, t_s: float, agents: npt.ArrayLike, targets: npt.ArrayLike, threats: npt.ArrayLike) -> None:
         """Record one step.
@@ -113,39 +138,39 @@ class TrajectoryBuilder:
         order of the ids. They are copied.
 
         Raises:
-            ValueError: a shape does not fit the ids.
+            ValueError: a shape does not fit the ids, or a value is not finite.
 
         """
         if self._count == len(self._t_s):
             self._t_s = np.concatenate((self._t_s, np.empty_like(self._t_s)))
-            self._values = np.concatenate((self._values, np.empty_like(self._values)))
+            self._values = np.concatenate((self._values, np.full_like(self._values, np.nan)))
         self._t_s[self._count] = t_s
-        begin = 0
-        for ids, rows in zip(self._ids, (agents, targets, threats), strict=True):
-            end = begin + len(ids)
+        for ids, columns, rows in zip(self._present, self._columns, (agents, targets, threats), strict=True):
             table = np.asarray(rows, dtype=float)
             if ids and table.shape != (len(ids), 4):
                 raise ValueError(f"rows of shape {table.shape}; ({len(ids)}, 4) is allowed")
+            if ids and not np.isfinite(table).all():
+                raise ValueError("a recorded value is not finite")
             if ids:
-                self._values[self._count, begin:end] = table
-            begin = end
+                self._values[self._count, [columns[identity] for identity in ids]] = table
         self._count += 1
 
     def build(self, begin: int = 0, end: int | None = None) -> Trajectory:
         """Return the trajectory of the steps from `begin` to before `end`, rounded to the decimals of the file.
 
         Raises:
-            ValueError: no such step was recorded, a value is not finite, or the rounded times do not increase.
+            ValueError: no such step was recorded, a time is not finite, or the rounded times do not increase.
 
         """
         end = self._count if end is None else min(end, self._count)
         if end <= begin:
             raise ValueError("no step was recorded")
         t_s = self._t_s[begin:end]
-        values = self._values[begin:end]
-        if not (np.isfinite(t_s).all() and np.isfinite(values).all()):
-            raise ValueError("a recorded value is not finite")
-        trajectory = _trajectory(t_s, self._ids, values)
+        if not np.isfinite(t_s).all():
+            raise ValueError("a recorded time is not finite")
+        agents, targets, threats = self._columns
+        values = self._values[begin:end, [*agents.values(), *targets.values(), *threats.values()]]
+        trajectory = _trajectory(t_s, (tuple(agents), tuple(targets), tuple(threats)), values)
         if (np.diff(trajectory.t_s) <= 0).any():
             raise ValueError("recorded times do not increase")
         return trajectory
@@ -167,7 +192,7 @@ class TrajectoryFile:
         self._bytes = 0
         self.steps = 0
         """Number of steps in the file."""
-        self._append(f"{HEADER}\n".encode("ascii"))
+        self._append(f"{HEADER}\n".encode("ascii"), np.zeros(0, dtype=int))
 
     def catch_up(self) -> None:
         """Write the steps that the builder has collected since the last call.
@@ -177,8 +202,8 @@ class TrajectoryFile:
 
         """
         while self.steps < len(self._builder):
-            for text in self._builder.build(self.steps, self.steps + _WRITE_BATCH).csv_text():
-                self._append(text.encode("ascii"))
+            for text, rows in self._builder.build(self.steps, self.steps + _WRITE_BATCH).csv_text():
+                self._append(text.encode("ascii"), rows)
 
     def close(self) -> None:
         """Write the rest and close the file.
@@ -192,23 +217,23 @@ class TrajectoryFile:
         with self._file:
             self.catch_up()
 
-    def _append(self, data: bytes) -> None:
-        """Write rows of whole steps, or the header."""
+    def _append(self, data: bytes, rows: np.ndarray) -> None:
+        """Write whole steps of so many rows each (C,), or the header, which is none."""
         written = 0
         try:
             while written < len(data):
                 written += self._file.write(data[written:])
         except OSError:
-            rows = data[:written].count(b"\n") if self._bytes else 0
-            self._count(b"".join(data.splitlines(keepends=True)[: rows - rows % self._builder.objects]))
+            whole = int(np.searchsorted(rows.cumsum(), data[:written].count(b"\n"), side="right"))
+            lines = data.splitlines(keepends=True)[: int(rows[:whole].sum())]
+            self._count(b"".join(lines), whole)
             self._file.truncate(self._bytes)
             self._file.seek(self._bytes)
             raise
-        self._count(data)
+        self._count(data, len(rows))
 
-    def _count(self, data: bytes) -> None:
-        if self._bytes:
-            self.steps += data.count(b"\n") // self._builder.objects
+    def _count(self, data: bytes, steps: int) -> None:
+        self.steps += steps
         self._bytes += len(data)
 
 
@@ -220,8 +245,8 @@ def rounded_rows(rows: np.ndarray) -> np.ndarray:  # (N, 4) -> (N, 3)
     return rounded
 
 
-def read_csv(path: Path) -> Trajectory:
-    """Read a `trajectory.csv`.
+def read_csv(path: Path, *, things_change: bool = False) -> Trajectory:
+    """Read a `trajectory.csv`; with `things_change` targets and threats may be added and retired between its steps.
 
     Raises:
         InputError: the file is missing or damaged (named with its line): another header, a row of the wrong length, a
@@ -242,6 +267,8 @@ def read_csv(path: Path) -> Trajectory:
     if not rows:
         raise InputError(f"{path}: no rows after the header; one per object and step is needed")
 
+    if things_change:
+        return _read_changing(path, rows)
     per_step = 1
     while per_step < len(rows) and rows[per_step][0] == rows[0][0]:
         per_step += 1
@@ -267,11 +294,37 @@ def read_csv(path: Path) -> Trajectory:
     return _trajectory(t_s, ids, numbers[..., 1:])
 
 
-def _ids_of_step(path: Path, rows: Sequence[Sequence[str]]) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
-    """Return the ids of the first step's rows, by kind; raise InputError for an unknown kind, order or id."""
+def _read_changing(path: Path, rows: Sequence[Sequence[str]]) -> Trajectory:
+    """Read the rows of a file whose targets and threats are not the same at every step; the agents are."""
+    numbers = _numbers(path, rows)
+    begins = [index for index, row in enumerate(rows) if index == 0 or row[0] != rows[index - 1][0]]
+    agents: tuple[int, ...] | None = None
+    built: TrajectoryBuilder | None = None
+    last_t_s = -np.inf
+    for begin, end in zip(begins, [*begins[1:], len(rows)], strict=True):
+        ids = _ids_of_step(path, rows[begin:end], begin + 2)
+        t_s = float(numbers[begin, 0])
+        if agents is None or built is None:
+            agents, built = ids[0], TrajectoryBuilder(*ids)
+        if ids[0] != agents:
+            raise InputError(f"{path}: line {begin + 2}: agents {ids[0]}; {agents}, as at every step, are allowed")
+        if t_s <= last_t_s:
+            raise InputError(f"{path}: line {begin + 2}: t_s {rows[begin][0]} does not come after {rows[begin - 1][0]}")
+        last_t_s = t_s
+        built.follow(*ids[1:])
+        tables = np.split(numbers[begin:end, 1:], np.cumsum([len(of_kind) for of_kind in ids[:2]]))
+        built.append(t_s, *tables)
+    assert built is not None
+    return built.build()
+
+
+def _ids_of_step(
+    path: Path, rows: Sequence[Sequence[str]], line: int = 2
+) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
+    """Return the ids of a step's rows, the first on a line, by kind; raise InputError for a bad kind, order or id."""
     ids: tuple[list[int], list[int], list[int]] = ([], [], [])
     last = 0
-    for number, row in enumerate(rows, start=2):
+    for number, row in enumerate(rows, start=line):
         if row[1] not in KINDS:
             raise InputError(f"{path}: line {number}: kind is {row[1]!r}; agent, target or threat is allowed")
         kind = KINDS.index(row[1])
@@ -304,6 +357,12 @@ def _numbers(path: Path, rows: Sequence[Sequence[str]]) -> np.ndarray:
                     f"{path}: line {number}: {names[column]} is {row[column]!r}; a finite number is allowed"
                 )
     raise AssertionError("a value was not finite, yet every field is a finite number")
+
+
+def _step_text(formats: Sequence[str], values: np.ndarray, there: np.ndarray) -> str:
+    """Return the rows of the objects that are there at a step: values (5 each) and whether they are, in one order."""
+    kept = "".join([one for one, is_there in zip(formats, there, strict=True) if is_there])
+    return kept % tuple(values.reshape(-1, 5)[there].ravel().tolist())
 
 
 def _is_finite_number(text: str) -> bool:

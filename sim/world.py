@@ -1,8 +1,13 @@
-"""The true motion of targets and threats, which the ground station gets only through its sensor."""
+"""The true motion of targets and threats, which the ground station gets only through its sensor.
+
+What is added, moved or retired in flight is so in truth as well.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,36 +17,39 @@ from companion.mission.random_streams import random_stream
 MOTION_STREAM = 2
 """Number of the seed's random stream for the motion of targets and threats."""
 
+Thing = TargetSpec | ThreatSpec
+
 
 class World:
     """The targets and threats of a resolved mission, in file order, which move from time 0 on by their `motion`."""
 
     def __init__(self, mission: Mission, seed: int) -> None:
-        things: list[TargetSpec | ThreatSpec] = [*mission.targets, *mission.threats]
-        self._targets = len(mission.targets)
         self._hold_s = mission.heading_hold_s
         self._generator = random_stream(seed, MOTION_STREAM)
         self._t_s = 0.0
         self._holds = 0
-        self._north_m = np.array([thing.position_ned_m[0] for thing in things])
-        self._east_m = np.array([thing.position_ned_m[1] for thing in things])
-        self._heading_rad = np.zeros(len(things))
-        self._speed_m_s = np.zeros(len(things))
-        self._wanders = np.array([thing.motion == "random" for thing in things], dtype=bool)
-        for index, thing in enumerate(things):
-            if isinstance(thing.motion, SteadyMotion):
-                self._heading_rad[index] = math.radians(thing.motion.heading_deg) % math.tau
-                self._speed_m_s[index] = thing.motion.speed_m_s
-            elif thing.motion in ("random", "chase"):
-                self._speed_m_s[index] = thing.speed_bound_m_s
-        self._paths = [
-            (index, _way_points(thing.position_ned_m, thing.motion))
-            for index, thing in enumerate(things)
-            if isinstance(thing.motion, PathMotion)
-        ]
-        self._chasers = [index for index, thing in enumerate(things) if thing.motion == "chase"]
+        self._targets = len(mission.targets)
+        self._things = _things_of(mission)
+        self._states = _States.begun(self._things)
         self._turn_wanderers()
         self._follow_paths(0.0)
+
+    def follow(self, mission: Mission) -> None:
+        """Have the targets and threats of a mission from now on: what was added, moved or retired is so in truth.
+
+        A thing that was given another place begins there, with its motion; any other goes on as it did, whatever else
+        was changed of it.
+        """
+        rows = {_key(thing): row for row, thing in enumerate(self._things)}
+        states, things, before = self._states, _things_of(mission), self._things
+        on = {new: rows[_key(thing)] for new, thing in enumerate(things) if _key(thing) in rows}
+        on = {new: old for new, old in on.items() if before[old].position_ned_m == things[new].position_ned_m}
+        self._things = [before[on[new]] if new in on else thing for new, thing in enumerate(things)]
+        self._targets = len(mission.targets)
+        self._states = _States.begun(self._things)
+        for new, old in on.items():
+            self._states.copy(new, states, old)
+        self._follow_paths(self._t_s)
 
     def advance(self, t_s: float, agents_ned_m: np.ndarray | None = None) -> None:  # (N, 2) m
         """Move everything to the time `t_s`, which is not before the last.
@@ -53,9 +61,7 @@ class World:
         while self._t_s < t_s:
             next_turn_s = (self._holds + 1) * self._hold_s
             until_s = min(t_s, next_turn_s)
-            length_m = self._speed_m_s * (until_s - self._t_s)
-            self._north_m += length_m * np.cos(self._heading_rad)
-            self._east_m += length_m * np.sin(self._heading_rad)
+            self._states.move(until_s - self._t_s)
             self._t_s = until_s
             if until_s == next_turn_s:
                 self._holds += 1
@@ -64,30 +70,97 @@ class World:
 
     def rows(self) -> tuple[np.ndarray, np.ndarray]:  # (K, 4), (M, 4)
         """Return the rows of the targets and of the threats: north m, east m, heading deg, speed m/s."""
-        table = np.column_stack([self._north_m, self._east_m, np.degrees(self._heading_rad) % 360.0, self._speed_m_s])
-        return table[: self._targets], table[self._targets :]
+        states, targets = self._states, self._targets
+        heading_deg = np.degrees(states.heading_rad) % 360.0
+        table = np.column_stack([states.north_m, states.east_m, heading_deg, states.speed_m_s])
+        return table[:targets], table[targets:]
 
     def _turn_wanderers(self) -> None:
-        count = int(self._wanders.sum())
-        self._heading_rad[self._wanders] = self._generator.uniform(0.0, math.tau, count)
+        wanders = self._states.wanders
+        self._states.heading_rad[wanders] = self._generator.uniform(0.0, math.tau, int(wanders.sum()))
 
     def _turn_chasers(self, agents_ned_m: np.ndarray) -> None:
-        for index in self._chasers:
-            offset_m = agents_ned_m - (self._north_m[index], self._east_m[index])
+        states = self._states
+        for index in states.chasers:
+            offset_m = agents_ned_m - (states.north_m[index], states.east_m[index])
             north_m, east_m = offset_m[np.argmin(offset_m[:, 0] ** 2 + offset_m[:, 1] ** 2)]
-            self._heading_rad[index] = math.atan2(east_m, north_m)
+            states.heading_rad[index] = math.atan2(east_m, north_m)
 
     def _follow_paths(self, t_s: float) -> None:
-        for index, (times_s, north_m, east_m) in self._paths:
-            self._north_m[index] = np.interp(t_s, times_s, north_m)
-            self._east_m[index] = np.interp(t_s, times_s, east_m)
+        states = self._states
+        for index, (times_s, north_m, east_m) in states.paths:
+            states.north_m[index] = np.interp(t_s, times_s, north_m)
+            states.east_m[index] = np.interp(t_s, times_s, east_m)
             leg = int(np.searchsorted(times_s, t_s, side="right"))
-            self._speed_m_s[index] = 0.0
+            states.speed_m_s[index] = 0.0
             if 0 < leg < len(times_s):
                 along = (north_m[leg] - north_m[leg - 1], east_m[leg] - east_m[leg - 1])
-                self._heading_rad[index] = math.atan2(along[1], along[0]) % math.tau
+                states.heading_rad[index] = math.atan2(along[1], along[0]) % math.tau
                 # The path gives the position above; speed and heading are only for `rows`.
-                self._speed_m_s[index] = math.hypot(*along) / (times_s[leg] - times_s[leg - 1])
+                states.speed_m_s[index] = math.hypot(*along) / (times_s[leg] - times_s[leg - 1])
+
+
+@dataclass
+class _States:
+    """Where the things of a mission are and how they move, by their place in its lists."""
+
+    north_m: np.ndarray
+    east_m: np.ndarray
+    heading_rad: np.ndarray
+    speed_m_s: np.ndarray
+    wanders: np.ndarray
+    """Which of them move at random."""
+    chasers: list[int]
+    paths: list[tuple[int, np.ndarray]]
+    """Those that follow a path, with its times, norths and easts."""
+
+    @classmethod
+    def begun(cls, things: Sequence[Thing]) -> _States:
+        """Return the states of things that begin where they are placed."""
+        states = cls(
+            north_m=np.array([thing.position_ned_m[0] for thing in things]),
+            east_m=np.array([thing.position_ned_m[1] for thing in things]),
+            heading_rad=np.zeros(len(things)),
+            speed_m_s=np.zeros(len(things)),
+            wanders=np.array([thing.motion == "random" for thing in things], dtype=bool),
+            chasers=[index for index, thing in enumerate(things) if thing.motion == "chase"],
+            paths=[
+                (index, _way_points(thing.position_ned_m, thing.motion))
+                for index, thing in enumerate(things)
+                if isinstance(thing.motion, PathMotion)
+            ],
+        )
+        for index, thing in enumerate(things):
+            if isinstance(thing.motion, SteadyMotion):
+                states.heading_rad[index] = math.radians(thing.motion.heading_deg) % math.tau
+                states.speed_m_s[index] = thing.motion.speed_m_s
+            elif thing.motion in ("random", "chase"):
+                states.speed_m_s[index] = thing.speed_bound_m_s
+        return states
+
+    def move(self, lasts_s: float) -> None:
+        """Move everything along its heading for a time."""
+        length_m = self.speed_m_s * lasts_s
+        self.north_m += length_m * np.cos(self.heading_rad)
+        self.east_m += length_m * np.sin(self.heading_rad)
+
+    def copy(self, index: int, other: _States, there: int) -> None:
+        """Let a thing go on from where it is in other states."""
+        for mine, its in (
+            (self.north_m, other.north_m),
+            (self.east_m, other.east_m),
+            (self.heading_rad, other.heading_rad),
+            (self.speed_m_s, other.speed_m_s),
+        ):
+            mine[index] = its[there]
+
+
+def _things_of(mission: Mission) -> list[Thing]:
+    return [*mission.targets, *mission.threats]
+
+
+def _key(thing: Thing) -> tuple[bool, int]:
+    return isinstance(thing, ThreatSpec), thing.id
 
 
 def _way_points(start_ned_m: tuple[float, float], motion: PathMotion) -> np.ndarray:  # (3, W) s, m, m

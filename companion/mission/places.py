@@ -76,6 +76,10 @@ class Plane:
             )
         return round(north_m, DECIMALS), round(east_m, DECIMALS)
 
+    def position(self, north_m: float, east_m: float) -> Position:
+        """Return the position of a place in metres."""
+        return Position(*self._frame.to_global(north_m, east_m))
+
     def _hint(self, position: Position) -> str:
         """Return the question whether a place is turned round, if it would then be near the origin."""
         turned = position.turned

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 
 import click
 
@@ -22,11 +24,15 @@ class ConsoleHandler(logging.Handler):
         super().__init__()
         self.do: Callable[[Job], object] = _do_at_once
         """Callable that is given the writing of each message as a job, to run it now or on another thread."""
+        self.as_json = False
+        """Whether each line is a JSON object."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a message as one line."""
         warning = "warning: " if record.levelno == logging.WARNING else ""
         line, is_error = f"{record.name}: {warning}{record.getMessage()}", record.levelno >= logging.WARNING
+        if self.as_json:
+            line = json_line(record)
         self.do(lambda: click.echo(line, err=is_error))
 
 
@@ -39,6 +45,22 @@ def program_logger(program: str) -> logging.Logger:
         # Each message is printed once, whatever handlers a library gives to the root logger.
         logger.propagate = False
     return logger
+
+
+def json_line(record: logging.LogRecord) -> str:
+    """Return a message as a JSON object: time (ISO 8601, UTC), level, program, message and, of a failure, traceback."""
+    at = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
+    values = {"time": at, "level": record.levelname.lower(), "program": record.name, "message": record.getMessage()}
+    if record.exc_info and record.exc_info[0] is not None:
+        values["traceback"] = logging.Formatter().formatException(record.exc_info)
+    return json.dumps(values, ensure_ascii=False)
+
+
+def messages_as_json(program: str) -> None:
+    """Have a program's messages written as JSON objects, one a line."""
+    for handler in program_logger(program).handlers:
+        if isinstance(handler, ConsoleHandler):
+            handler.as_json = True
 
 
 @contextmanager

@@ -3,7 +3,8 @@
 Everything that changes something is a command (groundstation/events.py), which the ground station accepts as an event
 or refuses with its reason; this process decides only who may ask. Every refusal is a JSON object {"detail": why}.
 
-Annotations are evaluated here, as FastAPI reads those of the routes, which name what stands around them.
+Annotations are evaluated here, as FastAPI reads those of the routes, which name what stands around them. All routes are
+coroutines: what they read belongs to the event loop.
 """
 
 import time
@@ -21,7 +22,7 @@ from groundstation.web.access import SESSION_S, Access
 from groundstation.web.feed import Feed, Refused
 from groundstation.web.guards import headers_of
 from groundstation.web.hub import Hub
-from groundstation.web.pipe import Message, Who
+from groundstation.web.pipe import CLOCK, Message, Who
 from groundstation.web.reckoning import Reckoning
 from groundstation.web.site import Site
 
@@ -47,6 +48,12 @@ class Session(BaseModel):
     mode: Literal["live", "sim", "playback"]
     tiles: bool
     """Whether there are map tiles under /tiles."""
+
+
+class Health(BaseModel):
+    """That the ground station is well."""
+
+    status: str
 
 
 class LogIn(BaseModel):
@@ -123,7 +130,7 @@ class Api:
         self.access = access
         self.reckoning = Reckoning(hub)
 
-    def who(self, request: Request) -> Who:
+    async def who(self, request: Request) -> Who:
         """Return who asks; raises HTTPException 401 if nobody is known."""
         state = request.scope.get("state", {})
         who = self.access.who(headers_of(request.scope), state.get("peer_certificate"), time.time())
@@ -131,12 +138,16 @@ class Api:
             raise HTTPException(401, "no token, or one that is not known; allowed: one of `groundstation token`")
         return who
 
-    def operator(self, request: Request) -> Who:
+    async def operator(self, request: Request) -> Who:
         """Return who asks; raises HTTPException 401 if nobody is known, 403 if that is no operator."""
-        who = self.who(request)
+        who = await self.who(request)
         if who.role != "operator":
             raise HTTPException(403, f"{who.name} is {who.role}; allowed: for an operator only")
         return who
+
+    async def player(self, request: Request) -> Who:
+        """Return who asks for another pace: anybody of a recorded run, but only an operator of a simulator."""
+        return await (self.operator(request) if self.site.mode == "sim" else self.who(request))
 
     async def obey(self, who: Who, command: Command) -> Message:
         """Return the event that a command became; raises HTTPException."""
@@ -176,11 +187,11 @@ def _add_session(router: APIRouter, api: Api) -> None:
         return Session(name=who.name, role=role, login=login, mode=api.site.mode, tiles=api.site.tiles is not None)
 
     @router.get("/session", responses=answers(), summary="Say who asks", tags=["session"])
-    def get_session(request: Request, who: Annotated[Who, Depends(api.who)]) -> Session:
+    async def get_session(request: Request, who: Annotated[Who, Depends(api.who)]) -> Session:
         return session(who, api.access.cookie in request.cookies)
 
     @router.post("/session", responses=answers(400, 408, 413, 415, 422), summary="Log in", tags=["session"])
-    def log_in(login: LogIn, response: Response) -> Session:
+    async def log_in(login: LogIn, response: Response) -> Session:
         now_s = time.time()
         value, who = api.access.begin_session(login.token, now_s), api.access.holder(login.token)
         if value is None or who is None:
@@ -192,7 +203,7 @@ def _add_session(router: APIRouter, api: Api) -> None:
         return session(who, True)
 
     @router.delete("/session", responses=answers(413, 415), summary="Log out", tags=["session"], status_code=204)
-    def log_out() -> Response:
+    async def log_out() -> Response:
         response = Response(status_code=204)
         is_tls = api.site.certificate is not None
         response.delete_cookie(api.access.cookie, secure=is_tls, httponly=True, samesite="strict")
@@ -202,28 +213,29 @@ def _add_session(router: APIRouter, api: Api) -> None:
 def _add_reading(router: APIRouter, api: Api) -> None:
     looks = [Depends(api.who)]
 
-    @router.get("/picture", responses=answers(503), dependencies=looks, tags=["picture"])
-    def get_picture() -> Json:
+    @router.get("/picture", responses=answers(503), dependencies=looks, tags=["picture"], response_model=Json)
+    async def get_picture() -> Response:
         """Return what the ground station knows: agents, targets, threats, the broadcast and its sources."""
-        return api.picture()
+        api.picture()
+        return _as_json(api.hub.text("picture"))
 
     @router.get("/sources", responses=answers(503), dependencies=looks, tags=["picture"])
-    def get_sources() -> list[Json]:
+    async def get_sources() -> list[Json]:
         """Return the sources of live tracks, with their health."""
         sources: list[Json] = api.picture().get("sources", [])
         return sources
 
     @router.get("/routes", responses=answers(), dependencies=looks, tags=["picture"])
-    def get_routes() -> Json:
+    async def get_routes() -> Json:
         """Return the routes that agents should be flying, as points [north, east] in m, by agent id."""
         text = api.hub.text("routes")
         routes: Json = {} if text is None else orjson.loads(text)["routes"]
         return routes
 
-    @router.get("/trails", responses=answers(), dependencies=looks, tags=["picture"])
-    def get_trails() -> Json:
+    @router.get("/trails", responses=answers(), dependencies=looks, tags=["picture"], response_model=Json)
+    async def get_trails() -> Response:
         """Return where agents, targets and threats have been, as points [time, north, east], by id."""
-        return dict(api.hub.trails.to_dict())
+        return _as_json(orjson.dumps(api.hub.trails.to_dict()))
 
     @router.get("/why/{agent_id}", responses=answers(404, 422, 503), dependencies=looks, tags=["picture"])
     async def get_why(agent_id: Id) -> Json:
@@ -233,10 +245,15 @@ def _add_reading(router: APIRouter, api: Api) -> None:
         except Refused as refused:
             raise HTTPException(refused.status, str(refused)) from refused
 
-    @router.get("/events", responses=answers(422), dependencies=looks, tags=["events"])
-    def get_events(after: Annotated[int, Query(ge=0, le=2**53)] = 0) -> list[Json]:
+    @router.get("/events", responses=answers(422), dependencies=looks, tags=["events"], response_model=list[Json])
+    async def get_events(after: Annotated[int, Query(ge=0, le=2**53)] = 0) -> Response:
         """Return the events with a number above `after`, in order, as many as are kept at hand."""
-        return [dict(event) for event in api.hub.events_after(after)]
+        return _as_json(orjson.dumps(api.hub.events_after(after)))
+
+
+def _as_json(text: str | bytes | None) -> Response:
+    """Return JSON that was encoded already."""
+    return Response(text, media_type="application/json")
 
 
 def _add_commands(router: APIRouter, api: Api) -> None:
@@ -246,10 +263,13 @@ def _add_commands(router: APIRouter, api: Api) -> None:
         return dict(await api.obey(who, command))
 
     @router.post("/playback", responses=answers(400, 404, 408, 409, 413, 415, 422), tags=["playback"])
-    async def post_playback(control: PlaybackControl, _who: Annotated[Who, Depends(api.who)]) -> Json:
-        """Wind, slow down, hurry, stop or go on with a playback; the answer is its state."""
+    async def post_playback(control: PlaybackControl, who: Annotated[Who, Depends(api.player)]) -> Json:
+        """Wind, slow down, hurry, stop or go on with a playback, or a simulator's clock; the answer is its state."""
+        asked = control.model_dump(exclude_none=True)
         try:
-            return dict(await api.feed.playback(control.model_dump(exclude_none=True)))
+            if api.site.mode == "sim":
+                return dict(await api.feed.command(who, {"do": CLOCK, **asked}))
+            return dict(await api.feed.playback(asked))
         except Refused as refused:
             raise HTTPException(refused.status, str(refused)) from refused
 

@@ -7,16 +7,18 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.exceptions import RequestValidationError
+from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse
 from starlette.staticfiles import StaticFiles
 
 from companion.files.yaml import fault_text
-from groundstation.web.api import Api, api_router
+from groundstation.web.api import Api, Health, answers, api_router
 from groundstation.web.guards import Guards
+from groundstation.web.metrics import metrics_text, unhealthy
 from groundstation.web.stream import stream_router
 
 _DESCRIPTION = "What the ground station knows and broadcasts, and the commands that it takes (docs/ground-station.md)."
@@ -32,19 +34,42 @@ def application(api: Api, hosts: list[str]) -> Guards:
     app.add_exception_handler(Exception, _failed)
     app.include_router(api_router(api))
     app.include_router(stream_router(api))
+    _add_monitoring(app, api)
     _add_page(app, api)
-    return Guards(app, hosts, is_tls=api.site.certificate is not None)
+    return Guards(app, hosts, api.site.certificate is not None, lambda status: api.hub.answered.update([status]))
+
+
+def _add_monitoring(app: FastAPI, api: Api) -> None:
+    @app.get("/healthz", tags=["monitoring"], responses=answers(503), response_model=Health)
+    async def healthz() -> JSONResponse:
+        """Say whether frames are sent: 200 only while they are. Nothing else is told, so nobody is asked who he is."""
+        why = unhealthy(api.hub, api.site.mode)
+        return JSONResponse({"status": "frames are sent"}) if why is None else JSONResponse({"detail": why}, 503)
+
+    figures: dict[int | str, dict[str, Any]] = {200: {"content": {"text/plain": {"schema": {"type": "string"}}}}}
+    dependencies = [Depends(api.who)]
+
+    @app.get(
+        "/metrics",
+        tags=["monitoring"],
+        responses=answers() | figures,
+        dependencies=dependencies,
+        response_class=PlainTextResponse,
+    )
+    async def metrics() -> PlainTextResponse:
+        """Return figures in the text format of Prometheus."""
+        return PlainTextResponse(metrics_text(api.hub, api.site.mode), media_type=CONTENT_TYPE_LATEST)
 
 
 def _add_page(app: FastAPI, api: Api) -> None:
     page = Path(str(resources.files("groundstation.web"))) / "page"
 
     @app.get("/openapi.json", include_in_schema=False)
-    def schema() -> dict[str, Any]:
+    async def schema() -> dict[str, Any]:
         return app.openapi()
 
     @app.get("/", include_in_schema=False)
-    def index() -> FileResponse:
+    async def index() -> FileResponse:
         return FileResponse(page / "index.html", headers={"cache-control": "no-cache"})
 
     app.mount("/page", _Revalidated(directory=page, check_dir=False))

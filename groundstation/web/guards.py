@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple
 
 import orjson
@@ -78,8 +78,12 @@ def cross_site(headers: Mapping[str, str], scheme: str) -> str | None:
 class Guards:
     """Refuses requests by host, origin, size and rate, and gives every answer the headers that guard the page."""
 
-    def __init__(self, app: ASGIApp, hosts: Collection[str], is_tls: bool) -> None:
+    def __init__(
+        self, app: ASGIApp, hosts: Collection[str], is_tls: bool, answered: Callable[[int], object] = lambda _: None
+    ) -> None:
+        """Guard an application that is asked for by `hosts`; `answered` is called with the status of each answer."""
         self._app = app
+        self._answered = answered
         self._hosts = frozenset(host.lower() for host in hosts)
         self._headers = [(name.encode(), value.encode()) for name, value in _SECURITY.items()]
         if is_tls:
@@ -136,6 +140,7 @@ class Guards:
             if message["type"] == "http.response.start":
                 given = [(name.lower(), value) for name, value in message.get("headers", ())]
                 present = {name for name, _ in given}
+                self._answered(message["status"])
                 message["headers"] = [*given, *(pair for pair in self._headers if pair[0] not in present)]
             await send(message)
 

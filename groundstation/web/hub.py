@@ -7,7 +7,9 @@ that has too many of them waiting is cut off, and asks again for those it has no
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+import math
+import time
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -78,7 +80,16 @@ class Hub:
         self.can_stop = False
         """Whether the vehicles can stand still."""
         self.trails = Trails()
+        self.answered: Counter[int] = Counter()
+        """Number of requests answered, by HTTP status."""
+        self._shown_at_s = -math.inf
+        """Time of the newest picture by the monotonic clock."""
         self._browsers: set[Browser] = set()
+
+    @property
+    def picture_age_s(self) -> float:
+        """Time since the newest picture came; infinite before the first one."""
+        return time.monotonic() - self._shown_at_s
 
     def message(self, message: Message) -> None:
         """Take in a message of a feed."""
@@ -89,6 +100,7 @@ class Hub:
             return
         if kind == "picture":
             self.picture = dict(message)
+            self._shown_at_s = time.monotonic()
         elif kind == "event":
             self.events.append(message["event"])
         elif kind == "moves":

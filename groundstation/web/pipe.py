@@ -22,6 +22,8 @@ MOST_BYTES = 32_000_000
 """Greatest length of a message: a picture of 500 agents, 50 targets and 50 threats has 200 kB."""
 READ_BYTES = 262_144
 """Greatest number of bytes read at once."""
+CLOCK = "clock"
+"""The command by which a simulator's page asks for another pace; a ground station on the air refuses it."""
 ROLES = ("observer", "operator")
 """What somebody may do: look, or command as well."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import secrets
 import socket
 import ssl
@@ -45,6 +46,8 @@ async def serve(feed: Feed, site: Site, listener: socket.socket, session_key: by
         config.load()
     except (OSError, ssl.SSLError) as error:
         raise InputError(f"--ui-cert: {site.certificate} with --ui-key: {error.strerror or error}") from error
+    # What strangers send wrong is answered; a line for each would let them fill a disk.
+    logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
     server = uvicorn.Server(config)
     fed = asyncio.create_task(feed.run(hub))
     fed.add_done_callback(lambda _: setattr(server, "should_exit", True))

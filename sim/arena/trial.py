@@ -20,6 +20,7 @@ from sim.arena.flight import AgentFlight, ArenaFlight, fly_arena
 from sim.arena.missions import RandomMission
 from sim.arena.plan_task import Needs, ground_turn_radius_m
 from sim.arena.planner import Plan, leads_on, plan
+from sim.changes import things_of
 from sim.score import AgentScore, score
 
 CLOCK_S = 1e-6
@@ -182,7 +183,8 @@ def _entries_for_ever(mission: Mission, flight: ArenaFlight) -> int:
         return 0
     since_s = np.array([agent.for_ever_t_s for agent in flight.agents])
     counts = flight.trajectory.t_s[:, None] >= since_s - CLOCK_S
-    return int(threat_approaches(flight.trajectory, counts, mission).entries_detection.sum())
+    things = things_of(flight.trajectory, mission, ())
+    return int(threat_approaches(flight.trajectory, counts, mission, things).entries_detection.sum())
 
 
 def _reason(mission: Mission, flight: ArenaFlight, index: int) -> str:

@@ -36,6 +36,14 @@
     return thing.track.map((values) => values[at] + share * (values[next] - values[at]));
   }
 
+  // Whether a thing that was added or retired in flight is there at a time.
+  function isThere(thing, t) {
+    const at = before(times, t);
+    let there = thing.there.length === 0;
+    for (let edge = 0; edge < thing.there.length && thing.there[edge] <= at; edge++) there = edge % 2 === 0;
+    return there;
+  }
+
   // Time of the picture that is known at a time: by one agent, or the newest that any has; null before the first.
   function pictureTime(t) {
     const chosen = view.value === "" ? flight.agents : flight.agents.filter((agent) => String(agent.id) === view.value);
@@ -101,7 +109,7 @@
     if (flight.fence) polygon(flight.fence, colour("--fence"), null);
     for (const area of flight.exclusions) polygon(area, colour("--attack"), colour("--shade"));
     const known = pictureTime(now);
-    for (const threat of flight.threats) {
+    for (const threat of flight.threats.filter((one) => isThere(one, now))) {
       const at = place(threat, now);
       circle(at, threat.detection, colour("--detection"), [], colour("--shade"));
       circle(at, threat.attack, colour("--attack"), [], null);
@@ -110,7 +118,7 @@
       }
       label(at, "T" + threat.id, threat.detection * scale < 16 ? threat.detection * scale + 9 : 0, text);
     }
-    for (const target of flight.targets) {
+    for (const target of flight.targets.filter((one) => isThere(one, now))) {
       const at = place(target, now), isReached = target.reached !== null && now >= target.reached;
       circle(at, flight.arrival, colour("--target"), isReached ? [] : [2, 3], null);
       pen.beginPath();

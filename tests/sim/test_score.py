@@ -17,6 +17,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.mission.model import Mission, ThreatSpec, parse_mission
+from companion.mission.resolve import resolve
+from sim.changes import Change, with_all_things
 from sim.flown_path import ROUNDING_M
 from sim.score import Score, score
 from sim.trajectory import Trajectory, TrajectoryBuilder, read_csv
@@ -466,3 +469,83 @@ def test_an_agent_that_is_kept_for_a_target_arrives_only_there() -> None:
     kept = score(run, mission_of(1, 2, only_target=12))
     assert kept.per_agent[0].target_id == 12
     assert [target.reached_t_s for target in kept.per_target] == [None, pytest.approx(1.9)]
+
+
+# Things that are added, moved and retired in flight
+
+
+def changing_mission(**update: object) -> Mission:
+    text = """
+agents: [{id: 1, north_m: 0, east_m: 0, speed_m_s: 10}, {id: 2, north_m: 0, east_m: 5000, speed_m_s: 10}]
+targets: [{id: 1, north_m: 1000, east_m: 0}]
+threats: [{id: 1, north_m: 500, east_m: 300, detection_radius_m: 100, attack_radius_m: 50}]
+arrival_radius_m: 10
+queue: true
+"""
+    return resolve(parse_mission(text, "test"), 1).model_copy(update=update)
+
+
+def flown_north(changes: Sequence[Change], metres: int = 1_000) -> Score:
+    """Return the score of a flight straight north at 10 m/s, in which things changed."""
+    builder = TrajectoryBuilder([1, 2], [1], [1])
+    for step in range(metres // 10 + 1):
+        mission = [change.mission for change in changes if change.t_s <= step][-1]
+        builder.follow([one.id for one in mission.targets], [one.id for one in mission.threats])
+        rows = [[(*one.position_ned_m, 0.0, 0.0) for one in things] for things in (mission.targets, mission.threats)]
+        builder.append(float(step), [(10.0 * step, 0.0, 0.0, 10.0), (0.0, 5_000.0, 0.0, 0.0)], *rows)
+    return score(builder.build(), with_all_things(changes), changes)
+
+
+def threat_at(north_m: float, east_m: float, identity: int = 2, radius_m: float = 100.0) -> ThreatSpec:
+    return ThreatSpec(
+        id=identity, north_m=north_m, east_m=east_m, detection_radius_m=radius_m, attack_radius_m=radius_m / 2.0
+    )
+
+
+def test_a_threat_that_is_added_ahead_of_an_agent_is_entered_and_one_that_is_added_upon_it_is_not() -> None:
+    start = changing_mission()
+    ahead = [Change(0.0, start), Change(20.0, changing_mission(threats=(*start.threats, threat_at(400.0, 0.0))))]
+    found = flown_north(ahead)
+    assert (found.threat_entries_detection, found.threat_entries_attack) == (1, 1)
+    assert found.worst_depth_m == pytest.approx(100.0, abs=0.1)
+    upon = [Change(0.0, start), Change(20.0, changing_mission(threats=(*start.threats, threat_at(200.0, 0.0))))]
+    found = flown_north(upon)
+    assert (found.threat_entries_detection, found.threat_entries_attack) == (0, 0)
+    assert found.worst_depth_m == pytest.approx(100.0, abs=0.1)
+
+
+def test_a_threat_counts_only_until_it_is_retired() -> None:
+    start = changing_mission(threats=(threat_at(400.0, 0.0, identity=1),))
+    found = flown_north([Change(0.0, start), Change(20.0, changing_mission(threats=()))])
+    assert (found.threat_entries_detection, found.worst_depth_m) == (0, 0.0)
+    nearest = found.per_agent[0].nearest_detection
+    assert nearest is not None
+    assert nearest.distance_m == pytest.approx(110.0)
+    assert nearest.t_s == 19.0
+
+
+def test_a_threat_that_jumps_over_an_agent_or_grows_onto_it_was_not_flown_into() -> None:
+    start = changing_mission(threats=(threat_at(450.0, -300.0, identity=1),))
+    jumped = changing_mission(threats=(threat_at(450.0, 300.0, identity=1),))
+    found = flown_north([Change(0.0, start), Change(45.0, jumped)])
+    assert (found.threat_entries_detection, found.worst_depth_m) == (0, 0.0)
+    grown = changing_mission(threats=(threat_at(450.0, -300.0, identity=1, radius_m=400.0),))
+    found = flown_north([Change(0.0, start), Change(45.0, grown)])
+    assert found.threat_entries_detection == 0
+    assert found.worst_depth_m == pytest.approx(100.0)
+
+
+def test_a_target_that_is_added_is_reached_and_one_that_is_retired_unreached_does_not_count() -> None:
+    start = changing_mission()
+    (target,) = start.targets
+    second = target.model_copy(update={"id": 2, "north_m": 600.0})
+    found = flown_north(
+        [
+            Change(0.0, start),
+            Change(20.0, changing_mission(targets=(target, second))),
+            Change(80.0, changing_mission(targets=(second,))),
+        ]
+    )
+    assert (found.targets_reached, found.targets) == (1, 1)
+    assert [one.target_id for one in found.per_agent[0].reached] == [2]
+    assert [one.retired_t_s for one in found.per_target] == [80.0, None]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from companion.errors import InputError
-from sim.trajectory import HEADER, Trajectory, TrajectoryBuilder, read_csv
+from sim.trajectory import HEADER, Trajectory, TrajectoryBuilder, TrajectoryFile, read_csv
 
 WRITE_LIMIT_S = 1.5
 """For 5000 steps of 19 objects."""
@@ -135,11 +135,10 @@ def test_nothing_recorded_is_no_trajectory() -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_value_that_is_not_finite_is_refused_on_build(value: float) -> None:
+def test_a_value_that_is_not_finite_is_refused(value: float) -> None:
     builder = TrajectoryBuilder([1], [], [])
-    builder.append(0.0, [[value, 0, 0, 0]], [], [])
     with pytest.raises(ValueError, match="finite"):
-        builder.build()
+        builder.append(0.0, [[value, 0, 0, 0]], [], [])
 
 
 def test_times_that_round_to_the_same_are_refused_on_build() -> None:
@@ -228,3 +227,37 @@ def test_a_row_with_a_column_too_few_is_told_in_one_line(tmp_path: Path) -> None
 def test_times_that_go_back_are_told_in_one_line(tmp_path: Path) -> None:
     lines = lines_of(built(), tmp_path / "trajectory.csv")
     assert "come after" in fault(tmp_path / "trajectory.csv", [lines[0], *lines[5:9], *lines[1:5]])
+
+
+def changing() -> TrajectoryBuilder:
+    """Return a flight in which target 9 and threat 8 are added, threat 7 is retired, and threat 8 comes back."""
+    builder = TrajectoryBuilder([1], [3], [7])
+    for step, (targets, threats) in enumerate([([3], [7]), ([3, 9], [7, 8]), ([3, 9], []), ([3, 9], [8])]):
+        builder.follow(targets, threats)
+        rows = [[[10.0 * identity, step, 0.0, 1.0] for identity in ids] for ids in ([1], targets, threats)]
+        builder.append(float(step), *rows)
+    return builder
+
+
+def test_a_thing_has_rows_only_while_it_is_there_and_what_is_read_is_what_was_recorded(tmp_path: Path) -> None:
+    trajectory = changing().build()
+    lines = lines_of(trajectory, tmp_path / "trajectory.csv")
+    rows = [line.split(",")[:3] for line in lines[1:]]
+    assert [(kind, name) for t_s, kind, name in rows if t_s == "2.000"] == [
+        ("agent", "1"), ("target", "3"), ("target", "9"),
+    ]  # fmt: skip
+    assert [t_s for t_s, kind, name in rows if (kind, name) == ("threat", "8")] == ["1.000", "3.000"]
+    read = read_csv(tmp_path / "trajectory.csv", things_change=True)
+    assert (read.target_ids, read.threat_ids) == ((3, 9), (7, 8))
+    assert np.array_equal(read.threats_ned_m, trajectory.threats_ned_m, equal_nan=True)
+    assert np.isnan(read.threats_ned_m[2]).all()
+    assert "same objects" in fault(tmp_path / "trajectory.csv", lines)
+
+
+def test_a_growing_file_of_things_that_change_holds_every_step(tmp_path: Path) -> None:
+    builder = changing()
+    file = TrajectoryFile(tmp_path / "grown.csv", builder)
+    file.close()
+    builder.build().write_csv(tmp_path / "whole.csv")
+    assert file.steps == 4
+    assert (tmp_path / "grown.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()

@@ -93,3 +93,35 @@ def test_a_chaser_flies_at_its_bound_towards_the_nearest_agent() -> None:
     world.advance(10.0, agents_ned_m[1:])
     world.advance(20.0)
     assert world.rows()[1][0, 0] == pytest.approx(8_900.0, abs=1.0)
+
+
+def test_what_is_added_moved_or_retired_in_flight_is_so_in_truth_and_the_rest_goes_on() -> None:
+    mission = resolve(parse_mission(TEXT.format(motion="{heading_deg: 90, speed_m_s: 10}"), "test"), 1)
+    (target,), (threat,) = mission.targets, mission.threats
+    world = World(mission, 1)
+    world.advance(10.0)
+    added = threat.model_copy(update={"id": 2, "north_m": 100.0, "east_m": 200.0})
+    wider = threat.model_copy(update={"detection_radius_m": 900.0})
+    world.follow(mission.model_copy(update={"threats": (wider, added)}))
+    world.advance(20.0)
+    targets, threats = world.rows()
+    assert list(targets[0, :2]) == pytest.approx([5000.0, 300.0])
+    assert threats[:, :2].tolist() == [[9000.0, 0.0], [100.0, 200.0]]
+    moved = target.model_copy(update={"north_m": 1.0, "east_m": 2.0, "motion": "static"})
+    world.follow(mission.model_copy(update={"targets": (moved,), "threats": (added,)}))
+    world.advance(30.0)
+    targets, threats = world.rows()
+    assert targets.tolist() == [[1.0, 2.0, 0.0, 0.0]]
+    assert threats[:, :2].tolist() == [[100.0, 200.0]]
+
+
+@pytest.mark.parametrize("motion", ["random", "{heading_deg: 200, speed_m_s: 20}", "{path: [[100, 6000, 100]]}"])
+def test_following_the_mission_that_is_flown_already_changes_nothing(motion: str) -> None:
+    mission = resolve(parse_mission(TEXT.format(motion=motion), "test"), 1)
+    first, second = World(mission, 1), World(mission, 1)
+    for world in (first, second):
+        world.advance(12.0)
+    first.follow(mission)
+    for world in (first, second):
+        world.advance(33.0)
+    assert np.array_equal(np.concatenate(first.rows()), np.concatenate(second.rows()))

@@ -137,6 +137,15 @@ class Tab:
         self.page.on("request", self._note_request)
         self.page.on("console", self._note_console)
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.open(url, size)
+
+    def open(self, url: str, size: ViewportSize = WIDE) -> None:
+        """Open an address anew, with nothing noted and nothing kept from before."""
+        if self.page.url != "about:blank":
+            self.page.evaluate("() => localStorage.clear()")
+        self.page.set_viewport_size(size)
+        self.requested.clear()
+        self.complaints.clear()
         self.page.goto(url)
 
     def _note_request(self, request: Request) -> None:

@@ -385,13 +385,14 @@ function arrowOf(ratio, colour, halo, { hollow, dotted }) {
   ink.lineTo(-ARROW_PX * 0.35, 0);
   ink.lineTo(-ARROW_PX * 0.75, -ARROW_PX * 0.7);
   ink.closePath();
-  for (const [style, width] of [[halo, 2 + HALO_PX], [colour, 2]]) {
-    ink.strokeStyle = style;
-    ink.lineWidth = width;
-    ink.stroke();
-  }
+  ink.strokeStyle = halo;
+  ink.lineWidth = 2 + HALO_PX;
+  ink.stroke();
   ink.fillStyle = hollow ? halo : colour;
   ink.fill();
+  ink.strokeStyle = colour;
+  ink.lineWidth = 2;
+  ink.stroke();
   if (dotted) {
     ink.beginPath();
     ink.arc(0, 0, 2.4, 0, 2 * Math.PI);

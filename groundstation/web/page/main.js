@@ -124,11 +124,18 @@ class Page {
     this.map.request();
   }
 
-  /** The time of day, of a flight that is simulated or played the time since its beginning. */
   showClock() {
-    const { nowS, picture, playback } = this.state;
-    const isLive = picture?.mode === "live" || !playback;
-    setText(byId("clock"), isLive ? `${dayTime(nowS)} UTC` : clock(nowS - playback.from_s));
+    const zone = this.tellsDay ? " UTC" : "";
+    setText(byId("clock"), this.timeOf(this.state.nowS) + zone);
+  }
+
+  /** Whether times are those of the day: those of a simulated or recorded flight are told since its beginning. */
+  get tellsDay() {
+    return this.state.picture?.mode === "live" || !this.state.playback;
+  }
+
+  timeOf(unixS) {
+    return this.tellsDay ? dayTime(unixS) : clock(Math.max(0, unixS - this.state.playback.from_s));
   }
 
   showPicture() {
@@ -191,7 +198,7 @@ class Page {
 
   showEvents() {
     const undoable = this.mayAct ? (this.state.picture?.undoable ?? []) : [];
-    this.timeline.show(this.state.events, undoable, byId("event-filter").value);
+    this.timeline.show(this.state.events, undoable, byId("event-filter").value, (unixS) => this.timeOf(unixS));
     this.playback.showEvents(this.state.events);
   }
 

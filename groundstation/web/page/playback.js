@@ -84,7 +84,7 @@ export class Playback {
     if (this.listed === this.events.size || this.from === undefined) return;
     this.listed = this.events.size;
     const sorted = [...this.events.values()].sort((one, other) => one.number - other.number);
-    const words = (event) => `${clock(event.unix_s - this.from)} ${sentence(event)}`;
+    const words = (event) => `${clock(Math.max(0, event.unix_s - this.from))} ${sentence(event)}`;
     const options = sorted.map((event) => el("option", { value: event.unix_s }, words(event)));
     this.jump.replaceChildren(el("option", { value: "" }, "Jump to…"), ...options);
   }

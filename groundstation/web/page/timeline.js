@@ -1,13 +1,19 @@
 // The time line: every accepted fact with its time and who did it, and a way back where there is one.
 
 import { el } from "./dom.js";
-import { anyValue, dayTime, words } from "./format.js";
+import { anyValue, words } from "./format.js";
 
 const SHOWN = 300; // events in the list, the newest first
 const named = (kind, id, name) => (name ? `${kind} ${id} (${name})` : `${kind} ${id}`);
 const everyone = (agent) => (agent === null || agent === undefined ? "all agents" : `agent ${agent}`);
-const goes = ({ agent, target, reason }) =>
-  `agent ${agent} ${target === null ? "has no target" : `to target ${target}`}${reason ? ` (${reason})` : ""}`;
+const goes = ({ agent, target }) => `agent ${agent} ${target === null ? "has no target" : `to target ${target}`}`;
+
+/** Who was given which target, by the reasons. */
+function assigned(changes) {
+  const byReason = new Map();
+  for (const change of changes) byReason.set(change.reason, [...(byReason.get(change.reason) ?? []), goes(change)]);
+  return [...byReason].map(([reason, all]) => all.join(", ") + (reason ? `: ${reason}` : "")).join("; ");
+}
 
 const SENTENCES = {
   "target-added": (e) => `${named("target", e.target.id, e.name)} added`,
@@ -25,7 +31,7 @@ const SENTENCES = {
   "arrival-taken-back": (e) => `agent ${e.agent} was not at target ${e.target} after all`,
   lost: (e) => `agent ${e.agent} counts as lost`,
   "heard-again": (e) => `agent ${e.agent} heard again`,
-  assigned: (e) => e.changes.map(goes).join("; "),
+  assigned: (e) => assigned(e.changes),
   "revision-began": (e) => `revision ${e.revision} is broadcast, ${e.threats} threats`,
   started: (e) => `ground station started with ${e.mission}`,
   stopped: (e) => `ground station stopped${e.reason ? `: ${e.reason}` : ""}`,
@@ -50,18 +56,18 @@ export class Timeline {
     this.told = "";
   }
 
-  /** Shows events; `undoable` are the numbers of those that can be taken back by who looks. */
-  show(events, undoable, filter) {
+  /** Shows events; `undoable` are the numbers of those that can be taken back by who looks, `when` tells their times. */
+  show(events, undoable, filter, when) {
     const wanted = filter.toLowerCase();
     const fits = (event) => !wanted || `${sentence(event)} ${event.who?.name ?? ""}`.toLowerCase().includes(wanted);
     const shown = events.filter(fits).slice(-SHOWN).reverse();
-    const told = `${undoable.join()} ${wanted} ${events.length} ${events.at(-1)?.number}`;
+    const told = `${undoable.join()} ${wanted} ${events.length} ${events.at(-1)?.number} ${when(0)}`;
     if (told === this.told) return;
     this.told = told;
-    this.list.replaceChildren(...shown.map((event) => this.item(event, undoable.includes(event.number))));
+    this.list.replaceChildren(...shown.map((event) => this.item(event, undoable.includes(event.number), when(event.unix_s))));
   }
 
-  item(event, undoable) {
+  item(event, undoable, when) {
     const words = sentence(event);
     const undo = undoable
       ? el("button", { type: "button", "aria-label": `Undo event ${event.number}`, onclick: () => this.onUndo(event, words) }, "Undo")
@@ -69,7 +75,7 @@ export class Timeline {
     return el(
       "li",
       { "data-event": event.event, class: event.who?.role === "operator" ? "by-hand" : null },
-      el("span", { class: "when" }, dayTime(event.unix_s)),
+      el("span", { class: "when" }, when),
       el("span", { class: "number" }, `#${event.number}`),
       el("span", { class: "what" }, words),
       el("span", { class: "who" }, event.who?.name ?? ""),

@@ -46,12 +46,12 @@ class FakeFeed:
 class Served:
     """A site in this process: its hub, its feed and its application."""
 
-    def __init__(self, site: Site | None = None) -> None:
+    def __init__(self, site: Site | None = None, hosts: tuple[str, ...] = ()) -> None:
         self.site = site or Site()
         self.hub = Hub()
         self.feed = FakeFeed()
         self.api = Api(self.site, self.hub, self.feed, Access(self.site, b"k" * 32))
-        self.app = application(self.api, ["127.0.0.1", "localhost"])
+        self.app = application(self.api, ["127.0.0.1", "localhost", *hosts])
 
     def reset(self) -> None:
         """Forget all that was shown and asked."""

@@ -1,0 +1,1 @@
+"""Missions from files of other programs: QGroundControl's plans, KML and GeoJSON."""
