@@ -150,6 +150,32 @@ class Texts:
         return bytes(text)
 
 
+class Sentences:
+    """Makes AIS sentences from valid ones: with other content and a right checksum, or damaged."""
+
+    def __init__(self, rng: random.Random, valid: Sequence[bytes]) -> None:
+        self._rng = rng
+        self._valid = list(valid)
+        self._texts = Texts(rng, valid)
+
+    def __call__(self) -> bytes:
+        """Return the next input."""
+        if self._rng.random() < 0.3:
+            return self._texts()
+        body = bytearray(self._rng.choice(self._valid).strip()[1:].partition(b"*")[0])
+        for _ in range(self._rng.randrange(1, 6)):
+            place = self._rng.randrange(len(body))
+            if self._rng.random() < 0.2:
+                del body[place:]
+                body += b","
+            else:
+                body[place] = self._rng.randrange(48, 120)
+        checksum = 0
+        for one in body:
+            checksum ^= one
+        return b"!%s*%02X\r\n" % (bytes(body), checksum)
+
+
 class Bytes:
     """Makes byte strings of a format without frames of its own, such as a log, from valid ones."""
 

@@ -36,8 +36,11 @@ _NO_SPEED_KT, _NO_COURSE_DEG = 102.3, 360.0
 _LONG_RANGE_NO_SPEED_KT, _LONG_RANGE_NO_COURSE_DEG = 63.0, 511.0
 _AIRCRAFT_NO_SPEED_KT, _AIRCRAFT_NO_ALTITUDE_M = 1_023.0, 4_095.0
 _AIRCRAFT, _LONG_RANGE = 9, 27
-_REPORTS = (1, 2, 3, _AIRCRAFT, 18, 19, _LONG_RANGE)
-"""Types of message that tell where a ship or aircraft is; base stations and buoys stand, and are in charts."""
+_REPORTS = {1: 24, 2: 24, 3: 24, _AIRCRAFT: 23, 18: 24, 19: 24, _LONG_RANGE: 16}
+"""Types of message that tell where a ship or aircraft is, with the number of characters of 6 bits that hold what is
+read of it (ITU-R M.1371). Base stations and buoys stand, and are in charts."""
+_PAYLOAD = 5
+"""Number of the sentence's field with the message."""
 
 
 class _Sentence(NamedTuple):
@@ -67,8 +70,11 @@ class AisParser:
         if sentence is None:
             count(self.refused, NOT_WHOLE)
             return None
-        parts = sentence.data.split(b",", 3)
-        if len(parts) < 3 or parts[1] != b"1":
+        parts = sentence.data.split(b",")
+        if len(parts) <= _PAYLOAD:
+            count(self.refused, NOT_WHOLE)
+            return None
+        if parts[1] != b"1":
             return None
         try:
             report: Any = decode(sentence.data, error_if_checksum_invalid=True)
@@ -76,7 +82,12 @@ class AisParser:
             # What pyais raises for bits that make no message, found by feeding it with damaged sentences.
             count(self.refused, NOT_WHOLE)
             return None
-        if report.msg_type not in _REPORTS:
+        length = _REPORTS.get(report.msg_type)
+        if length is None:
+            return None
+        if len(parts[_PAYLOAD]) < length:
+            # pyais reads what is there of a message that was cut off, and makes up numbers of half their bits.
+            count(self.refused, NOT_WHOLE)
             return None
         lat_deg, lon_deg = report.lat, report.lon
         if lat_deg is None or lon_deg is None or not is_place(lat_deg, lon_deg):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 from companion.mission.sources import SourceKind, SourceSpec
@@ -85,6 +86,20 @@ class Rules:
     spec: SourceSpec
     longest_untold_s: float
     """Longest time for which vehicles carry on a threat by its bound alone."""
+
+    @cached_property
+    def ids(self) -> dict[str, int]:
+        """Ids by keys as the source's parser writes them."""
+        return {self._key(key): identity for key, identity in self.spec.ids.items()}
+
+    @cached_property
+    def ignored(self) -> frozenset[str]:
+        """Keys that are never taken in."""
+        return frozenset(map(self._key, self.spec.ignore))
+
+    def _key(self, key: str) -> str:
+        # Addresses are written in either case.
+        return key.upper() if self.spec.kind in ("adsb", "basestation") else key
 
     @property
     def behind_s(self) -> float:

@@ -82,7 +82,8 @@ class Sources:
 
     def restore(self, station: GroundStation, now_s: float) -> None:
         """Take over from the last run which thing of a source has which id."""
-        self.tracker.restore(station.operations.tracks, now_s)
+        self.tracker.restore(station.operations.tracks, station.mission, now_s)
+        self._mission = station.mission
 
     def listen(self, now_s: Callable[[], float], stack: ExitStack) -> None:
         """Begin to hear all sources on the running event loop; `stack` ends it."""
@@ -124,10 +125,10 @@ class Sources:
         unknown = self.tracker.unknown()
         rows = []
         for name, feed in self.feeds.items():
-            refused = feed.refused + feed.dropped + self.tracker.refused[name]
+            refused = feed.refused + feed.dropped + self.tracker.doubts.refused[name]
             row = _row(name, feed.spec.kind, feed.pulse.health(now_s))
             strangers = sum(1 for one in unknown if one.source == name)
-            rows.append(row | {"things": self.tracker.things(name), "refused": refused, "unknown": strangers})
+            rows.append(row | {"things": self.tracker.things(name, now_s), "refused": refused, "unknown": strangers})
         if self.sensor is not None:
             name = next((spec.name for spec in self._specs if spec.kind == "sensor"), SENSOR)
             things = sum(1 for source in station.tracks.origins.by.values() if source == SENSOR)
@@ -153,7 +154,7 @@ class Sources:
 
     def news(self, now_s: float) -> list[str]:
         """Return the lines about what is not believed that are due."""
-        return self.tracker.refusals.news(now_s)
+        return self.tracker.doubts.news(now_s)
 
     def _strangers(self, station: GroundStation, now_s: float) -> list[Observation]:
         """Return the moves of things that the sensor sees, and that are in the picture though no mission lists them."""

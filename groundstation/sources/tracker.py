@@ -12,7 +12,7 @@ Times are Unix seconds given by the caller, places complex numbers, north + i ea
 from __future__ import annotations
 
 import math
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -20,13 +20,13 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.geo.local_frame import LocalFrame, to_grid
-from companion.mission.model import Mission
+from companion.mission.model import Mission, TargetSpec, ThreatSpec
 from companion.mission.sources import SourceSpec
 from companion.protocol.codec import Kind
 from groundstation.origins import Observation
-from groundstation.plausibility import Known, Sample, Verdict, Weighed
-from groundstation.refusals import Refusals
+from groundstation.plausibility import Known, Sample, Verdict
 from groundstation.sources.box import Box
+from groundstation.sources.doubts import Doubts
 from groundstation.sources.rules import AHEAD_S, Rules, Wire
 from groundstation.sources.sighting import Sighting
 from groundstation.sources.thing import SourceKey, Thing, begun, placed, sighted, told
@@ -97,8 +97,8 @@ class Tracker:
 
     def __init__(self, mission: Mission, specs: Sequence[SourceSpec]) -> None:
         """Begin with nothing seen, for some sources."""
-        self.refusals = Refusals()
-        """Sightings that are not believed or not taken in, with the words about them."""
+        self.doubts = Doubts()
+        """What is not believed or not taken in."""
         self.ahead_s = 0.0
         """Time by which the clock that stamps sightings is ahead of the times given (groundstation/clock.py)."""
         untold_s = max(30.0, 6.0 * mission.broadcast_period_s)
@@ -111,47 +111,51 @@ class Tracker:
         """Which thing is meant by what the picture has, by what it is the same as for other sources."""
         self._unknown: OrderedDict[tuple[str, str], Unknown] = OrderedDict()
         self._look_s = self._batch_s = -math.inf
-        self.refused: Counter[str] = Counter()
-        """Number of sightings that were not believed, by source."""
 
     def follow(self, mission: Mission) -> None:
         """Follow a mission whose things changed; what somebody else retired is not taken in again until it ends."""
         self._mission = mission
-        targets = {one.id for one in mission.targets}
-        threats = {one.id for one in mission.threats}
+        present = {kind: {one.id for one in there} for kind, there in _by_kind(mission).items()}
         ours = {one.id for one in self._things() if self._kind(one.key) is Kind.TARGET and not one.is_listed}
         self._box = Box.around(mission, [one for one in ours if one is not None])
         for thing in list(self._things()):
             kind = self._kind(thing.key)
-            if thing.id is None or kind is Kind.AGENT or thing.id in (targets if kind is Kind.TARGET else threats):
+            if thing.id is None or kind is Kind.AGENT or thing.id in present[kind]:
                 continue
             self._put(replace(thing, id=None, wire=None, waits_until_s=math.inf))
             self._release(thing.key)
 
-    def restore(self, identities: Mapping[tuple[str, str], tuple[Kind, int]], now_s: float) -> None:
-        """Take over from the last run which thing of a source has which id; one that is gone was retired by hand."""
-        listed = {Kind.TARGET: self._mission.targets, Kind.THREAT: self._mission.threats}
+    def restore(self, identities: Mapping[tuple[str, str], tuple[Kind, int]], mission: Mission, now_s: float) -> None:
+        """Take over from the last run which thing of a source has which id.
+
+        `mission` is what that run has left of the mission's file; what is gone was retired by hand.
+        """
+        listed = {kind: {one.id for one in there} for kind, there in _by_kind(self._mission).items()}
+        present = {kind: {one.id: one for one in there} for kind, there in _by_kind(mission).items()}
         for (source, key), (kind, identity) in identities.items():
             rules = self._rules.get(source)
             if rules is None or kind is not KINDS[rules.spec.things] or kind is Kind.AGENT:
                 continue
-            there = next((one for one in listed[kind] if one.id == identity), None)
-            sighting = Sighting(key, 0.0, 0.0, now_s)
+            there = present[kind].get(identity)
             place = 0j if there is None else complex(*there.position_ned_m)
-            thing = begun(SourceKey(source, key), rules, sighting, Sample(place, now_s), now_s)
+            thing = begun(SourceKey(source, key), rules, Sighting(key, 0.0, 0.0, now_s), Sample(place, now_s), now_s)
             # Until it is seen, the place is that of the last run.
             thing = replace(thing, known=Known(thing.known.believed))
             if there is None:
                 self._put(replace(thing, waits_until_s=math.inf))
                 continue
             bound_m_s = there.speed_bound_m_s
-            is_listed = rules.spec.ids.get(key) == identity
-            self._put(replace(thing, id=identity, wire=None if is_listed else Wire(bound_m_s, 0.0, bound_m_s)))
+            wire = None if identity in listed[kind] else Wire(bound_m_s, 0.0, bound_m_s)
+            self._put(replace(thing, id=identity, wire=wire))
             self._claims[self._claim(thing.key)] = thing.key
+        self.follow(mission)
 
-    def things(self, source: str) -> int:
-        """Return the number of things of a source that the picture has."""
-        return sum(1 for one in self._tables[source].values() if one.id is not None)
+    def things(self, source: str, now_s: float) -> int:
+        """Return the number of things of a source that the picture has; of agents, those that it has not lost."""
+        rules = self._rules[source]
+        is_agents = KINDS[rules.spec.things] is Kind.AGENT
+        there = (one for one in self._tables[source].values() if one.id is not None)
+        return sum(1 for one in there if not is_agents or now_s <= one.ends_s(rules, 1.0))
 
     def unknown(self) -> list[Unknown]:
         """Return the agents that sources see and the mission does not have."""
@@ -161,7 +165,7 @@ class Tracker:
         """Weigh a sighting; return the new place of its thing if the picture has that."""
         rules = self._rules[source]
         at_s = self._time_of(rules, sighting, now_s)
-        if at_s is None or sighting.key in rules.spec.ignore:
+        if at_s is None or sighting.key in rules.ignored:
             return None
         north_m, east_m, convergence_rad = self._frame.to_local_with_convergence(sighting.lat_deg, sighting.lon_deg)
         sample = Sample(complex(north_m, east_m), at_s)
@@ -180,7 +184,7 @@ class Tracker:
             thing, weighed, bound = sighted(before, rules, sighting, sample, now_s)
             if weighed.verdict is not Verdict.BELIEVED:
                 self._put(thing)
-                self._tell(key, weighed, bound.speed_m_s)
+                self.doubts.unlikely(key, weighed, bound.speed_m_s)
                 return None
         velocity = sighting.velocity
         if velocity is not None:
@@ -256,9 +260,7 @@ class Tracker:
             self._put(replace(thing, waits_until_s=now_s + AGAIN_S))
             if thing.id is None:
                 self._release(wanted.key)
-        self.refused[wanted.key.source] += 1
-        words = why.replace("{", "(").replace("}", ")")
-        self.refusals.add((wanted.key.source, "refused"), f"{wanted.key.source}: not taken in, {{}} times: {words}")
+        self.doubts.declined(wanted.key.source, why)
 
     def _things(self) -> Iterator[Thing]:
         for table in self._tables.values():
@@ -275,13 +277,13 @@ class Tracker:
 
     def _agent_id(self, key: SourceKey) -> int | None:
         """Return the id of the agent that a source's key stands for: the given one, or the key where it is a number."""
-        given = self._rules[key.source].spec.ids.get(key.key)
+        given = self._rules[key.source].ids.get(key.key)
         return int(key.key) if given is None and key.key.isdecimal() and len(key.key) <= 5 else given
 
     def _claim(self, key: SourceKey) -> tuple[str, str]:
         """Return by what a thing is known to be the same one that another source sees."""
         rules, kind = self._rules[key.source], self._kind(key)
-        identity = self._agent_id(key) if kind is Kind.AGENT else rules.spec.ids.get(key.key)
+        identity = self._agent_id(key) if kind is Kind.AGENT else rules.ids.get(key.key)
         return rules.claim(key.key) if identity is None else (kind.name, str(identity))
 
     def _release(self, key: SourceKey) -> None:
@@ -299,11 +301,7 @@ class Tracker:
         if other is None or now_s - other.seen_at_s > OWNED_S:
             self._claims[claim] = thing.key
             return True
-        self._refuse(
-            thing.key.source,
-            "claimed",
-            f"{{}} sightings left out of {_named(thing.key)}, which {owner.source} sees too",
-        )
+        self.doubts.claimed(thing.key, owner.source)
         return False
 
     def _is_agent(self, key: SourceKey, sample: Sample) -> bool:
@@ -316,37 +314,19 @@ class Tracker:
         self._unknown[key] = Unknown(key.source, identity or 0, key.key, sample.place, sample.at_s, times)
         if len(self._unknown) > MOST_UNKNOWN:
             self._unknown.popitem(last=False)
-        self.refusals.add(
-            (key.source, "unknown"),
-            f"{key.source}: {{}} sightings of agents that the mission does not have, such as {_named(key)}",
-        )
+        self.doubts.stranger(key)
         return False
 
     def _time_of(self, rules: Rules, sighting: Sighting, now_s: float) -> float | None:
         """Return when a sighting was made that comes in now; None if its stamp cannot be true."""
         at_s = sighting.at_s - (self.ahead_s if rules.is_stamped else 0.0)
-        if not math.isfinite(at_s) or at_s - now_s > AHEAD_S:
-            ahead = f"its clock is {at_s - now_s:.1f} s ahead of this computer's; allowed: {AHEAD_S:g} s"
-            self._refuse(rules.spec.name, "ahead", f"{{}} sightings refused, stamped in the future: {ahead}")
+        if not at_s - now_s <= AHEAD_S:
+            self.doubts.ahead(rules.spec.name, at_s - now_s, AHEAD_S)
             return None
         if now_s - at_s > rules.behind_s:
-            behind = f"they are old, or its clock is {now_s - at_s:.1f} s behind; allowed: {rules.behind_s:g} s"
-            self._refuse(rules.spec.name, "behind", f"{{}} sightings refused, stamped too long ago: {behind}")
+            self.doubts.behind(rules.spec.name, now_s - at_s, rules.behind_s)
             return None
         return min(now_s, at_s)
-
-    def _refuse(self, source: str, cause: str, words: str) -> None:
-        self.refused[source] += 1
-        self.refusals.add((source, cause), f"{source}: {words}")
-
-    def _tell(self, key: SourceKey, weighed: Weighed, fastest_m_s: float) -> None:
-        if weighed.verdict is Verdict.BEYOND:
-            why = f"was seen {weighed.off_m:.0f} m from where {fastest_m_s:g} m/s can take it"
-        elif weighed.verdict is Verdict.JUMP:
-            why = f"jumped {weighed.off_m:.0f} m: believed when confirmed"
-        else:
-            return
-        self._refuse(key.source, weighed.verdict.value, f"{{}} sightings not believed; {_named(key)} {why}")
 
     def _make_room(self, rules: Rules) -> None:
         """Forget, of too many things that a source sees, the one that is not in the picture and oldest."""
@@ -355,8 +335,7 @@ class Tracker:
             oldest = next((key for key, thing in table.items() if self._is_out(thing)), None)
             if oldest is not None:
                 del table[oldest]
-                words = f"more than {WATCHED * rules.spec.most} things at once: {{}} forgotten; allowed: a greater most"
-                self.refusals.add((rules.spec.name, "flood"), f"{rules.spec.name}: {words}")
+                self.doubts.flooded(rules.spec.name, WATCHED * rules.spec.most)
 
     def _is_out(self, thing: Thing) -> bool:
         """Return whether the picture does not have a thing, nor was asked to take it in."""
@@ -429,9 +408,7 @@ class Tracker:
             while far and far[-1][1].is_listed:
                 far.pop()
             if not far or near_m[k] >= REPLACED_AT * far[-1][0]:
-                left = len(order) - len(chosen)
-                words = f"{left} things left out, as {rules.spec.most} are in the picture; allowed: a greater most"
-                self.refusals.add((source, "full"), f"{source}: {words} ({{}})")
+                self.doubts.full(source, len(order) - len(chosen), rules.spec.most)
                 break
             _, thing = far.pop()
             assert thing.id is not None
@@ -451,7 +428,7 @@ class Tracker:
         wire = thing.wire_wanted(rules)
         speed_m_s = wire.allowed_m_s if thing.speed_m_s is None else thing.speed_m_s
         is_urgent = thing.outruns() or room_m <= wire.wider_m + speed_m_s * BATCH_S
-        identity = rules.spec.ids.get(thing.key.key) if thing.id is None else thing.id
+        identity = rules.ids.get(thing.key.key) if thing.id is None else thing.id
         motion = thing.known.believed.motion
         kind = self._kind(thing.key)
         return Taken(
@@ -468,5 +445,5 @@ def _nearest_m(things: Sequence[Thing], agents: np.ndarray) -> list[float]:
     return [float(one) for one in apart_m.min(axis=1)]
 
 
-def _named(key: SourceKey) -> str:
-    return key.key.replace("{", "(").replace("}", ")")
+def _by_kind(mission: Mission) -> dict[Kind, tuple[TargetSpec, ...] | tuple[ThreatSpec, ...]]:
+    return {Kind.TARGET: mission.targets, Kind.THREAT: mission.threats}

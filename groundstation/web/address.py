@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import ipaddress
 import socket
+import time
 from typing import NamedTuple
 
 from companion.errors import InputError
@@ -11,6 +13,9 @@ from companion.errors import InputError
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8750
 DEFAULT_ADDRESS = f"{DEFAULT_HOST}:{DEFAULT_PORT}"
+WAIT_S = 1.0
+"""Time for which an address in use is tried again: the page's process of a run that was killed ends after it."""
+_AGAIN_S = 0.05
 _MOST_WAITING = 128
 """Greatest number of connections that wait to be accepted."""
 _FORM = "HOST:PORT, such as 127.0.0.1:8750 or [::1]:8750"
@@ -64,20 +69,31 @@ def _halves(text: str) -> tuple[str, str]:
 
 
 def listen(address: Address, option: str = "--ui") -> socket.socket:
-    """Return a socket that listens on an address.
+    """Return a socket that listens on an address, for which a killed run's page is waited for as long as WAIT_S.
 
     Raises:
         InputError: nothing can listen there.
 
     """
     try:
-        family, _, _, _, place = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM)[0]
-        listener = socket.create_server(place[:2], family=family, backlog=_MOST_WAITING)
+        listener = _created(address)
     except (OSError, OverflowError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{option}: '{address}': {reason}; allowed: a free port of this computer") from error
     listener.setblocking(False)
     return listener
+
+
+def _created(address: Address) -> socket.socket:
+    family, _, _, _, place = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM)[0]
+    gives_up_s = time.monotonic() + WAIT_S
+    while True:
+        try:
+            return socket.create_server(place[:2], family=family, backlog=_MOST_WAITING)
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE or time.monotonic() > gives_up_s:
+                raise
+        time.sleep(_AGAIN_S)
 
 
 def bound(listener: socket.socket) -> Address:

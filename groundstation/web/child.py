@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import os
 import signal
 import socket
@@ -15,6 +16,8 @@ from groundstation.web.server import serve
 from groundstation.web.site import site_from
 
 LOGGER = program_logger("groundstation")
+_PR_SET_PDEATHSIG = 1
+"""Of prctl(2)."""
 NICENESS = 5
 """The page yields the processor to the broadcast."""
 
@@ -29,8 +32,18 @@ async def _run(pipe: socket.socket, listener: socket.socket) -> None:
     await serve(feed, site, listener, bytes.fromhex(hello["session_key"]))
 
 
+def _die_with_parent() -> None:
+    """Have this process killed when the ground station is: the next one needs the listening socket's address at once.
+
+    Only Linux can; elsewhere the end of the pipe does it, some time later.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
 def main() -> None:
     """Serve until the pipe, whose descriptor is the first argument, ends; the second is the listening socket's."""
+    _die_with_parent()
     # Ctrl-C reaches the whole group of processes: the ground station decides what ends when.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(NICENESS)

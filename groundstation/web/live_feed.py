@@ -51,6 +51,9 @@ class LiveFeed:
         while data := await self._reader.read(READ_BYTES):
             for message in self._unpacker.feed(data):
                 self._take(message, sink)
+        for answer in self._answers.values():
+            if not answer.done():
+                answer.set_exception(OSError("the ground station has ended"))
 
     def _take(self, message: Message, sink: Sink) -> None:
         kind = message["type"]

@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 from cryptography.hazmat.primitives import serialization
 from pymavlink.dialects.v20 import ardupilotmega
+from takproto import TAKProtoVer, xml2proto
 
 from companion.autopilot.kinds import KINDS
 from companion.errors import InputError
@@ -50,11 +51,13 @@ from companion.protocol.v2_extension import V2_EXTENSION_CRC_EXTRA, V2_EXTENSION
 from companion.runtime.clock import SteadyClock
 from groundstation.ground_station import GroundStation
 from groundstation.saved_state import saved_state_from
+from groundstation.sources.sources import Sources
 from sim.sensor import mission_sensor
 from sim.vehicles import CRAFTS, Setup, StandIn
 from tests.benchmarks.hostile import resident_mb
 from tests.companion.protocol.hostile import AUTHENTICATIONS, START_S, Ground
-from tests.fuzz_inputs import Bytes, Frames, Texts
+from tests.fuzz_inputs import Bytes, Frames, Sentences, Texts
+from tests.groundstation.sources.given import COT, DATA, ObeyingDesk, basestation_bytes, mission
 
 GROWTH_MB = 8.0
 """Growth of the resident memory that is allowed after the first tenth of a parser's inputs."""
@@ -311,6 +314,49 @@ def small(rng: random.Random) -> Parser:
     return Parser(Frames(rng, valid, _COMMON), take)
 
 
+def live_source(kind: str, rng: random.Random) -> Parser:
+    """Return the parser of a live source, with everything that takes its sightings."""
+    made = mission(
+        f"{{name: s, kind: {kind}, {'url' if kind in ('telemetry', 'adsb') else 'file'}: x"
+        f"{'' if kind == 'telemetry' else ', radius_m: 500'}}}"
+    )
+    station = GroundStation(made, START_S)
+    sources, desk = Sources(made, made.sources), ObeyingDesk(station)
+    feed = sources.feeds["s"]
+
+    def take(content: bytes, now_s: float) -> None:
+        # Not by the feed's own door, which would count an exception as a refusal.
+        feed.offer(feed.parser.feed(content, now_s, len(content) % 3), now_s)
+        desk.now_s = now_s
+        sources.tick(station, desk, now_s)
+        desk.events.clear()
+
+    def look(now_s: float) -> None:
+        station.tick(now_s)
+        sources.view(station, now_s)
+        sources.news(now_s)
+
+    return Parser(_source_inputs(kind, rng), take, look)
+
+
+def _source_inputs(kind: str, rng: random.Random) -> Callable[[], bytes]:
+    valid = {
+        "basestation": basestation_bytes()[:4_000].splitlines(keepends=True),
+        "ais": (DATA / "ais.nmea").read_bytes().splitlines(keepends=True),
+        "cot": [COT.encode(), *(bytes(xml2proto(COT, version)) for version in (TAKProtoVer.MESH, TAKProtoVer.STREAM))],
+        "csv": [b"t_s,id,lat_deg,lon_deg,heading_deg,speed_m_s\n", b"1790000000.5,7,48.7,2.35,90,10\n"],
+        "jsonl": [b'{"t_s": 1790000000.5, "id": 7, "lat_deg": 48.7, "lon_deg": 2.35, "altitude_m": 9}\n'],
+    }
+    if kind == "ais":
+        return Sentences(rng, valid[kind])
+    if kind in valid:
+        return Texts(rng, valid[kind])
+    aircraft = ardupilotmega.MAVLink_adsb_vehicle_message(
+        0x4B1C22, 487_000_000, 23_500_000, 0, 1_000_000, 9_000, 5_000, 0, b"SWR12", 1, 1, 31, 7_000
+    )
+    return Frames(rng, [bytes(aircraft.pack(ardupilotmega.MAVLink(None))), *telemetry_of("arducopter")], _COMMON)
+
+
 def parsers(rng: random.Random, folder: Path) -> dict[str, Callable[[], Parser]]:
     """Return all that is fuzzed, by name."""
     found: dict[str, Callable[[], Parser]] = {
@@ -326,6 +372,8 @@ def parsers(rng: random.Random, folder: Path) -> dict[str, Callable[[], Parser]]
     found["state"] = partial(states, rng)
     for what in ("mission", "config"):
         found[what] = partial(yaml, what, rng)
+    for kind in ("telemetry", "adsb", "basestation", "ais", "cot", "csv", "jsonl"):
+        found[f"source {kind}"] = partial(live_source, kind, rng)
     return found
 
 

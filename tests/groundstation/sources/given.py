@@ -21,6 +21,14 @@ START_S = 1_790_000_000.0
 DATA = Path(__file__).parent / "data"
 FRAME = LocalFrame(48.7, 2.35)
 
+COT = (
+    '<?xml version="1.0" encoding="UTF-8"?><event version="2.0" uid="ICAO-4B1C22" type="a-n-A-C-F" how="m-g" '
+    'time="2026-09-21T14:13:20.123456Z" start="2026-09-21T14:13:20Z" stale="2026-09-21T14:15:20.000Z">'
+    '<point lat="48.70" lon="2.35" hae="620.0" ce="35.0" le="9999999.0"/><detail><contact callsign="SWR12"/>'
+    '<track course="90.0" speed="51.4"/><status battery="85"/></detail></event>'
+)
+"""An event of Cursor on Target, at START_S."""
+
 
 def mission(*sources: str, agents: str = "", more: str = "") -> Mission:
     listed = agents or "{id: 1, north_m: 0, east_m: 0, heading_deg: 0, speed_m_s: 10, n_max: 1}"
