@@ -26,7 +26,7 @@ EXTRAS = {"companion": "ground", "groundstation": "ground", "sim": "sim"}
 """By program, the extra in `pip install '.[EXTRA]'` that installs what its commands need beside the base libraries."""
 _OPTIONAL = (
     "defusedxml", "fastapi", "foxglove_schemas_protobuf", "geojson_pydantic", "jinja2", "kml2geojson", "matplotlib",
-    "mcap_protobuf", "orjson", "rich", "scipy", "uvicorn", "websockets", "xstatic",
+    "mcap_protobuf", "orjson", "prometheus_client", "rich", "scipy", "uvicorn", "websockets", "xstatic",
 )  # fmt: skip
 """Libraries that these extras install; a program imports them only in the commands that use them."""
 _PICTURES, _PICTURES_EXTRA = ("jinja2", "matplotlib"), "sim"

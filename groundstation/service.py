@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,7 @@ from companion.protocol.v2_extension import unwrap
 from companion.runtime.clock import wait
 from companion.runtime.console import program_logger
 from companion.runtime.io_thread import IoThreadFile, open_io_thread
+from companion.runtime.systemd import Notifier
 from companion.transport.endpoints import Link, Sender, open_receiver, open_sender
 from groundstation.adsb_mirror import AdsbMirror
 from groundstation.agents import VehicleModel
@@ -60,6 +62,8 @@ if TYPE_CHECKING:
 LOGGER = program_logger("groundstation")
 TICK_S = 0.05
 """Period at which the core is asked for due frames without a radio: short against any broadcast period in use."""
+WEB_LIBRARIES = ("fastapi", "orjson", "prometheus_client", "uvicorn", "websockets", "xstatic")
+"""What the web process needs beside the base libraries."""
 LAST_TIMES = 2
 """Number of last broadcasts: one that is lost costs nothing but the word that nothing is broken."""
 LAST_S = 5.0
@@ -205,6 +209,10 @@ def _screen(options: Options, stack: ExitStack) -> Bridge | None:
     """
     if options.site is None:
         return None
+    for library in WEB_LIBRARIES:
+        if find_spec(library) is None:
+            # Said here, as the web process would end again and again.
+            raise ModuleNotFoundError(f"No module named '{library}'", name=library)
     from groundstation.web.address import bound, listen
     from groundstation.web.bridge import Bridge
 
@@ -363,11 +371,14 @@ class BroadcastLoop:
         self._period_s = TICK_S if radio is None else RADIO_TICK_S
         self._added_bytes = 0 if radio is None else radio.added_bytes
         """Number of bytes added to each frame on its way (Radio.added_bytes)."""
+        self._notifier = Notifier()
 
     async def run(self, clock: GroundClock, stop: asyncio.Event) -> None:
         """Broadcast until `stop` is set."""
+        self._notifier.ready()
         while not stop.is_set():
             now_s = clock.now_s()
+            self._notifier.alive()
             self._follow(clock, now_s)
             self._shown.desk.tick(now_s)
             self._notice(now_s)
@@ -381,6 +392,7 @@ class BroadcastLoop:
             # Last, so that what is shown never delays what is sent.
             self._shown.tick(now_s)
             await wait(stop, self._period_s)
+        self._notifier.close()
         await self._end(clock)
 
     async def _end(self, clock: GroundClock) -> None:

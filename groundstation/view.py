@@ -20,6 +20,8 @@ from groundstation.origins import MISSION, SEEN_S, SENSOR
 from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.track import Track
 
+CARRIED_S = 30.0
+"""Time for which an agent that nobody sees is shown flying straight on; then it stays, and its ellipse grows."""
 View = dict[str, Any]
 """Values that JSON can hold."""
 AgentSource = Literal["mission", "sensor", "telemetry", "report", "reckoned"]
@@ -93,6 +95,7 @@ def _agent(station: GroundStation, agent: AgentSpec, now_s: float) -> View:
     at = _where(station, agent, now_s)
     target_id = station.assignment.get(agent.id)
     orders = station.operations.orders
+    pinned = orders.pins.get(agent.id)
     return {
         "id": agent.id,
         "north_m": at.north_m,
@@ -104,7 +107,7 @@ def _agent(station: GroundStation, agent: AgentSpec, now_s: float) -> View:
         "ellipse": _ellipse(station, agent, at, now_s),
         "state": _state(station, agent.id),
         "target": target_id,
-        "pinned": orders.pins.get(agent.id),
+        "pinned": pinned if pinned in station.tracks.open_targets else None,
         "directive": directive_name(orders.of(agent.id)),
         "range_left_m": round(max(0.0, agent.range_m - station.tracks.flown_m[agent.id]), 1),
         "eta_s": _eta_s(station, agent, at, target_id),

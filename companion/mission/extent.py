@@ -59,12 +59,12 @@ class Extent:
 def mission_extent(mission: Mission) -> Extent:
     """Return the extent of a resolved mission: where everything stands, and can get to for a while.
 
-    In Case II no position of an agent is told, so that none needs room.
+    In Case II no position of an agent is told, so that none needs room, unless a source of the mission sees agents.
     """
     reach_s = min(REACH_S, mission.max_time_s)
     things = (*mission.targets, *mission.threats)
     boxes: list[tuple[Point, float]] = [(thing.position_ned_m, thing.speed_bound_m_s * reach_s) for thing in things]
-    if mission.case == "I":
+    if mission.case == "I" or any(source.things == "agents" for source in mission.sources):
         agents_m = max(map(_agent_reach_m, mission.agents), default=0.0)
         boxes += [(agent.position_ned_m, agents_m) for agent in mission.agents]
         boxes += [(target.position_ned_m, agents_m) for target in mission.targets]

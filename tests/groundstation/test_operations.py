@@ -216,3 +216,16 @@ def test_what_sources_do_is_not_undone_by_an_operator() -> None:
     add = command_from({"do": "add-threat", "north_m": 0.0, "east_m": 0.0, "radius_m": 100.0})
     operations = applied(operations, event_of(operations, add, STATION, START_S))
     assert "none" in refusal(operations, {"do": "undo", "number": 1})
+
+
+def test_a_target_that_was_retired_by_mistake_is_back_with_its_name_and_its_pins() -> None:
+    before = does(
+        Operations.begun(MISSION),
+        {"do": "change", "kind": "target", "id": 3, "name": "mast"},
+        {"do": "pin", "agent": 2, "target": 3},
+    )
+    retired = does(before, {"do": "retire", "kind": "target", "id": 3})
+    assert retired.orders.pins == {}
+    back = does(retired, {"do": "undo", "number": 3})
+    assert back.orders.pins == {2: 3}
+    assert back.names == {(Kind.TARGET, 3): "mast"}

@@ -13,7 +13,7 @@ from companion.errors import InputError
 from companion.mission.model import Mission, parse_mission
 from companion.protocol.codec import Detection, DetectionsFrame, FrameWriter, Kind
 from groundstation.acceptance import event_of
-from groundstation.events import Assigned, Event, Who, command_from, event_from_json, event_json
+from groundstation.events import STATION, Assigned, Event, NewTarget, Who, command_from, event_from_json, event_json
 from groundstation.ground_station import GroundStation, Resumed
 from groundstation.notices import noticed
 from groundstation.operations import folded
@@ -250,3 +250,19 @@ def test_whatever_is_done_a_restart_changes_nobodys_target_and_every_change_has_
             targets |= {change.agent: change.target for change in event.changes}
     assert {agent: target for agent, target in targets.items() if target} == shell.station.operations.assignment
     assert [event.number for event in shell.events] == list(range(1, len(shell.stored) + 1))
+
+
+def test_one_new_target_sends_one_of_those_who_have_arrived() -> None:
+    shell = Shell(mission("queue: true\n")).to(90.0)
+    assert shell.station.tracks.progress.arrived == {1, 2, 3}
+    assert shell.does({"do": "add-target", "north_m": 4500.0, "east_m": 6000.0})
+    assert list(shell.station.assignment.values()) == [4]
+
+
+def test_until_an_agent_is_seen_after_a_restart_nobody_gets_another_target() -> None:
+    swapped = tuple(NewTarget(agent=one, target=target, reason="as it was") for one, target in ((1, 3), (2, 2), (3, 1)))
+    shell = Shell(mission())
+    shell.keep(Assigned(number=1, unix_s=START_S, who=STATION, changes=swapped))
+    shell.restart().to(6.0, blind=frozenset({2}))
+    assert shell.station.assignment == {1: 3, 2: 2, 3: 1}
+    assert shell.to(7.0).station.assignment == {1: 1, 2: 2, 3: 3}

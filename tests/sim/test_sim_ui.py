@@ -41,7 +41,7 @@ class Browser:
 
     def __init__(self, asks: Sequence[tuple[float, Mapping[str, Any]]], who: Who = OPERATOR) -> None:
         self._asks = [(t_s, Request(k, who, command)) for k, (t_s, command) in enumerate(asks)]
-        self._t_s = 0.0
+        self.t_s = 0.0
         self.shown: list[Mapping[str, Any]] = []
         self.answers: dict[int, Mapping[str, Any] | str] = {}
         self.frames_shown = 0
@@ -49,7 +49,7 @@ class Browser:
     def publish(self, message: Mapping[str, Any]) -> None:
         self.shown.append(message)
         if message["type"] == "playback":
-            self._t_s = message["at_s"] - START_S
+            self.t_s = message["at_s"] - START_S
 
     def frames(self, _t_s: float, datagrams: Sequence[bytes]) -> None:
         self.frames_shown += len(datagrams)
@@ -61,7 +61,7 @@ class Browser:
         self.answers[identity] = why
 
     def pump(self) -> list[Request]:
-        due = [request for t_s, request in self._asks if t_s <= self._t_s]
+        due = [request for t_s, request in self._asks if t_s <= self.t_s]
         self._asks = self._asks[len(due) :]
         return due
 

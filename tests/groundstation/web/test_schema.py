@@ -61,6 +61,7 @@ OPEN = _Unlimited(Served(hosts=("testserver",)))
 SCHEMA = schemathesis.openapi.from_asgi("/openapi.json", OPEN)
 
 
+@pytest.mark.slow
 @SCHEMA.parametrize()
 @settings(
     max_examples=EXAMPLES,
