@@ -133,7 +133,7 @@ class Operator(threading.Thread):
                     event = json.load(answer)
             except urllib.error.HTTPError as error:
                 if error.code >= 500 and error.code != 503:
-                    self.faults.append(f"{error.code} for {command}: {error.read()[:200]!r}")
+                    self.faults.append(f"{error.code} at {time.monotonic():.2f} for {command}: {error.read()[:200]!r}")
                 time.sleep(0.05)
                 continue
             except (OSError, ValueError):
@@ -201,10 +201,12 @@ def kill_orders(seed: int, folder: Path, restart_s: float) -> Run:
         ear.listen(drawn.uniform(0.0, 2.0))
         run.expect(not program.has_ended, f"it ended by itself: {program.said[-300:]}")
         program.end()
+        killed_s = time.monotonic()
         operator.over.set()
         operator.join()
         acknowledged += operator.acknowledged
-        run.faults += [f"{fault}: {program.said[-1500:]}" for fault in operator.faults]
+        said = [line for line in program.said.splitlines() if line.startswith("groundstation:")]
+        run.faults += [f"{fault}; killed at {killed_s:.2f}; {said[-3:]}" for fault in operator.faults]
         if life == 0:
             program = Child(folder / "out-1.txt", *arguments)
     ear.close()
