@@ -12,12 +12,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from pymavlink.dialects.v20 import common
 
 from companion.files.tlog import read_tlog
 from companion.geo.local_frame import LocalFrame
 from companion.onboard.config import parse_config
 from companion.onboard.replay import replay
+from groundstation.cli import cli
 from tests.ports import free_ports
 
 pytestmark = pytest.mark.slow
@@ -28,11 +30,13 @@ MISSION = """
 name: short-hop
 agents: [{id: 1, north_m: 0, east_m: 0}]
 targets: [{id: 1, north_m: 60, east_m: 20}]
-defaults: {agent: {speed_m_s: 5, n_max: 0.25}, target: {speed_bound_m_s: 0}}
+defaults: {agent: {speed_m_s: 5, n_max: 0.25, height_m: 8}, target: {speed_bound_m_s: 0}}
 broadcast_period_s: 0.5
 assignment_period_s: 2
 arrival_radius_m: 10
 separation_m: 10
+guidance_step_s: 0.1
+integration_step_s: 0.1
 """
 CONFIG = """
 agent_id: 1
@@ -77,6 +81,17 @@ class Program:
         return self.process.wait(timeout=20)
 
 
+FLEET = """
+vehicles:
+  - id: 1
+    kind: arducopter
+    home: {{lat_deg: 47.0, lon_deg: 8.0}}
+    speed_m_s: 5
+    autopilot_link: "udpin:127.0.0.1:{autopilot}"
+    broadcast_link: "udpin:127.0.0.1:{broadcast}"
+    logs: {logs}
+    config: {{limits: {{height_min_m: 3, height_max_m: 50}}}}
+"""
 REPORTING = """
 uplink: {{link: "udpout:127.0.0.1:{uplink}"}}
 report_period_s: 0.2
@@ -96,7 +111,9 @@ def programs(tmp_path: Path) -> Iterator[dict[str, Program]]:
     autopilot, pilot, broadcast, sensor = free_ports(4)
     (tmp_path / "mission.yaml").write_text(MISSION)
     logs = tmp_path / "logs"
-    (tmp_path / "companion.yaml").write_text(CONFIG.format(autopilot=autopilot, broadcast=broadcast, logs=logs))
+    (tmp_path / "fleet.yaml").write_text(FLEET.format(autopilot=autopilot, broadcast=broadcast, logs=logs))
+    fleet = ["fleet", str(tmp_path / "mission.yaml"), "--fleet", str(tmp_path / "fleet.yaml"), "--unsigned"]
+    CliRunner().invoke(cli, [*fleet, "--out", str(tmp_path / "fleet")], catch_exceptions=False)
     running = {
         "sim": Program(
             tmp_path, "sim", "vehicle", "--autopilot", "arducopter", "--sensor", f"udpout:127.0.0.1:{sensor}",
@@ -106,7 +123,7 @@ def programs(tmp_path: Path) -> Iterator[dict[str, Program]]:
             tmp_path, "groundstation", "run", str(tmp_path / "mission.yaml"), "--unsigned",
             "--link", f"udpout:127.0.0.1:{broadcast}", "--sensor", f"udpin:127.0.0.1:{sensor}",
         ),
-        "companion": Program(tmp_path, "companion", "run", str(tmp_path / "companion.yaml")),
+        "companion": Program(tmp_path, "companion", "run", str(tmp_path / "fleet" / "vehicle-1" / "1.yaml")),
     }  # fmt: skip
     try:
         running["companion"].wait_for("idle (not armed and in the guided mode), picture fresh")
