@@ -136,6 +136,7 @@ class SimScreen:
                 "at_s": START_S + t_s,
                 "speed": self.pace.speed,
                 "playing": self.pace.playing,
+                "over": self._is_over,
             }
         )
 
