@@ -2,7 +2,7 @@
 // is what the ground station tells, and what it asks is a command that the ground station may refuse.
 
 import { Actions, radiiOf } from "./actions.js";
-import { get } from "./api.js";
+import { get, remove } from "./api.js";
 import { logIn, prepareDialog } from "./dialog.js";
 import { byId, el, setAttribute, setText } from "./dom.js";
 import { clock, dayTime, latLon, position, seconds, thing, words } from "./format.js";
@@ -74,6 +74,7 @@ class Page {
     on("form-threat", () => this.actions.add("threat"));
     on("fit", () => this.map.fit());
     on("pick-cancel", () => this.map.endPick(null));
+    on("log-out", () => this.logOut());
     on("details-close", () => this.closeDetails());
     for (const box of document.querySelectorAll("[data-layer]")) {
       box.addEventListener("change", () => {
@@ -89,7 +90,12 @@ class Page {
 
   async start() {
     await this.learnRights();
-    this.stream = new Stream("/api/v1/stream", (message) => this.heard(message), (...now) => this.connection(...now));
+    if (this.rights.tiles) this.map.layTiles();
+    this.stream = new Stream("/api/v1/stream", {
+      onMessage: (message) => this.heard(message),
+      onState: (...now) => this.connection(...now),
+      onShutOut: () => this.letIn(),
+    });
   }
 
   /** Who looks, and what that name may do: the ground station holds to it whatever the page shows. */
@@ -100,8 +106,23 @@ class Page {
       if (problem.status !== 401) this.warn(problem.message);
       else this.rights = await logIn();
     }
-    if (this.rights.tiles) this.map.layTiles();
     this.showRights();
+  }
+
+  /** A session that ended: the page goes on where it was, once somebody has logged in again. */
+  async letIn() {
+    await this.learnRights();
+    this.stream.open();
+  }
+
+  async logOut() {
+    try {
+      await remove("/session");
+    } catch (problem) {
+      this.warn(problem.message);
+      return;
+    }
+    location.reload();
   }
 
   get mayAct() {
@@ -111,6 +132,8 @@ class Page {
   showRights() {
     document.body.classList.toggle("observer", !this.mayAct);
     byId("orders").hidden = !this.mayAct;
+    byId("log-out").hidden = !this.rights.login;
+    setText(byId("who"), this.rights.login ? `${this.rights.name}, ${this.rights.role}` : "");
     for (const element of document.querySelectorAll(".operator")) element.hidden = !this.mayAct;
   }
 
