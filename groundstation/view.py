@@ -114,7 +114,7 @@ def _agent(station: GroundStation, agent: AgentSpec, now_s: float) -> View:
         "directive": directive_name(orders.of(agent.id)),
         "range_left_m": round(max(0.0, agent.range_m - station.tracks.flown_m[agent.id]), 1),
         "eta_s": _eta_s(station, agent, at, target_id),
-        "link": None,
+        "link": _link(station, agent, now_s),
         "certificate": None,
     }
 
@@ -182,6 +182,18 @@ def _state(station: GroundStation, agent_id: int) -> str:
     if agent_id in progress.arrived:
         return "arrived"
     return "under way" if agent_id in station.assignment else "no target"
+
+
+def _link(station: GroundStation, agent: AgentSpec, now_s: float) -> View | None:
+    """Return how much of what is sent an agent is taken to hear: as much as is heard of its reports, or as declared.
+
+    A link that is heard both ways fades both ways; a vehicle that only listens cannot be asked.
+    """
+    mission = station.mission
+    if mission.case == "II" and mission.report_period_s > 0.0:
+        share = station.tracks.origins.heard_share(agent.id, mission.report_period_s, now_s)
+        return None if share is None else {"heard": round(share, 2), "by": "reports"}
+    return {"heard": round(1.0 - mission.link.loss, 2), "by": "mission"} if mission.link.loss > 0.0 else None
 
 
 def _eta_s(station: GroundStation, agent: AgentSpec, at: _At, target_id: int | None) -> float | None:
