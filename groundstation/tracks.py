@@ -312,7 +312,7 @@ class TrackTable:
         self.heard_at_s[agent_id] = max(self.heard_at_s[agent_id], fixed_at_s)
         if not is_newest:
             return None
-        self.origins.reported.add(agent_id)
+        self.origins.report(agent_id, fixed_at_s)
         self._disprove((north_m, east_m), agent_id, fixed_at_s)
         velocity = _bounded(
             complex(*to_grid(report.velocity_north_m_s, report.velocity_east_m_s, convergence_rad)),

@@ -50,6 +50,7 @@ STUCK_S = 30.0
 _AT_ONCE = 100
 """Greatest number of events, and of messages with frames, that are packed at once."""
 _SESSION_KEY_BYTES = 32
+_ENDED = "it has ended"
 _INHERITED = ("HOME", "LANG", "LC_ALL", "PATH", "PYTHONPATH", "TMPDIR", "TZ", "VIRTUAL_ENV")
 """Variables of the environment that the child is given; others may hold secrets."""
 
@@ -188,9 +189,11 @@ class Bridge:
         try:
             self._send()
             return self._received()
-        except (OSError, InputError) as error:
+        except OSError:
+            self._lose(_ENDED)
+        except InputError as error:
             self._lose(str(error))
-            return ()
+        return ()
 
     def close(self) -> None:
         """End the child: gracefully within CLOSING_S, else at once."""
@@ -246,7 +249,7 @@ class Bridge:
         except BlockingIOError:
             return []
         if not data:
-            raise InputError("it has ended")
+            raise InputError(_ENDED)
         asked = [request_of(message) for message in self._unpacker.feed(data)]
         return [request for request in asked if request is not None]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 from typing import Any
 
 import h11
@@ -24,11 +25,18 @@ class BoundedConnection(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take a connection, or close it."""
         super().connection_made(transport)
-        if len(self.connections) > MOST_CONNECTIONS:
+        if len(self.connections) > MOST_CONNECTIONS or self._has_enough():
             transport.abort()
             return
         self.app_state = {**self.app_state, "peer_certificate": transport.get_extra_info("peercert")}
         self._await_head()
+
+    def _has_enough(self) -> bool:
+        """Return whether the address of this connection has more than it may; programs of this computer share one."""
+        if self.client is None or ipaddress.ip_address(self.client[0].partition("%")[0]).is_loopback:
+            return False
+        addresses = [(getattr(connection, "client", None) or ("",))[0] for connection in self.connections]
+        return addresses.count(self.client[0]) > MOST_OF_ONE
 
     def data_received(self, data: bytes) -> None:
         """Take bytes in."""

@@ -26,8 +26,6 @@ SAFE = ("GET", "HEAD", "OPTIONS")
 SESSION_PATH = "/api/v1/session"
 TOO_BUSY = 1013
 """Close code of a WebSocket that is to be tried again later."""
-NOT_ALLOWED = 1008
-"""Close code of a WebSocket that is not allowed."""
 _SECURITY = {
     "content-security-policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
@@ -112,8 +110,7 @@ class Guards:
             await self._app(scope, receive, send)
             return
         await receive()
-        code = TOO_BUSY if refusal.status == 429 else NOT_ALLOWED
-        await send({"type": "websocket.close", "code": code, "reason": refusal.why})
+        await _answer(refusal, send, "websocket.http")
 
     def _refusal(self, scope: Scope, headers: Mapping[str, str], now_s: float) -> Refusal | None:
         """Return why a request is refused by its head; None if it is not."""
@@ -187,12 +184,13 @@ def _then(first: Message, receive: Receive) -> Receive:
     return received
 
 
-async def _answer(refusal: Refusal, send: Send) -> None:
+async def _answer(refusal: Refusal, send: Send, kind: str = "http") -> None:
+    """Answer a refused request, or the handshake of a WebSocket (`kind` websocket.http)."""
     body = orjson.dumps({"detail": refusal.why})
     headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
     if refusal.retry_after_s > 0.0:
         headers.append((b"retry-after", str(math.ceil(refusal.retry_after_s)).encode()))
     if refusal.status in (408, 413):
         headers.append((b"connection", b"close"))
-    await send({"type": "http.response.start", "status": refusal.status, "headers": headers})
-    await send({"type": "http.response.body", "body": body})
+    await send({"type": f"{kind}.response.start", "status": refusal.status, "headers": headers})
+    await send({"type": f"{kind}.response.body", "body": body})

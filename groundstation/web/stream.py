@@ -6,11 +6,12 @@ import asyncio
 import time
 
 from fastapi import APIRouter
+from starlette.responses import JSONResponse
 from starlette.websockets import WebSocket
 
 from groundstation.web.api import Api
 from groundstation.web.feed import Refused
-from groundstation.web.guards import NOT_ALLOWED, TOO_BUSY, headers_of
+from groundstation.web.guards import TOO_BUSY, headers_of
 from groundstation.web.hub import Browser
 
 SEND_S = 20.0
@@ -26,14 +27,15 @@ def stream_router(api: Api) -> APIRouter:
         state = socket.scope.get("state", {})
         who = api.access.who(headers_of(socket.scope), state.get("peer_certificate"), time.time())
         if who is None:
-            await socket.close(NOT_ALLOWED, "no token, or one that is not known")
+            why = "no token, or one that is not known; allowed: one of `groundstation token`"
+            await socket.send_denial_response(JSONResponse({"detail": why}, 401))
             return
         try:
             with api.hub.shown() as browser:
                 await socket.accept()
                 await _show(socket, browser)
         except Refused as refused:
-            await socket.close(TOO_BUSY, str(refused))
+            await socket.send_denial_response(JSONResponse({"detail": str(refused)}, refused.status))
 
     return router
 

@@ -144,7 +144,7 @@ def moves(shown: View, t_s: float) -> View:
 
 def valley() -> View:
     """Return a picture with everything that the page can show, for the screenshots."""
-    ghost = {"semi_major_m": 640.0, "semi_minor_m": 380.0, "heading_deg": 62.0}
+    ghost = {"semi_major_m": 1_150.0, "semi_minor_m": 640.0, "heading_deg": 62.0}
     return picture(
         event=10,
         undoable=[3, 6, 8, 9],

@@ -1,23 +1,32 @@
 """The page on a simulated flight, from end to end: `sim fly --ui` as it is started by hand, Chromium, and an operator.
 
-One flight and one browser for the whole module: each test does one thing and leaves the mission as it found it.
+One flight and one browser for the whole module: each test does one thing and leaves the mission as it found it. With
+the variable PAGE_SHOTS each photographs the page into that folder, wide, at 360 pixels and in high contrast, to be
+looked at:
+
+    PAGE_SHOTS=/tmp/shots pytest -n 0 tests/web/test_flight.py
 """
 
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.web.rig import Tab
+from tests.web.rig import NARROW, WIDE, Tab
 
 pytestmark = pytest.mark.slow
+SHOTS = os.environ.get("PAGE_SHOTS")
+"""Folder for photographs; none are taken if it is not set."""
+LOOKS = (("wide", WIDE, "light"), ("narrow", NARROW, "light"), ("contrast", WIDE, "contrast"))
 MISSION = """
 name: valley
 origin: {lat_deg: 47.0, lon_deg: 8.0, alt_m: 500}
@@ -72,6 +81,18 @@ class Flight(NamedTuple):
         """Take back what was done last."""
         self.page.click("#toast button")
         self.confirm("Undone")
+
+    def photograph(self, name: str) -> None:
+        """Photograph the page in each look, if that is asked for."""
+        if SHOTS is None:
+            return
+        for look, size, theme in LOOKS:
+            self.page.set_viewport_size(size)
+            self.page.select_option("#theme", theme)
+            self.page.wait_for_timeout(500)
+            self.page.screenshot(path=Path(SHOTS) / f"{name}-{look}.png")
+        self.page.set_viewport_size(WIDE)
+        self.page.select_option("#theme", "light")
 
     def told(self, path: str) -> Any:  # noqa: ANN401
         """Return what the API tells."""
@@ -143,6 +164,7 @@ def test_a_threat_dropped_on_a_route_bends_it_and_changes_the_broadcast(flight: 
     bent = _wait_for_route(flight, 1, lambda route: len(route) > len(straight))
     assert min(((n - north_m) ** 2 + (e - east_m) ** 2) ** 0.5 for n, e in bent) >= 1_200.0
     assert flight.told("picture")["revision"] == revision + 1
+    flight.photograph("threat")
     flight.undo()
     expect(flight.page.locator("#events")).to_contain_text("takes back")
     _wait_for_route(flight, 1, lambda route: len(route) == len(straight))
@@ -177,6 +199,7 @@ def test_an_agent_is_taken_out_and_its_target_goes_to_another(flight: Flight) ->
     other = flight.page.locator(f"#agents-table tbody tr:has(.col-target:text-is('{sent[alone]}'))")
     expect(other).to_have_count(1)
     flight.page.click("#tab-events")
+    flight.photograph("taken-out")
     expect(flight.page.locator("#events [data-event=assigned]").first).to_contain_text(f"to target {sent[alone]}")
     flight.undo()
     expect(flight.agent(alone)).to_contain_text("under way")
@@ -188,11 +211,13 @@ def test_one_agent_is_held_and_all_are_recalled_and_sent_on(flight: Flight) -> N
     flight.confirm("Hold: agent 1")
     expect(flight.agent(1)).to_contain_text("hold")
     expect(flight.agent(2)).not_to_contain_text("hold")
+    flight.photograph("hold")
     flight.page.click("[data-act=normal]")
     flight.confirm("Back to normal: agent 1")
     flight.page.click("#recall-all")
     flight.confirm("Recall: all agents")
     expect(flight.page.locator("#directive")).to_have_text("return")
+    flight.photograph("recall")
     flight.page.click("#normal-all")
     flight.confirm("Back to normal: all agents")
     expect(flight.page.locator("#directive")).to_have_text("normal")
@@ -202,6 +227,7 @@ def test_why_tells_the_decision_of_an_agent(flight: Flight) -> None:
     flight.choose(2)
     flight.page.click("[data-act=why]")
     expect(flight.page.locator("#why li").first).to_contain_text("target")
+    flight.photograph("why")
     flight.page.click("[data-act=why]")
     expect(flight.page.locator("#why")).to_be_hidden()
 
@@ -216,6 +242,7 @@ def test_a_reload_finds_the_same_picture_and_the_same_events(flight: Flight) -> 
     expect(flight.page.locator("#events .what")).to_have_count(len(before))
     assert flight.page.locator("#events .what").all_inner_texts() == before
     assert flight.page.locator("#agents-table .col-target").all_text_contents() == agents
+    flight.photograph("reload")
 
 
 def test_the_flight_is_hurried_and_stopped_from_the_page(flight: Flight) -> None:

@@ -10,6 +10,11 @@ import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, expect
 
 from companion.geo.local_frame import LocalFrame
+from companion.mission.model import parse_mission
+from companion.protocol.codec import Kind
+from groundstation import view
+from groundstation.ground_station import GroundStation
+from groundstation.origins import Observation
 from groundstation.web.feed import Refused
 from groundstation.web.pipe import Message, Who
 from groundstation.web.site import Site
@@ -19,6 +24,15 @@ from tests.web.rig import NARROW, WIDE, Stage, Tab, served
 
 pytestmark = pytest.mark.slow
 THEMES = ("light", "dark", "contrast")
+HALF_SEEN = """
+name: half-seen
+case: II
+agents:
+  - {id: 1, north_m: 0, east_m: 0, heading_deg: 0, speed_m_s: 20}
+  - {id: 2, north_m: 0, east_m: 4000, heading_deg: 0, speed_m_s: 20}
+targets: [{id: 1, north_m: 9000, east_m: 0}, {id: 2, north_m: 9000, east_m: 4000}]
+broadcast_period_s: 1
+"""
 HOSTILE = '<img src=x onerror="document.title=1"><script>alert(1)</script>\u202e"};'
 _ANNA = {"name": "anna", "role": "operator"}
 _CONTRAST = (Path(__file__).parent / "contrast.js").read_text(encoding="utf-8")
@@ -119,14 +133,55 @@ def test_the_projection_is_that_of_the_mission(scene: _Scene) -> None:
                 assert back == pytest.approx([north_m, east_m], abs=1e-3)
 
 
-def test_a_ghost_and_an_agent_with_telemetry_stand_side_by_side_and_look_different(scene: _Scene) -> None:
-    with scene.opened(valley()) as page:
+def _half_seen() -> Message:
+    """Return the picture of a ground station that has heard the telemetry of agent 1, and nothing of agent 2."""
+    station = GroundStation(parse_mission(HALF_SEEN, "half-seen"), BEGAN_S, sensed=False)
+    for second in range(31):
+        now_s = BEGAN_S + float(second)
+        place = complex(20.0 * second, 0.0)
+        station.observe(Observation(Kind.AGENT, 1, place, complex(20.0), now_s, 10.0, "vehicle 1"))
+        station.tick(now_s)
+    return view.picture(station, BEGAN_S + 30.0, view.Surroundings())
+
+
+def test_an_agent_with_telemetry_and_a_ghost_stand_side_by_side_and_look_different(scene: _Scene) -> None:
+    shown = _half_seen()
+    with scene.opened(shown) as page:
         rows = page.locator("#agents-table tbody tr")
         expect(rows.nth(0)).to_contain_text("telemetry")
         expect(rows.nth(1)).to_contain_text("reckoned")
         assert [rows.nth(row).locator(".col-by").get_attribute("data-sign") for row in (0, 1)] == ["telemetry", "ghost"]
+        seen, ghost = _inked(page, [(one["north_m"], one["east_m"]) for one in shown["agents"]])
+        assert seen > 1.5 * ghost
         rows.nth(1).locator("button").click()
-        expect(page.locator("#details-facts")).to_contain_text("640 m along, 380 m across")
+        expect(page.locator("#details-facts")).to_contain_text("May be off by")
+
+
+def _inked(page: Page, places: list[tuple[float, float]]) -> list[int]:
+    """Return how many pixels around each of these places on the map are neither empty nor white."""
+    counts: list[int] = page.evaluate(
+        """(places) => {
+          const map = window.groundStationPage.map;
+          map.drawNow();
+          const { width, data } = map.canvas.getContext("2d").getImageData(0, 0, map.canvas.width, map.canvas.height);
+          const corner = map.leaflet.getPixelBounds().min;
+          const scale = 256 * 2 ** map.leaflet.getZoom();
+          return places.map(([north, east]) => {
+            const at = map.state.plane.toSquare(north, east);
+            const [x, y] = [at[0] * scale - corner.x, at[1] * scale - corner.y].map(Math.round);
+            let inked = 0;
+            for (let row = y - 8; row < y + 8; row += 1) {
+              for (let column = x - 8; column < x + 8; column += 1) {
+                const byte = 4 * (row * width + column);
+                inked += data[byte + 3] > 200 && data[byte] < 160;
+              }
+            }
+            return inked;
+          });
+        }""",
+        places,
+    )
+    return counts
 
 
 def test_names_are_shown_as_the_text_that_they_are(scene: _Scene) -> None:
@@ -247,6 +302,9 @@ def test_an_observer_sees_no_live_button(guarded: tuple[_Scene, dict[str, str]])
         visible = page.locator("button:visible").all_inner_texts()
         assert not {"Hold all", "Recall all", "Pause", "Take out", "Pin…", "Add threat", "Undo"} & set(visible)
         assert "Why?" in visible
+        expect(page.locator("#who")).to_have_text("anna observer, observer")
+        page.click("#log-out")
+        expect(page.locator("[name=token]")).to_be_visible()
 
 
 def test_an_operator_logs_in_with_a_token(guarded: tuple[_Scene, dict[str, str]]) -> None:
@@ -284,7 +342,7 @@ def test_a_recorded_run_is_wound_to_another_time(scene: _Scene) -> None:
     state = {"type": "playback", "from_s": BEGAN_S, "to_s": BEGAN_S + 600.0, "speed": 1.0, "playing": True}
     late = {"type": "event", "event": {**_event(9, {"do": "paused"}), "unix_s": BEGAN_S + 100.0}}
     with scene.opened(shown) as page:
-        scene.stage.show(late, {**state, "at_s": BEGAN_S + 120.0})
+        scene.stage.show({"type": "timeline", "events": [late["event"]]}, late, {**state, "at_s": BEGAN_S + 120.0})
         expect(page.locator("#playback output")).to_have_text("0:02:00 of 0:10:00")
         assert page.locator("#orders").is_hidden()
         page.click("#tab-events")

@@ -33,6 +33,7 @@ async function call(method, path, body) {
 
 export const get = (path) => call("GET", path);
 export const post = (path, body) => call("POST", path, body);
+export const remove = (path) => call("DELETE", path);
 
 /** Gives a command; the answer is the event that it became. */
 export const command = (body) => post("/commands", body);

@@ -10,6 +10,7 @@ import { isGhost } from "./model.js";
 const ARROW_PX = 11;
 const HALO_PX = 3;
 const LABELS_AT_MOST = 120; // names on the map at one time
+const MARK_PX = 8; // half the side of a sign, which no name covers
 const LABEL_CHARACTERS = 22;
 const SQUARE_PX = 7;
 const HATCH_PX = 9;
@@ -403,15 +404,16 @@ function arrowOf(ratio, colour, halo, { hollow, dotted }) {
   return sign;
 }
 
-/** Names beside their things, the chosen one first; one that would cover another is left out. */
+/** Names beside their things, the chosen one first; one that would cover another or a sign is left out. */
 function drawLabels(scene) {
   const { context, palette, view } = scene;
-  const taken = [];
+  const taken = scene.marks.map(({ x, y }) => ({ left: x - MARK_PX, right: x + MARK_PX, top: y - MARK_PX, bottom: y + MARK_PX }));
+  let named = 0;
   const sorted = [...scene.labels.filter((label) => label.chosen), ...scene.labels.filter((label) => !label.chosen)];
   context.textAlign = "left";
   context.textBaseline = "middle";
   for (const { x, y, text, colour } of sorted) {
-    if (taken.length >= LABELS_AT_MOST) break;
+    if (named >= LABELS_AT_MOST) break;
     if (!inside(view, x, y, 0)) continue;
     const width = widthOf(context, text);
     const [right, other] = [x + 14, x - 14 - width];
@@ -419,6 +421,7 @@ function drawLabels(scene) {
     const left = sides.find((side) => !taken.some((box) => covers(box, side, y, width)));
     if (left === undefined) continue;
     taken.push({ left, right: left + width, top: y - 8, bottom: y + 8 });
+    named += 1;
     context.strokeStyle = palette.halo;
     context.lineWidth = HALO_PX;
     context.strokeText(text, left, y);

@@ -2,7 +2,7 @@
 // is what the ground station tells, and what it asks is a command that the ground station may refuse.
 
 import { Actions, radiiOf } from "./actions.js";
-import { get } from "./api.js";
+import { get, remove } from "./api.js";
 import { logIn, prepareDialog } from "./dialog.js";
 import { byId, el, setAttribute, setText } from "./dom.js";
 import { clock, dayTime, latLon, position, seconds, thing, words } from "./format.js";
@@ -74,6 +74,7 @@ class Page {
     on("form-threat", () => this.actions.add("threat"));
     on("fit", () => this.map.fit());
     on("pick-cancel", () => this.map.endPick(null));
+    on("log-out", () => this.logOut());
     on("details-close", () => this.closeDetails());
     for (const box of document.querySelectorAll("[data-layer]")) {
       box.addEventListener("change", () => {
@@ -89,7 +90,12 @@ class Page {
 
   async start() {
     await this.learnRights();
-    this.stream = new Stream("/api/v1/stream", (message) => this.heard(message), (...now) => this.connection(...now));
+    if (this.rights.tiles) this.map.layTiles();
+    this.stream = new Stream("/api/v1/stream", {
+      onMessage: (message) => this.heard(message),
+      onState: (...now) => this.connection(...now),
+      onShutOut: () => this.letIn(),
+    });
   }
 
   /** Who looks, and what that name may do: the ground station holds to it whatever the page shows. */
@@ -100,17 +106,35 @@ class Page {
       if (problem.status !== 401) this.warn(problem.message);
       else this.rights = await logIn();
     }
-    if (this.rights.tiles) this.map.layTiles();
     this.showRights();
   }
 
+  /** A session that ended: the page goes on where it was, once somebody has logged in again. */
+  async letIn() {
+    await this.learnRights();
+    this.stream.open();
+  }
+
+  async logOut() {
+    try {
+      await remove("/session");
+    } catch (problem) {
+      this.warn(problem.message);
+      return;
+    }
+    location.reload();
+  }
+
   get mayAct() {
-    return this.rights.role === "operator" && this.state.picture?.mode !== "playback";
+    const { picture, playback } = this.state;
+    return this.rights.role === "operator" && picture?.mode !== "playback" && !playback?.over;
   }
 
   showRights() {
     document.body.classList.toggle("observer", !this.mayAct);
     byId("orders").hidden = !this.mayAct;
+    byId("log-out").hidden = !this.rights.login;
+    setText(byId("who"), this.rights.login ? `${this.rights.name}, ${this.rights.role}` : "");
     for (const element of document.querySelectorAll(".operator")) element.hidden = !this.mayAct;
   }
 
@@ -119,6 +143,7 @@ class Page {
     if (changed === null) return;
     if (changed === "picture") this.showPicture();
     if (changed === "playback") this.showPlayback();
+    if (changed === "timeline" || changed === "playback") this.playback.showEvents(this.state.timeline);
     if (changed === "event" || changed === "playback") this.showEvents();
     this.showClock();
     this.map.request();
@@ -144,7 +169,7 @@ class Page {
     document.title = `${picture.mission} – ground station`;
     setText(byId("mission"), picture.mission);
     byId("unsigned").hidden = !isUnsigned(picture);
-    setText(byId("mode"), { live: "live", sim: "simulator", playback: "playback" }[picture.mode] ?? picture.mode);
+    this.showMode();
     setText(byId("directive"), picture.paused ? "PAUSED" : words(String(picture.directive)));
     setAttribute(byId("directive"), "data-directive", picture.paused ? "paused" : picture.directive);
     setText(byId("pause"), picture.paused ? "Resume" : "Pause");
@@ -159,6 +184,12 @@ class Page {
     this.showEvents();
     this.showPlayback();
     if (this.lastEvent !== picture.event) this.askEvents(picture.event);
+  }
+
+  showMode() {
+    const { picture, playback } = this.state;
+    const mode = { live: "live", sim: "simulator", playback: "playback" }[picture.mode] ?? picture.mode;
+    setText(byId("mode"), playback?.over ? "flight over" : mode);
   }
 
   /** The trails from before this page was opened. */
@@ -199,11 +230,16 @@ class Page {
   showEvents() {
     const undoable = this.mayAct ? (this.state.picture?.undoable ?? []) : [];
     this.timeline.show(this.state.events, undoable, byId("event-filter").value, (unixS) => this.timeOf(unixS));
-    this.playback.showEvents(this.state.events);
   }
 
   showPlayback() {
     const mode = this.state.picture?.mode;
+    if (mode) this.showMode();
+    if (this.state.playback?.over !== this.toldOver) {
+      this.toldOver = this.state.playback?.over;
+      this.showRights();
+      this.showDetails();
+    }
     this.playback.show(this.state.playback, mode, mode === "playback" || this.mayAct);
     if (this.stream) this.stream.quietAllowed = this.state.playback?.playing === false;
   }
@@ -225,7 +261,9 @@ class Page {
     const line = byId("stale");
     line.hidden = !this.isStale;
     const since = seconds(Math.floor(ageS));
-    setText(line, this.isStale ? `No word from the ground station for ${since}. What stands here is old.` : "");
+    const last = this.state.events.at(-1);
+    const why = last?.event === "stopped" ? `It was told to stop${last.reason ? ` (${last.reason})` : ""}. ` : "";
+    setText(line, this.isStale ? `No word from the ground station for ${since}. ${why}What stands here is old.` : "");
     setText(byId("connection"), this.isStale ? "no connection" : "connected");
     setAttribute(byId("connection"), "data-state", now);
   }

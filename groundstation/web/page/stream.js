@@ -4,13 +4,15 @@ const STALE_MS = 2000; // without any message the page says that it is old
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 4000;
 const LOOK_EVERY_MS = 250;
+const NOT_ALLOWED = 1008; // the ground station's code for somebody whom it does not know
 
-/** Keeps a WebSocket open; tells of messages and of what the connection is. */
+/** Keeps a WebSocket open; tells of messages, of what the connection is, and of not being let in any more. */
 export class Stream {
-  constructor(path, onMessage, onState) {
+  constructor(path, { onMessage, onState, onShutOut }) {
     this.path = path;
     this.onMessage = onMessage;
     this.onState = onState;
+    this.onShutOut = onShutOut;
     this.lastMs = performance.now();
     this.waitMs = FIRST_WAIT_MS;
     this.quietAllowed = false;
@@ -24,7 +26,7 @@ export class Stream {
     const scheme = location.protocol === "https:" ? "wss:" : "ws:";
     this.socket = new WebSocket(`${scheme}//${location.host}${this.path}`);
     this.socket.addEventListener("message", (event) => this.heard(event.data));
-    this.socket.addEventListener("close", () => this.again());
+    this.socket.addEventListener("close", (event) => this.again(event.code));
   }
 
   heard(text) {
@@ -34,9 +36,10 @@ export class Stream {
     this.look();
   }
 
-  again() {
+  again(code) {
     this.socket = null;
-    setTimeout(() => this.open(), this.waitMs);
+    if (code === NOT_ALLOWED) this.onShutOut();
+    else setTimeout(() => this.open(), this.waitMs);
     this.waitMs = Math.min(2 * this.waitMs, LONGEST_WAIT_MS);
     this.look();
   }
