@@ -49,6 +49,9 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
     """Return everything that a page shows at `now_s`, times of the ground station's clock."""
     mission, operations = station.mission, station.operations
     origin = mission.origin
+    sent: dict[int, list[int]] = {}
+    for agent_id, target_id in station.assignment.items():
+        sent.setdefault(target_id, []).append(agent_id)
     return {
         "type": "picture",
         "t_s": round(now_s + station.tracks.clock_ahead_s, 3),
@@ -67,7 +70,7 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
         "arrival_radius_m": mission.arrival_radius_m,
         "separation_m": mission.separation_m,
         "agents": [_agent(station, agent, now_s) for agent in mission.agents],
-        "targets": [_target(station, target, now_s) for target in mission.targets],
+        "targets": [_target(station, target, sent.get(target.id, []), now_s) for target in mission.targets],
         "threats": [_threat(station, threat, now_s) for threat in mission.threats],
         "unknown": [*_unknown(station, now_s), *(dict(one) for one in around.unknown)],
         "broadcast": dict(around.broadcast),
@@ -139,7 +142,7 @@ def _agent(station: GroundStation, agent: AgentSpec, now_s: float) -> View:
         "ellipse": _ellipse(station, agent, at, now_s),
         "state": _state(station, agent.id),
         "target": target_id,
-        "pinned": pinned if pinned in station.tracks.open_targets else None,
+        "pinned": None if pinned is None or pinned not in station.tracks.open_targets else pinned,
         "directive": directive_name(orders.of(agent.id)),
         "range_left_m": round(max(0.0, agent.range_m - station.tracks.flown_m[agent.id]), 1),
         "eta_s": _eta_s(station, agent, at, target_id),
@@ -234,14 +237,14 @@ def _eta_s(station: GroundStation, agent: AgentSpec, at: _At, target_id: int | N
     return round(max(0.0, away_m) / agent.speed_m_s, 1)
 
 
-def _target(station: GroundStation, target: TargetSpec, now_s: float) -> View:
+def _target(station: GroundStation, target: TargetSpec, agents: list[int], now_s: float) -> View:
     track = station.tracks.tracks[Kind.TARGET, target.id]
     name = station.operations.names.get((Kind.TARGET, target.id))
     return {
         **_moving(target.id, name, track, now_s),
         "speed_bound_m_s": target.speed_bound_m_s,
         "reached_by": list(station.operations.reached.by.get(target.id, ())),
-        "agents": [agent for agent, sent_to in station.assignment.items() if sent_to == target.id],
+        "agents": agents,
         "source": station.tracks.origins.by.get((Kind.TARGET, target.id), MISSION),
     }
 
