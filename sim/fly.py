@@ -20,6 +20,7 @@ from companion.errors import EXIT_DONE, EXIT_FAILED, InputError, nearest_hint, t
 from companion.guidance.settings import DEFAULT_LAW, LAWS, LawName
 from companion.mission.model import Mission, dump_mission
 from companion.mission.resolve import resolve
+from companion.mission.sources import SourceSpec
 from companion.onboard.lint.fleet import abilities_of
 from companion.onboard.lint.warnings import lint_flight
 from groundstation.choices import RADIOS_BYTES_PER_S
@@ -66,6 +67,8 @@ class FlyOptions:
     """Virtual seconds in one of the wall clock; None: as many as the computer manages, or with `realtime` one."""
     ui: str | None = None
     """Address of the page; None: there is none."""
+    tracks: tuple[str, ...] = ()
+    """Recorded tracks that are heard as live sources, FILE[,KEY=VALUE...]."""
 
     @property
     def pace(self) -> float | None:
@@ -131,6 +134,12 @@ class FlownResult:
     metavar="[HOST:PORT]",
     help=f"Serve the page on the flight; on {DEFAULT_UI} if no address follows.",
 )
+@click.option(
+    "--tracks",
+    multiple=True,
+    metavar="FILE[,KEY=VALUE...]",
+    help="Play recorded tracks (CSV, or .jsonl) as a live source, docs/sources.md; such as aircraft.csv,radius_m=500.",
+)
 @click.option("--allow-monolithic", is_flag=True, help="Fly `surrogate: monolithic` all the same, to see it fail.")
 def fly_command(as_json: bool, **options: Any) -> int:  # noqa: ANN401 click gives each option its type
     """Fly MISSION, a YAML file or a packaged name, over real frames on a virtual clock.
@@ -171,6 +180,16 @@ def _status(done: FlownResult, as_json: bool) -> int:
     if as_json:
         click.echo(f"sim: {done.failure}", err=True)
     return EXIT_FAILED
+
+
+def _tracks(mission: Mission, options: FlyOptions) -> tuple[SourceSpec, ...]:
+    """Return the live sources that the options name; raises InputError."""
+    if not options.tracks:
+        return ()
+    # The libraries of live sources are loaded only where there are some.
+    from sim.tracks import track_specs
+
+    return track_specs(mission, options.tracks, options.mission)
 
 
 @contextmanager
@@ -234,6 +253,7 @@ def fly_mission(options: FlyOptions, screen: SimScreen | None = None) -> FlownRe
                 out=folder,
                 speed=options.pace,
                 screen=screen,
+                tracks=_tracks(mission, options),
                 progress=progress,
                 allow_monolithic=options.allow_monolithic,
                 radio=radio,

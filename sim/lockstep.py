@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,6 +27,7 @@ from companion.geo.local_frame import LocalFrame
 from companion.guidance.settings import LawName
 from companion.mission.model import AgentSpec, Mission
 from companion.mission.random_streams import random_stream
+from companion.mission.sources import SourceSpec
 from companion.onboard.companion import Companion
 from companion.onboard.config import AutopilotSection, config_for_agent, dump_config
 from companion.surrogate.networks import load_monolithic
@@ -56,7 +58,7 @@ from sim.wind import WindField
 from sim.world import World
 
 if TYPE_CHECKING:
-    from sim.ui import FlightPage, SimScreen
+    from sim.ui import LiveFlight, SimScreen
 
 AUTOPILOTS = ("kinematic", *CRUISE_M_S)
 """Autopilot kinds with which a mission can be flown."""
@@ -104,6 +106,8 @@ class FlightOptions:
     """Function that is asked at every tick whether to end the flight early, and why."""
     screen: SimScreen | None = None
     """Page that shows the flight and is asked for changes; None: nobody is shown anything."""
+    tracks: tuple[SourceSpec, ...] = ()
+    """Recorded tracks that the ground station hears as live sources."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +181,8 @@ def fly(mission: Mission, seed: int, options: FlightOptions | None = None) -> Fl
         raise InputError(f"--law: '{options.law}' has no use for surrogate 'monolithic'; allowed: seed")
     record = _Record(mission, options.progress)
     files = FlightFiles(options.out, record.builder)
-    try:
+    with ExitStack() as stack:
+        stack.callback(files.close)
         broadcast_log = files.log("broadcast.tlog")
         frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         hangar = _Hangar(mission, seed, options, frame)
@@ -187,22 +192,25 @@ def fly(mission: Mission, seed: int, options: FlightOptions | None = None) -> Fl
         ]
         if options.out is not None:
             _write_configs(fleet, options.out, options.autopilot)
-        return _fly(hangar, fleet, broadcast_log, record, files)
-    finally:
-        files.close()
+        return _fly(hangar, fleet, broadcast_log, record, files, stack)
 
 
 def _fly(
-    hangar: _Hangar, fleet: Sequence[Aircraft], broadcast_log: TlogWriter | None, record: _Record, files: FlightFiles
+    hangar: _Hangar,
+    fleet: Sequence[Aircraft],
+    broadcast_log: TlogWriter | None,
+    record: _Record,
+    files: FlightFiles,
+    stack: ExitStack,
 ) -> Flight:
     """Fly the fleet to the end of the mission, or until it is to be ended early, and return the results."""
     mission, options = hangar.mission, hangar.options
     is_point = options.autopilot == "kinematic"
     ground = GroundStation(mission, START_S, model=VehicleModel(options.law, KINDS[options.autopilot].can_stop))
     world = World(mission, hangar.seed)
-    page = None if options.screen is None else _page(options, ground, world, record)
+    live = _live(options, ground, world, record, stack) if options.screen or options.tracks else None
     transmitter = Transmitter(
-        Broadcaster(ground if page is None else page.overheard, options.radio),
+        Broadcaster(ground if live is None else live.overheard, options.radio),
         mission.integration_step_s if options.radio else RADIO_TICK_S,
         wraps=options.one_radio and options.radio is None,
         log=broadcast_log,
@@ -223,7 +231,7 @@ def _fly(
         )
     )
     began_s = time.perf_counter()
-    stop = _run(loop, options, files, page)
+    stop = _run(loop, options, files, live)
     elapsed_s = time.perf_counter() - began_s
     refused = files.close()
     stop = stop or refused
@@ -245,39 +253,37 @@ def _fly(
     )
 
 
-def _page(options: FlightOptions, ground: GroundStation, world: World, record: _Record) -> FlightPage:
-    """Return the page of a flight, begun on its screen."""
-    # Only who looks needs the libraries of the page.
-    from sim.ui import EventFile, FlightPage, Stage
-
-    assert options.screen is not None
-
-    def follow(mission: Mission, t_s: float) -> None:
-        world.follow(mission)
-        record.follow(mission, t_s)
+def _live(options: FlightOptions, ground: GroundStation, world: World, record: _Record, stack: ExitStack) -> LiveFlight:
+    """Return what changes a flight while it flies, begun."""
+    # Only who looks needs the libraries of the page, and only who plays tracks those of the sources.
+    from sim.tracks import Tracks
+    from sim.ui import EventFile, LiveFlight, Stage
 
     budget_bytes_per_s = None if options.radio is None else options.radio.budget_bytes_per_s
-    stage = Stage(ground, record.logs, follow, budget_bytes_per_s, KINDS[options.autopilot].can_stop)
-    return FlightPage(options.screen, stage, EventFile(options.out))
+    stage = Stage(ground, record, world, budget_bytes_per_s, KINDS[options.autopilot].can_stop)
+    tracks = Tracks(ground.mission, options.tracks, stack) if options.tracks else None
+    events = EventFile(options.out)
+    stack.callback(events.close)
+    return LiveFlight(options.screen, tracks, stage, events)
 
 
-def _run(loop: Loop[Fleet], options: FlightOptions, files: FlightFiles, page: FlightPage | None) -> Stop | None:
+def _run(loop: Loop[Fleet], options: FlightOptions, files: FlightFiles, live: LiveFlight | None) -> Stop | None:
     """Step to the end of a flight; return why it was ended early, None if it was not."""
     pace = Pace(options.speed, wall_s=time.monotonic())
     try:
-        if page is not None:
-            page.rest(0.0, options.stop)
+        if live is not None:
+            live.rest(0.0, pace, options.stop)
         while loop.step():
             files.keep_up()
             stop = options.stop()
             if stop is not None:
                 return stop
-            if page is not None:
-                page.rest(loop.t_s, options.stop)
+            if live is not None:
+                live.rest(loop.t_s, pace, options.stop)
             elif options.speed is not None:
                 time.sleep(pace.wait_s(loop.t_s, time.monotonic()) or 0.0)
-        if page is not None:
-            page.look(loop.t_s)
+        if live is not None:
+            live.look(loop.t_s)
     except OSError as error:
         return disk_stop(error, options.out)
     return None

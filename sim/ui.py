@@ -1,4 +1,4 @@
-"""The page of a flight under way: what it shows, and what is asked there, obeyed between two ticks.
+"""A flight that is changed while it flies: by its page, and by recorded tracks; between two ticks.
 
 The ground station of the flight takes commands as the real one does (groundstation/desk.py), and the simulated world
 follows: what is added is there for sensor and score. Every event is kept in the flight's folder.
@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from companion.errors import InputError
-from companion.mission.model import Mission
 from companion.onboard.decision import Decision
 from groundstation.desk import Desk, begin_day
 from groundstation.ground_station import GroundStation
 from groundstation.meter import Meter, name_of
-from groundstation.notices import noticed
 from groundstation.page import Overheard, Page
 from groundstation.store.rows import EventRow
 from groundstation.view import Surroundings
@@ -27,9 +25,12 @@ from groundstation.web.bridge import Bridge
 from groundstation.web.pipe import CLOCK, Request
 from groundstation.web.site import Site
 from sim.agent_log import AgentLog
+from sim.flight_record import FlightRecord
 from sim.loop import START_S
 from sim.pace import FASTEST, SLOWEST, Pace
 from sim.stop import Stop
+from sim.tracks import Tracks
+from sim.world import World
 
 EVENTS_NAME = "events.jsonl"
 OVER = "the flight is over; allowed: to look at it"
@@ -41,10 +42,8 @@ class Stage(NamedTuple):
     """The parts of a flight that a page shows and changes."""
 
     station: GroundStation
-    logs: Mapping[int, AgentLog]
-    """What each companion has decided, by agent id."""
-    follow: Callable[[Mission, float], None]
-    """Function that has the world and the records follow a mission from a time of the flight on."""
+    record: FlightRecord
+    world: World
     budget_bytes_per_s: float | None
     can_stop: bool
 
@@ -136,6 +135,7 @@ class SimScreen:
                 "at_s": START_S + t_s,
                 "speed": self.pace.speed,
                 "playing": self.pace.playing,
+                "over": self._is_over,
             }
         )
 
@@ -182,33 +182,34 @@ def open_screen(address: str, pace: Pace) -> tuple[SimScreen, str]:
     return SimScreen(Bridge(site, listener), pace), site.url
 
 
-class FlightPage:
-    """Shows one flight and lets the page change it, between its ticks."""
+class LiveFlight:
+    """Has what is asked on a page, and what recorded tracks tell, happen in a flight between its ticks."""
 
-    def __init__(self, screen: SimScreen, stage: Stage, events: EventFile) -> None:
+    def __init__(self, screen: SimScreen | None, tracks: Tracks | None, stage: Stage, events: EventFile) -> None:
         """Begin before the first tick."""
         self._screen = screen
+        self._tracks = tracks
         self._stage = stage
         self._station = stage.station
         self.overheard = Overheard(stage.station)
         """The ground station as its broadcaster is to use it, so that the page shows every frame."""
         self._desk = Desk(self._station, events, screen)
         self._meter = Meter()
-        self._page = Page(self._station, self._desk, screen, self._around, can_stop=stage.can_stop)
+        self._page = None if screen is None else self._shown_on(screen)
         self._mission = self._station.mission
         self._look_due_s = float("-inf")
-        screen.board(stage.logs)
         begin_day(self._desk, self._station, self._station.directive, START_S)
 
-    def rest(self, t_s: float, stop: Callable[[], Stop | None]) -> None:
-        """Show what has happened, obey what was asked, and return when the tick at a time of the flight is due."""
-        self._notice(t_s)
+    def rest(self, t_s: float, pace: Pace, stop: Callable[[], Stop | None]) -> None:
+        """Obey what was asked, and return when the tick at a time of the flight is due; a screen has its own pace."""
+        self._hear(t_s)
         while stop() is None:
             wall_s = time.monotonic()
             if wall_s >= self._look_due_s:
                 self._look_due_s = wall_s + SHOW_PERIOD_S
                 self.look(t_s)
-            wait_s = self._screen.pace.wait_s(t_s, time.monotonic())
+            pace = pace if self._screen is None else self._screen.pace
+            wait_s = pace.wait_s(t_s, time.monotonic())
             if wait_s == 0.0:
                 return
             time.sleep(SHOW_PERIOD_S if wait_s is None else min(wait_s, SHOW_PERIOD_S))
@@ -217,24 +218,41 @@ class FlightPage:
         """Show everything at a time of the flight, and obey what was asked."""
         now_s = START_S + t_s
         frames = self.overheard.taken()
-        for frame in frames:
-            self._meter.sent(name_of(frame), len(frame), now_s)
-        self._screen.show_pace(t_s)
-        self._page.tick(frames, now_s)
-        self._desk.tick(now_s)
+        if self._screen is not None and self._page is not None:
+            for frame in frames:
+                self._meter.sent(name_of(frame), len(frame), now_s)
+            self._screen.show_pace(t_s)
+            self._page.tick(frames, now_s)
+        self._obey(t_s)
+
+    def _hear(self, t_s: float) -> None:
+        """Take in what recorded tracks tell, and note what the ground station has noticed."""
+        now_s = START_S + t_s
+        if self._tracks is not None:
+            self._tracks.tick(self._station, self._desk, now_s)
+            self._obey(t_s)
+            self._tracks.place(self._station, self._stage.world)
+        self._desk.notice(now_s)
+
+    def _obey(self, t_s: float) -> None:
+        self._desk.tick(START_S + t_s)
         if self._station.mission is not self._mission:
             self._mission = self._station.mission
-            self._stage.follow(self._mission, t_s)
+            self._stage.world.follow(self._mission)
+            self._stage.record.follow(self._mission, t_s)
 
-    def _notice(self, t_s: float) -> None:
-        if self._desk.is_idle:
-            now_s = START_S + t_s
-            self._desk.note(noticed(self._station.operations, self._station.facts(), now_s), now_s)
+    def _shown_on(self, screen: SimScreen) -> Page:
+        screen.board(self._stage.record.logs)
+        return Page(self._station, self._desk, screen, self._around, can_stop=self._stage.can_stop)
 
     def _around(self, now_s: float) -> Surroundings:
         budget = {"budget_bytes_per_s": self._stage.budget_bytes_per_s}
         radio = {"authentication": "unsigned", "link": "simulated"}
-        return Surroundings("sim", self._meter.reading(now_s) | budget | radio)
+        broadcast = self._meter.reading(now_s) | budget | radio
+        if self._tracks is None:
+            return Surroundings("sim", broadcast)
+        sources = self._tracks.sources
+        return Surroundings("sim", broadcast, sources.view(self._station, now_s), sources.unknown_view(now_s))
 
 
 def linger(screen: SimScreen, stop: Callable[[], Stop | None]) -> None:

@@ -5,6 +5,7 @@ What is added, moved or retired in flight is so in truth as well.
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import numpy as np
 
 from companion.mission.model import Mission, PathMotion, SteadyMotion, TargetSpec, ThreatSpec
 from companion.mission.random_streams import random_stream
+from companion.protocol.codec import Kind
 
 MOTION_STREAM = 2
 """Number of the seed's random stream for the motion of targets and threats."""
@@ -26,7 +28,8 @@ class World:
     def __init__(self, mission: Mission, seed: int) -> None:
         self._hold_s = mission.heading_hold_s
         self._generator = random_stream(seed, MOTION_STREAM)
-        self._t_s = 0.0
+        self.t_s = 0.0
+        """Time of the flight up to which everything has moved."""
         self._holds = 0
         self._targets = len(mission.targets)
         self._things = _things_of(mission)
@@ -49,7 +52,15 @@ class World:
         self._states = _States.begun(self._things)
         for new, old in on.items():
             self._states.copy(new, states, old)
-        self._follow_paths(self._t_s)
+        self._follow_paths(self.t_s)
+
+    def place(self, kind: Kind, identity: int, place: complex, velocity: complex) -> None:
+        """Put a target or threat to a place (north + i east, m) from where it moves with a velocity in m/s."""
+        for row, thing in enumerate(self._things):
+            if (isinstance(thing, ThreatSpec), thing.id) == (kind is Kind.THREAT, identity):
+                states = self._states
+                states.north_m[row], states.east_m[row] = place.real, place.imag
+                states.heading_rad[row], states.speed_m_s[row] = cmath.phase(velocity), abs(velocity)
 
     def advance(self, t_s: float, agents_ned_m: np.ndarray | None = None) -> None:  # (N, 2) m
         """Move everything to the time `t_s`, which is not before the last.
@@ -58,11 +69,11 @@ class World:
         """
         if agents_ned_m is not None and len(agents_ned_m):
             self._turn_chasers(agents_ned_m)
-        while self._t_s < t_s:
+        while self.t_s < t_s:
             next_turn_s = (self._holds + 1) * self._hold_s
             until_s = min(t_s, next_turn_s)
-            self._states.move(until_s - self._t_s)
-            self._t_s = until_s
+            self._states.move(until_s - self.t_s)
+            self.t_s = until_s
             if until_s == next_turn_s:
                 self._holds += 1
                 self._turn_wanderers()

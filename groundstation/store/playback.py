@@ -35,7 +35,9 @@ class Playback:
         self._wake = asyncio.Event()
 
     async def run(self, sink: Sink) -> None:
-        """Tell what is played until cancelled."""
+        """Tell all events once, to jump to, and then what is played until cancelled."""
+        span = self._recording.span
+        sink.message({"type": "timeline", "events": self._recording.events(-1.0, span.to_s)})
         before_s = self._steady_s()
         while True:
             now_s = self._steady_s()

@@ -20,7 +20,7 @@ from groundstation.web.feed import Refused
 from groundstation.web.pipe import Message
 from groundstation.web.trails import Trails
 
-SHOWN = ("picture", "moves", "routes", "playback")
+SHOWN = ("timeline", "picture", "moves", "routes", "playback")
 """Types of messages of which a browser needs only the newest, in the order in which they are sent."""
 MOST_EVENTS = 10_000
 """Greatest number of events that are kept to be asked for."""

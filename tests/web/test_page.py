@@ -342,7 +342,7 @@ def test_a_recorded_run_is_wound_to_another_time(scene: _Scene) -> None:
     state = {"type": "playback", "from_s": BEGAN_S, "to_s": BEGAN_S + 600.0, "speed": 1.0, "playing": True}
     late = {"type": "event", "event": {**_event(9, {"do": "paused"}), "unix_s": BEGAN_S + 100.0}}
     with scene.opened(shown) as page:
-        scene.stage.show(late, {**state, "at_s": BEGAN_S + 120.0})
+        scene.stage.show({"type": "timeline", "events": [late["event"]]}, late, {**state, "at_s": BEGAN_S + 120.0})
         expect(page.locator("#playback output")).to_have_text("0:02:00 of 0:10:00")
         assert page.locator("#orders").is_hidden()
         page.click("#tab-events")

@@ -126,7 +126,8 @@ class Page {
   }
 
   get mayAct() {
-    return this.rights.role === "operator" && this.state.picture?.mode !== "playback";
+    const { picture, playback } = this.state;
+    return this.rights.role === "operator" && picture?.mode !== "playback" && !playback?.over;
   }
 
   showRights() {
@@ -142,6 +143,7 @@ class Page {
     if (changed === null) return;
     if (changed === "picture") this.showPicture();
     if (changed === "playback") this.showPlayback();
+    if (changed === "timeline" || changed === "playback") this.playback.showEvents(this.state.timeline);
     if (changed === "event" || changed === "playback") this.showEvents();
     this.showClock();
     this.map.request();
@@ -167,7 +169,7 @@ class Page {
     document.title = `${picture.mission} – ground station`;
     setText(byId("mission"), picture.mission);
     byId("unsigned").hidden = !isUnsigned(picture);
-    setText(byId("mode"), { live: "live", sim: "simulator", playback: "playback" }[picture.mode] ?? picture.mode);
+    this.showMode();
     setText(byId("directive"), picture.paused ? "PAUSED" : words(String(picture.directive)));
     setAttribute(byId("directive"), "data-directive", picture.paused ? "paused" : picture.directive);
     setText(byId("pause"), picture.paused ? "Resume" : "Pause");
@@ -182,6 +184,12 @@ class Page {
     this.showEvents();
     this.showPlayback();
     if (this.lastEvent !== picture.event) this.askEvents(picture.event);
+  }
+
+  showMode() {
+    const { picture, playback } = this.state;
+    const mode = { live: "live", sim: "simulator", playback: "playback" }[picture.mode] ?? picture.mode;
+    setText(byId("mode"), playback?.over ? "flight over" : mode);
   }
 
   /** The trails from before this page was opened. */
@@ -222,11 +230,16 @@ class Page {
   showEvents() {
     const undoable = this.mayAct ? (this.state.picture?.undoable ?? []) : [];
     this.timeline.show(this.state.events, undoable, byId("event-filter").value, (unixS) => this.timeOf(unixS));
-    this.playback.showEvents(this.state.events);
   }
 
   showPlayback() {
     const mode = this.state.picture?.mode;
+    if (mode) this.showMode();
+    if (this.state.playback?.over !== this.toldOver) {
+      this.toldOver = this.state.playback?.over;
+      this.showRights();
+      this.showDetails();
+    }
     this.playback.show(this.state.playback, mode, mode === "playback" || this.mayAct);
     if (this.stream) this.stream.quietAllowed = this.state.playback?.playing === false;
   }
@@ -248,7 +261,9 @@ class Page {
     const line = byId("stale");
     line.hidden = !this.isStale;
     const since = seconds(Math.floor(ageS));
-    setText(line, this.isStale ? `No word from the ground station for ${since}. What stands here is old.` : "");
+    const last = this.state.events.at(-1);
+    const why = last?.event === "stopped" ? `It was told to stop${last.reason ? ` (${last.reason})` : ""}. ` : "";
+    setText(line, this.isStale ? `No word from the ground station for ${since}. ${why}What stands here is old.` : "");
     setText(byId("connection"), this.isStale ? "no connection" : "connected");
     setAttribute(byId("connection"), "data-state", now);
   }

@@ -19,20 +19,28 @@ export function nothing() {
     trails: new Map(),
     routes: new Map(),
     events: [],
+    timeline: [],
     playback: null,
     nowS: 0,
   };
 }
 
-/** Puts a message of the stream into the state; answers what changed: "picture", "moves", "routes", "event", "playback" or null. */
+/** Puts a message of the stream into the state; answers its type, or null where it changed nothing. */
 export function take(state, message) {
-  const taker = { picture: takePicture, moves: takeMoves, routes: takeRoutes, event: takeEvent, playback: takePlayback }[
-    message.type
-  ];
+  const taker = TAKERS[message.type];
   if (!taker || (!state.picture && message.type === "moves")) return null;
   taker(state, message);
   return message.type;
 }
+
+const TAKERS = {
+  picture: takePicture,
+  moves: takeMoves,
+  routes: takeRoutes,
+  event: takeEvent,
+  playback: takePlayback,
+  timeline: takeTimeline,
+};
 
 function takePicture(state, picture) {
   const before = state.picture;
@@ -96,6 +104,11 @@ function takePlayback(state, message) {
     state.events = state.events.filter((event) => event.unix_s <= message.at_s + 1);
   }
   state.playback = message;
+}
+
+/** All events of a recorded run, also those that are still to come. */
+function takeTimeline(state, message) {
+  state.timeline = message.events;
 }
 
 function leaveTrails(state) {

@@ -15,7 +15,7 @@ export class Playback {
     this.held = false;
     this.playing = false;
     this.speeds = "";
-    this.events = new Map();
+    this.listed = null;
     this.play = el("button", { type: "button", onclick: () => this.set({ playing: !this.playing }) }, "Pause");
     this.slider = el("input", { type: "range", min: "0", max: "1", step: "any", "aria-label": "Time of the flight" });
     this.slider.addEventListener("input", () => this.slide());
@@ -78,14 +78,12 @@ export class Playback {
     if (document.activeElement !== this.speed && known) this.speed.value = String(speed);
   }
 
-  /** Lists the events to jump to: those that this page has heard of, at whatever time of the run. */
+  /** Lists the events of the whole run to jump to. */
   showEvents(events) {
-    for (const event of events) this.events.set(event.number, event);
-    if (this.listed === this.events.size || this.from === undefined) return;
-    this.listed = this.events.size;
-    const sorted = [...this.events.values()].sort((one, other) => one.number - other.number);
+    if (this.listed === events || this.from === undefined) return;
+    this.listed = events;
     const words = (event) => `${clock(Math.max(0, event.unix_s - this.from))} ${sentence(event)}`;
-    const options = sorted.map((event) => el("option", { value: event.unix_s }, words(event)));
+    const options = events.map((event) => el("option", { value: event.unix_s }, words(event)));
     this.jump.replaceChildren(el("option", { value: "" }, "Jump to…"), ...options);
   }
 }
