@@ -15,6 +15,8 @@ from companion.mission.places import MOST_DEG, Position
 
 MAX_FILE_BYTES = 10_000_000
 """Largest file that is read."""
+MAX_SHAPES = 10_000
+"""Most features of a map: five times what a mission has of one kind."""
 _SHOWN_CHARACTERS = 60
 """Length to which names are cut."""
 
@@ -119,6 +121,12 @@ def radius_m(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
         raise InputError(f"{where}: {shown(value)}; allowed: a number of metres greater than 0")
     return float(value)
+
+
+def check_number(count: int, what: str) -> None:
+    """Raise InputError if a map has more features, called `what`, than are gone through one by one."""
+    if count > MAX_SHAPES:
+        raise InputError(f"{what}: {count} in the file; allowed: at most {MAX_SHAPES}")
 
 
 def shown(value: object) -> str:

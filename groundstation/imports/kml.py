@@ -14,7 +14,7 @@ from defusedxml import DefusedXmlException
 from defusedxml import minidom as safe
 
 from companion.errors import InputError, one_line
-from groundstation.imports.drawing import Drawing, plain
+from groundstation.imports.drawing import Drawing, check_number, plain
 from groundstation.imports.geojson import shape_of
 from groundstation.imports.shapes import draw
 
@@ -43,7 +43,9 @@ def read_kml(content: bytes) -> Drawing:
         if count := len(document.getElementsByTagName(tag)):
             notes.append(f"{tag}: {count} left out")
     schema = kml2geojson.build_schema(document)
-    for index, mark in enumerate(document.getElementsByTagName("Placemark")):
+    marks = document.getElementsByTagName("Placemark")
+    check_number(len(marks), "Placemark")
+    for index, mark in enumerate(marks):
         where = f"Placemark {index + 1}"
         try:
             feature = kml2geojson.build_feature(mark, schema)
