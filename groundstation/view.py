@@ -11,15 +11,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from companion.mission.model import AgentSpec, TargetSpec, ThreatSpec
 from companion.protocol.codec import Kind
-from groundstation.broadcast import MOVING_M_S
+from groundstation.broadcast import MOVING_M_S, grown
 from groundstation.ground_station import GroundStation
 from groundstation.operations import directive_name
 from groundstation.origins import MISSION, SEEN_S, SENSOR
 from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.track import Track
 
+MOST_LISTED = 10
+"""Greatest number of things that a warning names."""
 CARRIED_S = 30.0
 """Time for which an agent that nobody sees is shown flying straight on; then it stays, and its ellipse grows."""
 View = dict[str, Any]
@@ -71,8 +75,36 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
         "unknown": [*_unknown(station, now_s), *(dict(one) for one in around.unknown)],
         "broadcast": dict(around.broadcast),
         "sources": [dict(source) for source in around.sources],
-        "warnings": list(around.warnings),
+        "warnings": [*_warnings(station, now_s), *around.warnings],
     }
+
+
+def _warnings(station: GroundStation, now_s: float) -> list[str]:
+    """Return what an operator should know of the picture itself."""
+    tracks, mission = station.tracks.tracks, station.mission
+    words = []
+    if station.uncovered:
+        words.append(f"no agent goes to {_listed('target', station.uncovered)}: none is free, or none has the range")
+    discs = [grown(threat, tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
+    centres = np.array([complex(disc.north_m, disc.east_m) for disc in discs])
+    radii_m = np.array([disc.detection_radius_m for disc in discs])
+    places = [complex(*tracks[Kind.TARGET, target].position_ned_m) for target in station.tracks.open_targets]
+    inside = [
+        target
+        for target, place in zip(station.tracks.open_targets, places, strict=True)
+        if np.any(np.abs(centres - place) < radii_m)
+    ]
+    if inside:
+        words.append(f"inside a threat's detection radius, where agents keep out: {_listed('target', inside)}")
+    if station.unsendable.count:
+        words.append(f"{station.unsendable.count} frames could not be sent: {station.unsendable.first}")
+    return words
+
+
+def _listed(kind: str, ids: Sequence[int]) -> str:
+    """Return things in words; the first ones only if there are many."""
+    more = f" and {len(ids) - MOST_LISTED} more" if len(ids) > MOST_LISTED else ""
+    return f"{kind}{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids[:MOST_LISTED]))}{more}"
 
 
 def moves(station: GroundStation, now_s: float) -> View:
