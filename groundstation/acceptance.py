@@ -176,6 +176,10 @@ def _changed_target(operations: Operations, command: Change) -> TargetSpec:
 def _changed_threat(operations: Operations, command: Change) -> ThreatSpec:
     mission = operations.mission
     threat = _thing(mission, "threat", command.id, "change")
+    if command.speed_bound_m_s == 0.0 < threat.speed_bound_m_s and not command.is_placed:
+        raise InputError(
+            "change: speed_bound_m_s: 0 for a threat that may have moved; allowed: with the place where it stands"
+        )
     keys = {"speed_bound_m_s", "floor_m", "ceiling_m", *_radii_keys(command)}
     update = command.model_dump(include=keys, exclude_none=True)
     if command.is_placed:

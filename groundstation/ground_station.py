@@ -289,7 +289,7 @@ class GroundStation:
         if now_s >= self._keep_until_s:
             return False
         began_s = self._keep_until_s - KEEP_S
-        return any(self.tracks.heard_at_s[agent] <= began_s for agent in self.assignment)
+        return any(self.tracks.heard_at_s.get(agent, math.inf) <= began_s for agent in self.assignment)
 
     def facts(self) -> Facts:
         """Return what is known now; what of it events have not told yet is news (notices.py)."""

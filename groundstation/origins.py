@@ -20,6 +20,8 @@ MOST_UNKNOWN = 64
 """Greatest number of unknown things that are remembered."""
 
 
+REPORTS = 10
+"""Number of an agent's last reports by which its link is estimated."""
 MOST_STRANGERS = 256
 """Greatest number of sightings of unknown things that wait: more than one datagram has."""
 
@@ -70,6 +72,8 @@ class Origins:
     """Time at which an agent was last seen by anybody, by its id."""
     reported: set[int] = field(default_factory=set)
     """Ids of the agents whose last word on where they are is a report of their own."""
+    report_times_s: dict[int, deque[float]] = field(default_factory=dict)
+    """Times of an agent's last REPORTS + 1 reports, by its id."""
     unknown: dict[Key, Unknown] = field(default_factory=dict)
     """What the sensor sees and the mission does not have, by kind and id; the last MOST_UNKNOWN of them."""
     strangers: deque[Stranger] = field(default_factory=lambda: deque(maxlen=MOST_STRANGERS))
@@ -83,6 +87,19 @@ class Origins:
         if key[0] is Kind.AGENT:
             self.reported.discard(key[1])
             self.seen_at_s[key[1]] = max(at_s, self.seen_at_s.get(key[1], -math.inf))
+
+    def report(self, agent_id: int, at_s: float) -> None:
+        """Note that an agent has reported where it was at a time."""
+        self.reported.add(agent_id)
+        self.report_times_s.setdefault(agent_id, deque(maxlen=REPORTS + 1)).append(at_s)
+
+    def heard_share(self, agent_id: int, period_s: float, now_s: float) -> float | None:
+        """Return the share of an agent's last reports, one in each period, that came; None before the second is due."""
+        times_s = self.report_times_s.get(agent_id, ())
+        due = 0 if not times_s else min(REPORTS, math.floor((now_s - times_s[0]) / period_s))
+        if due < 1:
+            return None
+        return min(1.0, sum(now_s - at_s <= due * period_s for at_s in times_s) / due)
 
     def meet(self, stranger: Stranger) -> None:
         """Note a thing that the sensor sees and the mission does not have."""

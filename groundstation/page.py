@@ -14,6 +14,8 @@ from groundstation.web.pipe import Request
 
 PICTURE_PERIOD_S = 1.0
 MOVES_PERIOD_S = 0.2
+PATIENCE_S = 0.3
+"""Time for which a picture that is due waits for frames to be sent."""
 _DUE_TOLERANCE_S = 1e-6
 
 
@@ -121,7 +123,9 @@ class Page:
         if frames:
             screen.frames(now_s + station.tracks.clock_ahead_s, frames)
         number = station.operations.next_number - 1
-        if now_s >= self._picture_due_s - _DUE_TOLERANCE_S or number != self._event:
+        # A picture of 500 agents takes some milliseconds: best right after frames were sent, when no other is due soon.
+        due_s = self._picture_due_s + (0.0 if frames else PATIENCE_S) - _DUE_TOLERANCE_S
+        if number != self._event or now_s >= due_s:
             self._event = number
             self._picture_due_s = now_s + PICTURE_PERIOD_S
             screen.publish(picture(station, now_s, self._around(now_s)))

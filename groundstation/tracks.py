@@ -139,7 +139,9 @@ class TrackTable:
         if seen.kind is Kind.THREAT and moved_m > bound.speed_m_s * lasts_s + seen.error_m:
             self.origins.jumps += not bound.stands
         if seen.kind is Kind.AGENT:
-            self.flown_m[seen.id] += min(moved_m, bound.speed_m_s * lasts_s)
+            # The errors of places that come ten times a second are no way flown.
+            way_m = abs(seen.velocity) * lasts_s if seen.velocity else moved_m
+            self.flown_m[seen.id] += min(way_m, bound.speed_m_s * lasts_s)
             self.uncertainty_m[seen.id] = 0.0
             self.heard_at_s[seen.id] = max(self.heard_at_s[seen.id], seen.at_s)
         self._sightings.begin(key, self.tracks[key].position_ned_m, seen.at_s, seen.at_s)
@@ -167,6 +169,11 @@ class TrackTable:
             self._sightings.limit(key, thing.speed_bound_m_s)
             if one is None or thing.position_ned_m != one.position_ned_m:
                 self._begin(key, thing.position_ned_m, min(now_s, placed_s.get(key, now_s)), now_s)
+            elif thing.speed_bound_m_s not in (0.0, one.speed_bound_m_s):
+                # How far it may have come until now does not change by what it may do from now on.
+                track = self.tracks[key]
+                age_s = track.age_s(now_s) * one.speed_bound_m_s / thing.speed_bound_m_s
+                self.tracks[key] = replace(track, seen_at_s=now_s - age_s)
 
     def resume(self, operations: Operations, places: Places | None, now_s: float) -> None:
         """Go on where the run before ended: with its progress, and with its places as far as they are known."""
@@ -312,7 +319,7 @@ class TrackTable:
         self.heard_at_s[agent_id] = max(self.heard_at_s[agent_id], fixed_at_s)
         if not is_newest:
             return None
-        self.origins.reported.add(agent_id)
+        self.origins.report(agent_id, fixed_at_s)
         self._disprove((north_m, east_m), agent_id, fixed_at_s)
         velocity = _bounded(
             complex(*to_grid(report.velocity_north_m_s, report.velocity_east_m_s, convergence_rad)),

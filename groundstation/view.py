@@ -11,15 +11,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from companion.mission.model import AgentSpec, TargetSpec, ThreatSpec
 from companion.protocol.codec import Kind
-from groundstation.broadcast import MOVING_M_S
+from groundstation.broadcast import MOVING_M_S, grown
 from groundstation.ground_station import GroundStation
 from groundstation.operations import directive_name
 from groundstation.origins import MISSION, SEEN_S, SENSOR
 from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.track import Track
 
+MOST_LISTED = 10
+"""Greatest number of things that a warning names."""
 CARRIED_S = 30.0
 """Time for which an agent that nobody sees is shown flying straight on; then it stays, and its ellipse grows."""
 View = dict[str, Any]
@@ -45,6 +49,9 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
     """Return everything that a page shows at `now_s`, times of the ground station's clock."""
     mission, operations = station.mission, station.operations
     origin = mission.origin
+    sent: dict[int, list[int]] = {}
+    for agent_id, target_id in station.assignment.items():
+        sent.setdefault(target_id, []).append(agent_id)
     return {
         "type": "picture",
         "t_s": round(now_s + station.tracks.clock_ahead_s, 3),
@@ -63,13 +70,41 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
         "arrival_radius_m": mission.arrival_radius_m,
         "separation_m": mission.separation_m,
         "agents": [_agent(station, agent, now_s) for agent in mission.agents],
-        "targets": [_target(station, target, now_s) for target in mission.targets],
+        "targets": [_target(station, target, sent.get(target.id, []), now_s) for target in mission.targets],
         "threats": [_threat(station, threat, now_s) for threat in mission.threats],
         "unknown": [*_unknown(station, now_s), *(dict(one) for one in around.unknown)],
         "broadcast": dict(around.broadcast),
         "sources": [dict(source) for source in around.sources],
-        "warnings": list(around.warnings),
+        "warnings": [*_warnings(station, now_s), *around.warnings],
     }
+
+
+def _warnings(station: GroundStation, now_s: float) -> list[str]:
+    """Return what an operator should know of the picture itself."""
+    tracks, mission = station.tracks.tracks, station.mission
+    words = []
+    if station.uncovered:
+        words.append(f"no agent goes to {_listed('target', station.uncovered)}: none is free, or none has the range")
+    discs = [grown(threat, tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
+    centres = np.array([complex(disc.north_m, disc.east_m) for disc in discs])
+    radii_m = np.array([disc.detection_radius_m for disc in discs])
+    places = [complex(*tracks[Kind.TARGET, target].position_ned_m) for target in station.tracks.open_targets]
+    inside = [
+        target
+        for target, place in zip(station.tracks.open_targets, places, strict=True)
+        if np.any(np.abs(centres - place) < radii_m)
+    ]
+    if inside:
+        words.append(f"inside a threat's detection radius, where agents keep out: {_listed('target', inside)}")
+    if station.unsendable.count:
+        words.append(f"{station.unsendable.count} frames could not be sent: {station.unsendable.first}")
+    return words
+
+
+def _listed(kind: str, ids: Sequence[int]) -> str:
+    """Return things in words; the first ones only if there are many."""
+    more = f" and {len(ids) - MOST_LISTED} more" if len(ids) > MOST_LISTED else ""
+    return f"{kind}{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids[:MOST_LISTED]))}{more}"
 
 
 def moves(station: GroundStation, now_s: float) -> View:
@@ -107,11 +142,11 @@ def _agent(station: GroundStation, agent: AgentSpec, now_s: float) -> View:
         "ellipse": _ellipse(station, agent, at, now_s),
         "state": _state(station, agent.id),
         "target": target_id,
-        "pinned": pinned if pinned in station.tracks.open_targets else None,
+        "pinned": None if pinned is None or pinned not in station.tracks.open_targets else pinned,
         "directive": directive_name(orders.of(agent.id)),
         "range_left_m": round(max(0.0, agent.range_m - station.tracks.flown_m[agent.id]), 1),
         "eta_s": _eta_s(station, agent, at, target_id),
-        "link": None,
+        "link": _link(station, agent, now_s),
         "certificate": None,
     }
 
@@ -181,6 +216,18 @@ def _state(station: GroundStation, agent_id: int) -> str:
     return "under way" if agent_id in station.assignment else "no target"
 
 
+def _link(station: GroundStation, agent: AgentSpec, now_s: float) -> View | None:
+    """Return how much of what is sent an agent is taken to hear: as much as is heard of its reports, or as declared.
+
+    A link that is heard both ways fades both ways; a vehicle that only listens cannot be asked.
+    """
+    mission = station.mission
+    if mission.case == "II" and mission.report_period_s > 0.0:
+        share = station.tracks.origins.heard_share(agent.id, mission.report_period_s, now_s)
+        return None if share is None else {"heard": round(share, 2), "by": "reports"}
+    return {"heard": round(1.0 - mission.link.loss, 2), "by": "mission"} if mission.link.loss > 0.0 else None
+
+
 def _eta_s(station: GroundStation, agent: AgentSpec, at: _At, target_id: int | None) -> float | None:
     """Return the time to the target by the straight line at the agent's speed; None without a target."""
     if target_id is None:
@@ -190,14 +237,14 @@ def _eta_s(station: GroundStation, agent: AgentSpec, at: _At, target_id: int | N
     return round(max(0.0, away_m) / agent.speed_m_s, 1)
 
 
-def _target(station: GroundStation, target: TargetSpec, now_s: float) -> View:
+def _target(station: GroundStation, target: TargetSpec, agents: list[int], now_s: float) -> View:
     track = station.tracks.tracks[Kind.TARGET, target.id]
     name = station.operations.names.get((Kind.TARGET, target.id))
     return {
         **_moving(target.id, name, track, now_s),
         "speed_bound_m_s": target.speed_bound_m_s,
         "reached_by": list(station.operations.reached.by.get(target.id, ())),
-        "agents": [agent for agent, sent_to in station.assignment.items() if sent_to == target.id],
+        "agents": agents,
         "source": station.tracks.origins.by.get((Kind.TARGET, target.id), MISSION),
     }
 

@@ -27,7 +27,7 @@ SMALLEST = {
     "hostile": "3000",
     "kills": "--runs 1 --programs companion groundstation",
     "lags": "px4-plane",
-    "orders": "--runs 1",
+    "orders": "--runs 1 --restart-s 60",
     "loop": "--seconds 1 --idle",
     "loss_sweep": "--runs 1 --levels 0.3 --time-limit 15",
     "losses": "--runs 1 --time-limit 40",
@@ -43,9 +43,9 @@ SMALLEST = {
     "swarm": "circle --count 4 --free 12 --seeds 1 --time-limit 100",
 }
 """Arguments that make each benchmark short, by its name."""
-MAY_FAIL = {"missions", "orders", "processes"}
+MAY_FAIL = {"missions", "processes"}
 """Benchmarks whose exit status is not judged: `missions` says by it whether a promise was broken, and in `processes` it
-depends on gaps between setpoints, which a busy computer makes long, as it does the restarts in `orders`."""
+depends on gaps between setpoints, which a busy computer makes long."""
 NEAR = """
 name: near
 agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}]

@@ -32,6 +32,7 @@ _SHOWN_CHARACTERS = 60
 """Length to which keys and values are cut in errors."""
 
 _UNITS = {
+    "_per_s": "per s",
     "_m_s2": "m/s^2",
     "_m_s": "m/s",
     "_km": "km",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -17,6 +16,8 @@ from companion.onboard.lint.warnings import lint_flight
 
 DECIMALS = 7
 """Decimals of degrees: a centimetre."""
+TURN_TOLERANCE = 0.01
+"""Share by which an agent's n_max may exceed the kind's: that of a number rounded to two digits."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def overview(mission: Mission, seed: int, kind: str | None, source: str) -> Over
     corners = [
         Corner(what, index, *_at(frame, corner)) for what, polygon in polygons for index, corner in enumerate(polygon)
     ]
-    warnings = [*_speeds(mission, kind), *lint_flight(mission, DEFAULT_LAW, kinds, source)]
+    warnings = [*_beyond(mission, kind), *lint_flight(mission, DEFAULT_LAW, kinds, source)]
     return Overview(mission, seed, kinds, tuple(places), tuple(corners), tuple(warnings))
 
 
@@ -124,19 +125,24 @@ def _threat(threat: ThreatSpec) -> str:
     return ", ".join((radii, _moves(threat), *levels))
 
 
-def _speeds(mission: Mission, kind: str | None) -> Sequence[str]:
-    """Return the warning about agents whose speed the kind does not fly, if there are any."""
+def _beyond(mission: Mission, kind: str | None) -> list[str]:
+    """Return the warnings about agents whose speed or turn the kind does not fly."""
     if kind is None:
-        return ()
+        return []
     abilities = abilities_of(kind, ())
-    concerns = [
+    speeds = [
         f"id {agent.id} has speed_m_s {agent.speed_m_s:g} m/s, but {kind} flies {allowed}: `sim fly` refuses it "
         "without --scale"
         for agent in mission.agents
         if (allowed := speeds_instead(agent.speed_m_s, abilities)) is not None
     ]
-    warning = first_of("agents", concerns)
-    return () if warning is None else (warning,)
+    turns = [
+        f"id {agent.id} has n_max {agent.n_max:g} g, but {kind} turns with {abilities.n_max:.3g} g: the ground station "
+        "reckons with tighter turns than it flies"
+        for agent in mission.agents
+        if agent.n_max > abilities.n_max * (1.0 + TURN_TOLERANCE)
+    ]
+    return [warning for warning in (first_of("agents", speeds), first_of("agents", turns)) if warning is not None]
 
 
 def bounds_m(mission: Mission) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -5,7 +5,7 @@ Every part knows where in its file it stands, for messages.
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -15,6 +15,8 @@ from companion.mission.places import MOST_DEG, Position
 
 MAX_FILE_BYTES = 10_000_000
 """Largest file that is read."""
+MAX_SHAPES = 10_000
+"""Most features of a map: five times what a mission has of one kind."""
 _SHOWN_CHARACTERS = 60
 """Length to which names are cut."""
 
@@ -116,9 +118,15 @@ def radius_m(value: object, where: str) -> float:
         InputError: it is no number above 0.
 
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= sys.float_info.max:
         raise InputError(f"{where}: {shown(value)}; allowed: a number of metres greater than 0")
     return float(value)
+
+
+def check_number(count: int, what: str) -> None:
+    """Raise InputError if a map has more features, called `what`, than are gone through one by one."""
+    if count > MAX_SHAPES:
+        raise InputError(f"{what}: {count} in the file; allowed: at most {MAX_SHAPES}")
 
 
 def shown(value: object) -> str:

@@ -9,7 +9,7 @@ from geojson_pydantic.geometries import Geometry
 from pydantic import TypeAdapter, ValidationError
 
 from companion.errors import InputError, one_line
-from groundstation.imports.drawing import Drawing, plain, shown
+from groundstation.imports.drawing import Drawing, check_number, plain, shown
 from groundstation.imports.shapes import Shape, draw
 
 GEOMETRIES = (
@@ -37,6 +37,7 @@ def read_geojson(data: dict[str, Any]) -> Drawing:
         features = data.get("features")
         if not isinstance(features, list):
             raise InputError(f"features: {shown(features)}; allowed: a list of features")
+        check_number(len(features), "features")
         numbered = [(feature, f"features[{index}]") for index, feature in enumerate(features)]
     elif kind == "Feature":
         numbered = [(data, "the feature")]

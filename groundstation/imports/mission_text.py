@@ -65,6 +65,8 @@ def mission_text(drawing: Drawing, wanted: Wanted, name: str, source: str) -> tu
         raise InputError(f"{source}: {error}") from error
     if home.alt_m is None:
         notes.append("origin.alt_m: 0, as the file does not say how high the home is: --home LAT,LON,ALT does")
+    if drawing.agents and wanted.agents > 1:
+        notes.append(f"agents: the {len(drawing.agents)} of the file; --agents {wanted.agents} counts for nothing then")
     kind, speed_m_s = _vehicle(drawing, wanted, notes)
     starts = [Start(spot.name, spot.position) for spot in drawing.agents] or _row(plane, home, wanted.agents, kind)
     lines = [
@@ -148,7 +150,7 @@ def _height_m(drawing: Drawing, notes: list[str]) -> float | None:
     if drawing.height_m is None:
         return None
     if not 1.0 <= drawing.height_m <= MAX_HEIGHT_M:
-        notes.append(f"height_m: {drawing.height_m:g} m of the first way point is beyond {MAX_HEIGHT_M:g} m: left out")
+        notes.append(f"height_m: {drawing.height_m:g} m of the first way point left out: not 1 to {MAX_HEIGHT_M:g}")
         return None
     notes.append(f"height_m: {drawing.height_m:g} m for all, that of the first way point")
     return drawing.height_m

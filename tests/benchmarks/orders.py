@@ -27,6 +27,7 @@ import urllib.request
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
+from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,7 +43,7 @@ from groundstation.store.database import Database
 from tests.benchmarks.kills import Child, Run, free_ports
 
 RESTART_S = 2.0
-"""Longest time from a kill to the first broadcast that is believed again."""
+"""Longest time from a kill to the first broadcast that is believed again, on a computer that does nothing else."""
 START_LIMIT_S = 60.0
 ANSWER_S = 15.0
 MISSION = """
@@ -132,7 +133,7 @@ class Operator(threading.Thread):
                     event = json.load(answer)
             except urllib.error.HTTPError as error:
                 if error.code >= 500 and error.code != 503:
-                    self.faults.append(f"{error.code} for {command}: {error.read()[:200]!r}")
+                    self.faults.append(f"{error.code} at {time.monotonic():.2f} for {command}: {error.read()[:200]!r}")
                 time.sleep(0.05)
                 continue
             except (OSError, ValueError):
@@ -163,7 +164,7 @@ class Operator(threading.Thread):
         return {"do": "add-threat", "radius_m": drawn.uniform(100, 900), **place}
 
 
-def kill_orders(seed: int, folder: Path) -> Run:
+def kill_orders(seed: int, folder: Path, restart_s: float) -> Run:
     """Give commands, kill, start again, go on, and kill once more; then look at the store."""
     drawn = random.Random(seed)
     keys, state = folder / "keys", folder / "ground.state"
@@ -188,7 +189,7 @@ def kill_orders(seed: int, folder: Path) -> Run:
         if life:
             took_s = ear.heard[-1].at_s - began_s
             run.moment = f"{took_s:.2f}"
-            run.expect(took_s <= RESTART_S, f"heard {took_s:.1f} s after the kill")
+            run.expect(took_s <= restart_s, f"heard {took_s:.1f} s after the kill")
         epochs.append(ear.heard[-1].frame.stamp.epoch_s)
         operator = Operator(port, seed + life)
         operator.start()
@@ -200,10 +201,12 @@ def kill_orders(seed: int, folder: Path) -> Run:
         ear.listen(drawn.uniform(0.0, 2.0))
         run.expect(not program.has_ended, f"it ended by itself: {program.said[-300:]}")
         program.end()
+        killed_s = time.monotonic()
         operator.over.set()
         operator.join()
         acknowledged += operator.acknowledged
-        run.faults += [f"{fault}: {program.said[-1500:]}" for fault in operator.faults]
+        said = [line for line in program.said.splitlines() if line.startswith("groundstation:")]
+        run.faults += [f"{fault}; killed at {killed_s:.2f}; {said[-3:]}" for fault in operator.faults]
         if life == 0:
             program = Child(folder / "out-1.txt", *arguments)
     ear.close()
@@ -272,11 +275,11 @@ def _look_at_operations(run: Run, operations: Operations, heard: list[Heard]) ->
     run.expect(not unknown, f"threats {unknown} were broadcast that no event knows; present {sorted(ids)}")
 
 
-def one_run(seed: int) -> Run:
+def one_run(seed: int, restart_s: float) -> Run:
     """Play one run in a folder of its own; an exception is a fault of it."""
     folder = Path(tempfile.mkdtemp(prefix="orders-"))
     try:
-        return kill_orders(seed, folder)
+        return kill_orders(seed, folder, restart_s)
     except Exception as error:  # noqa: BLE001 every other run is of interest, too
         return Run("orders", "?", "?", [f"{type(error).__name__}: {error}"])
     finally:
@@ -292,10 +295,11 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=25, help="each kills twice")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--restart-s", type=float, default=RESTART_S, help="longest time to be heard again, s")
     given = parser.parse_args()
     runs: list[Run] = []
     with ProcessPoolExecutor(given.workers) as pool:
-        for run in pool.map(one_run, range(given.seed, given.seed + given.runs)):
+        for run in pool.map(one_run, range(given.seed, given.seed + given.runs), repeat(given.restart_s)):
             runs.append(run)
             for fault in run.faults:
                 print(f"FAULT {' '.join(fault.split())}", flush=True)

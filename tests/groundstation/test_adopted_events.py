@@ -9,6 +9,7 @@ from companion.onboard.world_model import WorldModel
 from companion.protocol.codec import Directive, FrameReader
 from groundstation.events import STATION, Event, ThreatAdded, Who, command_from
 from groundstation.ground_station import GroundStation
+from groundstation.view import Surroundings, picture
 
 MISSION = parse_mission(
     """
@@ -147,3 +148,25 @@ def test_one_agent_alone_is_told_to_return() -> None:
     assert day.told() is Directive.NORMAL
     day.does(do="direct", directive="hold", agent=1)
     assert day.told() is Directive.HOLD
+
+
+def test_a_threat_that_may_move_from_now_on_has_not_moved_before() -> None:
+    day = Day()
+    day.to(START_S + 60.0)
+    day.does(do="change", kind="threat", id=1, speed_bound_m_s=10.0)
+    growth_m = picture(day.station, day.now_s, Surroundings())["threats"][0]["growth_m"]
+    assert 0.0 < growth_m <= 10.0 * 3.0
+    day.does(do="change", kind="threat", id=1, speed_bound_m_s=20.0)
+    later_m = picture(day.station, day.now_s, Surroundings())["threats"][0]["growth_m"]
+    assert growth_m < later_m <= growth_m + 20.0 * 3.0
+
+
+def test_the_view_warns_of_targets_in_threats_and_of_those_without_an_agent() -> None:
+    day = Day()
+    assert picture(day.station, day.now_s, Surroundings())["warnings"] == []
+    day.does(do="add-threat", north_m=20000.0, east_m=0.0, radius_m=500.0)
+    day.does(do="take-out", agent=1)
+    assert picture(day.station, day.now_s, Surroundings())["warnings"] == [
+        "no agent goes to target 1: none is free, or none has the range",
+        "inside a threat's detection radius, where agents keep out: target 1",
+    ]

@@ -63,8 +63,9 @@ def test_every_warning_of_the_flight_is_said_and_fails(tmp_path: Path) -> None:
     assert all(f"warning: {warning}" in outcome.stdout for warning in found["warnings"])
 
 
-def test_a_speed_that_the_kind_does_not_fly_is_a_warning() -> None:
-    (first, *_) = printed("paper-static", "--autopilot", "px4-plane")["warnings"]
+def test_a_speed_and_a_turn_that_the_kind_does_not_fly_are_warnings() -> None:
+    (first, second, *_) = printed("paper-static", "--autopilot", "px4-plane")["warnings"]
+    assert "agents: id 1 has n_max 10 g, but px4-plane turns with 0.4 g: the ground station reckons with" in second
     assert first == (
         "agents: id 1 has speed_m_s 60 m/s, but px4-plane flies 15 m/s: `sim fly` refuses it without --scale (and 9 "
         "more like it)"

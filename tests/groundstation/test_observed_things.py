@@ -117,3 +117,16 @@ def test_a_sighting_of_what_is_not_there_or_older_than_the_last_is_no_news() -> 
     station = Watched("I").to(2.0).station
     assert not station.observe(Observation(Kind.THREAT, 9, 0j, 0j, START_S + 3.0, 5.0, "adsb"))
     assert not station.observe(Observation(Kind.AGENT, 1, 0j, 0j, START_S + 1.0, 5.0, "px4"))
+
+
+@pytest.mark.parametrize(("heard", "share"), [(range(1, 21), 1.0), (range(1, 21, 2), 0.5), (range(1, 2), None)])
+def test_the_link_of_an_agent_is_judged_by_the_share_of_its_reports_that_came(
+    heard: range, share: float | None
+) -> None:
+    given = mission("II").model_copy(update={"report_period_s": 5.0})
+    station = GroundStation(given, START_S, sensed=False)
+    for number in heard:
+        station.tracks.origins.report(1, START_S + 5.0 * number)
+    now_s = START_S + (100.0 if share is not None else 6.0)
+    shown = picture(station, now_s, Surroundings())["agents"][0]["link"]
+    assert shown == (None if share is None else {"heard": share, "by": "reports"})

@@ -109,6 +109,7 @@ def test_a_pause_lets_all_hold_and_resuming_gives_back_what_was_told() -> None:
         ({"do": "add-target", "lat_deg": -47.0, "lon_deg": 8.0}, "km from the origin"),
         ({"do": "change", "kind": "threat", "id": 4, "attack_radius_m": 950.0}, "less than detection_radius_m"),
         ({"do": "change", "kind": "threat", "id": 4, "speed_bound_m_s": 300.0}, "speed_bound_m_s: 300"),
+        ({"do": "change", "kind": "threat", "id": 4, "speed_bound_m_s": 0.0}, "with the place where it stands"),
     ],
 )
 def test_what_cannot_be_is_refused_with_what_is_allowed(command: dict[str, Any], words: str) -> None:

@@ -226,7 +226,7 @@ COMMANDS = st.one_of(
 )
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(st.lists(COMMANDS | st.just("restart") | st.integers(1, 6), max_size=14), st.sampled_from(["", "case: II\n"]))
 def test_whatever_is_done_a_restart_changes_nobodys_target_and_every_change_has_a_reason(
     steps: list[Any], extra: str

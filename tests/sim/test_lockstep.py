@@ -381,7 +381,10 @@ MONOLITHIC = "surrogate: monolithic\nmax_time_s: 10"
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ("wind: {speed_m_s: 45, gust_m_s: 15}", "small: wind: speed_m_s and gust_m_s together 60; allowed: less than"),
+        (
+            "wind: {speed_m_s: 45, gust_m_s: 15}",
+            "small: wind: speed_m_s and gust_m_s together 60 m/s; allowed: less than",
+        ),
         (MONOLITHIC, "small: surrogate: 'monolithic' is not flown: .*gradient is noise; allowed: pairwise, analytic"),
     ],
 )

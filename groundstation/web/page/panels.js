@@ -258,6 +258,7 @@ function agentFacts(agent) {
   facts.push(["Range left", metres(agent.range_left_m)], ["Link", linkWords(agent.link)]);
   if (agent.reason) facts.unshift(["Decides", agent.reason]);
   if (agent.certificate) facts.push(["Certificate", agent.certificate]);
+  if (agent.said) facts.push(["Said", agent.said]);
   return facts;
 }
 

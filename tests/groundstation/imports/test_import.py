@@ -191,7 +191,7 @@ def kml_of(targets_m: list[Point], discs: list[tuple[Point, float]], zones: list
     return f"<kml><Folder><name>Exclusions</name>{''.join(marks)}</Folder></kml>".encode()
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     writer=st.sampled_from([plan_of, geojson_of, kml_of]),
     targets_m=st.lists(inside_m, min_size=1, max_size=6),
@@ -356,13 +356,23 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "an entity in another encoding": (BOMB.encode("utf-16"), "a document type or an entity; allowed: KML without them"),
     "coordinates that are words": (
         KML.replace("8.5470,47.3990<", "here,47.3990<").encode(),
-        "Placemark 4: coordinates: could not convert",
+        "Placemark 4: could not convert string to float: 'here'; allowed: coordinates",
     ),
     "a ring of two corners": (
         KML.replace(
             "8.5490,47.4005 8.5500,47.4005 8.5500,47.4011 8.5490,47.4011 8.5490,47.4005", "8.549,47.4005 8.55,47.4005"
         ).encode(),
         "Placemark 3: a point, line or polygon without enough coordinates; allowed: 1 for",
+    ),
+    "a number that is none": (
+        KML.replace("<Style", '<Schema><SimpleField name="n" type="int"/></Schema><Style')
+        .replace("<Data", '<SchemaData><SimpleData name="n">1e400</SimpleData></SchemaData><Data')
+        .encode(),
+        "Placemark 4: cannot convert float infinity to integer",
+    ),
+    "a radius without end": (
+        geojson_with({"type": "Point", "coordinates": [8.55, 47.4]}, radius_m=10**400),
+        "features[6]: radius_m: 1000",
     ),
     "a point without a place": (
         KML.replace("<coordinates>8.5470,47.3990</coordinates>", "").encode(),
@@ -379,6 +389,14 @@ def test_a_file_that_cannot_be_used_is_refused_on_one_line_that_says_where(name:
     refused = CliRunner().invoke(cli, ["import", str(path)], standalone_mode=False).exception
     assert isinstance(refused, InputError), refused
     assert str(refused).startswith(f"{path}: ") and said in str(refused) and "\n" not in str(refused)
+
+
+def test_a_map_of_more_features_than_are_gone_through_is_refused() -> None:
+    mark = b"<Placemark/>"
+    with pytest.raises(InputError, match=r"^Placemark: 10001 in the file; allowed: at most 10000$"):
+        read_drawing(b"<kml>" + mark * 10_001 + b"</kml>")
+    with pytest.raises(InputError, match=r"^features: 10001 in the file; allowed: at most 10000$"):
+        read_drawing(json.dumps({"type": "FeatureCollection", "features": [0] * 10_001}).encode())
 
 
 def test_a_file_of_more_than_ten_megabytes_is_not_read(tmp_path: Path) -> None:
@@ -418,7 +436,7 @@ def used_or_refused(content: bytes) -> None:
         assert "\n" not in str(error)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(
     st.binary(max_size=200)
     | st.binary(max_size=50).map(lambda tail: b"{" + tail)
@@ -428,7 +446,7 @@ def test_any_bytes_are_used_or_refused(content: bytes) -> None:
     used_or_refused(content)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(texts, st.data())
 def test_a_file_with_a_piece_cut_out_or_doubled_is_used_or_refused(text: str, data: st.DataObject) -> None:
     start = data.draw(st.integers(0, len(text) - 1))
@@ -437,7 +455,7 @@ def test_a_file_with_a_piece_cut_out_or_doubled_is_used_or_refused(text: str, da
     used_or_refused((text[:start] + piece + text[end:]).encode())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.sampled_from([PLAN, GEOJSON]), junk, st.data())
 def test_a_file_with_anything_in_the_place_of_a_value_is_used_or_refused(
     file: dict[str, Any], value: object, data: st.DataObject
