@@ -262,6 +262,8 @@ def fly_mission(options: FlyOptions, screen: SimScreen | None = None) -> FlownRe
                 stop=stop,
             ),
         )
+        if screen is not None:
+            screen.end()
         flown = _flown(mission, flight, options, law)
         agents = agent_results(flown, flight.logs)
         result = result_of(flown, flight, agents)

@@ -146,7 +146,10 @@ class SimScreen:
         self.show_pace(self._t_s)
 
     def close(self) -> None:
-        """End the page."""
+        """End the page, after an answer to whoever has asked in the meantime."""
+        self.end()
+        for request in self.pump():
+            self.refuse(request.id, OVER)
         self._bridge.close()
 
     def _set_pace(self, request: Request) -> None:

@@ -6,7 +6,7 @@ unlike anything described here is left as it is, for the model to refuse under i
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Callable, Mapping
 
 from companion.mission.places import IN_DEGREES, Origin, Plane, as_list, in_metres
@@ -102,7 +102,7 @@ def _radius_m(item: Mapping[str, object], where: str) -> float:
     beside = next((key for key in RADII if key in item), None)
     if beside is not None:
         raise ValueError(f"{where}.radius_m: given beside {beside}; allowed: radius_m alone, or {' and '.join(RADII)}")
-    if isinstance(radius_m, bool) or not isinstance(radius_m, int | float) or not 0.0 < radius_m < math.inf:
+    if isinstance(radius_m, bool) or not isinstance(radius_m, int | float) or not 0.0 < radius_m <= sys.float_info.max:
         raise ValueError(f"{where}.radius_m: {str(radius_m)[:40]!r}; allowed: a number of metres greater than 0")
     return float(radius_m)
 

@@ -103,10 +103,16 @@ def filled(vehicle: Vehicle, others: Installation) -> Vehicle:
     given: dict[str, Any] = {key: getattr(others, key) for key in Installation.model_fields}
     given |= {key: getattr(vehicle, key) for key in vehicle.model_fields_set}
     given["config"] = merged(others.config, vehicle.config)
-    for key, value in given.items():
-        if isinstance(value, str):
-            given[key] = value.replace(ID_WORD, str(vehicle.id))
-    return vehicle.model_copy(update=given)
+    return vehicle.model_copy(update={key: _with_id(value, str(vehicle.id)) for key, value in given.items()})
+
+
+def _with_id(value: object, number: str) -> object:
+    """Return a value of a vehicle with its id in the place of `{id}`, in all texts of it."""
+    if isinstance(value, str):
+        return value.replace(ID_WORD, number)
+    if isinstance(value, Mapping):
+        return {key: _with_id(part, number) for key, part in value.items()}
+    return [_with_id(part, number) for part in value] if isinstance(value, list) else value
 
 
 def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
@@ -139,7 +145,12 @@ def vehicles_of(fleet: Fleet, ids: Mapping[int, object], source: str) -> list[Ve
             f"{source}: vehicles: none for agent {_words(missing)}, which the mission has; allowed: one vehicle for "
             "each of its agents"
         )
-    return [filled(fleet.vehicles[seen[identity]], fleet.all) for identity in ids]
+    try:
+        return [filled(fleet.vehicles[seen[identity]], fleet.all) for identity in ids]
+    except RecursionError as error:
+        raise InputError(
+            f"{source}: config: an alias that contains itself; allowed: keys of a configuration"
+        ) from error
 
 
 def _words(ids: Mapping[int, object] | list[int]) -> str:

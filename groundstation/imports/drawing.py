@@ -5,7 +5,7 @@ Every part knows where in its file it stands, for messages.
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -118,7 +118,7 @@ def radius_m(value: object, where: str) -> float:
         InputError: it is no number above 0.
 
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= sys.float_info.max:
         raise InputError(f"{where}: {shown(value)}; allowed: a number of metres greater than 0")
     return float(value)
 

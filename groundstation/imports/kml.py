@@ -6,6 +6,8 @@ out is counted against what is in the file.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
 from xml.dom import minidom
 from xml.parsers.expat import ExpatError
 
@@ -42,15 +44,12 @@ def read_kml(content: bytes) -> Drawing:
     for tag in ("NetworkLink", "GroundOverlay", "PhotoOverlay", "ScreenOverlay"):
         if count := len(document.getElementsByTagName(tag)):
             notes.append(f"{tag}: {count} left out")
-    schema = kml2geojson.build_schema(document)
+    schema = _from_library("Schema", kml2geojson.build_schema, document)
     marks = document.getElementsByTagName("Placemark")
     check_number(len(marks), "Placemark")
     for index, mark in enumerate(marks):
         where = f"Placemark {index + 1}"
-        try:
-            feature = kml2geojson.build_feature(mark, schema)
-        except ValueError as error:
-            raise InputError(f"{where}: coordinates: {one_line(str(error))}; allowed: lon,lat[,alt]") from error
+        feature = _from_library(where, kml2geojson.build_feature, mark, schema)
         _check_whole(mark, feature["geometry"], where)
         shape = shape_of(feature, where, _folders(mark))
         if shape is None:
@@ -58,6 +57,14 @@ def read_kml(content: bytes) -> Drawing:
         else:
             shapes.append(shape)
     return draw(shapes, notes)
+
+
+def _from_library(where: str, read: Callable[..., Any], *given: object) -> Any:  # noqa: ANN401 what the library returns
+    """Return what the library reads; raise InputError for whatever it cannot make sense of, coordinates mostly."""
+    try:
+        return read(*given)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise InputError(f"{where}: {one_line(str(error))}; allowed: coordinates lon,lat[,alt]") from error
 
 
 def _folders(mark: minidom.Element) -> tuple[str, ...]:

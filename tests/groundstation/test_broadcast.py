@@ -6,7 +6,7 @@ import json
 import math
 import random
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -410,8 +410,11 @@ PATH_BYTES = 252
 CAROUSEL_PERIOD_S = 5.0
 
 
-def fleet_of(mission: Mission, assignment: dict[int, int], room: int) -> list[FleetFrame]:
-    return fleet_frames(ground(mission), mission, assignment, broadcast(mission, directive=Directive.HOLD), room)
+def fleet_of(
+    mission: Mission, assignment: dict[int, int], room: int, own: Mapping[int, Directive] | None = None
+) -> list[FleetFrame]:
+    told = broadcast(mission, directive=Directive.HOLD)._replace(directives=own or {})
+    return fleet_frames(ground(mission), mission, assignment, told, room)
 
 
 def five_hundred() -> tuple[Mission, dict[int, int]]:
@@ -433,7 +436,8 @@ def test_fleet_frames_hold_everything_once_and_no_more_than_there_is_room_for(
     world: tuple[Mission, dict[int, int]], room: int
 ) -> None:
     mission, assignment = world
-    frames = fleet_of(mission, assignment, room)
+    own = {agent.id: Directive(1 + agent.id % 2) for agent in mission.agents if agent.id % 3 == 0}
+    frames = fleet_of(mission, assignment, room, own)
     decoded = [decode_frame(raw_frame(FrameWriter().encode(frame))) for frame in frames]
     assert [frame.stamp.frame_index for frame in frames] == list(range(len(frames)))
     assert {frame.stamp.frame_count for frame in frames} == {len(frames)}
@@ -445,10 +449,20 @@ def test_fleet_frames_hold_everything_once_and_no_more_than_there_is_room_for(
         targets.update(target.id for target in frame.targets)
         threats.update(threat.id for threat in frame.threats)
         assert all(agent.target_id == assignment.get(agent.id) for agent in frame.agents)
+        assert all(agent.directive is own.get(agent.id, Directive.NORMAL) for agent in frame.agents)
     assert agents == Counter(agent.id for agent in mission.agents)
     assert targets == Counter(target.id for target in mission.targets)
     assert threats == Counter(threat.id for threat in mission.threats)
     assert all(used_bytes(frame) <= room for frame in frames)
+
+
+@pytest.mark.parametrize(("directed", "bytes_on_air"), [(0, 3_564), (1, 3_569), (500, 4_209)])
+def test_directives_for_single_agents_cost_five_bytes_and_for_all_of_five_hundred_a_fifth(
+    directed: int, bytes_on_air: int
+) -> None:
+    mission, assignment = five_hundred()
+    own = dict.fromkeys([agent.id for agent in mission.agents[:directed]], Directive.RETURN)
+    assert on_air(fleet_of(mission, assignment, rooms(0)[0], own), 0) == bytes_on_air
 
 
 def used_bytes(frame: Frame) -> int:

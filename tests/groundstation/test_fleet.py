@@ -251,5 +251,17 @@ def test_a_fleet_that_contradicts_the_mission_or_lacks_something_is_refused_on_o
     assert str(refused).startswith(f"{tmp_path / 'fleet.yaml'}: ")
 
 
+def test_a_configuration_that_contains_itself_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "fleet.yaml").write_text("all: {config: &a {health: *a}}\nvehicles: [{id: 1}, {id: 2}, {id: 3}]\n")
+    refused = run(tmp_path, "--fleet", str(tmp_path / "fleet.yaml"), "--unsigned").exception
+    assert str(refused).endswith("config: an alias that contains itself; allowed: keys of a configuration")
+
+
+def test_the_id_stands_for_itself_in_every_text(tmp_path: Path) -> None:
+    all_have = {**ALL, "logs": "/logs/{id}", "config": {"status": {"period_s": 7}, "logs": {"most_mb": 30}}}
+    with_file(tmp_path, {"all": all_have, "vehicles": VEHICLES})
+    assert (written(tmp_path, 3).log_dir, written(tmp_path, 3).status.period_s) == ("/logs/3", 7.0)
+
+
 def test_keys_or_the_word_unsigned_must_be_given(tmp_path: Path) -> None:
     assert "neither --keys nor --unsigned given" in str(run(tmp_path, "--autopilot", "arducopter").exception)

@@ -139,6 +139,7 @@ REFUSED = {
         "threats: [{id: 1, radius_m: -5}]",
         "threats[0].radius_m: '-5'; allowed: a number of metres greater than 0",
     ),
+    "a radius without end": (f"threats: [{{id: 1, radius_m: {'9' * 400}}}]", "threats[0].radius_m: '9999"),
     "a radius of an agent": ("agents: [{id: 1, radius_m: 5}]", "unknown key 'radius_m'"),
     "a place for all": ("defaults: {agent: {lat_deg: 1, lon_deg: 2}}", "defaults.agent: unknown key 'lat_deg'"),
     "a number beyond its bounds": ("agents: [{id: 1, speed_m_s: 5000}]", "allowed: less than or equal to 1000 m/s"),

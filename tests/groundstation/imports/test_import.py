@@ -356,13 +356,23 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "an entity in another encoding": (BOMB.encode("utf-16"), "a document type or an entity; allowed: KML without them"),
     "coordinates that are words": (
         KML.replace("8.5470,47.3990<", "here,47.3990<").encode(),
-        "Placemark 4: coordinates: could not convert",
+        "Placemark 4: could not convert string to float: 'here'; allowed: coordinates",
     ),
     "a ring of two corners": (
         KML.replace(
             "8.5490,47.4005 8.5500,47.4005 8.5500,47.4011 8.5490,47.4011 8.5490,47.4005", "8.549,47.4005 8.55,47.4005"
         ).encode(),
         "Placemark 3: a point, line or polygon without enough coordinates; allowed: 1 for",
+    ),
+    "a number that is none": (
+        KML.replace("<Style", '<Schema><SimpleField name="n" type="int"/></Schema><Style')
+        .replace("<Data", '<SchemaData><SimpleData name="n">1e400</SimpleData></SchemaData><Data')
+        .encode(),
+        "Placemark 4: cannot convert float infinity to integer",
+    ),
+    "a radius without end": (
+        geojson_with({"type": "Point", "coordinates": [8.55, 47.4]}, radius_m=10**400),
+        "features[6]: radius_m: 1000",
     ),
     "a point without a place": (
         KML.replace("<coordinates>8.5470,47.3990</coordinates>", "").encode(),
