@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +25,10 @@ from tests.web.pictures import BEGAN_S, agent, moves, picture, swarm, threat, va
 from tests.web.rig import NARROW, WIDE, Stage, Tab, served
 
 pytestmark = pytest.mark.slow
+TILE = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
+)
+"""Picture of one pixel."""
 THEMES = ("light", "dark", "contrast")
 HALF_SEEN = """
 name: half-seen
@@ -101,6 +107,7 @@ def _drawn_at(page: Page, north_m: float, east_m: float) -> tuple[float, float]:
     x, y = page.evaluate(
         """([north, east]) => {
           const map = window.groundStationPage.map;
+          map.drawNow();
           const [x, y] = map.state.plane.toSquare(north, east);
           const corner = map.leaflet.getPixelBounds().min;
           const scale = 256 * 2 ** map.leaflet.getZoom();
@@ -198,7 +205,10 @@ def test_names_are_shown_as_the_text_that_they_are(scene: _Scene) -> None:
 def test_a_stream_that_falls_silent_is_said_at_once_and_greys_the_page(scene: _Scene) -> None:
     shown = picture()
     with scene.opened(shown) as page:
+        before = page.locator("#map").bounding_box()
         expect(page.locator("#stale")).to_contain_text("No word from the ground station for 2")
+        expect(page.locator("#stale")).to_be_in_viewport()
+        assert page.locator("#map").bounding_box() == before
         assert "grayscale" in page.locator("#map").evaluate("(map) => getComputedStyle(map).filter")
         page.click("#hold-all")
         expect(page.locator("dialog")).to_contain_text("What you see is")
@@ -382,3 +392,18 @@ def test_the_age_of_a_threat_lets_its_rim_grow_on_the_map(scene: _Scene) -> None
         page.click("#tab-threats")
         scene.stage.show({**shown, "threats": [{**shown["threats"][0], "growth_m": 345.0}]})
         expect(page.locator("#threats-table tbody .col-growth")).to_have_text("345 m")
+
+
+def test_tiles_of_a_local_folder_lie_under_the_mission(browser: Browser, tmp_path: Path) -> None:
+    x, y = (8.0 + 180.0) / 360.0, 0.5 - math.asinh(math.tan(math.radians(47.0))) / math.tau
+    for zoom in range(9, 15):
+        tile = tmp_path / str(zoom) / str(int(x * 2**zoom)) / f"{int(y * 2**zoom)}.png"
+        tile.parent.mkdir(parents=True)
+        tile.write_bytes(TILE)
+    stage = Stage()
+    stage.show(picture())
+    with served(stage, Site(tiles=tmp_path)) as url:
+        tab = Tab(browser, url)
+        expect(tab.page.locator(".leaflet-tile-loaded").first).to_be_attached()
+        assert tab.hosts() == {"127.0.0.1"}
+        tab.close()

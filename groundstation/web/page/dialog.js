@@ -8,14 +8,15 @@ let opener = null;
 /** Asks for confirmation.
  *
  * `ask` is {title, text, fields, confirm, danger, act}: `fields` are elements of a form, `act` is called when it is
- * confirmed and answers a promise. The dialog stays open with the reason if that is refused, else it closes. */
+ * confirmed and answers a promise. The dialog stays open with the reason if that is refused, else it closes. With
+ * `must` there is no way out but that. */
 export function confirmed(ask) {
   const dialog = byId("dialog");
   if (dialog.open) dialog.close();
   opener = document.activeElement;
   const error = el("p", { class: "refusal", role: "alert", hidden: true });
   const yes = el("button", { type: "submit", class: ask.danger ? "danger" : "primary" }, ask.confirm);
-  const no = el("button", { type: "button", onclick: () => dialog.close() }, "Cancel");
+  const no = ask.must ? null : el("button", { type: "button", onclick: () => dialog.close() }, "Cancel");
   const form = el(
     "form",
     { novalidate: true },
@@ -23,7 +24,7 @@ export function confirmed(ask) {
     (Array.isArray(ask.text) ? ask.text : [ask.text]).filter(Boolean).map((line) => el("p", {}, line)),
     ask.fields ?? [],
     error,
-    el("div", { class: "row end" }, no, yes),
+    el("div", { class: "row end" }, [no, yes]),
   );
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
@@ -40,6 +41,7 @@ export function confirmed(ask) {
     }
   });
   dialog.replaceChildren(form);
+  dialog.oncancel = (event) => ask.must && event.preventDefault();
   dialog.showModal();
   (form.querySelector("input:not([type=radio]), select") ?? yes).focus();
 }
@@ -52,6 +54,7 @@ export function logIn() {
       text: "This ground station lets in who has a token (groundstation token).",
       fields: [field("token", "Token", { type: "password", required: true })],
       confirm: "Log in",
+      must: true,
       act: async (form) => resolve(await post("/session", { token: form.get("token") })),
     });
   });

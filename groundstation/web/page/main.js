@@ -89,6 +89,7 @@ class Page {
   }
 
   async start() {
+    this.showRights();
     await this.learnRights();
     if (this.rights.tiles) this.map.layTiles();
     this.stream = new Stream("/api/v1/stream", {
