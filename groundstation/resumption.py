@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +15,10 @@ from groundstation.places import Places, kept_places
 from groundstation.saved_state import SavedState, open_state
 from groundstation.store.chapters import Beginning, beginning
 from groundstation.store.database import Database
+from groundstation.store.rows import EventRow
 
+MOST_TOLD = 2_000
+"""Greatest number of earlier events that a page is given."""
 _LATEST_S = 1e12
 
 
@@ -29,6 +33,8 @@ class Resumption:
     begun: Beginning
     places: Places | None
     """Where everything was in the last picture; None: where the mission and commands have it."""
+    told: tuple[EventRow, ...] = ()
+    """The last MOST_TOLD events of the flight that goes on, which a page shows as its time line."""
 
 
 def resumption(path: Path | None, mission: Mission, new_flight: bool = False) -> Resumption:
@@ -44,11 +50,12 @@ def resumption(path: Path | None, mission: Mission, new_flight: bool = False) ->
     try:
         begun = beginning(mission, database.all_kept(), database.events(), new_flight)
         places = None if begun.is_fresh else _last_places(database, begun.chapter.first)
+        told = () if begun.is_fresh else tuple(deque(database.events(begun.chapter.first - 1), maxlen=MOST_TOLD))
     except (OSError, InputError) as error:
         database.close()
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f"{path}: {why}; allowed: a whole store, of this release or an earlier one") from error
-    return Resumption(database, _anew(last) if new_flight else last, begun, places)
+    return Resumption(database, _anew(last) if new_flight else last, begun, places, told)
 
 
 def _anew(last: SavedState | None) -> SavedState | None:

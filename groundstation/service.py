@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import json
 import stat
 import threading
 from collections.abc import Callable, Sequence
@@ -54,6 +55,7 @@ from groundstation.sources.sources import Sources
 from groundstation.status import Status
 from groundstation.store.event_store import EventStore
 from groundstation.store.recorder import Recorder
+from groundstation.store.rows import EventRow
 from groundstation.view import Surroundings
 
 if TYPE_CHECKING:
@@ -139,7 +141,7 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         sources.restore(station, start_s)
         links = await _open_links(options, station, hearing, sources)
         await _listen(options, station, rivals, hearing)
-        shown = _shown(options, overheard, store, sources, stack)
+        shown = _shown(options, overheard, store, sources, found.told, stack)
         # On disk before the first frame is on the air.
         store.keep(*found.begun.chapter.kept)
         begin_day(shown.desk, station, saved.directive, start_s)
@@ -166,10 +168,23 @@ def _load_ahead() -> None:
     threading.Thread(target=importlib.import_module, args=(SOLVER,), name="loading", daemon=True).start()
 
 
-def _shown(options: Options, overheard: Overheard, store: EventStore, sources: Sources, stack: ExitStack) -> Shown:
-    """Return what takes commands from standard input and the page, and shows the run there; raises InputError."""
+def _shown(
+    options: Options,
+    overheard: Overheard,
+    store: EventStore,
+    sources: Sources,
+    told: Sequence[EventRow],
+    stack: ExitStack,
+) -> Shown:
+    """Return what takes commands from standard input and the page, and shows the run there; raises InputError.
+
+    `told` are the events of the runs before, with which the page's time line begins.
+    """
     station, meter = overheard.station, BroadcastMeter(options)
     screen = _screen(options, stack)
+    if screen is not None:
+        for row in told:
+            screen.publish({"type": "event", "event": json.loads(row.body)})
     desk = Desk(station, store, screen)
     # Without a file there is nobody who could look at it later, and memory is short.
     recorder = None if options.state is None else Recorder(store, screen)

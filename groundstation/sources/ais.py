@@ -6,7 +6,6 @@ out. A report tells only the second of the minute at which its position was true
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Hashable
 from typing import Any, NamedTuple
@@ -124,7 +123,7 @@ def _time_of(second: int, now_s: float) -> float:
     """Return the last time at which the minute had a second; `now_s` if the report does not know it (60 and above)."""
     if not 0 <= second < 60:
         return now_s
-    ago_s = math.fmod(now_s - second, 60.0)
+    ago_s = (now_s - second) % 60.0
     return now_s - (0.0 if ago_s > 60.0 - FROM_FUTURE_S else ago_s)
 
 

@@ -1,8 +1,8 @@
 """Cursor on Target events: XML as TAK servers stream it, or TAK's protocol of version 1 (protobuf) by takproto.
 
 An event's `time` is when it was made and `stale` until when it counts. XML is read by the standard library and not by
-takproto's converter, which refuses an event for a battery's decimal point and for times with seven decimals. A document
-type, which could make a few bytes into gigabytes, is refused before anything is parsed; CoT has none.
+takproto's converter, which refuses an event for a battery's decimal point and for times with seven decimals. What
+stands before an event is not read: so no document type can make gigabytes of a few bytes, as none can be inside of one.
 """
 
 from __future__ import annotations
@@ -40,7 +40,6 @@ _MESH = bytes((_MAGIC, 1, _MAGIC))
 """Beginning of a datagram of TAK's protocol, version 1; on a stream the length follows the first byte."""
 _BEGIN = re.compile(rb"<event[\s>]|\xbf")
 _END = b"</event>"
-_DOCUMENT_TYPE = re.compile(r"<!(?!--|\[CDATA\[)")
 _DIMENSIONS = {"A": Category.AIRCRAFT, "S": Category.SHIP, "U": Category.SHIP, "G": Category.VEHICLE}
 """Categories by the battle dimension in an event's type, a-AFFILIATION-DIMENSION-..."""
 _MOST_LENGTH_BYTES = 3
@@ -99,10 +98,7 @@ class CotParser:
 
     def _from_xml(self, data: bytes) -> Sighting | None:
         try:
-            text = data.decode("utf-8")
-            if _DOCUMENT_TYPE.search(text):
-                raise ValueError("a document type")
-            event = ElementTree.fromstring(text)
+            event = ElementTree.fromstring(data.decode("utf-8"))
         except (ValueError, ElementTree.ParseError, RecursionError):
             count(self.refused, NOT_WHOLE)
             return None

@@ -44,6 +44,16 @@ class Doubts:
             return
         self._refuse(key.source, weighed.verdict.value, f"{{}} sightings not believed; {_plain(key.key)} {why}")
 
+    def too_fast(self, key: SourceKey, told_m_s: float, most_m_s: float) -> None:
+        """Note a sighting that tells a velocity that no thing of its category has."""
+        words = f"{{}} sightings not believed; {_plain(key.key)} tells {told_m_s:.0f} m/s; allowed: {most_m_s:g} m/s"
+        self._refuse(key.source, "too fast", words)
+
+    def too_far(self, key: SourceKey, away_m: float, most_m: float) -> None:
+        """Note a sighting of an agent that is nowhere near the mission."""
+        where = f"{_plain(key.key)} is {away_m / 1e3:.1f} km from the mission; allowed: within_m {most_m:g}"
+        self._refuse(key.source, "too far", f"{{}} sightings of agents not believed; {where}")
+
     def claimed(self, key: SourceKey, other: str) -> None:
         """Note a sighting of a thing whose place another source says."""
         words = f"{{}} sightings left out of {_plain(key.key)}, which {_plain(other)} sees too"

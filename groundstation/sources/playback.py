@@ -66,9 +66,11 @@ def sightings_in(file: BinaryIO, kind: SourceKind, parser: Parser) -> Iterator[l
                 newest_s = max(newest_s, at_s)
             elif time_in is not None:
                 newest_s += UNTIMED_LINE_S if kind == "ais" else 0.0
+            is_timed = time_in is None or at_s is not None
             for sighting in parser.feed(line if line.endswith(b"\n") else line + b"\n", newest_s):
                 newest_s = newest_s if time_in is not None else max(newest_s, sighting.at_s)
-                found.append(Due(newest_s, sighting))
+                # The second of a minute says nothing where the minute is made up.
+                found.append(Due(newest_s, sighting if is_timed else sighting._replace(at_s=newest_s)))
         yield found
 
 

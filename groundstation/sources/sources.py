@@ -20,19 +20,9 @@ from companion.mission.model import Mission
 from companion.mission.sources import SourceKind, SourceSpec
 from companion.protocol.codec import Kind
 from groundstation.desk import Answer, Fact
-from groundstation.events import (
-    AddTarget,
-    AddThreat,
-    Change,
-    Command,
-    Event,
-    Retire,
-    ThingKind,
-    TrackBegan,
-    TrackEnded,
-    Who,
-)
+from groundstation.events import Command, Event, Retire, ThingKind, TrackBegan, TrackEnded, Who, command_from
 from groundstation.ground_station import GroundStation
+from groundstation.operations import Operations
 from groundstation.origins import SENSOR, Observation
 from groundstation.sources.feed import Feed, Health, Pulse
 from groundstation.sources.links import run_source
@@ -221,7 +211,12 @@ class Sources:
                 self.tracker.taken(one, _id_of(outcome), is_listed=False)
 
         spec = next(spec for spec in self._specs if spec.name == one.key.source)
-        desk.ask_with(_command(one, spec), who, facts, answer)
+        try:
+            command = _command(one, spec, station.operations)
+        except InputError as error:
+            answer(error)
+            return
+        desk.ask_with(command, who, facts, answer)
 
 
 def _row(name: str, kind: SourceKind, health: Health) -> dict[str, Any]:
@@ -236,24 +231,24 @@ def _row(name: str, kind: SourceKind, health: Health) -> dict[str, Any]:
     }
 
 
-def _command(one: Taken | Dropped, spec: SourceSpec) -> Command:
+def _command(one: Taken | Dropped, spec: SourceSpec, operations: Operations) -> Command:
+    """Return the command that a source gives; raises InputError if what it saw fits none."""
+    kind = _WORDS[one.kind]
     if isinstance(one, Dropped):
-        return Retire(do="retire", kind=_WORDS[one.kind], id=one.id)
-    radii: dict[str, Any] = _radii(spec, one.wire.wider_m) if one.kind is Kind.THREAT else {}
+        return Retire(do="retire", kind=kind, id=one.id)
+    # A target's bound is never told, so that its own need not fit the wire.
+    is_threat = one.kind is Kind.THREAT
+    given: dict[str, Any] = {"speed_bound_m_s": one.wire.speed_bound_m_s if is_threat else one.wire.allowed_m_s}
+    if is_threat:
+        given |= _radii(spec, one.wire.wider_m)
     if not one.is_new:
-        assert one.id is not None
-        bound_m_s = one.wire.speed_bound_m_s
-        return Change(do="change", kind=_WORDS[one.kind], id=one.id, speed_bound_m_s=bound_m_s, **radii)
-    common: dict[str, Any] = {
-        "id": one.id,
-        "name": one.name or one.key.key[:40],
-        "north_m": one.place.real,
-        "east_m": one.place.imag,
-        "speed_bound_m_s": one.wire.speed_bound_m_s,
-    }
-    if one.kind is Kind.TARGET:
-        return AddTarget(do="add-target", **common)
-    return AddThreat(do="add-threat", floor_m=spec.floor_m, ceiling_m=spec.ceiling_m, **radii, **common)
+        return command_from({"do": "change", "kind": kind, "id": one.id, **given})
+    given |= {"name": one.name or one.key.key[:40], "north_m": one.place.real, "east_m": one.place.imag}
+    if is_threat:
+        given |= {"floor_m": spec.floor_m, "ceiling_m": spec.ceiling_m}
+    # No id is given twice: one that was retired comes back under another.
+    is_used = one.id is not None and operations.used[one.kind] >> one.id & 1
+    return command_from({"do": f"add-{kind}", "id": None if is_used else one.id, **given})
 
 
 def _radii(spec: SourceSpec, wider_m: float) -> dict[str, float]:

@@ -14,6 +14,8 @@ OUTSIDE = 1.2
 """Ratio of the distance at which things leave the picture to that at which they enter it."""
 HEIGHT_MARGIN_M = 100.0
 """Height by which a thing in the picture must be above the ceiling or below the floor to leave it."""
+LONGEST_KEPT_S = 86_400.0
+"""Longest time for which a thing counts by its source's word alone: a day's flying."""
 _SOON = 1.1
 """Ratio to its speed that a thing's bound must have; with less it is made greater with the next batch."""
 
@@ -105,13 +107,19 @@ def sighted(
     return thing, weighed, bound
 
 
-def told(thing: Thing, sighting: Sighting, velocity: complex | None) -> Thing:
-    """Return a thing with what a believed sighting tells beside its place; `velocity` is along the grid's axes."""
+def told(thing: Thing, sighting: Sighting, velocity: complex | None, ahead_s: float) -> Thing:
+    """Return a thing with what a believed sighting tells beside its place.
+
+    `velocity` is along the grid's axes, and `ahead_s` by how much the clock of its stamps is ahead of the times here.
+    """
+    until_s = None
+    if sighting.until_s is not None:
+        until_s = min(sighting.until_s, sighting.at_s + LONGEST_KEPT_S) - ahead_s
     return replace(
         thing,
         velocity=thing.velocity if velocity is None else velocity,
         name=sighting.name or thing.name,
-        until_s=sighting.until_s,
+        until_s=until_s,
     )
 
 

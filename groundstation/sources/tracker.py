@@ -172,6 +172,8 @@ class Tracker:
         key, kind = SourceKey(source, sighting.key), KINDS[rules.spec.things]
         if kind is Kind.AGENT and not self._is_agent(key, sample):
             return None
+        if not self._can_be(rules, key, sighting, sample):
+            return None
         before = self._tables[source].get(sighting.key)
         if before is None or not before.known.is_seen:
             thing = begun(key, rules, sighting, sample, now_s)
@@ -189,7 +191,7 @@ class Tracker:
         velocity = sighting.velocity
         if velocity is not None:
             velocity = complex(*to_grid(velocity.real, velocity.imag, convergence_rad))
-        thing = told(thing, sighting, velocity)
+        thing = told(thing, sighting, velocity, self.ahead_s if rules.is_stamped else 0.0)
         if kind is Kind.AGENT:
             thing = replace(thing, id=self._agent_id(key))
         else:
@@ -316,6 +318,18 @@ class Tracker:
             self._unknown.popitem(last=False)
         self.doubts.stranger(key)
         return False
+
+    def _can_be(self, rules: Rules, key: SourceKey, sighting: Sighting, sample: Sample) -> bool:
+        """Return whether a sighting's velocity is one of its category's, and an agent's place is near the mission."""
+        fastest_m_s = rules.bound(sighting, 0.0).speed_m_s
+        if sighting.velocity is not None and abs(sighting.velocity) > fastest_m_s:
+            self.doubts.too_fast(key, abs(sighting.velocity), fastest_m_s)
+            return False
+        away_m = self._box.distance_m(sample.place)
+        if self._kind(key) is Kind.AGENT and away_m > rules.spec.within_m:
+            self.doubts.too_far(key, away_m, rules.spec.within_m)
+            return False
+        return True
 
     def _time_of(self, rules: Rules, sighting: Sighting, now_s: float) -> float | None:
         """Return when a sighting was made that comes in now; None if its stamp cannot be true."""

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from companion.mission.model import Mission, parse_mission
-from companion.protocol.messages import Directive
-from groundstation.desk import ANSWER_S, MOST_WAITING, Desk, begin_day
-from groundstation.events import Pause, TakeOut, Undo, Who
+from companion.protocol.messages import Directive, Kind
+from groundstation.desk import ANSWER_S, MOST_WAITING, Desk, Fact, begin_day
+from groundstation.events import AddThreat, Event, Pause, TakeOut, ThreatAdded, TrackBegan, Undo, Who
 from groundstation.ground_station import GroundStation, Resumed
 from groundstation.store.chapters import beginning
 from groundstation.store.rows import EventRow
@@ -190,3 +190,35 @@ def test_what_happens_by_itself_is_kept_once_and_shown() -> None:
         day.desk.notice(START_S)
     assert [row.event for row in day.disk.rows] == ["assigned", "revision-began"]
     assert day.screen.shown == [1, 2]
+
+
+def test_what_follows_from_a_sources_command_is_kept_with_it_or_not_at_all() -> None:
+    disk = Disk()
+    disk.open = False
+    station = GroundStation(parse_mission(SMALL, "small"), START_S)
+    desk = Desk(station, disk)
+    radar, answers = Who(name="radar", role="source"), list[Any]()
+    wanted = AddThreat(do="add-threat", north_m=9.0e4, east_m=0.0, radius_m=500.0)
+
+    def facts(event: Event) -> list[Fact]:
+        assert isinstance(event, ThreatAdded)
+        identity = event.threat.id
+        return [
+            lambda number, unix_s: TrackBegan(
+                number=number, unix_s=unix_s, who=radar, source="radar", key="A", kind="threat", id=identity
+            )
+        ]
+
+    desk.ask_with(wanted, radar, facts, answers.append)
+    desk.tick(START_S)
+    disk.fail()
+    desk.tick(START_S + 1.0)
+    assert (disk.rows, station.operations.tracks) == ([], {})
+    assert "No space left" in str(answers.pop())
+    desk.ask_with(wanted, radar, facts, answers.append)
+    desk.tick(START_S + 2.0)
+    disk.take()
+    desk.tick(START_S + 3.0)
+    assert [row.event for row in disk.rows] == ["threat-added", "track-began"]
+    assert station.operations.tracks == {("radar", "A"): (Kind.THREAT, 2)}
+    assert answers == [answers[0]] and answers[0].event == "threat-added"

@@ -103,12 +103,19 @@ def test_the_real_sentences_of_ais_are_60_ships_and_aircraft_where_pyais_has_the
     assert not parser.refused
 
 
-def test_a_sentence_of_ais_tells_the_second_of_the_minute_at_which_it_was_true() -> None:
-    # Sent at second 5; it comes in at second 8, and a minute's receipt later than that is of the same minute.
+@pytest.mark.parametrize(("minute_s", "ago_s"), [(59.0, 0.0), (62.0, 3.0), (57.0, 0.0), (40.0, 41.0)])
+def test_a_sentence_of_ais_tells_the_second_of_the_minute_at_which_it_was_true(minute_s: float, ago_s: float) -> None:
+    # It was true at second 59; one that is a little ahead is of now.
     line = b"!AIVDM,1,1,,B,15M67FC000G?ufbE`FepT@3n00Sa,0*5C\n"
-    second = (AisParser().feed(line, 60.0 * 1e6)[0].at_s) % 60.0
-    (seen,) = AisParser().feed(line, 60.0 * 1e6 + second + 3.0)
-    assert seen.at_s == pytest.approx(60.0 * 1e6 + second)
+    now_s = 60.0 * 29_833_333 + minute_s
+    (seen,) = AisParser().feed(line, now_s)
+    assert now_s - seen.at_s == pytest.approx(ago_s, abs=1e-3)
+
+
+def test_a_sentence_of_ais_that_was_cut_off_is_refused_even_if_its_checksum_is_right() -> None:
+    parser = AisParser()
+    assert parser.feed(b"!AIVDO,1,1,,A,10000NwP0000000000,*4C\r\n", START_S) == []
+    assert parser.refused == {NOT_WHOLE: 1}
 
 
 def test_a_sentence_of_ais_with_a_wrong_checksum_is_refused() -> None:
@@ -145,13 +152,13 @@ def test_events_of_both_kinds_on_one_stream_are_found_one_after_the_other() -> N
     assert len(pieces(CotParser(), stream, 13)) == 3
 
 
-def test_a_document_type_is_refused_before_it_is_expanded() -> None:
+def test_entities_of_a_document_type_are_never_expanded() -> None:
     parser = CotParser()
-    bomb = COT.replace("<event", '<!DOCTYPE e [<!ENTITY a "aaaaaaaaaa">]><event', 1)
-    inside = COT.replace("<point", '<!ENTITY a "b"><point', 1)
-    assert parser.feed(inside.encode(), START_S) == []
-    assert len(parser.feed(bomb.encode(), START_S)) == 1, "what stands before an event is not read at all"
-    assert parser.refused == {NOT_WHOLE: 1}
+    kind = '<!DOCTYPE e [<!ENTITY a "aaaaaaaaaa">]>'
+    bomb = COT.replace("<event", f"{kind}<event", 1).replace("SWR12", "&a;")
+    inside = COT.replace("<point", f"{kind}<point", 1)
+    assert parser.feed(bomb.encode() + inside.encode(), START_S) == []
+    assert parser.refused == {NOT_WHOLE: 2}
 
 
 @pytest.mark.parametrize(

@@ -131,6 +131,29 @@ def test_a_thing_that_an_operator_retires_stays_away_and_a_restart_knows_the_ids
     assert again.tracks.tracks[Kind.THREAT, second.id].age_s(START_S + 29.0) == 0.0
 
 
+def test_what_no_command_can_say_is_refused_and_told() -> None:
+    run = Run("{name: receiver, kind: jsonl, file: x, radius_m: 8, within_m: 1000000}")
+    for t_s in range(5):
+        run.sources.feeds["receiver"].offer([sighting("A", 1_002_500.0, 0.0, START_S + t_s)], START_S + t_s)
+        run.tick(float(t_s))
+    assert run.station.mission.threats == ()
+    assert any("north_m" in line for line in run.sources.news(START_S + 4.0))
+
+
+def test_a_thing_with_an_id_of_its_own_comes_back_under_another_one_as_none_is_given_twice() -> None:
+    run = Run("{name: receiver, kind: jsonl, file: x, radius_m: 8, ids: {A: 40}, timeout_s: 5}")
+    ids = []
+    for t_s in [*range(5), *range(60, 90)]:
+        run.sources.feeds["receiver"].offer([sighting("A", 15_000.0, 0.0, START_S + t_s)], START_S + t_s)
+        run.tick(float(t_s))
+        run.tick(t_s + 0.7)
+        if t_s == 4:
+            for later_s in range(5, 60):
+                run.tick(float(later_s))
+        ids += [threat.id for threat in run.station.mission.threats if threat.id not in ids]
+    assert ids == [40, 41]
+
+
 def test_what_the_ground_station_refuses_is_told_and_not_asked_again_at_once() -> None:
     run = Run("{name: receiver, kind: jsonl, file: x, as: targets}")
     for t_s in range(10):
@@ -171,8 +194,9 @@ def test_a_recording_played_faster_has_faster_things_and_times_of_now() -> None:
 def test_a_recording_of_ais_without_times_is_played_line_by_line() -> None:
     run = Run("{name: receiver, kind: ais, file: x, radius_m: 8}")
     blocks = sightings_in(BytesIO((DATA / "ais.nmea").read_bytes()), "ais", run.sources.feeds["receiver"].parser)
-    times_s = [due.at_s for block in blocks for due in block]
-    assert times_s == sorted(times_s)
+    played = [due for block in blocks for due in block]
+    times_s = [due.at_s for due in played]
+    assert times_s == sorted(times_s) == [due.sighting.at_s for due in played]
     assert times_s[-1] - times_s[0] == pytest.approx(8.2)
 
 

@@ -128,10 +128,12 @@ def test_only_what_is_near_enough_is_taken_in_and_it_leaves_farther_out() -> Non
     assert [one.key.key for one in take_in(sky, 1.0)] == ["near"]
     for t_s in range(2, 16):
         see(sky, "near", 7_500.0 + 75.0 * (t_s - 1), float(t_s), velocity=75 + 0j)
-    assert wanted(sky, 30.0) == [], "at 8.5 km it is outside, but not by enough to leave"
-    for t_s in range(16, 32):
-        see(sky, "near", 7_500.0 + 75.0 * (t_s - 1), float(t_s), velocity=75 + 0j)
-    gone = wanted(sky, 31.0 + RETIRED_WITHIN_S)
+    for t_s in range(16, 70):
+        see(sky, "near", 8_550.0, float(t_s))
+    assert wanted(sky, 69.0) == [], "it is outside, but not by enough to leave"
+    for t_s in range(70, 90):
+        see(sky, "near", 8_550.0 + 75.0 * (t_s - 69), float(t_s), velocity=75 + 0j)
+    gone = wanted(sky, 89.0 + RETIRED_WITHIN_S)
     assert [one.why for one in gone if isinstance(one, Dropped)] == ["too far away, too high or too low"]
 
 
@@ -185,6 +187,29 @@ def test_a_source_whose_clock_is_wrong_is_refused_and_told_by_how_much(off_s: fl
     assert sky.take("s", sighting("A", FAR_M, 0.0, START_S + off_s), START_S) is None
     assert sky.doubts.refused["s"] == 1
     assert word in sky.doubts.news(START_S)[0]
+
+
+def test_a_velocity_that_nothing_has_is_not_believed_and_makes_no_wide_disc() -> None:
+    sky = tracker()
+    for t_s in (0.0, 1.0):
+        assert see(sky, "A", FAR_M, t_s, velocity=1_500 + 0j) is None
+    assert wanted(sky, 1.0) == []
+    assert "1500 m/s" in sky.doubts.news(START_S)[0]
+
+
+def test_an_agent_at_the_other_end_of_the_world_does_not_move_there() -> None:
+    sky = tracker({"kind": "telemetry"})
+    assert see(sky, "1", 9.0e6, 0.0) is None
+    assert "9" in sky.doubts.news(START_S)[0]
+    assert see(sky, "1", 100.0, 1.0) is not None
+
+
+def test_a_thing_that_says_to_count_for_years_counts_for_a_day() -> None:
+    sky = tracker({"kind": "cot"})
+    see(sky, "A", FAR_M, 0.0, until_s=START_S + 1e9)
+    take_in(sky, 0.0)
+    assert wanted(sky, 86_000.0) == []
+    assert wanted(sky, 90_000.0) != []
 
 
 def test_the_computers_clock_that_was_set_does_not_make_a_sources_stamps_wrong() -> None:

@@ -132,3 +132,9 @@ def test_the_rows_of_a_run_are_its_events(path: Path) -> None:
     rows = list(reader.events())
     reader.close()
     assert [row_of(event_of_row(row)) for row in rows] == rows
+
+
+def test_a_page_is_given_the_events_of_the_flight_that_goes_on(path: Path) -> None:
+    found = resumption(path, mission())
+    assert [row.number for row in found.told] == list(range(1, found.begun.operations.next_number))
+    assert resumption(path, mission(), new_flight=True).told == ()
