@@ -20,13 +20,15 @@ LEAST_SAMPLES, MOST_SAMPLES = 50, 2_000
 """Number of times at which the flight is sampled, as far as MOST_NUMBERS allows."""
 MOST_HEARD, MOST_WORDS = 20_000, 5_000
 """Greatest number of pictures heard, and of reasons, of all agents together."""
+WIDE_M = 20_000.0
+"""Width of a map from which whole metres are drawn, and decimetres below it."""
 _MARGIN = 0.04
 """Free share of the map on each side."""
 EntryT = TypeVar("EntryT")
 
 
 def player_data(flown: FlownMission, logs: Mapping[int, AgentLog]) -> dict[str, Any]:
-    """Return what the player is given: places in whole metres (dm for small flights are not told apart on a map)."""
+    """Return what the player is given: places in units of `unit_m`, so small that they are not told apart on a map."""
     mission, trajectory = flown.mission, flown.trajectory
     objects = len(trajectory.agent_ids) + len(trajectory.target_ids) + len(trajectory.threat_ids)
     wanted = int(np.clip(MOST_NUMBERS // (2 * max(objects, 1)), LEAST_SAMPLES, MOST_SAMPLES))
@@ -36,16 +38,19 @@ def player_data(flown: FlownMission, logs: Mapping[int, AgentLog]) -> dict[str, 
     lost_s = {one.id: one.lost_t_s for one in flown.score.per_agent}
     reached_s = {one.id: one.reached_t_s for one in flown.score.per_target}
     threats = {threat.id: threat for threat in mission.threats}
+    box = _box(flown)
+    unit_m = 1.0 if max(box[2] - box[0], box[3] - box[1]) > WIDE_M else 0.1
     return {
+        "unit_m": unit_m,
         "t_ds": _steps(trajectory.t_s[chosen] * 10.0),
-        "box": _box(flown),
+        "box": box,
         "arrival": mission.arrival_radius_m,
         "fence": mission.fence,
         "exclusions": mission.exclusions,
         "agents": [
             {
                 "id": identity,
-                **_track(trajectory.agents_ned_m[chosen, index]),
+                **_track(trajectory.agents_ned_m[chosen, index] / unit_m),
                 "lost": lost_s.get(identity),
                 "heard": _thinned(_log(logs, identity).pictures, MOST_HEARD // agents),
                 "words": _thinned(_log(logs, identity).reasons, MOST_WORDS // agents),
@@ -55,7 +60,7 @@ def player_data(flown: FlownMission, logs: Mapping[int, AgentLog]) -> dict[str, 
         "targets": [
             {
                 "id": identity,
-                **_track(trajectory.targets_ned_m[chosen, index]),
+                **_track(trajectory.targets_ned_m[chosen, index] / unit_m),
                 "reached": reached_s.get(identity),
             }
             for index, identity in enumerate(trajectory.target_ids)
@@ -63,7 +68,7 @@ def player_data(flown: FlownMission, logs: Mapping[int, AgentLog]) -> dict[str, 
         "threats": [
             {
                 "id": identity,
-                **_track(trajectory.threats_ned_m[chosen, index]),
+                **_track(trajectory.threats_ned_m[chosen, index] / unit_m),
                 "detection": threats[identity].detection_radius_m,
                 "attack": threats[identity].attack_radius_m,
                 "bound": threats[identity].speed_bound_m_s,
@@ -84,18 +89,18 @@ def _log(logs: Mapping[int, AgentLog], identity: int) -> AgentLog:
     return logs.get(identity) or AgentLog()
 
 
-def _track(ned_m: np.ndarray) -> dict[str, list[int]]:
-    """Return the places (S, 2) m as the steps between them, north and east, and the samples at which it was there.
+def _track(places: np.ndarray) -> dict[str, list[int]]:
+    """Return places (S, 2), north and east, as the steps between them, and the samples at which something was there.
 
     These are the first and the one after the last of each time that it was there, or nothing if it always was.
     """
-    there = ~np.isnan(ned_m[:, 0])
+    there = ~np.isnan(places[:, 0])
     edges = np.flatnonzero(np.diff(there, prepend=False, append=False)).tolist()
     # What is not drawn is where it was last, or will be.
     shown = np.maximum.accumulate(np.where(there, np.arange(len(there)), -1))
     shown = np.where(shown < 0, int(there.argmax()), shown)
-    whole_m = np.nan_to_num(ned_m[shown])
-    return {"n": _steps(whole_m[:, 0]), "e": _steps(whole_m[:, 1]), "there": [] if there.all() else edges}
+    drawn = np.nan_to_num(places[shown])
+    return {"n": _steps(drawn[:, 0]), "e": _steps(drawn[:, 1]), "there": [] if there.all() else edges}
 
 
 def _steps(values: np.ndarray) -> list[int]:

@@ -10,7 +10,9 @@
   const end = times[times.length - 1];
   const kinds = ["agents", "targets", "threats"];
   for (const kind of kinds) {
-    for (const thing of flight[kind]) thing.track = [summed(thing.n), summed(thing.e)];
+    for (const thing of flight[kind]) {
+      thing.track = [thing.n, thing.e].map((steps) => summed(steps).map((value) => value * flight.unit_m));
+    }
   }
   const EDGE = 22;  // Room for labels at the edge, CSS pixels.
   let now = 0, playing = false, last = null, scale = 1;

@@ -9,6 +9,8 @@ from companion.mission.model import Mission, parse_mission
 from companion.protocol.codec import Detection, DetectionsFrame, FrameWriter, Kind
 from groundstation.desk import Desk
 from groundstation.ground_station import GroundStation
+from groundstation.notices import MOST_TOLD
+from groundstation.origins import MOST_UNKNOWN, Stranger
 from groundstation.sources.sources import Sources
 from groundstation.store.rows import EventRow
 from groundstation.view import Surroundings, View, picture
@@ -90,3 +92,13 @@ def test_by_the_sensors_rule_a_stranger_is_taken_in_as_a_threat_that_moves_and_i
     watch.to(100, sees=False)
     assert watch.shown()["threats"] == []
     assert watch.disk.kinds.count("threat-added") == watch.disk.kinds.count("retired") == 1
+
+
+def test_a_flood_of_strangers_is_no_flood_of_events() -> None:
+    watch = Watch(parse_mission(TEXT, "test"))
+    for number in range(1000):
+        stranger = Stranger((Kind.THREAT, number), 0j, 0j, START_S)
+        watch.station.tracks.origins.meet(stranger)
+        watch.desk.notice(START_S)
+    assert watch.disk.kinds.count("unknown-seen") == MOST_TOLD
+    assert len(watch.shown()["unknown"]) == MOST_UNKNOWN

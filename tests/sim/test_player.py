@@ -72,11 +72,12 @@ def test_an_agents_log_keeps_each_picture_once_and_each_reason_once_whatever_its
     assert [words for _, words in second.reasons] == ["fresh, target 7: late, 0.0 s; certified none"]
 
 
-def test_the_samples_are_the_flight_to_the_metre() -> None:
+def test_the_samples_are_the_flight_to_the_decimetre_where_it_is_small() -> None:
     data = player_data(flown(), logs())
+    assert data["unit_m"] == 0.1
     times_s = [ds / 10 for ds in accumulate(data["t_ds"])]
     assert (times_s[0], times_s[-1]) == (0.0, 200.0)
-    assert list(accumulate(data["agents"][0]["n"])) == [round(60.0 * t_s) for t_s in times_s]
+    assert list(accumulate(data["agents"][0]["n"])) == [round(600.0 * t_s) for t_s in times_s]
     assert data["targets"][0]["reached"] == pytest.approx(195.0, abs=0.6)
 
 
@@ -91,7 +92,7 @@ def test_a_long_flight_of_many_is_thinned_out_until_it_fits() -> None:
     data = player_data(FlownMission(mission(), trajectory, scored, 1, "routed"), {})
     numbers = sum(len(one["n"]) + len(one["e"]) for kind in ("agents", "targets", "threats") for one in data[kind])
     assert numbers <= MOST_NUMBERS
-    assert sum(data["agents"][0]["n"]) == 1_800
+    assert sum(data["agents"][0]["n"]) * data["unit_m"] == 1_800.0
 
 
 @given(st.text())
