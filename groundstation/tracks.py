@@ -223,8 +223,11 @@ class TrackTable:
         self.tracks[key] = Track(*place_ned_m, 0.0, 0.0, placed_at_s)
         self._begin_anew(key)
 
-    def take(self, frame: DetectionsFrame, now_s: float) -> None:
-        """Merge one scan of a sensor, as far as it can be true; what cannot is counted in `refusals` by its cause."""
+    def take(self, frame: DetectionsFrame, now_s: float, others: Collection[Key] = ()) -> None:
+        """Merge one scan of a sensor, as far as it can be true; what cannot is counted in `refusals` by its cause.
+
+        `others` are things whose ids are none of the sensor's: what it calls so is something else.
+        """
         seen_at_s = self._sightings.time_of("sensor", frame.unix_s, now_s)
         if seen_at_s is None:
             return
@@ -236,9 +239,11 @@ class TrackTable:
                 self.refusals.add(TOO_FAR, "sensor: {} detections refused as too far")
                 continue
             key = (detection.kind, detection.id)
-            if key not in self.tracks:
+            if key not in self.tracks or key in others:
                 velocity = complex(detection.velocity_north_m_s, detection.velocity_east_m_s)
                 self.origins.meet(Stranger(key, complex(*place_ned_m), velocity, seen_at_s))
+            if key in others:
+                continue
             weighed = self._sightings.sighted(key, Sample(complex(*place_ned_m), seen_at_s), now_s)
             if weighed is not None and weighed.verdict is Verdict.BELIEVED:
                 self._move(key, detection, place_ned_m, seen_at_s)
