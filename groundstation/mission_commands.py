@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 def fleet_command(**given: Unpack[FleetArguments]) -> None:
     """Write each vehicle's configuration and keys.
 
-    MISSION is a YAML file or a packaged name. What vehicles and ground station must agree on comes from the mission; a fleet file that says otherwise is refused.
+    MISSION is a YAML file or a packaged name. What vehicles and ground station must agree on comes from the
+    mission; a fleet file that says otherwise is refused.
 
     Example: groundstation fleet copter-field --fleet fleet.yaml --keys keys --out fleet
 
@@ -59,7 +60,8 @@ def fleet_command(**given: Unpack[FleetArguments]) -> None:
 def import_command(**given: Unpack[ImportArguments]) -> None:
     """Make a mission of another program's FILE.
 
-    It is a plan of QGroundControl, KML or GeoJSON. The fence comes from the inclusion, exclusions and threats from what is to be kept out of, targets from way points.
+    It is a plan of QGroundControl, KML or GeoJSON. The fence comes from the inclusion, exclusions and threats
+    from what is to be kept out of, targets from way points.
     What was left out is said on standard error. docs/mission.md has the rules.
 
     Example: groundstation import survey.plan > mission.yaml
@@ -82,7 +84,8 @@ def import_command(**given: Unpack[ImportArguments]) -> None:
 def check_command(**given: Unpack[CheckArguments]) -> int:
     """Show a mission and what is doubtful about it.
 
-    All places of MISSION, a YAML file or a packaged name, are shown in metres and in degrees, with every warning. Exit status 0 if there is no warning, 1 if there is one, 2 for a mission that cannot be flown.
+    All places of MISSION, a YAML file or a packaged name, are shown in metres and in degrees, with every
+    warning. Exit status 0 if there is no warning, 1 if there is one, 2 for a mission that cannot be flown.
 
     Example: groundstation check copter-field --autopilot arducopter --out field.png
     """
