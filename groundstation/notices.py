@@ -42,6 +42,8 @@ class Facts:
     """What the sensor sees and the mission does not have."""
 
 
+MOST_TOLD = 256
+"""Greatest number of unknown things that are told as events, which are kept for ever: a sensor may see anything."""
 _WORDS: dict[Kind, Literal["agent", "target", "threat"]] = {
     Kind.AGENT: "agent",
     Kind.TARGET: "target",
@@ -76,7 +78,8 @@ def _news(operations: Operations, facts: Facts, unix_s: float) -> Iterator[Event
     if facts.revision != operations.revision:
         threats = len(operations.mission.threats)
         yield RevisionBegan(number=number, unix_s=unix_s, who=STATION, revision=facts.revision, threats=threats)
-    for key in facts.unknown.keys() - operations.unknown:
+    room = max(0, MOST_TOLD - len(operations.unknown))
+    for key in sorted(facts.unknown.keys() - operations.unknown)[:room]:
         thing = facts.unknown[key]
         north_m, east_m = thing.place.real, thing.place.imag
         yield UnknownSeen(

@@ -188,6 +188,8 @@ def _shown(
     desk = Desk(station, store, screen)
     # Without a file there is nobody who could look at it later, and memory is short.
     recorder = None if options.state is None else Recorder(store, screen)
+    if recorder is not None:
+        stack.callback(recorder.close)
 
     def direct(directive: Directive) -> None:
         desk.ask(Direct(do="direct", directive=directive_name(directive)), STANDARD_INPUT)

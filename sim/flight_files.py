@@ -18,6 +18,8 @@ from sim.stop import Stop, disk_stop
 from sim.trajectory import TrajectoryBuilder, TrajectoryFile
 
 TRAJECTORY_NAME = "trajectory.csv"
+EVENTS_NAME = "events.jsonl"
+"""What was asked and noticed in a flight that a page, or recorded tracks, could change."""
 RESERVE_BYTES = 4 * 2**20
 """Room that is kept free until the end of a flight for its result, its pictures and its report: several times of what
 they take."""

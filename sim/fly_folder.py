@@ -9,6 +9,7 @@ from typing import Any
 
 from sim.agent_log import AgentLog
 from sim.figures import clearance_png, plot_paths
+from sim.flight_files import EVENTS_NAME
 from sim.flown import FlownMission
 from sim.player import player_data
 from sim.report import Pictures, write_report
@@ -18,13 +19,13 @@ _PATHS_NAME, _REPORT_NAME = "paths.png", "report.html"
 
 
 def clear_folder(folder: Path) -> None:
-    """Remove what an earlier flight wrote at its end: a flight that is killed must not leave it beside its own files.
+    """Remove what an earlier flight wrote at its end, or only it did: no flight must leave that beside its own files.
 
     Raises:
         OSError: a file cannot be removed.
 
     """
-    for name in (RESULT_NAME, _PATHS_NAME, _REPORT_NAME):
+    for name in (RESULT_NAME, _PATHS_NAME, _REPORT_NAME, EVENTS_NAME):
         (folder / name).unlink(missing_ok=True)
 
 

@@ -18,9 +18,20 @@ from companion.mission.model import Mission, load_mission
 from companion.protocol.codec import FleetFrame, StateFrame, decode_frame
 from companion.protocol.frame import raw_frame
 from companion.protocol.messages import WireError
-from groundstation.events import STATION, Arrived, Assigned, Event, Lost, NewTarget, RevisionBegan, Started
+from groundstation.events import (
+    STATION,
+    Arrived,
+    Assigned,
+    Event,
+    Lost,
+    NewTarget,
+    RevisionBegan,
+    Started,
+    event_from_json,
+)
+from groundstation.operations import Operations, applied
 from groundstation.store.recordings import MOST_EVENTS, Json, Span
-from sim.flight_files import TRAJECTORY_NAME
+from sim.flight_files import EVENTS_NAME, TRAJECTORY_NAME
 from sim.loop import START_S
 from sim.trajectory import Trajectory, read_csv
 from sim.vehicle_words import Knowledge, read_words
@@ -50,7 +61,9 @@ class FlownFolder:
             if not (folder / name).is_file():
                 raise InputError(f"{folder}: no {name}; allowed: a folder that `sim fly --out` wrote")
         self._mission = load_mission(str(folder / "mission.yaml"))
-        self._trajectory = read_csv(folder / TRAJECTORY_NAME)
+        kept = kept_events(folder / EVENTS_NAME)
+        self._missions = missions_by(self._mission, kept)
+        self._trajectory = read_csv(folder / TRAJECTORY_NAME, things_change=bool(kept))
         self._frames = [(at_s, frame) for at_s, frame in read_tlog(folder / BROADCAST_NAME)]
         self._sent_s = [at_s for at_s, _ in self._frames]
         self._words = {
@@ -59,14 +72,14 @@ class FlownFolder:
             if (folder / f"vehicle-{agent.id}.tlog").is_file()
         }
         self._arrivals = arrivals_in(folder / "result.json")
-        self._events = list(events_of(self._mission, self._frames, self._arrivals))
+        self._events = kept or list(events_of(self._mission, self._frames, self._arrivals))
         self._event_times_s = [event.unix_s for event in self._events]
         times_s = self._trajectory.t_s
         self.span = Span(START_S + float(times_s[0]), START_S + float(times_s[-1]))
 
     def mission_at(self, at_s: float) -> Json | None:
-        """Return the mission that was flown."""
-        mission: Json = self._mission.model_dump(mode="json")
+        """Return the mission with what it had at a time."""
+        mission: Json = self._mission_at(at_s).model_dump(mode="json")
         return mission
 
     def events(self, after_s: float, to_s: float) -> list[Json]:
@@ -88,7 +101,10 @@ class FlownFolder:
         number = bisect_right(self._event_times_s, at_s)
         heard_s = [one.picture_s for one in known.values() if one is not None and one.picture_s is not None]
         age_s = round(at_s - max(heard_s), 2) if heard_s else None
-        return picture_of(self._mission, scene, Known(known, self._arrivals, age_s, at_s), number)
+        return picture_of(self._mission_at(at_s), scene, Known(known, self._arrivals, age_s, at_s), number)
+
+    def _mission_at(self, at_s: float) -> Mission:
+        return self._missions[max(0, bisect_right(self._missions, at_s, key=lambda one: one[0]) - 1)][1]
 
 
 @dataclass(frozen=True)
@@ -97,7 +113,8 @@ class Known:
 
     vehicles: Mapping[int, Knowledge | None]
     """What each vehicle knows, by agent id."""
-    arrivals: Mapping[int, Arrival]
+    arrivals: Mapping[int, Sequence[Arrival]]
+    """The arrivals of each agent in order, by its id."""
     age_s: float | None
     """Age of the newest picture that any vehicle has; None: none has any."""
     at_s: float
@@ -179,10 +196,11 @@ def picture_of(mission: Mission, scene: Scene, known: Known, number: int) -> Jso
 def _agents(mission: Mission, scene: Scene, known: Known) -> Iterator[Json]:
     lost_s = {loss.agent: START_S + loss.t_s for loss in mission.losses}
     for identity, (north_m, east_m), heading_deg, speed_m_s in scene.agents():
-        one, arrival = known.vehicles.get(identity), known.arrivals.get(identity)
+        one = known.vehicles.get(identity)
+        reached = {arrival.target_id for arrival in known.arrivals.get(identity, ()) if arrival.at_s <= known.at_s}
         target_id = None if one is None else one.target_id
         state = "no target" if target_id is None else "under way"
-        if arrival is not None and known.at_s >= arrival.at_s:
+        if reached and (target_id is None or target_id in reached):
             state = "arrived"
         if known.at_s >= lost_s.get(identity, math.inf):
             state = "lost"
@@ -219,7 +237,8 @@ def _targets(mission: Mission, scene: Scene, known: Known) -> Iterator[Json]:
     for identity, place in scene.targets().items():
         by = [
             agent_id
-            for agent_id, arrival in known.arrivals.items()
+            for agent_id, arrivals in known.arrivals.items()
+            for arrival in arrivals
             if arrival.target_id == identity and arrival.at_s <= known.at_s
         ]
         sent = [agent_id for agent_id, one in known.vehicles.items() if one is not None and one.target_id == identity]
@@ -250,14 +269,34 @@ def _threats(mission: Mission, scene: Scene, known: Known) -> Iterator[Json]:
         }
 
 
-def arrivals_in(path: Path) -> dict[int, Arrival]:
+def kept_events(path: Path) -> list[Event]:
+    """Return the events that a flight with a page, or with tracks, has kept; none if there is no such file."""
+    try:
+        return [event_from_json(line) for line in path.read_bytes().splitlines()]
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: no events of a flight; allowed: the file that `sim fly` wrote") from error
+
+
+def missions_by(mission: Mission, events: Sequence[Event]) -> list[tuple[float, Mission]]:
+    """Return from which Unix time on events have made what of a mission, which is there from the start."""
+    operations = Operations.begun(mission)
+    found = [(-math.inf, mission)]
+    for event in events:
+        operations = applied(operations, event)
+        if operations.mission is not found[-1][1]:
+            found.append((event.unix_s, operations.mission))
+    return found
+
+
+def arrivals_in(path: Path) -> dict[int, list[Arrival]]:
     """Return the arrivals of a `result.json` by agent id; none if a flight that was killed has left no such file."""
     try:
         agents = json.loads(path.read_text(encoding="utf-8"))["agents"]
         return {
-            one["id"]: Arrival(START_S + one["arrived_t_s"], one["target"])
+            one["id"]: [Arrival(START_S + reached["t_s"], reached["target"]) for reached in one["reached"]]
             for one in agents
-            if one["arrived_t_s"] is not None
         }
     except FileNotFoundError:
         return {}
@@ -266,7 +305,7 @@ def arrivals_in(path: Path) -> dict[int, Arrival]:
 
 
 def events_of(
-    mission: Mission, frames: Sequence[tuple[float, bytes]], arrivals: Mapping[int, Arrival]
+    mission: Mission, frames: Sequence[tuple[float, bytes]], arrivals: Mapping[int, Sequence[Arrival]]
 ) -> Iterator[Event]:
     """Yield what happened in a flight, in its order: who was sent where by the broadcast, arrived or was lost."""
     found: list[tuple[float, Callable[..., Event]]] = [
@@ -274,8 +313,8 @@ def events_of(
         *((START_S + loss.t_s, partial(Lost, agent=loss.agent)) for loss in mission.losses),
         *_told(frames, len(mission.threats)),
     ]
-    for agent_id, arrival in arrivals.items():
-        found.append((arrival.at_s, partial(Arrived, agent=agent_id, target=arrival.target_id)))
+    for agent_id, reached in arrivals.items():
+        found += [(one.at_s, partial(Arrived, agent=agent_id, target=one.target_id)) for one in reached]
     for number, (at_s, event) in enumerate(sorted(found, key=lambda one: one[0]), 1):
         yield event(number=number, unix_s=at_s, who=STATION)
 

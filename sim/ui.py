@@ -25,6 +25,7 @@ from groundstation.web.bridge import Bridge
 from groundstation.web.pipe import CLOCK, Request
 from groundstation.web.site import Site
 from sim.agent_log import AgentLog
+from sim.flight_files import EVENTS_NAME
 from sim.flight_record import FlightRecord
 from sim.loop import START_S
 from sim.pace import FASTEST, SLOWEST, Pace
@@ -32,7 +33,6 @@ from sim.stop import Stop
 from sim.tracks import Tracks
 from sim.world import World
 
-EVENTS_NAME = "events.jsonl"
 OVER = "the flight is over; allowed: to look at it"
 SHOW_PERIOD_S = 0.1
 """Wall-clock time between two looks at the page: what is asked waits no longer than that."""

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import orjson
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -44,6 +45,8 @@ from groundstation.saved_state import (
     threats_digest,
 )
 from groundstation.service import load_frame_signer, run_groundstation
+from groundstation.store.database import Database
+from groundstation.store.recordings import records_in
 
 # Loaded before any test, as the first assignment would load it: the tests of clocks must not count that second.
 importlib.import_module("scipy.optimize")
@@ -431,6 +434,23 @@ def test_logs_of_one_name_have_a_bound_together_and_none_is_written_over(tmp_pat
     assert sum(one.stat().st_size for one in logs) <= 1_050
     assert max(one.stat().st_mtime for one in logs) == 29
     assert other.exists()
+
+
+def test_a_run_leaves_its_events_pictures_and_frames_and_a_second_one_goes_on(ear: Ear, tmp_path: Path) -> None:
+    state = tmp_path / "ground.state"
+    options = Options(ear.link, "unsigned", state=state)
+    for _ in range(2):
+        ear.heard().clear()
+        broadcast_until(options, lambda: len(ear.heard()) >= 4)
+    reader = Database.read_only(state)
+    kinds = [row.event for row in reader.events()]
+    assert kinds[:3] == ["started", "assigned", "revision-began"]
+    assert kinds.count("assigned") == 1
+    assert kinds.count("started") == kinds.count("stopped") == 2
+    pictures = list(reader.recorded("picture"))
+    assert [agent["id"] for agent in orjson.loads(pictures[0].body)["agents"]] == [1, 2]
+    assert any(list(records_in(recorded.body)) for recorded in reader.recorded("frames"))
+    reader.close()
 
 
 def test_a_state_that_is_none_is_not_replaced(ear: Ear, tmp_path: Path) -> None:

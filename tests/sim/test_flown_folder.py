@@ -35,7 +35,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "mission.yaml").write_text(dump_mission(mission))
     flight = fly(mission, 1, FlightOptions(out=folder))
     scored = score(flight.trajectory, mission).per_agent
-    agents = [{"id": one.id, "arrived_t_s": one.arrived_t_s, "target": one.target_id} for one in scored]
+    agents = [
+        {"id": one.id, "reached": [{"target": there.target_id, "t_s": there.t_s} for there in one.reached]}
+        for one in scored
+    ]
     (folder / "result.json").write_text(json.dumps({"agents": agents}))
     return folder
 

@@ -10,7 +10,7 @@ from typing import Any, cast
 import pytest
 
 import sim.ui
-from companion.mission.model import parse_mission
+from companion.mission.model import dump_mission, parse_mission
 from companion.mission.resolve import resolve
 from groundstation.web.bridge import Bridge
 from groundstation.web.pipe import CLOCK, Request, Who
@@ -18,6 +18,7 @@ from sim.changes import with_all_things
 from sim.lockstep import Flight, FlightOptions, fly
 from sim.loop import START_S
 from sim.pace import Pace
+from sim.replayed import FlownFolder
 from sim.score import Score, score
 from sim.stop import Stop
 from sim.trajectory import read_csv
@@ -112,6 +113,11 @@ def test_a_threat_dropped_on_a_route_is_flown_around_and_counts_in_the_score(tmp
     assert [(event["unix_s"] - START_S, event["who"]["name"]) for event in added] == [(10.0, "ada")]
     assert [event["number"] for event in events] == list(range(1, len(events) + 1))
     assert browser.answers[0] == added[0]
+    (tmp_path / "mission.yaml").write_text(dump_mission(resolve(parse_mission(MISSION, "test"), 1)))
+    played = FlownFolder(tmp_path)
+    pictures = [played.picture_at(START_S + t_s) for t_s in (9.0, 11.0)]
+    assert [len(picture["threats"]) for picture in pictures if picture is not None] == [0, 1]
+    assert [event["number"] for event in played.events(START_S + 9.0, START_S + 10.0)] == [added[0]["number"]]
 
 
 @pytest.mark.usefixtures("looks_always")

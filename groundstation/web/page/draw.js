@@ -256,6 +256,7 @@ function drawAssignments(scene) {
   for (const agent of state.agents.values()) {
     const target = agent.target === null ? null : state.targets.get(String(agent.target));
     if (!target || agent.state !== "under way") continue;
+    if (scene.many && scene.ui.layers.routes && state.routes.has(String(agent.id))) continue; // its route says the same
     scene.context.moveTo(...pixel(view, squareOf(state.plane, agent)));
     scene.context.lineTo(...pixel(view, squareOf(state.plane, target)));
   }

@@ -1,0 +1,105 @@
+"""A flown folder on the page: the truth, what each vehicle knew and when, and what it said."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from companion.errors import InputError
+from companion.mission.model import dump_mission, parse_mission
+from groundstation.store.playback import Playback
+from groundstation.store.recordings import Recording
+from sim.lockstep import FlightOptions, fly
+from sim.loop import START_S
+from sim.replayed import FlownFolder
+from sim.score import score
+from sim.vehicle_words import read_words
+from tests.groundstation.store.test_playback import Screen
+
+MISSION = """
+name: heard
+agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}, {id: 2, north_m: 0, east_m: 2000, heading_deg: 0}]
+targets: [{id: 7, north_m: 1500, east_m: 0}]
+threats: [{id: 4, north_m: 1000, east_m: 6000, detection_radius_m: 900, attack_radius_m: 300, speed_bound_m_s: 5}]
+broadcast_period_s: 2
+max_time_s: 30
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("flown")
+    mission = parse_mission(MISSION, "heard")
+    (folder / "mission.yaml").write_text(dump_mission(mission))
+    flight = fly(mission, 1, FlightOptions(out=folder))
+    scored = score(flight.trajectory, mission).per_agent
+    agents = [{"id": one.id, "arrived_t_s": one.arrived_t_s, "target": one.target_id} for one in scored]
+    (folder / "result.json").write_text(json.dumps({"agents": agents}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def flown(folder: Path) -> FlownFolder:
+    return FlownFolder(folder)
+
+
+def test_a_picture_tells_where_everything_was_and_what_each_vehicle_had_heard(flown: FlownFolder) -> None:
+    picture = flown.picture_at(START_S + 11.2)
+    assert picture is not None
+    assert picture["t_s"] == START_S + 11.0
+    first = picture["agents"][0]
+    assert first["north_m"] == pytest.approx(60.0 * 11.0, abs=10.0)
+    assert (first["target"], first["certificate"]) == (7, "for ever")
+    assert first["link"].endswith("s old, held whole, fresh")
+    assert first["said"].startswith("target 7 (assigned), picture fresh, certified for ever")
+    (threat,) = picture["threats"]
+    assert 0.0 < threat["age_s"] <= 2.2
+    assert threat["growth_m"] == pytest.approx(5.0 * threat["age_s"], abs=0.01)
+
+
+def test_before_anything_was_heard_a_vehicle_knows_nothing(flown: FlownFolder) -> None:
+    picture = flown.picture_at(flown.span.from_s)
+    assert picture is not None
+    assert [one["link"] for one in picture["agents"]] == ["nothing heard yet"] * 2
+
+
+def test_its_events_are_who_was_sent_where_and_arrived_in_order(flown: FlownFolder) -> None:
+    events = flown.events(0.0, flown.span.to_s)
+    assert [event["event"] for event in events][:3] == ["started", "revision-began", "assigned"]
+    assert [event["number"] for event in events] == list(range(1, len(events) + 1))
+    arrived = [event for event in events if event["event"] == "arrived"]
+    assert [(event["agent"], event["target"]) for event in arrived] == [(1, 7)]
+    at_s = arrived[0]["unix_s"]
+    before, after = flown.picture_at(at_s - 1.0), flown.picture_at(at_s + 0.5)
+    assert before is not None and after is not None
+    assert (before["agents"][0]["state"], after["agents"][0]["state"]) == ("under way", "arrived")
+    assert after["targets"][0]["reached_by"] == [1]
+
+
+def test_it_is_played_like_a_store(flown: FlownFolder) -> None:
+    recording: Recording = flown
+    playback, screen = Playback(recording), Screen()
+    playback.step(screen, 10.0)
+    assert screen.taken("picture")[-1]["mode"] == "playback"
+    assert screen.taken("mission")[-1]["mission"]["name"] == "heard"
+    assert len(screen.heard_s) > 5
+
+
+def test_a_vehicle_that_heard_a_part_of_the_threats_says_how_many(folder: Path, tmp_path: Path) -> None:
+    words = read_words(folder / "vehicle-2.tlog", 2)
+    assert {one.missing for one in words.known} == {None}
+    assert words.at(START_S - 1.0) is None
+    times_s = [one.at_s for one in words.known]
+    assert times_s == sorted(times_s)
+
+
+def test_a_killed_flight_without_a_result_is_opened_and_another_folder_is_refused(folder: Path, tmp_path: Path) -> None:
+    for name in ("mission.yaml", "trajectory.csv", "broadcast.tlog"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    left = FlownFolder(tmp_path)
+    assert [event["event"] for event in left.events(0.0, left.span.to_s)].count("arrived") == 0
+    (tmp_path / "broadcast.tlog").unlink()
+    with pytest.raises(InputError, match="no broadcast.tlog; allowed: a folder that `sim fly --out` wrote"):
+        FlownFolder(tmp_path)
