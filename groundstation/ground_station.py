@@ -321,11 +321,13 @@ class GroundStation:
             self.tracks.take(frame, now_s, added)
 
     def hear_report(self, datagram: bytes, now_s: float) -> None:
-        """Take in bytes from the uplink; never raises, whatever the bytes. In Case I reports are ignored."""
+        """Take in bytes from the uplink; never raises, whatever the bytes."""
         for frame in self.inputs.reports(datagram, now_s + self.tracks.clock_ahead_s):
-            fix = None if self.reckoner is None else self.tracks.take_report(frame, now_s)
-            if self.reckoner is not None and fix is not None:
+            fix = self.tracks.take_report(frame, now_s)
+            if fix is not None and self.reckoner is not None:
                 self.reckoner.fix(frame.agent_id, fix)
+            elif fix is not None:
+                self.tracks.move_to(frame.agent_id, fix)
 
     def observe(self, seen: Observation) -> bool:
         """Take in where a live source has a thing; return whether that is news of a thing that is there."""
