@@ -10,8 +10,8 @@ from typing import NamedTuple
 from companion.protocol.codec import Kind
 from groundstation.sightings import Key
 
-MISSION, SENSOR, LAST_RUN = "mission", "sensor", "last run"
-"""Names of the sources that are always there: the mission's own word, the sensor's link, and what was kept."""
+MISSION, SENSOR, REPORT, LAST_RUN = "mission", "sensor", "report", "last run"
+"""Names of the sources that are always there: the mission's own word, the sensor's link, reports, and what was kept."""
 SEEN_S = 5.0
 """Age up to which the position of an agent that somebody saw counts as where it is; an older one is dead-reckoned."""
 
