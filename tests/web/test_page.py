@@ -305,6 +305,13 @@ def test_an_unknown_thing_is_taken_in_as_a_threat(scene: _Scene) -> None:
         assert (asked["id"], asked["north_m"], asked["east_m"]) == (77, 10_800.0, 9_300.0)
 
 
+def test_the_link_of_an_agent_is_told_with_how_it_is_known(scene: _Scene) -> None:
+    with scene.opened(valley()) as page:
+        expect(page.locator("#agents-table .col-link").nth(3)).to_have_text("80 %")
+        page.locator("#agents-table .pick").nth(2).click()
+        expect(page.locator("#details-facts")).to_contain_text("hears 80 %, as the mission declares")
+
+
 def test_an_observer_sees_no_live_button(guarded: tuple[_Scene, dict[str, str]]) -> None:
     scene, tokens = guarded
     with scene.opened(valley(), token=tokens["observer"]) as page:

@@ -175,10 +175,11 @@ export class Actions {
     });
   }
 
+  /** What a sensor calls a threat keeps its number, so that the sensor moves it; a strange vehicle is kept out of the way of. */
   takeIn(unknown) {
     const place = { north_m: unknown.north_m, east_m: unknown.east_m };
-    const kind = unknown.kind === "target" ? "target" : "threat";
-    this.add(kind, { ...place, id: Number.isInteger(unknown.id) ? unknown.id : undefined });
+    if (unknown.kind === "agent") this.add("threat", place);
+    else this.add(unknown.kind, { ...place, id: unknown.id });
   }
 
   /** The fields of a place, in metres or degrees; the other form follows what is typed. */

@@ -9,13 +9,15 @@ import { radiiWords } from "./actions.js";
 const speedOf = (item) => Math.hypot(item.velocity_north_m_s ?? 0, item.velocity_east_m_s ?? 0);
 const ids = (list) => (list?.length ? list.join(", ") : NONE);
 
-/** The link of an agent in few words: the share of frames that it is expected to hear, or what the ground station says. */
-export function linkWords(link) {
-  if (link === null || link === undefined) return NONE;
-  if (typeof link !== "object") return String(link);
-  if (typeof link.loss === "number") return `${percent(1 - link.loss)} heard`;
-  if (typeof link.heard === "number") return `${percent(link.heard)} heard`;
-  return anyValue("link", link);
+/** How much of what is sent an agent is taken to hear. */
+function linkShare(agent) {
+  return agent.link ? percent(agent.link.heard) : NONE;
+}
+
+function linkWords(agent) {
+  if (!agent.link) return "not known: it cannot answer";
+  const source = { reports: "as much as of its reports", mission: "as the mission declares" }[agent.link.by] ?? agent.link.by;
+  return `hears ${percent(agent.link.heard)}, ${source}`;
 }
 
 export function stateWords(agent) {
@@ -35,7 +37,7 @@ const AGENT_COLUMNS = [
   { id: "by", title: "Position", text: sourceWords, sign: (a) => (isGhost(a) ? "ghost" : a.source), long: true },
   { id: "age", title: "Age", text: (a) => seconds(a.age_s), sort: (a) => a.age_s },
   { id: "range", title: "Range", text: (a) => metres(a.range_left_m), sort: (a) => a.range_left_m, hide: true },
-  { id: "link", title: "Link", text: (a) => linkWords(a.link), hide: true, long: true },
+  { id: "link", title: "Link", text: linkShare, sort: (a) => a.link?.heard, hide: true },
   { id: "eta", title: "ETA", text: (a) => (a.eta_s === null ? NONE : seconds(a.eta_s)), sort: (a) => a.eta_s, hide: true },
 ];
 
@@ -255,7 +257,7 @@ function agentFacts(agent) {
   ];
   if (ellipse) facts.push(["May be off by", `${metres(ellipse.semi_major_m)} along, ${metres(ellipse.semi_minor_m)} across`]);
   facts.push(["Speed", `${rate(agent.speed_m_s, "m/s")}, heading ${anyValue("heading_deg", agent.heading_deg)}`]);
-  facts.push(["Range left", metres(agent.range_left_m)], ["Link", linkWords(agent.link)]);
+  facts.push(["Range left", metres(agent.range_left_m)], ["Link", linkWords(agent)]);
   if (agent.reason) facts.unshift(["Decides", agent.reason]);
   if (agent.certificate) facts.push(["Certificate", agent.certificate]);
   if (agent.said) facts.push(["Said", agent.said]);
