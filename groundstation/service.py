@@ -476,7 +476,8 @@ class BroadcastLoop:
 
     def _tell(self, now_s: float) -> None:
         status = self._run.status
-        for line in status.news(now_s, self._links.broadcast.counts.sent):
+        good, doubtful = self._shown.sources.news(now_s)
+        for line in [*status.news(now_s, self._links.broadcast.counts.sent), *good]:
             LOGGER.info("%s", line)
-        for warning in [*status.warnings(), *self._run.rivals.news(now_s), *self._shown.sources.news(now_s)]:
+        for warning in [*status.warnings(), *self._run.rivals.news(now_s), *doubtful]:
             LOGGER.warning("%s", warning)

@@ -9,11 +9,10 @@ from __future__ import annotations
 import asyncio
 import cmath
 import importlib
-import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from companion.errors import InputError
 from companion.geo.local_frame import LocalFrame
@@ -25,7 +24,7 @@ from groundstation.events import Command, Event, Retire, ThingKind, TrackBegan, 
 from groundstation.ground_station import GroundStation
 from groundstation.operations import Operations
 from groundstation.origins import SENSOR, Observation
-from groundstation.sources.feed import Feed, Health, Pulse
+from groundstation.sources.feed import SILENT_S, Feed, Health, Pulse
 from groundstation.sources.links import run_source
 from groundstation.sources.sighting import Sighting
 from groundstation.sources.thing import SourceKey
@@ -51,6 +50,13 @@ class Desk(Protocol):
         """Adopt and keep what has happened."""
 
 
+class _Told(NamedTuple):
+    """How a source did when that was last told, and when that was; empty: it was not told yet."""
+
+    state: str
+    at_s: float
+
+
 class Sources:
     """The live sources of one run."""
 
@@ -67,8 +73,8 @@ class Sources:
         """The rest of a batch."""
         self._asked: set[SourceKey] = set()
         """What was asked for and is not answered yet."""
-        self._said: dict[str, tuple[str, float]] = {}
-        """How a source did when that was last told, and when that was."""
+        self._said: dict[str, _Told] = {}
+        """How sources did when that was last told."""
         self.sensor: Pulse | None = None
         """The health of the sensor's link; None without one."""
         for module in {"filterpy.kalman"} | {_LIBRARIES.get(spec.kind, "math") for spec in specs} if specs else ():
@@ -154,16 +160,21 @@ class Sources:
             for one in self.tracker.unknown()
         ]
 
-    def news(self, now_s: float) -> list[str]:
-        """Return the lines that are due: what is not believed, and how sources do where that has changed."""
-        lines = self.tracker.doubts.news(now_s)
+    def news(self, now_s: float) -> tuple[list[str], list[str]]:
+        """Return the lines that are due: of sources that do well again, and warnings of others and of what they say."""
+        good: list[str] = []
+        warnings = self.tracker.doubts.news(now_s)
         for name, feed in self.feeds.items():
             health = feed.pulse.health(now_s)
-            state, since_s = self._said.get(name, ("", -math.inf))
-            if health.state != state and not feed.link.is_opening and now_s - since_s >= TOLD_AGAIN_S:
-                self._said[name] = health.state, now_s
+            told = self._said.setdefault(name, _Told("", now_s))
+            if health.state == told.state or feed.link.is_opening:
+                continue
+            is_new = health.state == "silent" and not feed.pulse.heard
+            if now_s - told.at_s >= (SILENT_S if is_new else TOLD_AGAIN_S if told.state else 0.0):
+                self._said[name] = _Told(health.state, now_s)
+                lines = good if health.state == "good" else warnings
                 lines.append(f"{name}: {health.state}: {feed.detail(health)}")
-        return lines
+        return good, warnings
 
     def _strangers(self, station: GroundStation, now_s: float) -> list[Observation]:
         """Return the moves of things that the sensor sees, and that are in the picture though no mission lists them."""
