@@ -259,7 +259,8 @@ class GroundStation:
         if self.mission is not before.mission:
             ahead_s = self.tracks.clock_ahead_s
             placed_s = {key: at_s - ahead_s for key, at_s in self.operations.placed_s.items()}
-            self.tracks.follow(self.mission, placed_s, now_s)
+            anew = {key for key, at_s in self.operations.placed_s.items() if before.placed_s.get(key) != at_s}
+            self.tracks.follow(self.mission, placed_s, anew, now_s)
             back = self.operations.reached.by.keys() - before.reached.by.keys()
             self.tracks.progress = self.tracks.progress.with_reached(
                 {one: self.operations.reached.by[one] for one in back}

@@ -79,7 +79,7 @@ class Origins:
     strangers: deque[Stranger] = field(default_factory=lambda: deque(maxlen=MOST_STRANGERS))
     """Sightings of those that nobody has looked at yet."""
     jumps: int = 0
-    """How often a threat was seen farther away than its bound allows, which vehicles rely on."""
+    """How often a threat was seen, or placed, farther away than its bound allows, which vehicles rely on."""
 
     def note(self, key: Key, source: str, at_s: float, error_m: float) -> None:
         """Note who has seen a thing at a time."""

@@ -359,7 +359,7 @@ async def _open_links(options: Options, station: GroundStation, hearing: _Hearin
     return _Links(broadcast, display)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Shown:
     """What takes commands, and what is shown of a run."""
 
@@ -368,12 +368,24 @@ class Shown:
     meter: BroadcastMeter
     page: Page | None
     sources: Sources
+    fault: str = ""
+    """Why the page could not be shown in the last tick; empty if it could."""
 
     def tick(self, now_s: float) -> None:
         """Show what is due."""
         frames = self.overheard.taken()
-        if self.page is not None:
+        if self.page is None:
+            return
+        try:
             self.page.tick(frames, now_s)
+        except Exception as error:
+            # A fault in what is only shown must not end the broadcast.
+            fault = f"{type(error).__name__}: {error}"
+            if fault != self.fault:
+                LOGGER.error("page: cannot be shown: %s; the broadcast goes on", fault, exc_info=True)
+            self.fault = fault
+        else:
+            self.fault = ""
 
 
 class BroadcastLoop:
@@ -464,7 +476,8 @@ class BroadcastLoop:
 
     def _tell(self, now_s: float) -> None:
         status = self._run.status
-        for line in status.news(now_s, self._links.broadcast.counts.sent):
+        good, doubtful = self._shown.sources.news(now_s)
+        for line in [*status.news(now_s, self._links.broadcast.counts.sent), *good]:
             LOGGER.info("%s", line)
-        for warning in [*status.warnings(), *self._run.rivals.news(now_s), *self._shown.sources.news(now_s)]:
+        for warning in [*status.warnings(), *self._run.rivals.news(now_s), *doubtful]:
             LOGGER.warning("%s", warning)

@@ -148,10 +148,11 @@ class TrackTable:
         self.origins.note(key, seen.source, seen.at_s, seen.error_m)
         return True
 
-    def follow(self, mission: Mission, placed_s: Mapping[Key, float], now_s: float) -> None:
+    def follow(self, mission: Mission, placed_s: Mapping[Key, float], anew: Collection[Key], now_s: float) -> None:
         """Follow a mission whose targets and threats have changed.
 
-        A thing that is new, or has another place, begins there, where it was at its time in `placed_s`, by default now.
+        A thing that is new, or in `anew` as one that was placed, begins at its place, where it was at its time in
+        `placed_s`, by default now.
         """
         before, self._mission = self._mission, mission
         known = {(kind, thing.id): thing for kind, thing in _things_of(before)}
@@ -167,7 +168,7 @@ class TrackTable:
             if thing is one:
                 continue
             self._sightings.limit(key, thing.speed_bound_m_s)
-            if one is None or thing.position_ned_m != one.position_ned_m:
+            if one is None or key in anew or thing.position_ned_m != one.position_ned_m:
                 self._begin(key, thing.position_ned_m, min(now_s, placed_s.get(key, now_s)), now_s)
             elif thing.speed_bound_m_s not in (0.0, one.speed_bound_m_s):
                 # How far it may have come until now does not change by what it may do from now on.
@@ -221,6 +222,7 @@ class TrackTable:
         self._sightings.begin(key, place_ned_m, placed_at_s, now_s)
         self.origins.forget(key)
         self.tracks[key] = Track(*place_ned_m, 0.0, 0.0, placed_at_s)
+        self.origins.jumps += key[0] is Kind.THREAT
         self._begin_anew(key)
 
     def take(self, frame: DetectionsFrame, now_s: float, others: Collection[Key] = ()) -> None:

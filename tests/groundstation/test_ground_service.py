@@ -33,6 +33,7 @@ from groundstation.clock import MOST_AHEAD_S, GroundClock, Sources
 from groundstation.directives import directive_from
 from groundstation.log_files import log_place
 from groundstation.options import Options
+from groundstation.page import Page
 from groundstation.radio import parse_radio
 from groundstation.rivals import RunLock
 from groundstation.saved_state import (
@@ -48,6 +49,8 @@ from groundstation.saved_state import (
 from groundstation.service import load_frame_signer, run_groundstation
 from groundstation.store.database import Database
 from groundstation.store.recordings import records_in
+from groundstation.web.address import Address
+from groundstation.web.site import Site
 
 # Loaded before any test, as the first assignment would load it: the tests of clocks must not count that second.
 importlib.import_module("scipy.optimize")
@@ -623,3 +626,15 @@ def test_a_ground_station_that_is_stopped_says_so_in_its_last_broadcast(ear: Ear
     assert [state.is_last for state in states[:1]] == [False]
     assert states[-1].is_last
     assert states[-1].directive is Directive.NORMAL
+
+
+def test_a_fault_in_what_is_only_shown_ends_nothing_and_is_told_once(
+    ear: Ear, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object) -> None:
+        raise KeyError("agents")
+
+    monkeypatch.setattr(Page, "tick", broken)
+    site = Site(Address("127.0.0.1", 0))
+    broadcast_until(Options(ear.link, "unsigned", site=site), lambda: len(ear.heard()) > 5)
+    assert capsys.readouterr().err.count("page: cannot be shown: KeyError: 'agents'; the broadcast goes on") == 1

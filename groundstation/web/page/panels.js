@@ -16,8 +16,9 @@ function linkShare(agent) {
 
 function linkWords(agent) {
   if (!agent.link) return "not known: it cannot answer";
-  const source = { reports: "as much as of its reports", mission: "as the mission declares" }[agent.link.by] ?? agent.link.by;
-  return `hears ${percent(agent.link.heard)}, ${source}`;
+  const { heard, by } = agent.link;
+  const source = { reports: "as much as of its reports", mission: "as the mission declares" }[by] ?? by;
+  return `hears ${percent(heard)}, ${source}`;
 }
 
 export function stateWords(agent) {
@@ -31,14 +32,14 @@ const AGENT_COLUMNS = [
   {
     id: "target",
     title: "Target",
-    text: (a) => (a.target === null ? NONE : `${a.target}${a.pinned !== null && a.pinned !== undefined ? " pinned" : ""}`),
+    text: (a) => (a.target === null ? NONE : `${a.target}${a.pinned === null ? "" : " pinned"}`),
     sort: (a) => a.target,
   },
   { id: "by", title: "Position", text: sourceWords, sign: (a) => (isGhost(a) ? "ghost" : a.source), long: true },
   { id: "age", title: "Age", text: (a) => seconds(a.age_s), sort: (a) => a.age_s },
   { id: "range", title: "Range", text: (a) => metres(a.range_left_m), sort: (a) => a.range_left_m, hide: true },
   { id: "link", title: "Link", text: linkShare, sort: (a) => a.link?.heard, hide: true },
-  { id: "eta", title: "ETA", text: (a) => (a.eta_s === null ? NONE : seconds(a.eta_s)), sort: (a) => a.eta_s, hide: true },
+  { id: "eta", title: "ETA", text: (a) => seconds(a.eta_s), sort: (a) => a.eta_s, hide: true },
 ];
 
 const TARGET_COLUMNS = [
@@ -122,7 +123,8 @@ export class UnknownList {
       const row = this.rows.get(key) ?? this.newRow(key);
       row.thing = thing;
       setText(row.what, `${thing.kind} ${thing.id} from ${thing.source}`);
-      setText(row.where, `${position(thing.north_m, thing.east_m)}, ${seconds(thing.age_s)} ago, seen ${thing.count} times`);
+      const where = position(thing.north_m, thing.east_m);
+      setText(row.where, `${where}, ${seconds(thing.age_s)} ago, seen ${thing.count} times`);
       row.button.hidden = !mayAct;
     }
     for (const [key, row] of this.rows) {
@@ -171,7 +173,7 @@ export class Facts {
 export function authenticationWords(picture) {
   const kind = picture.broadcast?.authentication;
   if (kind === "unsigned") return "UNSIGNED: anybody can speak in its name";
-  return { ed25519: "signed (Ed25519)", mavlink: "signed (MAVLink)", both: "signed (Ed25519 and MAVLink)" }[kind] ?? NONE;
+  return { ed25519: "signed (Ed25519)", mavlink: "signed (MAVLink)", both: "signed (both ways)" }[kind] ?? NONE;
 }
 
 export function broadcastFacts(picture) {
@@ -198,7 +200,7 @@ export class BroadcastPanel {
       [
         { id: "id", title: "Item", text: (i) => i.name },
         { id: "period", title: "Every", text: (i) => seconds(i.period_s), sort: (i) => i.period_s },
-        { id: "age", title: "Sent", text: (i) => (i.age_s === null ? "not yet" : `${seconds(i.age_s)} ago`), sort: (i) => i.age_s },
+        { id: "age", title: "Sent", text: (i) => `${seconds(i.age_s)} ago`, sort: (i) => i.age_s },
       ],
       () => {},
     );
@@ -225,7 +227,8 @@ export function stripWords(picture) {
   const { broadcast } = picture;
   if (!broadcast) return "";
   const budget = broadcast.budget_bytes_per_s ? ` of ${rate(broadcast.budget_bytes_per_s, "B/s")}` : "";
-  return `Broadcast ${rate(broadcast.bytes_per_s, "B/s")}${budget}, last frame ${seconds(broadcast.last_frame_age_s)} ago`;
+  const now = rate(broadcast.bytes_per_s, "B/s");
+  return `Broadcast ${now}${budget}, last frame ${seconds(broadcast.last_frame_age_s)} ago`;
 }
 
 /** What is known of one thing, for the panel of the chosen one. */
@@ -240,11 +243,14 @@ export function detailFacts(kind, item, plane) {
     ["Speed", `${rate(speedOf(item), "m/s")}, at most ${rate(item.speed_bound_m_s, "m/s")}`],
     ["Seen", `${seconds(item.age_s)} ago, by ${item.source ?? NONE}`],
   ];
-  if (kind === "target") return [["Agents", ids(item.agents)], ["Reached by", ids(item.reached_by)], ...facts, ...place];
+  if (kind === "target") {
+    return [["Agents", ids(item.agents)], ["Reached by", ids(item.reached_by)], ...facts, ...place];
+  }
   const floor = item.floor_m ?? null;
   const ceiling = item.ceiling_m ?? null;
   const height = floor === null && ceiling === null ? "all" : `${metres(floor)} to ${metres(ceiling)}`;
-  return [["Attack / detection", radiiWords(item)], ["Grown by age", metres(item.growth_m)], ["Heights", height], ...facts, ...place];
+  const radii = [["Attack / detection", radiiWords(item)], ["Grown by age", metres(item.growth_m)]];
+  return [...radii, ["Heights", height], ...facts, ...place];
 }
 
 function agentFacts(agent) {
@@ -255,7 +261,9 @@ function agentFacts(agent) {
     ["Arrives in", agent.eta_s === null ? NONE : seconds(agent.eta_s)],
     ["Position is", `${sourceWords(agent)}, ${seconds(agent.age_s)} old`],
   ];
-  if (ellipse) facts.push(["May be off by", `${metres(ellipse.semi_major_m)} along, ${metres(ellipse.semi_minor_m)} across`]);
+  if (ellipse) {
+    facts.push(["May be off by", `${metres(ellipse.semi_major_m)} along, ${metres(ellipse.semi_minor_m)} across`]);
+  }
   facts.push(["Speed", `${rate(agent.speed_m_s, "m/s")}, heading ${anyValue("heading_deg", agent.heading_deg)}`]);
   facts.push(["Range left", metres(agent.range_left_m)], ["Link", linkWords(agent)]);
   if (agent.reason) facts.unshift(["Decides", agent.reason]);
