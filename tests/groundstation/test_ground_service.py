@@ -35,6 +35,7 @@ from groundstation.log_files import log_place
 from groundstation.options import Options
 from groundstation.page import Page
 from groundstation.radio import parse_radio
+from groundstation.rivals import RunLock
 from groundstation.saved_state import (
     SavedState,
     began_at_s,
@@ -454,6 +455,19 @@ def test_a_run_leaves_its_events_pictures_and_frames_and_a_second_one_goes_on(ea
     assert [agent["id"] for agent in orjson.loads(pictures[0].body)["agents"]] == [1, 2]
     assert any(list(records_in(recorded.body)) for recorded in reader.recorded("frames"))
     reader.close()
+
+
+def test_a_second_run_with_the_same_store_is_refused_though_its_keys_are_others(
+    ear: Ear, keys: Path, tmp_path: Path
+) -> None:
+    state = tmp_path / "ground.state"
+    first = RunLock(state.with_name("ground.state.lock"))
+    with pytest.raises(
+        InputError, match="ground.state.lock: another ground station runs with these keys or this state"
+    ):
+        broadcast_until(Options(ear.link, "both", keys, state=state), lambda: False)
+    first.close()
+    assert not state.exists()
 
 
 def test_a_state_that_is_none_is_not_replaced(ear: Ear, tmp_path: Path) -> None:
