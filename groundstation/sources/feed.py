@@ -73,7 +73,7 @@ def parser_of(spec: SourceSpec, frame: LocalFrame) -> Parser:
         case "adsb":
             return AdsbParser()
         case "basestation":
-            return BaseStationParser()
+            return BaseStationParser(takes_grounded=spec.things == "agents")
         case "ais":
             return AisParser()
         case "cot":

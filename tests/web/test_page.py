@@ -218,6 +218,14 @@ def test_a_stream_that_falls_silent_is_said_at_once_and_greys_the_page(scene: _S
         expect(page.locator("#connection")).to_have_text("connected")
 
 
+def test_a_stream_that_breaks_off_is_opened_again_and_shows_what_is_now(scene: _Scene) -> None:
+    with scene.opened(picture()) as page:
+        page.evaluate("() => window.groundStationPage.stream.socket.close()")
+        scene.stage.show(picture(mission="another valley"))
+        expect(page.locator("#mission")).to_have_text("another valley")
+        expect(page.locator("#connection")).to_have_text("connected")
+
+
 def test_an_action_is_done_with_the_keyboard_alone(scene: _Scene) -> None:
     with scene.opened(valley()) as page:
         page.keyboard.press("Tab")

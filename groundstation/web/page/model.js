@@ -143,6 +143,7 @@ const SOURCES = {
   report: "report",
   reckoned: "reckoned",
   mission: "mission file",
+  truth: "as it was",
 };
 
 /** Who says where an agent is, in words. */

@@ -9,13 +9,15 @@ import { radiiWords } from "./actions.js";
 const speedOf = (item) => Math.hypot(item.velocity_north_m_s ?? 0, item.velocity_east_m_s ?? 0);
 const ids = (list) => (list?.length ? list.join(", ") : NONE);
 
-/** How much of what is sent an agent is taken to hear. */
+/** How much of what is sent an agent is taken to hear; of a flight that was recorded on board, what it had heard. */
 function linkShare(agent) {
+  if (typeof agent.link === "string") return agent.link;
   return agent.link ? percent(agent.link.heard) : NONE;
 }
 
 function linkWords(agent) {
   if (!agent.link) return "not known: it cannot answer";
+  if (typeof agent.link === "string") return agent.link;
   const { heard, by } = agent.link;
   const source = { reports: "as much as of its reports", mission: "as the mission declares" }[by] ?? by;
   return `hears ${percent(heard)}, ${source}`;
@@ -38,7 +40,7 @@ const AGENT_COLUMNS = [
   { id: "by", title: "Position", text: sourceWords, sign: (a) => (isGhost(a) ? "ghost" : a.source), long: true },
   { id: "age", title: "Age", text: (a) => seconds(a.age_s), sort: (a) => a.age_s },
   { id: "range", title: "Range", text: (a) => metres(a.range_left_m), sort: (a) => a.range_left_m, hide: true },
-  { id: "link", title: "Link", text: linkShare, sort: (a) => a.link?.heard, hide: true },
+  { id: "link", title: "Link", text: linkShare, hide: true, long: true },
   { id: "eta", title: "ETA", text: (a) => seconds(a.eta_s), sort: (a) => a.eta_s, hide: true },
 ];
 
@@ -208,7 +210,7 @@ export class BroadcastPanel {
   }
 
   show(picture) {
-    if (!picture.broadcast) return;
+    if (picture.broadcast?.bytes_per_s === undefined) return;
     const { bytes_per_s: now, budget_bytes_per_s: budget, items } = picture.broadcast;
     this.meter.hidden = !budget;
     if (budget) {
@@ -225,7 +227,7 @@ export class BroadcastPanel {
 /** The line under the map. */
 export function stripWords(picture) {
   const { broadcast } = picture;
-  if (!broadcast) return "";
+  if (broadcast?.bytes_per_s === undefined) return "";
   const budget = broadcast.budget_bytes_per_s ? ` of ${rate(broadcast.budget_bytes_per_s, "B/s")}` : "";
   const now = rate(broadcast.bytes_per_s, "B/s");
   return `Broadcast ${now}${budget}, last frame ${seconds(broadcast.last_frame_age_s)} ago`;

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from io import BytesIO
+from pathlib import Path
 
 import pytest
 
@@ -17,9 +20,10 @@ from groundstation.events import Retire, Who
 from groundstation.ground_station import GroundStation
 from groundstation.sources.choices import source_specs
 from groundstation.sources.feed import MOST_WAITING, Pulse
+from groundstation.sources.links import run_source
 from groundstation.sources.playback import Due, open_recording, replayed, sightings_in
 from groundstation.sources.sources import MOST_PER_TICK, Sources
-from tests.groundstation.sources.given import DATA, START_S, ObeyingDesk, mission, sighting
+from tests.groundstation.sources.given import DATA, START_S, ObeyingDesk, basestation_bytes, mission, sighting
 from tests.ports import free_port
 
 RECEIVER = "{name: receiver, kind: basestation, file: x, radius_m: 800, within_m: 200000}"
@@ -249,6 +253,16 @@ def test_sources_of_mission_and_command_line_have_names_of_their_own() -> None:
 def test_a_mission_with_sources_reads_back_equal() -> None:
     made = mission("{name: team, kind: cot, url: 'mcast:239.2.3.1:6969', as: targets, unsigned: true, ids: {x: 4}}")
     assert parse_mission(dump_mission(made), "again") == made
+
+
+def test_a_damaged_recording_is_played_as_far_as_it_can_be_read_once_and_told(tmp_path: Path) -> None:
+    whole = gzip.compress(basestation_bytes())
+    (tmp_path / "cut.gz").write_bytes(whole[: len(whole) // 2])
+    run = Run(f"{{name: receiver, kind: basestation, file: {tmp_path / 'cut.gz'}, radius_m: 9, play_speed: 1000}}")
+    feed = run.sources.feeds["receiver"]
+    asyncio.run(asyncio.wait_for(run_source(feed, time.time), 20.0))
+    assert feed.pulse.heard > 100
+    assert feed.link.fault is not None
 
 
 def test_a_tcp_server_that_comes_later_is_heard_and_its_end_is_told() -> None:
