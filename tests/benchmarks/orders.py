@@ -14,6 +14,7 @@ Run: python -m tests.benchmarks.orders --runs 25 [--workers 2]
 from __future__ import annotations
 
 import argparse
+import http.client
 import json
 import random
 import shutil
@@ -135,7 +136,7 @@ class Operator(threading.Thread):
                     self.faults.append(f"{error.code} at {time.monotonic():.2f} for {command}: {error.read()[:200]!r}")
                 time.sleep(0.05)
                 continue
-            except (OSError, ValueError):
+            except (OSError, ValueError, http.client.HTTPException):
                 # Killed, or not up yet.
                 time.sleep(0.02)
                 continue
