@@ -34,6 +34,9 @@ from groundstation.store.rows import EventRow
 
 TOLD = "told to stop; the last broadcast says so"
 """Why a run ended that was not killed."""
+MOST_AT_ONCE = 4
+"""Greatest number of commands that are obeyed in one tick: each may have the assignment solved anew, which with 500
+agents takes up to 60 ms, and the broadcast goes on between ticks."""
 MOST_WAITING = 200
 """Greatest number of commands that wait for the disk."""
 ANSWER_S = 5.0
@@ -100,13 +103,13 @@ def row_of(event: Event) -> EventRow:
     return EventRow(event.number, event.unix_s, event.who.name, event.event, event_json(event).decode())
 
 
-def begin_day(desk: Desk, station: GroundStation, directive: Directive, now_s: float) -> None:
-    """Note that a run begins, and then the directive of the last one if its events do not have it."""
+def begin_day(desk: Desk, station: GroundStation, directive: Directive | None, now_s: float) -> None:
+    """Note that a run begins, and then a directive that its events do not have; None: they have the one in force."""
     unix_s = now_s + station.tracks.clock_ahead_s
     number = station.operations.next_number
     began = Started(number=number, unix_s=unix_s, who=STATION, mission=station.mission.name, epoch_s=station.epoch_s)
     desk.note([began], now_s)
-    if directive is not station.operations.orders.directive:
+    if directive is not None and directive is not station.directive:
         kept = Direct(do="direct", directive=directive_name(directive))
         desk.note([event_of(station.operations, kept, STATION, unix_s)], now_s)
 
@@ -196,14 +199,15 @@ class Desk:
         if self._kept is None and self._waiting:
             self._kept = self._accepted(now_s)
             if self._kept is not None and self._kept.written.done():
-                self.tick(now_s)
+                kept, self._kept = self._kept, None
+                self._obey(kept, now_s)
 
     def _accepted(self, now_s: float) -> _Kept | None:
-        """Return the events that all waiting commands become, on their way to the disk; refuse the others."""
+        """Return the events that the next waiting commands become, on their way to the disk; refuse what cannot be."""
         operations: Operations = self._station.operations
         unix_s = now_s + self._station.tracks.clock_ahead_s
         accepted: list[tuple[_Asked | None, Event]] = []
-        while self._waiting:
+        while self._waiting and len(accepted) < MOST_AT_ONCE:
             asked = self._waiting.popleft()
             try:
                 event = event_of(operations, asked.command, asked.who, unix_s)

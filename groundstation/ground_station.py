@@ -57,6 +57,7 @@ from groundstation.origins import Observation
 from groundstation.places import Places
 from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.revision import first_revision, next_revision
+from groundstation.sightings import places_in
 from groundstation.target_assignment import TargetAssignment, assign_targets
 from groundstation.tracks import TrackTable
 
@@ -173,6 +174,8 @@ class GroundStation:
 
         """
         check_runnable(mission, mission.name)
+        self._listed = frozenset(key for key, _ in places_in(mission))
+        """What the mission's file has."""
         self.operations = resumed.operations or Operations.begun(mission)
         """What commands and events have made of the mission."""
         mission = self.operations.mission
@@ -256,7 +259,8 @@ class GroundStation:
         if self.mission is not before.mission:
             ahead_s = self.tracks.clock_ahead_s
             placed_s = {key: at_s - ahead_s for key, at_s in self.operations.placed_s.items()}
-            self.tracks.follow(self.mission, placed_s, now_s)
+            anew = {key for key, at_s in self.operations.placed_s.items() if before.placed_s.get(key) != at_s}
+            self.tracks.follow(self.mission, placed_s, anew, now_s)
             back = self.operations.reached.by.keys() - before.reached.by.keys()
             self.tracks.progress = self.tracks.progress.with_reached(
                 {one: self.operations.reached.by[one] for one in back}
@@ -311,15 +315,20 @@ class GroundStation:
 
     def sense(self, datagram: bytes, now_s: float) -> None:
         """Take in bytes from the sensor's channel; never raises, whatever the bytes."""
-        for frame in self.inputs.detections(datagram, now_s + self.tracks.clock_ahead_s):
-            self.tracks.take(frame, now_s)
+        frames = self.inputs.detections(datagram, now_s + self.tracks.clock_ahead_s)
+        # The ids of what live sources have added were given here: a sensor's own count of things means none of them.
+        added = {key for key in self.operations.tracks.values() if key not in self._listed} if frames else ()
+        for frame in frames:
+            self.tracks.take(frame, now_s, added)
 
     def hear_report(self, datagram: bytes, now_s: float) -> None:
-        """Take in bytes from the uplink; never raises, whatever the bytes. In Case I reports are ignored."""
+        """Take in bytes from the uplink; never raises, whatever the bytes."""
         for frame in self.inputs.reports(datagram, now_s + self.tracks.clock_ahead_s):
-            fix = None if self.reckoner is None else self.tracks.take_report(frame, now_s)
-            if self.reckoner is not None and fix is not None:
+            fix = self.tracks.take_report(frame, now_s)
+            if fix is not None and self.reckoner is not None:
                 self.reckoner.fix(frame.agent_id, fix)
+            elif fix is not None:
+                self.tracks.move_to(frame.agent_id, fix)
 
     def observe(self, seen: Observation) -> bool:
         """Take in where a live source has a thing; return whether that is news of a thing that is there."""

@@ -35,9 +35,10 @@ if TYPE_CHECKING:
 @click.option("--uplink", metavar="URL", help="Case II: where its reports go, if FILE does not say.")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
 def fleet_command(**given: Unpack[FleetArguments]) -> None:
-    """Write the configuration of every vehicle of MISSION, a YAML file or a packaged name.
+    """Write each vehicle's configuration and keys.
 
-    What vehicles and ground station must agree on comes from the mission; a fleet file that says otherwise is refused.
+    MISSION is a YAML file or a packaged name. What vehicles and ground station must agree on comes from the
+    mission; a fleet file that says otherwise is refused.
 
     Example: groundstation fleet copter-field --fleet fleet.yaml --keys keys --out fleet
 
@@ -57,9 +58,10 @@ def fleet_command(**given: Unpack[FleetArguments]) -> None:
 @click.option("--autopilot", metavar="KIND", help="What flies, if not what the file says.")
 @click.option("--agents", type=click.IntRange(1, 1_000), default=1, show_default=True, help="How many start at home.")
 def import_command(**given: Unpack[ImportArguments]) -> None:
-    """Turn FILE, a plan of QGroundControl, KML or GeoJSON, into a mission.
+    """Make a mission of another program's FILE.
 
-    The fence comes from the inclusion, exclusions and threats from what is to be kept out of, targets from way points.
+    It is a plan of QGroundControl, KML or GeoJSON. The fence comes from the inclusion, exclusions and threats
+    from what is to be kept out of, targets from way points.
     What was left out is said on standard error. docs/mission.md has the rules.
 
     Example: groundstation import survey.plan > mission.yaml
@@ -80,9 +82,10 @@ def import_command(**given: Unpack[ImportArguments]) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
 def check_command(**given: Unpack[CheckArguments]) -> int:
-    """Show MISSION, a YAML file or a packaged name: all places in metres and degrees, and what is doubtful about it.
+    """Show a mission and what is doubtful about it.
 
-    Exit status 0 if there is no warning, 1 if there is one, 2 for a mission that cannot be flown.
+    All places of MISSION, a YAML file or a packaged name, are shown in metres and in degrees, with every
+    warning. Exit status 0 if there is no warning, 1 if there is one, 2 for a mission that cannot be flown.
 
     Example: groundstation check copter-field --autopilot arducopter --out field.png
     """

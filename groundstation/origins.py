@@ -10,8 +10,8 @@ from typing import NamedTuple
 from companion.protocol.codec import Kind
 from groundstation.sightings import Key
 
-MISSION, SENSOR, LAST_RUN = "mission", "sensor", "last run"
-"""Names of the sources that are always there: the mission's own word, the sensor's link, and what was kept."""
+MISSION, SENSOR, REPORT, LAST_RUN = "mission", "sensor", "report", "last run"
+"""Names of the sources that are always there: the mission's own word, the sensor's link, reports, and what was kept."""
 SEEN_S = 5.0
 """Age up to which the position of an agent that somebody saw counts as where it is; an older one is dead-reckoned."""
 
@@ -79,7 +79,7 @@ class Origins:
     strangers: deque[Stranger] = field(default_factory=lambda: deque(maxlen=MOST_STRANGERS))
     """Sightings of those that nobody has looked at yet."""
     jumps: int = 0
-    """How often a threat was seen farther away than its bound allows, which vehicles rely on."""
+    """How often a threat was seen, or placed, farther away than its bound allows, which vehicles rely on."""
 
     def note(self, key: Key, source: str, at_s: float, error_m: float) -> None:
         """Note who has seen a thing at a time."""

@@ -144,11 +144,11 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         shown = _shown(options, overheard, store, sources, found.told, stack)
         # On disk before the first frame is on the air.
         store.keep(*found.begun.chapter.kept)
-        begin_day(shown.desk, station, saved.directive, start_s)
+        begin_day(shown.desk, station, found.directive, start_s)
         saved.write(station, start_s)
         stack.callback(lambda: saved.write(station, clock.now_s()))
         status = Status(station, broadcaster, options)
-        for line in [status.opening(), *saved.news(start_s)]:
+        for line in [status.opening(), *saved.news(start_s, station.directive)]:
             LOGGER.info("%s", line)
         for warning in [*unlocked, *saved.warnings(), *found.begun.warnings]:
             LOGGER.warning("%s", warning)
@@ -188,6 +188,8 @@ def _shown(
     desk = Desk(station, store, screen)
     # Without a file there is nobody who could look at it later, and memory is short.
     recorder = None if options.state is None else Recorder(store, screen)
+    if recorder is not None:
+        stack.callback(recorder.close)
 
     def direct(directive: Directive) -> None:
         desk.ask(Direct(do="direct", directive=directive_name(directive)), STANDARD_INPUT)
@@ -357,7 +359,7 @@ async def _open_links(options: Options, station: GroundStation, hearing: _Hearin
     return _Links(broadcast, display)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Shown:
     """What takes commands, and what is shown of a run."""
 
@@ -366,12 +368,24 @@ class Shown:
     meter: BroadcastMeter
     page: Page | None
     sources: Sources
+    fault: str = ""
+    """Why the page could not be shown in the last tick; empty if it could."""
 
     def tick(self, now_s: float) -> None:
         """Show what is due."""
         frames = self.overheard.taken()
-        if self.page is not None:
+        if self.page is None:
+            return
+        try:
             self.page.tick(frames, now_s)
+        except Exception as error:
+            # A fault in what is only shown must not end the broadcast.
+            fault = f"{type(error).__name__}: {error}"
+            if fault != self.fault:
+                LOGGER.error("page: cannot be shown: %s; the broadcast goes on", fault, exc_info=True)
+            self.fault = fault
+        else:
+            self.fault = ""
 
 
 class BroadcastLoop:
@@ -462,7 +476,8 @@ class BroadcastLoop:
 
     def _tell(self, now_s: float) -> None:
         status = self._run.status
-        for line in status.news(now_s, self._links.broadcast.counts.sent):
+        good, doubtful = self._shown.sources.news(now_s)
+        for line in [*status.news(now_s, self._links.broadcast.counts.sent), *good]:
             LOGGER.info("%s", line)
-        for warning in [*status.warnings(), *self._run.rivals.news(now_s), *self._shown.sources.news(now_s)]:
+        for warning in [*status.warnings(), *self._run.rivals.news(now_s), *doubtful]:
             LOGGER.warning("%s", warning)

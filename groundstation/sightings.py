@@ -52,12 +52,14 @@ class Sightings:
         self._bounds: dict[Key, Bound] = {}
         self._watched: dict[Key, Watched] = {}
         self._flown: dict[int, Known] = {}
+        self._reporting: dict[int, Bound] = {}
+        """Bounds of what agents report, which comes too rarely to be expected."""
         for agent in mission.agents:
             bound = _agent_bound(agent, wind_m_s, error_m)
-            if mission.case == "II":
-                period_s = mission.report_period_s or _REPORT_PERIOD_S
-                bound = bound._replace(is_gated=False, period_s=period_s)
-                self._flown[agent.id] = Known.placed(0j, placed_at_s, bound, now_s)
+            reports = bound._replace(is_gated=False, period_s=mission.report_period_s or _REPORT_PERIOD_S)
+            self._reporting[agent.id] = reports
+            self._flown[agent.id] = Known.placed(0j, placed_at_s, reports, now_s)
+            bound = reports if mission.case == "II" else bound
             self._bounds[Kind.AGENT, agent.id] = bound
         for kind, things in ((Kind.TARGET, mission.targets), (Kind.THREAT, mission.threats)):
             for thing in things:
@@ -111,7 +113,8 @@ class Sightings:
     ) -> Weighed | None:
         """Return what an agent's report of its place is taken for; None if the mission has no such agent.
 
-        `reckoned` is where it is by dead reckoning at that time, within `uncertainty_m` if it heard every broadcast.
+        `reckoned` is where it is by dead reckoning at that time, within `uncertainty_m` if it heard every broadcast;
+        infinite without dead reckoning.
         """
         key = Kind.AGENT, agent_id
         if key not in self._watched:
@@ -119,7 +122,7 @@ class Sightings:
                 ("no agent", agent_id), f"uplink: agent {agent_id} is not in the mission: {{}} reports ignored"
             )
             return None
-        bound, watched = self._bounds[key], self._watched[key]
+        bound, watched = self._reporting[agent_id], self._watched[key]
         known = watched.known
         # It may have flown on for a broadcast or two, and since its last report have drifted by a share of its way.
         by_share_s = 2.0 * self._broadcast_s + ASTRAY_SHARE * max(0.0, sample.at_s - known.believed.motion.at_s)
@@ -131,7 +134,7 @@ class Sightings:
 
     def flown(self, agent_id: int, flown_m: float, at_s: float, now_s: float) -> float | None:
         """Return the distance that an agent reports to have flown; None if its bounds do not allow it."""
-        bound = self._bounds[Kind.AGENT, agent_id]
+        bound = self._reporting[agent_id]
         self._flown[agent_id], weighed = weigh(self._flown[agent_id], Sample(complex(flown_m), at_s), bound, now_s)
         if weighed.verdict in (Verdict.BEYOND, Verdict.JUMP):
             self.refusals.add(

@@ -42,9 +42,10 @@ class Status:
         radio = options.radio
         over = f", radio {radio.name} at {radio.share:.0%}" if radio is not None else ""
         mirror = f", mirror {options.mirror}" if options.mirror is not None else ""
+        sources = "".join(f", {spec.name} ({spec.kind})" for spec in options.sources)
         return (
             f"{mission.name} on {options.link} ({_WORDS[options.authentication]}){over}, case {mission.case}, "
-            f"sensor {options.sensor or 'none'}, uplink {options.uplink or 'none'}{mirror}"
+            f"sensor {options.sensor or 'none'}, uplink {options.uplink or 'none'}{mirror}{sources}"
         )
 
     def news(self, now_s: float, frames: int) -> list[str]:

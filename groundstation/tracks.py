@@ -22,7 +22,7 @@ from companion.mission.model import AgentSpec, Mission, TargetSpec, ThreatSpec
 from companion.protocol.codec import Detection, DetectionsFrame, Kind, ReportFrame
 from groundstation.agents import Estimate, Fix
 from groundstation.operations import Operations
-from groundstation.origins import LAST_RUN, SENSOR, Observation, Origins, Stranger
+from groundstation.origins import LAST_RUN, REPORT, SENSOR, Observation, Origins, Stranger
 from groundstation.places import Places
 from groundstation.plausibility import SENSOR_ERROR_M, Bound, Sample, Verdict
 from groundstation.progress import Arrival, MissionProgress, cannot_have_arrived, disproved
@@ -148,10 +148,11 @@ class TrackTable:
         self.origins.note(key, seen.source, seen.at_s, seen.error_m)
         return True
 
-    def follow(self, mission: Mission, placed_s: Mapping[Key, float], now_s: float) -> None:
+    def follow(self, mission: Mission, placed_s: Mapping[Key, float], anew: Collection[Key], now_s: float) -> None:
         """Follow a mission whose targets and threats have changed.
 
-        A thing that is new, or has another place, begins there, where it was at its time in `placed_s`, by default now.
+        A thing that is new, or in `anew` as one that was placed, begins at its place, where it was at its time in
+        `placed_s`, by default now.
         """
         before, self._mission = self._mission, mission
         known = {(kind, thing.id): thing for kind, thing in _things_of(before)}
@@ -167,7 +168,7 @@ class TrackTable:
             if thing is one:
                 continue
             self._sightings.limit(key, thing.speed_bound_m_s)
-            if one is None or thing.position_ned_m != one.position_ned_m:
+            if one is None or key in anew or thing.position_ned_m != one.position_ned_m:
                 self._begin(key, thing.position_ned_m, min(now_s, placed_s.get(key, now_s)), now_s)
             elif thing.speed_bound_m_s not in (0.0, one.speed_bound_m_s):
                 # How far it may have come until now does not change by what it may do from now on.
@@ -221,10 +222,14 @@ class TrackTable:
         self._sightings.begin(key, place_ned_m, placed_at_s, now_s)
         self.origins.forget(key)
         self.tracks[key] = Track(*place_ned_m, 0.0, 0.0, placed_at_s)
+        self.origins.jumps += key[0] is Kind.THREAT
         self._begin_anew(key)
 
-    def take(self, frame: DetectionsFrame, now_s: float) -> None:
-        """Merge one scan of a sensor, as far as it can be true; what cannot is counted in `refusals` by its cause."""
+    def take(self, frame: DetectionsFrame, now_s: float, others: Collection[Key] = ()) -> None:
+        """Merge one scan of a sensor, as far as it can be true; what cannot is counted in `refusals` by its cause.
+
+        `others` are things whose ids are none of the sensor's: what it calls so is something else.
+        """
         seen_at_s = self._sightings.time_of("sensor", frame.unix_s, now_s)
         if seen_at_s is None:
             return
@@ -236,9 +241,11 @@ class TrackTable:
                 self.refusals.add(TOO_FAR, "sensor: {} detections refused as too far")
                 continue
             key = (detection.kind, detection.id)
-            if key not in self.tracks:
+            if key not in self.tracks or key in others:
                 velocity = complex(detection.velocity_north_m_s, detection.velocity_east_m_s)
                 self.origins.meet(Stranger(key, complex(*place_ned_m), velocity, seen_at_s))
+            if key in others:
+                continue
             weighed = self._sightings.sighted(key, Sample(complex(*place_ned_m), seen_at_s), now_s)
             if weighed is not None and weighed.verdict is Verdict.BELIEVED:
                 self._move(key, detection, place_ned_m, seen_at_s)
@@ -298,6 +305,15 @@ class TrackTable:
         self.flown_m[agent_id] = estimate.flown_m
         self.uncertainty_m[agent_id] = estimate.uncertainty_m
 
+    def move_to(self, agent_id: int, fix: Fix) -> None:
+        """Move an agent's track to where it reports to be, if nobody has seen it since (Case I)."""
+        key = Kind.AGENT, agent_id
+        if fix.fixed_at_s >= self.tracks[key].seen_at_s:
+            self.tracks[key] = Track(*fix.position_ned_m, *fix.velocity_m_s, fix.fixed_at_s)
+            self.uncertainty_m[agent_id] = 0.0
+            self.flown_m[agent_id] = self.flown_m[agent_id] if fix.flown_m is None else fix.flown_m
+            self.origins.note(key, REPORT, fix.fixed_at_s, SENSOR_ERROR_M)
+
     def fix_of(self, agent_id: int) -> Fix:
         """Return where and when an agent was last seen, and how far it has flown."""
         track = self.tracks[Kind.AGENT, agent_id]
@@ -331,8 +347,8 @@ class TrackTable:
     def _reckoned(self, agent_id: int, at_s: float) -> tuple[complex, float]:
         """Return where an agent is by its track at a time, and how uncertain that is; anything for an unknown one."""
         track = self.tracks.get((Kind.AGENT, agent_id))
-        if track is None:
-            return 0j, 0.0
+        if track is None or self._mission.case == "I":
+            return 0j, math.inf
         velocity = complex(track.velocity_north_m_s, track.velocity_east_m_s)
         since_s = at_s - track.seen_at_s
         return complex(*track.position_ned_m) + velocity * since_s, self.uncertainty_m[agent_id]

@@ -18,7 +18,7 @@ from companion.protocol.codec import Kind
 from groundstation.broadcast import MOVING_M_S, grown
 from groundstation.ground_station import GroundStation
 from groundstation.operations import directive_name
-from groundstation.origins import MISSION, SEEN_S, SENSOR
+from groundstation.origins import MISSION, REPORT, SEEN_S, SENSOR
 from groundstation.plausibility import SENSOR_ERROR_M
 from groundstation.track import Track
 
@@ -29,6 +29,7 @@ CARRIED_S = 30.0
 View = dict[str, Any]
 """Values that JSON can hold."""
 AgentSource = Literal["mission", "sensor", "telemetry", "report", "reckoned"]
+_SEEN_BY: dict[str, AgentSource] = {SENSOR: "sensor", REPORT: "report"}
 Mode = Literal["live", "sim", "playback"]
 
 
@@ -174,7 +175,7 @@ def _where(station: GroundStation, agent: AgentSpec, now_s: float) -> _At:
     seen_by, is_seen = origins.by.get(key), origins.is_seen(agent.id, now_s)
     age_s = track.age_s(now_s)
     if is_seen and seen_by is not None:
-        source: AgentSource = "sensor" if seen_by == SENSOR else "telemetry"
+        source: AgentSource = _SEEN_BY.get(seen_by, "telemetry")
     elif station.reckoner is not None:
         age_s = max(0.0, now_s - station.reckoner.fixed_at_s(agent.id))
         source = "report" if age_s <= SEEN_S and agent.id in origins.reported else "reckoned"

@@ -35,7 +35,9 @@ COMMANDS = {
         "sim.fly", "fly_command", "Fly MISSION, a YAML file or a packaged name, over real frames on a virtual clock."
     ),
     "replay": CommandEntry(
-        "sim.replay", "replay_command", "Play DIR, a folder that `sim fly --out DIR` wrote, on the page."
+        "sim.replay",
+        "replay_command",
+        "Play DIR, a folder that `sim fly --out DIR` wrote, on the page: what was true, and what each vehicle knew.",
     ),
     "reproduce": CommandEntry(
         "sim.reproduction.command",

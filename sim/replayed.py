@@ -211,7 +211,7 @@ def _agents(mission: Mission, scene: Scene, known: Known) -> Iterator[Json]:
             "heading_deg": heading_deg,
             "speed_m_s": speed_m_s,
             "age_s": 0.0,
-            "source": "mission",
+            "source": "truth",
             "ellipse": None,
             "state": state,
             "target": target_id,

@@ -66,7 +66,9 @@ class _Last(NamedTuple):
 class BaseStationParser:
     """Makes sightings of aircraft from BaseStation's text."""
 
-    def __init__(self) -> None:
+    def __init__(self, takes_grounded: bool = False) -> None:
+        """Leave out aircraft on the ground unless `takes_grounded`, as of one's own."""
+        self._takes_grounded = takes_grounded
         self.refused: Counter[str] = Counter()
         self._lines = Lines(MOST_LINE_BYTES, self.refused)
         self._last: OrderedDict[str, _Last] = OrderedDict()
@@ -93,7 +95,7 @@ class BaseStationParser:
         if not is_place(fields.lat_deg, fields.lon_deg):
             count(self.refused, NO_PLACE)
             return None
-        if fields.is_on_ground:
+        if fields.is_on_ground and not self._takes_grounded:
             count(self.refused, ON_GROUND)
             return None
         return Sighting(

@@ -67,6 +67,13 @@ class Doubts:
         """Note that a thing was forgotten, as a source sees too many."""
         self._tell(source, "flood", f"more than {most} things at once: {{}} forgotten; allowed: a greater most")
 
+    def overrun(self, source: str, number: int) -> None:
+        """Note that sightings were left out, as more come than are weighed."""
+        self.refused[source] += number
+        self._tell(
+            source, "overrun", f"more sightings than can be weighed: the oldest left out, {number} now ({{}} times)"
+        )
+
     def full(self, source: str, left: int, most: int) -> None:
         """Note that things were left out of a picture that has enough of a source's."""
         words = f"{left} things left out, as {most} are in the picture; allowed: a greater most ({{}} times)"

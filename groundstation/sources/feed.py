@@ -15,10 +15,10 @@ from typing import Literal, NamedTuple
 from companion.geo.local_frame import LocalFrame
 from companion.mission.sources import SourceSpec
 from groundstation.sources.ais import AisParser
-from groundstation.sources.basestation import BaseStationParser
-from groundstation.sources.cot import CotParser
+from groundstation.sources.basestation import ON_GROUND, BaseStationParser
+from groundstation.sources.cot import NO_THING, CotParser
 from groundstation.sources.mavlink import AdsbParser, TelemetryParser
-from groundstation.sources.recording import RecordingParser
+from groundstation.sources.recording import OTHER_KIND, RecordingParser
 from groundstation.sources.sighting import Parser, Sighting, count
 
 MOST_WAITING = 2_000
@@ -32,6 +32,8 @@ LEAST_LATE_S = 3.0
 SILENT_S = 30.0
 """Time without a sighting after which a source is silent, or several of its periods if that is longer."""
 _SILENT_PERIODS = 10.0
+LEFT_OUT = frozenset((ON_GROUND, OTHER_KIND, NO_THING))
+"""Reasons that are no fault of a source."""
 _GAIN = 0.2
 """Weight of the newest time between two sightings in the mean."""
 
@@ -53,8 +55,14 @@ class Link:
     """What the source's link or file is doing, as its shell says."""
 
     fault: str | None = None
-    """Why nothing can come; None: it is open."""
-    note: str = "opening"
+    """Why nothing can come; None: it is open, or begins to be."""
+    note: str = ""
+    """What is heard; nothing yet if empty."""
+
+    @property
+    def is_opening(self) -> bool:
+        """Whether it has neither been opened nor failed yet."""
+        return not self.note and self.fault is None
 
 
 def parser_of(spec: SourceSpec, frame: LocalFrame) -> Parser:
@@ -65,7 +73,7 @@ def parser_of(spec: SourceSpec, frame: LocalFrame) -> Parser:
         case "adsb":
             return AdsbParser()
         case "basestation":
-            return BaseStationParser()
+            return BaseStationParser(takes_grounded=spec.things == "agents")
         case "ais":
             return AisParser()
         case "cot":
@@ -121,7 +129,7 @@ class Feed:
         self.parser = parser_of(spec, frame)
         self.pulse = Pulse()
         self.dropped = 0
-        """Number of sightings that were left out in floods."""
+        """Number of sightings that were left out in floods and not told yet."""
         self._waiting: deque[Sighting] = deque()
 
     @property
@@ -131,8 +139,8 @@ class Feed:
 
     @property
     def refused(self) -> int:
-        """Number of messages that could not be used."""
-        return self.parser.refused.total()
+        """Number of messages that could not be used, but for those that are none of a thing that counts."""
+        return sum(number for reason, number in self.parser.refused.items() if reason not in LEFT_OUT)
 
     def hear(self, data: bytes, now_s: float, peer: Hashable = None) -> None:
         """Take in bytes as they came; never raises, whatever the bytes."""
@@ -152,6 +160,13 @@ class Feed:
         while len(self._waiting) > MOST_WAITING:
             self._waiting.popleft()
             self.dropped += 1
+
+    def detail(self, health: Health) -> str:
+        """Return what its link does, and what it could use least of."""
+        if not self.parser.refused:
+            return health.detail
+        reason, number = self.parser.refused.most_common(1)[0]
+        return f"{health.detail}; {number} {reason}"
 
     def next(self) -> Sighting | None:
         """Return the sighting that has waited longest, which waits no more."""

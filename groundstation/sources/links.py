@@ -10,6 +10,7 @@ import asyncio
 import os
 import socket
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
@@ -48,9 +49,12 @@ async def run_source(feed: Feed, now_s: Callable[[], float]) -> None:
                 await _play(feed, now_s)
                 return
             await _hear(feed, now_s)
-        except (OSError, InputError, TimeoutError, EOFError) as error:
+        except (OSError, InputError, TimeoutError, EOFError, zlib.error) as error:
             feed.link.fault = _words(error)
         if feed.pulse.heard > heard:
+            if feed.spec.file is not None:
+                # A recording that is damaged is not played from its beginning again and again.
+                return
             wait_s = AGAIN_FIRST_S
         await asyncio.sleep(wait_s)
         wait_s = min(2.0 * wait_s, AGAIN_MOST_S)

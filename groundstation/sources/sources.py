@@ -12,7 +12,7 @@ import importlib
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from companion.errors import InputError
 from companion.geo.local_frame import LocalFrame
@@ -24,7 +24,7 @@ from groundstation.events import Command, Event, Retire, ThingKind, TrackBegan, 
 from groundstation.ground_station import GroundStation
 from groundstation.operations import Operations
 from groundstation.origins import SENSOR, Observation
-from groundstation.sources.feed import Feed, Health, Pulse
+from groundstation.sources.feed import SILENT_S, Feed, Health, Pulse
 from groundstation.sources.links import run_source
 from groundstation.sources.sighting import Sighting
 from groundstation.sources.thing import SourceKey
@@ -34,6 +34,8 @@ MOST_PER_TICK = 40
 """Greatest number of sightings that are weighed in a tick, of all sources together: some 8 ms of work."""
 MOST_ASKED = 10
 """Greatest number of commands that wait for their answers: each may solve the assignment anew when it is obeyed."""
+TOLD_AGAIN_S = 10.0
+"""Least time between two lines about how a source does."""
 _LIBRARIES: dict[SourceKind, str] = {"ais": "pyais", "cot": "takproto"}
 _WORDS: dict[Kind, ThingKind] = {Kind.TARGET: "target", Kind.THREAT: "threat"}
 
@@ -46,6 +48,13 @@ class Desk(Protocol):
 
     def note_facts(self, facts: Iterable[Fact]) -> None:
         """Adopt and keep what has happened."""
+
+
+class _Told(NamedTuple):
+    """How a source did when that was last told, and when that was; empty: it was not told yet."""
+
+    state: str
+    at_s: float
 
 
 class Sources:
@@ -64,6 +73,8 @@ class Sources:
         """The rest of a batch."""
         self._asked: set[SourceKey] = set()
         """What was asked for and is not answered yet."""
+        self._said: dict[str, _Told] = {}
+        """How sources did when that was last told."""
         self.sensor: Pulse | None = None
         """The health of the sensor's link; None without one."""
         for module in {"filterpy.kalman"} | {_LIBRARIES.get(spec.kind, "math") for spec in specs} if specs else ():
@@ -82,6 +93,8 @@ class Sources:
 
     def tick(self, station: GroundStation, desk: Desk, now_s: float) -> None:
         """Move the picture by what was heard, and ask for what is wanted in it and out of it."""
+        if not self._specs:
+            return
         self.tracker.ahead_s = station.tracks.clock_ahead_s
         if station.mission is not self._mission:
             self._mission = station.mission
@@ -92,6 +105,10 @@ class Sources:
             complex(*station.tracks.tracks[Kind.AGENT, one].position_ned_m) for one in station.tracks.present_agents
         ]
         failed = [name for name, feed in self.feeds.items() if feed.link.fault is not None]
+        for name, feed in self.feeds.items():
+            if feed.dropped:
+                self.tracker.doubts.overrun(name, feed.dropped)
+                feed.dropped = 0
         if not self._wanted:
             self._wanted += self.tracker.due(agents, self._reach_m, now_s, failed)
         while self._wanted and len(self._asked) < MOST_ASKED:
@@ -115,8 +132,9 @@ class Sources:
         unknown = self.tracker.unknown()
         rows = []
         for name, feed in self.feeds.items():
-            refused = feed.refused + feed.dropped + self.tracker.doubts.refused[name]
-            row = _row(name, feed.spec.kind, feed.pulse.health(now_s))
+            refused = feed.refused + self.tracker.doubts.refused[name]
+            health = feed.pulse.health(now_s)
+            row = _row(name, feed.spec.kind, health._replace(detail=feed.detail(health)))
             strangers = sum(1 for one in unknown if one.source == name)
             rows.append(row | {"things": self.tracker.things(name, now_s), "refused": refused, "unknown": strangers})
         if self.sensor is not None:
@@ -142,9 +160,21 @@ class Sources:
             for one in self.tracker.unknown()
         ]
 
-    def news(self, now_s: float) -> list[str]:
-        """Return the lines about what is not believed that are due."""
-        return self.tracker.doubts.news(now_s)
+    def news(self, now_s: float) -> tuple[list[str], list[str]]:
+        """Return the lines that are due: of sources that do well again, and warnings of others and of what they say."""
+        good: list[str] = []
+        warnings = self.tracker.doubts.news(now_s)
+        for name, feed in self.feeds.items():
+            health = feed.pulse.health(now_s)
+            told = self._said.setdefault(name, _Told("", now_s))
+            if health.state == told.state or feed.link.is_opening:
+                continue
+            is_new = health.state == "silent" and not feed.pulse.heard
+            if now_s - told.at_s >= (SILENT_S if is_new else TOLD_AGAIN_S if told.state else 0.0):
+                self._said[name] = _Told(health.state, now_s)
+                lines = good if health.state == "good" else warnings
+                lines.append(f"{name}: {health.state}: {feed.detail(health)}")
+        return good, warnings
 
     def _strangers(self, station: GroundStation, now_s: float) -> list[Observation]:
         """Return the moves of things that the sensor sees, and that are in the picture though no mission lists them."""

@@ -50,6 +50,8 @@ class Recorder:
         self._screen = screen
         self._kept_s = float("-inf")
         """Time of the last picture that was kept."""
+        self._heard_s = float("-inf")
+        """Time of the last frames."""
         self._records = bytearray()
         """Frames since, as records of a .tlog."""
 
@@ -57,22 +59,31 @@ class Recorder:
         """Keep a picture if it is due, and pass everything on."""
         if message["type"] == "picture" and abs(message["t_s"] - self._kept_s) >= PERIOD_S - _TOLERANCE_S:
             self._kept_s = at_s = message["t_s"]
-            things = [Recorded("picture", at_s, orjson.dumps(message))]
-            if self._records:
-                things.append(Recorded("frames", at_s, bytes(self._records)))
-                self._records.clear()
-            self._store.record(things)
+            self._store.record([Recorded("picture", at_s, orjson.dumps(message)), *self._frames_until(at_s)])
         if self._screen is not None:
             self._screen.publish(message)
 
     def frames(self, t_s: float, datagrams: Iterable[bytes]) -> None:
         """Keep unsigned frames that were broadcast at a time in seconds, and pass them on."""
         shown = list(datagrams)
+        self._heard_s = t_s
         stamp = STAMP.pack(round(1e6 * t_s))
         for frame in shown:
             self._records += stamp + frame
         if self._screen is not None:
             self._screen.frames(t_s, shown)
+
+    def close(self) -> None:
+        """Keep the frames since the last picture, as a run ends."""
+        self._store.record(self._frames_until(self._heard_s))
+
+    def _frames_until(self, at_s: float) -> list[Recorded]:
+        """Return the frames that are not kept yet, the last of them broadcast at a time, and begin anew."""
+        if not self._records:
+            return []
+        frames = Recorded("frames", at_s, bytes(self._records))
+        self._records.clear()
+        return [frames]
 
     def reply(self, identity: int, event: Mapping[str, Any]) -> None:
         """Pass an answer on."""

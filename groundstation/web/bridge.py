@@ -21,6 +21,7 @@ from typing import Protocol
 from companion.errors import InputError
 from companion.runtime.console import program_logger
 from groundstation.web.pipe import (
+    MOST_REQUEST_BYTES,
     READ_BYTES,
     Message,
     Request,
@@ -151,7 +152,7 @@ class Bridge:
         self._start = start
         self._steady_s = steady_s
         self._outbox = _Outbox()
-        self._unpacker = Unpacker()
+        self._unpacker = Unpacker(MOST_REQUEST_BYTES)
         self._child: Child | None = None
         self._end: socket.socket | None = None
         self._back_off_s = FIRST_BACK_OFF_S
@@ -225,7 +226,7 @@ class Bridge:
             return
         finally:
             theirs.close()
-        self._end, self._unpacker, self._moved_at_s = ours, Unpacker(), self._changed_at_s
+        self._end, self._unpacker, self._moved_at_s = ours, Unpacker(MOST_REQUEST_BYTES), self._changed_at_s
         self._outbox.begin(self._hello)
 
     def _send(self) -> None:

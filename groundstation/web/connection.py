@@ -22,6 +22,8 @@ MOST_HEAD_BYTES = 16_384
 class BoundedConnection(H11Protocol):
     """uvicorn's connection, closed if there are too many, or if no whole head comes in time."""
 
+    _head_timer: asyncio.TimerHandle | None = None
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take a connection, or close it."""
         super().connection_made(transport)
@@ -41,9 +43,16 @@ class BoundedConnection(H11Protocol):
     def data_received(self, data: bytes) -> None:
         """Take bytes in."""
         super().data_received(data)
-        if self.conn.their_state is h11.IDLE and self.timeout_keep_alive_task is None:
-            # uvicorn ended its wait for the next request with the first byte of it; slow ones are waited for here.
+        if self.conn.their_state is h11.IDLE:
+            # uvicorn ended its own wait for the next request with the first byte of it.
             self._await_head()
+        else:
+            self._stop_waiting()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget a connection."""
+        self._stop_waiting()
+        super().connection_lost(exc)
 
     def send_400_response(self, msg: str) -> None:
         """Answer what is no HTTP."""
@@ -58,13 +67,14 @@ class BoundedConnection(H11Protocol):
         self.transport.close()
 
     def _await_head(self) -> None:
-        transport, loop = self.transport, self.loop
+        """Close the connection unless a whole head comes in time, counted from its beginning."""
+        if self._head_timer is None:
+            self._head_timer = self.loop.call_later(HEAD_S, self.transport.abort)
 
-        def give_up() -> None:
-            if self.conn.their_state is h11.IDLE and not transport.is_closing() and self in self.connections:
-                transport.abort()
-
-        loop.call_later(HEAD_S, give_up)
+    def _stop_waiting(self) -> None:
+        if self._head_timer is not None:
+            self._head_timer.cancel()
+            self._head_timer = None
 
 
 def settings() -> dict[str, Any]:

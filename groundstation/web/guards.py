@@ -124,7 +124,7 @@ class Guards:
             if why is not None:
                 return Refusal(403, why)
         asker = scope["client"][0] if scope.get("client") else "?"
-        limit = self.limits.changes if changes or is_stream else self.limits.reads
+        limit = self.limits.changes if changes else self.limits.reads
         if changes and scope["path"] == SESSION_PATH and scope["method"] == "POST":
             limit = self.limits.logins
         wait_s = limit.wait_s(asker, now_s)

@@ -20,6 +20,8 @@ Message = Mapping[str, Any]
 _LENGTH = struct.Struct("!I")
 MOST_BYTES = 32_000_000
 """Greatest length of a message: a picture of 500 agents, 50 targets and 50 threats has 200 kB."""
+MOST_REQUEST_BYTES = 200_000
+"""Greatest length of what the web process asks: a body of 64 KiB, and who sent it."""
 READ_BYTES = 262_144
 """Greatest number of bytes read at once."""
 CLOCK = "clock"
@@ -45,14 +47,16 @@ class Request(NamedTuple):
 
 def packed(message: Message) -> bytes:
     """Return a message as it is sent: its length as four bytes, most significant first, and its JSON text."""
-    text = orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY)
+    text = orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS)
     return _LENGTH.pack(len(text)) + text
 
 
 class Unpacker:
     """Puts together the messages in a stream of bytes."""
 
-    def __init__(self) -> None:
+    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
+        """Take messages of at most `most_bytes`."""
+        self._most_bytes = most_bytes
         self._held = bytearray()
 
     def feed(self, data: bytes) -> list[Message]:
@@ -66,8 +70,8 @@ class Unpacker:
         messages: list[Message] = []
         while len(self._held) >= _LENGTH.size:
             (length,) = _LENGTH.unpack_from(self._held)
-            if length > MOST_BYTES:
-                raise InputError(f"a message of {length} bytes; allowed: at most {MOST_BYTES}")
+            if length > self._most_bytes:
+                raise InputError(f"a message of {length} bytes; allowed: at most {self._most_bytes}")
             end = _LENGTH.size + length
             if len(self._held) < end:
                 break

@@ -47,7 +47,9 @@ async def serve(feed: Feed, site: Site, listener: socket.socket, session_key: by
     except (OSError, ssl.SSLError) as error:
         raise InputError(f"--ui-cert: {site.certificate} with --ui-key: {error.strerror or error}") from error
     # What strangers send wrong is answered; a line for each would let them fill a disk.
-    logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
+    errors = logging.getLogger("uvicorn.error")
+    errors.setLevel(logging.ERROR)
+    errors.addFilter(_is_error)
     server = uvicorn.Server(config)
     fed = asyncio.create_task(feed.run(hub))
     fed.add_done_callback(lambda _: setattr(server, "should_exit", True))
@@ -58,6 +60,11 @@ async def serve(feed: Feed, site: Site, listener: socket.socket, session_key: by
         for task in (fed, reckoned):
             task.cancel()
         await asyncio.gather(fed, reckoned, return_exceptions=True)
+
+
+def _is_error(record: logging.LogRecord) -> bool:
+    """Return whether a message of uvicorn tells of an error: it calls a stream that was refused with a reason one."""
+    return record.getMessage() != "ASGI callable returned without completing handshake."
 
 
 def hosts_of(site: Site, listener: socket.socket) -> list[str]:

@@ -183,6 +183,12 @@ class Child:
         """Whether it ended by itself."""
         return self._process.poll() is not None
 
+    @property
+    def processor_s(self) -> float:
+        """Processor time that it has used."""
+        fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
     @contextmanager
     def paused(self) -> Iterator[None]:
         """Let it stand still for a while: what is done to its disk then is done at one moment."""

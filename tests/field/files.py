@@ -7,11 +7,12 @@ import io
 import os
 import shutil
 import socket
+import sqlite3
 import struct
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -267,25 +268,29 @@ def one_failed_write() -> str:
     return "written a second later"
 
 
+def kept_in(state: Path) -> list[tuple[str, str]]:
+    with closing(sqlite3.connect(f"file:{state}?mode=ro", uri=True)) as store:
+        return store.execute("SELECT name, value FROM kept ORDER BY name").fetchall()
+
+
 def one_failed_write_on_the_ground() -> str:
     with TemporaryDirectory() as folder:
-        keys, state = Path(folder) / "keys", Path(folder) / "ground.json"
+        keys, state = Path(folder) / "keys", Path(folder) / "ground.state"
         keygen(keys)
         options = Options(parse_link(f"udpout:127.0.0.1:{free_port()}"), "both", keys, state=state)
-        in_the_way = Path(f"{state}.new")
 
         async def body() -> None:
             stop = asyncio.Event()
             running = asyncio.create_task(run_groundstation(parse_mission(MISSION, "files"), options, stop))
             while not state.exists() and not running.done():
                 await asyncio.sleep(0.05)
-            in_the_way.mkdir()
-            await asyncio.sleep(1.4)
-            with suppress(OSError):
-                in_the_way.rmdir()
-            spoilt = state.read_text()
+            # Another program has the store for longer than a write waits for it.
+            with closing(sqlite3.connect(state, isolation_level=None)) as other:
+                other.execute("BEGIN IMMEDIATE")
+                await asyncio.sleep(2.4)
+                spoilt = kept_in(state)
             await asyncio.sleep(2.3)
-            written = state.read_text() != spoilt
+            written = kept_in(state) != spoilt
             stop.set()
             await running
             assert written, "never written again"

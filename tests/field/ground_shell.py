@@ -197,7 +197,9 @@ def arguments(**given: object) -> dict[str, object]:
     nothing = ("keys", "auth", "radio", "share", "state", "log", "mirror", "sensor", "uplink", "listen")
     values: dict[str, object] = dict.fromkeys(nothing)
     values.update(mission="copter-demo", link="udpout:127.0.0.1:9", unsigned=True, autopilot="kinematic", seed=1)
-    values.update(log_mb=1_000.0, sensor_error=30.0, unsigned_inputs=False, source=())
+    values.update(dict.fromkeys(("ui", "ui_tokens", "ui_cert", "ui_key", "ui_client_ca", "ui_tiles")))
+    values.update(log_mb=1_000.0, store_mb=1_000.0, new_flight=False, log_format="text")
+    values.update(sensor_error=30.0, unsigned_inputs=False, source=())
     return {**values, **given}
 
 

@@ -433,7 +433,15 @@ def test_a_report_on_the_sensors_channel_is_no_report() -> None:
     assert untouched(run.to(3.0))
 
 
-def test_a_report_in_case_i_is_of_no_use_and_does_no_harm() -> None:
+def test_in_case_i_too_an_agent_is_where_it_reports_to_be() -> None:
+    run = Run("case: I\n").to(60.0)
+    run.report(0.0, 3_000.0, flown_m=3_100.0)
+    assert run.to(61.0).place() == pytest.approx((0.0, 3_000.0), abs=0.1)
+    assert run.station.tracks.heard_at_s[1] == START_S + 60.0
+    assert run.station.tracks.flown_m[1] == 3_100.0
+
+
+def test_in_case_i_a_report_from_where_no_flight_leads_is_not_believed() -> None:
     run = Run("case: I\n").to(2.0)
     run.report(9_000.0, 9_000.0)
     assert run.to(3.0).place() == (0.0, 0.0)

@@ -10,7 +10,7 @@ import pytest
 
 from companion.mission.model import Mission, parse_mission
 from companion.protocol.messages import Directive, Kind
-from groundstation.desk import ANSWER_S, MOST_WAITING, Desk, Fact, begin_day
+from groundstation.desk import ANSWER_S, MOST_AT_ONCE, MOST_WAITING, Desk, Fact, begin_day
 from groundstation.events import AddThreat, Event, Pause, TakeOut, ThreatAdded, TrackBegan, Undo, Who
 from groundstation.ground_station import GroundStation, Resumed
 from groundstation.store.chapters import beginning
@@ -222,3 +222,14 @@ def test_what_follows_from_a_sources_command_is_kept_with_it_or_not_at_all() -> 
     assert [row.event for row in disk.rows] == ["threat-added", "track-began"]
     assert station.operations.tracks == {("radar", "A"): (Kind.THREAT, 2)}
     assert answers == [answers[0]] and answers[0].event == "threat-added"
+
+
+def test_a_flood_of_commands_is_obeyed_a_few_in_each_tick_and_in_order(day: Day) -> None:
+    for request in range(2 * MOST_AT_ONCE + 1):
+        day.desk.ask_data({"do": "pin", "agent": 1, "target": 1 + request % 2}, ANNA, request)
+    obeyed = []
+    for tick in range(3):
+        day.desk.tick(START_S + tick)
+        obeyed.append(len(day.screen.answers))
+    assert obeyed == [MOST_AT_ONCE, 2 * MOST_AT_ONCE, 2 * MOST_AT_ONCE + 1]
+    assert list(day.screen.answers) == list(range(2 * MOST_AT_ONCE + 1))

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import orjson
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -32,7 +33,9 @@ from groundstation.clock import MOST_AHEAD_S, GroundClock, Sources
 from groundstation.directives import directive_from
 from groundstation.log_files import log_place
 from groundstation.options import Options
+from groundstation.page import Page
 from groundstation.radio import parse_radio
+from groundstation.rivals import RunLock
 from groundstation.saved_state import (
     SavedState,
     began_at_s,
@@ -44,6 +47,10 @@ from groundstation.saved_state import (
     threats_digest,
 )
 from groundstation.service import load_frame_signer, run_groundstation
+from groundstation.store.database import Database
+from groundstation.store.recordings import records_in
+from groundstation.web.address import Address
+from groundstation.web.site import Site
 
 # Loaded before any test, as the first assignment would load it: the tests of clocks must not count that second.
 importlib.import_module("scipy.optimize")
@@ -433,6 +440,36 @@ def test_logs_of_one_name_have_a_bound_together_and_none_is_written_over(tmp_pat
     assert other.exists()
 
 
+def test_a_run_leaves_its_events_pictures_and_frames_and_a_second_one_goes_on(ear: Ear, tmp_path: Path) -> None:
+    state = tmp_path / "ground.state"
+    options = Options(ear.link, "unsigned", state=state)
+    for _ in range(2):
+        ear.heard().clear()
+        broadcast_until(options, lambda: len(ear.heard()) >= 4)
+    reader = Database.read_only(state)
+    kinds = [row.event for row in reader.events()]
+    assert kinds[:3] == ["started", "assigned", "revision-began"]
+    assert kinds.count("assigned") == 1
+    assert kinds.count("started") == kinds.count("stopped") == 2
+    pictures = list(reader.recorded("picture"))
+    assert [agent["id"] for agent in orjson.loads(pictures[0].body)["agents"]] == [1, 2]
+    assert any(list(records_in(recorded.body)) for recorded in reader.recorded("frames"))
+    reader.close()
+
+
+def test_a_second_run_with_the_same_store_is_refused_though_its_keys_are_others(
+    ear: Ear, keys: Path, tmp_path: Path
+) -> None:
+    state = tmp_path / "ground.state"
+    first = RunLock(state.with_name("ground.state.lock"))
+    with pytest.raises(
+        InputError, match="ground.state.lock: another ground station runs with these keys or this state"
+    ):
+        broadcast_until(Options(ear.link, "both", keys, state=state), lambda: False)
+    first.close()
+    assert not state.exists()
+
+
 def test_a_state_that_is_none_is_not_replaced(ear: Ear, tmp_path: Path) -> None:
     state = tmp_path / "ground.state"
     state.write_text("something else")
@@ -589,3 +626,15 @@ def test_a_ground_station_that_is_stopped_says_so_in_its_last_broadcast(ear: Ear
     assert [state.is_last for state in states[:1]] == [False]
     assert states[-1].is_last
     assert states[-1].directive is Directive.NORMAL
+
+
+def test_a_fault_in_what_is_only_shown_ends_nothing_and_is_told_once(
+    ear: Ear, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object) -> None:
+        raise KeyError("agents")
+
+    monkeypatch.setattr(Page, "tick", broken)
+    site = Site(Address("127.0.0.1", 0))
+    broadcast_until(Options(ear.link, "unsigned", site=site), lambda: len(ear.heard()) > 5)
+    assert capsys.readouterr().err.count("page: cannot be shown: KeyError: 'agents'; the broadcast goes on") == 1

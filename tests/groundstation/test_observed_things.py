@@ -6,6 +6,7 @@ import pytest
 
 from companion.mission.model import Mission, parse_mission
 from companion.protocol.codec import FrameReader, Kind, MotionFrame, StateFrame
+from groundstation.events import Who, command_from
 from groundstation.ground_station import GroundStation
 from groundstation.origins import SEEN_S, Observation
 from groundstation.view import Surroundings, View, picture
@@ -130,3 +131,14 @@ def test_the_link_of_an_agent_is_judged_by_the_share_of_its_reports_that_came(
     now_s = START_S + (100.0 if share is not None else 6.0)
     shown = picture(station, now_s, Surroundings())["agents"][0]["link"]
     assert shown == (None if share is None else {"heard": share, "by": "reports"})
+
+
+def test_a_threat_that_has_moved_is_put_back_to_where_the_mission_has_it() -> None:
+    watched = Watched("I").to(2.0)
+    station, key = watched.station, (Kind.THREAT, 1)
+    station.observe(Observation(*key, complex(10030.0, 4000.0), 10 + 0j, START_S + 3.0, 5.0, "adsb"))
+    revision = watched.to(5.0).station.revision
+    back = {"do": "change", "kind": "threat", "id": 1, "north_m": 10000.0, "east_m": 4000.0}
+    station.command(command_from(back), Who(name="anna", role="operator"), START_S + watched.t_s)
+    assert station.tracks.tracks[key].position_ned_m == (10000.0, 4000.0)
+    assert watched.to(8.0).station.revision == revision + 1

@@ -8,6 +8,7 @@ from concurrent.futures import Future
 from companion.mission.model import Mission, parse_mission
 from companion.protocol.codec import Detection, DetectionsFrame, FrameWriter, Kind
 from groundstation.desk import Desk
+from groundstation.events import AddThreat, TrackBegan, Who
 from groundstation.ground_station import GroundStation
 from groundstation.notices import MOST_TOLD
 from groundstation.origins import MOST_UNKNOWN, Stranger
@@ -102,3 +103,24 @@ def test_a_flood_of_strangers_is_no_flood_of_events() -> None:
         watch.desk.notice(START_S)
     assert watch.disk.kinds.count("unknown-seen") == MOST_TOLD
     assert len(watch.shown()["unknown"]) == MOST_UNKNOWN
+
+
+def test_what_a_live_source_has_added_is_not_what_the_sensor_calls_by_that_number() -> None:
+    mission = parse_mission(TEXT, "strangers")
+    station = GroundStation(mission, START_S)
+    radar = Who(name="receiver", role="source")
+    added = station.command(
+        AddThreat(do="add-threat", id=7, north_m=4_010.0, east_m=500.0, radius_m=99.0, speed_bound_m_s=255.0),
+        radar,
+        START_S,
+    )
+    began = TrackBegan(
+        number=added.number + 1, unix_s=START_S, who=radar, source="receiver", key="A", kind="threat", id=7
+    )
+    station.adopt(began, START_S)
+    for t_s in range(1, 20):
+        stranger = Detection(Kind.THREAT, 7, 4_000.0 + 100.0 * t_s, 500.0, 100.0, 0.0)
+        frame = DetectionsFrame(int(START_S), 1000 * t_s, 47.0, 8.0, (stranger,))
+        station.sense(FrameWriter().encode(frame), START_S + t_s)
+    assert station.tracks.tracks[Kind.THREAT, 7].north_m == 4_010.0
+    assert station.tracks.origins.unknown[Kind.THREAT, 7].times == 19

@@ -8,12 +8,19 @@ from pathlib import Path
 import pytest
 
 from companion.errors import InputError
+from companion.files.tlog import TlogWriter
 from companion.mission.model import dump_mission, parse_mission
+from companion.onboard.decision import Decision, Purpose
+from companion.onboard.failsafe import Stage
+from companion.onboard.flight_log import decision_frame, text_frames
+from companion.protocol.codec import FrameWriter
+from companion.protocol.messages import RadiiFrame
+from groundstation.ground_station import GroundStation
 from groundstation.store.playback import Playback
 from groundstation.store.recordings import Recording
 from sim.lockstep import FlightOptions, fly
 from sim.loop import START_S
-from sim.replayed import FlownFolder
+from sim.replayed import FlownFolder, heard_words
 from sim.score import score
 from sim.vehicle_words import read_words
 from tests.groundstation.store.test_playback import Screen
@@ -90,12 +97,26 @@ def test_it_is_played_like_a_store(flown: FlownFolder) -> None:
     assert len(screen.heard_s) > 5
 
 
-def test_a_vehicle_that_heard_a_part_of_the_threats_says_how_many(folder: Path, tmp_path: Path) -> None:
-    words = read_words(folder / "vehicle-2.tlog", 2)
-    assert {one.missing for one in words.known} == {None}
-    assert words.at(START_S - 1.0) is None
-    times_s = [one.at_s for one in words.known]
-    assert times_s == sorted(times_s)
+def test_a_vehicle_that_heard_no_radii_yet_waits_for_its_threats_and_says_so(tmp_path: Path) -> None:
+    station, writer = GroundStation(parse_mission(MISSION, "heard"), START_S), FrameWriter()
+    told = [*station.refresh(START_S, 80), *station.carousel(START_S, 80)]
+    radii = [frame for frame in told if isinstance(frame, RadiiFrame)]
+    decision = decision_frame(Decision(START_S, Purpose.LOITER, "waits", Stage.FRESH, 0.5))
+    with TlogWriter(tmp_path / "vehicle-1.tlog") as log:
+        for frame in told:
+            if not isinstance(frame, RadiiFrame):
+                log.write(START_S, writer.encode(frame))
+        log.write(START_S + 1.0, writer.encode(decision))
+        for text in text_frames("loiter (waits)", 1):
+            log.write(START_S + 1.0, text)
+        for frame in radii:
+            log.write(START_S + 2.0, writer.encode(frame))
+        log.write(START_S + 3.0, writer.encode(decision))
+    words = read_words(tmp_path / "vehicle-1.tlog", 1)
+    assert [one.missing for one in words.known] == ["0 of 1 threats heard", None]
+    assert [one.words for one in words.known] == ["loiter (waits)"] * 2
+    assert heard_words(words.at(START_S + 2.5), START_S + 2.5) == "picture 2.0 s old, 0 of 1 threats heard, fresh"
+    assert words.at(START_S) is None
 
 
 def test_a_killed_flight_without_a_result_is_opened_and_another_folder_is_refused(folder: Path, tmp_path: Path) -> None:

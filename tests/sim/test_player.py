@@ -78,6 +78,7 @@ def test_the_samples_are_the_flight_to_the_decimetre_where_it_is_small() -> None
     times_s = [ds / 10 for ds in accumulate(data["t_ds"])]
     assert (times_s[0], times_s[-1]) == (0.0, 200.0)
     assert list(accumulate(data["agents"][0]["n"])) == [round(600.0 * t_s) for t_s in times_s]
+    assert (data["threats"][0]["bound"], data["threats"][0]["detection"]) == (10.0, 900.0)
     assert data["targets"][0]["reached"] == pytest.approx(195.0, abs=0.6)
 
 

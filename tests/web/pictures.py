@@ -153,7 +153,7 @@ def valley() -> View:
         agents=[
             agent(1, 1_000, 700, source="telemetry", age_s=0.1, certificate="safe for all time"),
             agent(2, 2_600, 4_400, source="reckoned", ellipse=ghost, age_s=74.0, heading_deg=62.0, target=2),
-            agent(3, 300, 5_200, heading_deg=15.0, target=3, pinned=3),
+            agent(3, 300, 5_200, heading_deg=15.0, link={"heard": 0.8, "by": "mission"}, target=3, pinned=3),
             agent(4, 8_850, 6_950, state="arrived", target=None, eta_s=None, source="telemetry", heading_deg=180.0),
             agent(5, -1_200, 2_400, state="lost", source="reckoned", age_s=412.0, target=None, eta_s=None),
             agent(6, -500, -1_500, state="out", target=None, eta_s=None, heading_deg=300.0),

@@ -218,6 +218,14 @@ def test_a_stream_that_falls_silent_is_said_at_once_and_greys_the_page(scene: _S
         expect(page.locator("#connection")).to_have_text("connected")
 
 
+def test_a_stream_that_breaks_off_is_opened_again_and_shows_what_is_now(scene: _Scene) -> None:
+    with scene.opened(picture()) as page:
+        page.evaluate("() => window.groundStationPage.stream.socket.close()")
+        scene.stage.show(picture(mission="another valley"))
+        expect(page.locator("#mission")).to_have_text("another valley")
+        expect(page.locator("#connection")).to_have_text("connected")
+
+
 def test_an_action_is_done_with_the_keyboard_alone(scene: _Scene) -> None:
     with scene.opened(valley()) as page:
         page.keyboard.press("Tab")
@@ -303,6 +311,13 @@ def test_an_unknown_thing_is_taken_in_as_a_threat(scene: _Scene) -> None:
         expect(page.locator("#toast")).to_contain_text("threat added")
         (asked,) = scene.stage.asked
         assert (asked["id"], asked["north_m"], asked["east_m"]) == (77, 10_800.0, 9_300.0)
+
+
+def test_the_link_of_an_agent_is_told_with_how_it_is_known(scene: _Scene) -> None:
+    with scene.opened(valley()) as page:
+        expect(page.locator("#agents-table .col-link").nth(3)).to_have_text("80 %")
+        page.locator("#agents-table .pick").nth(2).click()
+        expect(page.locator("#details-facts")).to_contain_text("hears 80 %, as the mission declares")
 
 
 def test_an_observer_sees_no_live_button(guarded: tuple[_Scene, dict[str, str]]) -> None:

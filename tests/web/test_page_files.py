@@ -31,3 +31,13 @@ def test_the_page_has_no_inline_script_or_style_and_asks_only_its_own_server() -
 def test_every_script_is_loaded_by_another_or_by_the_page() -> None:
     text = "".join(path.read_text(encoding="utf-8") for path in (*SCRIPTS, PAGE / "index.html"))
     assert [path.name for path in SCRIPTS if f"/{path.name}" not in text] == []
+
+
+def test_no_line_of_a_script_is_longer_than_elsewhere() -> None:
+    long = [
+        f"{path.name}:{number}"
+        for path in SCRIPTS
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if len(line) > 120
+    ]
+    assert long == []

@@ -1,5 +1,5 @@
-// What an operator can do. Each is asked once more in the dialog, given as a command, and can be taken back from the time
-// line where the ground station allows it. Nothing here knows whether a vehicle obeyed: none of them can answer.
+// What an operator can do. Each is asked once more in the dialog, given as a command, and can be taken back from the
+// time line where the ground station allows it. Nothing here knows whether a vehicle obeyed: none of them can answer.
 
 import { command } from "./api.js";
 import { choice, confirmed, field } from "./dialog.js";
@@ -69,7 +69,10 @@ export class Actions {
   takeOut(agent) {
     this.ask({
       title: `Take agent ${agent.id} out`,
-      text: [`Agent ${agent.id} gets no target any more; its target goes to another agent if one can reach it.`, ONE_WAY],
+      text: [
+        `Agent ${agent.id} gets no target any more; its target goes to another agent if one can reach it.`,
+        ONE_WAY,
+      ],
       confirm: `Take agent ${agent.id} out`,
       danger: true,
       act: () => this.give({ do: "take-out", agent: agent.id }, `Agent ${agent.id} taken out`),
@@ -175,10 +178,11 @@ export class Actions {
     });
   }
 
+  /** What a sensor calls a threat keeps its number, so that the sensor moves it; a strange vehicle becomes a threat. */
   takeIn(unknown) {
     const place = { north_m: unknown.north_m, east_m: unknown.east_m };
-    const kind = unknown.kind === "target" ? "target" : "threat";
-    this.add(kind, { ...place, id: Number.isInteger(unknown.id) ? unknown.id : undefined });
+    if (unknown.kind === "agent") this.add("threat", place);
+    else this.add(unknown.kind, { ...place, id: unknown.id });
   }
 
   /** The fields of a place, in metres or degrees; the other form follows what is typed. */
@@ -206,7 +210,13 @@ export class Actions {
     };
     const legend = el("legend", {}, "Place");
     return [
-      el("fieldset", {}, legend, el("div", { class: "row" }, unit("metres", "metres"), unit("degrees", "lat/lon")), groups),
+      el(
+        "fieldset",
+        {},
+        legend,
+        el("div", { class: "row" }, unit("metres", "metres"), unit("degrees", "lat/lon")),
+        groups,
+      ),
     ];
   }
 }

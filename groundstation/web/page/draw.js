@@ -24,11 +24,13 @@ const hatches = new Map();
 const widths = new Map(); // of labels in pixels
 const MOST_WIDTHS = 5000;
 
+const SIGNS = ["agent", "ghost", "gone", "target", "threat", "unknown"];
+const COLOURS = [...SIGNS, "route", "trail", "fence", "ink", "halo", "chosen"];
+
 /** The colours of the theme, read from the style sheet once after each change of theme. */
 export function paletteOf(element) {
   const style = getComputedStyle(element);
-  const names = ["agent", "ghost", "target", "threat", "unknown", "route", "trail", "fence", "ink", "halo", "chosen", "gone"];
-  const palette = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--map-${name}`).trim()]));
+  const palette = Object.fromEntries(COLOURS.map((name) => [name, style.getPropertyValue(`--map-${name}`).trim()]));
   palette.font = `600 12px ${style.getPropertyValue("--font").trim() || "sans-serif"}`;
   return palette;
 }
@@ -66,7 +68,8 @@ export function draw(context, view, state, ui) {
 }
 
 const pixel = (view, [x, y]) => [x * view.scale - view.left, y * view.scale - view.top];
-const inside = (view, x, y, margin) => x > -margin && y > -margin && x < view.width + margin && y < view.height + margin;
+const within = (value, end, margin) => value > -margin && value < end + margin;
+const inside = (view, x, y, margin) => within(x, view.width, margin) && within(y, view.height, margin);
 const isChosen = (ui, kind, id) => ui.chosen !== null && ui.chosen.kind === kind && String(ui.chosen.id) === String(id);
 
 /** Half axes in pixels of a circle in metres about a place of the plane. */
@@ -209,7 +212,8 @@ function badge(scene, kind, item, { x, y }, colour) {
   if (isChosen(ui, kind, item.id)) ring(scene, x, y);
   if (kind === "target" && item.reached_by?.length) tick(scene, x, y, colour);
   scene.marks.push({ kind, id: item.id, x, y });
-  scene.labels.push({ x, y, text: labelOf(item, kind === "target" ? "T" : "!"), colour, chosen: isChosen(ui, kind, item.id) });
+  const text = labelOf(item, kind === "target" ? "T" : "!");
+  scene.labels.push({ x, y, text, colour, chosen: isChosen(ui, kind, item.id) });
 }
 
 function tick(scene, x, y, colour) {
@@ -232,7 +236,8 @@ function arrowOfVelocity(scene, item, colour) {
   const { plane } = scene.state;
   const [x, y] = pixel(scene.view, squareOf(plane, item));
   const step = AHEAD_M / speed;
-  const ahead = plane.toSquare(item.north_m + item.velocity_north_m_s * step, item.east_m + item.velocity_east_m_s * step);
+  const [north, east] = [item.velocity_north_m_s * step, item.velocity_east_m_s * step];
+  const ahead = plane.toSquare(item.north_m + north, item.east_m + east);
   const [ax, ay] = pixel(scene.view, ahead);
   const angle = Math.atan2(ay - y, ax - x);
   const reach = 24;
@@ -336,7 +341,8 @@ function drawAgent(scene, agent) {
   const colour = gone ? palette.gone : ghost ? palette.ghost : palette.agent;
   const chosen = isChosen(ui, "agent", agent.id);
   if (chosen) ring(scene, x, y);
-  const sign = arrowOf(view.ratio, colour, palette.halo, { hollow: ghost || gone, dotted: agent.source === "telemetry" && !gone });
+  const look = { hollow: ghost || gone, dotted: agent.source === "telemetry" && !gone };
+  const sign = arrowOf(view.ratio, colour, palette.halo, look);
   const half = ARROW_PX + HALO_PX;
   context.save();
   context.translate(x, y);
@@ -408,7 +414,8 @@ function arrowOf(ratio, colour, halo, { hollow, dotted }) {
 /** Names beside their things, the chosen one first; one that would cover another or a sign is left out. */
 function drawLabels(scene) {
   const { context, palette, view } = scene;
-  const taken = scene.marks.map(({ x, y }) => ({ left: x - MARK_PX, right: x + MARK_PX, top: y - MARK_PX, bottom: y + MARK_PX }));
+  const around = (x, y) => ({ left: x - MARK_PX, right: x + MARK_PX, top: y - MARK_PX, bottom: y + MARK_PX });
+  const taken = scene.marks.map(({ x, y }) => around(x, y));
   let named = 0;
   const sorted = [...scene.labels.filter((label) => label.chosen), ...scene.labels.filter((label) => !label.chosen)];
   context.textAlign = "left";

@@ -86,6 +86,9 @@ export function anyValue(key, value) {
     return Number.isInteger(value) ? String(value) : value.toPrecision(4);
   }
   if (Array.isArray(value)) return value.length ? value.map((each) => anyValue(key, each)).join(", ") : "none";
-  if (typeof value === "object") return Object.entries(value).map(([k, v]) => `${words(k)} ${anyValue(k, v)}`).join(", ");
+  if (typeof value === "object") {
+    const parts = Object.entries(value).map(([inner, part]) => `${words(inner)} ${anyValue(inner, part)}`);
+    return parts.join(", ");
+  }
   return String(value);
 }

@@ -1,6 +1,6 @@
 // The mission's plane (azimuthal equidistant about the origin, as companion/geo/local_frame.py has it), WGS84 and the
-// square of Web Mercator that Leaflet and its tiles use. Everything is drawn by way of these, so that a circle of the plan
-// stands where the vehicles reckon it. tests/web compares them with Python's numbers.
+// square of Web Mercator that Leaflet and its tiles use. Everything is drawn by way of these, so that a circle of the
+// plan stands where the vehicles reckon it. tests/web compares them with Python's numbers.
 
 const A_M = 6378137.0; // WGS84, semi-major axis in m
 const F = 1 / 298.257223563; // WGS84, flattening
@@ -37,7 +37,7 @@ export class Plane {
     this.u = Math.atan((1 - F) * Math.tan(latDeg * RAD)); // reduced latitude
   }
 
-  /** [lat, lon] in degrees of a place in metres; the longitude is not wrapped, so that a map across the date line holds. */
+  /** [lat, lon] in degrees of a place in metres; the longitude is not wrapped, for maps across the date line. */
   toGlobal(northM, eastM) {
     const distanceM = Math.hypot(northM, eastM);
     if (distanceM === 0) return [this.latDeg, this.lonDeg];
@@ -66,7 +66,7 @@ export class Plane {
     return [lat / RAD, this.lonDeg + lon / RAD];
   }
 
-  /** [north, east] in metres of a place in degrees; NaN where the series does not end (on the other side of the Earth). */
+  /** [north, east] in metres of a place in degrees; NaN where the series does not end, on the Earth's other side. */
   toLocal(latDeg, lonDeg) {
     const difference = wrapped((lonDeg - this.lonDeg) * RAD);
     const u2 = Math.atan((1 - F) * Math.tan(latDeg * RAD));

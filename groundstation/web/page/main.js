@@ -1,5 +1,5 @@
-// The page of the ground station: joins the stream, the map, the panels and the actions. It decides nothing; what it shows
-// is what the ground station tells, and what it asks is a command that the ground station may refuse.
+// The page of the ground station: joins the stream, the map, the panels and the actions. It decides nothing; what it
+// shows is what the ground station tells, and what it asks is a command that the ground station may refuse.
 
 import { Actions, radiiOf } from "./actions.js";
 import { get, remove } from "./api.js";
@@ -18,6 +18,11 @@ import { Timeline } from "./timeline.js";
 const TOAST_MS = 8000;
 const WHY_EVERY_MS = 1000; // how often an open "why?" is asked again
 const NARROW = matchMedia("(max-width: 599px), (max-width: 899px) and (max-height: 599px)"); // as the style sheet
+const DIRECTIVES = [
+  ["hold", "hold", "Hold"],
+  ["return", "recall", "Recall", { class: "danger" }],
+  ["normal", "normal", "Normal"],
+];
 const KINDS = { agent: "agents", target: "targets", threat: "threats" };
 
 class Page {
@@ -45,7 +50,9 @@ class Page {
   makePanels() {
     prepareDialog();
     this.tables = new Tables((kind, item) => this.choose(kind, item.id));
-    for (const name of ["agents", "targets", "threats", "sources"]) byId(`${name}-table`).append(this.tables[name].element);
+    for (const name of ["agents", "targets", "threats", "sources"]) {
+      byId(`${name}-table`).append(this.tables[name].element);
+    }
     this.unknown = new UnknownList(byId("unknown"), byId("no-unknown"), (one) => this.actions.takeIn(one));
     this.broadcast = new BroadcastPanel({
       meter: byId("rate-meter"),
@@ -223,7 +230,7 @@ class Page {
     this.tables.show(this.state, this.chosen, filter);
     const [shown, all] = [this.tables.agents.rows.size, this.state.agents.size];
     setText(byId("agent-count"), shown === all ? `${all}` : `${shown} of ${all}`);
-    for (const kind of ["agents", "targets", "threats"]) setText(byId(`tab-${kind}`), `${title(kind)} ${this.state[kind].size}`);
+    for (const kind of Object.values(KINDS)) setText(byId(`tab-${kind}`), `${title(kind)} ${this.state[kind].size}`);
     const unknown = (this.state.picture.unknown ?? []).length;
     setAttribute(byId("tab-threats"), "data-extra", unknown ? `${unknown}?` : null);
   }
@@ -325,8 +332,10 @@ class Page {
   showActions(kind, item) {
     const place = byId("details-actions");
     const focused = place.contains(document.activeElement) ? document.activeElement.dataset.act : null;
-    const button = (act, text, onclick, properties = {}) => el("button", { type: "button", "data-act": act, onclick, ...properties }, text);
-    const why = button("why", "Why?", () => this.toggleWhy(), { "aria-expanded": String(this.whyOpen), "aria-controls": "why" });
+    const button = (act, text, onclick, properties = {}) =>
+      el("button", { type: "button", "data-act": act, onclick, ...properties }, text);
+    const opens = { "aria-expanded": String(this.whyOpen), "aria-controls": "why" };
+    const why = button("why", "Why?", () => this.toggleWhy(), opens);
     const live = this.mayAct ? (kind === "agent" ? this.agentButtons(button) : this.thingButtons(button, kind)) : [];
     place.replaceChildren(...(kind === "agent" ? [why] : []), ...live);
     if (focused) place.querySelector(`[data-act="${focused}"]`)?.focus();
@@ -341,10 +350,10 @@ class Page {
       isOut
         ? button("put-back", "Put back", () => this.actions.putBack(item()))
         : button("take-out", "Take out", () => this.actions.takeOut(item()), { class: "danger" }),
-      agent.directive === "hold" ? null : button("hold", "Hold", () => this.actions.direct(item(), "hold")),
-      agent.directive === "return" ? null : button("recall", "Recall", () => this.actions.direct(item(), "return"), { class: "danger" }),
-      agent.directive === "normal" ? null : button("normal", "Normal", () => this.actions.direct(item(), "normal")),
-    ].filter(Boolean);
+      ...DIRECTIVES.filter(([directive]) => directive !== agent.directive).map(([directive, act, text, properties]) =>
+        button(act, text, () => this.actions.direct(item(), directive), properties),
+      ),
+    ];
   }
 
   thingButtons(button, kind) {

@@ -1,7 +1,8 @@
 // The map: Leaflet for panning, zooming and tiles, and one canvas above it for everything that moves.
 //
 // Leaflet's own square of Mercator is kept, rather than a plane in metres, so that tiles of any source lie under the
-// mission; each place goes through the mission's projection first (geo.js), so nothing is drawn beside where it is flown.
+// mission; each place goes through the mission's projection first (geo.js), so nothing is drawn beside where it is
+// flown.
 
 import { draw, paletteOf } from "./draw.js";
 
@@ -19,7 +20,8 @@ export class MissionMap {
     this.element = element;
     this.state = state;
     this.actions = actions;
-    this.ui = { chosen: null, moving: null, layers: { trails: true, assignments: true, routes: true, hatch: true }, palette: null };
+    const layers = { trails: true, assignments: true, routes: true, hatch: true };
+    this.ui = { chosen: null, moving: null, layers, palette: null };
     this.marks = [];
     this.due = false;
     this.fitted = null;

@@ -66,7 +66,8 @@ function takeMoves(state, moves) {
     move(state.agents, id, { north_m: north, east_m: east, heading_deg: heading, speed_m_s: speed, age_s: age });
   }
   for (const [id, north, east, vn, ve, age] of moves.targets ?? []) {
-    move(state.targets, id, { north_m: north, east_m: east, velocity_north_m_s: vn, velocity_east_m_s: ve, age_s: age });
+    const velocity = { velocity_north_m_s: vn, velocity_east_m_s: ve };
+    move(state.targets, id, { north_m: north, east_m: east, ...velocity, age_s: age });
   }
   for (const [id, north, east, vn, ve, age, growth] of moves.threats ?? []) {
     const velocity = { velocity_north_m_s: vn, velocity_east_m_s: ve };
@@ -81,9 +82,8 @@ function move(things, id, change) {
 }
 
 function takeRoutes(state, message) {
-  state.routes = new Map(
-    Object.entries(message.routes ?? {}).map(([id, points]) => [id, points.map(([n, e]) => state.plane.toSquare(n, e))]),
-  );
+  const drawn = (points) => points.map(([north, east]) => state.plane.toSquare(north, east));
+  state.routes = new Map(Object.entries(message.routes ?? {}).map(([id, points]) => [id, drawn(points)]));
 }
 
 function takeEvent(state, message) {
@@ -143,6 +143,7 @@ const SOURCES = {
   report: "report",
   reckoned: "reckoned",
   mission: "mission file",
+  truth: "as it was",
 };
 
 /** Who says where an agent is, in words. */

@@ -9,13 +9,18 @@ import { radiiWords } from "./actions.js";
 const speedOf = (item) => Math.hypot(item.velocity_north_m_s ?? 0, item.velocity_east_m_s ?? 0);
 const ids = (list) => (list?.length ? list.join(", ") : NONE);
 
-/** The link of an agent in few words: the share of frames that it is expected to hear, or what the ground station says. */
-export function linkWords(link) {
-  if (link === null || link === undefined) return NONE;
-  if (typeof link !== "object") return String(link);
-  if (typeof link.loss === "number") return `${percent(1 - link.loss)} heard`;
-  if (typeof link.heard === "number") return `${percent(link.heard)} heard`;
-  return anyValue("link", link);
+/** How much of what is sent an agent is taken to hear; of a flight that was recorded on board, what it had heard. */
+function linkShare(agent) {
+  if (typeof agent.link === "string") return agent.link;
+  return agent.link ? percent(agent.link.heard) : NONE;
+}
+
+function linkWords(agent) {
+  if (!agent.link) return "not known: it cannot answer";
+  if (typeof agent.link === "string") return agent.link;
+  const { heard, by } = agent.link;
+  const source = { reports: "as much as of its reports", mission: "as the mission declares" }[by] ?? by;
+  return `hears ${percent(heard)}, ${source}`;
 }
 
 export function stateWords(agent) {
@@ -29,14 +34,14 @@ const AGENT_COLUMNS = [
   {
     id: "target",
     title: "Target",
-    text: (a) => (a.target === null ? NONE : `${a.target}${a.pinned !== null && a.pinned !== undefined ? " pinned" : ""}`),
+    text: (a) => (a.target === null ? NONE : `${a.target}${a.pinned === null ? "" : " pinned"}`),
     sort: (a) => a.target,
   },
   { id: "by", title: "Position", text: sourceWords, sign: (a) => (isGhost(a) ? "ghost" : a.source), long: true },
   { id: "age", title: "Age", text: (a) => seconds(a.age_s), sort: (a) => a.age_s },
   { id: "range", title: "Range", text: (a) => metres(a.range_left_m), sort: (a) => a.range_left_m, hide: true },
-  { id: "link", title: "Link", text: (a) => linkWords(a.link), hide: true, long: true },
-  { id: "eta", title: "ETA", text: (a) => (a.eta_s === null ? NONE : seconds(a.eta_s)), sort: (a) => a.eta_s, hide: true },
+  { id: "link", title: "Link", text: linkShare, hide: true, long: true },
+  { id: "eta", title: "ETA", text: (a) => seconds(a.eta_s), sort: (a) => a.eta_s, hide: true },
 ];
 
 const TARGET_COLUMNS = [
@@ -120,7 +125,8 @@ export class UnknownList {
       const row = this.rows.get(key) ?? this.newRow(key);
       row.thing = thing;
       setText(row.what, `${thing.kind} ${thing.id} from ${thing.source}`);
-      setText(row.where, `${position(thing.north_m, thing.east_m)}, ${seconds(thing.age_s)} ago, seen ${thing.count} times`);
+      const where = position(thing.north_m, thing.east_m);
+      setText(row.where, `${where}, ${seconds(thing.age_s)} ago, seen ${thing.count} times`);
       row.button.hidden = !mayAct;
     }
     for (const [key, row] of this.rows) {
@@ -169,7 +175,7 @@ export class Facts {
 export function authenticationWords(picture) {
   const kind = picture.broadcast?.authentication;
   if (kind === "unsigned") return "UNSIGNED: anybody can speak in its name";
-  return { ed25519: "signed (Ed25519)", mavlink: "signed (MAVLink)", both: "signed (Ed25519 and MAVLink)" }[kind] ?? NONE;
+  return { ed25519: "signed (Ed25519)", mavlink: "signed (MAVLink)", both: "signed (both ways)" }[kind] ?? NONE;
 }
 
 export function broadcastFacts(picture) {
@@ -196,7 +202,7 @@ export class BroadcastPanel {
       [
         { id: "id", title: "Item", text: (i) => i.name },
         { id: "period", title: "Every", text: (i) => seconds(i.period_s), sort: (i) => i.period_s },
-        { id: "age", title: "Sent", text: (i) => (i.age_s === null ? "not yet" : `${seconds(i.age_s)} ago`), sort: (i) => i.age_s },
+        { id: "age", title: "Sent", text: (i) => `${seconds(i.age_s)} ago`, sort: (i) => i.age_s },
       ],
       () => {},
     );
@@ -204,7 +210,7 @@ export class BroadcastPanel {
   }
 
   show(picture) {
-    if (!picture.broadcast) return;
+    if (picture.broadcast?.bytes_per_s === undefined) return;
     const { bytes_per_s: now, budget_bytes_per_s: budget, items } = picture.broadcast;
     this.meter.hidden = !budget;
     if (budget) {
@@ -221,9 +227,10 @@ export class BroadcastPanel {
 /** The line under the map. */
 export function stripWords(picture) {
   const { broadcast } = picture;
-  if (!broadcast) return "";
+  if (broadcast?.bytes_per_s === undefined) return "";
   const budget = broadcast.budget_bytes_per_s ? ` of ${rate(broadcast.budget_bytes_per_s, "B/s")}` : "";
-  return `Broadcast ${rate(broadcast.bytes_per_s, "B/s")}${budget}, last frame ${seconds(broadcast.last_frame_age_s)} ago`;
+  const now = rate(broadcast.bytes_per_s, "B/s");
+  return `Broadcast ${now}${budget}, last frame ${seconds(broadcast.last_frame_age_s)} ago`;
 }
 
 /** What is known of one thing, for the panel of the chosen one. */
@@ -238,11 +245,14 @@ export function detailFacts(kind, item, plane) {
     ["Speed", `${rate(speedOf(item), "m/s")}, at most ${rate(item.speed_bound_m_s, "m/s")}`],
     ["Seen", `${seconds(item.age_s)} ago, by ${item.source ?? NONE}`],
   ];
-  if (kind === "target") return [["Agents", ids(item.agents)], ["Reached by", ids(item.reached_by)], ...facts, ...place];
+  if (kind === "target") {
+    return [["Agents", ids(item.agents)], ["Reached by", ids(item.reached_by)], ...facts, ...place];
+  }
   const floor = item.floor_m ?? null;
   const ceiling = item.ceiling_m ?? null;
   const height = floor === null && ceiling === null ? "all" : `${metres(floor)} to ${metres(ceiling)}`;
-  return [["Attack / detection", radiiWords(item)], ["Grown by age", metres(item.growth_m)], ["Heights", height], ...facts, ...place];
+  const radii = [["Attack / detection", radiiWords(item)], ["Grown by age", metres(item.growth_m)]];
+  return [...radii, ["Heights", height], ...facts, ...place];
 }
 
 function agentFacts(agent) {
@@ -253,9 +263,11 @@ function agentFacts(agent) {
     ["Arrives in", agent.eta_s === null ? NONE : seconds(agent.eta_s)],
     ["Position is", `${sourceWords(agent)}, ${seconds(agent.age_s)} old`],
   ];
-  if (ellipse) facts.push(["May be off by", `${metres(ellipse.semi_major_m)} along, ${metres(ellipse.semi_minor_m)} across`]);
+  if (ellipse) {
+    facts.push(["May be off by", `${metres(ellipse.semi_major_m)} along, ${metres(ellipse.semi_minor_m)} across`]);
+  }
   facts.push(["Speed", `${rate(agent.speed_m_s, "m/s")}, heading ${anyValue("heading_deg", agent.heading_deg)}`]);
-  facts.push(["Range left", metres(agent.range_left_m)], ["Link", linkWords(agent.link)]);
+  facts.push(["Range left", metres(agent.range_left_m)], ["Link", linkWords(agent)]);
   if (agent.reason) facts.unshift(["Decides", agent.reason]);
   if (agent.certificate) facts.push(["Certificate", agent.certificate]);
   if (agent.said) facts.push(["Said", agent.said]);

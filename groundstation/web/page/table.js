@@ -4,7 +4,8 @@ import { el, setAttribute } from "./dom.js";
 
 /** A table that is sorted by a click on a heading.
  *
- * `columns` are {id, title, text(item), sort(item), hide, classes(item)}; the first holds a button that chooses the row. */
+ * `columns` are {id, title, text(item)} and, where wanted, {sort(item), sign(item), hide, long}; the first holds a
+ * button that chooses the row. */
 export class Table {
   constructor(caption, columns, onChoose) {
     this.columns = columns;

@@ -1,4 +1,5 @@
-// Tabs as the WAI-ARIA pattern has them: one stop of the Tab key, arrows between them. The map is one on narrow screens.
+// Tabs as the WAI-ARIA pattern has them: one stop of the Tab key, arrows between them. The map is one of them on narrow
+// screens.
 
 import { setAttribute } from "./dom.js";
 

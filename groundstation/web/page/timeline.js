@@ -56,7 +56,7 @@ export class Timeline {
     this.told = "";
   }
 
-  /** Shows events; `undoable` are the numbers of those that can be taken back by who looks, `when` tells their times. */
+  /** Shows events; `undoable` are the numbers of those that who looks can take back, `when` tells their times. */
   show(events, undoable, filter, when) {
     const wanted = filter.toLowerCase();
     const fits = (event) => !wanted || `${sentence(event)} ${event.who?.name ?? ""}`.toLowerCase().includes(wanted);
@@ -64,14 +64,15 @@ export class Timeline {
     const told = `${undoable.join()} ${wanted} ${events.length} ${events.at(-1)?.number} ${when(0)}`;
     if (told === this.told) return;
     this.told = told;
-    this.list.replaceChildren(...shown.map((event) => this.item(event, undoable.includes(event.number), when(event.unix_s))));
+    const item = (event) => this.item(event, undoable.includes(event.number), when(event.unix_s));
+    this.list.replaceChildren(...shown.map(item));
   }
 
   item(event, undoable, when) {
     const words = sentence(event);
-    const undo = undoable
-      ? el("button", { type: "button", "aria-label": `Undo event ${event.number}`, onclick: () => this.onUndo(event, words) }, "Undo")
-      : null;
+    const label = `Undo event ${event.number}`;
+    const act = () => this.onUndo(event, words);
+    const undo = undoable ? el("button", { type: "button", "aria-label": label, onclick: act }, "Undo") : null;
     return el(
       "li",
       { "data-event": event.event, class: event.who?.role === "operator" ? "by-hand" : null },

@@ -76,6 +76,11 @@ def test_a_line_of_basestation_that_cannot_be_used_is_counted_by_its_reason(line
     assert parser.refused == {reason: 1}
 
 
+def test_ones_own_aircraft_are_seen_on_the_ground_too() -> None:
+    line = POSITION.replace(b",,,,0\r", b",,,,-1\r")
+    assert len(BaseStationParser(takes_grounded=True).feed(line, START_S)) == 1
+
+
 @pytest.mark.parametrize("word", ["nan", "inf", "-inf", "1e999"])
 def test_what_is_no_number_is_no_place(word: str) -> None:
     assert BaseStationParser().feed(POSITION.replace(b"48.7", word.encode()), START_S) == []

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from io import BytesIO
+from pathlib import Path
 
 import pytest
 
@@ -17,9 +20,10 @@ from groundstation.events import Retire, Who
 from groundstation.ground_station import GroundStation
 from groundstation.sources.choices import source_specs
 from groundstation.sources.feed import MOST_WAITING, Pulse
+from groundstation.sources.links import run_source
 from groundstation.sources.playback import Due, open_recording, replayed, sightings_in
 from groundstation.sources.sources import MOST_PER_TICK, Sources
-from tests.groundstation.sources.given import DATA, START_S, ObeyingDesk, mission, sighting
+from tests.groundstation.sources.given import DATA, START_S, ObeyingDesk, basestation_bytes, mission, sighting
 from tests.ports import free_port
 
 RECEIVER = "{name: receiver, kind: basestation, file: x, radius_m: 800, within_m: 200000}"
@@ -137,7 +141,7 @@ def test_what_no_command_can_say_is_refused_and_told() -> None:
         run.sources.feeds["receiver"].offer([sighting("A", 1_002_500.0, 0.0, START_S + t_s)], START_S + t_s)
         run.tick(float(t_s))
     assert run.station.mission.threats == ()
-    assert any("north_m" in line for line in run.sources.news(START_S + 4.0))
+    assert any("north_m" in line for line in run.sources.news(START_S + 4.0)[1])
 
 
 def test_a_thing_with_an_id_of_its_own_comes_back_under_another_one_as_none_is_given_twice() -> None:
@@ -156,11 +160,12 @@ def test_a_thing_with_an_id_of_its_own_comes_back_under_another_one_as_none_is_g
 
 def test_what_the_ground_station_refuses_is_told_and_not_asked_again_at_once() -> None:
     run = Run("{name: receiver, kind: jsonl, file: x, as: targets}")
+    run.sources.news(START_S)
     for t_s in range(10):
         run.sources.feeds["receiver"].offer([sighting("A", 5_000.0, 0.0, START_S + t_s)], START_S + t_s)
         run.tick(float(t_s))
     assert run.row(9.0)["refused"] == 1
-    assert any("no more targets than agents" in line for line in run.sources.news(START_S + 9.0))
+    assert any("no more targets than agents" in line for line in run.sources.news(START_S + 9.0)[1])
 
 
 def test_a_flood_waits_in_a_bounded_queue_and_a_tick_weighs_a_bounded_share_of_every_source() -> None:
@@ -173,6 +178,7 @@ def test_a_flood_waits_in_a_bounded_queue_and_a_tick_weighs_a_bounded_share_of_e
     left = sum(1 for _ in iter(run.sources.feeds["receiver"].next, None))
     assert left == MOST_WAITING - (MOST_PER_TICK - 1)
     assert run.row(0.0)["refused"] == 500
+    assert any("500 now" in line for line in run.sources.news(START_S)[1])
 
 
 def test_a_source_is_late_after_some_of_its_periods_silent_after_more_and_failed_while_its_link_is_not_there() -> None:
@@ -183,6 +189,20 @@ def test_a_source_is_late_after_some_of_its_periods_silent_after_more_and_failed
     assert [pulse.health(START_S + t_s).state for t_s in (19.5, 25.0, 60.0)] == ["good", "late", "silent"]
     pulse.link.fault = "Connection refused"
     assert pulse.health(START_S + 20.0).state == "failed"
+
+
+def test_how_a_source_does_is_told_when_that_changes_with_the_reason_and_not_again_and_again() -> None:
+    run = Run("{name: receiver, kind: basestation, url: 'tcp:127.0.0.1:1', radius_m: 8}")
+    feed = run.sources.feeds["receiver"]
+    feed.link.fault = "Connection refused"
+    assert run.sources.news(START_S) == ([], ["receiver: failed: Connection refused"])
+    assert run.sources.news(START_S + 60.0) == ([], [])
+    feed.link.fault, feed.link.note = None, "tcp:127.0.0.1:1"
+    feed.hear(b"$GPGGA,no,aircraft\r\n", START_S + 60.0)
+    silent = "receiver: silent: tcp:127.0.0.1:1; 1 not readable"
+    assert run.sources.news(START_S + 61.0) == ([], [silent])
+    feed.pulse.note(1, START_S + 80.0)
+    assert run.sources.news(START_S + 80.0) == (["receiver: good: tcp:127.0.0.1:1; 1 not readable"], [])
 
 
 def test_a_recording_played_faster_has_faster_things_and_times_of_now() -> None:
@@ -233,6 +253,16 @@ def test_sources_of_mission_and_command_line_have_names_of_their_own() -> None:
 def test_a_mission_with_sources_reads_back_equal() -> None:
     made = mission("{name: team, kind: cot, url: 'mcast:239.2.3.1:6969', as: targets, unsigned: true, ids: {x: 4}}")
     assert parse_mission(dump_mission(made), "again") == made
+
+
+def test_a_damaged_recording_is_played_as_far_as_it_can_be_read_once_and_told(tmp_path: Path) -> None:
+    whole = gzip.compress(basestation_bytes())
+    (tmp_path / "cut.gz").write_bytes(whole[: len(whole) // 2])
+    run = Run(f"{{name: receiver, kind: basestation, file: {tmp_path / 'cut.gz'}, radius_m: 9, play_speed: 1000}}")
+    feed = run.sources.feeds["receiver"]
+    asyncio.run(asyncio.wait_for(run_source(feed, time.time), 20.0))
+    assert feed.pulse.heard > 100
+    assert feed.link.fault is not None
 
 
 def test_a_tcp_server_that_comes_later_is_heard_and_its_end_is_told() -> None:
