@@ -103,13 +103,13 @@ def row_of(event: Event) -> EventRow:
     return EventRow(event.number, event.unix_s, event.who.name, event.event, event_json(event).decode())
 
 
-def begin_day(desk: Desk, station: GroundStation, directive: Directive, now_s: float) -> None:
-    """Note that a run begins, and then the directive of the last one if its events do not have it."""
+def begin_day(desk: Desk, station: GroundStation, directive: Directive | None, now_s: float) -> None:
+    """Note that a run begins, and then a directive that its events do not have; None: they have the one in force."""
     unix_s = now_s + station.tracks.clock_ahead_s
     number = station.operations.next_number
     began = Started(number=number, unix_s=unix_s, who=STATION, mission=station.mission.name, epoch_s=station.epoch_s)
     desk.note([began], now_s)
-    if directive is not station.operations.orders.directive:
+    if directive is not None and directive is not station.directive:
         kept = Direct(do="direct", directive=directive_name(directive))
         desk.note([event_of(station.operations, kept, STATION, unix_s)], now_s)
 

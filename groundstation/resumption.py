@@ -36,6 +36,13 @@ class Resumption:
     told: tuple[EventRow, ...] = ()
     """The last MOST_TOLD events of the flight that goes on, which a page shows as its time line."""
 
+    @property
+    def directive(self) -> Directive | None:
+        """The directive that goes on though no event of the chapter tells it; None: events tell the one in force."""
+        if not self.begun.is_fresh or self.begun.directive is not None:
+            return self.begun.directive
+        return None if self.last is None else self.last.directive
+
 
 def resumption(path: Path | None, mission: Mission, new_flight: bool = False) -> Resumption:
     """Return what a run of a resolved mission goes on with; `new_flight` asks for the mission's beginning.

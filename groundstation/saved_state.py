@@ -224,8 +224,6 @@ class RunState:
         self.epoch_s = epoch_after(last, now_s, self._path)
         self.began_s = began_at_s(last, self._threats, now_s)
         self._revision = 1 if last is None else (last.revision + 1) % REVISIONS
-        self.directive = Directive.NORMAL if last is None else last.directive
-        """Directive of the last run."""
         self._written = last
         """The state handed over for writing, at first the last run's."""
         self._written_at_s = -math.inf
@@ -238,11 +236,11 @@ class RunState:
         """What this run takes over from the last one."""
         return Resumed(self.epoch_s, self.began_s, self._revision)
 
-    def news(self, now_s: float) -> list[str]:
-        """Return the messages about what this run has taken over from the last one."""
+    def news(self, now_s: float, directive: Directive) -> list[str]:
+        """Return the messages about what this run has taken over from the last one, with the directive in force."""
         lines = []
-        if self.directive is not Directive.NORMAL:
-            lines.append(f"directive: {self.directive.name.lower()}, kept from the last run")
+        if directive is not Directive.NORMAL:
+            lines.append(f"directive: {directive.name.lower()}, kept from the last run")
         if self._can_move and self.began_s < now_s:
             lines.append(
                 f"threats: where the mission says {now_s - self.began_s:.0f} s ago, when its first run began; a new "

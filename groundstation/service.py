@@ -144,11 +144,11 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         shown = _shown(options, overheard, store, sources, found.told, stack)
         # On disk before the first frame is on the air.
         store.keep(*found.begun.chapter.kept)
-        begin_day(shown.desk, station, saved.directive, start_s)
+        begin_day(shown.desk, station, found.directive, start_s)
         saved.write(station, start_s)
         stack.callback(lambda: saved.write(station, clock.now_s()))
         status = Status(station, broadcaster, options)
-        for line in [status.opening(), *saved.news(start_s)]:
+        for line in [status.opening(), *saved.news(start_s, station.directive)]:
             LOGGER.info("%s", line)
         for warning in [*unlocked, *saved.warnings(), *found.begun.warnings]:
             LOGGER.warning("%s", warning)

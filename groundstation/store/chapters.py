@@ -7,13 +7,14 @@ store, or when a new flight is asked for. Events of earlier chapters stay, and c
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pydantic import ValidationError
 
 from companion.errors import InputError
 from companion.mission.model import Mission
+from companion.protocol.messages import Directive
 from groundstation.events import Event, event_from_json
 from groundstation.operations import Operations, folded
 from groundstation.store.rows import EventRow
@@ -59,6 +60,8 @@ class Beginning:
     """What is told of it; empty for a store that is new."""
     is_fresh: bool = False
     """Whether the chapter is a new one."""
+    directive: Directive | None = None
+    """What the chapter before had all agents told at its end; None: there is none before this one, or this goes on."""
 
     @property
     def warnings(self) -> list[str]:
@@ -101,9 +104,15 @@ def beginning(mission: Mission, kept: Mapping[str, str], stored: Iterable[EventR
     if last is None or differs or anew:
         fresh = Chapter(number + 1, json_of(mission))
         words = _fresh_words(mission, differs, len(events))
-        return Beginning(fresh, replace(Operations.begun(mission), next_number=number + 1), words, is_fresh=True)
+        directive = None if last is None else _last_directive(last, events, anew)
+        begun = replace(Operations.begun(mission), next_number=number + 1)
+        return Beginning(fresh, begun, words, is_fresh=True, directive=directive)
     operations = replace(folded(mission, events), next_number=number + 1)
     return Beginning(last, operations, f"goes on after event {number}" if events else "")
+
+
+def _last_directive(last: Chapter, events: Sequence[Event], anew: bool) -> Directive:
+    return Directive.NORMAL if anew else folded(last.mission(), events).orders.told
 
 
 def event_of_row(row: EventRow) -> Event:

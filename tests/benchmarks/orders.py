@@ -24,7 +24,6 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from itertools import repeat
@@ -35,11 +34,11 @@ from companion.mission.model import parse_mission
 from companion.mission.resolve import resolve
 from companion.protocol.authenticator import Authenticator, Trust
 from companion.protocol.keys import keygen, load_mavlink_key, load_public
-from companion.protocol.messages import StateFrame
+from companion.protocol.messages import Directive, StateFrame
 from groundstation.events import event_from_json
-from groundstation.operations import Operations
-from groundstation.resumption import resumption
+from groundstation.operations import folded
 from groundstation.store.database import Database
+from groundstation.store.rows import EventRow
 from tests.benchmarks.kills import Child, Run, free_ports
 
 RESTART_S = 2.0
@@ -234,10 +233,7 @@ def look_at_store(run: Run, state: Path, acknowledged: list[Json], heard: list[H
     for agent, targets in heard_targets(heard).items():
         unexplained = unexplained_target(targets, told.get(agent, []))
         run.expect(unexplained is None, f"agent {agent} was sent to {unexplained} without a reason: {told.get(agent)}")
-    found = resumption(state, resolve(parse_mission(MISSION, "orders"), 1))
-    _look_at_operations(run, found.begun.operations, heard)
-    if found.database is not None:
-        found.database.close()
+    _look_at_restart(run, rows, heard)
 
 
 def heard_targets(heard: list[Heard]) -> dict[int, list[int | None]]:
@@ -262,17 +258,21 @@ def unexplained_target(targets: list[int | None], told: list[tuple[int | None, s
     return None
 
 
-def _look_at_operations(run: Run, operations: Operations, heard: list[Heard]) -> None:
-    """Compare the threats that were heard last with those of the store: nothing heard may be unknown to it."""
-    ids: Mapping[int, object] = {threat.id: threat for threat in operations.mission.threats}
-    ever = operations.used
-    unknown = {
-        threat.id
-        for one in heard
-        for threat in one.frame.threats
-        if not any(bits >> threat.id & 1 for bits in ever.values())
-    }
-    run.expect(not unknown, f"threats {unknown} were broadcast that no event knows; present {sorted(ids)}")
+def _look_at_restart(run: Run, rows: list[EventRow], heard: list[Heard]) -> None:
+    """Compare the first broadcast after the kill with what the events before it make of the mission."""
+    begun = [row.number for row in rows if row.event == "started"]
+    second = [one.frame for one in heard if one.frame.stamp.epoch_s > heard[0].frame.stamp.epoch_s]
+    if len(begun) < 2 or not second:
+        return
+    events = [event_from_json(row.body) for row in rows if row.number < begun[1]]
+    operations = folded(resolve(parse_mission(MISSION, "orders"), 1), events)
+    first, orders = second[0], operations.orders
+    run.expect(first.directive is orders.told, f"told {first.directive} after the kill, and {orders.told} before it")
+    ids = {threat.id for threat in operations.mission.threats}
+    run.expect({threat.id for threat in first.threats} <= ids, f"threats {first.threats} after the kill, {ids} before")
+    for agent in first.agents:
+        kept = orders.own.get(agent.id, Directive.NORMAL)
+        run.expect(agent.directive is kept, f"agent {agent.id}: {agent.directive} after the kill, and {kept} before it")
 
 
 def one_run(seed: int, restart_s: float) -> Run:

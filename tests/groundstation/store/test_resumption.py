@@ -11,7 +11,7 @@ from companion.mission.model import parse_mission
 from companion.protocol.messages import Directive, Kind
 from groundstation.desk import Desk as DeskOf
 from groundstation.desk import begin_day, row_of
-from groundstation.events import Pin, Retire, Who
+from groundstation.events import Command, Direct, Pause, Pin, Resume, Retire, Who
 from groundstation.ground_station import GroundStation, Resumed
 from groundstation.notices import noticed
 from groundstation.resumption import resumption
@@ -40,8 +40,7 @@ class Run:
         self.station = GroundStation(flown, start_s, resumed=resumed)
         self.desk = DeskOf(self.station, self.store)
         self.store.keep(*self.found.begun.chapter.kept)
-        last = self.found.last
-        begin_day(self.desk, self.station, Directive.NORMAL if last is None else last.directive, start_s)
+        begin_day(self.desk, self.station, self.found.directive, start_s)
         self.tick(start_s)
 
     def tick(self, now_s: float) -> None:
@@ -115,6 +114,33 @@ def test_a_new_flight_forgets_the_directive_and_when_threats_were_where_but_no_e
     assert (anew.found.last.epoch_s, anew.found.last.signing_timestamp) == (int(NOW_S), 7)
     assert (anew.found.last.threats, anew.station.directive) == ("", Directive.NORMAL)
     assert anew.station.operations.orders.pins == {}
+
+
+@pytest.mark.parametrize("command", [Direct(do="direct", directive="hold"), Pause(do="pause")])
+def test_an_order_that_was_acknowledged_holds_though_the_kept_state_is_older(path: Path, command: Command) -> None:
+    database = Database.opened(path)
+    state = SavedState(int(NOW_S), 0, "", NOW_S, Directive.NORMAL, 1)
+    database.write(Batch(kept={KEPT_AS: text_of(state)}))
+    database.close()
+    run = Run(path, NOW_S + 30.0)
+    run.desk.ask(command, ANNA)
+    run.tick(NOW_S + 31.0)
+    before = kinds(path)
+    assert Run(path, NOW_S + 40.0).station.directive is Directive.HOLD
+    assert kinds(path)[len(before) :] == ["started"]
+    other = MISSION.replace("12000, east_m: 0", "11000, east_m: 0")
+    assert Run(path, NOW_S + 50.0, other).station.directive is Directive.HOLD
+    assert Run(path, NOW_S + 60.0, other, new_flight=True).station.directive is Directive.NORMAL
+
+
+def test_a_pause_over_a_restart_ends_as_it_would_have(path: Path) -> None:
+    run = Run(path, NOW_S + 30.0)
+    run.desk.ask(Pause(do="pause"), ANNA)
+    run.tick(NOW_S + 31.0)
+    again = Run(path, NOW_S + 40.0)
+    again.desk.ask(Resume(do="resume"), ANNA)
+    again.tick(NOW_S + 41.0)
+    assert again.station.directive is Directive.NORMAL
 
 
 def test_a_store_with_an_event_of_a_later_release_is_refused_in_one_line(path: Path) -> None:
