@@ -81,6 +81,7 @@ class FlyOptions:
         again += "" if self.vehicles is None else f" --vehicles {self.vehicles}"
         again += "" if radio is None else f" --radio '{self.radio}' --share {radio.share:g}"
         again += "".join(f" --param {name}={value:g}" for name, value in self.parameters)
+        again += "".join(f" --tracks '{tracks}'" for tracks in self.tracks)
         return again + " --one-radio" * self.one_radio + " --scale" * self.scale
 
 
@@ -345,6 +346,8 @@ def _resolved(options: FlyOptions, law: LawName) -> Mission:
     check_flyable(resolved, source, options.allow_monolithic)
     if resolved.surrogate == "monolithic":
         click.echo(f"sim: warning: {source}: surrogate: 'monolithic' should not fly: {WHY_NOT_MONOLITHIC}", err=True)
+    if resolved.sources:
+        click.echo(f"sim: warning: {source}: sources: not heard in the simulator; allowed: --tracks FILE", err=True)
     for warning in lint_flight(resolved, law, (options.autopilot,), source, options.parameters):
         click.echo(f"sim: warning: {source}: {warning}", err=True)
     return resolved

@@ -21,7 +21,7 @@ targets: [{id: 1, north_m: 5000, east_m: 0}]
 broadcast_period_s: 1
 guidance_step_s: 1
 integration_step_s: 1
-max_time_s: 110
+max_time_s: 170
 """
 BEGAN_S = 1_000.0
 WEST_M_S, FROM_EAST_M, NORTH_M = -10.0, 500.0, 3_500.0

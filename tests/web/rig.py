@@ -10,7 +10,7 @@ import asyncio
 import re
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -83,24 +83,19 @@ class Stage:
 def served(feed: Feed, site: Site | None = None) -> Iterator[str]:
     """Serve a feed in a thread of its own; yields the page's address."""
     listener = listen(Address("127.0.0.1", 0))
-    loop = asyncio.new_event_loop()
-    task: asyncio.Task[None] | None = None
+    running: list[tuple[asyncio.AbstractEventLoop, asyncio.Task[None]]] = []
     ready = threading.Event()
 
     async def run() -> None:
-        nonlocal task
         task = asyncio.current_task()
+        assert task is not None
+        running.append((asyncio.get_running_loop(), task))
         ready.set()
         await serve(feed, site or Site(), listener)
 
     def thread() -> None:
-        asyncio.set_event_loop(loop)
-        try:
-            loop.run_until_complete(run())
-        except asyncio.CancelledError:
-            pass
-        finally:
-            loop.close()
+        with suppress(asyncio.CancelledError):
+            asyncio.run(run())
 
     server = threading.Thread(target=thread, daemon=True)
     server.start()
@@ -108,8 +103,8 @@ def served(feed: Feed, site: Site | None = None) -> Iterator[str]:
     try:
         yield f"http://{bound(listener)}"
     finally:
-        if task is not None:
-            loop.call_soon_threadsafe(task.cancel)
+        ((loop, task),) = running
+        loop.call_soon_threadsafe(task.cancel)
         server.join(10.0)
         listener.close()
 
