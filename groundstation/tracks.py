@@ -135,7 +135,10 @@ class TrackTable:
             self.tracks[key] = replace(track, seen_at_s=seen.at_s)
         else:
             velocity = _bounded(seen.velocity, bound)
-            self.tracks[key] = Track(seen.place.real, seen.place.imag, velocity.real, velocity.imag, seen.at_s)
+            place = seen.place
+            if seen.kind is Kind.THREAT:
+                place = _reached(complex(*track.position_ned_m), place, bound.speed_m_s * lasts_s, seen.error_m)
+            self.tracks[key] = Track(place.real, place.imag, velocity.real, velocity.imag, seen.at_s)
         if seen.kind is Kind.THREAT and moved_m > bound.speed_m_s * lasts_s + seen.error_m:
             self.origins.jumps += not bound.stands
         if seen.kind is Kind.AGENT:
@@ -270,6 +273,10 @@ class TrackTable:
         track, bound = self.tracks[key], self._sightings.bound(key)
         if bound.stands:
             place_ned_m = track.position_ned_m
+        elif detection.kind is Kind.THREAT:
+            before, reach_m = complex(*track.position_ned_m), bound.speed_m_s * max(0.0, seen_at_s - track.seen_at_s)
+            place = _reached(before, complex(*place_ned_m), reach_m, bound.noise.error_m)
+            place_ned_m = place.real, place.imag
         velocity = _bounded(complex(detection.velocity_north_m_s, detection.velocity_east_m_s), bound)
         self.origins.note(key, SENSOR, seen_at_s, bound.noise.error_m)
         if detection.kind is Kind.AGENT:
@@ -499,6 +506,17 @@ def _things_of(mission: Mission) -> Iterator[tuple[Kind, TargetSpec | ThreatSpec
         yield Kind.TARGET, target
     for threat in mission.threats:
         yield Kind.THREAT, threat
+
+
+def _reached(before: complex, seen: complex, reach_m: float, error_m: float) -> complex:
+    """Return where a threat is told to be that was at a place and was seen at another, places as north + i east in m.
+
+    Vehicles take it to move by `reach_m` at most, so that what the errors of sightings add to its way is left out. What
+    is farther beyond that than such an error is told where it was seen.
+    """
+    way = seen - before
+    beyond_m = abs(way) - reach_m
+    return seen if not 0.0 < beyond_m <= error_m else before + way * (reach_m / abs(way))
 
 
 def _bounded(velocity: complex, bound: Bound) -> complex:

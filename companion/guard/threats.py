@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.guard.types import NEW_THREAT, ROUNDING_M, THREAT_FASTER, Discs
+from companion.guard.types import NEW_THREAT, ROUNDING_M, THREAT_CHANGED, THREAT_FASTER, Discs
 
 THREAT_TOLERANCE_M = 10.0
 """Least distance by which a reported disc may extend beyond the earlier report grown by its speed bound: a person who
@@ -15,6 +15,9 @@ types a place and a sensor that sees it differ by as much. Chosen, not measured.
 TOLERANCE_UNITS = 2.5
 """The same in units in which the discs are told, used where that is more: two centres are each up to sqrt(1/2) of a
 unit off, and a radius is rounded up by up to one."""
+
+TOLERANCE_S = 0.65
+"""The same as the time in which a disc moves so far at its bound: an age of up to 10 s is told older by up to that."""
 
 
 class Heard(NamedTuple):
@@ -24,6 +27,15 @@ class Heard(NamedTuple):
     centres_ned_m: np.ndarray  # (M, 2) m
     radii_m: np.ndarray  # (M,) m
     speeds_m_s: np.ndarray  # (M,) m/s
+    pictures: list[int]
+    """Number of the picture that each is of."""
+
+    @staticmethod
+    def of(discs: Discs) -> Heard:
+        """Return a report of discs, whose arrays are copied."""
+        pictures = [0] * len(discs.radii_m) if discs.pictures is None else discs.pictures.tolist()
+        parts = (discs.centres_ned_m.copy(), discs.radii_m.copy(), discs.speeds_m_s.copy())
+        return Heard(ids_of(discs), *parts, pictures)
 
 
 class ThreatMonitor:
@@ -43,36 +55,36 @@ class ThreatMonitor:
         self._far, self._heard, self._heard_s = discs, None, 0.0
 
     def contradicted_by(self, discs: Discs) -> list[str]:
-        """Return the assumptions (NEW_THREAT, THREAT_FASTER) that a new report of the discs contradicts, and store it.
+        """Return what (NEW_THREAT, THREAT_CHANGED, THREAT_FASTER) a new report of the discs contradicts, and store it.
 
         A disc that extends beyond its earlier report by at most the tolerance is not named; the earlier report, grown,
         stays in force for it, so that repeated small excesses add up and are noticed.
         """
-        ids, tolerance_m = ids_of(discs), max(THREAT_TOLERANCE_M, TOLERANCE_UNITS * discs.unit_m)
+        tolerance_m = max(THREAT_TOLERANCE_M, TOLERANCE_UNITS * discs.unit_m)
+        now = Heard.of(discs)
         heard, since_s = self._heard, self._heard_s
         self._heard_s = 0.0
         if heard is None and self._far is not None:
-            far = self._far
-            heard = Heard(ids_of(far), far.centres_ned_m, far.radii_m, far.speeds_m_s)
-        if heard is not None and heard.ids == ids:
+            heard = Heard.of(self._far)
+        if heard is not None and heard.ids == now.ids:
             north_m, east_m = (discs.centres_ned_m - heard.centres_ned_m).T
             grown_m = heard.radii_m + heard.speeds_m_s * since_s
             beyond_m = np.hypot(north_m, east_m) + discs.radii_m - grown_m
-            worst_m = max(beyond_m.tolist(), default=0.0)
-            if worst_m <= ROUNDING_M:
-                self._heard = Heard(ids, discs.centres_ned_m, discs.radii_m, discs.speeds_m_s)
+            if max(beyond_m.tolist(), default=0.0) <= ROUNDING_M:
+                self._heard = now
                 return []
-            if worst_m <= tolerance_m:
+            if (beyond_m <= np.maximum(tolerance_m, TOLERANCE_S * heard.speeds_m_s)).all():
                 earlier = beyond_m > ROUNDING_M
                 self._heard = Heard(
-                    ids,
+                    now.ids,
                     np.where(earlier[:, np.newaxis], heard.centres_ned_m, discs.centres_ned_m),
                     np.where(earlier, grown_m, discs.radii_m),
                     np.where(earlier, heard.speeds_m_s, discs.speeds_m_s),
+                    now.pictures,
                 )
                 return []
-        self._heard = Heard(ids, discs.centres_ned_m.copy(), discs.radii_m.copy(), discs.speeds_m_s.copy())
-        return [] if heard is None else contradictions(heard, self._heard, since_s, tolerance_m)
+        self._heard = now
+        return [] if heard is None else contradictions(heard, now, since_s, tolerance_m)
 
 
 def ids_of(discs: Discs) -> list[int]:
@@ -82,7 +94,7 @@ def ids_of(discs: Discs) -> list[int]:
 
 
 def contradictions(before: Heard, now: Heard, elapsed_s: float, tolerance_m: float) -> list[str]:
-    """Return NEW_THREAT and THREAT_FASTER where they apply to the report `now`, compared disc by disc with `before`.
+    """Return what of NEW_THREAT, THREAT_CHANGED and THREAT_FASTER applies to a report, disc by disc, after `before`.
 
     Changes `now`: a disc that extends beyond its grown earlier report within the tolerance is replaced by the latter.
     """
@@ -94,8 +106,8 @@ def contradictions(before: Heard, now: Heard, elapsed_s: float, tolerance_m: flo
         old = before.ids.index(key)
         grown_m = before.radii_m[old] + before.speeds_m_s[old] * elapsed_s
         beyond_m = math.dist(now.centres_ned_m[row], before.centres_ned_m[old]) + now.radii_m[row] - grown_m
-        if beyond_m > tolerance_m:
-            broken.append(THREAT_FASTER)
+        if beyond_m > max(tolerance_m, TOLERANCE_S * before.speeds_m_s[old]):
+            broken.append(THREAT_FASTER if now.pictures[row] == before.pictures[old] else THREAT_CHANGED)
         elif beyond_m > ROUNDING_M:
             now.centres_ned_m[row], now.radii_m[row] = before.centres_ned_m[old], grown_m
             now.speeds_m_s[row] = before.speeds_m_s[old]

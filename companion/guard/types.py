@@ -35,6 +35,7 @@ NO_BACKUP = "no certified back-up"
 # Which assumption did not hold: Verdict.broken.
 NEW_THREAT = "new threat"
 THREAT_FASTER = "threat faster than its bound"
+THREAT_CHANGED = "threat changed"
 POSITION = "position"
 RATE = "turn rate not achieved"
 WIND = "wind"
@@ -119,7 +120,8 @@ class Discs:
 
     `attack_m` holds the inner (attack) radii: where no path is certified, the guard first keeps out of those. `ids`
     identify the discs from call to call; None identifies them by their order. `unit_m` is the unit in which they were
-    told: a later report may extend beyond an earlier one by a few of them.
+    told: a later report may extend beyond an earlier one by a few of them. `pictures` count the pictures of each
+    disc: one that a new picture has elsewhere was changed by whoever tells it; None: all are of one.
     """
 
     centres_ned_m: np.ndarray  # (M, 2) m
@@ -128,6 +130,7 @@ class Discs:
     attack_m: np.ndarray | None = None  # (M,) m
     ids: np.ndarray | None = None  # (M,)
     unit_m: float = 0.0
+    pictures: np.ndarray | None = None  # (M,) int
 
 
 @dataclass(frozen=True, slots=True)

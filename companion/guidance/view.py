@@ -64,6 +64,8 @@ class View:
     traffic_velocity_m_s: np.ndarray = field(default_factory=_no_rows)  # (S, 2) m/s
     others: Others = field(default_factory=Others)
     """Everybody who may count to the right of way."""
+    threat_pictures: np.ndarray | None = None
+    """(M,) int, number of the pictures that have told of each threat; None: one has told of all."""
     unit_m: float = 0.0
     """Unit of the threats' places and radii as they were told, m."""
     whole: bool = True

@@ -17,8 +17,8 @@ MAX_ID = 65_535
 MAX_COORDINATE_M = 1.0e6
 """Greatest distance of a place from the origin, north or east; a larger plane would be too distorted to steer by."""
 MAX_SPEED_M_S = 1.0e3
-MAX_THREAT_SPEED_M_S = 255.0
-"""Greatest speed bound of a threat: bounds travel as 8 bits, and to send less than the true bound would be unsafe."""
+MAX_THREAT_SPEED_M_S = 855.0
+"""Greatest speed bound of a threat that a frame can tell (companion/protocol/fields.py); less would be unsafe."""
 MIN_PERIOD_S = 1.0e-3
 MAX_STEP_S = 10.0
 MAX_STEPS = 20_000_000

@@ -417,6 +417,7 @@ def discs_of(view: View, keep_out: Literal["attack", "detection"]) -> Discs:
         attack_m=view.attack_radius_m,
         ids=view.threat_ids,
         unit_m=view.unit_m,
+        pictures=view.threat_pictures,
     )
 
 

@@ -29,6 +29,7 @@ class ThreatTable:
     velocity_m_s: np.ndarray  # (M, 2) m/s, zero where not heard
     true_at_s: np.ndarray  # (M,) s, when the entry was true
     ids: np.ndarray  # (M,) int
+    pictures: np.ndarray  # (M,) int, number of the pictures that have told of each
     floor_m: np.ndarray  # (M,) m above sea level, -inf where none was heard
     ceiling_m: np.ndarray  # (M,) m above sea level, inf where none was heard
     unit_m: float
@@ -64,6 +65,7 @@ def threat_table(beliefs: Beliefs) -> ThreatTable:
         velocity_m_s=np.array(velocities).reshape(-1, 2),
         true_at_s=np.array([heard.true_at_s for _, heard in entries]),
         ids=np.array([threat.id for threat, _ in entries], dtype=int),
+        pictures=np.array([beliefs.threat_pictures[threat.id] for threat, _ in entries], dtype=int),
         floor_m=np.array([_floor_m(band) for band in bands]),
         ceiling_m=np.array([_ceiling_m(band) for band in bands]),
         unit_m=beliefs.unit_m,
@@ -126,6 +128,7 @@ def view_of(
         threat_ids=threats.ids,
         threat_velocity_m_s=threats.velocity_m_s,
         threat_age_s=threat_age_s,
+        threat_pictures=threats.pictures,
         unit_m=threats.unit_m,
         peers_ned_m=peers_ned_m[remembered],
         peer_ids=peers.ids[remembered],

@@ -27,6 +27,8 @@ from companion.protocol.fields import (
     UINT64_MAX,
     band_limits,
     band_of,
+    bound_code,
+    bound_of,
     ceiling,
     ceiling_units,
     degrees_of,
@@ -262,7 +264,7 @@ def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
         target_count=len(frame.targets),
         threat_count=len(frame.threats),
         threat_speed_bound=_padded(
-            [ceiling(t.speed_bound_m_s, UINT8_MAX, "threat_speed_bound") for t in frame.threats],
+            [bound_code(threat.speed_bound_m_s) for threat in frame.threats],
             THREATS_PER_FRAME,
         ),
         threat_id=threat_ids,
@@ -472,7 +474,7 @@ def _threat_entry(identity: int, message: Fields, index: int, unit_m: float) -> 
         east_m=message.threat_east[index] * unit_m,
         detection_radius_m=detection_units * unit_m,
         attack_radius_m=attack_units * unit_m,
-        speed_bound_m_s=float(message.threat_speed_bound[index]),
+        speed_bound_m_s=bound_of(message.threat_speed_bound[index]),
     )
 
 

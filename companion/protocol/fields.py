@@ -15,6 +15,10 @@ UINT16_MAX = 65_535
 UINT32_MAX = 4_294_967_295
 UINT64_MAX = 2**64 - 1
 INT32_MAX = 2_147_483_647
+FINE_BOUND_M_S = 230
+"""Greatest speed bound that is told to 1 m/s: an aircraft may be faster than 255 m/s, and all has 8 bits."""
+BOUND_STEP_M_S = 25
+"""Step of the speed bounds above that: 255 m/s is one of them, and the greatest is 855 m/s."""
 NO_FLOOR, NO_CEILING = INT16_MIN, INT16_MAX
 """Field values in m that mean no floor and no ceiling."""
 _WHOLE = 1.0e-12
@@ -78,6 +82,24 @@ def ceiling_units(value: float, unit: float, greatest: int, what: str) -> int:
         if math.isclose(units, nearest, rel_tol=_WHOLE)
         else ceiling(units, greatest, what)
     )
+
+
+def bound_code(bound_m_s: float) -> int:
+    """Return the least code that means at least a speed bound.
+
+    Raises:
+        WireError: the bound is not finite, negative or too great for the field.
+
+    """
+    rounded(bound_m_s)
+    if bound_m_s <= FINE_BOUND_M_S:
+        return ceiling(bound_m_s, UINT8_MAX, "speed bound")
+    return ceiling(FINE_BOUND_M_S + (bound_m_s - FINE_BOUND_M_S) / BOUND_STEP_M_S, UINT8_MAX, "code of a speed bound")
+
+
+def bound_of(code: int) -> float:
+    """Return the speed bound in m/s that a code means."""
+    return float(code + max(0, code - FINE_BOUND_M_S) * (BOUND_STEP_M_S - 1))
 
 
 def on_earth_e7(lat_deg: float, lon_deg: float) -> tuple[int, int]:

@@ -23,7 +23,8 @@ from companion.protocol.fields import (
     UINT16_MAX,
     band_limits,
     band_of,
-    ceiling,
+    bound_code,
+    bound_of,
     ceiling_units,
     rounded,
     whole,
@@ -281,7 +282,7 @@ def write_radii(entries: Sequence[RadiiEntry], resolution_cm: int) -> bytes:
             ceiling_units(100.0 * radius_m, resolution_cm, UINT16_MAX, "radius")
             for radius_m in (entry.detection_radius_m, entry.attack_radius_m)
         )
-        speed = ceiling(entry.speed_bound_m_s, UINT8_MAX, "speed bound")
+        speed = bound_code(entry.speed_bound_m_s)
         band = band_limits(entry.floor_m, entry.ceiling_m, entry.id) if group.kind is Section.RADII_BANDS else ()
         return (*radii, speed, *band)
 
@@ -378,7 +379,7 @@ def read_radii(data: bytes, resolution_cm: int) -> tuple[RadiiEntry, ...]:
                 raise WireError("radii out of range")
             band = band_of(*record[3:]) if kind is Section.RADII_BANDS else None
             limits = (None, None) if band is None else (band.floor_m, band.ceiling_m)
-            entries.append(RadiiEntry(identity, detection_m, attack_m, float(record[2]), *limits))
+            entries.append(RadiiEntry(identity, detection_m, attack_m, bound_of(record[2]), *limits))
     _refuse_twice(entries)
     return tuple(entries)
 

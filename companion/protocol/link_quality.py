@@ -1,7 +1,8 @@
 """Link quality of the broadcast: the share of sent frames that arrive, and the age of each kind of message.
 
 The number of frames sent is not known on board but estimated from those received: each says how many frames its
-broadcast has, and two of them give the broadcast period. Times are arguments; silence counts as loss.
+broadcast has, and two of them give the broadcast period. A broadcast that was not heard at all counts as one of the
+mean size of those that were. Times are arguments; silence counts as loss.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from statistics import median
+from statistics import fmean, median
 from typing import NamedTuple
 
 from companion.protocol.freshness import SenderClock
@@ -21,6 +22,7 @@ from companion.protocol.messages import (
     MissionFrame,
     MotionFrame,
     RadiiFrame,
+    Stamp,
     StateFrame,
 )
 
@@ -92,18 +94,29 @@ class _Broadcast(NamedTuple):
     unix_s: float
 
 
+class _Arrival(NamedTuple):
+    at_s: float
+    broadcast: _Broadcast
+    frame_count: int
+    """Number of frames of its broadcast that could be heard."""
+    is_first: bool
+    """Whether it is the first that was heard of its broadcast."""
+    missed: int
+    """Number of broadcasts before that of which nothing was heard."""
+
+
 class LinkMonitor:
     """Measures link quality from the accepted frames of a window; all times are by this vehicle's clock."""
 
     def __init__(self, window_s: float = WINDOW_S, *, clocks_agree: bool = True) -> None:
         self.window_s = window_s
         self._sender_clock = SenderClock(agrees=clocks_agree)
-        self._arrivals_s: deque[float] = deque(maxlen=MAX_ARRIVALS)
-        self._frame_count = 1
-        self._first_s: float | None = None
+        self._arrivals: deque[_Arrival] = deque(maxlen=MAX_ARRIVALS)
+        self._last: _Arrival | None = None
+        self._sent = 0
+        """Number of frames of the newest broadcast that were sent when its last was heard."""
         self._last_good_s: float | None = None
         self._true_at_s: dict[str, float] = {}
-        self._newest: _Broadcast | None = None
         self._periods_s: deque[float] = deque(maxlen=PERIODS)
 
     def note(self, frame: Frame, now_s: float) -> None:
@@ -115,16 +128,15 @@ class LinkMonitor:
         true_at_s = self._sender_clock.true_at_s(frame.stamp, now_s)
         self._true_at_s[kind] = max(true_at_s, self._true_at_s.get(kind, -math.inf))
         if isinstance(frame, StateFrame | FleetFrame):
-            self._first_s = now_s if self._first_s is None else self._first_s
-            self._arrivals_s.append(now_s)
-            self._frame_count = frame.stamp.frame_count
-            self._learn_period(_Broadcast(frame.stamp.epoch_s, frame.stamp.sequence, frame.stamp.unix_s))
+            self._last = self._arrival(frame.stamp, now_s)
+            self._arrivals.append(self._last)
+            self._sent = min(frame.stamp.frame_index + 1, self._last.frame_count)
             self._forget(now_s)
 
     def quality(self, now_s: float) -> LinkQuality:
         """Return the link quality at `now_s`."""
         self._forget(now_s)
-        received, expected = len(self._arrivals_s), self._expected(now_s)
+        received, expected = len(self._arrivals), self._expected(now_s)
         return LinkQuality(
             received=received,
             expected=expected,
@@ -134,16 +146,23 @@ class LinkMonitor:
         )
 
     def _expected(self, now_s: float) -> int:
-        if self._first_s is None:
+        if self._last is None:
             return 0
-        heard_for_s = now_s - self._first_s
-        # The first broadcast heard opens the count; from then on there is one each period.
-        broadcasts = (
-            self.window_s / self._period_s
-            if heard_for_s >= self.window_s
-            else math.floor(heard_for_s / self._period_s) + 1
-        )
-        return max(1, round(broadcasts * self._frame_count))
+        firsts = [arrival for arrival in self._arrivals if arrival.is_first]
+        silent_s = min(now_s - self._last.at_s, self.window_s)
+        # A broadcast that takes longer than those before is not late yet.
+        silent = math.floor(silent_s / max(self._period_s, self._periods_s[-1] if self._periods_s else 0.0))
+        sent = [first.frame_count for first in firsts]
+        mean = fmean(sent or [self._last.frame_count])
+        if sent and firsts[-1].broadcast == self._last.broadcast and silent_s < 0.5 * self._period_s:
+            # The rest of it may be still to come.
+            sent[-1] = self._sent
+        missed = sum(first.missed for first in firsts)
+        if firsts:
+            # Those before the window do not count.
+            since_s = firsts[0].at_s - (now_s - self.window_s)
+            missed -= max(0, firsts[0].missed - math.floor(since_s / self._period_s))
+        return max(1, round(sum(sent) + (missed + silent) * mean))
 
     @property
     def period_s(self) -> float | None:
@@ -154,15 +173,24 @@ class LinkMonitor:
     def _period_s(self) -> float:
         return ASSUMED_PERIOD_S if self.period_s is None else self.period_s
 
-    def _learn_period(self, broadcast: _Broadcast) -> None:
-        before, self._newest = self._newest, broadcast
-        if before is None or before.epoch_s != broadcast.epoch_s:
-            return
-        steps = broadcast.sequence - before.sequence
-        passed_s = broadcast.unix_s - before.unix_s
-        if steps > 0 and passed_s > 0:
+    def _arrival(self, stamp: Stamp, now_s: float) -> _Arrival:
+        """Return the arrival of a state or fleet frame, and learn the period from it."""
+        now, last = _Broadcast(stamp.epoch_s, stamp.sequence, stamp.unix_s), self._last
+        if last is None:
+            # What was sent of it before that could not be heard.
+            return _Arrival(now_s, now, stamp.frame_count - stamp.frame_index, True, 0)
+        before = last.broadcast
+        steps, passed_s = now.sequence - before.sequence, now.unix_s - before.unix_s
+        if before.epoch_s != now.epoch_s or steps < 0:
+            return _Arrival(now_s, now, stamp.frame_count, True, 0)
+        if steps == 0:
+            return last._replace(at_s=now_s, is_first=False)
+        if passed_s > 0:
             self._periods_s.append(passed_s / steps)
+        # A leap of the sequence is no loss, nor is a time between two broadcasts that has become longer.
+        missed = min(steps, round(max(0.0, passed_s) / self._period_s)) - 1
+        return _Arrival(now_s, now, stamp.frame_count, True, max(0, missed))
 
     def _forget(self, now_s: float) -> None:
-        while self._arrivals_s and self._arrivals_s[0] <= now_s - self.window_s:
-            self._arrivals_s.popleft()
+        while self._arrivals and self._arrivals[0].at_s <= now_s - self.window_s:
+            self._arrivals.popleft()

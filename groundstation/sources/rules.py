@@ -15,7 +15,7 @@ from groundstation.sources.sighting import Category, Sighting
 
 _FASTER = 1.25
 """Least ratio of a bound to the velocity that is told, so that not every gust of wind makes a new bound."""
-_FASTER_STILL, _STEP_M_S = 1.05, 10.0
+_FASTER_STILL, _STEP_M_S = 1.15, 25.0
 """Ratio, and the step in which bounds are made, above the greatest bound of a category."""
 AHEAD_S = 2.0
 """Greatest time by which a sighting may be stamped ahead of this computer's clock, as of a sensor's detections."""
@@ -35,7 +35,7 @@ class Traits(NamedTuple):
 
 
 TRAITS = {
-    Category.AIRCRAFT: Traits((100.0, MAX_THREAT_SPEED_M_S), 700.0, 30.0, 30.0),
+    Category.AIRCRAFT: Traits((100.0, 255.0), 700.0, 30.0, 30.0),
     Category.SHIP: Traits((15.0, 25.0), 60.0, 3.0, 600.0),
     Category.VEHICLE: Traits((20.0, 50.0), 150.0, 10.0, 60.0),
 }
@@ -70,22 +70,11 @@ _NAMESPACES: dict[SourceKind, str] = {"adsb": "icao", "basestation": "icao", "ai
 """Kinds whose keys are the same wherever they are heard; those of others are their own."""
 
 
-class Wire(NamedTuple):
-    """A threat's speed bound as it is told, and by how much its radii are told wider."""
-
-    speed_bound_m_s: float
-    wider_m: float = 0.0
-    allowed_m_s: float = 0.0
-    """Speed that both together allow for."""
-
-
 @dataclass(frozen=True)
 class Rules:
     """The rules of one source."""
 
     spec: SourceSpec
-    longest_untold_s: float
-    """Longest time for which vehicles carry on a threat by its bound alone."""
 
     @cached_property
     def ids(self) -> dict[str, int]:
@@ -145,21 +134,10 @@ class Rules:
         if given_m_s is not None and speed_m_s <= given_m_s:
             return given_m_s
         for bound_m_s in bounds_m_s:
-            if _FASTER * speed_m_s <= bound_m_s or speed_m_s <= bound_m_s == MAX_THREAT_SPEED_M_S:
+            if _FASTER * speed_m_s <= bound_m_s:
                 return bound_m_s
-        return math.ceil(_FASTER_STILL * speed_m_s / _STEP_M_S) * _STEP_M_S
-
-    def wire(self, bound_m_s: float, speed_m_s: float | None) -> Wire:
-        """Return how a threat's speed bound is told.
-
-        The wire tells 255 m/s at most. One that is faster is told with that, and with radii wider by what it flies
-        more in the longest time between two words of it.
-        """
-        if speed_m_s is None or speed_m_s <= MAX_THREAT_SPEED_M_S:
-            told_m_s = min(bound_m_s, MAX_THREAT_SPEED_M_S)
-            return Wire(told_m_s, allowed_m_s=told_m_s)
-        wider_m = (bound_m_s - MAX_THREAT_SPEED_M_S) * self.longest_untold_s
-        return Wire(MAX_THREAT_SPEED_M_S, wider_m, bound_m_s)
+        still_m_s = math.ceil(_FASTER_STILL * speed_m_s / _STEP_M_S) * _STEP_M_S
+        return min(max(bounds_m_s[-1], still_m_s), MAX_THREAT_SPEED_M_S)
 
     def is_high_or_low(self, sighting: Sighting, margin_m: float) -> bool:
         """Return whether a thing is above the ceiling or below the floor by more than its datum's error and a margin.

@@ -266,25 +266,17 @@ def _command(one: Taken | Dropped, spec: SourceSpec, operations: Operations) -> 
     kind = _WORDS[one.kind]
     if isinstance(one, Dropped):
         return Retire(do="retire", kind=kind, id=one.id)
-    # A target's bound is never told, so that its own need not fit the wire.
-    is_threat = one.kind is Kind.THREAT
-    given: dict[str, Any] = {"speed_bound_m_s": one.wire.speed_bound_m_s if is_threat else one.wire.allowed_m_s}
-    if is_threat:
-        given |= _radii(spec, one.wire.wider_m)
+    given: dict[str, Any] = {"speed_bound_m_s": one.bound_m_s}
     if not one.is_new:
         return command_from({"do": "change", "kind": kind, "id": one.id, **given})
     given |= {"name": one.name or one.key.key[:40], "north_m": one.place.real, "east_m": one.place.imag}
-    if is_threat:
+    if one.kind is Kind.THREAT:
+        radii = {key: getattr(spec, key) for key in ("radius_m", "detection_radius_m", "attack_radius_m")}
+        given |= {key: radius_m for key, radius_m in radii.items() if radius_m is not None}
         given |= {"floor_m": spec.floor_m, "ceiling_m": spec.ceiling_m}
     # No id is given twice: one that was retired comes back under another.
     is_used = one.id is not None and operations.used[one.kind] >> one.id & 1
     return command_from({"do": f"add-{kind}", "id": None if is_used else one.id, **given})
-
-
-def _radii(spec: SourceSpec, wider_m: float) -> dict[str, float]:
-    """Return a threat's radii, wider by what its speed bound does not tell."""
-    keys = ("radius_m", "detection_radius_m", "attack_radius_m")
-    return {key: given + wider_m for key in keys if (given := getattr(spec, key)) is not None}
 
 
 def _id_of(event: Event) -> int:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from groundstation.plausibility import Bound, Hypothesis, Known, Sample, Verdict, Weighed, weigh
-from groundstation.sources.rules import Rules, Wire
+from groundstation.sources.rules import Rules
 from groundstation.sources.sighting import Category, Sighting
 
 OUTSIDE = 1.2
@@ -43,8 +43,8 @@ class Thing:
     """Time until which it counts without another sighting."""
     id: int | None = None
     """Id in the picture; None: it is not there."""
-    wire: Wire | None = None
-    """Bound as it was last told; None: it was not, or the mission's file has the thing."""
+    bound_m_s: float | None = None
+    """Speed bound as it was last told; None: it was not, or the mission's file has the thing."""
     leaves_since_s: float | None = None
     """Time since which it is too far away, too high or too low; None: it is not."""
     waits_until_s: float = -math.inf
@@ -63,7 +63,7 @@ class Thing:
     @property
     def is_listed(self) -> bool:
         """Whether it is a thing of the mission's file, which is never retired."""
-        return self.id is not None and self.wire is None
+        return self.id is not None and self.bound_m_s is None
 
     def ends_s(self, rules: Rules, factor: float) -> float:
         """Return when it times out, with a factor on the time-out of its category."""
@@ -74,18 +74,18 @@ class Thing:
         """Return whether enough sightings agree."""
         return self.known.is_seen and self.known.believed.count >= rules.confirmed_by
 
-    def wire_wanted(self, rules: Rules) -> Wire:
+    def bound_wanted_m_s(self, rules: Rules) -> float:
         """Return the bound that it should be told with."""
-        return rules.wire(rules.speed_bound_m_s(self.category, self.speed_m_s), self.speed_m_s)
+        return rules.speed_bound_m_s(self.category, self.speed_m_s)
 
     def outruns(self, ratio: float = 1.0) -> bool:
         """Return whether its speed times a ratio is more than the bound that was told."""
-        return self.wire is not None and self.speed_m_s is not None and ratio * self.speed_m_s > self.wire.allowed_m_s
+        return self.bound_m_s is not None and self.speed_m_s is not None and ratio * self.speed_m_s > self.bound_m_s
 
     def outgrows(self, rules: Rules) -> bool:
         """Return whether the bound that was told must be greater, before it is wrong."""
-        wire = self.wire
-        return wire is not None and self.outruns(_SOON) and self.wire_wanted(rules).allowed_m_s > wire.allowed_m_s
+        bound_m_s = self.bound_m_s
+        return bound_m_s is not None and self.outruns(_SOON) and self.bound_wanted_m_s(rules) > bound_m_s
 
 
 def begun(key: SourceKey, rules: Rules, sighting: Sighting, sample: Sample, now_s: float) -> Thing:

@@ -27,7 +27,7 @@ from groundstation.origins import Observation
 from groundstation.plausibility import Known, Sample, Verdict
 from groundstation.sources.box import Box
 from groundstation.sources.doubts import Doubts
-from groundstation.sources.rules import AHEAD_S, Rules, Wire
+from groundstation.sources.rules import AHEAD_S, Rules
 from groundstation.sources.sighting import Sighting
 from groundstation.sources.thing import SourceKey, Thing, begun, placed, sighted, told
 
@@ -64,7 +64,8 @@ class Taken(NamedTuple):
     name: str
     place: complex
     at_s: float
-    wire: Wire
+    bound_m_s: float
+    """Greatest speed that it is told with."""
     is_new: bool
     """Whether the picture does not have it from this source yet; otherwise only its bound changes."""
     is_urgent: bool = False
@@ -101,8 +102,7 @@ class Tracker:
         """What is not believed or not taken in."""
         self.ahead_s = 0.0
         """Time by which the clock that stamps sightings is ahead of the times given (groundstation/clock.py)."""
-        untold_s = max(30.0, 6.0 * mission.broadcast_period_s)
-        self._rules = {spec.name: Rules(spec, untold_s) for spec in specs if spec.takes_in}
+        self._rules = {spec.name: Rules(spec) for spec in specs if spec.takes_in}
         self._frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         self._mission = mission
         self._box = Box.around(mission)
@@ -122,7 +122,7 @@ class Tracker:
             kind = self._kind(thing.key)
             if thing.id is None or kind is Kind.AGENT or thing.id in present[kind]:
                 continue
-            self._put(replace(thing, id=None, wire=None, waits_until_s=math.inf))
+            self._put(replace(thing, id=None, bound_m_s=None, waits_until_s=math.inf))
             self._release(thing.key)
 
     def restore(self, identities: Mapping[tuple[str, str], tuple[Kind, int]], mission: Mission, now_s: float) -> None:
@@ -144,9 +144,8 @@ class Tracker:
             if there is None:
                 self._put(replace(thing, waits_until_s=math.inf))
                 continue
-            bound_m_s = there.speed_bound_m_s
-            wire = None if identity in listed[kind] else Wire(bound_m_s, 0.0, bound_m_s)
-            self._put(replace(thing, id=identity, wire=wire))
+            bound_m_s = None if identity in listed[kind] else there.speed_bound_m_s
+            self._put(replace(thing, id=identity, bound_m_s=bound_m_s))
             self._claims[self._claim(thing.key)] = thing.key
         self.follow(mission)
 
@@ -181,7 +180,7 @@ class Tracker:
                 self._make_room(rules)
             else:
                 # Of the last run: it may be anywhere by now.
-                thing = replace(thing, id=before.id, wire=before.wire, waits_until_s=before.waits_until_s)
+                thing = replace(thing, id=before.id, bound_m_s=before.bound_m_s, waits_until_s=before.waits_until_s)
         else:
             thing, weighed, bound = sighted(before, rules, sighting, sample, now_s)
             if weighed.verdict is not Verdict.BELIEVED:
@@ -237,7 +236,7 @@ class Tracker:
         """Note that a thing is in the picture as was asked for; `is_listed`: as one that the mission's file has."""
         thing = self._tables[taken.key.source].get(taken.key.key)
         if thing is not None:
-            self._put(replace(thing, id=identity, wire=None if is_listed else taken.wire))
+            self._put(replace(thing, id=identity, bound_m_s=None if is_listed else taken.bound_m_s))
             self._claims[self._claim(taken.key)] = taken.key
 
     def dropped(self, dropped: Dropped) -> None:
@@ -246,13 +245,13 @@ class Tracker:
         if thing is not None and thing.waits_until_s == math.inf:
             del self._tables[dropped.key.source][dropped.key.key]
             return
-        wire = None if thing is None else thing.wire
+        bound_m_s = None if thing is None else thing.bound_m_s
         if thing is not None:
-            self._put(replace(thing, id=None, wire=None))
+            self._put(replace(thing, id=None, bound_m_s=None))
         self._release(dropped.key)
         heir = dropped.heir and self._tables[dropped.heir.source].get(dropped.heir.key)
         if heir:
-            self._put(replace(heir, id=dropped.id, wire=wire))
+            self._put(replace(heir, id=dropped.id, bound_m_s=bound_m_s))
             self._claims[self._claim(heir.key)] = heir.key
 
     def declined(self, wanted: Taken | Dropped, why: str, now_s: float) -> None:
@@ -439,14 +438,14 @@ class Tracker:
 
     def _taken_of(self, thing: Thing, rules: Rules, room_m: float) -> Taken:
         """Return what a thing is to be taken in with; `room_m` is how far it is from what it must not reach."""
-        wire = thing.wire_wanted(rules)
-        speed_m_s = wire.allowed_m_s if thing.speed_m_s is None else thing.speed_m_s
-        is_urgent = thing.outruns() or room_m <= wire.wider_m + speed_m_s * BATCH_S
+        bound_m_s = thing.bound_wanted_m_s(rules)
+        speed_m_s = bound_m_s if thing.speed_m_s is None else thing.speed_m_s
+        is_urgent = thing.outruns() or room_m <= speed_m_s * BATCH_S
         identity = rules.ids.get(thing.key.key) if thing.id is None else thing.id
         motion = thing.known.believed.motion
         kind = self._kind(thing.key)
         return Taken(
-            thing.key, kind, identity, thing.name, motion.place, motion.at_s, wire, thing.id is None, is_urgent
+            thing.key, kind, identity, thing.name, motion.place, motion.at_s, bound_m_s, thing.id is None, is_urgent
         )
 
 

@@ -952,7 +952,7 @@ class MAVLink_oneway_state_message(MAVLink_message):
     fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "int32_t", "int32_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {"directive": "ONEWAY_DIRECTIVE"}
-    fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "origin_lat": "degE7", "origin_lon": "degE7", "resolution": "cm", "threat_speed_bound": "m/s"}
+    fieldunits_by_name: Dict[str, str] = {"epoch": "s", "time_ms": "ms", "origin_lat": "degE7", "origin_lon": "degE7", "resolution": "cm"}
     native_format = bytearray(b"<IIIiihhhhhhHHHHHHHBBBBBBBBBBBBBB")
     orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31]
     lengths = [1, 1, 1, 1, 1, 10, 10, 5, 5, 4, 4, 4, 4, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 4, 4, 5, 10, 10, 64]
@@ -1914,7 +1914,7 @@ class MAVLink(object):
         agent_count               : How many agent entries are in use. (type:uint8_t)
         target_count              : How many target entries are in use. (type:uint8_t)
         threat_count              : How many threat entries are in use. (type:uint8_t)
-        threat_speed_bound        : Greatest speed of each threat, rounded up. [m/s] (type:uint8_t)
+        threat_speed_bound        : Greatest speed of each threat, rounded up: a code c up to 230 means c m/s, a greater one 230 + 25 (c - 230) m/s. (type:uint8_t)
         threat_id                 : Id of each threat less threat_id_base. (type:uint8_t)
         target_id                 : Id of each target less target_id_base. (type:uint8_t)
         agent_id                  : Id of each agent less agent_id_base. (type:uint8_t)
@@ -1959,7 +1959,7 @@ class MAVLink(object):
         agent_count               : How many agent entries are in use. (type:uint8_t)
         target_count              : How many target entries are in use. (type:uint8_t)
         threat_count              : How many threat entries are in use. (type:uint8_t)
-        threat_speed_bound        : Greatest speed of each threat, rounded up. [m/s] (type:uint8_t)
+        threat_speed_bound        : Greatest speed of each threat, rounded up: a code c up to 230 means c m/s, a greater one 230 + 25 (c - 230) m/s. (type:uint8_t)
         threat_id                 : Id of each threat less threat_id_base. (type:uint8_t)
         target_id                 : Id of each target less target_id_base. (type:uint8_t)
         agent_id                  : Id of each agent less agent_id_base. (type:uint8_t)
