@@ -66,6 +66,14 @@ def assign_targets(
     return TargetAssignment(assigned, tuple(target for target in targets if target not in covered))
 
 
+def out_of_reach(mission: Mission, tracks: TrackTable, targets: Sequence[int]) -> tuple[int, ...]:
+    """Return which of some targets no agent that is left may be sent to, now or after others, as far as ranges go."""
+    left = {*tracks.active_agents, *tracks.idle_agents}
+    problem = _Problem(mission, tracks, [agent for agent in mission.agents if agent.id in left], targets)
+    reached = problem.in_range().any(axis=0)
+    return tuple(target for target, is_reached in zip(targets, reached, strict=True) if not is_reached)
+
+
 def _assigned(
     mission: Mission,
     tracks: TrackTable,
@@ -94,26 +102,26 @@ class _Problem:
         mission = self.mission
         agents_ned_m = self._positions(Kind.AGENT, [agent.id for agent in self.agents])
         targets_ned_m = self._positions(Kind.TARGET, self.targets)
-        left_m = np.array([agent.range_m - self.tracks.flown_m[agent.id] for agent in self.agents])
-        homes_ned_m = np.array([agent.position_ned_m for agent in self.agents]).reshape(-1, 2)
-        allowed = self._allowed()
-
-        def in_range(there_m: np.ndarray | None = None) -> np.ndarray:  # (N, K) m -> (N, K) bool
-            homes = homes_ned_m if mission.range_policy == "return" else None
-            within: np.ndarray = allowed & within_range(
-                agents_ned_m, targets_ned_m, left_m, homes, RANGE_RESERVE, there_m
-            )
-            return within
-
         places = {target: index for index, target in enumerate(self.targets)}
         held = np.array([places.get(present.get(agent.id, 0), -1) for agent in self.agents], dtype=int)
         share = mission.switching_share
         if mission.objective == "distance" or mission.objective == "inverse-distance":
-            return assign(agents_ned_m, targets_ned_m, mission.objective, in_range(), held, share or 0.0)
+            return assign(agents_ned_m, targets_ned_m, mission.objective, self.in_range(), held, share or 0.0)
         rule = AssignmentRule(mission.objective, SWITCHING_SHARE if share is None else share)
         speeds_m_s = np.array([agent.speed_m_s for agent in self.agents])
         costs = RouteCosts(self._scene(agents_ned_m, targets_ned_m, now_s))
-        return assign_by_route_cost(costs, speeds_m_s, rule, in_range, held)
+        return assign_by_route_cost(costs, speeds_m_s, rule, self.in_range, held)
+
+    def in_range(self, there_m: np.ndarray | None = None) -> np.ndarray:  # (N, K) m -> (N, K) bool
+        """Return which agent may be sent to which target and has the range for it; None: by the straight way."""
+        agents_ned_m = self._positions(Kind.AGENT, [agent.id for agent in self.agents])
+        targets_ned_m = self._positions(Kind.TARGET, self.targets)
+        left_m = np.array([agent.range_m - self.tracks.flown_m[agent.id] for agent in self.agents])
+        homes_ned_m = np.array([agent.position_ned_m for agent in self.agents]).reshape(-1, 2)
+        homes = homes_ned_m if self.mission.range_policy == "return" else None
+        within = within_range(agents_ned_m, targets_ned_m, left_m, homes, RANGE_RESERVE, there_m)
+        allowed: np.ndarray = self._allowed() & within
+        return allowed
 
     def _allowed(self) -> np.ndarray:  # (N, K) bool
         """Return which agent may be sent to which target: an agent with `only_target` goes to no other."""

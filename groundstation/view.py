@@ -20,6 +20,7 @@ from groundstation.ground_station import GroundStation
 from groundstation.operations import directive_name
 from groundstation.origins import MISSION, REPORT, SEEN_S, SENSOR
 from groundstation.plausibility import SENSOR_ERROR_M
+from groundstation.target_assignment import out_of_reach
 from groundstation.track import Track
 
 MOST_LISTED = 10
@@ -84,8 +85,12 @@ def _warnings(station: GroundStation, now_s: float) -> list[str]:
     """Return what an operator should know of the picture itself."""
     tracks, mission = station.tracks.tracks, station.mission
     words = []
-    if station.uncovered:
-        words.append(f"no agent goes to {_listed('target', station.uncovered)}: none is free, or none has the range")
+    uncovered = station.uncovered
+    if mission.queue:
+        # The others wait for an agent that has arrived.
+        uncovered = out_of_reach(mission, station.tracks, uncovered)
+    if uncovered:
+        words.append(f"no agent goes to {_listed('target', uncovered)}: none is free, or none has the range")
     discs = [grown(threat, tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
     centres = np.array([complex(disc.north_m, disc.east_m) for disc in discs])
     radii_m = np.array([disc.detection_radius_m for disc in discs])
@@ -149,6 +154,7 @@ def _agent(station: GroundStation, agent: AgentSpec, now_s: float) -> View:
         "eta_s": _eta_s(station, agent, at, target_id),
         "link": _link(station, agent, now_s),
         "certificate": None,
+        "reason": None,
     }
 
 

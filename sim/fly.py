@@ -26,6 +26,7 @@ from companion.onboard.lint.warnings import lint_flight
 from groundstation.choices import RADIOS_BYTES_PER_S
 from groundstation.radio import Radio, parse_radio
 from sim.changes import with_all_things
+from sim.flight_files import EVENTS_NAME
 from sim.flown import KINEMATIC, FlownMission
 from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, FlightOptions, check_flyable, fly
 from sim.outcome import AgentResult, agent_results, first_reason
@@ -383,7 +384,9 @@ def _table(done: FlownResult, folder: Path | None) -> str:
     shown = done.agents[:MOST_AGENTS]
     left = len(done.agents) - len(shown)
     after = [f"and {left} more: see result.json (--out or --json)"] if left else []
-    after += [] if folder is None else [f"written to {folder}: {files}"]
+    if folder is not None:
+        files += f", {EVENTS_NAME}" if (folder / EVENTS_NAME).exists() else ""
+        after.append(f"written to {folder}: {files}")
     # The reason that decided comes last, where a script or a hurried reader looks for it.
     after += [] if done.failure is None else [done.failure]
     return text + "\n" + rendered([], _agent_table(shown), after)

@@ -272,15 +272,16 @@ def _run(loop: Loop[Fleet], options: FlightOptions, files: FlightFiles, live: Li
     pace = Pace(options.speed, wall_s=time.monotonic())
     try:
         if live is not None:
-            live.rest(0.0, pace, options.stop)
+            pace = live.rest(0.0, pace, options.stop)
         while loop.step():
             files.keep_up()
             stop = options.stop()
             if stop is not None:
                 return stop
             if live is not None:
-                live.rest(loop.t_s, pace, options.stop)
+                pace = live.rest(loop.t_s, pace, options.stop)
             elif options.speed is not None:
+                pace = pace.kept(loop.t_s, time.monotonic())
                 time.sleep(pace.wait_s(loop.t_s, time.monotonic()) or 0.0)
         if live is not None:
             live.look(loop.t_s)

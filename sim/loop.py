@@ -20,6 +20,7 @@ from companion.mission.model import AgentSpec, Mission
 from companion.onboard.decision import Decision
 from companion.protocol.codec import Detection
 from groundstation.ground_station import GroundStation
+from groundstation.sightings import places_in
 from sim.sensor import LOOK_PERIOD_S, world_detections
 from sim.wind import WindField
 from sim.world import World
@@ -130,6 +131,7 @@ class Loop(Generic[SnapshotT]):
         """Begin before the first tick, which is at time 0."""
         mission = parts.mission
         self._parts = parts
+        self._listed = tuple(places_in(mission))
         self._losses_s = {loss.agent: loss.t_s for loss in mission.losses}
         self._guide_every = round(mission.guidance_step_s / mission.integration_step_s)
         self._last_tick = int(mission.max_time_s / mission.integration_step_s + TOLERANCE_S)
@@ -213,8 +215,10 @@ class Loop(Generic[SnapshotT]):
 
     def _look(self, t_s: float, things: tuple[np.ndarray, np.ndarray]) -> None:
         """Give the ground station detections of the targets (K, 4), the threats (M, 4) and, in Case I, the agents."""
-        mission, (targets, threats) = self._parts.ground.mission, things
+        mission = self._parts.world.mission
         visible = self._parts.vehicles if mission.case == "I" else ()
         detections = [vehicle.detection() for vehicle in visible if vehicle.alive]
-        detections += world_detections(mission, targets, threats)
+        # What a live source has added is that source's to see: the sensor has no id for it.
+        of_sources = set(self._parts.ground.operations.tracks.values()).difference(key for key, _ in self._listed)
+        detections += [one for one in world_detections(mission, *things) if (one.kind, one.id) not in of_sources]
         self._parts.look(detections, START_S + t_s)

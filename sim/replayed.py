@@ -221,6 +221,7 @@ def _agents(mission: Mission, scene: Scene, known: Known) -> Iterator[Json]:
             "eta_s": None,
             "link": heard_words(one, known.at_s),
             "certificate": None if one is None else one.certificate,
+            "reason": None,
             "said": None if one is None else one.words,
         }
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from companion.errors import InputError
+from companion.mission.model import Mission
 from companion.onboard.decision import Decision
 from groundstation.desk import Desk, begin_day
 from groundstation.ground_station import GroundStation
@@ -199,12 +200,16 @@ class LiveFlight:
         self._desk = Desk(self._station, events, screen)
         self._meter = Meter()
         self._page = None if screen is None else self._shown_on(screen)
-        self._mission = self._station.mission
+        self._followed: tuple[Mission, int] = (self._station.mission, _things(self._station.mission))
+        """What world and record follow: the ground station's mission, and how much of it has ended in truth."""
         self._look_due_s = float("-inf")
         begin_day(self._desk, self._station, self._station.directive, START_S)
 
-    def rest(self, t_s: float, pace: Pace, stop: Callable[[], Stop | None]) -> None:
-        """Obey what was asked, and return when the tick at a time of the flight is due; a screen has its own pace."""
+    def rest(self, t_s: float, pace: Pace, stop: Callable[[], Stop | None]) -> Pace:
+        """Obey what was asked, and return when the tick at a time of the flight is due, with the pace from then on.
+
+        A screen has its own pace.
+        """
         self._hear(t_s)
         while stop() is None:
             wall_s = time.monotonic()
@@ -212,10 +217,14 @@ class LiveFlight:
                 self._look_due_s = wall_s + SHOW_PERIOD_S
                 self.look(t_s)
             pace = pace if self._screen is None else self._screen.pace
+            pace = pace.kept(t_s, time.monotonic())
+            if self._screen is not None:
+                self._screen.pace = pace
             wait_s = pace.wait_s(t_s, time.monotonic())
             if wait_s == 0.0:
-                return
+                return pace
             time.sleep(SHOW_PERIOD_S if wait_s is None else min(wait_s, SHOW_PERIOD_S))
+        return pace
 
     def look(self, t_s: float) -> None:
         """Show everything at a time of the flight, and obey what was asked."""
@@ -239,10 +248,13 @@ class LiveFlight:
 
     def _obey(self, t_s: float) -> None:
         self._desk.tick(START_S + t_s)
-        if self._station.mission is not self._mission:
-            self._mission = self._station.mission
-            self._stage.world.follow(self._mission)
-            self._stage.record.follow(self._mission, t_s)
+        mission = self._station.mission
+        truth = mission if self._tracks is None else self._tracks.truth(self._station)
+        things = _things(truth)
+        if self._followed[0] is not mission or self._followed[1] != things:
+            self._followed = mission, things
+            self._stage.world.follow(truth)
+            self._stage.record.follow(truth, t_s)
 
     def _shown_on(self, screen: SimScreen) -> Page:
         screen.board(self._stage.record.logs)
@@ -265,6 +277,11 @@ def linger(screen: SimScreen, stop: Callable[[], Stop | None]) -> None:
         for request in screen.pump():
             screen.refuse(request.id, OVER)
         time.sleep(SHOW_PERIOD_S)
+
+
+def _things(mission: Mission) -> int:
+    """Return the number of targets and threats."""
+    return len(mission.targets) + len(mission.threats)
 
 
 def _told(decision: Decision | None) -> dict[str, str]:

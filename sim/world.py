@@ -26,6 +26,8 @@ class World:
     """The targets and threats of a resolved mission, in file order, which move from time 0 on by their `motion`."""
 
     def __init__(self, mission: Mission, seed: int) -> None:
+        self.mission = mission
+        """The mission whose targets and threats there are in truth."""
         self._hold_s = mission.heading_hold_s
         self._generator = random_stream(seed, MOTION_STREAM)
         self.t_s = 0.0
@@ -43,6 +45,7 @@ class World:
         A thing that was given another place begins there, with its motion; any other goes on as it did, whatever else
         was changed of it.
         """
+        self.mission = mission
         rows = {_key(thing): row for row, thing in enumerate(self._things)}
         states, things, before = self._states, _things_of(mission), self._things
         on = {new: rows[_key(thing)] for new, thing in enumerate(things) if _key(thing) in rows}

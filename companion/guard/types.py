@@ -120,8 +120,8 @@ class Discs:
 
     `attack_m` holds the inner (attack) radii: where no path is certified, the guard first keeps out of those. `ids`
     identify the discs from call to call; None identifies them by their order. `unit_m` is the unit in which they were
-    told: a later report may extend beyond an earlier one by a few of them. `pictures` count the pictures of each
-    disc: one that a new picture has elsewhere was changed by whoever tells it; None: all are of one.
+    told: a later report may extend beyond an earlier one by a few of them. `pictures` number the
+    picture that each was told in: one that another has elsewhere was changed by whoever tells it; None: all are of one.
     """
 
     centres_ned_m: np.ndarray  # (M, 2) m

@@ -65,7 +65,7 @@ class View:
     others: Others = field(default_factory=Others)
     """Everybody who may count to the right of way."""
     threat_pictures: np.ndarray | None = None
-    """(M,) int, number of the pictures that have told of each threat; None: one has told of all."""
+    """(M,) int, number of the picture that the last word on each threat was of; None: one has told of all."""
     unit_m: float = 0.0
     """Unit of the threats' places and radii as they were told, m."""
     whole: bool = True

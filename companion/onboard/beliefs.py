@@ -62,7 +62,7 @@ class Beliefs:
         self.agent_motions: dict[int, ToldMotion] = {}
         self.threat_velocities_m_s: dict[int, tuple[float, float]] = {}
         self.threat_pictures: dict[int, int] = {}
-        """Number of pictures that have told of each threat, by its id."""
+        """Number, with that of its epoch, of the picture that the last word on each threat was of, by its id."""
         self.unit_m = 0.0
         """Unit of the places in the newest frame."""
         self.bands: dict[int, BandEntry] = {}
@@ -106,7 +106,6 @@ class Beliefs:
         if known is not None and same_picture and _stand(known[0], threat) and not _is_inside(threat, known[0]):
             threat = known[0]
         self.threats[threat.id] = (threat, heard)
-        self.threat_pictures[threat.id] = self.threat_pictures.get(threat.id, 0) + (not same_picture)
 
     def take_motion(self, frame: MotionFrame, true_at_s: float) -> None:
         """Take the velocities of agents and threats from a frame that was true at a time by this vehicle's clock."""
@@ -132,7 +131,7 @@ class Beliefs:
             return True
         spare = next((identity for identity in self.threats if not is_needed(identity)), None)
         if spare is not None:
-            del self.threats[spare], self.threat_pictures[spare]
+            del self.threats[spare]
         return spare is not None
 
     def forget(self, is_gone: Callable[[Heard], bool]) -> None:

@@ -39,6 +39,7 @@ from companion.protocol.codec import (
     ThreatEntry,
 )
 from companion.protocol.freshness import SenderClock
+from companion.protocol.messages import REVISIONS
 
 
 class WorldModel:
@@ -292,6 +293,7 @@ class WorldModel:
             self._picture.overflow()
             return
         self._beliefs.take_threat(threat, heard, self._picture.has_heard(threat.id))
+        self._beliefs.threat_pictures[threat.id] = heard.broadcast[0] * REVISIONS + (self._picture.revision or 0)
         self._picture.hear((threat.id,))
 
     def _forget_absent(self) -> None:

@@ -29,7 +29,7 @@ class ThreatTable:
     velocity_m_s: np.ndarray  # (M, 2) m/s, zero where not heard
     true_at_s: np.ndarray  # (M,) s, when the entry was true
     ids: np.ndarray  # (M,) int
-    pictures: np.ndarray  # (M,) int, number of the pictures that have told of each
+    pictures: np.ndarray  # (M,) int, see Beliefs.threat_pictures
     floor_m: np.ndarray  # (M,) m above sea level, -inf where none was heard
     ceiling_m: np.ndarray  # (M,) m above sea level, inf where none was heard
     unit_m: float
@@ -65,7 +65,7 @@ def threat_table(beliefs: Beliefs) -> ThreatTable:
         velocity_m_s=np.array(velocities).reshape(-1, 2),
         true_at_s=np.array([heard.true_at_s for _, heard in entries]),
         ids=np.array([threat.id for threat, _ in entries], dtype=int),
-        pictures=np.array([beliefs.threat_pictures[threat.id] for threat, _ in entries], dtype=int),
+        pictures=np.array([beliefs.threat_pictures.get(threat.id, 0) for threat, _ in entries], dtype=int),
         floor_m=np.array([_floor_m(band) for band in bands]),
         ceiling_m=np.array([_ceiling_m(band) for band in bands]),
         unit_m=beliefs.unit_m,

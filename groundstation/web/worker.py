@@ -6,6 +6,7 @@ socket. A job has a picture, the frames that the copies of companions are to hea
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import socket
@@ -60,6 +61,12 @@ def main() -> None:
     os.nice(NICENESS)
     pipe = socket.socket(fileno=int(sys.argv[1]))
     unpacker, worker = Unpacker(), Worker()
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+        # A web process that was killed needs no answer.
+        _answer(pipe, unpacker, worker)
+
+
+def _answer(pipe: socket.socket, unpacker: Unpacker, worker: Worker) -> None:
     while data := pipe.recv(READ_BYTES):
         for job in unpacker.feed(data):
             try:

@@ -161,6 +161,21 @@ def test_a_threat_that_may_move_from_now_on_has_not_moved_before() -> None:
     assert growth_m < later_m <= growth_m + 20.0 * 3.0
 
 
+def test_with_a_queue_targets_wait_without_a_warning_but_those_that_nobody_has_the_range_for() -> None:
+    text = """
+queue: true
+agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0, range_m: 9000}]
+targets: [{id: 1, north_m: 2000, east_m: 0}, {id: 2, north_m: 3000, east_m: 0}, {id: 3, north_m: 9999, east_m: 0}]
+"""
+    station = GroundStation(parse_mission(text, "test"), START_S)
+    assert station.uncovered == (2, 3)
+    warned = ["no agent goes to target 3: none is free, or none has the range"]
+    assert picture(station, START_S, Surroundings())["warnings"] == warned
+    station.command(command_from({"do": "take-out", "agent": 1}), PERSON, START_S)
+    (words,) = picture(station, START_S, Surroundings())["warnings"]
+    assert words.startswith("no agent goes to targets 1, 2, 3: ")
+
+
 def test_the_view_warns_of_targets_in_threats_and_of_those_without_an_agent() -> None:
     day = Day()
     assert picture(day.station, day.now_s, Surroundings())["warnings"] == []

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.pace import Pace
+from sim.pace import LATE_S, Pace
 
 
 def test_without_a_speed_nothing_is_waited_for() -> None:
@@ -17,6 +17,18 @@ def test_a_tick_is_due_when_the_wall_clock_has_come_as_far() -> None:
     pace = Pace(20.0, wall_s=5.0)
     assert pace.wait_s(40.0, 5.5) == pytest.approx(1.5)
     assert pace.wait_s(40.0, 8.0) == 0.0
+
+
+@pytest.mark.parametrize("late_s", [0.06, 1.0, 30.0])
+def test_what_was_late_is_not_made_up_for_by_going_faster_than_asked(late_s: float) -> None:
+    pace = Pace(20.0).kept(20.0, 1.0 + late_s)
+    assert pace.wait_s(20.0, 1.0 + late_s) == 0.0
+    assert pace.wait_s(40.0, 1.0 + late_s) == pytest.approx(1.0 - LATE_S)
+
+
+def test_what_a_sleep_was_too_long_is_made_up_for() -> None:
+    pace = Pace(20.0)
+    assert pace.kept(20.0, 1.0 + 0.5 * LATE_S) is pace
 
 
 def test_a_clock_that_stands_is_never_due() -> None:

@@ -21,6 +21,7 @@ from companion.guard.types import (
     NOT_FINITE,
     POSITION,
     RATE,
+    THREAT_CHANGED,
     THREAT_FASTER,
     WIND,
     Discs,
@@ -177,6 +178,13 @@ def test_a_disc_outside_its_earlier_self_grown_is_named(
     for row in ((130.0, 0.0, 21.0 + grown_m), (130.0, -1.0 - grown_m, 20.0), (129.0 - grown_m, 0.0, 20.0)):
         later = replace(discs(row, speed_m_s=2.0), ids=ids)
         assert broken_after(first=first, later=later) == broken
+
+
+def test_a_disc_that_a_new_picture_has_elsewhere_was_changed_and_is_not_faster_than_its_bound() -> None:
+    first = replace(discs((130.0, 0.0, 20.0)), pictures=np.array([1]))
+    for later, broken in ((1, (THREAT_FASTER,)), (2, (THREAT_CHANGED,))):
+        larger = replace(discs((130.0, 0.0, 60.0)), pictures=np.array([later]))
+        assert broken_after(first=first, later=larger) == broken
 
 
 def test_small_excesses_add_up_even_where_another_disc_is_not_heard_of_any_more() -> None:

@@ -392,14 +392,15 @@ def test_a_decoded_disc_holds_the_true_one_and_is_hardly_larger(
         assert got_m <= true_m + shift_m + slack_m / 2.0 + 1e-6
 
 
-@given(st.floats(0.0, 255.0))
+@given(st.floats(0.0, 855.0))
 def test_the_speed_bound_of_a_threat_is_rounded_up(bound_m_s: float) -> None:
     frame = state_of(threats=(ThreatEntry(5, 0.0, 0.0, 2.0, 1.0, bound_m_s),))
     (threat,) = state_through(frame).threats
-    assert bound_m_s <= threat.speed_bound_m_s <= bound_m_s + 1.0
+    step_m_s = 1.0 if bound_m_s <= 230.0 else 25.0
+    assert bound_m_s <= threat.speed_bound_m_s <= bound_m_s + step_m_s
 
 
-@pytest.mark.parametrize("bound_m_s", [255.1, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("bound_m_s", [855.1, -1.0, math.nan, math.inf])
 def test_a_speed_bound_that_does_not_fit_is_refused_not_clipped(bound_m_s: float) -> None:
     with pytest.raises(WireError):
         FrameWriter().encode(state_of(threats=(ThreatEntry(5, 0.0, 0.0, 2.0, 1.0, bound_m_s),)))

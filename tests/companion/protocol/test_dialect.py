@@ -80,6 +80,8 @@ COUNTS_AND_NAMES = {
     "picture_threats",
     "picture_targets",
     "words_crc",
+    # A code, of which the text of the field says what it means.
+    "threat_speed_bound",
 }
 ENUM_FIELDS = {
     ("ONEWAY_STATE", "directive"): "ONEWAY_DIRECTIVE",

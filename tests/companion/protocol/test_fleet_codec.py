@@ -406,7 +406,7 @@ def test_heights_are_rounded_outwards() -> None:
         RadiiEntry(1, 5.0, math.nan, 0.0),
         RadiiEntry(1, math.inf, 1.0, 0.0),
         RadiiEntry(1, 1.0e9, 1.0, 0.0),
-        RadiiEntry(1, 5.0, 1.0, 255.5),
+        RadiiEntry(1, 5.0, 1.0, 855.5),
         RadiiEntry(1, 5.0, 1.0, -1.0),
         RadiiEntry(1, 5.0, 1.0, math.nan),
         RadiiEntry(1, 5.0, 1.0, 0.0, 40_000.0, None),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.protocol.freshness import SenderClock
 from companion.protocol.link_quality import MAX_ARRIVALS, LinkMonitor, LinkQuality, Warnings
@@ -56,6 +58,36 @@ def test_every_frame_of_a_broadcast_in_parts_is_expected() -> None:
         for index in range(3):
             link_monitor.note(state(number, EPOCH_S + number, index, count=4), EPOCH_S + number)
     assert link_monitor.quality(EPOCH_S + 99.5).share == pytest.approx(0.75)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    sizes=st.lists(st.tuples(st.integers(1, 40), st.integers(1, 30)), min_size=1, max_size=4),
+    period_s=st.floats(0.5, 5.0),
+    stretch=st.floats(0.2, 8.0),
+)
+def test_with_nothing_lost_reception_is_never_bad_whatever_the_sizes_of_the_broadcasts(
+    sizes: list[tuple[int, int]], period_s: float, stretch: float
+) -> None:
+    link_monitor, warnings = LinkMonitor(), Warnings()
+    at_s, number = float(EPOCH_S), 0
+    for part, (count, broadcasts) in enumerate(sizes):
+        lasts_s = period_s * (stretch if part % 2 else 1.0)
+        for _ in range(broadcasts):
+            for index in range(count):
+                link_monitor.note(state(number, at_s, index, count), at_s)
+                assert warnings.update(link_monitor.quality(at_s)) is None
+                # The frames of a broadcast are sent over its period.
+                at_s += lasts_s / count
+            number += 1
+
+
+def test_a_broadcast_of_which_nothing_is_heard_counts_as_one_of_their_mean_size() -> None:
+    link_monitor = LinkMonitor()
+    for number in range(100):
+        for index in range(3 if number % 2 else 0):
+            link_monitor.note(state(number, EPOCH_S + number, index, count=3), EPOCH_S + number)
+    assert link_monitor.quality(EPOCH_S + 99.9).share == pytest.approx(0.5, abs=0.02)
 
 
 def test_silence_counts_as_loss_until_nothing_is_left() -> None:
