@@ -194,6 +194,7 @@ AnyCommand = Annotated[Command, Field(discriminator="do")]
 _COMMANDS: dict[str, type[Command]] = {
     get_args(model.model_fields["do"].annotation)[0]: model for model in get_args(Command)
 }
+COMMAND_WORDS = tuple(_COMMANDS)
 
 
 def command_from(data: object) -> Command:

@@ -17,7 +17,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Strict, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from companion.errors import InputError, nearest_hint, one_line
+from companion.errors import InputError, nearest_hint, one_line, printable
 from companion.files.regular import read_regular
 
 MAX_FILE_BYTES = 1_000_000
@@ -93,7 +93,7 @@ class Section(BaseModel):
                 if key not in names:
                     known = (*names, *cls.converted)
                     hint = nearest_hint(str(key), known)
-                    raise ValueError(f"unknown key '{_cut(str(key))}'{hint}; allowed: {', '.join(known)}")
+                    raise ValueError(f"unknown key '{printable(_cut(str(key)))}'{hint}; allowed: {', '.join(known)}")
         return data
 
 

@@ -18,6 +18,7 @@ from starlette.staticfiles import StaticFiles
 
 from companion.errors import printable
 from companion.files.yaml import fault_text
+from groundstation.events import COMMAND_WORDS
 from groundstation.web.api import Api, Health, answers, api_router
 from groundstation.web.guards import Guards
 from groundstation.web.metrics import metrics_text, unhealthy
@@ -106,8 +107,9 @@ async def _invalid(_request: Request, error: Exception) -> JSONResponse:
     if first["type"] == "union_tag_invalid":
         first["ctx"] = {}
     # The first part of the place says body, path or query; the second, in a body of commands, which command.
-    loc = tuple(part for part in first["loc"][1:] if not isinstance(part, str) or "-" not in part)
-    first["loc"] = loc or ("the body",)
+    loc = first["loc"][1:]
+    loc = loc[1:] if loc and loc[0] in COMMAND_WORDS else loc
+    first["loc"] = loc or (() if first["type"] == "value_error" else ("the body",))
     return _refusal(fault_text(first), 422)  # type: ignore[arg-type]
 
 

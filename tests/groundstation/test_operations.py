@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import Any
 
@@ -9,8 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.errors import InputError
+from companion.errors import InputError, printable
+from companion.files.yaml import dump_yaml
 from companion.mission.model import Mission, parse_mission
+from companion.mission.sources import SourceSpec
 from companion.protocol.messages import Directive, Kind
 from groundstation.acceptance import event_of
 from groundstation.broadcast import MOST_FRAMES
@@ -230,3 +233,36 @@ def test_a_target_that_was_retired_by_mistake_is_back_with_its_name_and_its_pins
     back = does(retired, {"do": "undo", "number": 3})
     assert back.orders.pins == {2: 3}
     assert back.names == {(Kind.TARGET, 3): "mast"}
+
+
+@given(st.text(max_size=50))
+def test_a_name_that_is_typed_is_taken_as_it_is_or_refused_where_a_terminal_would_show_another(name: str) -> None:
+    is_plain = name.isprintable() and bool(name.strip()) and len(name) <= 40
+    given = {"do": "add-threat", "north_m": 0, "east_m": 0, "radius_m": 5, "name": name}
+    for refused in (
+        lambda: command_from(given),
+        lambda: parse_mission(dump_yaml({"name": name, "agents": [{"id": 1}], "targets": [{"id": 1}]}), "m"),
+        lambda: SourceSpec(name=name, kind="ais", file="x", radius_m=5.0),
+        lambda: SourceSpec(name="x", kind="ais", file="x", radius_m=5.0, ids={name: 1}),
+    ):
+        try:
+            refused()
+        except (InputError, ValueError) as error:
+            assert not is_plain
+            assert not isinstance(error, InputError) or printable(str(error)).startswith(("command", "m: "))
+        else:
+            assert name.isprintable() and name.strip()
+
+
+@given(st.text(min_size=1, max_size=40))
+def test_a_name_of_an_older_store_is_read_with_what_cannot_be_printed_replaced(name: str) -> None:
+    line = json.dumps({"event": "retired", "number": 1, "unix_s": 0.0, "who": {"name": name, "role": "operator"},
+                       "kind": "threat", "id": 1})  # fmt: skip
+    read = event_from_json(line)
+    assert read.who.name.isprintable()
+    assert read.who.name == name or not name.isprintable() or not name.strip()
+
+
+def test_the_number_of_an_event_is_one_that_every_json_reader_keeps() -> None:
+    with pytest.raises(InputError, match="number: 18446744073709551616; allowed: less than or equal to"):
+        command_from({"do": "undo", "number": 2**64})
