@@ -29,10 +29,10 @@ def serve_playback(recording: Recording, address: str, program: str) -> None:
         )
     listener = listen(place)
     site = Site(place._replace(port=bound(listener).port), mode="playback")
-    program_logger(program).info("page: %s", site.url)
 
     async def play(stop: asyncio.Event) -> None:
         """Serve until a signal comes: to the server, or before that takes signals itself."""
+        program_logger(program).info("page: %s", site.url)
         serving = asyncio.ensure_future(serve(Playback(recording), site, listener))
         stopped = asyncio.ensure_future(stop.wait())
         await asyncio.wait({serving, stopped}, return_when=asyncio.FIRST_COMPLETED)

@@ -11,7 +11,7 @@ import pytest
 from groundstation.web.feed import Refused
 from groundstation.web.hub import Hub
 from groundstation.web.live_feed import LiveFeed
-from groundstation.web.pipe import Who
+from groundstation.web.pipe import Message, Who
 
 ANNA = Who("anna", "operator")
 
@@ -60,7 +60,7 @@ def test_a_command_that_the_pipe_cannot_hold_is_refused() -> None:
     assert asyncio.run(asked()).status == 422
 
 
-async def _refusal(command: asyncio.Future[object]) -> Refused:
+async def _refusal(command: asyncio.Future[Message]) -> Refused:
     with pytest.raises(Refused) as refused:
         await command
     return refused.value
