@@ -322,12 +322,30 @@ class WasPutBack(_Event):
     agent: Identity
 
 
+class OwnDirective(Section):
+    """What a single agent is told."""
+
+    agent: Identity
+    directive: DirectiveName
+
+
 class Directed(_Event):
     """A directive was given to an agent, or to all (None)."""
 
     event: Literal["directed"] = "directed"
     directive: DirectiveName
     agent: Identity | None = None
+    own: ListOf[OwnDirective] | None = None
+    """What an undo gives back to single agents that are told nothing else by now; None: a `normal` for all ends what
+    single agents are told."""
+
+
+class Telling(Section):
+    """What an undo of a directive tells again."""
+
+    directive: DirectiveName
+    agent: Identity | None = None
+    own: ListOf[OwnDirective] = ()
 
 
 class Paused(_Event):

@@ -201,7 +201,7 @@ class LiveFlight:
         self._page = None if screen is None else self._shown_on(screen)
         self._mission = self._station.mission
         self._look_due_s = float("-inf")
-        begin_day(self._desk, self._station, self._station.directive, START_S)
+        begin_day(self._desk, self._station, (), START_S)
 
     def rest(self, t_s: float, pace: Pace, stop: Callable[[], Stop | None]) -> None:
         """Obey what was asked, and return when the tick at a time of the flight is due; a screen has its own pace."""

@@ -99,6 +99,58 @@ def test_a_pause_lets_all_hold_and_resuming_gives_back_what_was_told() -> None:
     assert does(paused, {"do": "resume"}).orders == returning.orders
 
 
+def test_normal_for_all_lets_every_agent_go_on_and_its_undo_gives_back_what_single_ones_were_told() -> None:
+    alone = {"do": "direct", "directive": "return", "agent": 2}
+    told = does(Operations.begun(MISSION), alone, {"do": "direct", "directive": "hold"})
+    normal = does(told, {"do": "direct", "directive": "normal"})
+    assert [normal.orders.of(one) for one in (1, 2)] == [Directive.NORMAL, Directive.NORMAL]
+    assert does(normal, {"do": "undo", "number": 3}).orders == told.orders
+    later = does(normal, {**alone, "directive": "hold"}, {"do": "undo", "number": 3})
+    assert later.orders.own == {2: Directive.HOLD}
+
+
+def test_undoing_a_hold_for_all_leaves_what_single_agents_were_told_since() -> None:
+    operations = does(
+        Operations.begun(MISSION),
+        {"do": "direct", "directive": "hold"},
+        {"do": "direct", "directive": "return", "agent": 2},
+        {"do": "undo", "number": 1},
+    )
+    assert (operations.orders.of(1), operations.orders.of(2)) == (Directive.NORMAL, Directive.RETURN)
+
+
+@pytest.mark.parametrize(
+    ("first", "directive", "words"),
+    [
+        ({"do": "direct", "directive": "hold"}, "normal", "all agents are told to hold, which is stronger"),
+        ({"do": "direct", "directive": "return"}, "hold", "all agents are told to return, which is stronger"),
+        ({"do": "pause"}, "normal", "all agents are told to hold, which is stronger; allowed: first resume"),
+    ],
+)
+def test_a_directive_for_one_agent_that_would_not_be_what_it_does_is_refused(
+    first: dict[str, Any], directive: str, words: str
+) -> None:
+    operations = does(Operations.begun(MISSION), first)
+    assert words in refusal(operations, {"do": "direct", "directive": directive, "agent": 1})
+    # What was told to it alone is taken back all the same.
+    alone = does(Operations.begun(MISSION), {"do": "direct", "directive": "return", "agent": 1}, first)
+    assert does(alone, {"do": "undo", "number": 1}).orders == operations.orders
+
+
+def test_undoing_the_last_again_and_again_walks_back_to_the_beginning() -> None:
+    begun = Operations.begun(MISSION)
+    operations = does(begun, *({"do": "direct", "directive": to} for to in ("hold", "return", "hold")), {"do": "pause"})
+    for left in range(4, 0, -1):
+        assert len(operations.undoable) == left
+        operations = does(operations, {"do": "undo", "number": operations.undoable[-1]})
+    assert operations.undoable == []
+    assert operations.orders == begun.orders
+    # By its number an undo is taken back as well, and what it took back is then in force and offered.
+    again = does(operations, {"do": "undo", "number": 8})
+    assert again.orders.told is Directive.HOLD
+    assert again.undoable == [9]
+
+
 @pytest.mark.parametrize(
     ("command", "words"),
     [
