@@ -48,10 +48,19 @@ def one_line(text: str) -> str:
     return " ".join(text.split())
 
 
+def printable(text: str) -> str:
+    """Return a text of one line that a terminal only shows: each character that cannot be printed is a question mark.
+
+    A name from outside may hold line ends, the escapes that steer a terminal, or marks that turn the direction of what
+    follows; none of them may look like a word of the program.
+    """
+    return text if text.isprintable() else "".join(one if one.isprintable() else "?" for one in text)
+
+
 def tell(text: str) -> None:
-    """Print a line to standard output; a reader that has closed the pipe (`| head`) is no failure of the program."""
+    """Print lines to standard output; a reader that has closed the pipe (`| head`) is no failure of the program."""
     try:
-        print(text, flush=True)
+        print("\n".join(map(printable, text.split("\n"))), flush=True)
     except BrokenPipeError:
         # What is still buffered has nowhere to go either, and must not fail at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -86,5 +95,5 @@ def run_program(command: click.Command, name: str) -> None:
         message, status = "interrupted", EXIT_INTERRUPTED
     else:
         sys.exit(status if isinstance(status, int) else EXIT_DONE)
-    print(f"{name}: {one_line(message)}", file=sys.stderr)
+    print(f"{name}: {printable(one_line(message))}", file=sys.stderr)
     sys.exit(status)

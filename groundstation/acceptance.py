@@ -15,7 +15,7 @@ from companion.mission.model import Mission, TargetSpec, ThreatSpec
 from companion.mission.places import Plane, Position
 from companion.mission.values import MAX_ID, MAX_ITEMS
 from companion.mission.written import RADII, radii_m
-from companion.protocol.messages import Kind
+from companion.protocol.messages import Directive, Kind
 from groundstation.broadcast import MOST_FRAMES, frames_for
 from groundstation.events import (
     AddTarget,
@@ -39,6 +39,7 @@ from groundstation.events import (
     TakeOut,
     TargetAdded,
     TargetChanged,
+    Telling,
     ThingKind,
     ThingState,
     ThreatAdded,
@@ -47,7 +48,7 @@ from groundstation.events import (
     WasPutBack,
     Who,
 )
-from groundstation.operations import MOST_UNDOS, Operations, applied
+from groundstation.operations import MOST_UNDOS, Operations, applied, directive_name
 
 
 def event_of(operations: Operations, command: Command, who: Who, now_s: float) -> Event:
@@ -61,7 +62,13 @@ def event_of(operations: Operations, command: Command, who: Who, now_s: float) -
     if isinstance(command, Undo):
         by = _undo(operations, command.number)
         head["undoes"] = command.number
-        event = Restored(**head, state=by) if isinstance(by, ThingState) else _event(operations, by, head)
+        match by:
+            case ThingState():
+                event: Event = Restored(**head, state=by)
+            case Telling():
+                event = Directed(**head, **by.model_dump())
+            case _:
+                event = _event(operations, by, head)
     else:
         event = _event(operations, command, head)
     _check_sendable(operations, event)
@@ -81,7 +88,7 @@ def _check_sendable(operations: Operations, event: Event) -> None:
         )
 
 
-def _undo(operations: Operations, number: int) -> Command | ThingState:
+def _undo(operations: Operations, number: int) -> Command | ThingState | Telling:
     for undone in operations.undos:
         if undone.number == number:
             return undone.by
@@ -117,8 +124,7 @@ def _event(operations: Operations, command: Command, head: dict[str, Any]) -> Ev
         case TakeOut() | PutBack():
             return _out_or_back(operations, command, head)
         case Direct():
-            if command.agent is not None:
-                _check_agent(operations.mission, command.agent, "direct")
+            _check_direct(operations, command)
             return Directed(**head, directive=command.directive, agent=command.agent)
         case Pause():
             if operations.orders.paused:
@@ -253,6 +259,22 @@ def _check_pin(operations: Operations, pin: Pin) -> None:
     _thing(operations.mission, "target", pin.target, "pin")
     if pin.target in operations.reached.completed:
         raise InputError(f"pin: target {pin.target} was reached; allowed: {_ids(operations.open_targets)}")
+
+
+def _check_direct(operations: Operations, direct: Direct) -> None:
+    """Raise InputError where a directive for one agent would not be what it does: all are told something stronger."""
+    if direct.agent is None:
+        return
+    _check_agent(operations.mission, direct.agent, "direct")
+    orders = operations.orders
+    if Directive[direct.directive.upper()] >= orders.told:
+        return
+    told = directive_name(orders.told)
+    first = "resume" if orders.told > orders.directive else "another directive for all"
+    raise InputError(
+        f"direct: {direct.directive} for agent {direct.agent}: all agents are told to {told}, which is stronger; "
+        f"allowed: first {first}"
+    )
 
 
 def _out_or_back(operations: Operations, command: TakeOut | PutBack, head: dict[str, Any]) -> TakenOut | WasPutBack:

@@ -14,12 +14,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 from companion.errors import InputError
-from companion.protocol.messages import Directive
 from groundstation.acceptance import event_of
 from groundstation.events import (
     STATION,
     Command,
-    Direct,
     Event,
     Started,
     Stopped,
@@ -29,7 +27,7 @@ from groundstation.events import (
 )
 from groundstation.ground_station import GroundStation
 from groundstation.notices import noticed
-from groundstation.operations import Operations, applied, directive_name
+from groundstation.operations import Operations, applied
 from groundstation.store.rows import EventRow
 
 TOLD = "told to stop; the last broadcast says so"
@@ -103,15 +101,14 @@ def row_of(event: Event) -> EventRow:
     return EventRow(event.number, event.unix_s, event.who.name, event.event, event_json(event).decode())
 
 
-def begin_day(desk: Desk, station: GroundStation, directive: Directive | None, now_s: float) -> None:
-    """Note that a run begins, and then a directive that its events do not have; None: they have the one in force."""
+def begin_day(desk: Desk, station: GroundStation, orders: Sequence[Command], now_s: float) -> None:
+    """Note that a run begins, and then orders that go on and that its events do not have."""
     unix_s = now_s + station.tracks.clock_ahead_s
     number = station.operations.next_number
     began = Started(number=number, unix_s=unix_s, who=STATION, mission=station.mission.name, epoch_s=station.epoch_s)
     desk.note([began], now_s)
-    if directive is not None and directive is not station.directive:
-        kept = Direct(do="direct", directive=directive_name(directive))
-        desk.note([event_of(station.operations, kept, STATION, unix_s)], now_s)
+    for order in orders:
+        desk.note([event_of(station.operations, order, STATION, unix_s)], now_s)
 
 
 def end_day(desk: Desk, station: GroundStation, now_s: float) -> None:

@@ -15,14 +15,30 @@ from pydantic import Field, TypeAdapter, model_validator
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import ListOf, Section, validated
 from companion.mission.model import TargetSpec, ThreatSpec
-from companion.mission.values import Coordinate, Identity, Level, Positive, SpeedBound, ThreatSpeedBound
+from companion.mission.values import (
+    MAX_KEY,
+    MAX_NAME,
+    Coordinate,
+    Identity,
+    Level,
+    Positive,
+    SentName,
+    SpeedBound,
+    ThreatSpeedBound,
+    TypedName,
+)
 
-Name = Annotated[str, Field(min_length=1, max_length=40)]
+MOST_NUMBER = 2**53
+"""Greatest number of an event: the greatest whole number that every JSON reader keeps."""
+Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME), TypedName]
+KeptName = Annotated[str, Field(min_length=1, max_length=MAX_NAME), SentName]
+"""Name in an event, which may be of an older store or of a source."""
+KeptKey = Annotated[str, Field(min_length=1, max_length=MAX_KEY), SentName]
 Latitude = Annotated[float, Field(ge=-90, le=90)]
 Longitude = Annotated[float, Field(ge=-180, le=180)]
 ThingKind = Literal["target", "threat"]
 DirectiveName = Literal["normal", "hold", "return"]
-Number = Annotated[int, Field(ge=1)]
+Number = Annotated[int, Field(ge=1, le=MOST_NUMBER)]
 
 
 class _Placed(Section):
@@ -111,7 +127,7 @@ class Change(_Placed):
                     raise ValueError(f"{key}: given for a target; allowed: for threats only")
         others = (*only, "speed_bound_m_s", "name")
         if not self.is_placed and all(getattr(self, key) is None for key in others):
-            raise ValueError("change: nothing given; allowed: a place, radii, speed_bound_m_s, floor_m or name")
+            raise ValueError("nothing given; allowed: a place, radii, speed_bound_m_s, floor_m or name")
         return self
 
 
@@ -178,6 +194,7 @@ AnyCommand = Annotated[Command, Field(discriminator="do")]
 _COMMANDS: dict[str, type[Command]] = {
     get_args(model.model_fields["do"].annotation)[0]: model for model in get_args(Command)
 }
+COMMAND_WORDS = tuple(_COMMANDS)
 
 
 def command_from(data: object) -> Command:
@@ -199,7 +216,7 @@ def command_from(data: object) -> Command:
 class Who(Section):
     """Who did something: an operator or a source by its name, or the ground station itself."""
 
-    name: Annotated[str, Field(min_length=1, max_length=80)]
+    name: KeptKey
     role: Literal["operator", "source", "station"]
 
 
@@ -221,7 +238,7 @@ class TargetAdded(_Event):
 
     event: Literal["target-added"] = "target-added"
     target: TargetSpec
-    name: Name | None = None
+    name: KeptName | None = None
 
 
 class ThreatAdded(_Event):
@@ -229,11 +246,11 @@ class ThreatAdded(_Event):
 
     event: Literal["threat-added"] = "threat-added"
     threat: ThreatSpec
-    name: Name | None = None
+    name: KeptName | None = None
 
 
 class _Changed(_Event):
-    name: Name | None = None
+    name: KeptName | None = None
     """Its name now; None: it has none."""
     moved: bool
     """Whether it was given another place."""
@@ -258,7 +275,7 @@ class ThingState(Section):
 
     target: TargetSpec | None = None
     threat: ThreatSpec | None = None
-    name: Name | None = None
+    name: KeptName | None = None
     placed_s: float | None = None
     """Unix time at which it was at its place, if a command gave that; None: when the first run began."""
     pinned: ListOf[Identity] = ()
@@ -305,12 +322,30 @@ class WasPutBack(_Event):
     agent: Identity
 
 
+class OwnDirective(Section):
+    """What a single agent is told."""
+
+    agent: Identity
+    directive: DirectiveName
+
+
 class Directed(_Event):
     """A directive was given to an agent, or to all (None)."""
 
     event: Literal["directed"] = "directed"
     directive: DirectiveName
     agent: Identity | None = None
+    own: ListOf[OwnDirective] | None = None
+    """What an undo gives back to single agents that are told nothing else by now; None: a `normal` for all ends what
+    single agents are told."""
+
+
+class Telling(Section):
+    """What an undo of a directive tells again."""
+
+    directive: DirectiveName
+    agent: Identity | None = None
+    own: ListOf[OwnDirective] = ()
 
 
 class Paused(_Event):
@@ -382,7 +417,7 @@ class Started(_Event):
     """A run of the ground station began."""
 
     event: Literal["started"] = "started"
-    mission: str
+    mission: Annotated[str, SentName]
     epoch_s: int
 
 
@@ -397,8 +432,8 @@ class TrackBegan(_Event):
     """What a source calls `key` is the target, threat or agent `id` from now on, over restarts of both."""
 
     event: Literal["track-began"] = "track-began"
-    source: Name
-    key: Annotated[str, Field(min_length=1, max_length=80)]
+    source: KeptName
+    key: KeptKey
     kind: Literal["agent", "target", "threat"]
     id: Identity
 
@@ -407,8 +442,8 @@ class TrackEnded(_Event):
     """A source's `key` stands for nothing any more."""
 
     event: Literal["track-ended"] = "track-ended"
-    source: Name
-    key: Annotated[str, Field(min_length=1, max_length=80)]
+    source: KeptName
+    key: KeptKey
     reason: str = ""
 
 
@@ -416,7 +451,7 @@ class UnknownSeen(_Event):
     """A source saw something that the mission does not have."""
 
     event: Literal["unknown-seen"] = "unknown-seen"
-    source: Name
+    source: KeptName
     kind: Literal["agent", "target", "threat"]
     id: Annotated[int, Field(ge=0)]
     north_m: float

@@ -52,7 +52,7 @@ from groundstation.clock import next_epoch_s
 from groundstation.events import Command, Event, Who
 from groundstation.inputs import Inputs
 from groundstation.notices import Facts
-from groundstation.operations import Operations, applied
+from groundstation.operations import Operations, Orders, applied
 from groundstation.origins import Observation
 from groundstation.places import Places
 from groundstation.plausibility import SENSOR_ERROR_M
@@ -237,9 +237,14 @@ class GroundStation:
         return self._assigned.targets
 
     @property
+    def sent(self) -> Mapping[int, int]:
+        """Id of the target by agent id, of the agents that are to fly there: none while all are told to return."""
+        return {} if self.directive is Directive.RETURN else self.assignment
+
+    @property
     def uncovered(self) -> tuple[int, ...]:
-        """Ids of the targets without an agent, because none is left or none can arrive there."""
-        return self._assigned.uncovered
+        """Ids of the targets that no agent is to fly to, because none is left, none can arrive or all are recalled."""
+        return tuple(self.tracks.open_targets) if self.directive is Directive.RETURN else self._assigned.uncovered
 
     def command(self, command: Command, who: Who, now_s: float) -> Event:
         """Do what a command asks and return the event that it makes.
@@ -265,9 +270,9 @@ class GroundStation:
             self.tracks.progress = self.tracks.progress.with_reached(
                 {one: self.operations.reached.by[one] for one in back}
             )
-        self.tracks.progress = replace(self.tracks.progress, out=orders.out)
+        self.tracks.progress = replace(self.tracks.progress, out=orders.away)
         was = before.orders
-        is_other = (orders.pins, orders.out, orders.paused) != (was.pins, was.out, was.paused)
+        is_other = (orders.pins, orders.away, _is_frozen(orders)) != (was.pins, was.away, _is_frozen(was))
         if is_other or self.mission.targets is not before.mission.targets:
             # An order is a reason for other targets.
             self._keep_until_s = -math.inf
@@ -287,8 +292,8 @@ class GroundStation:
                 self.reckoner.resume(agent.id, fix, places.known_at_s[agent.id])
 
     def _keeps_targets(self, now_s: float) -> bool:
-        """Return whether nobody is to get another target: in a pause, and after a restart until all were seen."""
-        if self.operations.orders.paused:
+        """Return whether nobody is to get another target: as ordered, and after a restart until all were seen."""
+        if _is_frozen(self.operations.orders):
             return True
         if now_s >= self._keep_until_s:
             return False
@@ -496,6 +501,11 @@ def _silent_after_s(mission: Mission, sensed: bool) -> float | None:
     if mission.case == "I":
         return mission.lost_after_s if sensed else None
     return mission.report_period_s + mission.lost_after_s if mission.report_period_s > 0.0 else None
+
+
+def _is_frozen(orders: Orders) -> bool:
+    """Return whether everybody keeps the target for later: in a pause, and while all are told to return."""
+    return orders.paused or orders.told is Directive.RETURN
 
 
 def _after(due_s: float, period_s: float, now_s: float) -> float:

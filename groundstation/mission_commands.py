@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Unpack
 import click
 
 from companion.autopilot.kinds import KINDS
-from companion.errors import EXIT_DONE, EXIT_FAILED, tell
+from companion.errors import EXIT_DONE, EXIT_FAILED, printable, tell
 from groundstation.choices import SIGNED
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def import_command(**given: Unpack[ImportArguments]) -> None:
 
     text, notes = imported(given)
     for note in notes:
-        click.echo(f"groundstation: {given['file']}: {note}", err=True)
+        click.echo(printable(f"groundstation: {given['file']}: {note}"), err=True)
     if given["out"] is None:
         click.echo(text, nl=False)
 

@@ -113,6 +113,8 @@ def _reason(operations: Operations, facts: Facts, agent: int) -> str:
         return "the agent is lost"
     if agent in operations.orders.out:
         return "the agent was taken out"
+    if agent in operations.orders.away:
+        return "recalled"
     if old is not None and agent in facts.been_at.get(old, ()):
         return f"arrived at target {old}" if new is None else f"arrived at target {old}: the next of the queue"
     if new is not None and operations.orders.pins.get(agent) == new:

@@ -18,12 +18,12 @@ from groundstation.events import (
     Arrived,
     Assigned,
     Command,
-    Direct,
     Directed,
     DirectiveName,
     Event,
     HeardAgain,
     Lost,
+    OwnDirective,
     Pause,
     Paused,
     Pin,
@@ -39,6 +39,7 @@ from groundstation.events import (
     TakeOut,
     TargetAdded,
     TargetChanged,
+    Telling,
     ThingKind,
     ThingState,
     ThreatAdded,
@@ -85,6 +86,11 @@ class Orders:
         """Return what an agent is told: of its own directive and that of all, the stricter one."""
         return max(self.told, self.own.get(agent_id, Directive.NORMAL))
 
+    @property
+    def away(self) -> frozenset[int]:
+        """Ids of the agents that get no target: taken out, or told to return though not all are."""
+        return self.out | {agent for agent, given in self.own.items() if given is Directive.RETURN}
+
 
 @dataclass(frozen=True)
 class Reached:
@@ -107,10 +113,12 @@ class Identity(NamedTuple):
 
 
 class Undone(NamedTuple):
-    """What takes an event back: a command, or what a thing was before."""
+    """What takes an event back: a command, or what a thing or a directive was before."""
 
     number: int
-    by: Command | ThingState
+    by: Command | ThingState | Telling
+    is_undo: bool = False
+    """Whether the event itself took another one back."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +156,11 @@ class Operations:
         return Operations(mission, used)
 
     @property
+    def undoable(self) -> list[int]:
+        """Numbers of the commands' events that can be taken back and are in force, in their order."""
+        return [undone.number for undone in self.undos if not undone.is_undo]
+
+    @property
     def open_targets(self) -> list[int]:
         """Ids of the targets not reached yet, in order of the mission."""
         return [target.id for target in self.mission.targets if target.id not in self.reached.completed]
@@ -176,7 +189,9 @@ def applied(operations: Operations, event: Event) -> Operations:
     if event.undoes is not None:
         undos = tuple(undone for undone in undos if undone.number != event.undoes)
     if undo is not None:
-        undos = (*undos, Undone(event.number, undo))[-MOST_UNDOS:]
+        # Taking back an undo is what was asked at first, done once more.
+        again = any(undone.number == event.undoes and undone.is_undo for undone in operations.undos)
+        undos = (*undos, Undone(event.number, undo, event.undoes is not None and not again))[-MOST_UNDOS:]
     return replace(after, next_number=event.number + 1, undos=undos)
 
 
@@ -327,7 +342,9 @@ def _assigned(operations: Operations, event: Assigned) -> Operations:
 def _directed(orders: Orders, event: Directed) -> Orders:
     directive = Directive[event.directive.upper()]
     if event.agent is None:
-        return replace(orders, directive=directive)
+        given = {one.agent: Directive[one.directive.upper()] for one in event.own or ()}
+        ends = directive is Directive.NORMAL and event.own is None
+        return replace(orders, directive=directive, own={} if ends else {**given, **orders.own})
     own = {agent: given for agent, given in orders.own.items() if agent != event.agent}
     if directive is not Directive.NORMAL:
         own[event.agent] = directive
@@ -358,7 +375,7 @@ def _progressed(reached: Reached, event: Arrived | ArrivalTakenBack | Lost | Hea
     )
 
 
-def undo_of(before: Operations, event: Event) -> Command | ThingState | None:
+def undo_of(before: Operations, event: Event) -> Command | ThingState | Telling | None:
     """Return what takes an event back, from the operations before it; None if nothing does.
 
     What the ground station noticed itself is not taken back.
@@ -376,13 +393,22 @@ def undo_of(before: Operations, event: Event) -> Command | ThingState | None:
         case WasPutBack():
             return TakeOut(do="take-out", agent=event.agent)
         case Directed():
-            given = before.orders.directive if event.agent is None else before.orders.own.get(event.agent)
-            return Direct(do="direct", directive=directive_name(given or Directive.NORMAL), agent=event.agent)
+            return _telling(before.orders, event)
         case Paused():
             return Resume(do="resume")
         case Resumed():
             return Pause(do="pause")
     return None
+
+
+def _telling(before: Orders, event: Directed) -> Telling:
+    """Return what was told before a directive, from the orders before it."""
+    if event.agent is not None:
+        given = before.own.get(event.agent, Directive.NORMAL)
+        return Telling(directive=directive_name(given), agent=event.agent)
+    ended = before.own.keys() - _directed(before, event).own.keys()
+    own = tuple(OwnDirective(agent=one, directive=directive_name(before.own[one])) for one in sorted(ended))
+    return Telling(directive=directive_name(before.directive), own=own)
 
 
 def _key_of(event: ThingEvent | Retired) -> Key:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from companion.protocol.codec import Kind
+from groundstation.origins import LAST_RUN, MISSION
 from groundstation.sightings import Key
 from groundstation.track import Track
 
@@ -28,7 +29,7 @@ class Places:
     range_left_m: Mapping[int, float] = field(default_factory=dict)
     """Distance that an agent can still fly, by its id."""
     sources: Mapping[Key, str] = field(default_factory=dict)
-    """Whose word the place of a target or threat is."""
+    """Whose word the place of a target or threat is; of an agent, the mission's or that of the last run."""
 
 
 def kept_places(picture: Mapping[str, Any]) -> Places:
@@ -52,6 +53,7 @@ def kept_places(picture: Mapping[str, Any]) -> Places:
         north_m_s, east_m_s = agent["speed_m_s"] * math.cos(heading_rad), agent["speed_m_s"] * math.sin(heading_rad)
         # A picture shows an agent where it is by then.
         tracks[Kind.AGENT, agent["id"]] = Track(agent["north_m"], agent["east_m"], north_m_s, east_m_s, at_s)
+        sources[Kind.AGENT, agent["id"]] = MISSION if agent.get("source") == MISSION else LAST_RUN
     agents = picture["agents"]
     return Places(
         at_s=at_s,

@@ -51,7 +51,7 @@ class MissionProgress:
     unproven: Mapping[int, Arrival] = field(default_factory=dict)
     """Arrivals that may still be taken back, by agent id."""
     out: frozenset[int] = frozenset()
-    """Ids of the agents that an operator has taken out of the assignment."""
+    """Ids of the agents that are out of the assignment by an operator's word: taken out, or recalled alone."""
 
     def without_target(self, target_id: int) -> MissionProgress:
         """Return the progress after a target was retired: who has arrived there stays."""

@@ -11,6 +11,8 @@ from pathlib import Path
 from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.protocol.messages import Directive
+from groundstation.events import Command, Direct
+from groundstation.operations import directive_name
 from groundstation.places import Places, kept_places
 from groundstation.saved_state import SavedState, open_state
 from groundstation.store.chapters import Beginning, beginning
@@ -37,11 +39,13 @@ class Resumption:
     """The last MOST_TOLD events of the flight that goes on, which a page shows as its time line."""
 
     @property
-    def directive(self) -> Directive | None:
-        """The directive that goes on though no event of the chapter tells it; None: events tell the one in force."""
-        if not self.begun.is_fresh or self.begun.directive is not None:
-            return self.begun.directive
-        return None if self.last is None else self.last.directive
+    def orders(self) -> tuple[Command, ...]:
+        """What gives the orders again that go on though no event of the chapter tells them."""
+        if not self.begun.is_fresh or self.begun.orders is not None:
+            return self.begun.orders or ()
+        if self.last is None or self.last.directive is Directive.NORMAL:
+            return ()
+        return (Direct(do="direct", directive=directive_name(self.last.directive)),)
 
 
 def resumption(path: Path | None, mission: Mission, new_flight: bool = False) -> Resumption:

@@ -46,7 +46,7 @@ from groundstation.meter import BroadcastMeter
 from groundstation.operations import directive_name
 from groundstation.options import Options
 from groundstation.page import Overheard, Page
-from groundstation.resumption import resumption
+from groundstation.resumption import Resumption, resumption
 from groundstation.rivals import LOCK_NAME, Rivals, RunLock
 from groundstation.saved_state import RunState
 from groundstation.schedule import TICK_S as RADIO_TICK_S
@@ -55,7 +55,6 @@ from groundstation.sources.sources import Sources
 from groundstation.status import Status
 from groundstation.store.event_store import EventStore
 from groundstation.store.recorder import Recorder
-from groundstation.store.rows import EventRow
 from groundstation.view import Surroundings
 
 if TYPE_CHECKING:
@@ -141,10 +140,10 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         sources.restore(station, start_s)
         links = await _open_links(options, station, hearing, sources)
         await _listen(options, station, rivals, hearing)
-        shown = _shown(options, overheard, store, sources, found.told, stack)
+        shown = _shown(options, overheard, store, sources, found, stack)
         # On disk before the first frame is on the air.
         store.keep(*found.begun.chapter.kept)
-        begin_day(shown.desk, station, found.directive, start_s)
+        begin_day(shown.desk, station, found.orders, start_s)
         saved.write(station, start_s)
         stack.callback(lambda: saved.write(station, clock.now_s()))
         status = Status(station, broadcaster, options)
@@ -173,17 +172,17 @@ def _shown(
     overheard: Overheard,
     store: EventStore,
     sources: Sources,
-    told: Sequence[EventRow],
+    found: Resumption,
     stack: ExitStack,
 ) -> Shown:
     """Return what takes commands from standard input and the page, and shows the run there; raises InputError.
 
-    `told` are the events of the runs before, with which the page's time line begins.
+    `found` is what the run goes on with: its events begin the page's time line, and the page has its warnings too.
     """
     station, meter = overheard.station, BroadcastMeter(options)
     screen = _screen(options, stack)
     if screen is not None:
-        for row in told:
+        for row in found.told:
             screen.publish({"type": "event", "event": json.loads(row.body)})
     desk = Desk(station, store, screen)
     # Without a file there is nobody who could look at it later, and memory is short.
@@ -198,7 +197,7 @@ def _shown(
 
     def around(now_s: float) -> Surroundings:
         rows, strangers = sources.view(station, now_s), sources.unknown_view(now_s)
-        return replace(meter.surroundings(now_s), sources=rows, unknown=strangers)
+        return replace(meter.surroundings(now_s), sources=rows, unknown=strangers, warnings=found.begun.warnings)
 
     page, shows = None, recorder or screen
     if shows is not None:

@@ -91,9 +91,9 @@ class Status:
     def _mission_line(self) -> str:
         station = self._station
         picture = station.tracks
-        pairs = ", ".join(f"{agent} to {target}" for agent, target in sorted(station.assignment.items()))
-        if len(station.assignment) > MOST_PAIRS:
-            pairs = f"{len(station.assignment)} of {len(picture.present_agents)} sent"
+        pairs = ", ".join(f"{agent} to {target}" for agent, target in sorted(station.sent.items()))
+        if len(station.sent) > MOST_PAIRS:
+            pairs = f"{len(station.sent)} of {len(picture.present_agents)} sent"
         directive = "" if station.directive is Directive.NORMAL else f"directive {station.directive.name.lower()}; "
         progress = picture.progress
         return (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,12 @@ class Track:
     def age_s(self, now_s: float) -> float:
         """Return the time since it was seen, at least 0."""
         return max(0.0, now_s - self.seen_at_s)
+
+    def back_at(self, at_s: float) -> Track:
+        """Return the track as it was at an earlier time, by its velocity."""
+        since_s = self.seen_at_s - at_s
+        north_m = self.north_m - self.velocity_north_m_s * since_s
+        return replace(self, north_m=north_m, east_m=self.east_m - self.velocity_east_m_s * since_s, seen_at_s=at_s)
 
 
 def passed_at_m(agent: tuple[Track, Track], target: tuple[Track, Track]) -> float:

@@ -22,7 +22,7 @@ from companion.mission.model import AgentSpec, Mission, TargetSpec, ThreatSpec
 from companion.protocol.codec import Detection, DetectionsFrame, Kind, ReportFrame
 from groundstation.agents import Estimate, Fix
 from groundstation.operations import Operations
-from groundstation.origins import LAST_RUN, REPORT, SENSOR, Observation, Origins, Stranger
+from groundstation.origins import LAST_RUN, MISSION, REPORT, SENSOR, Observation, Origins, Stranger
 from groundstation.places import Places
 from groundstation.plausibility import SENSOR_ERROR_M, Bound, Sample, Verdict
 from groundstation.progress import Arrival, MissionProgress, cannot_have_arrived, disproved
@@ -188,7 +188,7 @@ class TrackTable:
             completed=reached.completed,
             reached_by={agents[0]: target for target, agents in reached.by.items() if agents},
             been_at=reached.by,
-            out=operations.orders.out,
+            out=operations.orders.away,
         )
         for agent_id in reached.lost:
             # Until it is heard.
@@ -201,11 +201,27 @@ class TrackTable:
         for key, track in places.tracks.items():
             # What a command has placed since then is there.
             if key in self.tracks and operations.placed_s.get(key, -math.inf) <= places.at_s:
+                if key[0] is Kind.AGENT and self._mission.case == "I":
+                    track = track.back_at(min(track.seen_at_s, places.known_at_s[key[1]]))
                 self._continue(key, replace(track, seen_at_s=min(track.seen_at_s, now_s)), now_s)
                 self.origins.by[key] = places.sources.get(key, LAST_RUN)
+                if key[0] is Kind.AGENT and self.origins.by[key] == MISSION:
+                    self.origins.forget(key)
+        self._stay_silent(places, now_s)
         for agent in self._mission.agents:
             left_m = places.range_left_m.get(agent.id, agent.range_m)
             self.flown_m[agent.id] = max(0.0, agent.range_m - left_m)
+
+    def _stay_silent(self, places: Places, now_s: float) -> None:
+        """Let the agents that were silent when the run before ended have been so for as long now.
+
+        The time in which nobody could hear them does not count, and who would be lost by that begins anew.
+        """
+        for agent_id, known_at_s in places.known_at_s.items():
+            silent_s = max(0.0, places.at_s - known_at_s)
+            is_present = agent_id in self.heard_at_s and agent_id not in self.progress.lost
+            if is_present and self._silent_after_s is not None and silent_s < self._silent_after_s:
+                self.heard_at_s[agent_id] = now_s - silent_s
 
     def _continue(self, key: Key, track: Track, now_s: float) -> None:
         """Go on with a track of the run before."""
@@ -434,6 +450,9 @@ class TrackTable:
         near_since = {key: near for key, near in progress.near_since.items() if assignment.get(key) == near[0]}
         for target_id, agent_id in self._candidates(assignment):
             if agent_id in arrived or agent_id in but or agents[agent_id].only_target not in (None, target_id):
+                continue
+            # The mission's word is where an agent is to begin, not that it is there.
+            if self._mission.case == "I" and (Kind.AGENT, agent_id) not in self.origins.by:
                 continue
             # Where a thing is disputed, nothing shows that it was reached.
             if any(self._sightings.held(key) for key in ((Kind.AGENT, agent_id), (Kind.TARGET, target_id))):

@@ -13,8 +13,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from companion.mission.model import AgentSpec, TargetSpec, ThreatSpec
-from companion.protocol.codec import Kind
+from companion.mission.model import AgentSpec, TargetSpec, ThreatSpec, agent_height_m
+from companion.protocol.codec import Directive, Kind, ThreatEntry
 from groundstation.broadcast import MOVING_M_S, grown
 from groundstation.ground_station import GroundStation
 from groundstation.operations import directive_name
@@ -25,6 +25,8 @@ from groundstation.track import Track
 
 MOST_LISTED = 10
 """Greatest number of things that a warning names."""
+SMALLEST_M = 1.0
+"""Least detection radius of a threat that is taken to be meant. Chosen: no place is known better by satellites."""
 CARRIED_S = 30.0
 """Time for which an agent that nobody sees is shown flying straight on; then it stays, and its ellipse grows."""
 View = dict[str, Any]
@@ -52,8 +54,9 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
     mission, operations = station.mission, station.operations
     origin = mission.origin
     sent: dict[int, list[int]] = {}
-    for agent_id, target_id in station.assignment.items():
+    for agent_id, target_id in station.sent.items():
         sent.setdefault(target_id, []).append(agent_id)
+    agents = [_agent(station, agent, now_s) for agent in mission.agents]
     return {
         "type": "picture",
         "t_s": round(now_s + station.tracks.clock_ahead_s, 3),
@@ -65,32 +68,34 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
         "epoch_s": station.epoch_s,
         "revision": station.revision,
         "event": operations.next_number - 1,
-        "undoable": [undone.number for undone in operations.undos],
+        "undoable": operations.undoable,
         "origin": {"lat_deg": origin.lat_deg, "lon_deg": origin.lon_deg, "alt_m": origin.alt_m},
         "fence": None if mission.fence is None else [list(corner) for corner in mission.fence],
         "exclusions": [[list(corner) for corner in polygon] for polygon in mission.exclusions],
         "arrival_radius_m": mission.arrival_radius_m,
         "separation_m": mission.separation_m,
-        "agents": [_agent(station, agent, now_s) for agent in mission.agents],
+        "agents": agents,
         "targets": [_target(station, target, sent.get(target.id, []), now_s) for target in mission.targets],
         "threats": [_threat(station, threat, now_s) for threat in mission.threats],
         "unknown": [*_unknown(station, now_s), *(dict(one) for one in around.unknown)],
         "broadcast": dict(around.broadcast),
         "sources": [dict(source) for source in around.sources],
-        "warnings": [*_warnings(station, now_s), *around.warnings],
+        "warnings": [*_warnings(station, agents, now_s), *around.warnings],
     }
 
 
-def _warnings(station: GroundStation, now_s: float) -> list[str]:
+def _warnings(station: GroundStation, agents: Sequence[View], now_s: float) -> list[str]:
     """Return what an operator should know of the picture itself."""
     tracks, mission = station.tracks.tracks, station.mission
     words = []
+    recalled = station.directive is Directive.RETURN
     uncovered = station.uncovered
-    if mission.queue:
+    if mission.queue and not recalled:
         # The others wait for an agent that has arrived.
         uncovered = out_of_reach(mission, station.tracks, uncovered)
     if uncovered:
-        words.append(f"no agent goes to {_listed('target', uncovered)}: none is free, or none has the range")
+        why = "all agents are told to return" if recalled else "none is free, or none has the range"
+        words.append(f"no agent goes to {_listed('target', uncovered)}: {why}")
     discs = [grown(threat, tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
     centres = np.array([complex(disc.north_m, disc.east_m) for disc in discs])
     radii_m = np.array([disc.detection_radius_m for disc in discs])
@@ -102,8 +107,40 @@ def _warnings(station: GroundStation, now_s: float) -> list[str]:
     ]
     if inside:
         words.append(f"inside a threat's detection radius, where agents keep out: {_listed('target', inside)}")
+    words += _disc_warnings(station, agents, discs)
     if station.unsendable.count:
         words.append(f"{station.unsendable.count} frames could not be sent: {station.unsendable.first}")
+    return words
+
+
+def _disc_warnings(station: GroundStation, agents: Sequence[View], discs: Sequence[ThreatEntry]) -> list[str]:
+    """Return what is doubtful of the threats' discs: agents inside, radii too small, or too great, to be meant."""
+    mission = station.mission
+    here = np.array([complex(agent["north_m"], agent["east_m"]) for agent in agents])
+    levels_m = np.array([mission.origin.alt_m + agent_height_m(mission, agent.id) for agent in mission.agents])
+    counts = np.array([agent["state"] != "lost" for agent in agents])
+    inside = np.zeros(len(agents), dtype=bool)
+    tiny, holding_all = [], []
+    goals = [station.tracks.tracks[Kind.TARGET, target.id].position_ned_m for target in mission.targets]
+    for threat, disc in zip(mission.threats, discs, strict=True):
+        floor_m = -math.inf if threat.floor_m is None else threat.floor_m
+        ceiling_m = math.inf if threat.ceiling_m is None else threat.ceiling_m
+        within = np.abs(here - complex(disc.north_m, disc.east_m)) < disc.detection_radius_m
+        within &= (floor_m <= levels_m) & (levels_m <= ceiling_m)
+        inside |= within & counts
+        centre = disc.north_m, disc.east_m
+        if within.all() and all(math.dist(goal, centre) < disc.detection_radius_m for goal in goals):
+            holding_all.append(threat.id)
+        if threat.detection_radius_m < SMALLEST_M:
+            tiny.append(threat.id)
+    words = []
+    if inside.any():
+        ids = [agent.id for agent, is_inside in zip(mission.agents, inside, strict=True) if is_inside]
+        words.append(f"inside a threat's detection radius now: {_listed('agent', ids)}")
+    if holding_all:
+        words.append(f"every agent and target is inside the detection radius of {_listed('threat', holding_all)}")
+    if tiny:
+        words.append(f"detection radius under {SMALLEST_M:g} m: {_listed('threat', tiny)}; is it in metres?")
     return words
 
 
@@ -134,7 +171,7 @@ def moves(station: GroundStation, now_s: float) -> View:
 
 def _agent(station: GroundStation, agent: AgentSpec, now_s: float) -> View:
     at = _where(station, agent, now_s)
-    target_id = station.assignment.get(agent.id)
+    target_id = station.sent.get(agent.id)
     orders = station.operations.orders
     pinned = orders.pins.get(agent.id)
     return {
@@ -213,14 +250,16 @@ def _ellipse(station: GroundStation, agent: AgentSpec, at: _At, now_s: float) ->
 
 
 def _state(station: GroundStation, agent_id: int) -> str:
-    progress = station.tracks.progress
+    progress, orders = station.tracks.progress, station.operations.orders
     if agent_id in progress.lost:
         return "lost"
-    if agent_id in progress.out:
+    if agent_id in orders.out:
         return "out"
+    if orders.of(agent_id) is Directive.RETURN:
+        return "recalled"
     if agent_id in progress.arrived:
         return "arrived"
-    return "under way" if agent_id in station.assignment else "no target"
+    return "under way" if agent_id in station.sent else "no target"
 
 
 def _link(station: GroundStation, agent: AgentSpec, now_s: float) -> View | None:

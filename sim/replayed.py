@@ -17,7 +17,7 @@ from companion.files.tlog import read_tlog
 from companion.mission.model import Mission, load_mission
 from companion.protocol.codec import FleetFrame, StateFrame, decode_frame
 from companion.protocol.frame import raw_frame
-from companion.protocol.messages import WireError
+from companion.protocol.messages import Directive, WireError
 from groundstation.events import (
     STATION,
     Arrived,
@@ -29,7 +29,7 @@ from groundstation.events import (
     Started,
     event_from_json,
 )
-from groundstation.operations import Operations, applied
+from groundstation.operations import Operations, applied, directive_name
 from groundstation.store.recordings import MOST_EVENTS, Json, Span
 from sim.flight_files import EVENTS_NAME, TRAJECTORY_NAME
 from sim.loop import START_S
@@ -62,7 +62,7 @@ class FlownFolder:
                 raise InputError(f"{folder}: no {name}; allowed: a folder that `sim fly --out` wrote")
         self._mission = load_mission(str(folder / "mission.yaml"))
         kept = kept_events(folder / EVENTS_NAME)
-        self._missions = missions_by(self._mission, kept)
+        self._operations = operations_by(self._mission, kept)
         self._trajectory = read_csv(folder / TRAJECTORY_NAME, things_change=bool(kept))
         self._frames = [(at_s, frame) for at_s, frame in read_tlog(folder / BROADCAST_NAME)]
         self._sent_s = [at_s for at_s, _ in self._frames]
@@ -79,7 +79,7 @@ class FlownFolder:
 
     def mission_at(self, at_s: float) -> Json | None:
         """Return the mission with what it had at a time."""
-        mission: Json = self._mission_at(at_s).model_dump(mode="json")
+        mission: Json = self._operations_at(at_s).mission.model_dump(mode="json")
         return mission
 
     def events(self, after_s: float, to_s: float) -> list[Json]:
@@ -101,10 +101,10 @@ class FlownFolder:
         number = bisect_right(self._event_times_s, at_s)
         heard_s = [one.picture_s for one in known.values() if one is not None and one.picture_s is not None]
         age_s = round(at_s - max(heard_s), 2) if heard_s else None
-        return picture_of(self._mission_at(at_s), scene, Known(known, self._arrivals, age_s, at_s), number)
+        return picture_of(self._operations_at(at_s), scene, Known(known, self._arrivals, age_s, at_s), number)
 
-    def _mission_at(self, at_s: float) -> Mission:
-        return self._missions[max(0, bisect_right(self._missions, at_s, key=lambda one: one[0]) - 1)][1]
+    def _operations_at(self, at_s: float) -> Operations:
+        return self._operations[max(0, bisect_right(self._operations, at_s, key=lambda one: one[0]) - 1)][1]
 
 
 @dataclass(frozen=True)
@@ -164,16 +164,17 @@ class Scene:
         return found
 
 
-def picture_of(mission: Mission, scene: Scene, known: Known, number: int) -> Json:
+def picture_of(operations: Operations, scene: Scene, known: Known, number: int) -> Json:
     """Return a picture as groundstation/view.py makes one, of the truth and of what the vehicles knew."""
+    mission, orders = operations.mission, operations.orders
     return {
         "type": "picture",
         "t_s": known.at_s,
         "mode": "playback",
         "mission": mission.name,
         "case": mission.case,
-        "paused": False,
-        "directive": "normal",
+        "paused": orders.paused,
+        "directive": directive_name(orders.told),
         "epoch_s": int(START_S),
         "revision": 0,
         "event": number,
@@ -183,7 +184,7 @@ def picture_of(mission: Mission, scene: Scene, known: Known, number: int) -> Jso
         "exclusions": [[list(corner) for corner in polygon] for polygon in mission.exclusions],
         "arrival_radius_m": mission.arrival_radius_m,
         "separation_m": mission.separation_m,
-        "agents": list(_agents(mission, scene, known)),
+        "agents": list(_agents(operations, scene, known)),
         "targets": list(_targets(mission, scene, known)),
         "threats": list(_threats(mission, scene, known)),
         "unknown": [],
@@ -193,7 +194,8 @@ def picture_of(mission: Mission, scene: Scene, known: Known, number: int) -> Jso
     }
 
 
-def _agents(mission: Mission, scene: Scene, known: Known) -> Iterator[Json]:
+def _agents(operations: Operations, scene: Scene, known: Known) -> Iterator[Json]:
+    mission, orders = operations.mission, operations.orders
     lost_s = {loss.agent: START_S + loss.t_s for loss in mission.losses}
     for identity, (north_m, east_m), heading_deg, speed_m_s in scene.agents():
         one = known.vehicles.get(identity)
@@ -202,6 +204,10 @@ def _agents(mission: Mission, scene: Scene, known: Known) -> Iterator[Json]:
         state = "no target" if target_id is None else "under way"
         if reached and (target_id is None or target_id in reached):
             state = "arrived"
+        if orders.of(identity) is Directive.RETURN:
+            state = "recalled"
+        if identity in orders.out:
+            state = "out"
         if known.at_s >= lost_s.get(identity, math.inf):
             state = "lost"
         yield {
@@ -215,8 +221,8 @@ def _agents(mission: Mission, scene: Scene, known: Known) -> Iterator[Json]:
             "ellipse": None,
             "state": state,
             "target": target_id,
-            "pinned": None,
-            "directive": "normal",
+            "pinned": orders.pins.get(identity),
+            "directive": directive_name(orders.of(identity)),
             "range_left_m": None,
             "eta_s": None,
             "link": heard_words(one, known.at_s),
@@ -280,14 +286,15 @@ def kept_events(path: Path) -> list[Event]:
         raise InputError(f"{path}: no events of a flight; allowed: the file that `sim fly` wrote") from error
 
 
-def missions_by(mission: Mission, events: Sequence[Event]) -> list[tuple[float, Mission]]:
-    """Return from which Unix time on events have made what of a mission, which is there from the start."""
+def operations_by(mission: Mission, events: Sequence[Event]) -> list[tuple[float, Operations]]:
+    """Return from which Unix time on events have made what of a mission, which is there from the start, and orders."""
     operations = Operations.begun(mission)
-    found = [(-math.inf, mission)]
+    found = [(-math.inf, operations)]
     for event in events:
         operations = applied(operations, event)
-        if operations.mission is not found[-1][1]:
-            found.append((event.unix_s, operations.mission))
+        last = found[-1][1]
+        if operations.mission is not last.mission or operations.orders is not last.orders:
+            found.append((event.unix_s, operations))
     return found
 
 

@@ -203,7 +203,7 @@ class LiveFlight:
         self._followed: tuple[Mission, int] = (self._station.mission, _things(self._station.mission))
         """What world and record follow: the ground station's mission, and how much of it has ended in truth."""
         self._look_due_s = float("-inf")
-        begin_day(self._desk, self._station, self._station.directive, START_S)
+        begin_day(self._desk, self._station, (), START_S)
 
     def rest(self, t_s: float, pace: Pace, stop: Callable[[], Stop | None]) -> Pace:
         """Obey what was asked, and return when the tick at a time of the flight is due, with the pace from then on.

@@ -17,7 +17,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Strict, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from companion.errors import InputError, nearest_hint, one_line
+from companion.errors import InputError, nearest_hint, one_line, printable
 from companion.files.regular import read_regular
 
 MAX_FILE_BYTES = 1_000_000
@@ -57,6 +57,15 @@ _MESSAGES = {
 }
 """Messages, by type, for those of pydantic's errors that have no value to show."""
 
+_ALLOWED = {
+    "tuple_type": "a list",
+    "list_type": "a list",
+    "dict_type": "keys with their values",
+    "model_type": "keys with their values",
+    "model_attributes_type": "keys with their values",
+}
+"""What is allowed, by type, for those of pydantic's errors that speak of Python's own types."""
+
 SectionT = TypeVar("SectionT", bound="Section")
 ItemT = TypeVar("ItemT")
 AsList = Strict(False)
@@ -84,7 +93,7 @@ class Section(BaseModel):
                 if key not in names:
                     known = (*names, *cls.converted)
                     hint = nearest_hint(str(key), known)
-                    raise ValueError(f"unknown key '{_cut(str(key))}'{hint}; allowed: {', '.join(known)}")
+                    raise ValueError(f"unknown key '{printable(_cut(str(key)))}'{hint}; allowed: {', '.join(known)}")
         return data
 
 
@@ -281,14 +290,14 @@ def fault_text(details: ErrorDetails) -> str:
             where += f"[{part}]"
         elif not part.startswith(UNION_TAG):
             where += f".{part}" if where else part
-    kind = details["type"]
+    kind, before = details["type"], f"{where}: " if where else ""
     if kind in _MESSAGES:
-        return one_line(f"{where}: {_MESSAGES[kind].format_map(details.get('ctx', {}))}")
-    message = details["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+        return one_line(f"{before}{_MESSAGES[kind].format_map(details.get('ctx', {}))}")
+    message = _ALLOWED.get(kind, details["msg"].removeprefix("Value error, ").removeprefix("Input should be "))
     if kind == "value_error":
-        return one_line(f"{where}: {message}" if where else message)
+        return one_line(f"{before}{message}")
     unit = _unit(details["loc"]) if kind.startswith(("greater_than", "less_than", "float", "int", "finite")) else ""
-    return one_line(f"{where}: {_shown(details['input'])}; allowed: {message}{unit}")
+    return one_line(f"{before}{_shown(details['input'])}; allowed: {message}{unit}")
 
 
 def _unit(path: Sequence[int | str]) -> str:

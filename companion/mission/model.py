@@ -23,6 +23,7 @@ from companion.mission.values import (
     MAX_COORDINATE_M,
     MAX_HEIGHT_M,
     MAX_ITEMS,
+    MAX_KEY,
     MAX_STEPS,
     MOVING_SPEED_BOUND_M_S,
     Coordinate,
@@ -43,6 +44,7 @@ from companion.mission.values import (
     Step,
     SwitchingShare,
     ThreatSpeedBound,
+    TypedName,
 )
 from companion.mission.written import as_modelled, with_defaults
 
@@ -293,7 +295,7 @@ class Scale(Section):
 class Mission(Section):
     """A whole mission, as in the file. Units are in the names; metres and seconds where a name has none."""
 
-    name: Annotated[str, Field(min_length=1, max_length=80)] = "mission"
+    name: Annotated[str, Field(min_length=1, max_length=MAX_KEY), TypedName] = "mission"
     origin: Origin = Origin()
     area_m: Area = Area()
     fence: Polygon | None = None

@@ -103,7 +103,8 @@ def _check_place(mission: Mission, where: str, item: AgentSpec | TargetSpec) -> 
 
 def _shown(item: AgentSpec | TargetSpec) -> str:
     north_m, east_m = item.position_ned_m
-    return f"{north_m:.7g} m north, {east_m:.7g} m east of the origin"
+    # No "-0 m", as a rounded number may be.
+    return f"{north_m + 0.0:.7g} m north, {east_m + 0.0:.7g} m east of the origin"
 
 
 def _check_separation(mission: Mission, source: str) -> None:

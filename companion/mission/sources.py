@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from companion.files.yaml import ListOf, Section
-from companion.mission.values import Identity, Level
+from companion.mission.values import MAX_KEY, MAX_NAME, Identity, Level, TypedName
 
 MAX_SOURCES = 32
 """Greatest number of sources of a mission."""
@@ -35,7 +35,7 @@ FILED = ("basestation", "ais", "cot", "csv", "jsonl")
 """Kinds that can be played back from a file of their text; a telemetry log is the link file:PATH.tlog."""
 _RADII = ("radius_m", "detection_radius_m", "attack_radius_m")
 
-_Key = Annotated[str, Field(min_length=1, max_length=80)]
+_Key = Annotated[str, Field(min_length=1, max_length=MAX_KEY), TypedName]
 _Radius = Annotated[float, Field(gt=0, le=1.0e6)]
 _Time = Annotated[float, Field(gt=0, le=86_400)]
 
@@ -45,7 +45,7 @@ class SourceSpec(Section):
 
     model_config = ConfigDict(serialize_by_alias=True)
 
-    name: Annotated[str, Field(min_length=1, max_length=40)]
+    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME), TypedName]
     kind: SourceKind
     url: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     """Link on which it is heard (docs/links.md)."""

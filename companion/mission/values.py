@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
+from companion.errors import printable
 from companion.files.yaml import AsList, ListOf
 from companion.geo.polygon import polygon_fault
 
@@ -33,6 +34,23 @@ RANGE_RESERVE = 1.1
 """Factor on the straight line home when `range_policy: return` keeps range for the way back."""
 MIN_LEVEL_M, MAX_LEVEL_M = -1_000.0, 30_000.0
 """Least and greatest floor or ceiling of a threat above sea level; the wire has 16 bits of metres for them."""
+
+MAX_NAME = 40
+"""Greatest length of the name of a target, threat or source."""
+MAX_KEY = 80
+"""Greatest length of a mission's name, and of what a source calls a thing."""
+
+
+def _shown_as_typed(name: str) -> str:
+    if not name.isprintable() or not name.strip():
+        raise ValueError(f"{name!r}; allowed: a name of characters that can be printed, not blank")
+    return name
+
+
+TypedName = AfterValidator(_shown_as_typed)
+"""Of a name that somebody types: what a terminal would not show as it is typed is refused."""
+SentName = AfterValidator(lambda name: printable(name) if name.strip() else "?")
+"""Of a name that was taken before, or that another program sends: what cannot be printed becomes a question mark."""
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]

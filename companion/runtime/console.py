@@ -10,6 +10,8 @@ from datetime import UTC, datetime
 
 import click
 
+from companion.errors import one_line, printable
+
 Job = Callable[[], None]
 
 
@@ -31,8 +33,9 @@ class ConsoleHandler(logging.Handler):
         """Write a message as one line."""
         warning = "warning: " if record.levelno == logging.WARNING else ""
         line, is_error = f"{record.name}: {warning}{record.getMessage()}", record.levelno >= logging.WARNING
+        line = printable(one_line(line) if "\n" in line else line)
         if self.as_json:
-            line = json_line(record)
+            line = printable(json_line(record))
         self.do(lambda: click.echo(line, err=is_error))
 
 

@@ -69,7 +69,7 @@ def read_drawing(content: bytes) -> Drawing:
     """
     start = content.removeprefix(b"\xef\xbb\xbf").lstrip()[:1]
     try:
-        if start == b"{":
+        if start in (b"{", b"["):
             return _read_json(content)
         if start == b"<" or content[:2] in (b"\xff\xfe", b"\xfe\xff"):
             from groundstation.imports.kml import read_kml

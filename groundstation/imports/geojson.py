@@ -90,4 +90,6 @@ def _fault(error: ValidationError, where: str) -> str:
     message = one_line(details["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     if details["type"] == "missing":
         return f"{where}{path}: missing"
+    if "NamedTuple" in message:
+        message = "longitude, latitude and perhaps a height, whose decimal marks are points"
     return f"{where}{path}: {shown(details['input'])}; allowed: {message}"

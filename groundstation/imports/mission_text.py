@@ -7,6 +7,7 @@ in the file.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -32,6 +33,8 @@ CIRCLING = {"arrival_radius_m": 60.0, "separation_m": 50.0}
 BROADCAST_PERIOD_S, ASSIGNMENT_PERIOD_S, MAX_TIME_S = 1.0, 5.0, 7_200.0
 SPACING = 2.0
 """Distance of two vehicles that start at one home, in separations."""
+_THING = re.compile(r"(?P<key>agents|targets|exclusions)\[(?P<index>\d+)\]|threat (?P<id>\d+)")
+"""How a message about a mission names its things; threats by their ids, which count from 1."""
 DECIMALS = 7
 """Decimals of degrees: a centimetre."""
 MAX_HEIGHT_M = 120.0
@@ -82,8 +85,39 @@ def mission_text(drawing: Drawing, wanted: Wanted, name: str, source: str) -> tu
     if len(drawing.targets) > len(starts):
         lines.append("queue: true   # who has arrived takes the next target")
     text = "\n".join(lines) + "\n"
-    resolve(parse_mission(text, source), 1, source)  # refuses what cannot be flown
+    try:
+        resolve(parse_mission(text, source), 1, source)  # refuses what cannot be flown
+    except InputError as error:
+        raise InputError(_with_places(str(error), drawing, home)) from error
+    # Where coordinates were exchanged everything fits together, in another part of the world.
+    notes.append(f"origin: at {_words(home.position)}")
     return text, notes
+
+
+def _with_places(message: str, drawing: Drawing, home: Home) -> str:
+    """Return a message about a mission with the place in the file of each thing that it names."""
+    agents = [spot.where for spot in drawing.agents]
+
+    def named(found: re.Match[str]) -> str:
+        """Return what was found, with the place in the file."""
+        key, number = found["key"] or "threats", int(found["index"] or found["id"] or 0)
+        wheres = {
+            "agents": agents or [home.where] * (number + 1),
+            "targets": [spot.where for spot in drawing.targets],
+            "threats": [""] + [disc.where for disc in drawing.discs],
+            "exclusions": [one.where for one in drawing.exclusions],
+        }[key]
+        return f"{found[0]} ({wheres[number]})" if number < len(wheres) else found[0]
+
+    message = _THING.sub(named, message)
+    fence = drawing.fences[0].where if drawing.fences else ""
+    return message.replace("inside the fence", f"inside the fence ({fence})")
+
+
+def _words(place: Position) -> str:
+    """Return a place in words, such as 47.39770 N, 8.54560 E."""
+    lat, lon = ("N" if place.lat_deg >= 0.0 else "S"), ("E" if place.lon_deg >= 0.0 else "W")
+    return f"{abs(place.lat_deg):.5f} {lat}, {abs(place.lon_deg):.5f} {lon}"
 
 
 class Start(NamedTuple):

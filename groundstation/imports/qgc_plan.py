@@ -34,6 +34,7 @@ KINDS = {
 FIXED_WING = 1
 
 Numbers = list[float | None]
+"""Numbers of a place: QGroundControl writes null for a height that it does not know."""
 ItemT = TypeVar("ItemT")
 PartT = TypeVar("PartT", bound="_Part")
 
@@ -43,7 +44,7 @@ class _Part(BaseModel):
 
 
 class _Circle(_Part):
-    center: list[float]
+    center: Numbers
     radius: float
 
 
@@ -53,7 +54,7 @@ class _FenceCircle(_Part):
 
 
 class _FencePolygon(_Part):
-    polygon: list[list[float]]
+    polygon: list[Numbers]
     inclusion: bool
 
 
@@ -71,19 +72,19 @@ class _SimpleItem(_Part):
 
 class _Transects(_Part):
     items: Annotated[list[_SimpleItem], Field(alias="Items")] = []
-    points: Annotated[list[list[float]], Field(alias="VisualTransectPoints")] = []
+    points: Annotated[list[Numbers], Field(alias="VisualTransectPoints")] = []
 
 
 class _Complex(_Part):
     transects: Annotated[_Transects | None, Field(alias="TransectStyleComplexItem")] = None
-    polyline: list[list[float]] = []
-    polygon: list[list[float]] = []
+    polyline: list[Numbers] = []
+    polygon: list[Numbers] = []
 
 
 class _Mission(_Part):
     version: Literal[2] = 2
     items: list[dict[str, Any]] = []
-    home: Annotated[list[float] | None, Field(alias="plannedHomePosition")] = None
+    home: Annotated[Numbers | None, Field(alias="plannedHomePosition")] = None
     firmware: Annotated[int | None, Field(alias="firmwareType")] = None
     vehicle: Annotated[int | None, Field(alias="vehicleType")] = None
     cruise_m_s: Annotated[float | None, Field(alias="cruiseSpeed")] = None
@@ -92,7 +93,7 @@ class _Mission(_Part):
 
 class _RallyPoints(_Part):
     version: Literal[1, 2] = 2
-    points: list[list[float]] = []
+    points: list[Numbers] = []
 
 
 class _Plan(_Part):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +11,8 @@ from companion.files.yaml import is_there, parse_yaml, validated
 from companion.mission.model import Mission
 from companion.mission.sources import FILED, MAX_SOURCES, ROLE_OF, SourceSpec
 from companion.transport.link import Link, parse_link
+from groundstation.sources.playback import MOST_LINE_BYTES, open_recording
+from groundstation.sources.recording import header_fault
 
 FORM = "KIND=URL-OR-FILE[,KEY=VALUE...]"
 KINDS = (*ROLE_OF, "sensor")
@@ -46,14 +49,18 @@ def _typed(text: str, taken: set[str]) -> SourceSpec:
     first, *rest = text.split(",")
     kind, equals, place = first.partition("=")
     if not equals or kind not in KINDS:
-        hint = nearest_hint(kind, KINDS)
+        hint = "" if kind in KINDS else nearest_hint(kind, KINDS)
         raise InputError(f"--source: '{text}'{hint}; allowed: {FORM} with the kind {', '.join(KINDS)}")
     is_file = kind in FILED and not _is_url(place)
     given: dict[str, object] = {"name": _free_name(kind, taken), "kind": kind, "file" if is_file else "url": place}
+    typed: set[str] = set()
     for part in rest:
         key, equals, value = part.partition("=")
         if not equals:
             raise InputError(f"--source: '{text}': '{part}' is no KEY=VALUE; allowed: {FORM}")
+        if key in typed:
+            raise InputError(f"--source: '{text}': {key} is given twice; allowed: each key once")
+        typed.add(key)
         parsed = parse_yaml(f"value: {value}", f"--source: '{text}'")
         assert isinstance(parsed, dict)
         given[key] = parsed["value"]
@@ -76,6 +83,10 @@ def _check(spec: SourceSpec, mission: Mission, where: str, unsigned: bool) -> No
     if spec.file is not None:
         if not is_there(Path(spec.file)):
             raise InputError(f"{where}: file: '{spec.file}' is not there; allowed: a recording")
+        if Path(spec.file).is_dir():
+            raise InputError(f"{where}: file: '{spec.file}' is a folder; allowed: a recording")
+        if spec.kind == "csv":
+            _check_columns(spec.file, where)
     elif spec.url is not None:
         link = parse_link(spec.url)
         if link.scheme == "file" and spec.kind in _TEXT:
@@ -92,6 +103,20 @@ def _check(spec: SourceSpec, mission: Mission, where: str, unsigned: bool) -> No
         for key, identity in spec.ids.items():
             if identity not in known:
                 raise InputError(f"{where}: ids: '{key}': {identity}; allowed: the id of an agent of the mission")
+
+
+def _check_columns(name: str, where: str) -> None:
+    """Raise InputError if a CSV has a header in which what every sighting needs is missing; an empty one may grow."""
+    if not Path(name).is_file():
+        return  # A pipe must not be waited for.
+    try:
+        with open_recording(name) as file:
+            line = file.readline(MOST_LINE_BYTES)
+        fault = header_fault(line) if line.strip() else None
+    except (OSError, EOFError, InputError, zlib.error):
+        return  # What cannot be read becomes the source's health, as it may be there later.
+    if fault is not None:
+        raise InputError(f"{where}: file: '{name}': {fault}")
 
 
 def hears_others(link: Link) -> bool:

@@ -5,11 +5,23 @@ The table of causes is bounded (groundstation/refusals.py), and so are the words
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 
 from groundstation.plausibility import Verdict, Weighed
 from groundstation.refusals import Refusals
 from groundstation.sources.thing import SourceKey
+
+_REASONS = {
+    "ahead": "stamped in the future",
+    "behind": "stamped too long ago",
+    Verdict.BEYOND.value: "farther away than anything flies in the time",
+    Verdict.JUMP.value: "jumped, and not confirmed",
+    "too fast": "faster than anything of its kind",
+    "too far": "too far from the mission",
+    "claimed": "of what another source sees too",
+    "declined": "not taken in by the ground station",
+}
+"""Words for the causes."""
 
 
 class Doubts:
@@ -18,6 +30,8 @@ class Doubts:
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()
         """Number of sightings that were not believed, by source."""
+        self.reasons: defaultdict[str, Counter[str]] = defaultdict(Counter)
+        """The same by source and reason."""
         self._refusals = Refusals()
 
     def news(self, now_s: float) -> list[str]:
@@ -54,9 +68,10 @@ class Doubts:
         where = f"{_plain(key.key)} is {away_m / 1e3:.1f} km from the mission; allowed: within_m {most_m:g}"
         self._refuse(key.source, "too far", f"{{}} sightings of agents not believed; {where}")
 
-    def claimed(self, key: SourceKey, other: str) -> None:
-        """Note a sighting of a thing whose place another source says."""
-        words = f"{{}} sightings left out of {_plain(key.key)}, which {_plain(other)} sees too"
+    def claimed(self, key: SourceKey, other: str, apart_m: float) -> None:
+        """Note a sighting of a thing whose place another source says, `apart_m` from this one."""
+        differ = f"the two differ by {apart_m:.0f} m"
+        words = f"{{}} sightings left out of {_plain(key.key)}, which {_plain(other)} sees too: {differ}"
         self._refuse(key.source, "claimed", words)
 
     def stranger(self, key: SourceKey) -> None:
@@ -83,8 +98,13 @@ class Doubts:
         """Note that the ground station did not do what a source asked."""
         self._refuse(source, "declined", f"not taken in, {{}} times: {_plain(why)}")
 
+    def unread(self, source: str, words: str) -> None:
+        """Note that messages of a source could not be used; `words` say how many there were, and why."""
+        self._tell(source, "unread", _plain(words))
+
     def _refuse(self, source: str, cause: str, words: str) -> None:
         self.refused[source] += 1
+        self.reasons[source][_REASONS.get(cause, cause)] += 1
         self._tell(source, cause, words)
 
     def _tell(self, source: str, cause: str, words: str) -> None:

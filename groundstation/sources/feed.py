@@ -7,7 +7,7 @@ in a flood the oldest are left out and counted, so that no source can keep the b
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -131,6 +131,8 @@ class Feed:
         self.dropped = 0
         """Number of sightings that were left out in floods and not told yet."""
         self._waiting: deque[Sighting] = deque()
+        self._told = 0
+        """Number of refusals when they were last told."""
 
     @property
     def link(self) -> Link:
@@ -161,12 +163,31 @@ class Feed:
             self._waiting.popleft()
             self.dropped += 1
 
-    def detail(self, health: Health) -> str:
-        """Return what its link does, and what it could use least of."""
-        if not self.parser.refused:
+    def detail(self, health: Health, doubted: Counter[str] | None = None) -> str:
+        """Return what its link does, and the main reason for which messages, or sightings in them, were not used.
+
+        `doubted` are the numbers of sightings that were read and not believed, by reason.
+        """
+        reasons = self.parser.refused + (doubted or Counter())
+        faults = Counter({reason: number for reason, number in reasons.items() if reason not in LEFT_OUT})
+        if not reasons:
             return health.detail
-        reason, number = self.parser.refused.most_common(1)[0]
+        reason, number = (faults or reasons).most_common(1)[0]
         return f"{health.detail}; {number} {reason}"
+
+    def news(self) -> str | None:
+        """Return what could not be read since the last call, in words with the main reason; None if there is nothing.
+
+        It holds the numbers since the beginning.
+        """
+        refused = self.refused
+        if refused == self._told:
+            return None
+        self._told = refused
+        faults = [(number, reason) for reason, number in self.parser.refused.items() if reason not in LEFT_OUT]
+        number, reason = max(faults)
+        main = reason if number == refused else f"{number} {reason}"
+        return f"{refused} message{'' if refused == 1 else 's'} could not be used: {main}"
 
     def next(self) -> Sighting | None:
         """Return the sighting that has waited longest, which waits no more."""

@@ -13,6 +13,7 @@ import json
 from collections import Counter
 from collections.abc import Hashable, Mapping
 
+from companion.errors import one_line
 from companion.geo.local_frame import LocalFrame, to_grid
 from companion.mission.extent import FARTHEST_M
 from companion.mission.sources import Role
@@ -34,7 +35,45 @@ from groundstation.sources.sighting import (
 MOST_LINE_BYTES = 4_096
 MOST_COLUMNS = 64
 OTHER_KIND = "of another kind"
+NO_TIME, NO_ID = "without t_s", "without id"
+DELIMITERS = (",", ";", "\t")
+"""What may stand between the columns of a CSV: in many languages a spreadsheet writes semicolons, and then decimal
+commas."""
+PLACES = (("lat_deg", "lon_deg"), ("north_m", "east_m"))
+_WORDS = ("id", "kind", "name")
+"""Columns that are no numbers."""
+MOST_FOUND = 120
+"""Greatest length of the columns found in a message."""
 _CATEGORIES = {category.value: category for category in Category}
+
+
+def header_of(line: bytes) -> tuple[list[str], str]:
+    """Return the columns in the first line of a CSV, with or without a byte order mark, and what stands between them.
+
+    Raises:
+        ValueError: the line is no text in UTF-8.
+        csv.Error: it is no CSV.
+
+    """
+    text = line.decode("utf-8-sig").strip()
+    delimiter = max(DELIMITERS, key=text.count)
+    (cells,) = csv.reader([text], delimiter=delimiter)
+    return [cell.strip() for cell in cells[:MOST_COLUMNS]], delimiter
+
+
+def header_fault(line: bytes) -> str | None:
+    """Return what is missing in the first line of a CSV for any sighting to be read; None if nothing is."""
+    try:
+        columns, _ = header_of(line)
+    except (csv.Error, ValueError):
+        return "its first line is no text; allowed: CSV in UTF-8 with a header"
+    missing = [column for column in ("t_s", "id") if column not in columns]
+    if not any(set(place) <= set(columns) for place in PLACES):
+        missing.append("lat_deg and lon_deg, or north_m and east_m")
+    if not missing:
+        return None
+    found = ", ".join(short(column) for column in columns)
+    return f"no column {'; '.join(missing)}; found: {one_line(found)[:MOST_FOUND]}; allowed: t_s, id and a place"
 
 
 class RecordingParser:
@@ -48,6 +87,7 @@ class RecordingParser:
         self._kind = things.removesuffix("s")
         self._is_json = is_json
         self._header: list[str] | None = None
+        self._delimiter = ","
 
     def feed(self, data: bytes, now_s: float, peer: Hashable = None) -> list[Sighting]:
         """Return the sightings in the lines that bytes complete, at the recording's own times; never raises."""
@@ -60,7 +100,7 @@ class RecordingParser:
             return None
         at_s, key = _number(row, "t_s"), short(row.get("id", ""), 80)
         if at_s is None or not key:
-            count(self.refused, NOT_WHOLE)
+            count(self.refused, NO_TIME if at_s is None else NO_ID)
             return None
         kind = row.get("kind", "")
         if kind in ("agent", "target", "threat") and kind != self._kind:
@@ -88,14 +128,18 @@ class RecordingParser:
 
     def _csv_row(self, line: bytes) -> Mapping[str, str] | None:
         try:
-            (cells,) = csv.reader([line.decode("utf-8")])
+            if self._header is None:
+                self._header, self._delimiter = header_of(line)
+                return None
+            (cells,) = csv.reader([line.decode("utf-8")], delimiter=self._delimiter)
         except (csv.Error, ValueError):
             count(self.refused, NOT_WHOLE)
             return None
-        if self._header is None:
-            self._header = [cell.strip() for cell in cells[:MOST_COLUMNS]]
-            return None
-        return dict(zip(self._header, cells, strict=False))
+        row = dict(zip(self._header, cells, strict=False))
+        if self._delimiter != ",":
+            # Where commas separate no columns, they are decimal ones.
+            row = {key: cell if key in _WORDS else cell.replace(",", ".") for key, cell in row.items()}
+        return row
 
     def _json_row(self, line: bytes) -> Mapping[str, str] | None:
         try:

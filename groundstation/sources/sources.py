@@ -134,7 +134,8 @@ class Sources:
         for name, feed in self.feeds.items():
             refused = feed.refused + self.tracker.doubts.refused[name]
             health = feed.pulse.health(now_s)
-            row = _row(name, feed.spec.kind, health._replace(detail=feed.detail(health)))
+            detail = feed.detail(health, self.tracker.doubts.reasons[name])
+            row = _row(name, feed.spec.kind, health._replace(detail=detail))
             strangers = sum(1 for one in unknown if one.source == name)
             rows.append(row | {"things": self.tracker.things(name, now_s), "refused": refused, "unknown": strangers})
         if self.sensor is not None:
@@ -163,6 +164,9 @@ class Sources:
     def news(self, now_s: float) -> tuple[list[str], list[str]]:
         """Return the lines that are due: of sources that do well again, and warnings of others and of what they say."""
         good: list[str] = []
+        for name, feed in self.feeds.items():
+            if (unread := feed.news()) is not None:
+                self.tracker.doubts.unread(name, unread)
         warnings = self.tracker.doubts.news(now_s)
         for name, feed in self.feeds.items():
             health = feed.pulse.health(now_s)

@@ -302,7 +302,8 @@ class Tracker:
         if other is None or now_s - other.seen_at_s > OWNED_S:
             self._claims[claim] = thing.key
             return True
-        self.doubts.claimed(thing.key, owner.source)
+        gone = (other.velocity or 0j) * (thing.seen_at_s - other.seen_at_s)
+        self.doubts.claimed(thing.key, owner.source, abs(thing.place - other.place - gone))
         return False
 
     def _is_agent(self, key: SourceKey, sample: Sample) -> bool:

@@ -7,20 +7,22 @@ store, or when a new flight is asked for. Events of earlier chapters stay, and c
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from pydantic import ValidationError
 
 from companion.errors import InputError
 from companion.mission.model import Mission
-from companion.protocol.messages import Directive
-from groundstation.events import Event, event_from_json
-from groundstation.operations import Operations, folded
+from companion.protocol.messages import Directive, Kind
+from groundstation.events import Command, Direct, Event, Pause, TakeOut, event_from_json
+from groundstation.operations import Operations, Orders, directive_name, folded
 from groundstation.store.rows import EventRow
 
 MISSION_KEY = "mission:"
 """What the names of kept missions begin with; the number of their chapter's first event follows."""
+MOST_NAMED = 20
+"""Greatest number of ids that a warning names of one kind."""
 THINGS = ("name", "origin", "fence", "exclusions", "agents", "targets", "threats", "case")
 """Keys of a mission that events are about: where they differ, a new chapter begins."""
 
@@ -60,8 +62,9 @@ class Beginning:
     """What is told of it; empty for a store that is new."""
     is_fresh: bool = False
     """Whether the chapter is a new one."""
-    directive: Directive | None = None
-    """What the chapter before had all agents told at its end; None: there is none before this one, or this goes on."""
+    orders: tuple[Command, ...] | None = None
+    """What gives the orders at the end of the chapter before again; None: there is none before this one, or this goes
+    on."""
 
     @property
     def warnings(self) -> list[str]:
@@ -103,16 +106,35 @@ def beginning(mission: Mission, kept: Mapping[str, str], stored: Iterable[EventR
             events.append(event_of_row(row))
     if last is None or differs or anew:
         fresh = Chapter(number + 1, json_of(mission))
-        words = _fresh_words(mission, differs, len(events))
-        directive = None if last is None else _last_directive(last, events, anew)
         begun = replace(Operations.begun(mission), next_number=number + 1)
-        return Beginning(fresh, begun, words, is_fresh=True, directive=directive)
+        if last is None or anew:
+            words = f"a new flight: {len(events)} events are kept, and nothing of them is carried over"
+            orders = None if last is None else ()
+            return Beginning(fresh, begun, words if events else "", is_fresh=True, orders=orders)
+        before = folded(last.mission(), events)
+        words = _fresh_words(mission, differs, len(events), last.mission(), before)
+        return Beginning(fresh, begun, words, is_fresh=True, orders=_carried(before.orders, mission))
     operations = replace(folded(mission, events), next_number=number + 1)
     return Beginning(last, operations, f"goes on after event {number}" if events else "")
 
 
-def _last_directive(last: Chapter, events: Sequence[Event], anew: bool) -> Directive:
-    return Directive.NORMAL if anew else folded(last.mission(), events).orders.told
+def _carried(before: Orders, mission: Mission) -> tuple[Command, ...]:
+    """Return the commands that give the orders again, as far as a mission has the agents; pins are left behind.
+
+    Those for one agent come first, when nothing stronger is told to all.
+    """
+    there = {agent.id for agent in mission.agents}
+    own = {agent: directive_name(given) for agent, given in sorted(before.own.items()) if agent in there}
+    return (
+        *(TakeOut(do="take-out", agent=agent) for agent in sorted(before.out & there)),
+        *(Direct(do="direct", directive=given, agent=agent) for agent, given in own.items()),
+        *([] if before.directive is Directive.NORMAL else [_to_all(before.directive)]),
+        *([Pause(do="pause")] if before.paused else []),
+    )
+
+
+def _to_all(directive: Directive) -> Direct:
+    return Direct(do="direct", directive=directive_name(directive))
 
 
 def event_of_row(row: EventRow) -> Event:
@@ -123,12 +145,56 @@ def event_of_row(row: EventRow) -> Event:
         raise InputError(f"event {row.number}, '{row.event}', is not understood by this release") from error
 
 
-def _fresh_words(mission: Mission, differs: tuple[str, ...], count: int) -> str:
+def _fresh_words(mission: Mission, differs: tuple[str, ...], count: int, was: Mission, before: Operations) -> str:
+    """Return what is told of a chapter of another mission: what goes on, and all that is left behind.
+
+    `was` is the mission of the chapter before, which had made `before` of it by its `count` events.
+    """
     if not count:
         return ""
-    if not differs:
-        return f"a new flight: {count} events are kept, and nothing of them is carried over"
+    on = ", ".join(_words_of(order) for order in _carried(before.orders, mission)) or "no order was in force"
     return (
         f"{', '.join(differs)} of {mission.name} differ from the last run's: {count} events are kept but not carried "
-        "over (pins, what was added or retired, arrivals); the directive is"
+        f"over; left behind: {'; '.join(_left_behind(mission, was, before))}; goes on: {on}"
     )
+
+
+def _words_of(order: Command) -> str:
+    match order:
+        case TakeOut():
+            return f"agent {order.agent} taken out"
+        case Direct(agent=None):
+            return f"directive {order.directive} for all"
+        case Direct():
+            return f"directive {order.directive} for agent {order.agent}"
+    return "the pause"
+
+
+def _left_behind(mission: Mission, was: Mission, before: Operations) -> list[str]:
+    """Return in words what a chapter had made of its mission and another mission begins without."""
+    gone = sorted((before.orders.out | before.orders.own.keys()) - {agent.id for agent in mission.agents})
+    now = before.mission
+    targets = _changed({one.id: one for one in was.targets}, {one.id: one for one in now.targets})
+    threats = _changed({one.id: one for one in was.threats}, {one.id: one for one in now.threats})
+    targets |= {identity for kind, identity in before.names if kind is Kind.TARGET}
+    threats |= {identity for kind, identity in before.names if kind is Kind.THREAT}
+    found = [
+        ("what was ordered of agents that are gone: ", gone),
+        ("the pins of agents ", before.orders.pins),
+        ("what was added, changed or retired: targets ", targets),
+        ("what was added, changed or retired: threats ", threats),
+        ("arrivals at targets ", before.reached.by),
+        ("that agents are lost: ", before.reached.lost),
+    ]
+    return [*(f"{words}{_ids(ids)}" for words, ids in found if ids), "the places of the last picture"]
+
+
+def _changed(was: Mapping[int, object], now: Mapping[int, object]) -> set[int]:
+    return {identity for identity in was.keys() | now.keys() if was.get(identity) != now.get(identity)}
+
+
+def _ids(ids: Iterable[int]) -> str:
+    """Return ids in words; the first ones only if there are many."""
+    known = sorted(ids)
+    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
+    return f"{', '.join(map(str, known[:MOST_NAMED]))}{more}"

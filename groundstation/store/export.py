@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from companion.errors import InputError
+from companion.errors import InputError, printable
 from groundstation.store.database import Database
 from groundstation.store.rows import EventRow
 
@@ -144,7 +144,8 @@ def iso_time(unix_s: float) -> str:
 def event_line(row: EventRow) -> str:
     """Return an event as a line for people."""
     details = ", ".join(f"{key} {_word(value)}" for key, value in details_of(row).items())
-    return f"{row.number:6d} {iso_time(row.unix_s)} {row.who}: {row.event}{': ' if details else ''}{details}"
+    line = f"{row.number:6d} {iso_time(row.unix_s)} {row.who}: {row.event}{': ' if details else ''}{details}"
+    return printable(line)
 
 
 def _event_cells(row: EventRow) -> Sequence[object]:

@@ -6,8 +6,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from companion.errors import InputError, tell
+from companion.files.yaml import is_there
 from groundstation.store.database import Database
-from groundstation.store.export import Slice, event_line, events_in, export
+from groundstation.store.export import Slice, event_line, events_in, export, iso_time
 from groundstation.store.recordings import StoredRun
 
 
@@ -35,6 +36,10 @@ def time_of(text: str | None, option: str, otherwise: float) -> float:
 
 def log_store(path: Path, time: Slice, out: Path | None, places: bool) -> None:
     """Print the events of a time, or write the export that was asked for; raises InputError."""
+    if time.from_s > time.to_s:
+        raise InputError(f"--from: {iso_time(time.from_s)}, later than --to {iso_time(time.to_s)}; allowed: not later")
+    if out is not None and is_there(out):
+        raise InputError(f"--out: {out} is there already; allowed: the name of a new file")
     database = Database.read_only(path)
     try:
         if out is not None:

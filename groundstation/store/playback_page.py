@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 
 from companion.errors import InputError
+from companion.runtime.clock import run_until_signal
 from companion.runtime.console import program_logger
 from groundstation.store.playback import Playback
 from groundstation.store.recordings import Recording
@@ -27,5 +29,17 @@ def serve_playback(recording: Recording, address: str, program: str) -> None:
         )
     listener = listen(place)
     site = Site(place._replace(port=bound(listener).port), mode="playback")
-    program_logger(program).info("page: %s", site.url)
-    asyncio.run(serve(Playback(recording), site, listener))
+
+    async def play(stop: asyncio.Event) -> None:
+        """Serve until a signal comes: to the server, or before that takes signals itself."""
+        program_logger(program).info("page: %s", site.url)
+        serving = asyncio.ensure_future(serve(Playback(recording), site, listener))
+        stopped = asyncio.ensure_future(stop.wait())
+        await asyncio.wait({serving, stopped}, return_when=asyncio.FIRST_COMPLETED)
+        if stopped.done():
+            serving.cancel()
+        stopped.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await serving
+
+    run_until_signal(play)

@@ -13,6 +13,7 @@ import hmac
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from companion.errors import printable
 from groundstation.web.pipe import Who
 from groundstation.web.site import Site
 from groundstation.web.tokens import MOST_NAME, TokenFile, hash_of
@@ -96,4 +97,4 @@ def _subject(certificate: Mapping[str, Any]) -> Who | None:
     if not names:
         return None
     units = [value for key, value in pairs if key == "organizationalUnitName"]
-    return Who(names[0][:MOST_NAME], "operator" if OPERATOR_UNIT in units else "observer")
+    return Who(printable(names[0][:MOST_NAME]), "operator" if OPERATOR_UNIT in units else "observer")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,7 +16,9 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse
 from starlette.staticfiles import StaticFiles
 
+from companion.errors import printable
 from companion.files.yaml import fault_text
+from groundstation.events import COMMAND_WORDS
 from groundstation.web.api import Api, Health, answers, api_router
 from groundstation.web.guards import Guards
 from groundstation.web.metrics import metrics_text, unhealthy
@@ -100,17 +103,24 @@ async def _invalid(_request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     first = dict(error.errors()[0])
     if first["type"] == "json_invalid":
-        return JSONResponse({"detail": f"the body is no JSON: {first.get('ctx', {}).get('error', '')}"}, 422)
+        return _refusal(f"the body is no JSON: {first.get('ctx', {}).get('error', '')}", 422)
     if first["type"] == "union_tag_invalid":
         first["ctx"] = {}
     # The first part of the place says body, path or query; the second, in a body of commands, which command.
-    first["loc"] = tuple(part for part in first["loc"][1:] if not isinstance(part, str) or "-" not in part)
-    return JSONResponse({"detail": fault_text(first)}, 422)  # type: ignore[arg-type]
+    loc = first["loc"][1:]
+    loc = loc[1:] if loc and loc[0] in COMMAND_WORDS else loc
+    first["loc"] = loc or (() if first["type"] == "value_error" else ("the body",))
+    return _refusal(fault_text(first), 422)  # type: ignore[arg-type]
 
 
 async def _refused(_request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
-    return JSONResponse({"detail": error.detail}, error.status_code, headers=error.headers)
+    return _refusal(error.detail, error.status_code, error.headers)
+
+
+def _refusal(why: str, status: int, headers: Mapping[str, str] | None = None) -> JSONResponse:
+    # What was asked may stand in it, with halves of characters that no encoding has.
+    return JSONResponse({"detail": printable(why)}, status, headers=headers)
 
 
 async def _failed(_request: Request, _error: Exception) -> JSONResponse:

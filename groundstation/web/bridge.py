@@ -76,8 +76,22 @@ def start_child(end: socket.socket, listener: socket.socket) -> Child:
         [sys.executable, "-m", "groundstation.web.child", *numbers],
         pass_fds=[end.fileno(), listener.fileno()],
         stdin=subprocess.DEVNULL,
+        # Of its own, which Ctrl-C at the terminal does not reach: the ground station decides what ends when.
+        process_group=0,
         env={name: os.environ[name] for name in _INHERITED if name in os.environ},
     )
+
+
+def _sendable(message: Message) -> bytes:
+    """Return a message as it is sent; one that cannot be is told, and nothing, or to whoever asked why."""
+    try:
+        return packed(message)
+    except InputError as error:
+        LOGGER.warning("page: %s; left out", error)
+    if message["type"] != "reply":
+        return b""
+    why = "it was obeyed, but its event cannot be shown; look at the picture"
+    return packed({"type": "refusal", "id": message["id"], "detail": why})
 
 
 class _Outbox:
@@ -127,7 +141,7 @@ class _Outbox:
             self._waiting.clear()
             for waiting in (self._ordered, self._heard):
                 messages += [waiting.popleft() for _ in range(min(len(waiting), _AT_ONCE))]
-            self._bytes = memoryview(b"".join(packed(message) for message in messages))
+            self._bytes = memoryview(b"".join(map(_sendable, messages)))
         return self._bytes
 
     def sent(self, count: int) -> None:

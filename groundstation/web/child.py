@@ -53,8 +53,6 @@ def main() -> None:
     """Serve until the pipe, whose descriptor is the first argument, ends; the second is the listening socket's."""
     pipe, listener = (socket.socket(fileno=int(number)) for number in sys.argv[1:])
     _die_with_parent(pipe)
-    # Ctrl-C reaches the whole group of processes: the ground station decides what ends when.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(NICENESS)
     import asyncio
 

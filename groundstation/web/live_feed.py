@@ -13,6 +13,7 @@ ANSWER_S = 10.0
 """Longest wait for the answer to a command: a disk that takes so long is said to be slow."""
 MOST_ASKED = 100
 """Greatest number of commands that wait for their answers."""
+_ENDED = "the ground station has ended"
 _UNANSWERED = "the ground station does not answer; look at its events before asking again, as it may have obeyed"
 
 
@@ -27,6 +28,7 @@ class LiveFeed:
         """Messages that came with the greeting."""
         self._answers: dict[int, asyncio.Future[Message]] = {}
         self._last = 0
+        self._has_ended = False
 
     @classmethod
     async def open(cls, end: socket.socket) -> LiveFeed:
@@ -41,19 +43,23 @@ class LiveFeed:
             if messages:
                 self._early = messages[1:]
                 return messages[0]
-        raise InputError("the ground station has ended")
+        raise InputError(_ENDED)
 
     async def run(self, sink: Sink) -> None:
         """Hand the ground station's messages to the sink until the pipe ends."""
         early, self._early = self._early, []
-        for message in early:
-            self._take(message, sink)
-        while data := await self._reader.read(READ_BYTES):
-            for message in self._unpacker.feed(data):
+        try:
+            for message in early:
                 self._take(message, sink)
-        for answer in self._answers.values():
-            if not answer.done():
-                answer.set_exception(OSError("the ground station has ended"))
+            while data := await self._reader.read(READ_BYTES):
+                for message in self._unpacker.feed(data):
+                    self._take(message, sink)
+        finally:
+            # Also where the pipe is reset, as by a ground station that ends with a command still unread.
+            self._has_ended = True
+            for answer in self._answers.values():
+                if not answer.done():
+                    answer.set_exception(OSError(_ENDED))
 
     def _take(self, message: Message, sink: Sink) -> None:
         kind = message["type"]
@@ -70,6 +76,8 @@ class LiveFeed:
         """Return the event that the ground station made of a command; raises Refused with its reason."""
         if len(self._answers) >= MOST_ASKED:
             raise Refused(f"{MOST_ASKED} commands wait for their answers; ask again later", 503)
+        if self._has_ended:
+            raise Refused(_ENDED, 503)
         self._last += 1
         identity = self._last
         answer: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
@@ -79,8 +87,11 @@ class LiveFeed:
             self._writer.write(packed(request))
             async with asyncio.timeout(ANSWER_S):
                 message = await answer
-        except (TimeoutError, OSError) as error:
+        except (TimeoutError, OSError, asyncio.CancelledError) as error:
+            # Cancelled by a server that stops while answers are under way: whoever asks still gets one.
             raise Refused(_UNANSWERED, 503) from error
+        except InputError as error:
+            raise Refused(str(error), 422) from error
         finally:
             del self._answers[identity]
         if message["type"] == "refusal":

@@ -74,7 +74,7 @@ def metrics_text(hub: Hub, mode: str) -> bytes:
 def _of_picture(picture: Mapping[str, Any]) -> Iterator[Metric]:
     states = Counter(agent["state"] for agent in picture["agents"])
     agents = GaugeMetricFamily("oneway_agents", "Agents, by state", labels=["state"])
-    for state in sorted({"under way", "arrived", "lost", "out", "no target", *states}):
+    for state in sorted({"under way", "arrived", "lost", "out", "recalled", "no target", *states}):
         agents.add_metric([state], states[state])
     yield agents
     oldest_s = max((agent["age_s"] for agent in picture["agents"]), default=0.0)

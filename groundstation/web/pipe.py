@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import orjson
 
-from companion.errors import InputError
+from companion.errors import InputError, one_line
 
 Message = Mapping[str, Any]
 """A message: a JSON object whose `type` says what it is."""
@@ -46,8 +46,16 @@ class Request(NamedTuple):
 
 
 def packed(message: Message) -> bytes:
-    """Return a message as it is sent: its length as four bytes, most significant first, and its JSON text."""
-    text = orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS)
+    """Return a message as it is sent: its length as four bytes, most significant first, and its JSON text.
+
+    Raises:
+        InputError: it holds what the JSON of the pipe cannot, such as a number of more than 64 bits.
+
+    """
+    try:
+        text = orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS)
+    except orjson.JSONEncodeError as error:
+        raise InputError(f"a {message.get('type')} that cannot be passed on: {one_line(str(error))}") from error
     return _LENGTH.pack(len(text)) + text
 
 

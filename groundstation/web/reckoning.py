@@ -74,7 +74,8 @@ class Reckoning:
         ours.setblocking(False)
         command = [sys.executable, "-m", "groundstation.web.worker", str(theirs.fileno())]
         try:
-            process = subprocess.Popen(command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL)
+            # A process group of its own: Ctrl-C at the terminal does not reach it, not even while it starts.
+            process = subprocess.Popen(command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, process_group=0)
         finally:
             theirs.close()
         self._known = None

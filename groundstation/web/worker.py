@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import socket
 import sys
 from typing import Any
@@ -55,9 +54,15 @@ class Worker:
         return {"type": "done", "routes": routes, "why": decisions}
 
 
+def _answer_of(answer: dict[str, Any]) -> bytes:
+    try:
+        return packed(answer)
+    except InputError as error:
+        return packed({"type": "done", "routes": {}, "why": {}, "error": str(error)})
+
+
 def main() -> None:
     """Answer jobs until the socket ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(NICENESS)
     pipe = socket.socket(fileno=int(sys.argv[1]))
     unpacker, worker = Unpacker(), Worker()
@@ -74,7 +79,7 @@ def _answer(pipe: socket.socket, unpacker: Unpacker, worker: Worker) -> None:
             except (InputError, ValueError, KeyError, TypeError, AssertionError, ArithmeticError) as error:
                 # A picture that cannot be reckoned must not end the worker: the next one may be better.
                 answer = {"type": "done", "routes": {}, "why": {}, "error": f"{type(error).__name__}: {error}"}
-            pipe.sendall(packed(answer))
+            pipe.sendall(_answer_of(answer))
 
 
 if __name__ == "__main__":

@@ -7,8 +7,10 @@ import sys
 
 import click
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from companion.errors import EXIT_INTERRUPTED, InputError, nearest_hint, one_line, run_program
+from companion.errors import EXIT_INTERRUPTED, InputError, nearest_hint, one_line, printable, run_program, tell
 
 
 def outcome(
@@ -105,3 +107,19 @@ def test_a_reader_that_went_away_is_no_failure() -> None:
     writer.stdout.close()
     assert writer.stderr.read() == b""
     assert writer.wait(timeout=60) == 0
+
+
+@given(st.text(max_size=60))
+def test_no_text_steers_a_terminal_or_begins_a_line_of_its_own(text: str) -> None:
+    assert printable(text).isprintable()
+    assert len(printable(text)) == len(text)
+    assert printable(text) == text or not text.isprintable()
+
+
+def test_an_error_and_what_is_told_show_the_escapes_in_a_name_as_question_marks(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    status, text = outcome(ending_in(InputError("name: \x1b[31mX\u202e")), capsys)
+    assert (status, text) == (2, "program: name: ?[31mX?\n")
+    tell("a \x1b[2J\nb")
+    assert capsys.readouterr().out == "a ?[2J\nb\n"

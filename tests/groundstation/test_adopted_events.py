@@ -7,8 +7,9 @@ import pytest
 from companion.mission.model import parse_mission
 from companion.onboard.world_model import WorldModel
 from companion.protocol.codec import Directive, FrameReader
-from groundstation.events import STATION, Event, ThreatAdded, Who, command_from
+from groundstation.events import STATION, Assigned, Event, ThreatAdded, Who, command_from
 from groundstation.ground_station import GroundStation
+from groundstation.notices import noticed
 from groundstation.view import Surroundings, picture
 
 MISSION = parse_mission(
@@ -185,3 +186,71 @@ def test_the_view_warns_of_targets_in_threats_and_of_those_without_an_agent() ->
         "no agent goes to target 1: none is free, or none has the range",
         "inside a threat's detection radius, where agents keep out: target 1",
     ]
+
+
+def test_the_target_of_an_agent_recalled_alone_goes_to_another_until_the_recall_ends() -> None:
+    day = Day()
+    day.does(do="retire", kind="target", id=2)
+    assert set(day.station.assignment.values()) == {1}
+    day.does(do="direct", directive="return", agent=1)
+    assert day.station.assignment == {2: 1}
+    shown = picture(day.station, day.now_s, Surroundings())
+    assert [(agent["state"], agent["target"]) for agent in shown["agents"]] == [("recalled", None), ("under way", 1)]
+    assert day.on_board.target_ned_m is None
+    day.does(do="direct", directive="normal", agent=1)
+    assert set(day.station.assignment) == {1, 2}
+
+
+def test_why_a_recalled_agent_has_no_target_is_told() -> None:
+    day = Day()
+    for event in noticed(day.station.operations, day.station.facts(), day.now_s):
+        day.station.adopt(event, day.now_s)
+    day.does(do="direct", directive="return", agent=1)
+    (news,) = noticed(day.station.operations, day.station.facts(), day.now_s)
+    assert isinstance(news, Assigned)
+    assert [one.reason for one in news.changes if one.agent == 1] == ["recalled"]
+
+
+def test_an_agent_that_holds_keeps_its_target() -> None:
+    day = Day()
+    day.does(do="direct", directive="hold", agent=1)
+    assert day.station.assignment == {1: 1, 2: 2}
+
+
+def test_while_all_are_recalled_no_target_counts_as_covered_and_then_all_go_on_as_before() -> None:
+    day = Day()
+    day.does(do="direct", directive="return")
+    day.to(day.now_s + 60.0)
+    shown = picture(day.station, day.now_s, Surroundings())
+    assert [target["agents"] for target in shown["targets"]] == [[], []]
+    assert {(agent["state"], agent["target"]) for agent in shown["agents"]} == {("recalled", None)}
+    assert shown["warnings"] == ["no agent goes to targets 1, 2: all agents are told to return"]
+    assert day.station.uncovered == (1, 2)
+    assert day.station.assignment == {1: 1, 2: 2}
+    day.does(do="direct", directive="normal")
+    assert day.station.sent == {1: 1, 2: 2}
+
+
+@pytest.mark.parametrize(
+    ("threat", "words"),
+    [
+        ({"north_m": 0.0, "radius_m": 500.0}, "inside a threat's detection radius now: agent 1"),
+        (
+            {"north_m": 10000.0, "radius_m": 90000.0},
+            "every agent and target is inside the detection radius of threat 2",
+        ),
+        ({"north_m": 10000.0, "radius_m": 0.0001}, "detection radius under 1 m: threat 2; is it in metres?"),
+    ],
+)
+def test_the_view_warns_of_threats_over_agents_and_of_radii_that_are_hardly_meant(
+    threat: dict[str, float], words: str
+) -> None:
+    day = Day()
+    day.does(do="add-threat", east_m=0.0, **threat)
+    assert words in picture(day.station, day.now_s, Surroundings())["warnings"]
+
+
+def test_a_threat_above_all_agents_is_over_none_of_them() -> None:
+    day = Day()
+    day.does(do="add-threat", north_m=0.0, east_m=0.0, radius_m=500.0, floor_m=9000.0)
+    assert picture(day.station, day.now_s, Surroundings())["warnings"] == []

@@ -405,7 +405,7 @@ def test_every_band_goes_out_once_and_a_threat_without_one_is_not_named(
 
 # Packed
 
-ROOMS = st.integers(20, 233)
+ROOMS = st.integers(20, 255 - FLEET_HEAD_BYTES)
 PATH_BYTES = 252
 CAROUSEL_PERIOD_S = 5.0
 

@@ -11,7 +11,7 @@ import pytest
 from companion.mission.model import Mission, parse_mission
 from companion.protocol.messages import Directive, Kind
 from groundstation.desk import ANSWER_S, MOST_AT_ONCE, MOST_WAITING, Desk, Fact, begin_day
-from groundstation.events import AddThreat, Event, Pause, TakeOut, ThreatAdded, TrackBegan, Undo, Who
+from groundstation.events import AddThreat, Direct, Event, Pause, TakeOut, ThreatAdded, TrackBegan, Undo, Who
 from groundstation.ground_station import GroundStation, Resumed
 from groundstation.store.chapters import beginning
 from groundstation.store.rows import EventRow
@@ -155,7 +155,7 @@ def test_more_commands_than_can_wait_are_refused(day: Day) -> None:
 
 
 def test_a_restart_goes_on_with_what_the_events_have_made_and_with_their_numbers(day: Day) -> None:
-    begin_day(day.desk, day.station, Directive.NORMAL, START_S)
+    begin_day(day.desk, day.station, (), START_S)
     day.desk.ask(TakeOut(do="take-out", agent=1), ANNA)
     day.desk.tick(START_S)
     kept = dict([beginning(mission(), {}, ()).chapter.kept])
@@ -178,7 +178,7 @@ def test_a_disk_that_does_not_answer_refuses_a_command_that_it_has_not_begun_to_
 
 
 def test_a_directive_that_an_older_state_kept_becomes_an_event(day: Day) -> None:
-    begin_day(day.desk, day.station, Directive.HOLD, START_S)
+    begin_day(day.desk, day.station, [Direct(do="direct", directive="hold")], START_S)
     assert day.station.directive is Directive.HOLD
     assert [row.event for row in day.disk.rows] == ["started", "directed"]
 

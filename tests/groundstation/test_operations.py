@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import Any
 
@@ -9,8 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.errors import InputError
+from companion.errors import InputError, printable
+from companion.files.yaml import dump_yaml
 from companion.mission.model import Mission, parse_mission
+from companion.mission.sources import SourceSpec
 from companion.protocol.messages import Directive, Kind
 from groundstation.acceptance import event_of
 from groundstation.broadcast import MOST_FRAMES
@@ -94,6 +97,58 @@ def test_a_pause_lets_all_hold_and_resuming_gives_back_what_was_told() -> None:
     paused = does(returning, {"do": "pause"})
     assert (paused.orders.of(1), paused.orders.of(2)) == (Directive.RETURN, Directive.HOLD)
     assert does(paused, {"do": "resume"}).orders == returning.orders
+
+
+def test_normal_for_all_lets_every_agent_go_on_and_its_undo_gives_back_what_single_ones_were_told() -> None:
+    alone = {"do": "direct", "directive": "return", "agent": 2}
+    told = does(Operations.begun(MISSION), alone, {"do": "direct", "directive": "hold"})
+    normal = does(told, {"do": "direct", "directive": "normal"})
+    assert [normal.orders.of(one) for one in (1, 2)] == [Directive.NORMAL, Directive.NORMAL]
+    assert does(normal, {"do": "undo", "number": 3}).orders == told.orders
+    later = does(normal, {**alone, "directive": "hold"}, {"do": "undo", "number": 3})
+    assert later.orders.own == {2: Directive.HOLD}
+
+
+def test_undoing_a_hold_for_all_leaves_what_single_agents_were_told_since() -> None:
+    operations = does(
+        Operations.begun(MISSION),
+        {"do": "direct", "directive": "hold"},
+        {"do": "direct", "directive": "return", "agent": 2},
+        {"do": "undo", "number": 1},
+    )
+    assert (operations.orders.of(1), operations.orders.of(2)) == (Directive.NORMAL, Directive.RETURN)
+
+
+@pytest.mark.parametrize(
+    ("first", "directive", "words"),
+    [
+        ({"do": "direct", "directive": "hold"}, "normal", "all agents are told to hold, which is stronger"),
+        ({"do": "direct", "directive": "return"}, "hold", "all agents are told to return, which is stronger"),
+        ({"do": "pause"}, "normal", "all agents are told to hold, which is stronger; allowed: first resume"),
+    ],
+)
+def test_a_directive_for_one_agent_that_would_not_be_what_it_does_is_refused(
+    first: dict[str, Any], directive: str, words: str
+) -> None:
+    operations = does(Operations.begun(MISSION), first)
+    assert words in refusal(operations, {"do": "direct", "directive": directive, "agent": 1})
+    # What was told to it alone is taken back all the same.
+    alone = does(Operations.begun(MISSION), {"do": "direct", "directive": "return", "agent": 1}, first)
+    assert does(alone, {"do": "undo", "number": 1}).orders == operations.orders
+
+
+def test_undoing_the_last_again_and_again_walks_back_to_the_beginning() -> None:
+    begun = Operations.begun(MISSION)
+    operations = does(begun, *({"do": "direct", "directive": to} for to in ("hold", "return", "hold")), {"do": "pause"})
+    for left in range(4, 0, -1):
+        assert len(operations.undoable) == left
+        operations = does(operations, {"do": "undo", "number": operations.undoable[-1]})
+    assert operations.undoable == []
+    assert operations.orders == begun.orders
+    # By its number an undo is taken back as well, and what it took back is then in force and offered.
+    again = does(operations, {"do": "undo", "number": 8})
+    assert again.orders.told is Directive.HOLD
+    assert again.undoable == [9]
 
 
 @pytest.mark.parametrize(
@@ -230,3 +285,36 @@ def test_a_target_that_was_retired_by_mistake_is_back_with_its_name_and_its_pins
     back = does(retired, {"do": "undo", "number": 3})
     assert back.orders.pins == {2: 3}
     assert back.names == {(Kind.TARGET, 3): "mast"}
+
+
+@given(st.text(max_size=50))
+def test_a_name_that_is_typed_is_taken_as_it_is_or_refused_where_a_terminal_would_show_another(name: str) -> None:
+    is_plain = name.isprintable() and bool(name.strip()) and len(name) <= 40
+    given = {"do": "add-threat", "north_m": 0, "east_m": 0, "radius_m": 5, "name": name}
+    for refused in (
+        lambda: command_from(given),
+        lambda: parse_mission(dump_yaml({"name": name, "agents": [{"id": 1}], "targets": [{"id": 1}]}), "m"),
+        lambda: SourceSpec(name=name, kind="ais", file="x", radius_m=5.0),
+        lambda: SourceSpec(name="x", kind="ais", file="x", radius_m=5.0, ids={name: 1}),
+    ):
+        try:
+            refused()
+        except (InputError, ValueError) as error:
+            assert not is_plain
+            assert not isinstance(error, InputError) or printable(str(error)).startswith(("command", "m: "))
+        else:
+            assert name.isprintable() and name.strip()
+
+
+@given(st.text(min_size=1, max_size=40))
+def test_a_name_of_an_older_store_is_read_with_what_cannot_be_printed_replaced(name: str) -> None:
+    line = json.dumps({"event": "retired", "number": 1, "unix_s": 0.0, "who": {"name": name, "role": "operator"},
+                       "kind": "threat", "id": 1})  # fmt: skip
+    read = event_from_json(line)
+    assert read.who.name.isprintable()
+    assert read.who.name == name or not name.isprintable() or not name.strip()
+
+
+def test_the_number_of_an_event_is_one_that_every_json_reader_keeps() -> None:
+    with pytest.raises(InputError, match="number: 18446744073709551616; allowed: less than or equal to"):
+        command_from({"do": "undo", "number": 2**64})

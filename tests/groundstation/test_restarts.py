@@ -266,3 +266,38 @@ def test_until_an_agent_is_seen_after_a_restart_nobody_gets_another_target() -> 
     shell.restart().to(6.0, blind=frozenset({2}))
     assert shell.station.assignment == {1: 3, 2: 2, 3: 1}
     assert shell.to(7.0).station.assignment == {1: 1, 2: 2, 3: 3}
+
+
+@pytest.mark.parametrize("sensed", [False, True])
+def test_nobody_that_was_never_seen_arrives_where_the_mission_has_it(sensed: bool) -> None:
+    shell = Shell(mission("queue: true\n"), sensed=sensed)
+    nobody = frozenset({1, 2, 3})
+    shell.to(2.0, blind=nobody)
+    assert shell.does({"do": "add-target", "north_m": 0.0, "east_m": 6000.0})
+    shell.to(4.0, blind=nobody)
+    assert not any(words.startswith("arrived") for words in shell.words())
+    assert not any(words.startswith("arrived") for words in shell.restart().to(7.0, blind=nobody).words())
+
+
+def agents_of(shell: Shell) -> list[tuple[float, str]]:
+    """Return age and source of each agent in the picture."""
+    shown = picture(shell.station, START_S + shell.t_s, Surroundings())
+    return [(agent["age_s"], agent["source"]) for agent in shown["agents"]]
+
+
+def test_the_ages_of_agents_that_nobody_sees_go_on_over_restarts() -> None:
+    shell = Shell(mission())
+    shell.to(1.0, blind=frozenset({1})).to(7.0, blind=frozenset({1, 2}))
+    assert agents_of(shell) == [(7.0, "mission"), (6.0, "reckoned"), (0.0, "sensor")]
+    shell.restart(after_s=4.0)
+    assert agents_of(shell) == [(11.0, "mission"), (10.0, "reckoned"), (4.0, "reckoned")]
+    assert agents_of(shell.restart(after_s=1.0)) == [(12.0, "mission"), (11.0, "reckoned"), (5.0, "reckoned")]
+
+
+def test_an_agent_is_lost_after_the_same_silence_whether_the_station_was_restarted_or_not() -> None:
+    shell = Shell(mission()).to(5.0)
+    for _ in range(2):
+        shell.to(shell.t_s + 3.0, blind=frozenset({3}))
+        shell.restart(after_s=0.0)
+    assert "lost 3" not in shell.words()
+    assert "lost 3" in shell.to(14.0, blind=frozenset({3})).words()

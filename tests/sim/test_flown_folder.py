@@ -15,6 +15,7 @@ from companion.onboard.failsafe import Stage
 from companion.onboard.flight_log import decision_frame, text_frames
 from companion.protocol.codec import FrameWriter
 from companion.protocol.messages import RadiiFrame
+from groundstation.events import Directed, Paused, Who, event_json
 from groundstation.ground_station import GroundStation
 from groundstation.store.playback import Playback
 from groundstation.store.recordings import Recording
@@ -127,3 +128,22 @@ def test_a_killed_flight_without_a_result_is_opened_and_another_folder_is_refuse
     (tmp_path / "broadcast.tlog").unlink()
     with pytest.raises(InputError, match="no broadcast.tlog; allowed: a folder that `sim fly --out` wrote"):
         FlownFolder(tmp_path)
+
+
+def test_what_agents_were_told_is_shown_from_when_they_were_told_it(folder: Path, tmp_path: Path) -> None:
+    for name in ("mission.yaml", "trajectory.csv", "broadcast.tlog"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    anna = Who(name="anna", role="operator")
+    told = Directed(number=1, unix_s=START_S + 5.0, who=anna, directive="return", agent=1)
+    paused = Paused(number=2, unix_s=START_S + 9.0, who=anna)
+    (tmp_path / "events.jsonl").write_bytes(b"".join(event_json(event) + b"\n" for event in (told, paused)))
+    flown = FlownFolder(tmp_path)
+    shown = [flown.picture_at(START_S + at_s) for at_s in (4.0, 6.0, 10.0)]
+    agents = [[(one["state"], one["directive"]) for one in picture["agents"]] for picture in shown if picture]
+    assert [one[0] for one in agents] == [("no target", "normal"), ("recalled", "return"), ("recalled", "return")]
+    assert [one[1][1] for one in agents] == ["normal", "normal", "hold"]
+    assert [(picture["paused"], picture["directive"]) for picture in shown if picture] == [
+        (False, "normal"),
+        (False, "normal"),
+        (True, "hold"),
+    ]

@@ -9,9 +9,10 @@ import { metres, position, thing } from "./format.js";
 const ONE_WAY = "Vehicles follow at the next broadcast that they hear; none of them can confirm it.";
 const DIRECTIVES = {
   hold: { title: "Hold", text: "hold: each loiters where it hears this" },
-  return: { title: "Recall", text: "return: each flies back and ends its mission" },
+  return: { title: "Recall", text: "return: each flies back and loiters there" },
   normal: { title: "Back to normal", text: "go on to their targets" },
 };
+const ALONE = "Those that were held or recalled alone go on, too.";
 const PLACE_DECIMALS = { metres: 1, degrees: 7 };
 
 export class Actions {
@@ -37,7 +38,7 @@ export class Actions {
     const count = this.page.state.agents.size;
     this.ask({
       title: `${title}: all agents`,
-      text: [`All ${count} agents ${text}.`, ONE_WAY],
+      text: [`All ${count} agents ${text}.`, ...(directive === "normal" ? [ALONE] : []), ONE_WAY],
       confirm: `${title} all ${count}`,
       danger: directive === "return",
       act: () => this.give({ do: "direct", directive, agent: null }, `${title}: all agents`),

@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from companion.runtime.console import Job, messages_written_by, program_logger
+from companion.runtime.console import Job, messages_as_json, messages_written_by, program_logger
 
 LOGGER = program_logger("ferry")
 
@@ -58,3 +58,16 @@ def test_a_reader_that_has_gone_away_is_no_secret(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("click.echo", gone)
     with pytest.raises(BrokenPipeError):
         LOGGER.info("anybody there?")
+
+
+@pytest.mark.parametrize("form", ["text", "json"])
+def test_a_name_in_a_message_begins_no_line_and_steers_no_terminal(
+    form: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logger = program_logger(f"ferry-{form}")
+    if form == "json":
+        messages_as_json(f"ferry-{form}")
+    logger.info("name X\n\x1b[2Jferry: paused\u202e")
+    said = capsys.readouterr().out
+    assert said.count("\n") == 1
+    assert said[:-1].isprintable()

@@ -245,7 +245,7 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "nothing": (b"", "neither JSON nor XML; allowed: a plan of QGroundControl, KML, GeoJSON"),
     "a picture": (b"\x89PNG\r\n", "neither JSON nor XML"),
     "an archive": (b"PK\x03\x04", "a zip archive; allowed: KML, so of a KMZ the doc.kml in it"),
-    "a list": (b"[1]", "neither JSON nor XML"),
+    "a list": (b"[1]", "holds a list; allowed: a JSON object"),
     "half a plan": (json.dumps(PLAN).encode()[:400], "not valid JSON: "),
     "no number": (b'{"fileType": "Plan", "version": NaN}', "not valid JSON: NaN is no number"),
     "an endless number": (
@@ -305,7 +305,23 @@ REFUSED: dict[str, tuple[bytes, str]] = {
         plan_with("mission.items", []).replace(b"[[47.398, 8.546, 50]]", b"[]"),
         "targets: none; allowed: at least one way point",
     ),
-    "a way point outside the fence": (plan_with("mission.items.1.params.4", 47.41), "targets[0]: id 1 starts at "),
+    "a way point outside the fence": (
+        plan_with("mission.items.1.params.4", 47.41),
+        "targets[0] (mission.items[1].params): id 1 starts at ",
+    ),
+    "a home outside the fence": (
+        plan_with("mission.plannedHomePosition.0", 47.41),
+        "agents[0] (mission.plannedHomePosition): id 1 starts at 0 m north, 0 m east of the origin; allowed: inside "
+        "the fence (geoFence.polygons[0])",
+    ),
+    "a way point in an exclusion circle": (
+        plan_with("geoFence.circles.0.circle.center", PLAN["mission"]["items"][1]["params"][4:6]),
+        "targets[0] (mission.items[1].params): id 1 starts 0.0 m from threat 1 (geoFence.circles[0]); allowed: ",
+    ),
+    "decimal commas in KML": (
+        KML.replace("8.5470,47.3990<", "8,5470,47,3990,0<").encode(),
+        "decimal marks are points",
+    ),
     "no home": (
         plan_with("mission.plannedHomePosition", None),
         "home: nothing says where the vehicles start; allowed: --home",
@@ -467,3 +483,25 @@ def test_a_file_with_anything_in_the_place_of_a_value_is_used_or_refused(
         part = part[key]
     part[path[-1]] = value
     used_or_refused(json.dumps(changed).encode())
+
+
+def test_nulls_that_qgroundcontrol_writes_for_heights_it_does_not_know_are_no_fault() -> None:
+    plan = copy.deepcopy(PLAN)
+    plan["mission"]["plannedHomePosition"] = [*plan["mission"]["plannedHomePosition"][:2], None]
+    plan["geoFence"]["breachReturn"] = [47.4, 8.5, None]
+    plan["rallyPoints"]["points"] = [[*point[:2], None] for point in plan["rallyPoints"]["points"]]
+    for item in plan["mission"]["items"]:
+        item["AMSLAltAboveTerrain"] = None
+        if transects := item.get("TransectStyleComplexItem"):
+            transects["CameraCalc"] = None
+            transects["VisualTransectPoints"] = [
+                [*point[:2], None] for point in transects.get("VisualTransectPoints", [])
+            ]
+    with_nulls = mission_from(json.dumps(plan).encode())
+    assert with_nulls.targets == mission_from(json.dumps(PLAN).encode()).targets
+    assert with_nulls.origin.alt_m == 0.0
+
+
+def test_where_the_origin_lies_is_said_so_that_exchanged_coordinates_are_seen() -> None:
+    _, said = run(HERE / "field.geojson")
+    assert "origin: at 47.39770 N, 8.54560 E\n" in said

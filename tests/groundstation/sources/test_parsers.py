@@ -14,7 +14,7 @@ from groundstation.sources.ais import AisParser
 from groundstation.sources.basestation import ON_GROUND, BaseStationParser, time_in
 from groundstation.sources.cot import NO_THING, CotParser
 from groundstation.sources.lines import TOO_LONG, Lines
-from groundstation.sources.recording import OTHER_KIND, RecordingParser
+from groundstation.sources.recording import NO_ID, NO_TIME, OTHER_KIND, RecordingParser, header_fault
 from groundstation.sources.sighting import NO_PLACE, NOT_WHOLE, Category, Datum, Parser, Sighting
 from tests.groundstation.sources.given import COT, DATA, FRAME, START_S, basestation_bytes
 
@@ -220,3 +220,37 @@ def test_damaged_bytes_never_raise_and_what_is_seen_is_on_the_earth(name: str, d
     for seen in parser.feed(bytes(damaged) + data.draw(st.binary(max_size=20)) + b"\n", START_S):
         assert abs(seen.lat_deg) <= 90.0 and abs(seen.lon_deg) <= 180.0
         assert seen.velocity is None or math.isfinite(abs(seen.velocity))
+
+
+COLUMNS = "t_s,id,lat_deg,lon_deg,name"
+ROW = "1.5,7,48.7,2.35,x"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"\ufeff{COLUMNS}\r\n{ROW}\r\n",
+        f"{COLUMNS}\n{ROW}\n".replace(",", "\t"),
+        f"\ufeff{COLUMNS}\n{ROW}\n".replace(",", ";"),
+        f"{COLUMNS}\n{ROW}\n".replace(",", ";").replace(".", ","),
+    ],
+)
+def test_a_csv_as_spreadsheets_write_it_is_read(text: str) -> None:
+    parser = RecordingParser(FRAME, "threats", is_json=False)
+    (seen,) = parser.feed(text.encode(), 0.0)
+    assert (seen.at_s, seen.key, seen.lat_deg, seen.lon_deg, seen.name) == (1.5, "7", 48.7, 2.35, "x")
+
+
+def test_a_header_without_what_a_sighting_needs_is_told_with_what_was_found() -> None:
+    assert header_fault(b"time,id,lat,lon\n") == (
+        "no column t_s; lat_deg and lon_deg, or north_m and east_m; found: time, id, lat, lon; allowed: t_s, id and a "
+        "place"
+    )
+    assert header_fault(b"\xff\xfet\x00") == "its first line is no text; allowed: CSV in UTF-8 with a header"
+    assert header_fault(COLUMNS.encode()) is None
+
+
+def test_a_row_without_time_or_id_is_counted_by_what_it_lacks() -> None:
+    parser = RecordingParser(FRAME, "threats", is_json=False)
+    assert parser.feed(f"{COLUMNS}\n,7,48.7,2.35,x\n1,,48.7,2.35,x\n".encode(), 0.0) == []
+    assert parser.refused == {NO_TIME: 1, NO_ID: 1}

@@ -200,7 +200,8 @@ def test_how_a_source_does_is_told_when_that_changes_with_the_reason_and_not_aga
     feed.link.fault, feed.link.note = None, "tcp:127.0.0.1:1"
     feed.hear(b"$GPGGA,no,aircraft\r\n", START_S + 60.0)
     silent = "receiver: silent: tcp:127.0.0.1:1; 1 not readable"
-    assert run.sources.news(START_S + 61.0) == ([], [silent])
+    unread = "receiver: 1 message could not be used: not readable"
+    assert run.sources.news(START_S + 61.0) == ([], [unread, silent])
     feed.pulse.note(1, START_S + 80.0)
     assert run.sources.news(START_S + 80.0) == (["receiver: good: tcp:127.0.0.1:1; 1 not readable"], [])
 
@@ -223,7 +224,8 @@ def test_a_recording_of_ais_without_times_is_played_line_by_line() -> None:
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("basestation", "KIND=URL-OR-FILE"),
+        ("basestation", "'basestation'; allowed: KIND=URL-OR-FILE"),
+        ("adsb=udpin:127.0.0.1:1,radius_m=20,radius_m=30", "radius_m is given twice; allowed: each key once"),
         ("basestaton=tcp:127.0.0.1:30003", "did you mean 'basestation'"),
         ("basestation=tcp:127.0.0.1:30003", "radius_m"),
         ("adsb=udpin:0.0.0.0:14550,radius_m=500", "unsigned"),
@@ -289,3 +291,31 @@ def test_a_tcp_server_that_comes_later_is_heard_and_its_end_is_told() -> None:
     assert "refused" in refused
     assert "ended" in ended
     assert heard >= 1
+
+
+def test_why_messages_of_a_source_are_not_used_is_told_with_the_main_reason_and_again_a_minute_later() -> None:
+    run = Run("{name: rows, kind: csv, file: x, radius_m: 8}")
+    feed = run.sources.feeds["rows"]
+    feed.hear(b"t_s,id,lat_deg,lon_deg\n,A,1,1\n0,A,91,8\n1,A,92,8\n", START_S)
+    told = "rows: 3 messages could not be used: 2 not a place on the Earth"
+    assert told in run.sources.news(START_S)[1]
+    assert run.row(0.0, "rows")["detail"] == "; 2 not a place on the Earth"
+    feed.hear(b"2,A,93,8\n", START_S)
+    assert run.sources.news(START_S + 1.0)[1] == []
+    assert "rows: 4 messages could not be used: 3 not a place on the Earth" in run.sources.news(START_S + 61.0)[1]
+
+
+def test_two_sources_that_put_one_agent_at_different_places_are_told_apart_by_how_much() -> None:
+    run = Run(*(f"{{name: {name}, kind: telemetry, url: 'udpin:127.0.0.1:1'}}" for name in ("one", "two")))
+    for name, north_m in (("one", 0.0), ("two", 111.0)):
+        run.sources.feeds[name].offer([sighting("1", north_m, 0.0, START_S)], START_S)
+    run.tick(0.0)
+    (told,) = [line for line in run.sources.news(START_S)[1] if "sees too" in line]
+    assert told.endswith("sees too: the two differ by 111 m")
+
+
+def test_a_folder_or_a_csv_without_the_columns_is_refused_at_the_start(tmp_path: Path) -> None:
+    (tmp_path / "wrong.csv").write_text("time,id,lat,lon\n")
+    for name, words in (("", "is a folder; allowed: a recording"), ("wrong.csv", "found: time, id, lat, lon")):
+        with pytest.raises(InputError, match=words):
+            source_specs(mission(), [f"csv={tmp_path / name},radius_m=5"], "m", unsigned=False)

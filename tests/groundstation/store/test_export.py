@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from pymavlink import mavutil
@@ -15,7 +17,8 @@ from pymavlink import mavutil
 from companion.errors import InputError
 from groundstation.store.database import Database
 from groundstation.store.export import Slice, event_line, export
-from groundstation.store.log_command import time_of
+from groundstation.store.log_command import log_store, time_of
+from groundstation.store.rows import EventRow
 from tests.groundstation.store.recorded import NOW_S, recorded_store
 
 WHOLE = Slice()
@@ -118,3 +121,22 @@ def test_a_time_is_seconds_or_iso(text: str) -> None:
 def test_a_time_that_is_none_is_refused() -> None:
     with pytest.raises(InputError, match="--to: 'noon'; allowed: Unix seconds, or a time such as"):
         time_of("noon", "--to", 0.0)
+
+
+def test_an_export_replaces_no_file_and_a_time_that_ends_before_it_begins_is_refused(
+    store: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "day.csv").write_text("kept")
+    with pytest.raises(InputError, match="--out: .*day.csv is there already; allowed: the name of a new file"):
+        log_store(store, WHOLE, tmp_path / "day.csv", False)
+    assert (tmp_path / "day.csv").read_text() == "kept"
+    with pytest.raises(InputError, match="--from: 2026-.*, later than --to 2026-"):
+        log_store(store, Slice(NOW_S + 1.0, NOW_S), None, False)
+
+
+@given(st.text(min_size=1, max_size=40), st.text(min_size=1, max_size=40))
+def test_no_name_in_a_store_forges_a_line_of_the_days_record(who: str, name: str) -> None:
+    body = json.dumps({"number": 3, "who": {"name": who}, "name": name, "event": "threat-added"})
+    line = event_line(EventRow(3, NOW_S, who, "threat-added", body))
+    assert line.isprintable()
+    assert line.startswith("     3 2026-09-21T14:13:20.000Z ")

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +20,7 @@ from groundstation.store.rows import Batch
 from groundstation.web.feed import Refused
 from groundstation.web.pipe import Message, Who
 from tests.groundstation.store.recorded import NOW_S, recorded_store
+from tests.ports import free_port
 
 
 class Screen:
@@ -130,3 +134,15 @@ def test_a_store_with_nothing_in_it_is_refused(tmp_path: Path) -> None:
     Database.create(tmp_path / "x.state", Batch()).close()
     with pytest.raises(InputError, match="x.state: no events and no pictures; allowed: the store of a run"):
         StoredRun(tmp_path / "x.state")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_playback_that_is_told_to_stop_ends_without_a_word_of_failure(path: Path, number: signal.Signals) -> None:
+    command = [sys.executable, "-m", "groundstation", "log", str(path), "--ui", f"127.0.0.1:{free_port()}"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None
+        assert "page: http" in program.stdout.readline()
+        program.send_signal(number)
+        _, said = program.communicate(timeout=60.0)
+    assert (program.returncode, said) == (0, "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from companion.mission.model import parse_mission
 from companion.protocol.messages import Directive, Kind
 from groundstation.desk import Desk as DeskOf
 from groundstation.desk import begin_day, row_of
-from groundstation.events import Command, Direct, Pause, Pin, Resume, Retire, Who
+from groundstation.events import Command, Direct, Pause, Pin, Resume, Retire, TakeOut, Who
 from groundstation.ground_station import GroundStation, Resumed
 from groundstation.notices import noticed
 from groundstation.resumption import resumption
@@ -40,7 +41,7 @@ class Run:
         self.station = GroundStation(flown, start_s, resumed=resumed)
         self.desk = DeskOf(self.station, self.store)
         self.store.keep(*self.found.begun.chapter.kept)
-        begin_day(self.desk, self.station, self.found.directive, start_s)
+        begin_day(self.desk, self.station, self.found.orders, start_s)
         self.tick(start_s)
 
     def tick(self, now_s: float) -> None:
@@ -141,6 +142,34 @@ def test_a_pause_over_a_restart_ends_as_it_would_have(path: Path) -> None:
     again.desk.ask(Resume(do="resume"), ANNA)
     again.tick(NOW_S + 41.0)
     assert again.station.directive is Directive.NORMAL
+
+
+def test_orders_for_agents_that_are_still_there_go_on_over_an_edited_mission_and_the_rest_is_named(path: Path) -> None:
+    run = Run(path, NOW_S + 30.0)
+    run.desk.ask(TakeOut(do="take-out", agent=1), ANNA)
+    run.desk.ask(Direct(do="direct", directive="hold", agent=2), ANNA)
+    run.desk.ask(Direct(do="direct", directive="return"), ANNA)
+    run.desk.ask(Pause(do="pause"), ANNA)
+    run.tick(NOW_S + 31.0)
+    run.tick(NOW_S + 32.0)
+    before = run.station.operations.orders
+    edited = MISSION.replace("12000, east_m: 0", "11000, east_m: 0")
+    other = Run(path, NOW_S + 40.0, edited)
+    assert other.station.operations.orders == replace(before, pins={})
+    (warning,) = other.found.begun.warnings
+    for words in (
+        "left behind: the pins of agents 2; what was added, changed or retired: threats 4; the places",
+        "goes on: agent 1 taken out, directive hold for agent 2, directive return for all, the pause",
+    ):
+        assert words in warning
+    # Another restart goes on with what this one has kept, and a pause is one that can be ended.
+    again = Run(path, NOW_S + 50.0, edited)
+    assert again.station.operations.orders == other.station.operations.orders
+    again.desk.ask(Resume(do="resume"), ANNA)
+    again.tick(NOW_S + 51.0)
+    assert not again.station.operations.orders.paused
+    alone = edited.replace("{id: 1, north_m: 0, east_m: 0}, ", "")
+    assert Run(path, NOW_S + 60.0, alone).found.begun.warnings[0].count("of agents that are gone: 1;") == 1
 
 
 def test_a_store_with_an_event_of_a_later_release_is_refused_in_one_line(path: Path) -> None:

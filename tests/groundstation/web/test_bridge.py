@@ -169,3 +169,13 @@ def test_only_types_that_the_bridge_knows_are_published(desk: _Desk) -> None:
     with pytest.raises(AssertionError):
         desk.bridge.publish({"type": "secret"})
     assert "event" not in NEWEST_ONLY
+
+
+def test_what_cannot_be_packed_ends_nothing_and_whoever_asked_is_told(desk: _Desk) -> None:
+    desk.bridge.publish({"type": "event", "event": {"number": 2**64}})
+    desk.bridge.reply(7, {"number": 1, "name": "\ud800"})
+    desk.bridge.publish({"type": "picture", "t_s": 1.0})
+    desk.bridge.pump()
+    messages = desk.children[0].read()
+    assert _types(messages) == ["hello", "picture", "refusal"]
+    assert (messages[2]["id"], messages[2]["detail"][:15]) == (7, "it was obeyed, ")

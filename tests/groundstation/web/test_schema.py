@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -119,3 +121,44 @@ def test_the_description_holds_no_path_of_this_computer() -> None:
     text = OPEN.served.ask("GET", "/openapi.json", headers={"host": "testserver"}).text
     assert str(Path.home()) not in text
     assert "tokens.json" not in text
+
+
+def _integers(schema: Any, where: str = "") -> Iterator[tuple[str, dict[str, Any]]]:  # noqa: ANN401 JSON
+    """Yield the integers that requests hold, each with where it stands in the description."""
+    if isinstance(schema, list):
+        for index, part in enumerate(schema):
+            yield from _integers(part, f"{where}/{index}")
+    elif isinstance(schema, dict):
+        if schema.get("type") == "integer":
+            yield where, schema
+        for key, part in schema.items():
+            yield from _integers(part, f"{where}/{key}")
+
+
+def test_every_integer_that_can_be_asked_is_bounded_to_what_every_json_reader_keeps() -> None:
+    description = OPEN.served.ask("GET", "/openapi.json", headers={"host": "testserver"}).json()
+    integers = dict(_integers(description))
+    assert len(integers) >= 15
+    for where, schema in integers.items():
+        assert "minimum" in schema and schema.get("maximum", 2**64) <= 2**53, (where, schema)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"do": "undo", "number": 2**64},
+        {"do": "change", "kind": "target", "id": 10**400, "name": "x"},
+        {"do": "add-target", "north_m": 10**400, "east_m": 0},
+        {"do": "add-target", "north_m": 0, "east_m": 0, "name": "\ud800"},
+        {"do": "pause", "\ud800": 1},
+        {"do": "\ud800"},
+        [],
+        None,
+    ],
+)
+def test_what_no_json_of_the_pipe_can_hold_is_refused_with_the_reason(body: object) -> None:
+    headers = {"host": "testserver", "content-type": "application/json"}
+    answer = OPEN.served.ask("POST", "/api/v1/commands", headers=headers, content=json.dumps(body).encode())
+    assert answer.status_code == 422
+    assert answer.json()["detail"].isprintable()
+    assert not answer.json()["detail"].startswith(":")

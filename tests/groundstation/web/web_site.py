@@ -14,7 +14,7 @@ from groundstation.web.application import application
 from groundstation.web.feed import Refused, Sink
 from groundstation.web.hub import Hub
 from groundstation.web.limits import Limits
-from groundstation.web.pipe import Message, Who
+from groundstation.web.pipe import Message, Who, packed
 from groundstation.web.site import Site
 
 URL = "http://127.0.0.1:8750"
@@ -35,6 +35,7 @@ class FakeFeed:
         """Return an event with the command in it."""
         if self.refusal is not None:
             raise self.refusal
+        packed(command)  # As the pipe to the ground station takes it.
         self.commands.append((who, command))
         return {"number": len(self.commands), "event": command["do"], "who": {"name": who.name, "role": who.role}}
 
