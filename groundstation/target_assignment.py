@@ -70,7 +70,7 @@ def out_of_reach(mission: Mission, tracks: TrackTable, targets: Sequence[int]) -
     """Return which of some targets no agent that is left may be sent to, now or after others, as far as ranges go."""
     left = {*tracks.active_agents, *tracks.idle_agents}
     problem = _Problem(mission, tracks, [agent for agent in mission.agents if agent.id in left], targets)
-    reached = problem.in_range().any(axis=0)
+    reached: np.ndarray = np.any(problem.in_range(), axis=0)
     return tuple(target for target, is_reached in zip(targets, reached, strict=True) if not is_reached)
 
 

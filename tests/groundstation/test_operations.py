@@ -163,7 +163,7 @@ def test_undoing_the_last_again_and_again_walks_back_to_the_beginning() -> None:
         ({"do": "add-target", "north_m": 30000.0, "east_m": 0.0}, "outside the fence"),
         ({"do": "add-target", "lat_deg": -47.0, "lon_deg": 8.0}, "km from the origin"),
         ({"do": "change", "kind": "threat", "id": 4, "attack_radius_m": 950.0}, "less than detection_radius_m"),
-        ({"do": "change", "kind": "threat", "id": 4, "speed_bound_m_s": 300.0}, "speed_bound_m_s: 300"),
+        ({"do": "change", "kind": "threat", "id": 4, "speed_bound_m_s": 900.0}, "speed_bound_m_s: 900"),
         ({"do": "change", "kind": "threat", "id": 4, "speed_bound_m_s": 0.0}, "with the place where it stands"),
     ],
 )
