@@ -130,7 +130,9 @@ class Page:
             self._picture_due_s = now_s + PICTURE_PERIOD_S
             screen.publish(picture(station, now_s, self._around(now_s)))
         if now_s >= self._moves_due_s - _DUE_TOLERANCE_S:
-            self._moves_due_s = now_s + MOVES_PERIOD_S
+            # On a grid, so that the ticks between which they are due do not make them fewer.
+            following_s = self._moves_due_s + MOVES_PERIOD_S
+            self._moves_due_s = following_s if following_s > now_s else now_s + MOVES_PERIOD_S
             screen.publish(moves(station, now_s))
         for request in screen.pump():
             if request.who.role != "operator":

@@ -69,6 +69,8 @@ LAST_TIMES = 2
 """Number of last broadcasts: one that is lost costs nothing but the word that nothing is broken."""
 LAST_S = 5.0
 """Longest time for them over a slow radio."""
+LOAD_AFTER_S = 0.2
+"""Time after which the solver is loaded in the background: the first frames are on the air by then."""
 SOLVER = "scipy.optimize"
 """The library of the assignment, which is loaded when it is first needed."""
 LINK_ID = 0
@@ -155,7 +157,7 @@ async def run_groundstation(mission: Mission, options: Options, stop: asyncio.Ev
         loop = BroadcastLoop(run, links, log, shown)
         # Heard only now that what they ask for can be obeyed.
         sources.listen(clock.now_s, stack)
-        _load_ahead()
+        asyncio.get_running_loop().call_later(LOAD_AFTER_S, _load_ahead)
         await loop.run(clock, stop)
 
 
