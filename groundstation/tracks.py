@@ -36,6 +36,8 @@ _ROUNDED_M_S = 0.02
 """Speed by which a velocity may exceed its bound because it was sent in whole cm/s."""
 ROUNDED_M = 0.02
 """Greatest distance by which a place in a picture is off because it is rounded."""
+_ERRORS = 2.0
+"""Greatest ratio to a sighting's error of what the errors of two sightings add to a way."""
 _FASTEST = 2.0
 """Greatest ratio of the speed of a sighting's way to the agent's, which wind and errors of the sensor may explain."""
 
@@ -139,7 +141,7 @@ class TrackTable:
             if seen.kind is Kind.THREAT:
                 place = _reached(complex(*track.position_ned_m), place, bound.speed_m_s * lasts_s, seen.error_m)
             self.tracks[key] = Track(place.real, place.imag, velocity.real, velocity.imag, seen.at_s)
-        if seen.kind is Kind.THREAT and moved_m > bound.speed_m_s * lasts_s + seen.error_m:
+        if seen.kind is Kind.THREAT and moved_m > bound.speed_m_s * lasts_s + _ERRORS * seen.error_m:
             self.origins.jumps += not bound.stands
         if seen.kind is Kind.AGENT:
             # The errors of places that come ten times a second are no way flown.
@@ -531,11 +533,11 @@ def _reached(before: complex, seen: complex, reach_m: float, error_m: float) -> 
     """Return where a threat is told to be that was at a place and was seen at another, places as north + i east in m.
 
     Vehicles take it to move by `reach_m` at most, so that what the errors of sightings add to its way is left out. What
-    is farther beyond that than such an error is told where it was seen.
+    is farther beyond that than two such errors, of the sightings before and now, is told where it was seen.
     """
     way = seen - before
     beyond_m = abs(way) - reach_m
-    return seen if not 0.0 < beyond_m <= error_m else before + way * (reach_m / abs(way))
+    return seen if not 0.0 < beyond_m <= _ERRORS * error_m else before + way * (reach_m / abs(way))
 
 
 def _bounded(velocity: complex, bound: Bound) -> complex:

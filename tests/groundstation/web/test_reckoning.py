@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import socket
+import subprocess
+import sys
 from typing import Any
 
 import pytest
@@ -11,7 +14,7 @@ from companion.guard.types import Piece
 from companion.mission.model import Mission, parse_mission
 from groundstation.ground_station import GroundStation
 from groundstation.view import Surroundings, moves, picture
-from groundstation.web.pipe import frames_message
+from groundstation.web.pipe import frames_message, packed
 from groundstation.web.routes import KEPT_S, WORK_S, Routes
 from groundstation.web.trails import MOST_POINTS, Trails
 from groundstation.web.why import why
@@ -161,3 +164,16 @@ def test_the_view_and_the_trails_agree_on_moves() -> None:
     trails = Trails()
     trails.add(moves(GroundStation(mission(), START_S), START_S))
     assert trails.to_dict()["targets"]["2"] == [(START_S, 8000.0, 4000.0)]
+
+
+def test_a_worker_whose_web_process_was_killed_ends_without_a_word() -> None:
+    ours, its = socket.socketpair()
+    command = [sys.executable, "-m", "groundstation.web.worker", str(its.fileno())]
+    with subprocess.Popen(command, pass_fds=[its.fileno()], stderr=subprocess.PIPE) as worker:
+        its.close()
+        # Closed with the answers unread, as by a process that is killed.
+        for _ in range(3):
+            ours.sendall(packed({"type": "job", "picture": {}, "heard": [], "why": []}))
+        ours.close()
+        _, said = worker.communicate(timeout=60.0)
+    assert (worker.returncode, said) == (0, b"")
