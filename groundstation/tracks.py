@@ -291,10 +291,6 @@ class TrackTable:
         track, bound = self.tracks[key], self._sightings.bound(key)
         if bound.stands:
             place_ned_m = track.position_ned_m
-        elif detection.kind is Kind.THREAT:
-            before, reach_m = complex(*track.position_ned_m), bound.speed_m_s * max(0.0, seen_at_s - track.seen_at_s)
-            place = _reached(before, complex(*place_ned_m), reach_m, bound.noise.error_m)
-            place_ned_m = place.real, place.imag
         velocity = _bounded(complex(detection.velocity_north_m_s, detection.velocity_east_m_s), bound)
         self.origins.note(key, SENSOR, seen_at_s, bound.noise.error_m)
         if detection.kind is Kind.AGENT:

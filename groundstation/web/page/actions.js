@@ -129,7 +129,7 @@ export class Actions {
   add(kind, known = {}) {
     this.ask({
       title: `Add a ${kind}`,
-      text: kind === "threat" ? "Vehicles bend their ways around it." : "",
+      text: kind === "threat" ? "Vehicles that hear of it bend their ways around it." : "",
       fields: [
         ...this.placeFields(known),
         field("name", "Name", { maxlength: "40", value: known.name ?? "" }, "optional"),
@@ -231,7 +231,7 @@ function number(name, label, value, hint) {
 
 function threatFields(known) {
   return [
-    number("attack_radius_m", "Attack radius in m", known.attack_radius_m ?? 500, "vehicles never enter it"),
+    number("attack_radius_m", "Attack radius in m", known.attack_radius_m ?? 500, "the inner disc, kept out of first"),
     number("detection_radius_m", "Detection radius in m", known.detection_radius_m ?? 1000, "vehicles keep out of it"),
     el(
       "div",

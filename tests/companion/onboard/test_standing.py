@@ -36,7 +36,9 @@ SUBSTEPS = 10
 TARGET_NED_M = (0.0, 0.0)
 HOME_NED_M = (-400.0, 0.0)
 WITHIN_M = 3.0
-WITHIN_S = 15.0
+WITHIN_S, SLOW_WITHIN_S = 15.0, 20.0
+"""Time in which it stands, with a configured reaction of at most QUICK_S, and with a longer one."""
+QUICK_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -161,11 +163,16 @@ def _scenes(draw: st.DrawFn) -> Scene:
     )
 
 
+def within_of(scene: Scene) -> float:
+    """Return the time in which a vehicle must stand: one that reckons with a slow reaction brakes early, and creeps."""
+    return WITHIN_S if scene.reaction_s <= QUICK_S else SLOW_WITHIN_S
+
+
 @settings(max_examples=25)
 @given(scene=_scenes())
-def test_who_arrives_stands_at_the_target_within_fifteen_seconds_without_a_wider_loop(scene: Scene) -> None:
+def test_who_arrives_stands_at_the_target_within_twenty_seconds_without_a_wider_loop(scene: Scene) -> None:
     samples = arrived(flown(scene, 180.0 / scene.speed_m_s + 40.0))
-    assert_stands(samples)
+    assert_stands(samples, within_of(scene))
     assert abs(place_of(samples)) <= scene.arrival_radius_m
     place = place_of(samples)
     assert max(abs(sample.place - place) for sample in samples) <= scene.arrival_radius_m
@@ -176,7 +183,7 @@ def test_who_arrives_stands_at_the_target_within_fifteen_seconds_without_a_wider
 def test_who_finds_itself_arrived_at_any_speed_stands_as_soon(scene: Scene, share: float, bearing_rad: float) -> None:
     near = cmath.rect(share * scene.arrival_radius_m, bearing_rad)
     samples = arrived(flown(replace(scene, place=near, start_m_s=scene.speed_m_s), 40.0))
-    assert_stands(samples)
+    assert_stands(samples, within_of(scene))
     # It gets no farther from the target than the way on which it comes to a stop leads it.
     stops_m = approach_m(scene.speed_m_s, pace_of(scene.config))
     assert max(abs(sample.place) for sample in samples) <= abs(near) + stops_m + 1.0
