@@ -18,6 +18,7 @@ from urllib.parse import quote
 from companion.errors import InputError, one_line
 from companion.files.log_series import LEAST_FREE_BYTES
 from companion.files.regular import refuse_other
+from companion.files.state import sync_folder
 from groundstation.store.rows import Batch, EventRow, Kind, Recorded
 from groundstation.store.schema import APPLICATION_ID, TABLES, VERSION
 
@@ -73,9 +74,10 @@ class Database:
             for old in _beside(path):
                 with suppress(FileNotFoundError):
                     old.unlink()
-            _sync(fresh, os.O_RDONLY)
+            with fresh.open("rb") as file:
+                os.fsync(file.fileno())
             fresh.replace(path)
-            _sync(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+            sync_folder(path.parent)
             return cls(path, _connected(str(path)), writes=True)
 
     @classmethod
@@ -292,16 +294,6 @@ def _check_header(path: Path) -> None:
 def _beside(path: Path) -> tuple[Path, Path]:
     """Return the files that SQLite keeps beside a store while it is open, or after a crash."""
     return path.with_name(f"{path.name}-wal"), path.with_name(f"{path.name}-shm")
-
-
-def _sync(place: Path, flags: int) -> None:
-    """Write a file, or a folder's entries, to disk; some network disks cannot do that with a folder."""
-    descriptor = os.open(place, flags)
-    try:
-        with suppress(OSError):
-            os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _words(error: Exception) -> str:
