@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from companion.files.yaml import ListOf, Section
-from companion.mission.values import MAX_KEY, MAX_NAME, Identity, Level, TypedName
+from companion.mission.values import MAX_KEY, MAX_NAME, MAX_THREAT_SPEED_M_S, Identity, Level, Speed, TypedName
 
 MAX_SOURCES = 32
 """Greatest number of sources of a mission."""
@@ -58,7 +58,7 @@ class SourceSpec(Section):
     radius_m: _Radius | None = None
     detection_radius_m: _Radius | None = None
     attack_radius_m: _Radius | None = None
-    speed_bound_m_s: Annotated[float, Field(gt=0, le=1_000)] | None = None
+    speed_bound_m_s: Speed | None = None
     """Greatest speed of its things; None: that of their category."""
     floor_m: Level | None = None
     ceiling_m: Level | None = None
@@ -124,6 +124,11 @@ class SourceSpec(Section):
         attack_m, detection_m = self.attack_radius_m, self.detection_radius_m
         if attack_m is not None and detection_m is not None and attack_m >= detection_m:
             raise ValueError(f"attack_radius_m: {attack_m:g}; allowed: less than detection_radius_m {detection_m:g}")
+        bound_m_s = self.speed_bound_m_s
+        if bound_m_s is not None and bound_m_s > MAX_THREAT_SPEED_M_S and self.things == "threats":
+            raise ValueError(
+                f"speed_bound_m_s: {bound_m_s:g} m/s for threats; allowed: at most {MAX_THREAT_SPEED_M_S:g} m/s"
+            )
         taken = list(self.ids.values())
         for key, identity in self.ids.items():
             if taken.count(identity) > 1:
