@@ -131,22 +131,22 @@ class TrackTable:
             return False
         bound = self._sightings.bound(key)
         lasts_s = seen.at_s - track.seen_at_s
-        moved_m = abs(seen.place - complex(*track.position_ned_m))
+        before, reach_m = complex(*track.position_ned_m), bound.speed_m_s * lasts_s
+        moved_m = abs(seen.place - before)
         if bound.stands and moved_m <= seen.error_m:
             # What stands is not moved about by the errors of its source.
             self.tracks[key] = replace(track, seen_at_s=seen.at_s)
         else:
             velocity = _bounded(seen.velocity, bound)
             place = seen.place
-            if seen.kind is Kind.THREAT:
-                place = _reached(complex(*track.position_ned_m), place, bound.speed_m_s * lasts_s, seen.error_m)
+            if seen.kind is Kind.THREAT and not bound.stands:
+                place = _reached(before, place, reach_m, seen.error_m)
+                self.origins.jumps += moved_m > reach_m + _ERRORS * seen.error_m
             self.tracks[key] = Track(place.real, place.imag, velocity.real, velocity.imag, seen.at_s)
-        if seen.kind is Kind.THREAT and moved_m > bound.speed_m_s * lasts_s + _ERRORS * seen.error_m:
-            self.origins.jumps += not bound.stands
         if seen.kind is Kind.AGENT:
             # The errors of places that come ten times a second are no way flown.
             way_m = abs(seen.velocity) * lasts_s if seen.velocity else moved_m
-            self.flown_m[seen.id] += min(way_m, bound.speed_m_s * lasts_s)
+            self.flown_m[seen.id] += min(way_m, reach_m)
             self.uncertainty_m[seen.id] = 0.0
             self.heard_at_s[seen.id] = max(self.heard_at_s[seen.id], seen.at_s)
         self._sightings.begin(key, self.tracks[key].position_ned_m, seen.at_s, seen.at_s)
