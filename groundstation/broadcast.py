@@ -105,7 +105,7 @@ def state_frames(
     stamp, revision = broadcast.stamp, broadcast.revision
     now_s = stamp.unix_s - picture.clock_ahead_s
     named = _named(picture, mission, broadcast.directives)
-    here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in named}
+    here = {identity: picture.tracks[Kind.AGENT, identity].place_at(now_s) for identity in named}
     told = _told(picture.present_agents, {one: here[one] for one in picture.told_agents(now_s)}, revision)
     agents, targets = _agents_and_targets(picture, mission, assignment, {**dict.fromkeys(named, NOWHERE), **told})
     agents = _directed(agents, broadcast.directives)
@@ -238,7 +238,7 @@ def fleet_frames(
     stamp, revision = broadcast.stamp, broadcast.revision
     now_s = stamp.unix_s - picture.clock_ahead_s
     named = _named(picture, mission, broadcast.directives)
-    here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in named}
+    here = {identity: picture.tracks[Kind.AGENT, identity].place_at(now_s) for identity in named}
     told = _told(picture.present_agents, {one: here[one] for one in picture.told_agents(now_s)}, revision)
     agents, targets = _agents_and_targets(picture, mission, assignment, {**dict.fromkeys(named, NOWHERE), **told})
     agents = _directed(agents, broadcast.directives)
@@ -347,12 +347,6 @@ def surrogate_digest(mission: Mission) -> bytes:
 def _weights_digest(surrogate: str) -> bytes:
     weights = resources.files("companion.surrogate").joinpath("weights", f"{surrogate}.json")
     return bytes.fromhex(content_digest(json.loads(weights.read_text(encoding="utf-8"))))[:DIGEST_BYTES]
-
-
-def _here(track: Track, now_s: float) -> tuple[float, float]:
-    """Return an agent's position (north, east) in m, extrapolated from its track to `now_s`."""
-    age_s = track.age_s(now_s)
-    return track.north_m + track.velocity_north_m_s * age_s, track.east_m + track.velocity_east_m_s * age_s
 
 
 def grown(threat: ThreatSpec, track: Track, now_s: float) -> ThreatEntry:
