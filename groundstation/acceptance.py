@@ -13,8 +13,8 @@ from companion.files.yaml import validated
 from companion.geo.polygon import inside_polygon
 from companion.mission.model import Mission, TargetSpec, ThreatSpec
 from companion.mission.places import Plane, Position
-from companion.mission.values import MAX_ID, MAX_ITEMS
-from companion.mission.written import RADII, radii_m
+from companion.mission.values import MAX_ID, MAX_ITEMS, RADII
+from companion.mission.written import radii_m
 from companion.protocol.messages import Directive, Kind
 from groundstation.broadcast import MOST_FRAMES, frames_for
 from groundstation.events import (
