@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from companion.autopilot.kinds import KINDS
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import ListOf, Section, parse_yaml, read_text_file, validated
-from companion.mission.places import FORMS, IN_DEGREES, IN_METRES
+from companion.mission.places import FORMS, IN_DEGREES, IN_METRES, Latitude, Longitude
 from companion.mission.values import MAX_ITEMS, Coordinate, Height, Identity, Positive, Speed
 
 Text = Annotated[str, Field(min_length=1)]
@@ -26,8 +26,8 @@ ID_WORD = "{id}"
 class Home(Section):
     """Where a vehicle starts: in degrees, or in metres on the mission's plane."""
 
-    lat_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
-    lon_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
     north_m: Coordinate | None = None
     east_m: Coordinate | None = None
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol
 from companion.errors import InputError
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission
-from companion.mission.sources import SourceKind, SourceSpec
+from companion.mission.sources import GIVEN_RADII, SourceKind, SourceSpec
 from companion.protocol.codec import Kind
 from groundstation.desk import Answer, Fact
 from groundstation.events import Command, Event, Retire, ThingKind, TrackBegan, TrackEnded, Who, command_from
@@ -275,7 +275,7 @@ def _command(one: Taken | Dropped, spec: SourceSpec, operations: Operations) -> 
         return command_from({"do": "change", "kind": kind, "id": one.id, **given})
     given |= {"name": one.name or one.key.key[:40], "north_m": one.place.real, "east_m": one.place.imag}
     if one.kind is Kind.THREAT:
-        radii = {key: getattr(spec, key) for key in ("radius_m", "detection_radius_m", "attack_radius_m")}
+        radii = {key: getattr(spec, key) for key in GIVEN_RADII}
         given |= {key: radius_m for key, radius_m in radii.items() if radius_m is not None}
         given |= {"floor_m": spec.floor_m, "ceiling_m": spec.ceiling_m}
     # No id is given twice: one that was retired comes back under another.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -10,6 +11,9 @@ from companion.files.yaml import is_there
 from groundstation.store.database import Database
 from groundstation.store.export import Slice, event_line, events_in, export, iso_time
 from groundstation.store.recordings import StoredRun
+
+LATEST_S = 253_402_300_799.0
+"""Greatest Unix time that can be written as a date: the last second of the year 9999."""
 
 
 def time_of(text: str | None, option: str, otherwise: float) -> float:
@@ -22,16 +26,20 @@ def time_of(text: str | None, option: str, otherwise: float) -> float:
     if text is None:
         return otherwise
     try:
+        at_s = _unix_s(text)
+    except ValueError:
+        at_s = math.nan
+    if not 0.0 <= at_s <= LATEST_S:
+        raise InputError(f"{option}: '{text}'; allowed: Unix seconds, or a time such as 2026-11-30T08:15:00Z")
+    return at_s
+
+
+def _unix_s(text: str) -> float:
+    try:
         return float(text)
     except ValueError:
-        pass
-    try:
         at = datetime.fromisoformat(text)
-    except ValueError as error:
-        raise InputError(
-            f"{option}: '{text}'; allowed: Unix seconds, or a time such as 2026-11-30T08:15:00Z"
-        ) from error
-    return (at if at.tzinfo is not None else at.replace(tzinfo=UTC)).timestamp()
+        return (at if at.tzinfo is not None else at.replace(tzinfo=UTC)).timestamp()
 
 
 def log_store(path: Path, time: Slice, out: Path | None, places: bool) -> None:

@@ -233,6 +233,7 @@ def test_a_recording_of_ais_without_times_is_played_line_by_line() -> None:
         ("telemetry=udpin:127.0.0.1:14550,colour=red", "colour"),
         ("telemetry=udpin:127.0.0.1:14550,most=many", "most"),
         ("ais=file:x.tlog,radius_m=5", "telemetry log"),
+        ("adsb=udpin:127.0.0.1:1,radius_m=9,speed_bound_m_s=900", "900 m/s for threats; allowed: at most 855 m/s"),
     ],
 )
 def test_a_source_on_the_command_line_that_cannot_be_used_is_refused_with_what_is_allowed(text: str, word: str) -> None:

@@ -118,9 +118,13 @@ def test_a_time_is_seconds_or_iso(text: str) -> None:
     assert time_of(text, "--from", 0.0) == NOW_S
 
 
-def test_a_time_that_is_none_is_refused() -> None:
-    with pytest.raises(InputError, match="--to: 'noon'; allowed: Unix seconds, or a time such as"):
-        time_of("noon", "--to", 0.0)
+@pytest.mark.parametrize(
+    "text", ["noon", "inf", "nan", "1e20", "-1", "0001-01-01T00:00:00+14:00", "9999-12-31T23:59:59-12:00"]
+)
+def test_a_time_that_is_none_or_that_no_date_has_is_refused(text: str) -> None:
+    with pytest.raises(InputError) as refused:
+        time_of(text, "--to", 0.0)
+    assert f"--to: '{text}'; allowed: Unix seconds, or a time such as" in str(refused.value)
 
 
 def test_an_export_replaces_no_file_and_a_time_that_ends_before_it_begins_is_refused(
