@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from companion.errors import InputError
+from companion.errors import InputError, some_of
 from companion.files.yaml import validated
 from companion.geo.polygon import inside_polygon
 from companion.mission.model import Mission, TargetSpec, ThreatSpec
@@ -49,6 +49,9 @@ from groundstation.events import (
     Who,
 )
 from groundstation.operations import MOST_UNDOS, Operations, applied, directive_name
+
+MOST_NAMED = 20
+"""Greatest number of ids that a refusal names."""
 
 
 def event_of(operations: Operations, command: Command, who: Who, now_s: float) -> Event:
@@ -291,11 +294,8 @@ def _out_or_back(operations: Operations, command: TakeOut | PutBack, head: dict[
 
 
 def _ids(ids: Iterable[int]) -> str:
-    """Return a list of ids in words; the first ones only if there are many."""
-    known = sorted(ids)
-    if len(known) > 20:
-        return f"{', '.join(map(str, known[:20]))} and {len(known) - 20} more"
-    return ", ".join(map(str, known)) or "none"
+    """Return a list of ids in words."""
+    return some_of(sorted(ids), MOST_NAMED) or "none"
 
 
 def _new_id(used: int, wanted: int | None, what: str) -> int:

@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from companion.errors import some_of
 from companion.mission.model import AgentSpec, TargetSpec, ThreatSpec, agent_height_m
 from companion.protocol.codec import Directive, Kind, ThreatEntry
 from groundstation.broadcast import MOVING_M_S, grown
@@ -143,9 +144,8 @@ def _disc_warnings(station: GroundStation, agents: Sequence[View], discs: Sequen
 
 
 def _listed(kind: str, ids: Sequence[int]) -> str:
-    """Return things in words; the first ones only if there are many."""
-    more = f" and {len(ids) - MOST_LISTED} more" if len(ids) > MOST_LISTED else ""
-    return f"{kind}{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids[:MOST_LISTED]))}{more}"
+    """Return things in words."""
+    return f"{kind}{'s' if len(ids) > 1 else ''} {some_of(ids, MOST_LISTED)}"
 
 
 def moves(station: GroundStation, now_s: float) -> View:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from pydantic import ValidationError
 
-from companion.errors import InputError
+from companion.errors import InputError, some_of
 from companion.mission.model import Mission
 from companion.protocol.messages import Directive, Kind
 from groundstation.events import Command, Direct, Event, Pause, TakeOut, event_from_json
@@ -186,15 +186,11 @@ def _left_behind(mission: Mission, was: Mission, before: Operations) -> list[str
         ("arrivals at targets ", before.reached.by),
         ("that agents are lost: ", before.reached.lost),
     ]
-    return [*(f"{words}{_ids(ids)}" for words, ids in found if ids), "the places of the last picture"]
+    return [
+        *(f"{words}{some_of(sorted(ids), MOST_NAMED)}" for words, ids in found if ids),
+        "the places of the last picture",
+    ]
 
 
 def _changed(was: Mapping[int, object], now: Mapping[int, object]) -> set[int]:
     return {identity for identity in was.keys() | now.keys() if was.get(identity) != now.get(identity)}
-
-
-def _ids(ids: Iterable[int]) -> str:
-    """Return ids in words; the first ones only if there are many."""
-    known = sorted(ids)
-    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
-    return f"{', '.join(map(str, known[:MOST_NAMED]))}{more}"
