@@ -16,7 +16,7 @@ from companion.errors import InputError, some_of
 from companion.mission.model import Mission
 from companion.protocol.messages import Directive, Kind
 from groundstation.events import Command, Direct, Event, Pause, TakeOut, event_from_json
-from groundstation.operations import Operations, Orders, directive_name, folded
+from groundstation.operations import DIRECTIVE_NAMES, Operations, Orders, folded
 from groundstation.store.rows import EventRow
 
 MISSION_KEY = "mission:"
@@ -124,7 +124,7 @@ def _carried(before: Orders, mission: Mission) -> tuple[Command, ...]:
     Those for one agent come first, when nothing stronger is told to all.
     """
     there = {agent.id for agent in mission.agents}
-    own = {agent: directive_name(given) for agent, given in sorted(before.own.items()) if agent in there}
+    own = {agent: DIRECTIVE_NAMES[given] for agent, given in sorted(before.own.items()) if agent in there}
     return (
         *(TakeOut(do="take-out", agent=agent) for agent in sorted(before.out & there)),
         *(Direct(do="direct", directive=given, agent=agent) for agent, given in own.items()),
@@ -134,7 +134,7 @@ def _carried(before: Orders, mission: Mission) -> tuple[Command, ...]:
 
 
 def _to_all(directive: Directive) -> Direct:
-    return Direct(do="direct", directive=directive_name(directive))
+    return Direct(do="direct", directive=DIRECTIVE_NAMES[directive])
 
 
 def event_of_row(row: EventRow) -> Event:
