@@ -51,6 +51,8 @@ from groundstation.events import (
 )
 from groundstation.sightings import Key
 
+MOST_NAMED = 20
+"""Greatest number of ids that a message names of one kind."""
 MOST_UNDOS = 50
 """Number of the last commands that can be taken back."""
 KINDS: dict[str, Kind] = {"agent": Kind.AGENT, "target": Kind.TARGET, "threat": Kind.THREAT}
@@ -440,3 +442,10 @@ def directive_name(directive: Directive) -> DirectiveName:
         Directive.RETURN: "return",
     }
     return names[directive]
+
+
+def ids_in_words(ids: Iterable[int]) -> str:
+    """Return ids in words, "none" if there are none; the first ones only if there are many."""
+    known = sorted(ids)
+    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
+    return f"{', '.join(map(str, known[:MOST_NAMED]))}{more}" or "none"

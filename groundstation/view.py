@@ -27,8 +27,6 @@ MOST_LISTED = 10
 """Greatest number of things that a warning names."""
 SMALLEST_M = 1.0
 """Least detection radius of a threat that is taken to be meant. Chosen: no place is known better by satellites."""
-CARRIED_S = 30.0
-"""Time for which an agent that nobody sees is shown flying straight on; then it stays, and its ellipse grows."""
 View = dict[str, Any]
 """Values that JSON can hold."""
 AgentSource = Literal["mission", "sensor", "telemetry", "report", "reckoned"]
@@ -224,11 +222,7 @@ def _where(station: GroundStation, agent: AgentSpec, now_s: float) -> _At:
         source = "report" if age_s <= SEEN_S and agent.id in origins.reported else "reckoned"
     else:
         source = "mission" if seen_by is None else "reckoned"
-    since_s = track.age_s(now_s)
-    north_m, east_m = (
-        track.north_m + track.velocity_north_m_s * since_s,
-        track.east_m + track.velocity_east_m_s * since_s,
-    )
+    north_m, east_m = track.place_at(now_s)
     return _At(round(north_m, 2), round(east_m, 2), heading_deg, round(speed_m_s, 2), round(age_s, 2), source)
 
 
@@ -352,10 +346,6 @@ def _place(track: Track) -> tuple[float, float]:
 
 def _age_s(track: Track, now_s: float) -> float:
     return round(track.age_s(now_s), 2)
-
-
-def _speed_m_s(track: Track) -> float:
-    return round(math.hypot(track.velocity_north_m_s, track.velocity_east_m_s), 2)
 
 
 def _growth_m(station: GroundStation, threat: ThreatSpec, now_s: float) -> float:

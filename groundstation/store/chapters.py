@@ -16,13 +16,11 @@ from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.protocol.messages import Directive, Kind
 from groundstation.events import Command, Direct, Event, Pause, TakeOut, event_from_json
-from groundstation.operations import Operations, Orders, directive_name, folded
+from groundstation.operations import Operations, Orders, directive_name, folded, ids_in_words
 from groundstation.store.rows import EventRow
 
 MISSION_KEY = "mission:"
 """What the names of kept missions begin with; the number of their chapter's first event follows."""
-MOST_NAMED = 20
-"""Greatest number of ids that a warning names of one kind."""
 THINGS = ("name", "origin", "fence", "exclusions", "agents", "targets", "threats", "case")
 """Keys of a mission that events are about: where they differ, a new chapter begins."""
 
@@ -186,15 +184,8 @@ def _left_behind(mission: Mission, was: Mission, before: Operations) -> list[str
         ("arrivals at targets ", before.reached.by),
         ("that agents are lost: ", before.reached.lost),
     ]
-    return [*(f"{words}{_ids(ids)}" for words, ids in found if ids), "the places of the last picture"]
+    return [*(f"{words}{ids_in_words(ids)}" for words, ids in found if ids), "the places of the last picture"]
 
 
 def _changed(was: Mapping[int, object], now: Mapping[int, object]) -> set[int]:
     return {identity for identity in was.keys() | now.keys() if was.get(identity) != now.get(identity)}
-
-
-def _ids(ids: Iterable[int]) -> str:
-    """Return ids in words; the first ones only if there are many."""
-    known = sorted(ids)
-    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
-    return f"{', '.join(map(str, known[:MOST_NAMED]))}{more}"
