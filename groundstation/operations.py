@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeVar
 
+from companion.errors import some_of
 from companion.mission.model import Mission, TargetSpec, ThreatSpec
 from companion.protocol.messages import Directive, Kind
 from groundstation.events import (
@@ -52,6 +53,8 @@ from groundstation.events import (
 )
 from groundstation.sightings import Key
 
+MOST_NAMED = 20
+"""Greatest number of ids that a message names of one kind."""
 MOST_UNDOS = 50
 """Number of the last commands that can be taken back."""
 KINDS: dict[KindName, Kind] = {"agent": Kind.AGENT, "target": Kind.TARGET, "threat": Kind.THREAT}
@@ -437,3 +440,8 @@ def _thing_of(event: ThingEvent) -> tuple[TargetSpec | None, ThreatSpec | None]:
         case ThreatAdded() | ThreatChanged():
             return None, event.threat
     return event.state.target, event.state.threat
+
+
+def ids_in_words(ids: Iterable[int]) -> str:
+    """Return ids in words, "none" if there are none; the first ones only if there are many."""
+    return some_of(sorted(ids), MOST_NAMED) or "none"

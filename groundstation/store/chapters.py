@@ -12,17 +12,15 @@ from dataclasses import dataclass, replace
 
 from pydantic import ValidationError
 
-from companion.errors import InputError, some_of
+from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.protocol.messages import Directive, Kind
 from groundstation.events import Command, Direct, Event, Pause, TakeOut, event_from_json
-from groundstation.operations import DIRECTIVE_NAMES, Operations, Orders, folded
+from groundstation.operations import DIRECTIVE_NAMES, Operations, Orders, folded, ids_in_words
 from groundstation.store.rows import EventRow
 
 MISSION_KEY = "mission:"
 """What the names of kept missions begin with; the number of their chapter's first event follows."""
-MOST_NAMED = 20
-"""Greatest number of ids that a warning names of one kind."""
 THINGS = ("name", "origin", "fence", "exclusions", "agents", "targets", "threats", "case")
 """Keys of a mission that events are about: where they differ, a new chapter begins."""
 
@@ -186,10 +184,7 @@ def _left_behind(mission: Mission, was: Mission, before: Operations) -> list[str
         ("arrivals at targets ", before.reached.by),
         ("that agents are lost: ", before.reached.lost),
     ]
-    return [
-        *(f"{words}{some_of(sorted(ids), MOST_NAMED)}" for words, ids in found if ids),
-        "the places of the last picture",
-    ]
+    return [*(f"{words}{ids_in_words(ids)}" for words, ids in found if ids), "the places of the last picture"]
 
 
 def _changed(was: Mapping[int, object], now: Mapping[int, object]) -> set[int]:
