@@ -5,7 +5,7 @@ A pure function of the operations, the command and the time: what is refused say
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from companion.errors import InputError
@@ -13,9 +13,9 @@ from companion.files.yaml import validated
 from companion.geo.polygon import inside_polygon
 from companion.mission.model import Mission, TargetSpec, ThreatSpec
 from companion.mission.places import Plane, Position
-from companion.mission.values import MAX_ID, MAX_ITEMS
-from companion.mission.written import RADII, radii_m
-from companion.protocol.messages import Directive, Kind
+from companion.mission.values import MAX_ID, MAX_ITEMS, RADII
+from companion.mission.written import radii_m
+from companion.protocol.messages import Kind
 from groundstation.broadcast import MOST_FRAMES, frames_for
 from groundstation.events import (
     AddTarget,
@@ -48,7 +48,7 @@ from groundstation.events import (
     WasPutBack,
     Who,
 )
-from groundstation.operations import MOST_UNDOS, Operations, applied, directive_name
+from groundstation.operations import DIRECTIVE_NAMES, DIRECTIVES, MOST_UNDOS, Operations, applied, ids_in_words
 
 
 def event_of(operations: Operations, command: Command, who: Who, now_s: float) -> Event:
@@ -242,12 +242,14 @@ def _thing(mission: Mission, kind: ThingKind, identity: int, what: str) -> Targe
     for thing in things:
         if thing.id == identity:
             return thing
-    raise InputError(f"{what}: id: no {kind} {identity}; allowed: {_ids(thing.id for thing in things)}")
+    raise InputError(f"{what}: id: no {kind} {identity}; allowed: {ids_in_words(thing.id for thing in things)}")
 
 
 def _check_agent(mission: Mission, identity: int, what: str) -> None:
     if all(agent.id != identity for agent in mission.agents):
-        raise InputError(f"{what}: agent: no agent {identity}; allowed: {_ids(agent.id for agent in mission.agents)}")
+        raise InputError(
+            f"{what}: agent: no agent {identity}; allowed: {ids_in_words(agent.id for agent in mission.agents)}"
+        )
 
 
 def _check_pin(operations: Operations, pin: Pin) -> None:
@@ -258,7 +260,7 @@ def _check_pin(operations: Operations, pin: Pin) -> None:
         return
     _thing(operations.mission, "target", pin.target, "pin")
     if pin.target in operations.reached.completed:
-        raise InputError(f"pin: target {pin.target} was reached; allowed: {_ids(operations.open_targets)}")
+        raise InputError(f"pin: target {pin.target} was reached; allowed: {ids_in_words(operations.open_targets)}")
 
 
 def _check_direct(operations: Operations, direct: Direct) -> None:
@@ -267,9 +269,9 @@ def _check_direct(operations: Operations, direct: Direct) -> None:
         return
     _check_agent(operations.mission, direct.agent, "direct")
     orders = operations.orders
-    if Directive[direct.directive.upper()] >= orders.told:
+    if DIRECTIVES[direct.directive] >= orders.told:
         return
-    told = directive_name(orders.told)
+    told = DIRECTIVE_NAMES[orders.told]
     first = "resume" if orders.told > orders.directive else "another directive for all"
     raise InputError(
         f"direct: {direct.directive} for agent {direct.agent}: all agents are told to {told}, which is stronger; "
@@ -288,14 +290,6 @@ def _out_or_back(operations: Operations, command: TakeOut | PutBack, head: dict[
     if not is_out:
         raise InputError(f"{what}: agent {agent_id} is not taken out; allowed: only after take-out")
     return WasPutBack(**head, agent=agent_id)
-
-
-def _ids(ids: Iterable[int]) -> str:
-    """Return a list of ids in words; the first ones only if there are many."""
-    known = sorted(ids)
-    if len(known) > 20:
-        return f"{', '.join(map(str, known[:20]))} and {len(known) - 20} more"
-    return ", ".join(map(str, known)) or "none"
 
 
 def _new_id(used: int, wanted: int | None, what: str) -> int:

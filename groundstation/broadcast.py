@@ -104,11 +104,8 @@ def state_frames(
     """
     stamp, revision = broadcast.stamp, broadcast.revision
     now_s = stamp.unix_s - picture.clock_ahead_s
-    named = _named(picture, mission, broadcast.directives)
-    here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in named}
-    told = _told(picture.present_agents, {one: here[one] for one in picture.told_agents(now_s)}, revision)
-    agents, targets = _agents_and_targets(picture, mission, assignment, {**dict.fromkeys(named, NOWHERE), **told})
-    agents = _directed(agents, broadcast.directives)
+    here = _places(picture, mission, broadcast)
+    agents, targets = _agents_and_targets(picture, mission, assignment, broadcast, here)
     threats = [grown(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats]
     contents = _state_contents(agents, targets, threats, here)
     return [
@@ -237,11 +234,8 @@ def fleet_frames(
     """
     stamp, revision = broadcast.stamp, broadcast.revision
     now_s = stamp.unix_s - picture.clock_ahead_s
-    named = _named(picture, mission, broadcast.directives)
-    here = {identity: _here(picture.tracks[Kind.AGENT, identity], now_s) for identity in named}
-    told = _told(picture.present_agents, {one: here[one] for one in picture.told_agents(now_s)}, revision)
-    agents, targets = _agents_and_targets(picture, mission, assignment, {**dict.fromkeys(named, NOWHERE), **told})
-    agents = _directed(agents, broadcast.directives)
+    here = _places(picture, mission, broadcast)
+    agents, targets = _agents_and_targets(picture, mission, assignment, broadcast, here)
     entries: list[FleetEntry] = [*_by_id(agents), *_by_id(targets.values())]
     entries += _by_id(
         _threat_place(threat, picture.tracks[Kind.THREAT, threat.id], now_s) for threat in mission.threats
@@ -349,12 +343,6 @@ def _weights_digest(surrogate: str) -> bytes:
     return bytes.fromhex(content_digest(json.loads(weights.read_text(encoding="utf-8"))))[:DIGEST_BYTES]
 
 
-def _here(track: Track, now_s: float) -> tuple[float, float]:
-    """Return an agent's position (north, east) in m, extrapolated from its track to `now_s`."""
-    age_s = track.age_s(now_s)
-    return track.north_m + track.velocity_north_m_s * age_s, track.east_m + track.velocity_east_m_s * age_s
-
-
 def grown(threat: ThreatSpec, track: Track, now_s: float) -> ThreatEntry:
     """Return a threat at its last seen position, its radii grown by the distance that it may have moved since."""
     growth_m = threat.speed_bound_m_s * track.age_s(now_s)
@@ -381,47 +369,42 @@ def untold_growth_m(picture: TrackTable, threats: Sequence[ThreatSpec], until_s:
     }
 
 
+def _places(picture: TrackTable, mission: Mission, broadcast: Broadcast) -> dict[int, Point]:
+    """Return by id where the agents are that a broadcast names: those present, and the lost ones that have a directive.
+
+    A vehicle may be lost to the ground station only, and obeys its own directive for as long as it is named with it.
+    """
+    now_s = broadcast.stamp.unix_s - picture.clock_ahead_s
+    lost = picture.progress.lost - broadcast.directives.keys()
+    named = [agent.id for agent in mission.agents if agent.id not in lost]
+    return {identity: picture.tracks[Kind.AGENT, identity].place_at(now_s) for identity in named}
+
+
 def _agents_and_targets(
     picture: TrackTable,
     mission: Mission,
     assignment: Mapping[int, int],  # agent id -> target id
-    told: Mapping[int, tuple[float, float] | tuple[None, None]],  # agent id -> m
+    broadcast: Broadcast,
+    here: Mapping[int, Point],  # agent id -> m, of the agents that are named
 ) -> tuple[list[AgentEntry], dict[int, TargetEntry]]:
-    """Return the agents at the positions told, and by id the targets that are open or still assigned to an agent."""
+    """Return the agents as they are broadcast, and by id the targets that are open or still assigned to an agent.
+
+    An agent has no position in it whose position is not told, or is off the grid.
+    """
     if mission.case == "II":
         assignment = {**picture.progress.reached_by, **assignment}
     targets = {
         identity: TargetEntry(identity, *picture.tracks[Kind.TARGET, identity].position_ned_m)
         for identity in [*picture.open_targets, *sorted(picture.progress.completed & set(assignment.values()))]
     }
-    agents = [
-        AgentEntry(identity, north_m, east_m, assignment.get(identity)) for identity, (north_m, east_m) in told.items()
-    ]
+    now_s = broadcast.stamp.unix_s - picture.clock_ahead_s
+    told = {one for one in picture.told_agents(now_s) if broadcast.revision.extent.holds(here[one])}
+    agents = []
+    for identity, place in here.items():
+        north_m, east_m = place if identity in told else NOWHERE
+        directive = broadcast.directives.get(identity, Directive.NORMAL)
+        agents.append(AgentEntry(identity, north_m, east_m, assignment.get(identity), directive))
     return agents, targets
-
-
-def _named(picture: TrackTable, mission: Mission, directives: Mapping[int, Directive]) -> list[int]:
-    """Return the ids of the agents that a broadcast names: those present, and the lost ones that have a directive.
-
-    A vehicle may be lost to the ground station only, and obeys its own directive for as long as it is named with it.
-    """
-    lost = picture.progress.lost - directives.keys()
-    return [agent.id for agent in mission.agents if agent.id not in lost]
-
-
-def _directed(agents: Sequence[AgentEntry], directives: Mapping[int, Directive]) -> list[AgentEntry]:
-    """Return the agents with their own directives."""
-    return [replace(agent, directive=directives.get(agent.id, Directive.NORMAL)) for agent in agents]
-
-
-def _told(
-    present: Sequence[int],
-    here: Mapping[int, Point],  # agent id -> m, of the agents whose positions are told
-    revision: Revision,
-) -> dict[int, tuple[float, float] | tuple[None, None]]:
-    """Return the positions of agents as they are broadcast: Nones where none is told or it is off the grid."""
-    held = {identity: place for identity, place in here.items() if revision.extent.holds(place)}
-    return {identity: held.get(identity, NOWHERE) for identity in present}
 
 
 def _threat_place(threat: ThreatSpec, track: Track, now_s: float) -> ThreatPlace:

@@ -15,6 +15,7 @@ from pydantic import Field, TypeAdapter, model_validator
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import ListOf, Section, validated
 from companion.mission.model import TargetSpec, ThreatSpec
+from companion.mission.places import Latitude, Longitude
 from companion.mission.values import (
     MAX_KEY,
     MAX_NAME,
@@ -34,9 +35,8 @@ Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME), TypedName]
 KeptName = Annotated[str, Field(min_length=1, max_length=MAX_NAME), SentName]
 """Name in an event, which may be of an older store or of a source."""
 KeptKey = Annotated[str, Field(min_length=1, max_length=MAX_KEY), SentName]
-Latitude = Annotated[float, Field(ge=-90, le=90)]
-Longitude = Annotated[float, Field(ge=-180, le=180)]
 ThingKind = Literal["target", "threat"]
+KindName = Literal["agent", "target", "threat"]
 DirectiveName = Literal["normal", "hold", "return"]
 Number = Annotated[int, Field(ge=1, le=MOST_NUMBER)]
 
@@ -434,7 +434,7 @@ class TrackBegan(_Event):
     event: Literal["track-began"] = "track-began"
     source: KeptName
     key: KeptKey
-    kind: Literal["agent", "target", "threat"]
+    kind: KindName
     id: Identity
 
 
@@ -452,7 +452,7 @@ class UnknownSeen(_Event):
 
     event: Literal["unknown-seen"] = "unknown-seen"
     source: KeptName
-    kind: Literal["agent", "target", "threat"]
+    kind: KindName
     id: Annotated[int, Field(ge=0)]
     north_m: float
     east_m: float

@@ -228,9 +228,7 @@ def _site(given: RunArguments) -> Site | None:
 
 def _is_local(link: Link) -> bool:
     """Return whether only programs of this computer can send on a link that is listened on."""
-    if link.scheme == "file":
-        return True
-    return link.scheme == "udpin" and (link.host == "localhost" or link.host.startswith("127."))
+    return link.scheme == "file" or link.is_loopback
 
 
 def _link(url: str | None) -> Link | None:

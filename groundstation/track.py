@@ -34,6 +34,11 @@ class Track:
         """Return the time since it was seen, at least 0."""
         return max(0.0, now_s - self.seen_at_s)
 
+    def place_at(self, now_s: float) -> tuple[float, float]:
+        """Return the position (north, east) in m at `now_s`, extrapolated by its velocity since it was seen."""
+        age_s = self.age_s(now_s)
+        return self.north_m + self.velocity_north_m_s * age_s, self.east_m + self.velocity_east_m_s * age_s
+
     def back_at(self, at_s: float) -> Track:
         """Return the track as it was at an earlier time, by its velocity."""
         since_s = self.seen_at_s - at_s

@@ -37,7 +37,7 @@ _ROUNDED_M_S = 0.02
 ROUNDED_M = 0.02
 """Greatest distance by which a place in a picture is off because it is rounded."""
 _ERRORS = 2.0
-"""Greatest ratio to a sighting's error of what the errors of two sightings add to a way."""
+"""Greatest ratio to a sighting's error of what the errors of two sightings, before and now, add to a way."""
 _FASTEST = 2.0
 """Greatest ratio of the speed of a sighting's way to the agent's, which wind and errors of the sensor may explain."""
 
@@ -131,22 +131,26 @@ class TrackTable:
             return False
         bound = self._sightings.bound(key)
         lasts_s = seen.at_s - track.seen_at_s
-        moved_m = abs(seen.place - complex(*track.position_ned_m))
+        before, reach_m = complex(*track.position_ned_m), bound.speed_m_s * lasts_s
+        moved_m = abs(seen.place - before)
         if bound.stands and moved_m <= seen.error_m:
             # What stands is not moved about by the errors of its source.
             self.tracks[key] = replace(track, seen_at_s=seen.at_s)
         else:
             velocity = _bounded(seen.velocity, bound)
             place = seen.place
-            if seen.kind is Kind.THREAT:
-                place = _reached(complex(*track.position_ned_m), place, bound.speed_m_s * lasts_s, seen.error_m)
+            beyond_m = moved_m - reach_m
+            if seen.kind is Kind.THREAT and not bound.stands and beyond_m > 0.0:
+                # Vehicles take it to move as far as its bound allows, so that what errors add to its way is left out.
+                if beyond_m > _ERRORS * seen.error_m:
+                    self.origins.jumps += 1
+                else:
+                    place = before + (place - before) * (reach_m / moved_m)
             self.tracks[key] = Track(place.real, place.imag, velocity.real, velocity.imag, seen.at_s)
-        if seen.kind is Kind.THREAT and moved_m > bound.speed_m_s * lasts_s + _ERRORS * seen.error_m:
-            self.origins.jumps += not bound.stands
         if seen.kind is Kind.AGENT:
             # The errors of places that come ten times a second are no way flown.
             way_m = abs(seen.velocity) * lasts_s if seen.velocity else moved_m
-            self.flown_m[seen.id] += min(way_m, bound.speed_m_s * lasts_s)
+            self.flown_m[seen.id] += min(way_m, reach_m)
             self.uncertainty_m[seen.id] = 0.0
             self.heard_at_s[seen.id] = max(self.heard_at_s[seen.id], seen.at_s)
         self._sightings.begin(key, self.tracks[key].position_ned_m, seen.at_s, seen.at_s)
@@ -227,14 +231,10 @@ class TrackTable:
 
     def _continue(self, key: Key, track: Track, now_s: float) -> None:
         """Go on with a track of the run before."""
-        if (
-            key[0] is not Kind.AGENT
-            and self._sightings.bound(key).stands
-            and track.position_ned_m != (self.tracks[key].position_ned_m)
-        ):
+        off_m = math.dist(track.position_ned_m, self.tracks[key].position_ned_m)
+        if key[0] is not Kind.AGENT and self._sightings.bound(key).stands and 0.0 < off_m <= ROUNDED_M:
             # A picture is rounded; only what was found elsewhere is elsewhere.
-            if math.dist(track.position_ned_m, self.tracks[key].position_ned_m) <= ROUNDED_M:
-                return
+            return
         self._sightings.begin(key, track.position_ned_m, track.seen_at_s, now_s)
         self.tracks[key] = self._judged[key] = track
 
@@ -523,17 +523,6 @@ def _things_of(mission: Mission) -> Iterator[tuple[Kind, TargetSpec | ThreatSpec
         yield Kind.TARGET, target
     for threat in mission.threats:
         yield Kind.THREAT, threat
-
-
-def _reached(before: complex, seen: complex, reach_m: float, error_m: float) -> complex:
-    """Return where a threat is told to be that was at a place and was seen at another, places as north + i east in m.
-
-    Vehicles take it to move by `reach_m` at most, so that what the errors of sightings add to its way is left out. What
-    is farther beyond that than two such errors, of the sightings before and now, is told where it was seen.
-    """
-    way = seen - before
-    beyond_m = abs(way) - reach_m
-    return seen if not 0.0 < beyond_m <= _ERRORS * error_m else before + way * (reach_m / abs(way))
 
 
 def _bounded(velocity: complex, bound: Bound) -> complex:

@@ -13,13 +13,15 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from companion.errors import some_of
 from companion.mission.model import AgentSpec, TargetSpec, ThreatSpec, agent_height_m
 from companion.protocol.codec import Directive, Kind, ThreatEntry
 from groundstation.broadcast import MOVING_M_S, grown
 from groundstation.ground_station import GroundStation
-from groundstation.operations import directive_name
+from groundstation.operations import DIRECTIVE_NAMES, KIND_NAMES
 from groundstation.origins import MISSION, REPORT, SEEN_S, SENSOR
 from groundstation.plausibility import SENSOR_ERROR_M
+from groundstation.sightings import words_of
 from groundstation.target_assignment import out_of_reach
 from groundstation.track import Track
 
@@ -27,8 +29,6 @@ MOST_LISTED = 10
 """Greatest number of things that a warning names."""
 SMALLEST_M = 1.0
 """Least detection radius of a threat that is taken to be meant. Chosen: no place is known better by satellites."""
-CARRIED_S = 30.0
-"""Time for which an agent that nobody sees is shown flying straight on; then it stays, and its ellipse grows."""
 View = dict[str, Any]
 """Values that JSON can hold."""
 AgentSource = Literal["mission", "sensor", "telemetry", "report", "reckoned"]
@@ -64,7 +64,7 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
         "mission": mission.name,
         "case": mission.case,
         "paused": operations.orders.paused,
-        "directive": directive_name(station.directive),
+        "directive": DIRECTIVE_NAMES[station.directive],
         "epoch_s": station.epoch_s,
         "revision": station.revision,
         "event": operations.next_number - 1,
@@ -145,9 +145,8 @@ def _disc_warnings(station: GroundStation, agents: Sequence[View], discs: Sequen
 
 
 def _listed(kind: str, ids: Sequence[int]) -> str:
-    """Return things in words; the first ones only if there are many."""
-    more = f" and {len(ids) - MOST_LISTED} more" if len(ids) > MOST_LISTED else ""
-    return f"{kind}{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids[:MOST_LISTED]))}{more}"
+    """Return things in words."""
+    return f"{kind}{'s' if len(ids) > 1 else ''} {some_of(ids, MOST_LISTED)}"
 
 
 def moves(station: GroundStation, now_s: float) -> View:
@@ -186,7 +185,7 @@ def _agent(station: GroundStation, agent: AgentSpec, now_s: float) -> View:
         "state": _state(station, agent.id),
         "target": target_id,
         "pinned": None if pinned is None or pinned not in station.tracks.open_targets else pinned,
-        "directive": directive_name(orders.of(agent.id)),
+        "directive": DIRECTIVE_NAMES[orders.of(agent.id)],
         "range_left_m": round(max(0.0, agent.range_m - station.tracks.flown_m[agent.id]), 1),
         "eta_s": _eta_s(station, agent, at, target_id),
         "link": _link(station, agent, now_s),
@@ -224,11 +223,7 @@ def _where(station: GroundStation, agent: AgentSpec, now_s: float) -> _At:
         source = "report" if age_s <= SEEN_S and agent.id in origins.reported else "reckoned"
     else:
         source = "mission" if seen_by is None else "reckoned"
-    since_s = track.age_s(now_s)
-    north_m, east_m = (
-        track.north_m + track.velocity_north_m_s * since_s,
-        track.east_m + track.velocity_east_m_s * since_s,
-    )
+    north_m, east_m = track.place_at(now_s)
     return _At(round(north_m, 2), round(east_m, 2), heading_deg, round(speed_m_s, 2), round(age_s, 2), source)
 
 
@@ -316,7 +311,7 @@ def _unknown(station: GroundStation, now_s: float) -> list[View]:
     return [
         {
             "source": thing.source,
-            "kind": kind.name.lower(),
+            "kind": KIND_NAMES[kind],
             "id": identity,
             "north_m": round(thing.place.real, 2),
             "east_m": round(thing.place.imag, 2),
@@ -324,7 +319,7 @@ def _unknown(station: GroundStation, now_s: float) -> list[View]:
             "count": thing.times,
         }
         for (kind, identity), thing in station.tracks.origins.unknown.items()
-        if f"{kind.name.lower()} {identity}" not in known
+        if words_of((kind, identity)) not in known
     ]
 
 
@@ -352,10 +347,6 @@ def _place(track: Track) -> tuple[float, float]:
 
 def _age_s(track: Track, now_s: float) -> float:
     return round(track.age_s(now_s), 2)
-
-
-def _speed_m_s(track: Track) -> float:
-    return round(math.hypot(track.velocity_north_m_s, track.velocity_east_m_s), 2)
 
 
 def _growth_m(station: GroundStation, threat: ThreatSpec, now_s: float) -> float:

@@ -80,7 +80,7 @@ class Arrivals:
         self._mission = mission
         self.reached: set[int] = set()
         """Ids of the targets that were reached."""
-        self._awaited = _awaited(mission)
+        self._awaited = awaited(mission)
         """(N, K) bool, which agents may still arrive at which targets."""
         self._on_their_way = np.ones(len(mission.agents), dtype=bool)
 
@@ -99,7 +99,7 @@ class Arrivals:
                 for (index, place_ned_m), target in zip(places, mission.targets, strict=True)
             ]
         )
-        self._mission, self._awaited = mission, _awaited(mission)
+        self._mission, self._awaited = mission, awaited(mission)
         self._awaited[~self._on_their_way] = False
         self._awaited[:, [target.id in self.reached for target in mission.targets]] = False
 
@@ -123,7 +123,7 @@ class Arrivals:
         return not self.open or not (self._on_their_way & living).any()
 
 
-def _awaited(mission: Mission) -> np.ndarray:  # (N, K) bool
+def awaited(mission: Mission) -> np.ndarray:  # (N, K) bool
     """Return which agents may arrive at which targets."""
-    awaited = [[agent.only_target in (None, target.id) for target in mission.targets] for agent in mission.agents]
-    return np.array(awaited, dtype=bool).reshape(len(mission.agents), len(mission.targets))
+    rows = [[agent.only_target in (None, target.id) for target in mission.targets] for agent in mission.agents]
+    return np.array(rows, dtype=bool).reshape(len(mission.agents), len(mission.targets))

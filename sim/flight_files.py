@@ -17,7 +17,10 @@ from companion.files.tlog import TlogWriter
 from sim.stop import Stop, disk_stop
 from sim.trajectory import TrajectoryBuilder, TrajectoryFile
 
+MISSION_NAME = "mission.yaml"
 TRAJECTORY_NAME = "trajectory.csv"
+BROADCAST_NAME = "broadcast.tlog"
+RESULT_NAME = "result.json"
 EVENTS_NAME = "events.jsonl"
 """What was asked and noticed in a flight that a page, or recorded tracks, could change."""
 RESERVE_BYTES = 4 * 2**20
@@ -26,6 +29,11 @@ they take."""
 _LEAST_RESERVE_BYTES = 2**16
 _PERIOD_S = 1.0
 """Wall-clock time between two writings, and so the most that is lost if the program is killed."""
+
+
+def vehicle_log_name(agent_id: int) -> str:
+    """Return the name of the log of an agent's vehicle."""
+    return f"vehicle-{agent_id}.tlog"
 
 
 class FlightFiles:

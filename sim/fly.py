@@ -25,8 +25,9 @@ from companion.onboard.lint.fleet import abilities_of
 from companion.onboard.lint.warnings import lint_flight
 from groundstation.choices import RADIOS_BYTES_PER_S
 from groundstation.radio import Radio, parse_radio
+from groundstation.web.address import DEFAULT_ADDRESS
 from sim.changes import with_all_things
-from sim.flight_files import EVENTS_NAME
+from sim.flight_files import EVENTS_NAME, MISSION_NAME
 from sim.flown import KINEMATIC, FlownMission
 from sim.lockstep import AUTOPILOTS, WHY_NOT_MONOLITHIC, Flight, FlightOptions, check_flyable, fly
 from sim.outcome import AgentResult, agent_results, first_reason
@@ -41,8 +42,6 @@ MAX_SEED = 2**63 - 1
 if TYPE_CHECKING:
     from sim.ui import SimScreen
 
-DEFAULT_UI = "127.0.0.1:8750"
-"""Address of the page if none is given."""
 MOST_AGENTS = 20
 """Number of agents, the first of the mission, in the printed table; `result.json` and report have all."""
 
@@ -132,9 +131,9 @@ class FlownResult:
 @click.option(
     "--ui",
     is_flag=False,
-    flag_value=DEFAULT_UI,
+    flag_value=DEFAULT_ADDRESS,
     metavar="[HOST:PORT]",
-    help=f"Serve the page on the flight; on {DEFAULT_UI} if no address follows.",
+    help=f"Serve the page on the flight; on {DEFAULT_ADDRESS} if no address follows.",
 )
 @click.option(
     "--tracks",
@@ -243,7 +242,7 @@ def fly_mission(options: FlyOptions, screen: SimScreen | None = None) -> FlownRe
         from sim.fly_folder import clear_folder, write_folder
 
         # Written first, so that a flight that is killed leaves its mission, and no results of an earlier one.
-        (folder / "mission.yaml").write_text(dump_mission(mission), encoding="utf-8")
+        (folder / MISSION_NAME).write_text(dump_mission(mission), encoding="utf-8")
         clear_folder(folder)
     with stop_at_signals() as stop, flight_progress(len(mission.targets)) as progress:
         flight = fly(

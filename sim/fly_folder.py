@@ -9,12 +9,11 @@ from typing import Any
 
 from sim.agent_log import AgentLog
 from sim.figures import clearance_png, plot_paths
-from sim.flight_files import EVENTS_NAME
+from sim.flight_files import EVENTS_NAME, RESULT_NAME
 from sim.flown import FlownMission
 from sim.player import player_data
 from sim.report import Pictures, write_report
 
-RESULT_NAME = "result.json"
 _PATHS_NAME, _REPORT_NAME = "paths.png", "report.html"
 
 

@@ -40,7 +40,7 @@ from sim.air_link import LINK_STREAM, LossyLink, Tamper
 from sim.aircraft import Aircraft, AutopilotLink
 from sim.changes import Change
 from sim.detector import Detector, Fleet
-from sim.flight_files import FlightFiles
+from sim.flight_files import BROADCAST_NAME, FlightFiles, vehicle_log_name
 from sim.flight_record import FlightRecord
 from sim.holding import holding_side
 from sim.loop import START_S, TOLERANCE_S, Loop, Outcome, Parts, Watch
@@ -183,11 +183,11 @@ def fly(mission: Mission, seed: int, options: FlightOptions | None = None) -> Fl
     files = FlightFiles(options.out, record.builder)
     with ExitStack() as stack:
         stack.callback(files.close)
-        broadcast_log = files.log("broadcast.tlog")
+        broadcast_log = files.log(BROADCAST_NAME)
         frame = LocalFrame(mission.origin.lat_deg, mission.origin.lon_deg)
         hangar = _Hangar(mission, seed, options, frame)
         fleet = [
-            hangar.aircraft(spec, index, files.log(f"vehicle-{spec.id}.tlog"))
+            hangar.aircraft(spec, index, files.log(vehicle_log_name(spec.id)))
             for index, spec in enumerate(mission.agents)
         ]
         if options.out is not None:

@@ -131,7 +131,7 @@ class Loop(Generic[SnapshotT]):
         """Begin before the first tick, which is at time 0."""
         mission = parts.mission
         self._parts = parts
-        self._listed = tuple(places_in(mission))
+        self._listed = frozenset(key for key, _ in places_in(mission))
         self._losses_s = {loss.agent: loss.t_s for loss in mission.losses}
         self._guide_every = round(mission.guidance_step_s / mission.integration_step_s)
         self._last_tick = int(mission.max_time_s / mission.integration_step_s + TOLERANCE_S)
@@ -219,6 +219,6 @@ class Loop(Generic[SnapshotT]):
         visible = self._parts.vehicles if mission.case == "I" else ()
         detections = [vehicle.detection() for vehicle in visible if vehicle.alive]
         # What a live source has added is that source's to see: the sensor has no id for it.
-        of_sources = set(self._parts.ground.operations.tracks.values()).difference(key for key, _ in self._listed)
+        of_sources = set(self._parts.ground.operations.tracks.values()) - self._listed
         detections += [one for one in world_detections(mission, *things) if (one.kind, one.id) not in of_sources]
         self._parts.look(detections, START_S + t_s)

@@ -29,14 +29,20 @@ from groundstation.events import (
     Started,
     event_from_json,
 )
-from groundstation.operations import Operations, applied, directive_name
+from groundstation.operations import DIRECTIVE_NAMES, Operations, applied
 from groundstation.store.recordings import MOST_EVENTS, Json, Span
-from sim.flight_files import EVENTS_NAME, TRAJECTORY_NAME
+from sim.flight_files import (
+    BROADCAST_NAME,
+    EVENTS_NAME,
+    MISSION_NAME,
+    RESULT_NAME,
+    TRAJECTORY_NAME,
+    vehicle_log_name,
+)
 from sim.loop import START_S
 from sim.trajectory import Trajectory, read_csv
 from sim.vehicle_words import Knowledge, read_words
 
-BROADCAST_NAME = "broadcast.tlog"
 PICTURE_S = 0.5
 """Time from one picture to the next."""
 _COURSE_S = 1.0
@@ -57,21 +63,21 @@ class FlownFolder:
 
     def __init__(self, folder: Path) -> None:
         """Read a folder; raises InputError if it is none that `sim fly --out` wrote."""
-        for name in ("mission.yaml", TRAJECTORY_NAME, BROADCAST_NAME):
+        for name in (MISSION_NAME, TRAJECTORY_NAME, BROADCAST_NAME):
             if not (folder / name).is_file():
                 raise InputError(f"{folder}: no {name}; allowed: a folder that `sim fly --out` wrote")
-        self._mission = load_mission(str(folder / "mission.yaml"))
+        self._mission = load_mission(str(folder / MISSION_NAME))
         kept = kept_events(folder / EVENTS_NAME)
         self._operations = operations_by(self._mission, kept)
         self._trajectory = read_csv(folder / TRAJECTORY_NAME, things_change=bool(kept))
         self._frames = [(at_s, frame) for at_s, frame in read_tlog(folder / BROADCAST_NAME)]
         self._sent_s = [at_s for at_s, _ in self._frames]
         self._words = {
-            agent.id: read_words(folder / f"vehicle-{agent.id}.tlog", agent.id)
+            agent.id: read_words(log, agent.id)
             for agent in self._mission.agents
-            if (folder / f"vehicle-{agent.id}.tlog").is_file()
+            if (log := folder / vehicle_log_name(agent.id)).is_file()
         }
-        self._arrivals = arrivals_in(folder / "result.json")
+        self._arrivals = arrivals_in(folder / RESULT_NAME)
         self._events = kept or list(events_of(self._mission, self._frames, self._arrivals))
         self._event_times_s = [event.unix_s for event in self._events]
         times_s = self._trajectory.t_s
@@ -174,7 +180,7 @@ def picture_of(operations: Operations, scene: Scene, known: Known, number: int) 
         "mission": mission.name,
         "case": mission.case,
         "paused": orders.paused,
-        "directive": directive_name(orders.told),
+        "directive": DIRECTIVE_NAMES[orders.told],
         "epoch_s": int(START_S),
         "revision": 0,
         "event": number,
@@ -222,7 +228,7 @@ def _agents(operations: Operations, scene: Scene, known: Known) -> Iterator[Json
             "state": state,
             "target": target_id,
             "pinned": orders.pins.get(identity),
-            "directive": directive_name(orders.of(identity)),
+            "directive": DIRECTIVE_NAMES[orders.of(identity)],
             "range_left_m": None,
             "eta_s": None,
             "link": heard_words(one, known.at_s),

@@ -25,6 +25,7 @@ from sim.approaches import (
     peer_approaches,
     threat_approaches,
 )
+from sim.arrivals import awaited
 from sim.changes import Change, things_of
 from sim.flown_path import crafts_of, first_within, flown_by, moved, nearest
 from sim.shortest_path import shortest_path_length
@@ -257,8 +258,7 @@ def _arrivals(trajectory: Trajectory, alive: np.ndarray, mission: Mission, anew:
     """Return the arrivals; `anew` (S, K) says where a target appeared or jumped since the last sample."""
     samples, agents = alive.shape
     targets = len(trajectory.target_ids)
-    open_to = [[agent.only_target in (None, target.id) for target in mission.targets] for agent in mission.agents]
-    allowed = np.array(open_to, dtype=bool).reshape(agents, targets)
+    allowed = awaited(mission)
     arrived, closed = np.zeros(agents, dtype=bool), np.zeros(targets, dtype=bool)
     found = _Arrivals(tuple([] for _ in range(agents)), {})
     for begin, end in chunks(samples, agents * targets):

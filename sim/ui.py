@@ -21,7 +21,7 @@ from groundstation.meter import Meter, name_of
 from groundstation.page import Overheard, Page
 from groundstation.store.rows import EventRow
 from groundstation.view import Surroundings
-from groundstation.web.address import bound, listen, parse_address
+from groundstation.web.address import DEFAULT_ADDRESS, bound, listen, parse_address
 from groundstation.web.bridge import Bridge
 from groundstation.web.pipe import CLOCK, Request
 from groundstation.web.site import Site
@@ -179,7 +179,7 @@ def open_screen(address: str, pace: Pace) -> tuple[SimScreen, str]:
     if not wanted.is_loopback:
         raise InputError(
             f"--ui: '{address}' can be reached from other computers; allowed: an address of this computer only, such "
-            "as 127.0.0.1:8750"
+            f"as {DEFAULT_ADDRESS}"
         )
     listener = listen(wanted)
     site = Site(bound(listener), "sim")

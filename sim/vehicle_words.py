@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from companion.files.tlog import read_tlog
-from companion.onboard.decision import Purpose, certificate_of
+from companion.onboard.decision import Purpose, certificate_in_words
 from companion.onboard.failsafe import Stage
 from companion.onboard.flight_log import STATUSTEXT_CHARACTERS, STATUSTEXT_ID
 from companion.onboard.world_model import WorldModel
@@ -94,9 +94,6 @@ def _known(path: Path, agent_id: int) -> Iterator[Knowledge]:
 
 def _knowledge(at_s: float, decision: DecisionFrame, world: WorldModel, words: str) -> Knowledge:
     picture_s = None if math.isnan(decision.picture_age_s) else at_s - decision.picture_age_s
-    certificate = certificate_of(decision.certified_s).value
-    if math.isfinite(decision.certified_s) and decision.certified_s > 0.0:
-        certificate = f"until {decision.certified_s:.3g} s"
     return Knowledge(
         at_s,
         picture_s,
@@ -104,7 +101,7 @@ def _knowledge(at_s: float, decision: DecisionFrame, world: WorldModel, words: s
         decision.target_id,
         list(Purpose)[decision.purpose].value,
         list(Stage)[decision.stage].value,
-        certificate,
+        certificate_in_words(decision.certified_s),
         words,
     )
 

@@ -91,7 +91,7 @@ def write_state_file(path: Path, text: str) -> None:
             file.flush()
             os.fsync(file.fileno())
         fresh.replace(path)
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
     except OSError as error:
         raise _unwritable(path, error) from error
 
@@ -131,10 +131,10 @@ def _made(fresh: Path) -> int:
     return os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, _MODE)
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Write a folder's entries to disk: without that, after a crash the name may still stand for the old file.
 
-    A folder that cannot be synced at all is left: its state files are written, as safe as they can be there.
+    A folder that cannot be synced at all is left: its files are written, as safe as they can be there.
     """
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)

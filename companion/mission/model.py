@@ -45,6 +45,8 @@ from companion.mission.values import (
     SwitchingShare,
     ThreatSpeedBound,
     TypedName,
+    refuse_no_band,
+    refuse_not_nested,
 )
 from companion.mission.written import as_modelled, with_defaults
 
@@ -181,17 +183,12 @@ class ThreatSpec(_Moving):
 
     @model_validator(mode="after")
     def _a_band(self) -> Self:
-        if self.floor_m is not None and self.ceiling_m is not None and self.floor_m >= self.ceiling_m:
-            raise ValueError(f"floor_m: {self.floor_m:g} m; allowed: less than ceiling_m {self.ceiling_m:g} m")
+        refuse_no_band(self.floor_m, self.ceiling_m)
         return self
 
     @model_validator(mode="after")
     def _nested(self) -> Self:
-        if self.attack_radius_m >= self.detection_radius_m:
-            raise ValueError(
-                f"attack_radius_m: {self.attack_radius_m:g} m; allowed: less than detection_radius_m "
-                f"{self.detection_radius_m:g} m"
-            )
+        refuse_not_nested(self.attack_radius_m, self.detection_radius_m)
         return self
 
 

@@ -20,6 +20,10 @@ IN_METRES = ("north_m", "east_m")
 IN_DEGREES = ("lat_deg", "lon_deg")
 MOST_DEG = (90.0, 180.0)
 """Greatest latitude and longitude, north or south, east or west."""
+Latitude = Annotated[float, Field(ge=-MOST_DEG[0], le=MOST_DEG[0])]
+Longitude = Annotated[float, Field(ge=-MOST_DEG[1], le=MOST_DEG[1])]
+DEGREE_DECIMALS = 7
+"""Decimals of degrees that are written: a centimetre."""
 DECIMALS = 3
 """Decimals to which converted places are rounded: millimetres, so that a written file reads well."""
 FORMS = "lat_deg and lon_deg (degrees), or north_m and east_m (metres)"
@@ -43,8 +47,8 @@ class Position(NamedTuple):
 class Origin(Section):
     """WGS84 position of the point (0, 0) of the mission's plane."""
 
-    lat_deg: Annotated[float, Field(ge=-MOST_DEG[0], le=MOST_DEG[0])] = 47.0
-    lon_deg: Annotated[float, Field(ge=-MOST_DEG[1], le=MOST_DEG[1])] = 8.0
+    lat_deg: Latitude = 47.0
+    lon_deg: Longitude = 8.0
     alt_m: Annotated[float, Field(ge=-1_000, le=20_000)] = 500.0
 
 

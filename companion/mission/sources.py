@@ -5,12 +5,24 @@ The companion and the simulator only carry this section; the ground station read
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
 from companion.files.yaml import ListOf, Section
-from companion.mission.values import MAX_KEY, MAX_NAME, MAX_THREAT_SPEED_M_S, Identity, Level, Speed, TypedName
+from companion.mission.values import (
+    MAX_KEY,
+    MAX_NAME,
+    MAX_THREAT_SPEED_M_S,
+    RADII,
+    Identity,
+    Level,
+    Speed,
+    TypedName,
+    refuse_no_band,
+    refuse_not_nested,
+)
 
 MAX_SOURCES = 32
 """Greatest number of sources of a mission."""
@@ -33,7 +45,8 @@ RECORDED = ("csv", "jsonl")
 """Kinds that are files and never links."""
 FILED = ("basestation", "ais", "cot", "csv", "jsonl")
 """Kinds that can be played back from a file of their text; a telemetry log is the link file:PATH.tlog."""
-_RADII = ("radius_m", "detection_radius_m", "attack_radius_m")
+GIVEN_RADII = ("radius_m", *RADII)
+"""Keys of the radii of a source's threats: the first, or both others."""
 
 _Key = Annotated[str, Field(min_length=1, max_length=MAX_KEY), TypedName]
 _Radius = Annotated[float, Field(gt=0, le=1.0e6)]
@@ -100,7 +113,7 @@ class SourceSpec(Section):
 
     @model_validator(mode="after")
     def _radii(self) -> Self:
-        given = [key for key in _RADII if getattr(self, key) is not None]
+        given = [key for key in GIVEN_RADII if getattr(self, key) is not None]
         if self.kind == "sensor":
             # Its frames name the mission's things; with radii, others are taken in as threats.
             if self.role is not None:
@@ -110,7 +123,7 @@ class SourceSpec(Section):
         if self.things != "threats":
             if given:
                 raise ValueError(f"{given[0]}: given for {self.things}; allowed: for threats only")
-        elif given not in (["radius_m"], ["detection_radius_m", "attack_radius_m"]):
+        elif given not in (["radius_m"], [*RADII]):
             raise ValueError(
                 f"radius_m: {', '.join(given) or 'no radius'} given for threats; allowed: radius_m, or "
                 "detection_radius_m and attack_radius_m"
@@ -119,19 +132,17 @@ class SourceSpec(Section):
 
     @model_validator(mode="after")
     def _sensible(self) -> Self:
-        if self.floor_m is not None and self.ceiling_m is not None and self.floor_m >= self.ceiling_m:
-            raise ValueError(f"floor_m: {self.floor_m:g}; allowed: less than ceiling_m {self.ceiling_m:g}")
-        attack_m, detection_m = self.attack_radius_m, self.detection_radius_m
-        if attack_m is not None and detection_m is not None and attack_m >= detection_m:
-            raise ValueError(f"attack_radius_m: {attack_m:g}; allowed: less than detection_radius_m {detection_m:g}")
+        refuse_no_band(self.floor_m, self.ceiling_m)
+        if self.attack_radius_m is not None and self.detection_radius_m is not None:
+            refuse_not_nested(self.attack_radius_m, self.detection_radius_m)
         bound_m_s = self.speed_bound_m_s
         if bound_m_s is not None and bound_m_s > MAX_THREAT_SPEED_M_S and self.things == "threats":
             raise ValueError(
                 f"speed_bound_m_s: {bound_m_s:g} m/s for threats; allowed: at most {MAX_THREAT_SPEED_M_S:g} m/s"
             )
-        taken = list(self.ids.values())
+        given = Counter(self.ids.values())
         for key, identity in self.ids.items():
-            if taken.count(identity) > 1:
+            if given[identity] > 1:
                 raise ValueError(f"ids: {identity} is given to '{key}' and to another key; allowed: each id once")
             if key in self.ignore:
                 raise ValueError(f"ignore: '{key}' has an id; allowed: either")

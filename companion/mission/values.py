@@ -35,6 +35,9 @@ RANGE_RESERVE = 1.1
 MIN_LEVEL_M, MAX_LEVEL_M = -1_000.0, 30_000.0
 """Least and greatest floor or ceiling of a threat above sea level; the wire has 16 bits of metres for them."""
 
+RADII = ("detection_radius_m", "attack_radius_m")
+"""Keys of R_d and R_a of a threat, in whose place one `radius_m` may stand."""
+
 MAX_NAME = 40
 """Greatest length of the name of a target, threat or source."""
 MAX_KEY = 80
@@ -51,6 +54,21 @@ TypedName = AfterValidator(_shown_as_typed)
 """Of a name that somebody types: what a terminal would not show as it is typed is refused."""
 SentName = AfterValidator(lambda name: printable(name) if name.strip() else "?")
 """Of a name that was taken before, or that another program sends: what cannot be printed becomes a question mark."""
+
+
+def refuse_no_band(floor_m: float | None, ceiling_m: float | None) -> None:
+    """Raise ValueError if a floor, in m, is not below a ceiling; None is no limit."""
+    if floor_m is not None and ceiling_m is not None and floor_m >= ceiling_m:
+        raise ValueError(f"floor_m: {floor_m:g} m; allowed: less than ceiling_m {ceiling_m:g} m")
+
+
+def refuse_not_nested(attack_radius_m: float, detection_radius_m: float) -> None:
+    """Raise ValueError if R_a is not less than R_d, both in m."""
+    if attack_radius_m >= detection_radius_m:
+        raise ValueError(
+            f"attack_radius_m: {attack_radius_m:g} m; allowed: less than detection_radius_m {detection_radius_m:g} m"
+        )
+
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]

@@ -10,11 +10,10 @@ import sys
 from collections.abc import Callable, Mapping
 
 from companion.mission.places import IN_DEGREES, Origin, Plane, as_list, in_metres
-from companion.mission.values import MAX_ITEMS
+from companion.mission.values import MAX_ITEMS, RADII
 
 ATTACK_SHARE = 0.5
 """R_a of a threat that has one radius, as a share of that radius, which is its R_d (the paper's: 5 of 10 km)."""
-RADII = ("detection_radius_m", "attack_radius_m")
 
 
 def radii_m(radius_m: float) -> tuple[float, float]:

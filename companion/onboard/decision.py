@@ -36,6 +36,12 @@ def certificate_of(certified_s: float) -> Certificate:
     return Certificate.UNTIL if certified_s > 0.0 else Certificate.NONE
 
 
+def certificate_in_words(certified_s: float) -> str:
+    """Return the certificate in words: "for ever", "until 12 s" (from now) or "none"."""
+    kind = certificate_of(certified_s)
+    return f"until {certified_s:.3g} s" if kind is Certificate.UNTIL else str(kind.value)
+
+
 @dataclass(frozen=True)
 class Decision:
     """One tick's decision and its reasons. Headings are from grid north."""
@@ -77,9 +83,7 @@ class Decision:
     @property
     def certificate_words(self) -> str:
         """The certificate in words: "for ever", "until 12 s" (from now) or "none"."""
-        if self.certificate is Certificate.UNTIL:
-            return f"until {self.certified_s:.3g} s"
-        return str(self.certificate.value)
+        return certificate_in_words(self.certified_s)
 
     @property
     def uncertified(self) -> bool:

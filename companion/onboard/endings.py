@@ -236,14 +236,13 @@ def _battery(told: Told) -> Iterator[Finding]:
                 sets=((action, 0.0),),
             )
             continue
-        yield from _battery_level(told, f"{battery}_{level}", f"{battery}_CAPACITY", least)
+        yield from _battery_level(told, battery, level, least)
 
 
-def _battery_level(told: Told, level: str, capacity: str, least_percent: float) -> Iterator[Finding]:
+def _battery_level(told: Told, battery: str, level: str, least_percent: float) -> Iterator[Finding]:
     """Yield at which charge an action of ArduPilot's ends GUIDED, beside that at which the companion returns."""
-    charge, volt = f"{level}_MAH", f"{level}_VOLT"
-    battery, _, which = level.partition("_")
-    action = f"{battery}_FS_{which}_ACT"
+    charge, volt = f"{battery}_{level}_MAH", f"{battery}_{level}_VOLT"
+    capacity, action = f"{battery}_CAPACITY", f"{battery}_FS_{level}_ACT"
     if told[charge] > 0.0 and told[capacity] > 0.0 and least_percent > 0.0:
         percent = _PERCENT * told[charge] / told[capacity]
         most = math.floor(least_percent * told[capacity] / _PERCENT)

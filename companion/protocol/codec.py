@@ -257,7 +257,7 @@ def _state_message(frame: StateFrame) -> oneway.MAVLink_oneway_state_message:
         revision=whole(frame.revision, UINT8_MAX, "revision"),
         picture_threats=whole(frame.picture_threats, UINT16_MAX, "picture_threats"),
         picture_targets=min(frame.picture_targets, UINT8_MAX),
-        directive=frame.directive | (_LAST if frame.is_last else 0),
+        directive=_directive_code(frame),
         frame_index=frame_index,
         frame_count=frame_count,
         agent_count=len(frame.agents),
@@ -416,7 +416,7 @@ def _report_message(frame: ReportFrame) -> oneway.MAVLink_oneway_report_message:
 def _state_frame(message: Fields) -> StateFrame:
     stamp = _stamp(message)
     origin_lat_deg, origin_lon_deg = degrees_of(message.origin_lat, message.origin_lon, "origin")
-    directive = directive_of(message.directive & ~_LAST)
+    directive, is_last = _directive(message)
     unit_m = message.resolution / 100.0
     if unit_m <= 0:
         raise WireError("resolution is zero")
@@ -451,7 +451,7 @@ def _state_frame(message: Fields) -> StateFrame:
             for identity, north, east in zip(target_ids, message.target_north, message.target_east, strict=False)
         ),
         threats=tuple(_threat_entry(identity, message, index, unit_m) for index, identity in enumerate(threat_ids)),
-        is_last=message.directive & _LAST != 0,
+        is_last=is_last,
     )
 
 
@@ -569,7 +569,7 @@ def _fleet_message(frame: FleetFrame) -> oneway.MAVLink_oneway_fleet_message:
         east_base=frame.grid.east_base,
         resolution=frame.grid.resolution_cm,
         revision=whole(frame.revision, UINT8_MAX, "revision"),
-        directive=frame.directive | (_LAST if frame.is_last else 0),
+        directive=_directive_code(frame),
         frame_index=frame_index,
         frame_count=frame_count,
         **_data(data, FLEET_HEAD_BYTES),
@@ -637,7 +637,7 @@ def _decision_message(frame: DecisionFrame) -> oneway.MAVLink_oneway_decision_me
 def _fleet_frame(message: Fields) -> FleetFrame:
     data = _data_of(message)
     grid = Grid(message.resolution, message.north_base, message.east_base)
-    directive, is_last = directive_of(message.directive & ~_LAST), message.directive & _LAST != 0
+    directive, is_last = _directive(message)
     return FleetFrame(_stamp(message), directive, message.revision, grid, *read_fleet(data, grid), is_last)
 
 
@@ -710,6 +710,16 @@ def _data_of(message: Fields) -> bytes:
     if message.size > len(message.data):
         raise WireError("size out of range")
     return bytes(message.data[: message.size])
+
+
+def _directive_code(frame: StateFrame | FleetFrame) -> int:
+    """Return the field with the directive for all agents and whether the broadcast is the last."""
+    return frame.directive | (_LAST if frame.is_last else 0)
+
+
+def _directive(message: Fields) -> tuple[Directive, bool]:
+    """Return the directive for all agents, and whether the broadcast is the last."""
+    return directive_of(message.directive & ~_LAST), message.directive & _LAST != 0
 
 
 def _float(value: float) -> float:

@@ -42,17 +42,15 @@ def keygen(folder: Path) -> list[Path]:
     Raises InputError if one of them is there already, the folder is open to others, or it cannot be written.
     """
     private = Ed25519PrivateKey.generate()
-    pem = serialization.Encoding.PEM
     contents = {
         folder / PRIVATE_NAME: (
-            private.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()),
+            private.private_bytes(
+                serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+            ),
             _SECRET_MODE,
         ),
-        folder / PUBLIC_NAME: (
-            private.public_key().public_bytes(pem, serialization.PublicFormat.SubjectPublicKeyInfo),
-            _PUBLIC_MODE,
-        ),
-        folder / MAVLINK_NAME: (os.urandom(KEY_BYTES).hex().encode() + b"\n", _SECRET_MODE),
+        folder / PUBLIC_NAME: (_public_pem(private.public_key()), _PUBLIC_MODE),
+        folder / MAVLINK_NAME: (_hex_line(os.urandom(KEY_BYTES)), _SECRET_MODE),
     }
     written: list[Path] = []
     try:
@@ -75,15 +73,7 @@ def add_public(folder: Path, key: Ed25519PublicKey) -> list[Path]:
 
     Raises InputError if it cannot be written.
     """
-    written: list[Path] = []
-    content = key.public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
-    path = folder / PUBLIC_NAME
-    try:
-        if not (path.exists() or path.is_symlink()):
-            _write_new(path, content, _PUBLIC_MODE, written)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write keys: {error.strerror}") from error
-    return written
+    return _add(folder, {PUBLIC_NAME: _public_pem(key)}, _PUBLIC_MODE)
 
 
 def add_mavlink_keys(folder: Path, keys: Mapping[str, bytes]) -> list[Path]:
@@ -91,16 +81,7 @@ def add_mavlink_keys(folder: Path, keys: Mapping[str, bytes]) -> list[Path]:
 
     Raises InputError if the folder is open to others, or a key cannot be written.
     """
-    written: list[Path] = []
-    try:
-        _refuse_open(folder, folder.stat().st_mode, "the folder", "700")
-        for name, key in keys.items():
-            path = folder / name
-            if not (path.exists() or path.is_symlink()):
-                _write_new(path, key.hex().encode() + b"\n", _SECRET_MODE, written)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write keys: {error.strerror}") from error
-    return written
+    return _add(folder, {name: _hex_line(key) for name, key in keys.items()}, _SECRET_MODE)
 
 
 def load_private(path: Path) -> Ed25519PrivateKey:
@@ -138,6 +119,29 @@ def load_mavlink_key(path: Path) -> bytes:
     if len(key) != KEY_BYTES:
         raise InputError(f"{path}: not a MAVLink key; allowed: {2 * KEY_BYTES} hexadecimal digits")
     return key
+
+
+def _public_pem(key: Ed25519PublicKey) -> bytes:
+    return key.public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
+
+
+def _hex_line(key: bytes) -> bytes:
+    return key.hex().encode() + b"\n"
+
+
+def _add(folder: Path, contents: Mapping[str, bytes], mode: int) -> list[Path]:
+    """Write the files of these names that are not there, and return their paths; a secret into no open folder."""
+    written: list[Path] = []
+    try:
+        if mode == _SECRET_MODE:
+            _refuse_open(folder, folder.stat().st_mode, "the folder", "700")
+        for name, content in contents.items():
+            path = folder / name
+            if not (path.exists() or path.is_symlink()):
+                _write_new(path, content, mode, written)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write keys: {error.strerror}") from error
+    return written
 
 
 def _write_new(path: Path, content: bytes, mode: int, written: list[Path]) -> None:

@@ -94,15 +94,14 @@ class _Broadcast(NamedTuple):
     unix_s: float
 
 
-class _Arrival(NamedTuple):
+class _Heard(NamedTuple):
     at_s: float
+    """When its first frame was heard."""
     broadcast: _Broadcast
     frame_count: int
-    """Number of frames of its broadcast that could be heard."""
-    is_first: bool
-    """Whether it is the first that was heard of its broadcast."""
+    """Number of its frames that could be heard."""
     missed: int
-    """Number of broadcasts before that of which nothing was heard."""
+    """Number of broadcasts before it of which nothing was heard."""
 
 
 class LinkMonitor:
@@ -111,8 +110,12 @@ class LinkMonitor:
     def __init__(self, window_s: float = WINDOW_S, *, clocks_agree: bool = True) -> None:
         self.window_s = window_s
         self._sender_clock = SenderClock(agrees=clocks_agree)
-        self._arrivals: deque[_Arrival] = deque(maxlen=MAX_ARRIVALS)
-        self._last: _Arrival | None = None
+        self._arrivals_s: deque[float] = deque(maxlen=MAX_ARRIVALS)
+        self._broadcasts: deque[_Heard] = deque()
+        """Those of which the first arrival is among the stored ones."""
+        self._newest: _Heard | None = None
+        self._newest_s = 0.0
+        """When its last frame was heard."""
         self._sent = 0
         """Number of frames of the newest broadcast that were sent when its last was heard."""
         self._last_good_s: float | None = None
@@ -128,15 +131,19 @@ class LinkMonitor:
         true_at_s = self._sender_clock.true_at_s(frame.stamp, now_s)
         self._true_at_s[kind] = max(true_at_s, self._true_at_s.get(kind, -math.inf))
         if isinstance(frame, StateFrame | FleetFrame):
-            self._last = self._arrival(frame.stamp, now_s)
-            self._arrivals.append(self._last)
-            self._sent = min(frame.stamp.frame_index + 1, self._last.frame_count)
+            heard = self._heard(frame.stamp, now_s)
+            if heard is not self._newest:
+                self._newest = heard
+                self._broadcasts.append(heard)
+            self._newest_s = now_s
+            self._arrivals_s.append(now_s)
+            self._sent = min(frame.stamp.frame_index + 1, heard.frame_count)
             self._forget(now_s)
 
     def quality(self, now_s: float) -> LinkQuality:
         """Return the link quality at `now_s`."""
         self._forget(now_s)
-        received, expected = len(self._arrivals), self._expected(now_s)
+        received, expected = len(self._arrivals_s), self._expected(now_s)
         return LinkQuality(
             received=received,
             expected=expected,
@@ -146,22 +153,22 @@ class LinkMonitor:
         )
 
     def _expected(self, now_s: float) -> int:
-        if self._last is None:
+        if self._newest is None:
             return 0
-        firsts = [arrival for arrival in self._arrivals if arrival.is_first]
-        silent_s = min(now_s - self._last.at_s, self.window_s)
+        heard, period_s = self._broadcasts, self._period_s
+        silent_s = min(now_s - self._newest_s, self.window_s)
         # A broadcast that takes longer than those before is not late yet.
-        silent = math.floor(silent_s / max(self._period_s, self._periods_s[-1] if self._periods_s else 0.0))
-        sent = [first.frame_count for first in firsts]
-        mean = fmean(sent or [self._last.frame_count])
-        if sent and firsts[-1].broadcast == self._last.broadcast and silent_s < 0.5 * self._period_s:
+        silent = math.floor(silent_s / max(period_s, self._periods_s[-1] if self._periods_s else 0.0))
+        sent = [one.frame_count for one in heard]
+        mean = fmean(sent or [self._newest.frame_count])
+        if heard and heard[-1] is self._newest and silent_s < 0.5 * period_s:
             # The rest of it may be still to come.
             sent[-1] = self._sent
-        missed = sum(first.missed for first in firsts)
-        if firsts:
+        missed = sum(one.missed for one in heard)
+        if heard:
             # Those before the window do not count.
-            since_s = firsts[0].at_s - (now_s - self.window_s)
-            missed -= max(0, firsts[0].missed - math.floor(since_s / self._period_s))
+            since_s = heard[0].at_s - (now_s - self.window_s)
+            missed -= max(0, heard[0].missed - math.floor(since_s / period_s))
         return max(1, round(sum(sent) + (missed + silent) * mean))
 
     @property
@@ -173,24 +180,27 @@ class LinkMonitor:
     def _period_s(self) -> float:
         return ASSUMED_PERIOD_S if self.period_s is None else self.period_s
 
-    def _arrival(self, stamp: Stamp, now_s: float) -> _Arrival:
-        """Return the arrival of a state or fleet frame, and learn the period from it."""
-        now, last = _Broadcast(stamp.epoch_s, stamp.sequence, stamp.unix_s), self._last
-        if last is None:
+    def _heard(self, stamp: Stamp, now_s: float) -> _Heard:
+        """Return the broadcast that a state or fleet frame is of, the newest or a new one; learn the period from it."""
+        now, newest = _Broadcast(stamp.epoch_s, stamp.sequence, stamp.unix_s), self._newest
+        if newest is None:
             # What was sent of it before that could not be heard.
-            return _Arrival(now_s, now, stamp.frame_count - stamp.frame_index, True, 0)
-        before = last.broadcast
+            return _Heard(now_s, now, stamp.frame_count - stamp.frame_index, 0)
+        before = newest.broadcast
         steps, passed_s = now.sequence - before.sequence, now.unix_s - before.unix_s
         if before.epoch_s != now.epoch_s or steps < 0:
-            return _Arrival(now_s, now, stamp.frame_count, True, 0)
+            return _Heard(now_s, now, stamp.frame_count, 0)
         if steps == 0:
-            return last._replace(at_s=now_s, is_first=False)
+            return newest
         if passed_s > 0:
             self._periods_s.append(passed_s / steps)
         # A leap of the sequence is no loss, nor is a time between two broadcasts that has become longer.
         missed = min(steps, round(max(0.0, passed_s) / self._period_s)) - 1
-        return _Arrival(now_s, now, stamp.frame_count, True, max(0, missed))
+        return _Heard(now_s, now, stamp.frame_count, max(0, missed))
 
     def _forget(self, now_s: float) -> None:
-        while self._arrivals and self._arrivals[0].at_s <= now_s - self.window_s:
-            self._arrivals.popleft()
+        arrivals_s, broadcasts = self._arrivals_s, self._broadcasts
+        while arrivals_s and arrivals_s[0] <= now_s - self.window_s:
+            arrivals_s.popleft()
+        while broadcasts and (not arrivals_s or broadcasts[0].at_s < arrivals_s[0]):
+            broadcasts.popleft()

@@ -31,11 +31,8 @@ class ConsoleHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a message as one line."""
-        warning = "warning: " if record.levelno == logging.WARNING else ""
-        line, is_error = f"{record.name}: {warning}{record.getMessage()}", record.levelno >= logging.WARNING
-        line = printable(one_line(line) if "\n" in line else line)
-        if self.as_json:
-            line = printable(json_line(record))
+        line = printable(json_line(record) if self.as_json else _text_line(record))
+        is_error = record.levelno >= logging.WARNING
         self.do(lambda: click.echo(line, err=is_error))
 
 
@@ -48,6 +45,12 @@ def program_logger(program: str) -> logging.Logger:
         # Each message is printed once, whatever handlers a library gives to the root logger.
         logger.propagate = False
     return logger
+
+
+def _text_line(record: logging.LogRecord) -> str:
+    warning = "warning: " if record.levelno == logging.WARNING else ""
+    line = f"{record.name}: {warning}{record.getMessage()}"
+    return one_line(line) if "\n" in line else line
 
 
 def json_line(record: logging.LogRecord) -> str:

@@ -69,6 +69,11 @@ class Link:
     path: str = ""
     baud: int = 0
 
+    @property
+    def is_loopback(self) -> bool:
+        """Whether it is listened on where only programs of this computer can send to."""
+        return self.scheme == "udpin" and (self.host == "localhost" or self.host.startswith("127."))
+
     def __str__(self) -> str:
         if self.scheme == "file":
             return f"file:{self.path}"

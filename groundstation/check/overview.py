@@ -11,11 +11,10 @@ from companion.geo.local_frame import LocalFrame
 from companion.guidance.settings import DEFAULT_LAW
 from companion.mission.lint import first_of
 from companion.mission.model import AgentSpec, Mission, PathMotion, SteadyMotion, TargetSpec, ThreatSpec, agent_height_m
+from companion.mission.places import DEGREE_DECIMALS
 from companion.onboard.lint.fleet import abilities_of, speeds_instead
 from companion.onboard.lint.warnings import lint_flight
 
-DECIMALS = 7
-"""Decimals of degrees: a centimetre."""
 TURN_TOLERANCE = 0.01
 """Share by which an agent's n_max may exceed the kind's: that of a number rounded to two digits."""
 
@@ -93,7 +92,7 @@ def overview(mission: Mission, seed: int, kind: str | None, source: str) -> Over
 
 def _at(frame: LocalFrame, place_m: tuple[float, float]) -> tuple[float, float, float, float]:
     lat_deg, lon_deg = frame.to_global(*place_m)
-    return *place_m, round(lat_deg, DECIMALS), round(lon_deg, DECIMALS)
+    return *place_m, round(lat_deg, DEGREE_DECIMALS), round(lon_deg, DEGREE_DECIMALS)
 
 
 def _agent(mission: Mission, agent: AgentSpec) -> str:

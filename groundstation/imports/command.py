@@ -12,12 +12,11 @@ from companion.errors import InputError, nearest_hint, one_line
 from companion.files.regular import read_regular
 from companion.files.yaml import is_there
 from companion.mission.places import Position
+from companion.mission.values import MAX_KEY
 from groundstation.choices import one_of, without_null
 from groundstation.imports.drawing import MAX_FILE_BYTES, Drawing, plain, position, shown
 from groundstation.imports.mission_text import Wanted, mission_text
 
-MAX_NAME = 80
-"""Greatest length of a mission's name."""
 MAX_HOME_ALT_M = 20_000.0
 
 
@@ -49,7 +48,7 @@ def imported(given: ImportArguments) -> tuple[str, list[str]]:
         drawing = read_drawing(_content(source))
     except InputError as error:
         raise InputError(one_line(f"{source}: {error}")) from error
-    name = plain(Path(source).stem)[:MAX_NAME] or "imported"
+    name = plain(Path(source).stem)[:MAX_KEY] or "imported"
     text, notes = mission_text(drawing, wanted, name, source)
     if out is not None:
         try:

@@ -16,7 +16,7 @@ from companion.autopilot.kinds import CRUISE_M_S, KINDS
 from companion.errors import InputError
 from companion.geo.polygon import polygon_fault
 from companion.mission.model import parse_mission
-from companion.mission.places import Origin, Plane, Position
+from companion.mission.places import DEGREE_DECIMALS, Origin, Plane, Position
 from companion.mission.resolve import resolve
 from companion.mission.values import MAX_ITEMS
 from companion.onboard.lint.fleet import abilities_of, speeds_instead
@@ -35,8 +35,6 @@ SPACING = 2.0
 """Distance of two vehicles that start at one home, in separations."""
 _THING = re.compile(r"(?P<key>agents|targets|exclusions)\[(?P<index>\d+)\]|threat (?P<id>\d+)")
 """How a message about a mission names its things; threats by their ids, which count from 1."""
-DECIMALS = 7
-"""Decimals of degrees: a centimetre."""
 MAX_HEIGHT_M = 120.0
 """Greatest height that is taken from a file; a companion's own limit unless it is given another."""
 
@@ -239,11 +237,11 @@ def _listed(key: str, items: Iterable[tuple[Position, str, str]]) -> list[str]:
 
 
 def _degrees(place: Position) -> str:
-    return f"lat_deg: {place.lat_deg:.{DECIMALS}f}, lon_deg: {place.lon_deg:.{DECIMALS}f}"
+    return f"lat_deg: {place.lat_deg:.{DEGREE_DECIMALS}f}, lon_deg: {place.lon_deg:.{DEGREE_DECIMALS}f}"
 
 
 def _rounded(place: Position) -> Position:
-    return Position(round(place.lat_deg, DECIMALS), round(place.lon_deg, DECIMALS))
+    return Position(round(place.lat_deg, DEGREE_DECIMALS), round(place.lon_deg, DEGREE_DECIMALS))
 
 
 def _comment(name: str) -> str:

@@ -5,19 +5,18 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import get_args
 
 from companion.errors import InputError, nearest_hint
 from companion.files.yaml import is_there, parse_yaml, validated
 from companion.mission.model import Mission
-from companion.mission.sources import FILED, MAX_SOURCES, ROLE_OF, SourceSpec
-from companion.transport.link import Link, parse_link
+from companion.mission.sources import FILED, MAX_SOURCES, SourceKind, SourceSpec
+from companion.transport.link import SCHEMES, Link, parse_link
 from groundstation.sources.playback import MOST_LINE_BYTES, open_recording
 from groundstation.sources.recording import header_fault
 
 FORM = "KIND=URL-OR-FILE[,KEY=VALUE...]"
-KINDS = (*ROLE_OF, "sensor")
-_HEARD = ("udpin", "udpbcast", "mcast", "serial", "tcp", "udpout", "file")
-_TEXT = ("cot", "ais", "basestation")
+KINDS = get_args(SourceKind)
 
 
 def source_specs(mission: Mission, typed: Sequence[str], source: str, unsigned: bool) -> tuple[SourceSpec, ...]:
@@ -68,7 +67,7 @@ def _typed(text: str, taken: set[str]) -> SourceSpec:
 
 
 def _is_url(place: str) -> bool:
-    return place.partition(":")[0] in _HEARD and not place.startswith("/")
+    return place.partition(":")[0] in SCHEMES and not place.startswith("/")
 
 
 def _free_name(kind: str, taken: set[str]) -> str:
@@ -89,7 +88,7 @@ def _check(spec: SourceSpec, mission: Mission, where: str, unsigned: bool) -> No
             _check_columns(spec.file, where)
     elif spec.url is not None:
         link = parse_link(spec.url)
-        if link.scheme == "file" and spec.kind in _TEXT:
+        if link.scheme == "file" and spec.kind in FILED:
             raise InputError(
                 f"{where}: url: '{link}' is a telemetry log; allowed: file: for a recording of {spec.kind}"
             )
@@ -121,6 +120,4 @@ def _check_columns(name: str, where: str) -> None:
 
 def hears_others(link: Link) -> bool:
     """Return whether programs of other computers can send on a link that is listened on."""
-    if link.scheme == "udpin":
-        return not (link.host == "localhost" or link.host.startswith("127."))
-    return link.scheme in ("udpbcast", "mcast")
+    return link.scheme in ("udpin", "udpbcast", "mcast") and not link.is_loopback

@@ -142,7 +142,7 @@ class Feed:
     @property
     def refused(self) -> int:
         """Number of messages that could not be used, but for those that are none of a thing that counts."""
-        return sum(number for reason, number in self.parser.refused.items() if reason not in LEFT_OUT)
+        return _faults(self.parser.refused).total()
 
     def hear(self, data: bytes, now_s: float, peer: Hashable = None) -> None:
         """Take in bytes as they came; never raises, whatever the bytes."""
@@ -169,10 +169,9 @@ class Feed:
         `doubted` are the numbers of sightings that were read and not believed, by reason.
         """
         reasons = self.parser.refused + (doubted or Counter())
-        faults = Counter({reason: number for reason, number in reasons.items() if reason not in LEFT_OUT})
         if not reasons:
             return health.detail
-        reason, number = (faults or reasons).most_common(1)[0]
+        reason, number = (_faults(reasons) or reasons).most_common(1)[0]
         return f"{health.detail}; {number} {reason}"
 
     def news(self) -> str | None:
@@ -180,15 +179,20 @@ class Feed:
 
         It holds the numbers since the beginning.
         """
-        refused = self.refused
+        faults = _faults(self.parser.refused)
+        refused = faults.total()
         if refused == self._told:
             return None
         self._told = refused
-        faults = [(number, reason) for reason, number in self.parser.refused.items() if reason not in LEFT_OUT]
-        number, reason = max(faults)
+        number, reason = max((number, reason) for reason, number in faults.items())
         main = reason if number == refused else f"{number} {reason}"
         return f"{refused} message{'' if refused == 1 else 's'} could not be used: {main}"
 
     def next(self) -> Sighting | None:
         """Return the sighting that has waited longest, which waits no more."""
         return self._waiting.popleft() if self._waiting else None
+
+
+def _faults(reasons: Counter[str]) -> Counter[str]:
+    """Return the reasons that are a fault of their source, with their numbers."""
+    return Counter({reason: number for reason, number in reasons.items() if reason not in LEFT_OUT})

@@ -43,9 +43,3 @@ class Lines:
         while len(self._kept) > MOST_SENDERS:
             self._kept.popitem(last=False)
         return lines
-
-    def end(self) -> list[bytes]:
-        """Return the last lines, which have no end, and begin anew: a datagram or a file may lack the last line end."""
-        last = [line for line in self._kept.values() if line]
-        self._kept.clear()
-        return [line for line in (one.strip() for one in last) if line]

@@ -27,8 +27,6 @@ from groundstation.sources.sighting import (
     velocity_of,
 )
 
-MOST_SYSTEMS = 255
-"""Greatest number of systems, all there can be."""
 MOST_COPIES = 512
 """Greatest number of aircraft whose newest frame is remembered, to know a copy of it."""
 COPY_S = 1.0

@@ -12,6 +12,8 @@ from collections.abc import Hashable
 from enum import Enum
 from typing import NamedTuple, Protocol
 
+from companion.mission.places import MOST_DEG
+
 KNOT_M_S = 1_852.0 / 3_600.0
 """Speed of one knot (exact)."""
 FOOT_M = 0.3048
@@ -76,7 +78,7 @@ class Parser(Protocol):
 
 def is_place(lat_deg: float, lon_deg: float) -> bool:
     """Return whether latitude and longitude are numbers and those of a place on the Earth."""
-    return abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0
+    return abs(lat_deg) <= MOST_DEG[0] and abs(lon_deg) <= MOST_DEG[1]
 
 
 def velocity_of(speed_m_s: float | None, course_deg: float | None) -> complex | None:

@@ -17,13 +17,14 @@ from typing import Any, NamedTuple, Protocol
 from companion.errors import InputError
 from companion.geo.local_frame import LocalFrame
 from companion.mission.model import Mission
-from companion.mission.sources import SourceKind, SourceSpec
+from companion.mission.sources import GIVEN_RADII, SourceKind, SourceSpec
 from companion.protocol.codec import Kind
 from groundstation.desk import Answer, Fact
 from groundstation.events import Command, Event, Retire, ThingKind, TrackBegan, TrackEnded, Who, command_from
 from groundstation.ground_station import GroundStation
 from groundstation.operations import Operations
 from groundstation.origins import SENSOR, Observation
+from groundstation.sightings import words_of
 from groundstation.sources.feed import SILENT_S, Feed, Health, Pulse
 from groundstation.sources.links import run_source
 from groundstation.sources.sighting import Sighting
@@ -189,7 +190,7 @@ class Sources:
             return []
         seen = []
         for one in waiting:
-            key = f"{one.key[0].name.lower()} {one.key[1]}"
+            key = words_of(one.key)
             lat_deg, lon_deg, turn_rad = self._frame.to_global_with_convergence(one.place.real, one.place.imag)
             sighting = Sighting(key, lat_deg, lon_deg, one.at_s, one.velocity * cmath.rect(1.0, turn_rad))
             moved = self.tracker.take(spec.name, sighting, now_s)
@@ -275,7 +276,7 @@ def _command(one: Taken | Dropped, spec: SourceSpec, operations: Operations) -> 
         return command_from({"do": "change", "kind": kind, "id": one.id, **given})
     given |= {"name": one.name or one.key.key[:40], "north_m": one.place.real, "east_m": one.place.imag}
     if one.kind is Kind.THREAT:
-        radii = {key: getattr(spec, key) for key in ("radius_m", "detection_radius_m", "attack_radius_m")}
+        radii = {key: getattr(spec, key) for key in GIVEN_RADII}
         given |= {key: radius_m for key, radius_m in radii.items() if radius_m is not None}
         given |= {"floor_m": spec.floor_m, "ceiling_m": spec.ceiling_m}
     # No id is given twice: one that was retired comes back under another.

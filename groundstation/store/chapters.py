@@ -16,13 +16,11 @@ from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.protocol.messages import Directive, Kind
 from groundstation.events import Command, Direct, Event, Pause, TakeOut, event_from_json
-from groundstation.operations import Operations, Orders, directive_name, folded
+from groundstation.operations import DIRECTIVE_NAMES, Operations, Orders, folded, ids_in_words
 from groundstation.store.rows import EventRow
 
 MISSION_KEY = "mission:"
 """What the names of kept missions begin with; the number of their chapter's first event follows."""
-MOST_NAMED = 20
-"""Greatest number of ids that a warning names of one kind."""
 THINGS = ("name", "origin", "fence", "exclusions", "agents", "targets", "threats", "case")
 """Keys of a mission that events are about: where they differ, a new chapter begins."""
 
@@ -124,7 +122,7 @@ def _carried(before: Orders, mission: Mission) -> tuple[Command, ...]:
     Those for one agent come first, when nothing stronger is told to all.
     """
     there = {agent.id for agent in mission.agents}
-    own = {agent: directive_name(given) for agent, given in sorted(before.own.items()) if agent in there}
+    own = {agent: DIRECTIVE_NAMES[given] for agent, given in sorted(before.own.items()) if agent in there}
     return (
         *(TakeOut(do="take-out", agent=agent) for agent in sorted(before.out & there)),
         *(Direct(do="direct", directive=given, agent=agent) for agent, given in own.items()),
@@ -134,7 +132,7 @@ def _carried(before: Orders, mission: Mission) -> tuple[Command, ...]:
 
 
 def _to_all(directive: Directive) -> Direct:
-    return Direct(do="direct", directive=directive_name(directive))
+    return Direct(do="direct", directive=DIRECTIVE_NAMES[directive])
 
 
 def event_of_row(row: EventRow) -> Event:
@@ -186,15 +184,8 @@ def _left_behind(mission: Mission, was: Mission, before: Operations) -> list[str
         ("arrivals at targets ", before.reached.by),
         ("that agents are lost: ", before.reached.lost),
     ]
-    return [*(f"{words}{_ids(ids)}" for words, ids in found if ids), "the places of the last picture"]
+    return [*(f"{words}{ids_in_words(ids)}" for words, ids in found if ids), "the places of the last picture"]
 
 
 def _changed(was: Mapping[int, object], now: Mapping[int, object]) -> set[int]:
     return {identity for identity in was.keys() | now.keys() if was.get(identity) != now.get(identity)}
-
-
-def _ids(ids: Iterable[int]) -> str:
-    """Return ids in words; the first ones only if there are many."""
-    known = sorted(ids)
-    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
-    return f"{', '.join(map(str, known[:MOST_NAMED]))}{more}"

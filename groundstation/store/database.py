@@ -10,7 +10,7 @@ import os
 import sqlite3
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Self
 from urllib.parse import quote
@@ -18,6 +18,7 @@ from urllib.parse import quote
 from companion.errors import InputError, one_line
 from companion.files.log_series import LEAST_FREE_BYTES
 from companion.files.regular import refuse_other
+from companion.files.state import sync_folder
 from groundstation.store.rows import Batch, EventRow, Kind, Recorded
 from groundstation.store.schema import APPLICATION_ID, TABLES, VERSION
 
@@ -73,7 +74,10 @@ class Database:
             for old in _beside(path):
                 with suppress(FileNotFoundError):
                     old.unlink()
-            _synced_rename(fresh, path)
+            with fresh.open("rb") as file:
+                os.fsync(file.fileno())
+            fresh.replace(path)
+            sync_folder(path.parent)
             return cls(path, _connected(str(path)), writes=True)
 
     @classmethod
@@ -158,8 +162,8 @@ class Database:
         added_bytes = sum(len(body) for _, _, body in packed)
         with _disk_errors():
             self._check_room(added_bytes)
-            with _Transaction(self._connection) as connection:
-                connection.executemany("INSERT INTO recorded (kind, unix_s, body) VALUES (?, ?, ?)", packed)
+            with _transaction(self._connection):
+                self._connection.executemany("INSERT INTO recorded (kind, unix_s, body) VALUES (?, ?, ?)", packed)
                 removed_bytes = self._trim(self._recorded_bytes + added_bytes, most_bytes)
             self._recorded_bytes += added_bytes - removed_bytes
 
@@ -238,34 +242,25 @@ def is_store(path: Path) -> bool:
         return file.read(len(HEADER)) == HEADER
 
 
-class _Transaction:
-    """Begins a transaction, and commits it, or rolls it back after an error."""
-
-    def __init__(self, connection: sqlite3.Connection) -> None:
-        self._connection = connection
-
-    def __enter__(self) -> sqlite3.Connection:
-        self._connection.execute("BEGIN IMMEDIATE")
-        return self._connection
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        try:
-            if kind is None:
-                self._connection.execute("COMMIT")
-        finally:
-            if self._connection.in_transaction:
-                self._connection.execute("ROLLBACK")
+@contextmanager
+def _transaction(connection: sqlite3.Connection) -> Iterator[None]:
+    """Begin a transaction, and commit it, or roll it back after an error."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        connection.execute("COMMIT")
+    finally:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
 
 
-class _disk_errors:  # noqa: N801 used like a function
-    """Turns an error of SQLite into the OSError that callers know."""
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, sqlite3.Error | UnicodeError):
-            raise OSError(errno.EIO, _words(error)) from error
+@contextmanager
+def _disk_errors() -> Iterator[None]:
+    """Turn an error of SQLite into the OSError that callers know."""
+    try:
+        yield
+    except (sqlite3.Error, UnicodeError) as error:
+        raise OSError(errno.EIO, _words(error)) from error
 
 
 def _connected(name: str) -> sqlite3.Connection:
@@ -286,7 +281,7 @@ def _fill(connection: sqlite3.Connection) -> None:
 
 
 def _insert(connection: sqlite3.Connection, batch: Batch) -> None:
-    with _Transaction(connection):
+    with _transaction(connection):
         connection.executemany("INSERT INTO events VALUES (?, ?, ?, ?, ?)", batch.events)
         connection.executemany("INSERT OR REPLACE INTO kept VALUES (?, ?)", batch.kept.items())
 
@@ -299,19 +294,6 @@ def _check_header(path: Path) -> None:
 def _beside(path: Path) -> tuple[Path, Path]:
     """Return the files that SQLite keeps beside a store while it is open, or after a crash."""
     return path.with_name(f"{path.name}-wal"), path.with_name(f"{path.name}-shm")
-
-
-def _synced_rename(fresh: Path, path: Path) -> None:
-    for place, flags in ((fresh, os.O_RDONLY), (path.parent, os.O_RDONLY | os.O_DIRECTORY)):
-        if place == path.parent:
-            fresh.replace(path)
-        descriptor = os.open(place, flags)
-        try:
-            # A folder on some network disks cannot be synced.
-            with suppress(OSError):
-                os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def _words(error: Exception) -> str:

@@ -24,6 +24,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap_protobuf.writer import Writer
 
 from companion.geo.local_frame import LocalFrame
+from companion.mission.places import DEGREE_DECIMALS
 from groundstation.store.database import Database
 from groundstation.store.export import Slice, details_of, events_in
 
@@ -185,7 +186,7 @@ def _polygon(frame: LocalFrame, corners: Sequence[Sequence[float]]) -> Json:
 
 def _lon_lat(frame: LocalFrame, north_m: float, east_m: float) -> list[float]:
     lat_deg, lon_deg = frame.to_global(north_m, east_m)
-    return [round(lon_deg, 7), round(lat_deg, 7)]
+    return [round(lon_deg, DEGREE_DECIMALS), round(lat_deg, DEGREE_DECIMALS)]
 
 
 def _circle(thing: Json, radius_m: float) -> list[tuple[float, float]]:

@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import orjson
-from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, create_model
+from starlette.requests import HTTPConnection
 
 from companion.errors import InputError
 from companion.files.yaml import Section
@@ -130,19 +131,19 @@ class Api:
         self.access = access
         self.reckoning = Reckoning(hub)
 
-    async def who(self, request: Request) -> Who:
-        """Return who asks; raises HTTPException 401 if nobody is known."""
+    async def who(self, request: HTTPConnection) -> Who:
+        """Return who asks, also for a stream; raises Refused 401 if nobody is known."""
         state = request.scope.get("state", {})
         who = self.access.who(headers_of(request.scope), state.get("peer_certificate"), time.time())
         if who is None:
-            raise HTTPException(401, "no token, or one that is not known; allowed: one of `groundstation token`")
+            raise Refused("no token, or one that is not known; allowed: one of `groundstation token`", 401)
         return who
 
     async def operator(self, request: Request) -> Who:
-        """Return who asks; raises HTTPException 401 if nobody is known, 403 if that is no operator."""
+        """Return who asks; raises Refused 401 if nobody is known, 403 if that is no operator."""
         who = await self.who(request)
         if who.role != "operator":
-            raise HTTPException(403, f"{who.name} is {who.role}; allowed: for an operator only")
+            raise Refused(f"{who.name} is {who.role}; allowed: for an operator only", 403)
         return who
 
     async def player(self, request: Request) -> Who:
@@ -150,23 +151,20 @@ class Api:
         return await (self.operator(request) if self.site.mode == "sim" else self.who(request))
 
     async def obey(self, who: Who, command: Command) -> Message:
-        """Return the event that a command became; raises HTTPException."""
-        try:
-            return await self.feed.command(who, command.model_dump(mode="json", exclude_unset=True))
-        except Refused as refused:
-            raise HTTPException(refused.status, str(refused)) from refused
+        """Return the event that a command became; raises Refused."""
+        return await self.feed.command(who, command.model_dump(mode="json", exclude_unset=True))
 
     def command(self, do: str, given: Mapping[str, Any]) -> Command:
-        """Return the command in a path and a body; raises HTTPException 422."""
+        """Return the command in a path and a body; raises Refused 422."""
         try:
             return command_from({"do": do, **given})
         except InputError as error:
-            raise HTTPException(422, str(error)) from error
+            raise Refused(str(error), 422) from error
 
     def picture(self) -> Json:
-        """Return the newest picture; raises HTTPException 503 before the first."""
+        """Return the newest picture; raises Refused 503 before the first."""
         if self.hub.picture is None:
-            raise HTTPException(503, "no picture yet; allowed: a second after the start")
+            raise Refused("no picture yet; allowed: a second after the start", 503)
         return self.hub.picture
 
 
@@ -195,7 +193,7 @@ def _add_session(router: APIRouter, api: Api) -> None:
         now_s = time.time()
         value, who = api.access.begin_session(login.token, now_s), api.access.holder(login.token)
         if value is None or who is None:
-            raise HTTPException(401, "the token is not known; allowed: one of `groundstation token`")
+            raise Refused("the token is not known; allowed: one of `groundstation token`", 401)
         is_tls = api.site.certificate is not None
         response.set_cookie(
             api.access.cookie, value, max_age=int(SESSION_S), secure=is_tls, httponly=True, samesite="strict"
@@ -240,10 +238,7 @@ def _add_reading(router: APIRouter, api: Api) -> None:
     @router.get("/why/{agent_id}", responses=answers(404, 422, 503), dependencies=looks, tags=["picture"])
     async def get_why(agent_id: Id) -> Json:
         """Return the decision of the centre's own copy of an agent's companion, with its reasons."""
-        try:
-            return await api.reckoning.why(agent_id)
-        except Refused as refused:
-            raise HTTPException(refused.status, str(refused)) from refused
+        return await api.reckoning.why(agent_id)
 
     @router.get("/events", responses=answers(422), dependencies=looks, tags=["events"], response_model=list[Json])
     async def get_events(after: Annotated[int, Query(ge=0, le=2**53)] = 0) -> Response:
@@ -266,12 +261,9 @@ def _add_commands(router: APIRouter, api: Api) -> None:
     async def post_playback(control: PlaybackControl, who: Annotated[Who, Depends(api.player)]) -> Json:
         """Wind, slow down, hurry, stop or go on with a playback, or a simulator's clock; the answer is its state."""
         asked = control.model_dump(exclude_none=True)
-        try:
-            if api.site.mode == "sim":
-                return dict(await api.feed.command(who, {"do": CLOCK, **asked}))
-            return dict(await api.feed.playback(asked))
-        except Refused as refused:
-            raise HTTPException(refused.status, str(refused)) from refused
+        if api.site.mode == "sim":
+            return dict(await api.feed.command(who, {"do": CLOCK, **asked}))
+        return dict(await api.feed.playback(asked))
 
 
 def _add_things(router: APIRouter, api: Api, kind: str, new: type[Section], change: type[Section]) -> None:

@@ -20,6 +20,7 @@ from companion.errors import printable
 from companion.files.yaml import fault_text
 from groundstation.events import COMMAND_WORDS
 from groundstation.web.api import Api, Health, answers, api_router
+from groundstation.web.feed import Refused
 from groundstation.web.guards import Guards
 from groundstation.web.metrics import metrics_text, unhealthy
 from groundstation.web.stream import stream_router
@@ -33,7 +34,8 @@ def application(api: Api, hosts: list[str]) -> Guards:
         title="Ground station", version="1", description=_DESCRIPTION, docs_url=None, redoc_url=None, openapi_url=None
     )
     app.add_exception_handler(RequestValidationError, _invalid)
-    app.add_exception_handler(HTTPException, _refused)
+    app.add_exception_handler(Refused, _refused)
+    app.add_exception_handler(HTTPException, _unserved)
     app.add_exception_handler(Exception, _failed)
     app.include_router(api_router(api))
     app.include_router(stream_router(api))
@@ -114,6 +116,12 @@ async def _invalid(_request: Request, error: Exception) -> JSONResponse:
 
 
 async def _refused(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, Refused)
+    return _refusal(str(error), error.status)
+
+
+async def _unserved(_request: Request, error: Exception) -> JSONResponse:
+    # Of the framework itself: a path or method that there is not.
     assert isinstance(error, HTTPException)
     return _refusal(error.detail, error.status_code, error.headers)
 

@@ -1,4 +1,7 @@
-"""The web process' end of the worker: one job at a time, with the newest picture, and questions before routes."""
+"""The web process' end of the worker: one job at a time, with the newest picture, and questions before routes.
+
+The companion's code is the worker's: the web process starts without it.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import asyncio
 import socket
 import subprocess
 import sys
+from collections.abc import Iterable
 from typing import Any
 
 from companion.errors import InputError
@@ -13,7 +17,6 @@ from companion.runtime.console import program_logger
 from groundstation.web.feed import Refused
 from groundstation.web.hub import Hub
 from groundstation.web.pipe import READ_BYTES, Message, Unpacker, frames_message, packed
-from groundstation.web.why import newest
 
 LOGGER = program_logger("groundstation")
 PERIOD_S = 1.0
@@ -24,6 +27,8 @@ BACK_OFF_S = 5.0
 """Time after which a worker that ended is started again."""
 ASK_S = 15.0
 """Longest wait for a decision."""
+HEARD_S = 60.0
+"""Time for which frames are played to a copy: the state of the slowest radio, which takes 20 s, and its carousel."""
 MOST_ASKED = 50
 """Greatest number of agents that are asked about at a time."""
 
@@ -105,8 +110,7 @@ class Reckoning:
         asked = dict(self._asked)
         job: dict[str, Any] = {"type": "job", "picture": hub.picture, "why": list(asked), "heard": []}
         if asked:
-            heard = newest(hub.heard, float(hub.picture["t_s"]))
-            job["heard"] = [frames_message(heard_s, [datagram]) for heard_s, datagram in heard]
+            job["heard"] = [frames_message(*frame) for frame in _to_be_played(hub.heard, float(hub.picture["t_s"]))]
         if hub.mission is not self._known:
             job |= {"mission": hub.mission, "can_stop": hub.can_stop}
         async with asyncio.timeout(JOB_S):
@@ -126,3 +130,12 @@ class Reckoning:
             future.set_result(answer["why"].get(str(agent_id)))
         if not asked:
             hub.message({"type": "routes", "routes": answer["routes"]})
+
+
+def _to_be_played(heard: Iterable[tuple[float, bytes]], now_s: float) -> list[tuple[float, list[bytes]]]:
+    """Return the frames of the last HEARD_S, each once, with the time at which it was first broadcast."""
+    first: dict[bytes, float] = {}
+    for heard_s, datagram in heard:
+        if now_s - HEARD_S <= heard_s <= now_s:
+            first.setdefault(datagram, heard_s)
+    return [(heard_s, [datagram]) for datagram, heard_s in first.items()]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 
 from fastapi import APIRouter
 from starlette.responses import JSONResponse
@@ -11,7 +10,7 @@ from starlette.websockets import WebSocket
 
 from groundstation.web.api import Api
 from groundstation.web.feed import Refused
-from groundstation.web.guards import TOO_BUSY, headers_of
+from groundstation.web.guards import TOO_BUSY
 from groundstation.web.hub import Browser
 
 SEND_S = 20.0
@@ -24,13 +23,8 @@ def stream_router(api: Api) -> APIRouter:
 
     @router.websocket("/stream")
     async def stream(socket: WebSocket) -> None:
-        state = socket.scope.get("state", {})
-        who = api.access.who(headers_of(socket.scope), state.get("peer_certificate"), time.time())
-        if who is None:
-            why = "no token, or one that is not known; allowed: one of `groundstation token`"
-            await socket.send_denial_response(JSONResponse({"detail": why}, 401))
-            return
         try:
+            await api.who(socket)
             with api.hub.shown() as browser:
                 await socket.accept()
                 await _show(socket, browser)

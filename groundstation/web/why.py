@@ -8,7 +8,7 @@ neighbours that it sees, its battery and its wind. Pure: the caller gives pictur
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from companion.autopilot.aircraft import Neighbour
@@ -23,8 +23,6 @@ from companion.onboard.flight_log import summary_line
 
 Heard = tuple[float, bytes]
 """An unsigned frame and the time, in Unix seconds, at which it was broadcast."""
-HEARD_S = 60.0
-"""Time for which frames are played to a copy: the state of the slowest radio, which takes 20 s, and its carousel."""
 
 AS_OF = "as the centre's own copy of the companion reckons it, where the ground station believes the agent to be"
 
@@ -48,8 +46,7 @@ def why(
     adapter = PointAdapter(can_stop, frame.to_global(*spec.position_ned_m), config.height_m)
     companion = Companion(config, adapter)
     for heard_s, datagram in heard:
-        if now_s - HEARD_S <= heard_s <= now_s:
-            companion.hear(datagram, heard_s)
+        companion.hear(datagram, heard_s)
     altitude_m = mission.origin.alt_m + config.height_m
     adapter.tell(_seen(agent, frame, altitude_m, now_s), None, now_s)
     adapter.neighbours = [
@@ -121,17 +118,6 @@ def _sentences(decision: Decision, agent: Mapping[str, Any]) -> list[str]:
     if agent["state"] in ("lost", "out"):
         said.append(f"The ground station counts it as {agent['state']}.")
     return said
-
-
-def newest(heard: Sequence[Heard], now_s: float) -> list[Heard]:
-    """Return the frames that a copy is played: those of the last HEARD_S, each once, as often as it was repeated."""
-    seen: set[bytes] = set()
-    kept: list[Heard] = []
-    for heard_s, datagram in heard:
-        if heard_s >= now_s - HEARD_S and datagram not in seen:
-            seen.add(datagram)
-            kept.append((heard_s, datagram))
-    return kept
 
 
 def _seen(agent: Mapping[str, Any], frame: LocalFrame, altitude_m: float, now_s: float) -> Neighbour:

@@ -114,6 +114,15 @@ def test_what_stands_is_not_moved_about_by_the_errors_of_its_source() -> None:
     assert station.revision == revision
 
 
+def test_a_threat_that_stands_elsewhere_than_the_error_of_its_source_explains_is_told_there() -> None:
+    watched = Watched("I").to(2.0)
+    station, revision = watched.station, watched.station.revision
+    station.observe(Observation(Kind.THREAT, 2, complex(-9008.0, 4000.0), 0j, START_S + 3.0, 5.0, "ais"))
+    watched.to(5.0)
+    assert station.tracks.tracks[Kind.THREAT, 2].position_ned_m == (-9008.0, 4000.0)
+    assert station.revision == revision + 1
+
+
 def test_a_sighting_of_what_is_not_there_or_older_than_the_last_is_no_news() -> None:
     station = Watched("I").to(2.0).station
     assert not station.observe(Observation(Kind.THREAT, 9, 0j, 0j, START_S + 3.0, 5.0, "adsb"))

@@ -109,7 +109,7 @@ def test_a_vehicle_that_turns_at_half_the_rate_is_named() -> None:
     assert RATE in guarded.check(AHEAD, vehicle.motion, discs((300.0, 0.0, 20.0)), DT_S, DT_S).broken
 
 
-@pytest.mark.parametrize(("wind_m_s", "from_rad"), [(0.0, 0.2), (5.0, 0.215)])
+@pytest.mark.parametrize(("wind_m_s", "from_rad"), [(0.0, 0.2), (0.5, 0.215), (5.0, 0.215)])
 def test_the_commanded_heading_is_believed_within_its_tolerance_where_there_is_no_wind(
     wind_m_s: float, from_rad: float
 ) -> None:

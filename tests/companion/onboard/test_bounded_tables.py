@@ -121,7 +121,7 @@ def test_frames_of_every_kind_with_any_ids_keep_every_table_within_bounds() -> N
             quality.note(frame, EPOCH_S + number)
             world.take(frame, EPOCH_S + number)
         assert max(sizes(world).values()) <= 256
-    assert len(quality._arrivals) < 1000
+    assert len(quality._arrivals_s) < 1000
 
 
 def test_streams_of_a_holder_of_the_shared_key_are_bounded() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sqlite3
 import zlib
@@ -175,3 +176,23 @@ def test_a_picture_that_is_damaged_is_left_out(tmp_path: Path) -> None:
     reader = Database.read_only(path)
     assert [one.body for one in reader.recorded("picture")] == [b"two"]
     reader.close()
+
+
+def test_a_folder_that_must_not_be_read_holds_a_store_and_one_that_the_disk_does_not_sync_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = os.open
+
+    def fails(number: int) -> None:
+        def one(path: str | Path, flags: int, *more: int) -> int:
+            if flags & os.O_DIRECTORY:
+                raise OSError(number, os.strerror(number))
+            return opened(path, flags, *more)
+
+        monkeypatch.setattr(os, "open", one)
+
+    fails(errno.EACCES)
+    made(tmp_path / "x.state", 1).close()
+    fails(errno.EIO)
+    with pytest.raises(OSError, match="Input/output error"):
+        made(tmp_path / "y.state", 1)
