@@ -261,6 +261,8 @@ def log_command(
     if ui is not None:
         if out is not None or places:
             raise InputError("--ui: with --out or --places; allowed: one of them")
+        if from_time is not None or to_time is not None:
+            raise InputError("--ui: with --from or --to; allowed: without them: the page goes to any time")
         play_store(Path(store), ui)
         return
     if places and out is None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from bisect import bisect_right
 from collections.abc import Iterator
+from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from companion.errors import InputError
 from companion.files.records import STAMP
 from companion.files.tlog import whole_frames
-from groundstation.operations import folded
+from groundstation.operations import Operations, applied
 from groundstation.store.chapters import Chapter, chapters_in, event_of_row
 from groundstation.store.database import Database
 
@@ -49,15 +50,23 @@ MOST_EVENTS = 1_000
 """Greatest number of events that a playback is given at once."""
 
 
+class _Folded(NamedTuple):
+    """What the events of a chapter up to a number make of its mission."""
+
+    chapter: Chapter
+    number: int
+    operations: Operations
+
+
 class StoredRun:
     """A recording in a store."""
 
     def __init__(self, path: Path) -> None:
         """Open a store to read it; raises InputError if it cannot be, or if it holds no event and no picture."""
         self._database = Database.read_only(path)
-        self._path = path
-        kept = self._database.all_kept()
-        self._chapters = chapters_in(kept)
+        self._chapters = chapters_in(self._database.all_kept())
+        self._folded: _Folded | None = None
+        """What was asked for last, from which what comes later goes on."""
         numbered = [(row.number, row.unix_s) for row in self._database.events()]
         self._numbers = [number for number, _ in numbered]
         self._times_s = [at_s for _, at_s in numbered]
@@ -78,7 +87,9 @@ class StoredRun:
         chapters = [chapter for chapter in self._chapters if chapter.first <= max(number, 1)]
         if not chapters:
             return None
-        return self._folded(chapters[-1], number)
+        operations = self._operations(chapters[-1], number)
+        mission: Json = operations.mission.model_dump(mode="json")
+        return mission
 
     def picture_at(self, at_s: float) -> Json | None:
         """Return the newest picture up to a time; None before the first."""
@@ -112,11 +123,14 @@ class StoredRun:
         index = bisect_right(self._times_s, at_s)
         return self._numbers[index - 1] if index else 0
 
-    def _folded(self, chapter: Chapter, number: int) -> Json:
-        rows = self._database.events(chapter.first - 1, number)
-        operations = folded(chapter.mission(), map(event_of_row, rows))
-        mission: Json = operations.mission.model_dump(mode="json")
-        return mission
+    def _operations(self, chapter: Chapter, number: int) -> Operations:
+        before = self._folded
+        if before is None or before.chapter is not chapter or before.number > number:
+            before = _Folded(chapter, chapter.first - 1, Operations.begun(chapter.mission()))
+        rows = self._database.events(before.number, number)
+        operations = reduce(applied, map(event_of_row, rows), before.operations)
+        self._folded = _Folded(chapter, number, operations)
+        return operations
 
 
 def records_in(body: bytes) -> Iterator[tuple[float, bytes]]:

@@ -17,7 +17,9 @@ _FORMS = {
     "--ui-tokens": "a file that `groundstation token` has written",
     "--ui-cert": "a certificate, PEM",
     "--ui-key": "its private key, PEM",
+    "--ui-client-ca": "a certificate, PEM",
 }
+_PATHS = ("tokens", "certificate", "key", "client_ca", "tiles")
 
 
 @dataclass(frozen=True)
@@ -56,11 +58,9 @@ def check_site(site: Site) -> None:
         raise InputError(f"{given}: given without {missing}; allowed: both, or neither")
     if site.client_ca is not None and site.certificate is None:
         raise InputError("--ui-client-ca: given without --ui-cert; allowed: with --ui-cert and --ui-key")
-    for option, path in (("--ui-tokens", site.tokens), ("--ui-cert", site.certificate), ("--ui-key", site.key)):
+    for option, path in zip(_FORMS, (site.tokens, site.certificate, site.key, site.client_ca), strict=True):
         if path is not None and not path.is_file():
             raise InputError(f"{option}: '{path}': no such file; allowed: {_FORMS[option]}")
-    if site.client_ca is not None and not site.client_ca.is_file():
-        raise InputError(f"--ui-client-ca: '{site.client_ca}': no such file; allowed: a certificate, PEM")
     if site.tiles is not None and not site.tiles.is_dir():
         raise InputError(f"--ui-tiles: '{site.tiles}': no such folder; allowed: one with Z/X/Y.png in it")
     if site.address.is_loopback:
@@ -88,6 +88,3 @@ def site_from(values: dict[str, Any]) -> Site:
     """Return the site that `site_to_dict` wrote."""
     paths = {key: None if values[key] is None else Path(values[key]) for key in _PATHS}
     return Site(Address(*values["address"]), values["mode"], log_format=values["log_format"], **paths)
-
-
-_PATHS = ("tokens", "certificate", "key", "client_ca", "tiles")

@@ -28,22 +28,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from groundstation.web.address import Address, bound, listen
+from tests.web.rig import ARGUMENTS, CHROMIUM, WIDE
+
 if TYPE_CHECKING:
     from playwright.sync_api import WebSocket
 
-CHROMIUM = Path("/usr/bin/chromium")
-ARGUMENTS = (
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-    # Pages in the background would draw nothing, which nobody who watches five screens sees.
+ALL_SEEN = (
     "--disable-renderer-backgrounding",
     "--disable-background-timer-throttling",
     "--disable-backgrounding-occluded-windows",
 )
+"""Arguments of Chromium without which pages in the background draw nothing, as nobody sees them."""
 SETTLE_S = 3.0
 """Time before anything is counted."""
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -90,14 +86,6 @@ def children(pid: int) -> list[int]:
     return found
 
 
-def free_port(kind: socket.SocketKind) -> int:
-    """Return a port of loopback that nobody uses."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
-
-
 class Station:
     """A ground station in a process, and the socket that receives its broadcast."""
 
@@ -105,12 +93,13 @@ class Station:
         self.receiver = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         self.receiver.bind(("127.0.0.1", 0))
         self.receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
-        self.page_port = free_port(socket.SOCK_STREAM)
+        with listen(Address(port=0)) as probe:
+            self.page = bound(probe)
         link = f"udpout:127.0.0.1:{self.receiver.getsockname()[1]}"
         self.process = subprocess.Popen(
             [
                 *(sys.executable, "-m", "groundstation", "run", str(mission), "--link", link, "--unsigned"),
-                *("--ui", f"127.0.0.1:{self.page_port}"),
+                *("--ui", str(self.page)),
             ],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -122,7 +111,7 @@ class Station:
     @property
     def url(self) -> str:
         """Address of the page."""
-        return f"http://127.0.0.1:{self.page_port}/"
+        return f"http://{self.page}/"
 
     def begins_s(self, seconds: float) -> np.ndarray:  # (B,) s
         """Return when the broadcasts of some seconds began, by the receiver's clock."""
@@ -171,14 +160,13 @@ def open_pages(url: str, count: int, nice: int, stack: ExitStack) -> list[Any]:
         # Its driver, which starts the browser; the ground station keeps its priority.
         if b"playwright" in Path(f"/proc/{pid}/cmdline").read_bytes():
             os.setpriority(os.PRIO_PROCESS, pid, nice)
-    browser = driver.chromium.launch(executable_path=str(CHROMIUM), args=list(ARGUMENTS))
+    browser = driver.chromium.launch(executable_path=str(CHROMIUM), args=[*ARGUMENTS, *ALL_SEEN])
     stack.callback(browser.close)
     pages = []
     for _ in range(count):
-        page = browser.new_context(viewport={"width": 1400, "height": 900}).new_page()
+        page = browser.new_context(viewport=WIDE).new_page()
         page.add_init_script(COUNTERS)
         counted = {"moves": 0, "pictures": 0}
-
         page.on("websocket", functools.partial(_count, counted))
         page.goto(url)
         pages.append((page, counted))

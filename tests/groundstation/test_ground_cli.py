@@ -98,6 +98,20 @@ def test_whatever_is_at_a_serial_port_gets_a_heartbeat_but_not_behind_an_autopil
     assert [options.radio and options.radio.heartbeats for options in given] == [heartbeats]
 
 
+@pytest.mark.parametrize(
+    ("more", "parts"),
+    [
+        (("--out", "x.csv"), ("--ui: with --out or --places", "allowed: one of them")),
+        (("--from", "0"), ("--ui: with --from or --to", "allowed: without them")),
+        (("--to", "2026-11-30"), ("--ui: with --from or --to", "allowed: without them")),
+    ],
+)
+def test_a_playback_refuses_what_it_has_no_use_for(
+    program: Program, more: tuple[str, ...], parts: tuple[str, ...]
+) -> None:
+    assert_refused(program("log", "day.state", "--ui", "127.0.0.1:9", *more), *parts)
+
+
 def test_several_addresses_behind_one_radio_are_refused(program: Program) -> None:
     link = "udpout:127.0.0.1:9,127.0.0.1:10,127.0.0.1:11"
     result = program("run", "copter-demo", "--link", link, "--unsigned", "--radio", "sik-57600")

@@ -37,24 +37,17 @@ def agent(identity: int, north_m: float, east_m: float, **changes: object) -> Vi
 
 def target(identity: int, north_m: float, east_m: float, **changes: object) -> View:
     """Return a target that stands."""
-    return {
-        "id": identity,
-        "name": None,
-        "north_m": north_m,
-        "east_m": east_m,
-        "velocity_north_m_s": 0.0,
-        "velocity_east_m_s": 0.0,
-        "age_s": 1.0,
-        "speed_bound_m_s": 0.0,
-        "reached_by": [],
-        "agents": [],
-        "source": "mission",
-        **changes,
-    }
+    return _standing(identity, north_m, east_m, age_s=1.0, reached_by=[], agents=[]) | changes
 
 
 def threat(identity: int, north_m: float, east_m: float, **changes: object) -> View:
     """Return a threat that stands."""
+    disc = {"detection_radius_m": 1_200.0, "attack_radius_m": 600.0, "growth_m": 0.0}
+    return _standing(identity, north_m, east_m, age_s=3.0, floor_m=None, ceiling_m=None, **disc) | changes
+
+
+def _standing(identity: int, north_m: float, east_m: float, **more: object) -> View:
+    """Return what a picture has of a target as of a threat that stands, as the mission's file says."""
     return {
         "id": identity,
         "name": None,
@@ -62,15 +55,9 @@ def threat(identity: int, north_m: float, east_m: float, **changes: object) -> V
         "east_m": east_m,
         "velocity_north_m_s": 0.0,
         "velocity_east_m_s": 0.0,
-        "age_s": 3.0,
-        "detection_radius_m": 1_200.0,
-        "attack_radius_m": 600.0,
-        "growth_m": 0.0,
         "speed_bound_m_s": 0.0,
-        "floor_m": None,
-        "ceiling_m": None,
         "source": "mission",
-        **changes,
+        **more,
     }
 
 
@@ -131,14 +118,15 @@ def moves(shown: View, t_s: float) -> View:
         return [one["id"], round(north_m, 2), round(east_m, 2), one["heading_deg"], one["speed_m_s"], one["age_s"]]
 
     def stands(one: View) -> list[float]:
-        return [one["id"], one["north_m"], one["east_m"], one["velocity_north_m_s"], one["velocity_east_m_s"], since_s]
+        velocity = [one["velocity_north_m_s"], one["velocity_east_m_s"]]
+        return [one["id"], one["north_m"], one["east_m"], *velocity, one["age_s"] + since_s]
 
     return {
         "type": "moves",
         "t_s": t_s,
         "agents": [flown(one) for one in shown["agents"]],
         "targets": [stands(one) for one in shown["targets"]],
-        "threats": [[*stands(one), one["growth_m"] + since_s] for one in shown["threats"]],
+        "threats": [[*stands(one), one["growth_m"] + one["speed_bound_m_s"] * since_s] for one in shown["threats"]],
     }
 
 

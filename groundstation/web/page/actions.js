@@ -4,13 +4,13 @@
 import { command } from "./api.js";
 import { choice, confirmed, field } from "./dialog.js";
 import { el } from "./dom.js";
-import { metres, position, thing } from "./format.js";
+import { position, thing } from "./format.js";
 
 const ONE_WAY = "Vehicles follow at the next broadcast that they hear; none of them can confirm it.";
 const DIRECTIVES = {
-  hold: { title: "Hold", text: "hold: each loiters where it hears this" },
-  return: { title: "Recall", text: "return: each flies back and loiters there" },
-  normal: { title: "Back to normal", text: "go on to their targets" },
+  hold: { title: "Hold", all: "hold: each loiters where it hears this", one: "holds: it loiters where it hears this" },
+  return: { title: "Recall", all: "return: each flies back and loiters there", one: "flies back and loiters there" },
+  normal: { title: "Back to normal", all: "go on to their targets", one: "goes on to its target" },
 };
 const ALONE = "Those that were held or recalled alone go on, too.";
 const PLACE_DECIMALS = { metres: 1, degrees: 7 };
@@ -33,26 +33,21 @@ export class Actions {
     confirmed({ ...question, text: [...text, this.page.staleWarning()] });
   }
 
-  directAll(directive) {
-    const { title, text } = DIRECTIVES[directive];
+  /** Tells one agent what to do, or all of them where `agent` is left out. */
+  direct(directive, agent = null) {
+    const { title, all, one } = DIRECTIVES[directive];
     const count = this.page.state.agents.size;
+    const whom = agent ? `agent ${agent.id}` : "all agents";
     this.ask({
-      title: `${title}: all agents`,
-      text: [`All ${count} agents ${text}.`, ...(directive === "normal" ? [ALONE] : []), ONE_WAY],
-      confirm: `${title} all ${count}`,
+      title: `${title}: ${whom}`,
+      text: [
+        agent ? `Agent ${agent.id} ${one}.` : `All ${count} agents ${all}.`,
+        !agent && directive === "normal" ? ALONE : "",
+        ONE_WAY,
+      ],
+      confirm: `${title} ${agent ? whom : `all ${count}`}`,
       danger: directive === "return",
-      act: () => this.give({ do: "direct", directive, agent: null }, `${title}: all agents`),
-    });
-  }
-
-  direct(agent, directive) {
-    const { title, text } = DIRECTIVES[directive];
-    this.ask({
-      title: `${title}: agent ${agent.id}`,
-      text: [`Agent ${agent.id}: ${text}.`, ONE_WAY],
-      confirm: `${title} agent ${agent.id}`,
-      danger: directive === "return",
-      act: () => this.give({ do: "direct", directive, agent: agent.id }, `${title}: agent ${agent.id}`),
+      act: () => this.give({ do: "direct", directive, agent: agent?.id ?? null }, `${title}: ${whom}`),
     });
   }
 
@@ -130,12 +125,7 @@ export class Actions {
     this.ask({
       title: `Add a ${kind}`,
       text: kind === "threat" ? "Vehicles that hear of it bend their ways around it." : "",
-      fields: [
-        ...this.placeFields(known),
-        field("name", "Name", { maxlength: "40", value: known.name ?? "" }, "optional"),
-        ...(kind === "threat" ? threatFields(known) : []),
-        number("speed_bound_m_s", "Speed bound in m/s", known.speed_bound_m_s ?? 0, "the fastest that it may move"),
-      ],
+      fields: this.fieldsOf(kind, known),
       confirm: `Add ${kind}`,
       act: (form) => {
         const body = { do: `add-${kind}`, ...placeOf(form), ...numbersOf(form, kind) };
@@ -148,16 +138,10 @@ export class Actions {
 
   /** Place, radii, bound and name of a target or threat. */
   change(kind, item) {
-    const before = { ...item, floor_m: item.floor_m ?? undefined, ceiling_m: item.ceiling_m ?? undefined };
     this.ask({
       title: `Change ${thing(kind, item)}`,
       text: "",
-      fields: [
-        ...this.placeFields(before),
-        field("name", "Name", { maxlength: "40", value: item.name ?? "" }, "optional"),
-        ...(kind === "threat" ? threatFields(before) : []),
-        number("speed_bound_m_s", "Speed bound in m/s", item.speed_bound_m_s ?? 0, "the fastest that it may move"),
-      ],
+      fields: this.fieldsOf(kind, item),
       confirm: "Change",
       act: (form) => {
         const body = { do: "change", kind, id: item.id, ...changed(form, kind, item) };
@@ -186,10 +170,20 @@ export class Actions {
     else this.add(unknown.kind, { ...place, id: unknown.id });
   }
 
+  /** The fields of a target or threat; `known` are values that they begin with. */
+  fieldsOf(kind, known) {
+    return [
+      ...this.placeFields(known),
+      field("name", "Name", { maxlength: "40", value: known.name ?? "" }, "optional"),
+      ...(kind === "threat" ? threatFields(known) : []),
+      number("speed_bound_m_s", "Speed bound in m/s", known.speed_bound_m_s ?? 0, "the fastest that it may move"),
+    ];
+  }
+
   /** The fields of a place, in metres or degrees; the other form follows what is typed. */
   placeFields(known) {
     const { plane } = this.page.state;
-    const [north, east] = known.north_m === undefined ? this.page.map.centre() : [known.north_m, known.east_m];
+    const { north_m: north, east_m: east } = known.north_m === undefined ? this.page.map.centre() : known;
     const [lat, lon] = plane.toGlobal(north, east);
     const fields = {
       metres: [
@@ -226,7 +220,7 @@ const rounded = (value) => Math.round(value * 100) / 100;
 const place = (name, label, value) => field(name, label, { inputmode: "decimal", value, required: true });
 
 function number(name, label, value, hint) {
-  return field(name, label, { inputmode: "decimal", value: value === undefined ? "" : String(value) }, hint);
+  return field(name, label, { inputmode: "decimal", value: String(value ?? "") }, hint);
 }
 
 function threatFields(known) {
@@ -283,5 +277,3 @@ function changed(form, kind, item) {
 export function radiiOf(kind, item) {
   return kind === "threat" ? [item.detection_radius_m, item.attack_radius_m] : [];
 }
-
-export const radiiWords = (threat) => `${metres(threat.attack_radius_m)} / ${metres(threat.detection_radius_m)}`;

@@ -39,11 +39,6 @@ export function percent(share) {
   return finite(share) ? `${(share * 100).toFixed(share < 0.1 ? 1 : 0)} %` : NONE;
 }
 
-export function degrees(value) {
-  return finite(value) ? `${((Math.round(value) % 360) + 360) % 360}°` : NONE;
-}
-
-/** Compass words of a bearing are not used: the field says degrees. */
 export function position(northM, eastM) {
   return finite(northM) && finite(eastM) ? `${northM.toFixed(0)} m N, ${eastM.toFixed(0)} m E` : NONE;
 }

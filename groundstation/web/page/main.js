@@ -71,9 +71,9 @@ class Page {
 
   bind() {
     const on = (id, act) => byId(id).addEventListener("click", act);
-    on("hold-all", () => this.actions.directAll("hold"));
-    on("recall-all", () => this.actions.directAll("return"));
-    on("normal-all", () => this.actions.directAll("normal"));
+    on("hold-all", () => this.actions.direct("hold"));
+    on("recall-all", () => this.actions.direct("return"));
+    on("normal-all", () => this.actions.direct("normal"));
     on("pause", () => this.actions.pause(this.state.picture?.paused));
     on("add-target", () => this.pickFor("target"));
     on("add-threat", () => this.pickFor("threat"));
@@ -177,7 +177,6 @@ class Page {
     document.title = `${picture.mission} – ground station`;
     setText(byId("mission"), picture.mission);
     byId("unsigned").hidden = !isUnsigned(picture);
-    this.showMode();
     setText(byId("directive"), picture.paused ? "PAUSED" : words(String(picture.directive)));
     setAttribute(byId("directive"), "data-directive", picture.paused ? "paused" : picture.directive);
     setText(byId("pause"), picture.paused ? "Resume" : "Pause");
@@ -351,7 +350,7 @@ class Page {
         ? button("put-back", "Put back", () => this.actions.putBack(item()))
         : button("take-out", "Take out", () => this.actions.takeOut(item()), { class: "danger" }),
       ...DIRECTIVES.filter(([directive]) => directive !== agent.directive).map(([directive, act, text, properties]) =>
-        button(act, text, () => this.actions.direct(item(), directive), properties),
+        button(act, text, () => this.actions.direct(directive, item()), properties),
       ),
     ];
   }

@@ -116,10 +116,9 @@ export class MissionMap {
     this.request();
   }
 
-  /** The middle of the map in metres. */
+  /** The middle of the map. */
   centre() {
-    const { lat, lng } = this.leaflet.getCenter();
-    return this.state.plane.toLocal(lat, lng);
+    return this.placeOf(this.leaflet.getCenter());
   }
 
   placeOf(latLng) {
@@ -131,8 +130,7 @@ export class MissionMap {
   pick(radiiM, done) {
     this.picking = { radiiM, done };
     this.element.classList.add("picking");
-    const [northM, eastM] = this.centre();
-    this.ui.moving = { north_m: northM, east_m: eastM, radiiM };
+    this.ui.moving = { ...this.centre(), radiiM };
     this.element.focus({ preventScroll: true });
     this.request();
   }
@@ -176,16 +174,14 @@ export class MissionMap {
   keyed(event) {
     if (!this.picking) return;
     if (event.key === "Enter") {
-      const [northM, eastM] = this.centre();
-      this.endPick({ north_m: northM, east_m: eastM });
+      this.endPick(this.centre());
       event.preventDefault();
     } else if (event.key === "Escape") {
       this.endPick(null);
     } else if (event.key.startsWith("Arrow")) {
       requestAnimationFrame(() => {
         if (!this.picking) return;
-        const [northM, eastM] = this.centre();
-        this.ui.moving = { north_m: northM, east_m: eastM, radiiM: this.picking.radiiM };
+        this.ui.moving = { ...this.centre(), radiiM: this.picking.radiiM };
         this.request();
       });
     }

@@ -15,7 +15,6 @@ export function nothing() {
     agents: new Map(),
     targets: new Map(),
     threats: new Map(),
-    squares: new Map(),
     trails: new Map(),
     routes: new Map(),
     events: [],

@@ -4,9 +4,9 @@ import { el, setText } from "./dom.js";
 import { anyValue, bytes, metres, NONE, percent, position, rate, seconds, words } from "./format.js";
 import { isGhost, sourceWords } from "./model.js";
 import { Table } from "./table.js";
-import { radiiWords } from "./actions.js";
 
 const speedOf = (item) => Math.hypot(item.velocity_north_m_s ?? 0, item.velocity_east_m_s ?? 0);
+const radiiWords = (threat) => `${metres(threat.attack_radius_m)} / ${metres(threat.detection_radius_m)}`;
 const ids = (list) => (list?.length ? list.join(", ") : NONE);
 
 /** How much of what is sent an agent is taken to hear; of a flight that was recorded on board, what it had heard. */
@@ -23,7 +23,7 @@ function linkWords(agent) {
   return `hears ${percent(heard)}, ${source}`;
 }
 
-export function stateWords(agent) {
+function stateWords(agent) {
   const directive = agent.directive && agent.directive !== "normal" ? `, ${agent.directive}` : "";
   return `${agent.state}${directive}`;
 }
@@ -96,7 +96,7 @@ export class Tables {
 }
 
 /** Agents whose id, target, state or source holds each word of a filter; a whole number means that id or target. */
-export function agentFilter({ text, state }) {
+function agentFilter({ text, state }) {
   const wanted = text.toLowerCase().split(/\s+/).filter(Boolean);
   return (agent) => {
     if (state === "ghost" ? !isGhost(agent) : state && agent.state !== state) return false;
@@ -172,13 +172,13 @@ export class Facts {
   }
 }
 
-export function authenticationWords(picture) {
+function authenticationWords(picture) {
   const kind = picture.broadcast?.authentication;
   if (kind === "unsigned") return "UNSIGNED: anybody can speak in its name";
   return { ed25519: "signed (Ed25519)", mavlink: "signed (MAVLink)", both: "signed (both ways)" }[kind] ?? NONE;
 }
 
-export function broadcastFacts(picture) {
+function broadcastFacts(picture) {
   const { broadcast } = picture;
   const budget = broadcast.budget_bytes_per_s;
   const rateWords = `${rate(broadcast.bytes_per_s, "B/s")}${budget ? ` of ${rate(budget, "B/s")}` : ", no budget set"}`;

@@ -59,11 +59,11 @@ export class Timeline {
   /** Shows events; `undoable` are the numbers of those that who looks can take back, `when` tells their times. */
   show(events, undoable, filter, when) {
     const wanted = filter.toLowerCase();
-    const fits = (event) => !wanted || `${sentence(event)} ${event.who?.name ?? ""}`.toLowerCase().includes(wanted);
-    const shown = events.filter(fits).slice(-SHOWN).reverse();
     const told = `${undoable.join()} ${wanted} ${events.length} ${events.at(-1)?.number} ${when(0)}`;
     if (told === this.told) return;
     this.told = told;
+    const fits = (event) => !wanted || `${sentence(event)} ${event.who?.name ?? ""}`.toLowerCase().includes(wanted);
+    const shown = events.filter(fits).slice(-SHOWN).reverse();
     const item = (event) => this.item(event, undoable.includes(event.number), when(event.unix_s));
     this.list.replaceChildren(...shown.map(item));
   }

@@ -130,6 +130,15 @@ def test_nothing_is_told_twice_while_time_goes_on(played: tuple[Playback, Screen
     assert screen.heard_s == sorted(set(screen.heard_s))
 
 
+def test_the_mission_at_a_time_is_the_same_whatever_was_asked_for_before(path: Path) -> None:
+    run = StoredRun(path)
+    for second in (5, 12, 25, 25, 39, 12, 35, 0):
+        alone = StoredRun(path)
+        assert run.mission_at(NOW_S + second) == alone.mission_at(NOW_S + second), second
+        alone.close()
+    run.close()
+
+
 def test_a_store_with_nothing_in_it_is_refused(tmp_path: Path) -> None:
     Database.create(tmp_path / "x.state", Batch()).close()
     with pytest.raises(InputError, match="x.state: no events and no pictures; allowed: the store of a run"):
