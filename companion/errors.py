@@ -43,6 +43,12 @@ def nearest_hint(word: str, known: Iterable[str]) -> str:
     return f"; did you mean '{matches[0]}'?" if matches else ""
 
 
+def some_of(things: Iterable[object], most: int) -> str:
+    """Return things in words, "1, 2, 3 and 4 more": the first `most` if there are more; empty if there are none."""
+    words = [str(thing) for thing in things]
+    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")
+
+
 def one_line(text: str) -> str:
     """Return the text with every run of white space made one blank, so that a library's message stays on one line."""
     return " ".join(text.split())

@@ -15,7 +15,7 @@ from companion.mission.model import Mission, TargetSpec, ThreatSpec
 from companion.mission.places import Plane, Position
 from companion.mission.values import MAX_ID, MAX_ITEMS, RADII
 from companion.mission.written import radii_m
-from companion.protocol.messages import Directive, Kind
+from companion.protocol.messages import Kind
 from groundstation.broadcast import MOST_FRAMES, frames_for
 from groundstation.events import (
     AddTarget,
@@ -48,7 +48,7 @@ from groundstation.events import (
     WasPutBack,
     Who,
 )
-from groundstation.operations import MOST_UNDOS, Operations, applied, directive_name, ids_in_words
+from groundstation.operations import DIRECTIVE_NAMES, DIRECTIVES, MOST_UNDOS, Operations, applied, ids_in_words
 
 
 def event_of(operations: Operations, command: Command, who: Who, now_s: float) -> Event:
@@ -269,9 +269,9 @@ def _check_direct(operations: Operations, direct: Direct) -> None:
         return
     _check_agent(operations.mission, direct.agent, "direct")
     orders = operations.orders
-    if Directive[direct.directive.upper()] >= orders.told:
+    if DIRECTIVES[direct.directive] >= orders.told:
         return
-    told = directive_name(orders.told)
+    told = DIRECTIVE_NAMES[orders.told]
     first = "resume" if orders.told > orders.directive else "another directive for all"
     raise InputError(
         f"direct: {direct.directive} for agent {direct.agent}: all agents are told to {told}, which is stronger; "

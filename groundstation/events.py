@@ -36,6 +36,7 @@ KeptName = Annotated[str, Field(min_length=1, max_length=MAX_NAME), SentName]
 """Name in an event, which may be of an older store or of a source."""
 KeptKey = Annotated[str, Field(min_length=1, max_length=MAX_KEY), SentName]
 ThingKind = Literal["target", "threat"]
+KindName = Literal["agent", "target", "threat"]
 DirectiveName = Literal["normal", "hold", "return"]
 Number = Annotated[int, Field(ge=1, le=MOST_NUMBER)]
 
@@ -433,7 +434,7 @@ class TrackBegan(_Event):
     event: Literal["track-began"] = "track-began"
     source: KeptName
     key: KeptKey
-    kind: Literal["agent", "target", "threat"]
+    kind: KindName
     id: Identity
 
 
@@ -451,7 +452,7 @@ class UnknownSeen(_Event):
 
     event: Literal["unknown-seen"] = "unknown-seen"
     source: KeptName
-    kind: Literal["agent", "target", "threat"]
+    kind: KindName
     id: Annotated[int, Field(ge=0)]
     north_m: float
     east_m: float

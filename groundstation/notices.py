@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
-from companion.protocol.messages import Kind
 from groundstation.events import (
     STATION,
     ArrivalTakenBack,
@@ -23,7 +21,7 @@ from groundstation.events import (
     RevisionBegan,
     UnknownSeen,
 )
-from groundstation.operations import Operations
+from groundstation.operations import KIND_NAMES, Operations
 from groundstation.origins import Unknown
 from groundstation.sightings import Key
 
@@ -44,11 +42,6 @@ class Facts:
 
 MOST_TOLD = 256
 """Greatest number of unknown things that are told as events, which are kept for ever: a sensor may see anything."""
-_WORDS: dict[Kind, Literal["agent", "target", "threat"]] = {
-    Kind.AGENT: "agent",
-    Kind.TARGET: "target",
-    Kind.THREAT: "threat",
-}
 
 
 def noticed(operations: Operations, facts: Facts, unix_s: float) -> list[Event]:
@@ -87,7 +80,7 @@ def _news(operations: Operations, facts: Facts, unix_s: float) -> Iterator[Event
             unix_s=unix_s,
             who=STATION,
             source=thing.source,
-            kind=_WORDS[key[0]],
+            kind=KIND_NAMES[key[0]],
             id=key[1],
             north_m=north_m,
             east_m=east_m,

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeVar
 
+from companion.errors import some_of
 from companion.mission.model import Mission, TargetSpec, ThreatSpec
 from companion.protocol.messages import Directive, Kind
 from groundstation.events import (
@@ -22,6 +23,7 @@ from groundstation.events import (
     DirectiveName,
     Event,
     HeardAgain,
+    KindName,
     Lost,
     OwnDirective,
     Pause,
@@ -55,9 +57,16 @@ MOST_NAMED = 20
 """Greatest number of ids that a message names of one kind."""
 MOST_UNDOS = 50
 """Number of the last commands that can be taken back."""
-KINDS: dict[str, Kind] = {"agent": Kind.AGENT, "target": Kind.TARGET, "threat": Kind.THREAT}
+KINDS: dict[KindName, Kind] = {"agent": Kind.AGENT, "target": Kind.TARGET, "threat": Kind.THREAT}
 """Kinds of things by their words in commands, events and views."""
-
+KIND_NAMES = {kind: name for name, kind in KINDS.items()}
+DIRECTIVES: dict[DirectiveName, Directive] = {
+    "normal": Directive.NORMAL,
+    "hold": Directive.HOLD,
+    "return": Directive.RETURN,
+}
+"""Directives by their words there."""
+DIRECTIVE_NAMES = {directive: name for name, directive in DIRECTIVES.items()}
 
 ThingEvent = TargetAdded | TargetChanged | ThreatAdded | ThreatChanged | Restored
 KeyT = TypeVar("KeyT")
@@ -342,9 +351,9 @@ def _assigned(operations: Operations, event: Assigned) -> Operations:
 
 
 def _directed(orders: Orders, event: Directed) -> Orders:
-    directive = Directive[event.directive.upper()]
+    directive = DIRECTIVES[event.directive]
     if event.agent is None:
-        given = {one.agent: Directive[one.directive.upper()] for one in event.own or ()}
+        given = {one.agent: DIRECTIVES[one.directive] for one in event.own or ()}
         ends = directive is Directive.NORMAL and event.own is None
         return replace(orders, directive=directive, own={} if ends else {**given, **orders.own})
     own = {agent: given for agent, given in orders.own.items() if agent != event.agent}
@@ -372,8 +381,7 @@ def _progressed(reached: Reached, event: Arrived | ArrivalTakenBack | Lost | Hea
         reached,
         arrived={one: there for one, there in reached.arrived.items() if (one, there) != (event.agent, event.target)},
         completed=reached.completed if left else reached.completed - {event.target},
-        by={**{target: agents for target, agents in reached.by.items() if target != event.target}}
-        | ({event.target: left} if left else {}),
+        by=_set(reached.by, event.target, left or None),
     )
 
 
@@ -407,10 +415,10 @@ def _telling(before: Orders, event: Directed) -> Telling:
     """Return what was told before a directive, from the orders before it."""
     if event.agent is not None:
         given = before.own.get(event.agent, Directive.NORMAL)
-        return Telling(directive=directive_name(given), agent=event.agent)
+        return Telling(directive=DIRECTIVE_NAMES[given], agent=event.agent)
     ended = before.own.keys() - _directed(before, event).own.keys()
-    own = tuple(OwnDirective(agent=one, directive=directive_name(before.own[one])) for one in sorted(ended))
-    return Telling(directive=directive_name(before.directive), own=own)
+    own = tuple(OwnDirective(agent=one, directive=DIRECTIVE_NAMES[before.own[one]]) for one in sorted(ended))
+    return Telling(directive=DIRECTIVE_NAMES[before.directive], own=own)
 
 
 def _key_of(event: ThingEvent | Retired) -> Key:
@@ -434,18 +442,6 @@ def _thing_of(event: ThingEvent) -> tuple[TargetSpec | None, ThreatSpec | None]:
     return event.state.target, event.state.threat
 
 
-def directive_name(directive: Directive) -> DirectiveName:
-    """Return the word of a directive in commands, events and views."""
-    names: dict[Directive, DirectiveName] = {
-        Directive.NORMAL: "normal",
-        Directive.HOLD: "hold",
-        Directive.RETURN: "return",
-    }
-    return names[directive]
-
-
 def ids_in_words(ids: Iterable[int]) -> str:
     """Return ids in words, "none" if there are none; the first ones only if there are many."""
-    known = sorted(ids)
-    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
-    return f"{', '.join(map(str, known[:MOST_NAMED]))}{more}" or "none"
+    return some_of(sorted(ids), MOST_NAMED) or "none"

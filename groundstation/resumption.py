@@ -12,7 +12,7 @@ from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.protocol.messages import Directive
 from groundstation.events import Command, Direct
-from groundstation.operations import directive_name
+from groundstation.operations import DIRECTIVE_NAMES
 from groundstation.places import Places, kept_places
 from groundstation.saved_state import SavedState, open_state
 from groundstation.store.chapters import Beginning, beginning
@@ -45,7 +45,7 @@ class Resumption:
             return self.begun.orders or ()
         if self.last is None or self.last.directive is Directive.NORMAL:
             return ()
-        return (Direct(do="direct", directive=directive_name(self.last.directive)),)
+        return (Direct(do="direct", directive=DIRECTIVE_NAMES[self.last.directive]),)
 
 
 def resumption(path: Path | None, mission: Mission, new_flight: bool = False) -> Resumption:

@@ -43,7 +43,7 @@ from groundstation.ground_station import GroundStation, Resumed
 from groundstation.input_keys import input_trusts
 from groundstation.log_files import log_place
 from groundstation.meter import BroadcastMeter
-from groundstation.operations import directive_name
+from groundstation.operations import DIRECTIVE_NAMES
 from groundstation.options import Options
 from groundstation.page import Overheard, Page
 from groundstation.resumption import Resumption, resumption
@@ -193,7 +193,7 @@ def _shown(
         stack.callback(recorder.close)
 
     def direct(directive: Directive) -> None:
-        desk.ask(Direct(do="direct", directive=directive_name(directive)), STANDARD_INPUT)
+        desk.ask(Direct(do="direct", directive=DIRECTIVE_NAMES[directive]), STANDARD_INPUT)
 
     stack.callback(DirectiveInput(direct).close)
 

@@ -91,7 +91,7 @@ class Sightings:
 
     def sighted(self, key: Key, sample: Sample, now_s: float) -> Weighed | None:
         """Return what a sighting of a thing is taken for; None if the mission has no such thing."""
-        name = f"{key[0].name.lower()} {key[1]}"
+        name = words_of(key)
         if key not in self._watched:
             place = f"{sample.place.real:.0f} N {sample.place.imag:.0f} E"
             self.refusals.add(
@@ -176,6 +176,11 @@ class Sightings:
                 (key, Verdict.JUMP),
                 f"{what} {_far(weighed.off_m)} from where it was expected: believed when confirmed, {{}} times",
             )
+
+
+def words_of(key: Key) -> str:
+    """Return what a thing is called in words, which are also the key of a sensor's track: `threat 7`."""
+    return f"{key[0].name.lower()} {key[1]}"
 
 
 def places_in(mission: Mission) -> Iterator[tuple[Key, Point]]:

@@ -13,13 +13,15 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from companion.errors import some_of
 from companion.mission.model import AgentSpec, TargetSpec, ThreatSpec, agent_height_m
 from companion.protocol.codec import Directive, Kind, ThreatEntry
 from groundstation.broadcast import MOVING_M_S, grown
 from groundstation.ground_station import GroundStation
-from groundstation.operations import directive_name
+from groundstation.operations import DIRECTIVE_NAMES, KIND_NAMES
 from groundstation.origins import MISSION, REPORT, SEEN_S, SENSOR
 from groundstation.plausibility import SENSOR_ERROR_M
+from groundstation.sightings import words_of
 from groundstation.target_assignment import out_of_reach
 from groundstation.track import Track
 
@@ -62,7 +64,7 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
         "mission": mission.name,
         "case": mission.case,
         "paused": operations.orders.paused,
-        "directive": directive_name(station.directive),
+        "directive": DIRECTIVE_NAMES[station.directive],
         "epoch_s": station.epoch_s,
         "revision": station.revision,
         "event": operations.next_number - 1,
@@ -143,9 +145,8 @@ def _disc_warnings(station: GroundStation, agents: Sequence[View], discs: Sequen
 
 
 def _listed(kind: str, ids: Sequence[int]) -> str:
-    """Return things in words; the first ones only if there are many."""
-    more = f" and {len(ids) - MOST_LISTED} more" if len(ids) > MOST_LISTED else ""
-    return f"{kind}{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids[:MOST_LISTED]))}{more}"
+    """Return things in words."""
+    return f"{kind}{'s' if len(ids) > 1 else ''} {some_of(ids, MOST_LISTED)}"
 
 
 def moves(station: GroundStation, now_s: float) -> View:
@@ -184,7 +185,7 @@ def _agent(station: GroundStation, agent: AgentSpec, now_s: float) -> View:
         "state": _state(station, agent.id),
         "target": target_id,
         "pinned": None if pinned is None or pinned not in station.tracks.open_targets else pinned,
-        "directive": directive_name(orders.of(agent.id)),
+        "directive": DIRECTIVE_NAMES[orders.of(agent.id)],
         "range_left_m": round(max(0.0, agent.range_m - station.tracks.flown_m[agent.id]), 1),
         "eta_s": _eta_s(station, agent, at, target_id),
         "link": _link(station, agent, now_s),
@@ -310,7 +311,7 @@ def _unknown(station: GroundStation, now_s: float) -> list[View]:
     return [
         {
             "source": thing.source,
-            "kind": kind.name.lower(),
+            "kind": KIND_NAMES[kind],
             "id": identity,
             "north_m": round(thing.place.real, 2),
             "east_m": round(thing.place.imag, 2),
@@ -318,7 +319,7 @@ def _unknown(station: GroundStation, now_s: float) -> list[View]:
             "count": thing.times,
         }
         for (kind, identity), thing in station.tracks.origins.unknown.items()
-        if f"{kind.name.lower()} {identity}" not in known
+        if words_of((kind, identity)) not in known
     ]
 
 

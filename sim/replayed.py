@@ -29,7 +29,7 @@ from groundstation.events import (
     Started,
     event_from_json,
 )
-from groundstation.operations import Operations, applied, directive_name
+from groundstation.operations import DIRECTIVE_NAMES, Operations, applied
 from groundstation.store.recordings import MOST_EVENTS, Json, Span
 from sim.flight_files import (
     BROADCAST_NAME,
@@ -180,7 +180,7 @@ def picture_of(operations: Operations, scene: Scene, known: Known, number: int) 
         "mission": mission.name,
         "case": mission.case,
         "paused": orders.paused,
-        "directive": directive_name(orders.told),
+        "directive": DIRECTIVE_NAMES[orders.told],
         "epoch_s": int(START_S),
         "revision": 0,
         "event": number,
@@ -228,7 +228,7 @@ def _agents(operations: Operations, scene: Scene, known: Known) -> Iterator[Json
             "state": state,
             "target": target_id,
             "pinned": orders.pins.get(identity),
-            "directive": directive_name(orders.of(identity)),
+            "directive": DIRECTIVE_NAMES[orders.of(identity)],
             "range_left_m": None,
             "eta_s": None,
             "link": heard_words(one, known.at_s),

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from companion.errors import some_of
 from companion.protocol.authenticator import (
     HEARTBEAT,
     NO_ED25519,
@@ -53,6 +54,8 @@ NEWS_SHARE = 0.25
 """Share by which a cause's number must have changed for its words to change."""
 LEAST_FRAMES = 2
 """Least number of frames in a window that are evidence of a cause."""
+MOST_NAMED = 8
+"""Greatest number of the broadcast's agents that are named."""
 
 
 class Cause(NamedTuple):
@@ -286,7 +289,7 @@ def _agent(facts: Facts) -> Cause | None:
     if facts.agents is None or facts.agents[0] in facts.agents[1]:
         return None
     own, told = facts.agents
-    some = ", ".join(map(str, told[:8])) + (f" and {len(told) - 8} more" if len(told) > 8 else "")
+    some = some_of(told, MOST_NAMED)
     return Cause(
         AGENT,
         own,

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import Field, model_validator
 
 from companion.autopilot.kinds import KINDS
-from companion.errors import InputError, nearest_hint
+from companion.errors import InputError, nearest_hint, some_of
 from companion.files.yaml import ListOf, Section, parse_yaml, read_text_file, validated
 from companion.mission.places import FORMS, IN_DEGREES, IN_METRES, Latitude, Longitude
 from companion.mission.values import MAX_ITEMS, Coordinate, Height, Identity, Positive, Speed
@@ -21,6 +21,8 @@ from companion.mission.values import MAX_ITEMS, Coordinate, Height, Identity, Po
 Text = Annotated[str, Field(min_length=1)]
 ID_WORD = "{id}"
 """Word in a link or a folder for which the vehicle's id is put."""
+MOST_NAMED = 10
+"""Greatest number of ids that a refusal names."""
 
 
 class Home(Section):
@@ -137,13 +139,13 @@ def vehicles_of(fleet: Fleet, ids: Mapping[int, object], source: str) -> list[Ve
         if vehicle.id in seen:
             raise InputError(f"{where} is given twice, first as vehicles[{seen[vehicle.id]}]; allowed: each id once")
         if vehicle.id not in ids:
-            raise InputError(f"{where} is no agent of the mission; allowed: {_words(ids)}")
+            raise InputError(f"{where} is no agent of the mission; allowed: {some_of(ids, MOST_NAMED)}")
         seen[vehicle.id] = index
     missing = [identity for identity in ids if identity not in seen]
     if missing:
         raise InputError(
-            f"{source}: vehicles: none for agent {_words(missing)}, which the mission has; allowed: one vehicle for "
-            "each of its agents"
+            f"{source}: vehicles: none for agent {some_of(missing, MOST_NAMED)}, which the mission has; allowed: one "
+            "vehicle for each of its agents"
         )
     try:
         return [filled(fleet.vehicles[seen[identity]], fleet.all) for identity in ids]
@@ -151,8 +153,3 @@ def vehicles_of(fleet: Fleet, ids: Mapping[int, object], source: str) -> list[Ve
         raise InputError(
             f"{source}: config: an alias that contains itself; allowed: keys of a configuration"
         ) from error
-
-
-def _words(ids: Mapping[int, object] | list[int]) -> str:
-    shown = [str(identity) for identity in ids]
-    return ", ".join(shown[:10]) + (f" and {len(shown) - 10} more" if len(shown) > 10 else "")

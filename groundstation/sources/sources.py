@@ -24,6 +24,7 @@ from groundstation.events import Command, Event, Retire, ThingKind, TrackBegan, 
 from groundstation.ground_station import GroundStation
 from groundstation.operations import Operations
 from groundstation.origins import SENSOR, Observation
+from groundstation.sightings import words_of
 from groundstation.sources.feed import SILENT_S, Feed, Health, Pulse
 from groundstation.sources.links import run_source
 from groundstation.sources.sighting import Sighting
@@ -189,7 +190,7 @@ class Sources:
             return []
         seen = []
         for one in waiting:
-            key = f"{one.key[0].name.lower()} {one.key[1]}"
+            key = words_of(one.key)
             lat_deg, lon_deg, turn_rad = self._frame.to_global_with_convergence(one.place.real, one.place.imag)
             sighting = Sighting(key, lat_deg, lon_deg, one.at_s, one.velocity * cmath.rect(1.0, turn_rad))
             moved = self.tracker.take(spec.name, sighting, now_s)

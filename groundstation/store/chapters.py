@@ -16,7 +16,7 @@ from companion.errors import InputError
 from companion.mission.model import Mission
 from companion.protocol.messages import Directive, Kind
 from groundstation.events import Command, Direct, Event, Pause, TakeOut, event_from_json
-from groundstation.operations import Operations, Orders, directive_name, folded, ids_in_words
+from groundstation.operations import DIRECTIVE_NAMES, Operations, Orders, folded, ids_in_words
 from groundstation.store.rows import EventRow
 
 MISSION_KEY = "mission:"
@@ -122,7 +122,7 @@ def _carried(before: Orders, mission: Mission) -> tuple[Command, ...]:
     Those for one agent come first, when nothing stronger is told to all.
     """
     there = {agent.id for agent in mission.agents}
-    own = {agent: directive_name(given) for agent, given in sorted(before.own.items()) if agent in there}
+    own = {agent: DIRECTIVE_NAMES[given] for agent, given in sorted(before.own.items()) if agent in there}
     return (
         *(TakeOut(do="take-out", agent=agent) for agent in sorted(before.out & there)),
         *(Direct(do="direct", directive=given, agent=agent) for agent, given in own.items()),
@@ -132,7 +132,7 @@ def _carried(before: Orders, mission: Mission) -> tuple[Command, ...]:
 
 
 def _to_all(directive: Directive) -> Direct:
-    return Direct(do="direct", directive=directive_name(directive))
+    return Direct(do="direct", directive=DIRECTIVE_NAMES[directive])
 
 
 def event_of_row(row: EventRow) -> Event:

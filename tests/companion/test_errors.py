@@ -10,7 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.errors import EXIT_INTERRUPTED, InputError, nearest_hint, one_line, printable, run_program, tell
+from companion.errors import (
+    EXIT_INTERRUPTED,
+    InputError,
+    nearest_hint,
+    one_line,
+    printable,
+    run_program,
+    some_of,
+    tell,
+)
 
 
 def outcome(
@@ -123,3 +132,10 @@ def test_an_error_and_what_is_told_show_the_escapes_in_a_name_as_question_marks(
     assert (status, text) == (2, "program: name: ?[31mX?\n")
     tell("a \x1b[2J\nb")
     assert capsys.readouterr().out == "a ?[2J\nb\n"
+
+
+@pytest.mark.parametrize(
+    ("ids", "words"), [([], ""), ([7], "7"), ([1, 2, 3], "1, 2, 3"), ([1, 2, 3, 4, 5], "1, 2, 3 and 2 more")]
+)
+def test_of_many_things_the_first_ones_are_said_and_how_many_more_there_are(ids: list[int], words: str) -> None:
+    assert some_of(ids, 3) == words

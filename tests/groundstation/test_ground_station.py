@@ -34,7 +34,7 @@ from companion.protocol.codec import (
 )
 from groundstation.events import STATION, Direct
 from groundstation.ground_station import MAX_EPOCH_S, GroundStation, Resumed
-from groundstation.operations import directive_name
+from groundstation.operations import DIRECTIVE_NAMES
 from groundstation.track import Track
 
 START_S = 1_790_000_000.0
@@ -179,7 +179,7 @@ def test_with_nobody_left_it_still_broadcasts() -> None:
 @pytest.mark.parametrize("directive", Directive)
 def test_the_directive_goes_out_with_the_next_state(directive: Directive) -> None:
     run = Run().to(1.0)
-    run.station.command(Direct(do="direct", directive=directive_name(directive)), STATION, START_S + 1.0)
+    run.station.command(Direct(do="direct", directive=DIRECTIVE_NAMES[directive]), STATION, START_S + 1.0)
     run.to(5.0)
     assert [state.directive for state in run.states()] == [Directive.NORMAL, directive]
 
