@@ -6,9 +6,11 @@ Every part knows where in its file it stands, for messages.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
+
+from pydantic_core import ErrorDetails
 
 from companion.errors import InputError, one_line
 from companion.mission.places import MOST_DEG, Position
@@ -133,6 +135,22 @@ def shown(value: object) -> str:
     """Return a value of a file as text for a message, cut."""
     text = one_line(repr(value))
     return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."
+
+
+def fault_text(details: ErrorDetails, where: str, keys: Collection[str] | None = None) -> str:
+    """Return one line about a fault that pydantic found: the place of it after `where`, the value, and what is allowed.
+
+    `keys` are those that are named; all unless given.
+    """
+    for part in details["loc"]:
+        if isinstance(part, int):
+            where += f"[{part}]"
+        elif keys is None or part in keys:
+            where += f".{part}" if where else part
+    if details["type"] == "missing":
+        return f"{where}: missing"
+    message = one_line(details["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    return f"{where}: {shown(details['input'])}; allowed: {message}"
 
 
 def plain(name: object) -> str:

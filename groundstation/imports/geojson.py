@@ -8,8 +8,8 @@ from geojson_pydantic import Feature
 from geojson_pydantic.geometries import Geometry
 from pydantic import TypeAdapter, ValidationError
 
-from companion.errors import InputError, one_line
-from groundstation.imports.drawing import Drawing, check_number, plain, shown
+from companion.errors import InputError
+from groundstation.imports.drawing import Drawing, check_number, fault_text, plain, shown
 from groundstation.imports.shapes import Shape, draw
 
 GEOMETRIES = (
@@ -84,12 +84,7 @@ def _check_degrees(crs: object) -> None:
 def _fault(error: ValidationError, where: str) -> str:
     """Return the first fault of a feature on one line: the part of it, and why."""
     details = error.errors()[0]
+    if "NamedTuple" in details["msg"]:
+        details["msg"] = "longitude, latitude and perhaps a height, whose decimal marks are points"
     # Between the keys of the file stand the names of the models that were tried.
-    keys = [part for part in details["loc"] if isinstance(part, int) or part in KEYS]
-    path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in keys)
-    message = one_line(details["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
-    if details["type"] == "missing":
-        return f"{where}{path}: missing"
-    if "NamedTuple" in message:
-        message = "longitude, latitude and perhaps a height, whose decimal marks are points"
-    return f"{where}{path}: {shown(details['input'])}; allowed: {message}"
+    return fault_text(details, where, KEYS)

@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from companion.autopilot.kinds import ARDUCOPTER, ARDUPLANE, ARDUROVER, PX4_COPTER, PX4_PLANE
-from companion.errors import InputError, one_line
+from companion.errors import InputError
 from companion.geo.local_frame import LocalFrame
 from companion.mission.places import Position
-from groundstation.imports.drawing import Disc, Drawing, Home, Ring, Spot, position, radius_m, ring, shown
+from groundstation.imports.drawing import Disc, Drawing, Home, Ring, Spot, fault_text, position, radius_m, ring, shown
 
 CIRCLE_CORNERS = 36
 """Corners of the polygon inside an inclusion circle."""
@@ -113,7 +113,7 @@ def read_plan(data: dict[str, Any]) -> Drawing:
     try:
         plan = _Plan.model_validate(data)
     except ValidationError as error:
-        raise InputError(first_fault(error)) from error
+        raise InputError(fault_text(error.errors()[0], "")) from error
     drawing = Drawing()
     _read_fence(plan.fence, drawing)
     _read_mission(plan.mission, drawing)
@@ -124,18 +124,6 @@ def read_plan(data: dict[str, Any]) -> Drawing:
     elif rally:
         drawing.notes.append(f"rallyPoints: {len(rally)} left out: the way points are the targets")
     return drawing
-
-
-def first_fault(error: ValidationError, before: str = "") -> str:
-    """Return the first fault of a validation on one line, with the path to it."""
-    details = error.errors()[0]
-    where = before
-    for part in details["loc"]:
-        where += f"[{part}]" if isinstance(part, int) else f".{part}" if where else str(part)
-    message = one_line(details["msg"]).removeprefix("Input should be ").removeprefix("Value error, ")
-    if details["type"] == "missing":
-        return f"{where}: missing"
-    return f"{where}: {shown(details['input'])}; allowed: {message}"
 
 
 def _read_fence(fence: _GeoFence, drawing: Drawing) -> None:
@@ -217,7 +205,7 @@ def _model(model: type[PartT], data: object, where: str) -> PartT:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise InputError(first_fault(error, where)) from error
+        raise InputError(fault_text(error.errors()[0], where)) from error
 
 
 def _numbered(items: list[ItemT], where: str) -> list[tuple[ItemT, str]]:

@@ -118,7 +118,7 @@
       if (known !== null && threat.bound > 0) {
         circle(place(threat, known), threat.detection + threat.bound * (now - known), colour("--detection"), [5, 4], null);
       }
-      label(at, "T" + threat.id, threat.detection * scale < 16 ? threat.detection * scale + 9 : 0, text);
+      label(at, "!" + threat.id, threat.detection * scale < 16 ? threat.detection * scale + 9 : 0, text);
     }
     for (const target of flight.targets.filter((one) => isThere(one, now))) {
       const at = place(target, now), isReached = target.reached !== null && now >= target.reached;
@@ -131,7 +131,7 @@
       pen.strokeStyle = colour("--target");
       pen.lineWidth = 2.5;
       pen.stroke();
-      label(at, (isReached ? "\u2713 " : "") + target.id, -15, colour("--target"));
+      label(at, (isReached ? "\u2713 " : "") + "T" + target.id, -15, colour("--target"));
     }
     for (const agent of flight.agents) {
       const chosen = String(agent.id) === view.value;

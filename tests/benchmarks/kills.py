@@ -139,18 +139,24 @@ def disks() -> tuple[str, ...]:
 
 
 @dataclass
-class Run:
-    """What one run saw."""
+class Checks:
+    """What must hold of one run, and did not."""
 
-    program: str
-    disk: str
-    moment: str
-    faults: list[str] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list, kw_only=True)
 
     def expect(self, holds: bool, otherwise: str) -> None:
         """Note a fault unless something holds."""
         if not holds:
             self.faults.append(otherwise)
+
+
+@dataclass
+class Run(Checks):
+    """What one run saw."""
+
+    program: str
+    disk: str
+    moment: str
 
 
 class Child:
@@ -172,6 +178,13 @@ class Child:
             )
 
         self.processes.append(self._process)
+
+    @classmethod
+    def end_all(cls) -> None:
+        """Kill every process that is left."""
+        while cls.processes:
+            with suppress(ProcessLookupError):
+                cls.processes.pop().kill()
 
     @property
     def said(self) -> str:
@@ -397,6 +410,12 @@ def _look_at_state(run: Run, path: Path, world: World) -> None:
     run.expect(believed == 0, f"{believed} of {len(world.sent)} old frames would be believed")
 
 
+def believer(keys: Path) -> Authenticator:
+    """Return what a vehicle believes a broadcast by, with keys that `keygen` made."""
+    public = load_public(keys / "broadcast.public")
+    return Authenticator(Trust(mavlink_key=load_mavlink_key(keys / "broadcast.mavlink"), public_key=public))
+
+
 def kill_groundstation(seed: int, folder: Path) -> Run:
     """Broadcast, order, spoil the disk, kill the ground station, start it again, and hear what it says."""
     drawn = random.Random(seed)
@@ -412,10 +431,7 @@ def kill_groundstation(seed: int, folder: Path) -> Run:
         "--keys", str(keys), "--state", str(state), "--log", str(disk.folder / "ground.tlog"),
     )  # fmt: skip
     run = Run("groundstation", f"{how}{', mended' * (mended and how != 'good')}", "ordering" if orders else "telling")
-    trust = Trust(
-        mavlink_key=load_mavlink_key(keys / "broadcast.mavlink"), public_key=load_public(keys / "broadcast.public")
-    )
-    vehicle = Authenticator(trust)
+    vehicle = believer(keys)
     program = Child(folder / "out.txt", *arguments)
     before = _heard(ear, vehicle, START_LIMIT_S, 1) + _heard(ear, vehicle, drawn.uniform(0.0, 1.0))
     if orders:
@@ -507,11 +523,9 @@ def one_run(program: str, seed: int) -> Run:
     try:
         return PROGRAMS[program](seed, folder)
     except Exception as error:  # noqa: BLE001 every other run is of interest, too
-        return Run(program, "?", "?", [f"{type(error).__name__}: {error}"])
+        return Run(program, "?", "?", faults=[f"{type(error).__name__}: {error}"])
     finally:
-        while Child.processes:
-            with suppress(ProcessLookupError):
-                Child.processes.pop().kill()
+        Child.end_all()
         for name in ("disk", "disk", "read-only") * may_mount():
             subprocess.run(["umount", "-l", str(folder / name)], check=False, stderr=subprocess.DEVNULL)
         shutil.rmtree(folder, ignore_errors=True)

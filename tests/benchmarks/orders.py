@@ -27,20 +27,20 @@ import urllib.error
 import urllib.request
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from companion.mission.model import parse_mission
 from companion.mission.resolve import resolve
-from companion.protocol.authenticator import Authenticator, Trust
-from companion.protocol.keys import keygen, load_mavlink_key, load_public
+from companion.protocol.keys import keygen
 from companion.protocol.messages import Directive, StateFrame
 from groundstation.events import event_from_json
 from groundstation.operations import folded
 from groundstation.store.database import Database
 from groundstation.store.rows import EventRow
-from tests.benchmarks.kills import Child, Run, free_ports
+from tests.benchmarks.kills import Checks, Child, believer, free_ports
 
 RESTART_S = 2.0
 """Longest time from a kill to the first broadcast that is believed again, on a computer that does nothing else."""
@@ -64,6 +64,23 @@ threats:
 Json = dict[str, Any]
 
 
+class Restart(NamedTuple):
+    """How long it took after a kill until a broadcast was believed again."""
+
+    took_s: float
+    busy_s: float
+    """Time for which the program used the processor."""
+
+
+@dataclass
+class Orders(Checks):
+    """What one run saw."""
+
+    acknowledged: int = 0
+    """Number of events that were acknowledged."""
+    restart: Restart | None = None
+
+
 class Heard(NamedTuple):
     """A state frame that a vehicle believed."""
 
@@ -79,12 +96,7 @@ class Ear:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(0.02)
-        self._vehicle = Authenticator(
-            Trust(
-                mavlink_key=load_mavlink_key(keys / "broadcast.mavlink"),
-                public_key=load_public(keys / "broadcast.public"),
-            )
-        )
+        self._vehicle = believer(keys)
         self.heard: list[Heard] = []
 
     @property
@@ -164,7 +176,7 @@ class Operator(threading.Thread):
         return {"do": "add-threat", "radius_m": drawn.uniform(100, 900), **place}
 
 
-def kill_orders(seed: int, folder: Path, restart_s: float) -> Run:
+def kill_orders(seed: int, folder: Path, restart_s: float) -> Orders:
     """Give commands, kill, start again, go on, and kill once more; then look at the store."""
     drawn = random.Random(seed)
     keys, state = folder / "keys", folder / "ground.state"
@@ -176,7 +188,7 @@ def kill_orders(seed: int, folder: Path, restart_s: float) -> Run:
         "groundstation", "run", str(folder / "mission.yaml"), "--link", f"udpout:127.0.0.1:{ear.port}",
         "--keys", str(keys), "--state", str(state), "--ui", f"127.0.0.1:{port}",
     )  # fmt: skip
-    run = Run("orders", "good", "")
+    run = Orders()
     program = Child(folder / "out-0.txt", *arguments)
     acknowledged: list[Json] = []
     epochs: list[int] = []
@@ -188,7 +200,7 @@ def kill_orders(seed: int, folder: Path, restart_s: float) -> Run:
             break
         if life:
             took_s = ear.heard[-1].at_s - began_s
-            run.moment = f"{took_s:.2f} {program.processor_s:.2f}"
+            run.restart = Restart(took_s, program.processor_s)
             run.expect(took_s <= restart_s, f"heard {took_s:.1f} s after the kill")
         epochs.append(ear.heard[-1].frame.stamp.epoch_s)
         operator = Operator(port, seed + life)
@@ -211,12 +223,12 @@ def kill_orders(seed: int, folder: Path, restart_s: float) -> Run:
             program = Child(folder / "out-1.txt", *arguments)
     ear.close()
     run.expect(epochs == sorted(set(epochs)), f"epochs {epochs}")
-    run.disk = f"{len(acknowledged)} acknowledged"
+    run.acknowledged = len(acknowledged)
     look_at_store(run, state, acknowledged, ear.heard)
     return run
 
 
-def look_at_store(run: Run, state: Path, acknowledged: list[Json], heard: list[Heard]) -> None:
+def look_at_store(run: Orders, state: Path, acknowledged: list[Json], heard: list[Heard]) -> None:
     """Compare the store with what was acknowledged and heard."""
     database = Database.read_only(state)
     rows = list(database.events())
@@ -259,7 +271,7 @@ def unexplained_target(targets: list[int | None], told: list[tuple[int | None, s
     return None
 
 
-def _look_at_restart(run: Run, rows: list[EventRow], heard: list[Heard]) -> None:
+def _look_at_restart(run: Orders, rows: list[EventRow], heard: list[Heard]) -> None:
     """Compare the first broadcast after the kill with what the events before it make of the mission."""
     begun = [row.number for row in rows if row.event == "started"]
     second = [one.frame for one in heard if one.frame.stamp.epoch_s > heard[0].frame.stamp.epoch_s]
@@ -276,17 +288,15 @@ def _look_at_restart(run: Run, rows: list[EventRow], heard: list[Heard]) -> None
         run.expect(agent.directive is kept, f"agent {agent.id}: {agent.directive} after the kill, and {kept} before it")
 
 
-def one_run(seed: int, restart_s: float) -> Run:
+def one_run(seed: int, restart_s: float) -> Orders:
     """Play one run in a folder of its own; an exception is a fault of it."""
     folder = Path(tempfile.mkdtemp(prefix="orders-"))
     try:
         return kill_orders(seed, folder, restart_s)
     except Exception as error:  # noqa: BLE001 every other run is of interest, too
-        return Run("orders", "?", "?", [f"{type(error).__name__}: {error}"])
+        return Orders(faults=[f"{type(error).__name__}: {error}"])
     finally:
-        while Child.processes:
-            with suppress(ProcessLookupError):
-                Child.processes.pop().kill()
+        Child.end_all()
         shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -298,20 +308,20 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--restart-s", type=float, default=RESTART_S, help="longest time to be heard again, s")
     given = parser.parse_args()
-    runs: list[Run] = []
+    runs: list[Orders] = []
     with ProcessPoolExecutor(given.workers) as pool:
         for run in pool.map(one_run, range(given.seed, given.seed + given.runs), repeat(given.restart_s)):
             runs.append(run)
             for fault in run.faults:
                 print(f"FAULT {' '.join(fault.split())}", flush=True)
     bad = sum(bool(run.faults) for run in runs)
-    count = sum(int(run.disk.split()[0]) for run in runs if run.disk[0].isdigit())
-    pairs = [tuple(map(float, run.moment.split())) for run in runs if run.moment[:1].isdigit()]
-    took_s, busy_s = (sorted(values) for values in zip(*pairs, strict=True)) if pairs else ([], [])
+    count = sum(run.acknowledged for run in runs)
+    restarts = [run.restart for run in runs if run.restart is not None]
     print(
         f"orders: {2 * len(runs)} killed, {count} events acknowledged, {bad or 'none'} of {len(runs)} runs with a fault"
     )
-    if took_s:
+    if restarts:
+        took_s, busy_s = map(sorted, zip(*restarts, strict=True))
         middle = len(took_s) // 2
         print(f"  heard again after {took_s[middle]:.2f} s (median), at most {took_s[-1]:.2f} s")
         print(f"  for which it used the processor for {busy_s[middle]:.2f} s (median), at most {busy_s[-1]:.2f} s")

@@ -8,13 +8,16 @@ import math
 import os
 import socket
 import time
-from collections.abc import Callable
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from companion.geo.local_frame import LocalFrame
-from companion.mission.model import Mission, dump_mission
+from companion.mission.model import Mission, ThreatSpec, dump_mission
 from companion.mission.places import Origin
 from companion.protocol.codec import Detection
 from companion.protocol.codec import Kind as DetectionKind
@@ -26,7 +29,9 @@ from tests.real.kinds import KINDS, Kind
 from tests.real.pilot import Vehicle
 from tests.real.programs import Place, Program, first_instance, module
 from tests.real.scenarios import (
+    DRAWN_FOR_M_S,
     Action,
+    Ask,
     ChooseMode,
     Event,
     Flood,
@@ -47,10 +52,11 @@ PROJECT = Path(__file__).parents[2]
 POLL_S = 0.02
 RELAY_PERIOD_S = 0.5
 """Time between two ADSB_VEHICLE of each other vehicle."""
-SENSOR_PORT = 14500
+SENSOR_PORT, PAGE_PORT = 14500, 14501
 UP_PATIENCE_S = 150.0
 """A simulator's estimator needs some 40 s before it lets anybody arm."""
 READY_PATIENCE_S = 40.0
+ASK_PATIENCE_S = 5.0
 HAND_OVER_AFTER_S = 2.0
 """Time after which the vehicles are handed over once targets and threats have set out, as in `sim fly`."""
 NO_WIND = "SIH_WIND_N not found"
@@ -112,6 +118,17 @@ class Flight:
             self._follow(begin_s, sensor)
         return begin_s
 
+    def _with_asked(self) -> Mission:
+        """Return the mission with the discs that operators add: all of them are far from everybody until they do."""
+        scale = self.kind.speed_m_s / DRAWN_FOR_M_S
+        asked = [event.action.scaled(scale) for event in self.scenario.events if isinstance(event.action, Ask)]
+        added = [
+            ThreatSpec.model_validate({key: value for key, value in command.items() if key != "do"})
+            for command in asked
+            if command["do"] == "add-threat"
+        ]
+        return self.mission.model_copy(update={"threats": (*self.mission.threats, *added)})
+
     def _instance(self, agent_id: int) -> int:
         return self._first_instance + agent_id - 1
 
@@ -137,6 +154,7 @@ class Flight:
             module(
                 "groundstation", "run", "mission.yaml", "--link", f"udpout:{ports}", "--keys", "keys",
                 "--sensor", f"udpin:127.0.0.1:{SENSOR_PORT}", "--seed", str(SEED), "--log", "broadcast.tlog",
+                *(("--ui", f"127.0.0.1:{PAGE_PORT}") if self._is_asked else ()),
             ),
             self._folder,
             "groundstation",
@@ -144,6 +162,11 @@ class Flight:
         for agent in self.mission.agents:
             command = module("companion", "run", f"companion-{agent.id}.yaml")
             self._programs[f"companion-{agent.id}"] = Program(command, self._folder, f"companion-{agent.id}")
+
+    @property
+    def _is_asked(self) -> bool:
+        """Whether an operator asks something of the ground station, which then has its page."""
+        return any(isinstance(event.action, Ask) for event in self.scenario.events)
 
     def _companions(self) -> list[Program]:
         return [program for name, program in self._programs.items() if name.startswith("companion")]
@@ -191,6 +214,8 @@ class Flight:
         elif isinstance(action, Flood):
             command = module("tests.real.flood", str(BROADCAST_PORT + 1), str(action.rate_hz))
             self._programs["flood"] = Program(command, self._folder, "flood", {"PYTHONPATH": str(PROJECT)})
+        elif isinstance(action, Ask):
+            ask(action.scaled(self.kind.speed_m_s / DRAWN_FOR_M_S))
         else:
             vehicle.drain()
 
@@ -241,7 +266,9 @@ class Flight:
     def write(self, begin_s: float) -> None:
         """Write what scoring needs: the trajectory, the mission as it began, notes, modes and heights."""
         samples = {agent_id: vehicle.samples for agent_id, vehicle in self.vehicles.items()}
-        trajectory = trajectory_of(samples, self.mission, SEED, begin_s)
+        mission = self._with_asked()
+        (self._folder / "mission.yaml").write_text(dump_mission(mission), encoding="utf-8")
+        trajectory = trajectory_of(samples, mission, SEED, begin_s)
         trajectory.write_csv(self._folder / "trajectory.csv")
         began = [
             agent.model_copy(
@@ -253,7 +280,7 @@ class Flight:
             )
             for index, agent in enumerate(self.mission.agents)
         ]
-        begun = self.mission.model_copy(update={"agents": tuple(began)})
+        begun = mission.model_copy(update={"agents": tuple(began)})
         (self._folder / "mission-begun.yaml").write_text(dump_mission(begun), encoding="utf-8")
         record = {
             "scenario": self.scenario.name,
@@ -277,6 +304,25 @@ class Flight:
         (self._folder / "flight.json").write_text(json.dumps(record), encoding="utf-8")
 
 
+def ask(command: Mapping[str, Any]) -> None:
+    """Ask something of the ground station over its API.
+
+    Raises:
+        GroundFailure: it refuses, or does not answer.
+
+    """
+    body = json.dumps(command).encode()
+    request = urllib.request.Request(
+        f"http://127.0.0.1:{PAGE_PORT}/api/v1/commands", body, {"Content-Type": "application/json"}
+    )
+    try:
+        urllib.request.urlopen(request, timeout=ASK_PATIENCE_S).close()
+    except urllib.error.HTTPError as error:
+        raise GroundFailure(f"the ground station refuses {command}: {error.read().decode()}") from error
+    except OSError as error:
+        raise GroundFailure(f"the ground station does not answer {command}: {error}") from error
+
+
 def _named(action: Action) -> str:
     """Return what is noted of an event."""
     if isinstance(action, ChooseMode):
@@ -290,6 +336,8 @@ def _named(action: Action) -> str:
         return f"{what} moved by {action.north_m:g}, {action.east_m:g}, {action.up_m:g} m up"
     if isinstance(action, Have):
         return action.trouble
+    if isinstance(action, Ask):
+        return f"asked: {action.command['do']} {action.command.get('directive', '')}".strip()
     if isinstance(action, Flood):
         return f"{action.rate_hz:g} junk frames a second"
     return {StartAgain: "started again", LowerRates: "rates lowered"}.get(type(action), "battery nearly empty")

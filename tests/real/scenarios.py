@@ -146,7 +146,18 @@ class Flood:
     rate_hz: float = 20_000.0
 
 
-Action = ChooseMode | Signal | StartAgain | SetParameters | Drain | MoveHome | LowerRates | Have | Flood
+@dataclass(frozen=True)
+class Ask:
+    """An operator asks something of the ground station (docs/ground-station.md); places and radii are drawn."""
+
+    command: Mapping[str, Any]
+
+    def scaled(self, scale: float) -> dict[str, Any]:
+        """Return the command with its lengths multiplied."""
+        return {key: value * scale if key.endswith("_m") else value for key, value in self.command.items()}
+
+
+Action = ChooseMode | Signal | StartAgain | SetParameters | Drain | MoveHome | LowerRates | Have | Flood | Ask
 
 
 @dataclass(frozen=True)
@@ -370,5 +381,12 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario("flood", "20 000 junk frames a second on the broadcast link, and a person takes it over", STRAIGHT,
              FOUR, wired=True, events=(Event(10.0, Flood()), Event(30.0, ChooseMode("wait"))), at_most=TAKEN_OVER,
              most_s=45.0),
+    Scenario("asked", "an operator drops a disc on the route, then holds the agent alone for 12 s",
+             STRAIGHT, events=(
+                 Event(8.0, Ask({"do": "add-threat", "id": 9, "north_m": 380.0, "east_m": 15.0,
+                                 "detection_radius_m": 70.0, "attack_radius_m": 35.0})),
+                 Event(20.0, Ask({"do": "direct", "directive": "hold", "agent": 1})),
+                 Event(32.0, Ask({"do": "direct", "directive": "normal", "agent": 1}))),
+             at_most=HOLDS, most_s=180.0),
 )  # fmt: skip
 """What is flown. Places, speeds and radii are for copters, and larger for planes by their speed."""
