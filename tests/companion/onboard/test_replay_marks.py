@@ -106,6 +106,26 @@ class Recorded(Flight):
         self.position()
 
 
+def steered_for(
+    slots: int, kind: str = "arducopter", left_at: int | None = None, chosen_at: tuple[int, ...] = (40,)
+) -> Recorded:
+    """Return a flight of so many slots in which the guided mode is chosen and left at slots."""
+    flight = Recorded(kind, State.WAITING)
+    flight.heartbeat(GUIDED, HOLD_MODE)
+    flight.landed(common.MAV_LANDED_STATE_IN_AIR)
+    flight.parameters()
+    for slot in range(slots):
+        if slot in chosen_at:
+            flight.heartbeat()
+        if slot % 10 == 0:
+            flight.broadcast((2_000.0, 3_000.0))
+        if slot == left_at:
+            flight.heartbeat(GUIDED, HOLD_MODE)
+        flight.position(0.8 * slot, 0.0, (8.0, 0.0))
+        flight.slot()
+    return flight
+
+
 @pytest.mark.parametrize("mark", Mark)
 def test_a_mark_is_read_back_and_is_for_nobody_else(mark: Mark) -> None:
     frame = mark_frame(mark, SYSTEM)
@@ -184,22 +204,8 @@ def test_whatever_happens_in_a_flight_its_log_is_decided_again_to_the_bit(
 
 @pytest.mark.parametrize("kind", sorted(PARAMETERS))
 def test_a_mode_that_is_left_and_chosen_again_between_two_decisions_is_decided_again(kind: str) -> None:
-    flight = Recorded(kind, State.WAITING)
-    flight.heartbeat(GUIDED, HOLD_MODE)
-    flight.landed(common.MAV_LANDED_STATE_IN_AIR)
-    flight.parameters()
-    for slot in range(160):
-        if slot == 40:
-            flight.heartbeat()
-        if slot % 10 == 0:
-            flight.broadcast((2_000.0, 3_000.0))
-        # Left and chosen again while the last decision would stand.
-        if slot == 121:
-            flight.heartbeat(GUIDED, HOLD_MODE)
-        elif slot == 123:
-            flight.heartbeat()
-        flight.position(0.8 * slot, 0.0, (8.0, 0.0))
-        flight.slot()
+    # Left and chosen again while the last decision would stand.
+    flight = steered_for(160, kind, left_at=121, chosen_at=(40, 123))
     assert any(one.setpoint is not None for one in flight.decisions)
     assert [mark_of(raw_frame(frame)) for _, frame in flight.records if is_companions(frame)].count(Mark.WITHDRAWN) == 1
     again = list(replay(flight.records, flight.config))
@@ -214,18 +220,7 @@ def is_companions(frame: bytes) -> bool:
 @pytest.fixture(scope="module")
 def steered() -> Recorded:
     """Return ten seconds in which a vehicle is steered."""
-    flight = Recorded("arducopter", State.WAITING)
-    flight.heartbeat(GUIDED, HOLD_MODE)
-    flight.landed(common.MAV_LANDED_STATE_IN_AIR)
-    flight.parameters()
-    for slot in range(100):
-        if slot == 40:
-            flight.heartbeat()
-        if slot % 10 == 0:
-            flight.broadcast((2_000.0, 3_000.0))
-        flight.position(0.8 * slot, 0.0, (8.0, 0.0))
-        flight.slot()
-    return flight
+    return steered_for(100)
 
 
 def test_a_log_that_goes_on_in_mid_flight_begins_with_a_gap_and_nothing_in_it_counts(steered: Recorded) -> None:

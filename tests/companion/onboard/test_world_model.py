@@ -126,6 +126,22 @@ def test_the_directive_is_that_of_the_newest_frame() -> None:
     assert picture.directives.in_force is Directive.HOLD
 
 
+def test_each_threat_is_of_the_picture_that_told_of_it_last() -> None:
+    picture, told = WorldModel(ME), []
+    for frame in (
+        state(1, threats=(THREAT,), revision=7),
+        state(2, threats=(replace(THREAT, north_m=1_040.0),), revision=7),
+        state(3, threats=(replace(THREAT, north_m=1_080.0),), revision=8),
+        state(1, threats=(replace(THREAT, north_m=1_120.0),), revision=8, epoch_s=EPOCH_S + 60),
+    ):
+        picture.take_state(frame, frame.stamp.unix_s)
+        pictures = picture.view(frame.stamp.unix_s).threat_pictures
+        assert pictures is not None
+        told += pictures.tolist()
+    assert told[0] == told[1]
+    assert len(set(told)) == 3
+
+
 def me(own: Directive) -> tuple[AgentEntry, ...]:
     return (AgentEntry(ME, 0.0, 0.0, 1, own), AgentEntry(9, 9.0, 9.0, 1, Directive.RETURN))
 
