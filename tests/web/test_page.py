@@ -320,6 +320,21 @@ def test_the_link_of_an_agent_is_told_with_how_it_is_known(scene: _Scene) -> Non
         expect(page.locator("#details-facts")).to_contain_text("hears 80 %, as the mission declares")
 
 
+def test_what_is_known_of_a_thing_stands_in_the_same_order_whatever_was_chosen_before(scene: _Scene) -> None:
+    with scene.opened(valley()) as page:
+        names = page.locator("#details-facts dt")
+        page.click("#tab-threats")
+        page.locator("#threats-table .pick").first.click()
+        expect(names.first).to_have_text("Attack / detection")
+        at_first = names.all_inner_texts()
+        page.click("#tab-agents")
+        page.locator("#agents-table .pick").first.click()
+        expect(names.first).to_have_text("State")
+        page.click("#tab-threats")
+        page.locator("#threats-table .pick").first.click()
+        expect(names).to_have_text(at_first)
+
+
 def test_an_observer_sees_no_live_button(guarded: tuple[_Scene, dict[str, str]]) -> None:
     scene, tokens = guarded
     with scene.opened(valley(), token=tokens["observer"]) as page:

@@ -29,6 +29,12 @@ export function setAttribute(element, name, value) {
   }
 }
 
+/** Puts an element behind another of its list, at its beginning for null; one that stands there is not touched. */
+export function inOrder(list, element, before) {
+  const place = before ? before.nextSibling : list.firstChild;
+  if (place !== element) list.insertBefore(element, place);
+}
+
 export function byId(id) {
   return document.getElementById(id);
 }

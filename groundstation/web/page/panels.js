@@ -1,6 +1,6 @@
 // The panels beside the map: what is in the picture, in words and numbers.
 
-import { el, setText } from "./dom.js";
+import { el, inOrder, setText } from "./dom.js";
 import { anyValue, bytes, metres, NONE, percent, position, rate, seconds, words } from "./format.js";
 import { isGhost, sourceWords } from "./model.js";
 import { Table } from "./table.js";
@@ -154,14 +154,12 @@ export class Facts {
   }
 
   show(facts) {
+    let before = null;
     for (const [name, value] of facts) {
-      let row = this.rows.get(name);
-      if (!row) {
-        row = el("dd");
-        this.list.append(el("div", {}, el("dt", {}, name), row));
-        this.rows.set(name, row);
-      }
+      const row = this.rows.get(name) ?? this.newRow(name);
       setText(row, value);
+      inOrder(this.list, row.parentElement, before);
+      before = row.parentElement;
     }
     const wanted = new Set(facts.map(([name]) => name));
     for (const [name, row] of this.rows) {
@@ -169,6 +167,13 @@ export class Facts {
       row.parentElement.remove();
       this.rows.delete(name);
     }
+  }
+
+  newRow(name) {
+    const row = el("dd");
+    el("div", {}, el("dt", {}, name), row);
+    this.rows.set(name, row);
+    return row;
   }
 }
 

@@ -1,6 +1,6 @@
 // Tables whose rows are kept: only what another word stands in is written again, so that 500 rows a second cost little.
 
-import { el, setAttribute } from "./dom.js";
+import { el, inOrder, setAttribute } from "./dom.js";
 
 /** A table that is sorted by a click on a heading.
  *
@@ -53,8 +53,7 @@ export class Table {
       wanted.add(key);
       const row = this.rows.get(key) ?? this.newRow(key);
       this.fill(row, item, key === String(chosen));
-      const place = before ? before.nextSibling : this.body.firstChild;
-      if (place !== row.element) this.body.insertBefore(row.element, place);
+      inOrder(this.body, row.element, before);
       before = row.element;
     }
     for (const [key, row] of this.rows) {

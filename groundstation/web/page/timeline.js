@@ -32,7 +32,7 @@ const SENTENCES = {
   lost: (e) => `agent ${e.agent} counts as lost`,
   "heard-again": (e) => `agent ${e.agent} heard again`,
   assigned: (e) => assigned(e.changes),
-  "revision-began": (e) => `revision ${e.revision} is broadcast, ${e.threats} threats`,
+  "revision-began": (e) => `revision ${e.revision} is broadcast, ${e.threats} threat${e.threats === 1 ? "" : "s"}`,
   started: (e) => `ground station started with ${e.mission}`,
   stopped: (e) => `ground station stopped${e.reason ? `: ${e.reason}` : ""}`,
   "track-began": (e) => `${e.source}: ${e.key} is ${e.kind} ${e.id}`,
