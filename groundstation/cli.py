@@ -16,7 +16,7 @@ from companion.autopilot.kinds import ARDUCOPTER, KINDS
 from companion.errors import InputError, run_program, tell
 from groundstation.choices import AUTHENTICATIONS, RADIOS_BYTES_PER_S, SIGNED, STATE_NAME, one_of, without_null
 from groundstation.mission_commands import MISSION_COMMANDS
-from groundstation.web.address import DEFAULT_ADDRESS
+from groundstation.web.ui_option import ui_option
 
 if TYPE_CHECKING:
     from groundstation.options import RunArguments
@@ -100,13 +100,7 @@ for command in MISSION_COMMANDS:
     "--autopilot", default="kinematic", show_default=True, help=f"Case II: what is reckoned: {', '.join(KINDS)}."
 )
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="For what is drawn.")
-@click.option(
-    "--ui",
-    is_flag=False,
-    flag_value=DEFAULT_ADDRESS,
-    metavar="[HOST:PORT]",
-    help=f"Serve the page and the API; on {DEFAULT_ADDRESS} if no address follows.",
-)
+@ui_option("Serve the page and the API")
 @click.option("--ui-tokens", metavar="FILE", help="Let in whoever has a token of `groundstation token --file FILE`.")
 @click.option(
     "--ui-cert", metavar="FILE", help="Certificate of the page, PEM: TLS, without which only loopback serves."
@@ -238,13 +232,7 @@ def plan_command(mission: str, radio_name: str, share: float, auth: str, seed: i
 @click.option("--places", is_flag=True, help="With .csv or .json: where everything was, instead of the events.")
 @click.option("--from", "from_time", metavar="TIME", help="Not before: 2026-11-30T08:15:00Z, or Unix seconds.")
 @click.option("--to", "to_time", metavar="TIME", help="Not after.")
-@click.option(
-    "--ui",
-    is_flag=False,
-    flag_value=DEFAULT_ADDRESS,
-    metavar="[HOST:PORT]",
-    help=f"Play it on the page instead; on {DEFAULT_ADDRESS} if no address follows.",
-)
+@ui_option("Play it on the page instead")
 def log_command(
     store: str, out: str | None, places: bool, from_time: str | None, to_time: str | None, ui: str | None
 ) -> None:

@@ -27,7 +27,7 @@ from groundstation.events import (
 )
 from groundstation.ground_station import GroundStation
 from groundstation.notices import noticed
-from groundstation.operations import Operations, applied
+from groundstation.operations import applied
 from groundstation.store.rows import EventRow
 
 TOLD = "told to stop; the last broadcast says so"
@@ -187,21 +187,17 @@ class Desk:
             # What is just being written cannot be taken back; it is obeyed if the disk takes it after all.
             while self._waiting:
                 self._refuse(self._waiting.popleft(), _SILENT)
-        if self._kept is not None and self._kept.written.done():
-            kept, self._kept = self._kept, None
-            self._obey(kept, now_s)
-        while self._kept is None and self._facts:
+        self._obey(now_s)
+        while self.is_idle and self._facts:
             unix_s = now_s + self._station.tracks.clock_ahead_s
             self.note([self._facts.popleft()(self._station.operations.next_number, unix_s)], now_s)
-        if self._kept is None and self._waiting:
+        if self.is_idle and self._waiting:
             self._kept = self._accepted(now_s)
-            if self._kept is not None and self._kept.written.done():
-                kept, self._kept = self._kept, None
-                self._obey(kept, now_s)
+            self._obey(now_s)
 
     def _accepted(self, now_s: float) -> _Kept | None:
         """Return the events that the next waiting commands become, on their way to the disk; refuse what cannot be."""
-        operations: Operations = self._station.operations
+        operations = self._station.operations
         unix_s = now_s + self._station.tracks.clock_ahead_s
         accepted: list[tuple[_Asked | None, Event]] = []
         while self._waiting and len(accepted) < MOST_AT_ONCE:
@@ -221,7 +217,12 @@ class Desk:
             return None
         return _Kept(tuple(accepted), self._log.append([row_of(event) for _, event in accepted]), now_s)
 
-    def _obey(self, kept: _Kept, now_s: float) -> None:
+    def _obey(self, now_s: float) -> None:
+        """Obey what was asked and is on disk by now, or refuse it if the disk does not take it."""
+        kept = self._kept
+        if kept is None or not kept.written.done():
+            return
+        self._kept = None
         try:
             kept.written.result()
         except (OSError, CancelledError) as error:

@@ -25,7 +25,7 @@ from companion.onboard.lint.fleet import abilities_of
 from companion.onboard.lint.warnings import lint_flight
 from groundstation.choices import RADIOS_BYTES_PER_S
 from groundstation.radio import Radio, parse_radio
-from groundstation.web.address import DEFAULT_ADDRESS
+from groundstation.web.ui_option import ui_option
 from sim.changes import with_all_things
 from sim.flight_files import EVENTS_NAME, MISSION_NAME
 from sim.flown import KINEMATIC, FlownMission
@@ -128,13 +128,7 @@ class FlownResult:
 @parameter_option()
 @click.option("--realtime", is_flag=True, help="Pace the virtual clock by the wall clock.")
 @click.option("--speed", type=click.FloatRange(SLOWEST, FASTEST), help="Pace it by so many times the wall clock.")
-@click.option(
-    "--ui",
-    is_flag=False,
-    flag_value=DEFAULT_ADDRESS,
-    metavar="[HOST:PORT]",
-    help=f"Serve the page on the flight; on {DEFAULT_ADDRESS} if no address follows.",
-)
+@ui_option("Serve the page on the flight")
 @click.option(
     "--tracks",
     multiple=True,

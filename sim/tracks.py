@@ -116,7 +116,7 @@ class _Player:
         assert feed.spec.file is not None
         file = open_recording(feed.spec.file)
         stack.callback(file.close)
-        blocks = sightings_in(file, feed.spec.kind, feed.parser)
+        blocks = sightings_in(file, feed.spec.kind, feed.parse)
         try:
             dues = list(itertools.chain.from_iterable(blocks))
         except (OSError, EOFError) as error:

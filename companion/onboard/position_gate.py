@@ -132,9 +132,7 @@ def track_after(track: Track, told: Telemetry, now_s: float) -> Track:
     place_deg = told.lat_deg, told.lon_deg
     velocity_m_s = told.velocity_north_m_s, told.velocity_east_m_s
     if told.boot_ms < track.boot_ms:
-        return track._replace(
-            place_deg=place_deg, velocity_m_s=velocity_m_s, boot_ms=told.boot_ms, doubt=None, parted=None
-        )
+        return _believed(track, told)
     elapsed_s = (told.boot_ms - track.boot_ms) / 1000.0
     reckoned_m_s = velocity_m_s
     if math.dist(velocity_m_s, track.velocity_m_s) > VELOCITY_STEP_M_S + track.acceleration_m_s2 * elapsed_s:
@@ -149,8 +147,7 @@ def track_after(track: Track, told: Telemetry, now_s: float) -> Track:
     allowed_m = _allowed_m(track, told, elapsed_s)
     if math.hypot(*jumped_ned_m) <= allowed_m + DRIFT_M_S * lasted_s:
         drift_ned_m = _drifted(track, jumped_ned_m, elapsed_s)
-        track = track._replace(place_deg=place_deg, velocity_m_s=velocity_m_s, boot_ms=told.boot_ms, doubt=None)
-        return _unless_parted(track._replace(drift_ned_m=drift_ned_m), told)
+        return _unless_parted(_believed(track, told)._replace(drift_ned_m=drift_ned_m), told)
     doubt = Doubt(told.boot_ms, told.boot_ms, place_deg, jumped_ned_m)
     if track.doubt is not None:
         # Compared by what is told alone: the place jumped to goes on as the vehicle flies, whatever was reckoned.
@@ -162,10 +159,8 @@ def track_after(track: Track, told: Telemetry, now_s: float) -> Track:
         return track._replace(place_deg=expected_deg, velocity_m_s=reckoned_m_s, boot_ms=told.boot_ms, doubt=doubt)
     moved_ned_m = (track.moved_ned_m[0] + jumped_ned_m[0], track.moved_ned_m[1] + jumped_ned_m[1])
     jumped_at_s = now_s - (told.boot_ms - doubt.began_ms) / 1000.0
-    moved = track._replace(
-        moved_ned_m=moved_ned_m, moved_at_s=jumped_at_s, jumps=track.jumps + 1, drift_ned_m=(0.0, 0.0)
-    )
-    return moved._replace(place_deg=place_deg, velocity_m_s=velocity_m_s, boot_ms=told.boot_ms, doubt=None)
+    moved = track._replace(moved_ned_m=moved_ned_m, moved_at_s=jumped_at_s, jumps=track.jumps + 1)
+    return _believed(moved, told)._replace(drift_ned_m=(0.0, 0.0))
 
 
 def as_tracked(track: Track, told: Telemetry) -> Telemetry:
@@ -195,6 +190,14 @@ def jumped(track: Track) -> str | None:
         return None
     at = time.strftime("%H:%M:%S UTC", time.gmtime(track.moved_at_s))
     return f"position jumped {_figure(track.moved_m)} m at {at}: where it is nobody knows; hand over again"
+
+
+def _believed(track: Track, told: Telemetry) -> Track:
+    """Return the track that goes on from the position that is told."""
+    velocity_m_s = told.velocity_north_m_s, told.velocity_east_m_s
+    return track._replace(
+        place_deg=(told.lat_deg, told.lon_deg), velocity_m_s=velocity_m_s, boot_ms=told.boot_ms, doubt=None, parted=None
+    )
 
 
 def _drifted(track: Track, step_ned_m: tuple[float, float], elapsed_s: float) -> tuple[float, float]:
@@ -227,8 +230,7 @@ def _while_parted(track: Track, parted: Parted, told: Telemetry, away_m: float) 
     lasted_s = (track.boot_ms - parted.began_ms) / 1000.0
     most_m = _parted_m(told)
     if away_m <= min(most_m, RETURN_SHARE * most_m + RETURN_M_S * lasted_s):
-        velocity_m_s = told.velocity_north_m_s, told.velocity_east_m_s
-        return track._replace(place_deg=(told.lat_deg, told.lon_deg), velocity_m_s=velocity_m_s, parted=None)
+        return _believed(track, told)
     if parted.words is None and lasted_s >= DOUBT_S:
         told_m = metres_between(parted.told_deg, (told.lat_deg, told.lon_deg))
         led_m = metres_between(parted.place_deg, track.place_deg)

@@ -57,7 +57,7 @@ class AisParser:
         self._lines = Lines(MOST_LINE_BYTES, self.refused)
 
     def feed(self, data: bytes, now_s: float, peer: Hashable = None) -> list[Sighting]:
-        """Return the sightings in the lines that bytes of one sender complete; never raises."""
+        """Return the sightings in the lines that bytes of one sender complete."""
         found = (self._sighting(line, now_s) for line in self._lines.feed(data, peer))
         return [one for one in found if one is not None]
 

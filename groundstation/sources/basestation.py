@@ -74,7 +74,7 @@ class BaseStationParser:
         self._last: OrderedDict[str, _Last] = OrderedDict()
 
     def feed(self, data: bytes, now_s: float, peer: Hashable = None) -> list[Sighting]:
-        """Return the sightings in the lines that bytes of one sender complete; never raises."""
+        """Return the sightings in the lines that bytes of one sender complete."""
         found = (self._sighting(line, now_s) for line in self._lines.feed(data, peer))
         return [one for one in found if one is not None]
 

@@ -54,7 +54,7 @@ class CotParser:
         self._kept: OrderedDict[Hashable, bytes] = OrderedDict()
 
     def feed(self, data: bytes, now_s: float, peer: Hashable = None) -> list[Sighting]:
-        """Return the sightings in the events that bytes of one sender complete; never raises."""
+        """Return the sightings in the events that bytes of one sender complete."""
         if data.startswith(_MESH):
             # A datagram, and so whole.
             found = [self._from_protobuf(data[len(_MESH) : MOST_EVENT_BYTES])]

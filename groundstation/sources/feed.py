@@ -144,14 +144,17 @@ class Feed:
         """Number of messages that could not be used, but for those that are none of a thing that counts."""
         return _faults(self.parser.refused).total()
 
-    def hear(self, data: bytes, now_s: float, peer: Hashable = None) -> None:
-        """Take in bytes as they came; never raises, whatever the bytes."""
+    def parse(self, data: bytes, now_s: float, peer: Hashable = None) -> list[Sighting]:
+        """Return the sightings that bytes of one sender complete; never raises, as what a library does is counted."""
         try:
-            found = self.parser.feed(data, now_s, peer)
+            return self.parser.feed(data, now_s, peer)
         except Exception as error:  # noqa: BLE001 - a library's fault with bytes from outside must not end the run
             count(self.parser.refused, f"fault of a library: {type(error).__name__}")
-            return
-        self.offer(found, now_s)
+            return []
+
+    def hear(self, data: bytes, now_s: float, peer: Hashable = None) -> None:
+        """Take in bytes as they came."""
+        self.offer(self.parse(data, now_s, peer), now_s)
 
     def offer(self, sightings: list[Sighting], now_s: float) -> None:
         """Take in sightings that were made elsewhere, as of a recording."""

@@ -112,7 +112,7 @@ async def _play(feed: Feed, now_s: Callable[[], float]) -> None:
     file = await asyncio.to_thread(open_recording, spec.file)
     feed.link.fault, feed.link.note = None, spec.file
     try:
-        blocks = sightings_in(file, spec.kind, feed.parser)
+        blocks = sightings_in(file, spec.kind, feed.parse)
         began: tuple[float, float] | None = None
         while (block := await asyncio.to_thread(_next, blocks)) is not None:
             for due in block:

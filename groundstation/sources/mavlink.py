@@ -47,7 +47,7 @@ class TelemetryParser:
         self._clocks: dict[int, BootClock] = {}
 
     def feed(self, data: bytes, now_s: float, peer: Hashable = None) -> list[Sighting]:
-        """Return the sightings in the frames that bytes of one sender complete; never raises."""
+        """Return the sightings in the frames that bytes of one sender complete."""
         found = (self._sighting(one, system, component, now_s) for one, system, component in self._messages(data, peer))
         return [one for one in found if one is not None]
 
@@ -98,7 +98,7 @@ class AdsbParser:
         self._newest: OrderedDict[int, tuple[bytes, float]] = OrderedDict()
 
     def feed(self, data: bytes, now_s: float, peer: Hashable = None) -> list[Sighting]:
-        """Return the sightings in the frames that bytes of one sender complete; never raises."""
+        """Return the sightings in the frames that bytes of one sender complete."""
         found = []
         for frame in self._intake.feed(data, peer):
             if frame.message_id != common.MAVLINK_MSG_ID_ADSB_VEHICLE:

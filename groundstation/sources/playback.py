@@ -13,7 +13,7 @@ from typing import BinaryIO, NamedTuple, cast
 from companion.errors import InputError
 from companion.mission.sources import SourceKind
 from groundstation.sources import ais, basestation
-from groundstation.sources.sighting import Parser, Sighting
+from groundstation.sources.sighting import Sighting
 
 BLOCK_LINES = 200
 """Number of lines that are parsed at once."""
@@ -25,6 +25,10 @@ _TIMES: dict[SourceKind, Callable[[bytes], float | None]] = {
     "ais": ais.time_in,
 }
 """Kinds whose lines tell when they were heard; in those of others each sighting tells it."""
+
+
+Parse = Callable[[bytes, float], list[Sighting]]
+"""Makes sightings of bytes that came at a time; raises nothing."""
 
 
 class Due(NamedTuple):
@@ -45,7 +49,7 @@ def open_recording(name: str) -> BinaryIO:
         raise InputError(f"file: '{name}': {reason}; allowed: a file that can be read") from error
 
 
-def sightings_in(file: BinaryIO, kind: SourceKind, parser: Parser) -> Iterator[list[Due]]:
+def sightings_in(file: BinaryIO, kind: SourceKind, parse: Parse) -> Iterator[list[Due]]:
     """Yield the sightings in a recording, a block of lines at a time, with times that never go back.
 
     Raises:
@@ -67,7 +71,7 @@ def sightings_in(file: BinaryIO, kind: SourceKind, parser: Parser) -> Iterator[l
             elif time_in is not None:
                 newest_s += UNTIMED_LINE_S if kind == "ais" else 0.0
             is_timed = time_in is None or at_s is not None
-            for sighting in parser.feed(line if line.endswith(b"\n") else line + b"\n", newest_s):
+            for sighting in parse(line if line.endswith(b"\n") else line + b"\n", newest_s):
                 newest_s = newest_s if time_in is not None else max(newest_s, sighting.at_s)
                 # The second of a minute says nothing where the minute is made up.
                 found.append(Due(newest_s, sighting if is_timed else sighting._replace(at_s=newest_s)))

@@ -90,7 +90,7 @@ class RecordingParser:
         self._delimiter = ","
 
     def feed(self, data: bytes, now_s: float, peer: Hashable = None) -> list[Sighting]:
-        """Return the sightings in the lines that bytes complete, at the recording's own times; never raises."""
+        """Return the sightings in the lines that bytes complete, at the recording's own times."""
         found = (self._sighting(line) for line in self._lines.feed(data, peer))
         return [one for one in found if one is not None]
 

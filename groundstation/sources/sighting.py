@@ -1,7 +1,8 @@
 """What every source's parser makes of its bytes: sightings of things, each with the source's own key for it.
 
-A parser takes bytes as they come, cut anywhere, and never raises. What it cannot use it counts by its reason. Times are
-Unix seconds given by the caller; of a sighting they are when the thing was there, as far as the source tells.
+A parser takes bytes as they come, cut anywhere, and counts what it cannot use by its reason. Only a fault of a library
+may raise, which the feed counts (feed.py). Times are Unix seconds given by the caller; of a sighting they are when the
+thing was there, as far as the source tells.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ class Parser(Protocol):
     """Number of messages that could not be used, by reason."""
 
     def feed(self, data: bytes, now_s: float, peer: Hashable = None) -> list[Sighting]:
-        """Return the sightings that bytes of one sender complete; never raises, whatever the bytes."""
+        """Return the sightings that bytes of one sender complete."""
 
 
 def is_place(lat_deg: float, lon_deg: float) -> bool:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from concurrent.futures import Future
-
 from companion.mission.model import Mission, parse_mission
 from companion.protocol.codec import Detection, DetectionsFrame, FrameWriter, Kind
 from groundstation.desk import Desk
@@ -13,8 +10,8 @@ from groundstation.ground_station import GroundStation
 from groundstation.notices import MOST_TOLD
 from groundstation.origins import MOST_UNKNOWN, Stranger
 from groundstation.sources.sources import Sources
-from groundstation.store.rows import EventRow
 from groundstation.view import Surroundings, View, picture
+from tests.groundstation.test_desk import Disk
 
 TEXT = """
 agents: [{id: 1, north_m: 0, east_m: 0, heading_deg: 0}]
@@ -24,22 +21,6 @@ RULE = """
 sources: [{name: radar, kind: sensor, url: "udpin:127.0.0.1:14700", radius_m: 200, speed_bound_m_s: 30, timeout_s: 20}]
 """
 START_S = 1_790_000_000.0
-
-
-class Disk:
-    """A disk that takes everything at once."""
-
-    def __init__(self) -> None:
-        self.kinds: list[str] = []
-
-    def append(self, events: Iterable[EventRow]) -> Future[None]:
-        self.note(events)
-        future: Future[None] = Future()
-        future.set_result(None)
-        return future
-
-    def note(self, events: Iterable[EventRow]) -> None:
-        self.kinds += [row.event for row in events]
 
 
 class Watch:
@@ -64,6 +45,10 @@ class Watch:
             self.desk.notice(START_S + self.t_s)
         return self
 
+    @property
+    def kinds(self) -> list[str]:
+        return [row.event for row in self.disk.rows]
+
     def shown(self) -> View:
         return picture(self.station, START_S + self.t_s, Surroundings())
 
@@ -80,7 +65,7 @@ def test_a_stranger_is_counted_told_once_and_shown_where_it_is() -> None:
         "age_s": 0.0,
         "count": 5,
     }
-    assert watch.disk.kinds.count("unknown-seen") == 1
+    assert watch.kinds.count("unknown-seen") == 1
     assert watch.shown()["threats"] == []
 
 
@@ -92,7 +77,7 @@ def test_by_the_sensors_rule_a_stranger_is_taken_in_as_a_threat_that_moves_and_i
     assert watch.shown()["unknown"] == []
     watch.to(100, sees=False)
     assert watch.shown()["threats"] == []
-    assert watch.disk.kinds.count("threat-added") == watch.disk.kinds.count("retired") == 1
+    assert watch.kinds.count("threat-added") == watch.kinds.count("retired") == 1
 
 
 def test_a_flood_of_strangers_is_no_flood_of_events() -> None:
@@ -101,7 +86,7 @@ def test_a_flood_of_strangers_is_no_flood_of_events() -> None:
         stranger = Stranger((Kind.THREAT, number), 0j, 0j, START_S)
         watch.station.tracks.origins.meet(stranger)
         watch.desk.notice(START_S)
-    assert watch.disk.kinds.count("unknown-seen") == MOST_TOLD
+    assert watch.kinds.count("unknown-seen") == MOST_TOLD
     assert len(watch.shown()["unknown"]) == MOST_UNKNOWN
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 import gzip
 import time
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import ExitStack
 from io import BytesIO
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ from groundstation.sources.choices import source_specs
 from groundstation.sources.feed import MOST_WAITING, Pulse
 from groundstation.sources.links import run_source
 from groundstation.sources.playback import Due, open_recording, replayed, sightings_in
+from groundstation.sources.sighting import Sighting
 from groundstation.sources.sources import MOST_PER_TICK, Sources
 from tests.groundstation.sources.given import DATA, START_S, ObeyingDesk, basestation_bytes, mission, sighting
 from tests.ports import free_port
@@ -52,7 +54,7 @@ class Run:
 def real_aircraft(run: Run) -> Iterator[Due]:
     feed = run.sources.feeds["receiver"]
     with open_recording(str(DATA / "basestation.txt.gz")) as file:
-        for block in sightings_in(file, "basestation", feed.parser):
+        for block in sightings_in(file, "basestation", feed.parse):
             yield from block
 
 
@@ -214,7 +216,7 @@ def test_a_recording_played_faster_has_faster_things_and_times_of_now() -> None:
 
 def test_a_recording_of_ais_without_times_is_played_line_by_line() -> None:
     run = Run("{name: receiver, kind: ais, file: x, radius_m: 8}")
-    blocks = sightings_in(BytesIO((DATA / "ais.nmea").read_bytes()), "ais", run.sources.feeds["receiver"].parser)
+    blocks = sightings_in(BytesIO((DATA / "ais.nmea").read_bytes()), "ais", run.sources.feeds["receiver"].parse)
     played = [due for block in blocks for due in block]
     times_s = [due.at_s for due in played]
     assert times_s == sorted(times_s) == [due.sighting.at_s for due in played]
@@ -266,6 +268,26 @@ def test_a_damaged_recording_is_played_as_far_as_it_can_be_read_once_and_told(tm
     asyncio.run(asyncio.wait_for(run_source(feed, time.time), 20.0))
     assert feed.pulse.heard > 100
     assert feed.link.fault is not None
+
+
+def test_a_library_that_fails_on_a_line_of_a_recording_does_not_end_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "ships.nmea").write_bytes((DATA / "ais.nmea").read_bytes())
+    run = Run(f"{{name: receiver, kind: ais, file: {tmp_path / 'ships.nmea'}, radius_m: 9, play_speed: 1000}}")
+    feed = run.sources.feeds["receiver"]
+    parse, calls = feed.parser.feed, count()
+
+    def fails_once(data: bytes, now_s: float, peer: Hashable = None) -> list[Sighting]:
+        if next(calls) == 3:
+            raise KeyError("a table of the library")
+        return parse(data, now_s, peer)
+
+    monkeypatch.setattr(feed.parser, "feed", fails_once)
+    asyncio.run(asyncio.wait_for(run_source(feed, time.time), 20.0))
+    assert feed.pulse.heard > 10
+    assert feed.link.note.endswith("played to its end")
+    assert feed.parser.refused["fault of a library: KeyError"] == 1
 
 
 def test_a_tcp_server_that_comes_later_is_heard_and_its_end_is_told() -> None:
