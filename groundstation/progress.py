@@ -66,7 +66,12 @@ class MissionProgress:
 
     def with_reached(self, been_at: Mapping[int, tuple[int, ...]]) -> MissionProgress:
         """Return the progress with targets that were retired, and are back as what they were: reached."""
-        return replace(self, completed=self.completed | been_at.keys(), been_at={**been_at, **self.been_at})
+        return replace(
+            self,
+            completed=self.completed | been_at.keys(),
+            been_at={**been_at, **self.been_at},
+            reached_by={**first_at(been_at), **self.reached_by},
+        )
 
     def sent_on(self, agent_ids: Collection[int]) -> MissionProgress:
         """Return the progress after agents that had arrived were given other targets; what they reached stays."""
@@ -88,6 +93,11 @@ class MissionProgress:
             reached_by={one: there for one, there in self.reached_by.items() if one != agent_id},
             unproven={one: arrival for one, arrival in self.unproven.items() if one != agent_id},
         )
+
+
+def first_at(been_at: Mapping[int, tuple[int, ...]]) -> dict[int, int]:
+    """Return the id of the target that an agent completed, by its id, from those who have been at targets, in order."""
+    return {agents[0]: target for target, agents in been_at.items() if agents}
 
 
 def disproved(

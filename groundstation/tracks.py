@@ -25,7 +25,7 @@ from groundstation.operations import Operations
 from groundstation.origins import LAST_RUN, MISSION, REPORT, SENSOR, Observation, Origins, Stranger
 from groundstation.places import Places
 from groundstation.plausibility import SENSOR_ERROR_M, Bound, Sample, Verdict
-from groundstation.progress import Arrival, MissionProgress, cannot_have_arrived, disproved
+from groundstation.progress import Arrival, MissionProgress, cannot_have_arrived, disproved, first_at
 from groundstation.refusals import Refusals
 from groundstation.sightings import Key, Sightings, places_in
 from groundstation.track import Track, passed_at_m
@@ -192,7 +192,7 @@ class TrackTable:
             arrived=frozenset(reached.arrived),
             lost=reached.lost,
             completed=reached.completed,
-            reached_by={agents[0]: target for target, agents in reached.by.items() if agents},
+            reached_by=first_at(reached.by),
             been_at=reached.by,
             out=operations.orders.away,
         )

@@ -102,15 +102,14 @@ class Sources:
             self.tracker.follow(station.mission)
         for seen in [*self._observations(now_s), *self._strangers(station, now_s)]:
             station.observe(seen)
-        agents = [
-            complex(*station.tracks.tracks[Kind.AGENT, one].position_ned_m) for one in station.tracks.present_agents
-        ]
-        failed = [name for name, feed in self.feeds.items() if feed.link.fault is not None]
         for name, feed in self.feeds.items():
             if feed.dropped:
                 self.tracker.doubts.overrun(name, feed.dropped)
                 feed.dropped = 0
-        if not self._wanted:
+        if not self._wanted and self.tracker.is_due(now_s):
+            tracks, present = station.tracks.tracks, station.tracks.present_agents
+            agents = [complex(*tracks[Kind.AGENT, one].position_ned_m) for one in present]
+            failed = [name for name, feed in self.feeds.items() if feed.link.fault is not None]
             self._wanted += self.tracker.due(agents, self._reach_m, now_s, failed)
         while self._wanted and len(self._asked) < MOST_ASKED:
             one = self._wanted.popleft()

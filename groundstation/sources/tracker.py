@@ -201,6 +201,10 @@ class Tracker:
         error_m = rules.bound(sighting, 0.0).noise.error_m
         return Observation(kind, thing.id, thing.place, thing.velocity or 0j, at_s, error_m, source)
 
+    def is_due(self, now_s: float) -> bool:
+        """Return whether the table is to be looked through again."""
+        return now_s >= self._look_s
+
     def due(
         self, agents: Sequence[complex], reach_m: float, now_s: float, failed: Collection[str] = ()
     ) -> list[Taken | Dropped]:
@@ -209,7 +213,7 @@ class Tracker:
         `agents` are where agents are, `reach_m` is how far one flies until the next batch, and `failed` are the sources
         whose links have failed. What is returned is answered by `taken`, `dropped` or `declined`.
         """
-        if now_s < self._look_s:
+        if not self.is_due(now_s):
             return []
         self._look_s = now_s + LOOK_S
         drops: list[tuple[Dropped, float]] = []

@@ -35,7 +35,9 @@ from groundstation.agents import (
     VehicleModel,
     check_reckonable,
 )
+from groundstation.events import Retire, Undo, Who
 from groundstation.ground_station import GroundStation
+from groundstation.notices import noticed
 
 START_S = 1_790_000_000.0
 SPEED_M_S = 60.0
@@ -544,6 +546,21 @@ def test_an_agent_that_has_arrived_by_reckoning_keeps_its_target_and_others_are_
     assert {agent.id: agent.target_id for agent in last.agents} == {1: 1, 2: 2}
     assert {target.id for target in last.targets} == {1, 2}
     assert run.station.assignment == {2: 2}
+
+
+def test_an_agent_that_has_arrived_by_reckoning_is_told_its_target_again_that_was_retired_by_mistake() -> None:
+    two = "targets: [{id: 1, north_m: 7000, east_m: 0}, {id: 2, north_m: 30000, east_m: 20000}]\n"
+    run = Run(two).to(100.0)
+    run.report(6_900.0, 0.0)
+    station, now_s, anna = run.to(112.0).station, START_S + 112.0, Who(name="anna", role="operator")
+    for event in noticed(station.operations, station.facts(), now_s):
+        station.adopt(event, now_s)
+    retired = station.command(Retire(do="retire", kind="target", id=1), anna, now_s)
+    station.command(Undo(do="undo", number=retired.number), anna, now_s)
+    run.to(115.0)
+    frames = [frame for datagram in run.datagrams for frame in FrameReader().read(datagram)]
+    last = [frame for frame in frames if isinstance(frame, StateFrame)][-1]
+    assert {agent.id: agent.target_id for agent in last.agents} == {1: 1, 2: 2}
 
 
 def test_an_agent_too_slow_to_be_reckoned_is_named_with_what_is_allowed() -> None:

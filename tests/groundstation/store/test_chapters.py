@@ -38,7 +38,17 @@ def test_another_period_is_no_other_mission() -> None:
 
 
 @pytest.mark.parametrize(
-    ("was", "now", "key"), [("12000, east_m: 0", "12500, east_m: 0", "targets"), ("900", "901", "threats")]
+    ("was", "now", "key"),
+    [
+        ("name: kept", "name: other", "name"),
+        ("12000, east_m: 0", "12500, east_m: 0", "targets"),
+        ("900,", "901,", "threats"),
+        ("id: 2, north_m: 0", "id: 2, north_m: 9", "agents"),
+        ("[-2000, -2000]", "[-2001, -2000]", "fence"),
+        ("fence:", "case: II\nfence:", "case"),
+        ("fence:", "origin: {lat_deg: 48, lon_deg: 8}\nfence:", "origin"),
+        ("fence:", "exclusions: [[[9000, 0], [9000, 99], [9099, 0]]]\nfence:", "exclusions"),
+    ],
 )
 def test_other_things_begin_a_chapter_that_carries_nothing_over_and_says_so(was: str, now: str, key: str) -> None:
     other = parse_mission(MISSION.replace(was, now), "kept")
@@ -46,7 +56,9 @@ def test_other_things_begin_a_chapter_that_carries_nothing_over_and_says_so(was:
     assert begun.operations.orders.pins == {}
     assert begun.operations.mission == other
     assert (begun.chapter.first, begun.operations.next_number) == (5, 5)
-    assert begun.words.startswith(f"{key} of kept differ from the last run's: 4 events are kept but not carried over")
+    assert begun.words.startswith(
+        f"{key} of {other.name} differ from the last run's: 4 events are kept but not carried over"
+    )
 
 
 def test_a_new_flight_of_the_same_mission_begins_a_chapter_when_it_is_asked_for() -> None:
