@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from companion.errors import some_of
-from companion.mission.model import AgentSpec, TargetSpec, ThreatSpec, agent_height_m
+from companion.mission.model import AgentSpec, Mission, TargetSpec, ThreatSpec, agent_height_m
 from companion.protocol.codec import Directive, Kind, ThreatEntry
 from groundstation.broadcast import MOVING_M_S, grown
 from groundstation.ground_station import GroundStation
@@ -52,7 +52,6 @@ class Surroundings:
 def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
     """Return everything that a page shows at `now_s`, times of the ground station's clock."""
     mission, operations = station.mission, station.operations
-    origin = mission.origin
     sent: dict[int, list[int]] = {}
     for agent_id, target_id in station.sent.items():
         sent.setdefault(target_id, []).append(agent_id)
@@ -61,19 +60,13 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
         "type": "picture",
         "t_s": round(now_s + station.tracks.clock_ahead_s, 3),
         "mode": around.mode,
-        "mission": mission.name,
-        "case": mission.case,
+        **mission_picture(mission),
         "paused": operations.orders.paused,
         "directive": DIRECTIVE_NAMES[station.directive],
         "epoch_s": station.epoch_s,
         "revision": station.revision,
         "event": operations.next_number - 1,
         "undoable": operations.undoable,
-        "origin": {"lat_deg": origin.lat_deg, "lon_deg": origin.lon_deg, "alt_m": origin.alt_m},
-        "fence": None if mission.fence is None else [list(corner) for corner in mission.fence],
-        "exclusions": [[list(corner) for corner in polygon] for polygon in mission.exclusions],
-        "arrival_radius_m": mission.arrival_radius_m,
-        "separation_m": mission.separation_m,
         "agents": agents,
         "targets": [_target(station, target, sent.get(target.id, []), now_s) for target in mission.targets],
         "threats": [_threat(station, threat, now_s) for threat in mission.threats],
@@ -81,6 +74,20 @@ def picture(station: GroundStation, now_s: float, around: Surroundings) -> View:
         "broadcast": dict(around.broadcast),
         "sources": [dict(source) for source in around.sources],
         "warnings": [*_warnings(station, agents, now_s), *around.warnings],
+    }
+
+
+def mission_picture(mission: Mission) -> View:
+    """Return what a picture has of the mission alone, whoever makes it."""
+    origin = mission.origin
+    return {
+        "mission": mission.name,
+        "case": mission.case,
+        "origin": {"lat_deg": origin.lat_deg, "lon_deg": origin.lon_deg, "alt_m": origin.alt_m},
+        "fence": None if mission.fence is None else [list(corner) for corner in mission.fence],
+        "exclusions": [[list(corner) for corner in polygon] for polygon in mission.exclusions],
+        "arrival_radius_m": mission.arrival_radius_m,
+        "separation_m": mission.separation_m,
     }
 
 

@@ -31,6 +31,7 @@ from groundstation.events import (
 )
 from groundstation.operations import DIRECTIVE_NAMES, Operations, applied
 from groundstation.store.recordings import MOST_EVENTS, Json, Span
+from groundstation.view import mission_picture
 from sim.flight_files import (
     BROADCAST_NAME,
     EVENTS_NAME,
@@ -177,19 +178,13 @@ def picture_of(operations: Operations, scene: Scene, known: Known, number: int) 
         "type": "picture",
         "t_s": known.at_s,
         "mode": "playback",
-        "mission": mission.name,
-        "case": mission.case,
+        **mission_picture(mission),
         "paused": orders.paused,
         "directive": DIRECTIVE_NAMES[orders.told],
         "epoch_s": int(START_S),
         "revision": 0,
         "event": number,
         "undoable": [],
-        "origin": mission.origin.model_dump(),
-        "fence": None if mission.fence is None else [list(corner) for corner in mission.fence],
-        "exclusions": [[list(corner) for corner in polygon] for polygon in mission.exclusions],
-        "arrival_radius_m": mission.arrival_radius_m,
-        "separation_m": mission.separation_m,
         "agents": list(_agents(operations, scene, known)),
         "targets": list(_targets(mission, scene, known)),
         "threats": list(_threats(mission, scene, known)),

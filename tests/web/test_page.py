@@ -420,8 +420,28 @@ def test_the_age_of_a_threat_lets_its_rim_grow_on_the_map(scene: _Scene) -> None
     shown = picture(agents=[agent(1, 0, 0)], threats=[threat(1, 4_500, 3_000, speed_bound_m_s=1.0)])
     with scene.opened(shown) as page:
         page.click("#tab-threats")
+        beyond = 4_500.0, 3_000.0 + shown["threats"][0]["detection_radius_m"] + 200.0
+        assert not _is_filled(page, *beyond)
         scene.stage.show({**shown, "threats": [{**shown["threats"][0], "growth_m": 345.0}]})
         expect(page.locator("#threats-table tbody .col-growth")).to_have_text("345 m")
+        assert _is_filled(page, *beyond)
+
+
+def _is_filled(page: Page, north_m: float, east_m: float) -> bool:
+    """Return whether the map draws anything at a place."""
+    x, y = _drawn_at(page, north_m, east_m)
+    return bool(
+        page.evaluate(
+            """([x, y]) => {
+              const canvas = window.groundStationPage.map.canvas;
+              const box = canvas.getBoundingClientRect();
+              const copy = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
+              copy.drawImage(canvas, x - box.left, y - box.top, 1, 1, 0, 0, 1, 1);
+              return copy.getImageData(0, 0, 1, 1).data[3] > 0;
+            }""",
+            [x, y],
+        )
+    )
 
 
 def test_tiles_of_a_local_folder_lie_under_the_mission(browser: Browser, tmp_path: Path) -> None:
